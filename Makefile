@@ -1,0 +1,43 @@
+# make demo and make test need only Python >= 3.11 and make: each builds .venv first, once.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PYTEST_ARGS ?=
+
+.PHONY: help demo test test-slow lint format bench clean
+.DEFAULT_GOAL := help
+
+help:            ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
+
+demo: $(VENV)/ready          ## a sphere on a palm, through five emulated boards, back to pressure
+	@$(BIN)/phasewire demo
+
+test: $(VENV)/ready          ## the unit suite
+	@$(BIN)/pytest -q -m "not slow" $(PYTEST_ARGS)
+
+test-slow: $(VENV)/ready     ## the tests that take seconds each
+	@$(BIN)/pytest -q -m slow $(PYTEST_ARGS)
+
+lint: $(VENV)/ready          ## style, types, and the floors of the house
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports --no-cache
+
+format: $(VENV)/ready        ## rewrite the code in the house style
+	@$(BIN)/ruff check --fix .
+	@$(BIN)/ruff format .
+
+bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
+	@$(BIN)/pytest -q benchmarks $(PYTEST_ARGS)
+
+clean:           ## remove the environment and everything built
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+$(VENV)/ready: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "phasewire needs Python 3.11 or newer; this is " + sys.version.split()[0] + ". Try: make PYTHON=python3.12 $(MAKECMDGOALS)")'
+	@echo "Setting up $(VENV) (once) ..."
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@

@@ -1,0 +1,87 @@
+"""Everything that phasewire raises on purpose, besides ``ValueError`` for a wrong argument.
+
+::
+
+    PhasewireError
+    ├── InputFileError        a file is not what it should be       "points.csv, line 3: …"
+    ├── BlockError            bytes that break the wire format      a flipped bit, a wrong length
+    └── DeviceError           anything between a URL and the boards
+        ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
+        ├── DeviceAccessError     it is there, but not for us       no permission, open elsewhere
+        ├── DeviceRefusedError    it said no, and why               a block refused with a reason code
+        ├── DeviceTimeoutError    it did not answer in time         a stuck endpoint
+        └── DeviceLostError       it went away                      unplugged in mid-stream
+
+``InputFileError`` and ``BlockError`` are also ``ValueError``: they speak of a value, wherever it came from.
+This module stands below every other one and may import none of them.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "BlockError",
+    "DeviceAccessError",
+    "DeviceError",
+    "DeviceLostError",
+    "DeviceNotFoundError",
+    "DeviceRefusedError",
+    "DeviceTimeoutError",
+    "InputFileError",
+    "PhasewireError",
+]
+
+
+class PhasewireError(Exception):
+    """Root of every error that phasewire raises on purpose."""
+
+
+class InputFileError(PhasewireError, ValueError):
+    """A file could not be used: truncated, corrupted, or not of the expected kind."""
+
+
+class BlockError(PhasewireError, ValueError):
+    """Bytes that break the wire format.
+
+    Attributes
+    ----------
+    reason : int
+        The reason code of the specification (``phasewire.protocol.Reason``).
+    """
+
+    def __init__(self, message: str, reason: int) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+class DeviceError(PhasewireError):
+    """Something between a device's URL and its boards went wrong."""
+
+
+class DeviceNotFoundError(DeviceError):
+    """Nothing answers to this URL."""
+
+
+class DeviceAccessError(DeviceError):
+    """The device is there, but this process may not use it."""
+
+
+class DeviceRefusedError(DeviceError):
+    """The device understood and said no.
+
+    Attributes
+    ----------
+    reason : int
+        The reason code of the specification (``phasewire.protocol.Reason``).
+    """
+
+    def __init__(self, message: str, reason: int) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+class DeviceTimeoutError(DeviceError):
+    """The device did not answer in time."""
+
+
+class DeviceLostError(DeviceError):
+    """The device went away while it was in use."""

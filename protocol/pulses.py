@@ -1,0 +1,149 @@
+"""Pulses: what one transducer does in one carrier period, and its exact relation to a complex drive.
+
+A pulse of ``width`` ticks that begins at tick ``start`` has a continuous-time fundamental of magnitude
+(2/π)·sin(π·width/50), centred at ``start + width/2`` ticks. With the time factor e^{-iωt} a later centre is a
+larger phase. A drive of magnitude 1 is the widest pulse, 25 ticks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
+
+__all__ = ["Pulses", "quantisation_bound"]
+
+MAGNITUDE_TOLERANCE = 1e-6  # what normalising in single precision may overshoot
+
+
+def _checked(name: str, values: ArrayLike, limit: int, unit: str) -> NDArray[np.uint8]:
+    array = np.asarray(values)
+    if array.ndim != 1:
+        raise ValueError(f"{name} must have the shape (n,), not {array.shape}")
+    if array.dtype.kind not in "iu":
+        raise ValueError(f"{name} must be whole numbers of {unit}, not {array.dtype}")
+    outside = np.flatnonzero((array < 0) | (array > limit))
+    if outside.size:
+        first = outside[0]
+        raise ValueError(f"{name} {array[first]} of transducer {first} is outside 0 to {limit} {unit}")
+    result = array.astype(np.uint8)
+    result.setflags(write=False)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Pulses:
+    """One pulse per transducer, in array order.
+
+    Parameters
+    ----------
+    phase : (n,) uint8
+        Centre of the pulse within the carrier period, in half ticks, 0 to 99.
+    width : (n,) uint8
+        Length of the pulse in ticks, 0 (silent) to 25 (full drive).
+
+    Raises
+    ------
+    ValueError
+        Where a value is out of range or the two differ in length.
+
+    Notes
+    -----
+    The outputs change on whole ticks, so a pulse is centred exactly where it says only if ``phase`` and
+    ``width`` are both even or both odd. Otherwise it begins half a tick early (SPEC.md, clause PUL-004).
+    `from_drive` makes exact pulses only.
+    """
+
+    phase: NDArray[np.uint8]
+    width: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        """Check and freeze the arrays."""
+        object.__setattr__(self, "phase", _checked("phase", self.phase, HALF_TICKS_PER_PERIOD - 1, "half ticks"))
+        object.__setattr__(self, "width", _checked("width", self.width, MAX_WIDTH_TICKS, "ticks"))
+        if self.phase.shape != self.width.shape:
+            raise ValueError(f"{self.phase.size} phases but {self.width.size} widths: one of each is needed")
+
+    def __len__(self) -> int:
+        return int(self.phase.size)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Pulses):
+            return NotImplemented
+        return np.array_equal(self.phase, other.phase) and np.array_equal(self.width, other.width)
+
+    @classmethod
+    def silent(cls, n: int) -> Pulses:
+        """``n`` transducers at rest."""
+        return cls(np.zeros(n, np.uint8), np.zeros(n, np.uint8))
+
+    @classmethod
+    def from_drive(cls, drive: ArrayLike) -> Pulses:
+        """The exact pulses nearest to a drive in the complex plane.
+
+        Parameters
+        ----------
+        drive : (n,) complex
+            Magnitude at most 1, where 1 is the widest pulse.
+
+        Raises
+        ------
+        ValueError
+            Where the drive is not finite or its magnitude exceeds 1; the transducer is named.
+        """
+        drive = np.asarray(drive, dtype=np.complex128)
+        if drive.ndim != 1:
+            raise ValueError(f"drive must have the shape (n,), not {drive.shape}")
+        if (bad := np.flatnonzero(~np.isfinite(drive))).size:
+            raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
+        magnitude = np.abs(drive)
+        if (bad := np.flatnonzero(magnitude > 1 + MAGNITUDE_TOLERANCE)).size:
+            raise ValueError(f"drive of transducer {bad[0]} has magnitude {magnitude[bad[0]]:.6g}; at most 1 is possible")
+
+        # Exact pulses of one width lie two half ticks apart, and those of the next width between them. The
+        # nearest is among the two widths on either side, each with its nearest phase.
+        below = np.floor(TICKS_PER_PERIOD / np.pi * np.arcsin(np.minimum(magnitude, 1.0)))
+        width = np.clip(below + np.arange(-1, 3)[:, None], 0, MAX_WIDTH_TICKS).astype(np.int64)
+        half_ticks = np.angle(drive) * HALF_TICKS_PER_PERIOD / (2 * np.pi)
+        parity = width % 2
+        phase = (2 * np.rint((half_ticks - parity) / 2).astype(np.int64) + parity) % HALF_TICKS_PER_PERIOD
+        best = np.argmin(np.abs(_phasor(phase, width) - drive), axis=0)[None]
+        width = np.take_along_axis(width, best, axis=0)[0]
+        phase = np.where(width > 0, np.take_along_axis(phase, best, axis=0)[0], 0)
+        return cls(phase, width)
+
+    @property
+    def start(self) -> NDArray[np.int64]:
+        """Tick at which each pulse begins, (n,), 0 to 49 (SPEC.md, clause PUL-004)."""
+        return ((self.phase.astype(np.int64) - self.width) >> 1) % TICKS_PER_PERIOD
+
+    def to_drive(self) -> NDArray[np.complex128]:
+        """The drive that these pulses emit, (n,) complex, from their continuous-time fundamental."""
+        return _phasor(2 * self.start + self.width, self.width)
+
+
+def _phasor(centre_half_ticks: NDArray[np.int64], width_ticks: NDArray[np.integer]) -> NDArray[np.complex128]:
+    angle = 2 * np.pi * centre_half_ticks / HALF_TICKS_PER_PERIOD
+    return np.asarray(np.sin(np.pi * width_ticks / TICKS_PER_PERIOD) * np.exp(1j * angle))
+
+
+def quantisation_bound(magnitude: ArrayLike) -> NDArray[np.float64]:
+    """Largest distance from a drive of this magnitude to its nearest exact pulse.
+
+    Parameters
+    ----------
+    magnitude : (n,) float
+        Magnitude of the drive, 0 to 1.
+
+    Notes
+    -----
+    Exact pulses form a staggered lattice in polar coordinates. Around magnitude r its cells measure
+    d = (π/50)·√(1 − r²) along the radius and t = (π/50)·r across it, and a point of such a lattice is never further
+    than (d² + t²)/(2·max(d, t)) from its nearest neighbour. Two per cent are added because the cells are bent.
+    """
+    r = np.asarray(magnitude, dtype=np.float64)
+    side = np.maximum(r, np.sqrt(np.maximum(0.0, 1 - r * r)))
+    return np.asarray(1.02 * np.pi / TICKS_PER_PERIOD / 2 / side)

@@ -1,0 +1,87 @@
+"""Wiring: which output of which processor drives which transducer.
+
+A *channel* numbers the outputs along the chain: channel = (board·2 + processor)·32 + bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .board import (
+    BOARDS,
+    CHANNELS,
+    CHANNELS_PER_PROCESSOR,
+    COLUMNS,
+    PROCESSORS_PER_BOARD,
+    ROWS,
+)
+
+__all__ = ["Output", "Wiring"]
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+class Output(NamedTuple):
+    """One output pin of the chain."""
+
+    board: int
+    processor: int
+    bit: int
+
+
+@dataclass(frozen=True, eq=False)
+class Wiring:
+    """A one-to-one table from transducers to output channels.
+
+    Parameters
+    ----------
+    channels : (320,) int
+        Channel of each transducer, in array order (row-major over the grid).
+
+    Raises
+    ------
+    ValueError
+        Where a channel is missing or used twice.
+    """
+
+    channels: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        """Check and freeze the table."""
+        channels: NDArray[np.int64] = np.array(self.channels, dtype=np.int64)
+        if channels.shape != (CHANNELS,) or not np.array_equal(np.sort(channels), np.arange(CHANNELS)):
+            raise ValueError(f"a wiring table names each of the channels 0 to {CHANNELS - 1} exactly once")
+        channels.setflags(write=False)
+        object.__setattr__(self, "channels", channels)
+
+    @classmethod
+    def strips(cls) -> Wiring:
+        """The default: each board under a strip of four columns, its processors under the lower and the upper half.
+
+        Within a processor's 4 × 8 block the bits run to and fro, row by row, as a track on a board would.
+        """
+        row, column = np.divmod(np.arange(CHANNELS), COLUMNS)
+        board, across = np.divmod(column, COLUMNS // BOARDS)
+        processor, up = np.divmod(row, ROWS // PROCESSORS_PER_BOARD)
+        width = COLUMNS // BOARDS
+        bit = width * up + np.where(up % 2 == 0, across, width - 1 - across)
+        return cls((board * PROCESSORS_PER_BOARD + processor) * CHANNELS_PER_PROCESSOR + bit)
+
+    def output(self, transducer: int) -> Output:
+        """Board, processor on that board, and port bit that drive a transducer."""
+        processor, bit = divmod(int(self.channels[transducer]), CHANNELS_PER_PROCESSOR)
+        return Output(*divmod(processor, PROCESSORS_PER_BOARD), bit)
+
+    def sort(self, by_transducer: NDArray[Scalar]) -> NDArray[Scalar]:
+        """From array order to channel order, along the last axis."""
+        by_channel = np.empty_like(by_transducer)
+        by_channel[..., self.channels] = by_transducer
+        return by_channel
+
+    def unsort(self, by_channel: NDArray[Scalar]) -> NDArray[Scalar]:
+        """From channel order to array order, along the last axis."""
+        return by_channel[..., self.channels]
