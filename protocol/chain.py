@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from .board import CHANNELS_PER_PROCESSOR, CYCLES_PER_PERIOD, PROCESSORS
 
-__all__ = ["FIVE_WIRE", "SLICE_BYTES", "TWO_WIRE", "ChannelEnd", "Commit", "Link", "Message", "periods_per_update", "update_cycles"]
+__all__ = ["FIVE_WIRE", "SLICE_BYTES", "TWO_WIRE", "ChannelEnd", "Commit", "Link", "Message", "periods_per_update", "slices_cycles", "update_cycles"]
 
 SLICE_BYTES = CHANNELS_PER_PROCESSOR * 12 // 8
 COMMIT = struct.Struct("<QI")
@@ -82,10 +82,15 @@ class Commit(NamedTuple):
         return cls(*COMMIT.unpack(payload))
 
 
+def slices_cycles(link: Link) -> int:
+    """Core cycles that the ten slices of an update occupy the first link."""
+    return PROCESSORS * (ROUTE_HEADER_TOKENS + SLICE_BYTES + END_TOKENS) * link.cycles_per_token
+
+
 def update_cycles(link: Link) -> int:
     """Core cycles that one update, ten slices and ten commits, occupies the first link."""
-    tokens = PROCESSORS * (2 * (ROUTE_HEADER_TOKENS + END_TOKENS) + SLICE_BYTES + COMMIT.size)
-    return tokens * link.cycles_per_token
+    commits = PROCESSORS * (ROUTE_HEADER_TOKENS + COMMIT.size + END_TOKENS) * link.cycles_per_token
+    return slices_cycles(link) + commits
 
 
 def periods_per_update(link: Link) -> int:

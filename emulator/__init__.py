@@ -1,0 +1,13 @@
+"""What the boards do: an emulated device, from USB packets to square waves.
+
+This room models the controller, the chain, the processors and their ports in integer time, and offers the result as a
+capture of every output bit. It speaks the protocol and meets the host only through a USB backend found by URL; it knows
+nothing of fields or shapes.
+"""
+
+from __future__ import annotations
+
+from .capture import Capture
+from .machine import Emulator, Event
+
+__all__ = ["Capture", "Emulator", "Event"]

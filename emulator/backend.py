@@ -1,0 +1,220 @@
+"""A pyusb backend whose bus holds emulators, so that the real host driver and pyusb run unchanged.
+
+Each transfer takes the time it would take on a high-speed bus at best: 13 bulk packets or one control transfer in a
+microframe of 125 µs. A NAK lets the device's time pass until it can answer, or the transfer's time-out is over.
+"""
+
+from __future__ import annotations
+
+import errno
+import struct
+from array import array
+from collections.abc import Callable, Iterable, Iterator
+from types import SimpleNamespace
+from typing import Any, NoReturn, TypeVar
+from urllib.parse import parse_qsl
+
+import usb.backend
+from usb.core import USBError, USBTimeoutError
+
+from ..errors import DeviceNotFoundError
+from ..protocol.board import CORE_HZ
+from ..protocol.chain import FIVE_WIRE, TWO_WIRE
+from ..protocol.codes import BLOCK_BYTES
+from ..protocol.descriptors import configuration_descriptor, device_descriptor
+from .machine import Emulator, plugged
+from .usb_device import Handshake, Setup, Stall
+
+__all__ = ["EmulatorBackend", "open_backend"]
+
+MICROFRAME_CYCLES = CORE_HZ // 8000
+PACKET_CYCLES = MICROFRAME_CYCLES // 13
+LINKS = {link.name: link for link in (FIVE_WIRE, TWO_WIRE)}
+HIGH_SPEED = 3
+
+Answer = TypeVar("Answer")
+
+
+def open_backend(url: str) -> EmulatorBackend:
+    """The bus for an ``emulator:`` URL.
+
+    Parameters
+    ----------
+    url : str
+        ``emulator:`` plugs in a fresh emulator for whoever asks, with options ``?link=5wire`` or ``2wire``;
+        ``emulator:SERIAL`` looks among those that this process has plugged in.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        Where an option is unknown.
+    """
+    serial, _, query = url.partition(":")[2].partition("?")
+    options = dict(parse_qsl(query, keep_blank_values=True))
+    link = options.pop("link", FIVE_WIRE.name)
+    if options:
+        raise DeviceNotFoundError(f"{url!r}: the emulator has no option {next(iter(options))!r}; it has link=5wire or 2wire")
+    if link not in LINKS:
+        raise DeviceNotFoundError(f"{url!r}: unknown link {link!r}; known are {', '.join(LINKS)}")
+    if serial and query:
+        raise DeviceNotFoundError(f"{url!r}: options go with a fresh emulator, not with one that is plugged in")
+    return EmulatorBackend(plugged() if serial else [Emulator(link=LINKS[link])])
+
+
+class EmulatorBackend(usb.backend.IBackend):
+    """The bus. A "device" and a "handle" in pyusb's sense are both the `Emulator` itself."""
+
+    def __init__(self, emulators: Iterable[Emulator]) -> None:
+        super().__init__()
+        self._emulators = list(emulators)
+
+    def enumerate_devices(self) -> Iterator[Emulator]:
+        """Every emulator on the bus."""
+        return iter(self._emulators)
+
+    def get_device_descriptor(self, dev: Emulator) -> SimpleNamespace:
+        """The device descriptor, with its place on the bus."""
+        names = (
+            "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 "
+            "idVendor idProduct bcdDevice iManufacturer iProduct iSerialNumber bNumConfigurations"
+        )
+        address = self._emulators.index(dev) + 1
+        return SimpleNamespace(
+            **_fields("<BBHBBBBHHHBBBB", names, device_descriptor(), 0),
+            bus=0,
+            address=address,
+            port_number=address,
+            port_numbers=(address,),
+            speed=HIGH_SPEED,
+        )
+
+    def get_configuration_descriptor(self, dev: Emulator, config: int) -> SimpleNamespace:
+        """The configuration descriptor."""
+        if config != 0:
+            raise IndexError(f"configuration {config}")
+        names = "bLength bDescriptorType wTotalLength bNumInterfaces bConfigurationValue iConfiguration bmAttributes bMaxPower"
+        return _descriptors(2, "<BBHBBBBB", names)[0]
+
+    def get_interface_descriptor(self, dev: Emulator, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """The descriptor of an interface's setting."""
+        names = (
+            "bLength bDescriptorType bInterfaceNumber bAlternateSetting bNumEndpoints "
+            "bInterfaceClass bInterfaceSubClass bInterfaceProtocol iInterface"
+        )
+        settings = [d for d in _descriptors(4, "<BBBBBBBBB", names) if d.bInterfaceNumber == intf]
+        return settings[alt]
+
+    def get_endpoint_descriptor(self, dev: Emulator, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """The descriptor of an interface's endpoint."""
+        names = "bLength bDescriptorType bEndpointAddress bmAttributes wMaxPacketSize bInterval"
+        endpoint = _descriptors(5, "<BBBBHB", names)[ep]
+        endpoint.bRefresh = endpoint.bSynchAddress = 0
+        return endpoint
+
+    def open_device(self, dev: Emulator) -> Emulator:
+        """The handle."""
+        return dev
+
+    def close_device(self, dev_handle: Emulator) -> None:
+        """Nothing to close; the device lives on."""
+
+    def set_configuration(self, dev_handle: Emulator, config_value: int) -> None:
+        """Choose a configuration."""
+        self.ctrl_transfer(dev_handle, 0x00, 9, config_value, 0, b"", 1000)
+
+    def get_configuration(self, dev_handle: Emulator) -> int:
+        """The configuration chosen, 0 for none."""
+        return dev_handle.usb.configuration
+
+    def claim_interface(self, dev_handle: Emulator, intf: int) -> None:
+        """Nobody else claims it: the emulator lives in this process."""
+
+    def release_interface(self, dev_handle: Emulator, intf: int) -> None:
+        """See `claim_interface`."""
+
+    def is_kernel_driver_active(self, dev_handle: Emulator, intf: int) -> bool:
+        """No kernel is involved."""
+        return False
+
+    def bulk_write(self, dev_handle: Emulator, ep: int, intf: int, data: Any, timeout: int) -> int:
+        """Send data in packets; the number of bytes that the device took."""
+        payload = bytes(data)
+        for first in range(0, max(1, len(payload)), BLOCK_BYTES):
+            packet = payload[first : first + BLOCK_BYTES]
+            answer = self._insist(dev_handle, timeout, lambda packet=packet: dev_handle.usb.bulk_out(ep, packet))
+            if answer is Handshake.STALL:
+                _stalled(f"endpoint 0x{ep:02x}")
+        return len(payload)
+
+    def bulk_read(self, dev_handle: Emulator, ep: int, intf: int, buff: Any, timeout: int) -> int:
+        """Receive one packet into the buffer; its length."""
+        answer = self._insist(dev_handle, timeout, lambda: dev_handle.usb.bulk_in(ep))
+        if isinstance(answer, Handshake):
+            _stalled(f"endpoint 0x{ep:02x}")
+        if len(answer) > len(buff) * buff.itemsize:
+            raise USBError("Overflow", None, errno.EOVERFLOW)
+        buff[: len(answer)] = array("B", answer)
+        return len(answer)
+
+    def ctrl_transfer(
+        self,
+        dev_handle: Emulator,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: Any,
+        timeout: int,
+    ) -> int:
+        """Carry out a control transfer; the number of bytes transferred."""
+        self._pass(dev_handle, MICROFRAME_CYCLES)
+        incoming = bool(bmRequestType & 0x80)
+        setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(data))
+        try:
+            answer = dev_handle.usb.control(setup, b"" if incoming else bytes(data))
+        except Stall as stall:
+            _stalled(str(stall))
+        if not incoming:
+            return len(data)
+        data[: len(answer)] = array("B", answer)
+        return len(answer)
+
+    def clear_halt(self, dev_handle: Emulator, ep: int) -> None:
+        """No endpoint halts on its own so far."""
+
+    def _pass(self, emulator: Emulator, cycles: int) -> None:
+        if emulator.unplugged:
+            raise USBError("No such device", None, errno.ENODEV)
+        emulator.scheduler.run_until(emulator.scheduler.now + cycles)
+
+    def _insist(self, emulator: Emulator, timeout_ms: int, transact: Callable[[], Answer]) -> Answer:
+        """Repeat a bulk transaction until the answer is no NAK."""
+        scheduler = emulator.scheduler
+        deadline = scheduler.now + (timeout_ms or 10**9) * CORE_HZ // 1000
+        self._pass(emulator, PACKET_CYCLES)
+        while (answer := transact()) is Handshake.NAK:
+            upcoming = scheduler.next_time()
+            if upcoming is None or upcoming > deadline:
+                scheduler.run_until(deadline)
+                raise USBTimeoutError("Operation timed out", None, errno.ETIMEDOUT)
+            scheduler.run_until(upcoming)
+        return answer
+
+
+def _stalled(what: str) -> NoReturn:
+    raise USBError(f"Pipe error: {what}", None, errno.EPIPE)
+
+
+def _fields(layout: str, names: str, data: bytes, at: int) -> dict[str, Any]:
+    fields: dict[str, Any] = dict(zip(names.split(), struct.unpack_from(layout, data, at), strict=True))
+    return fields | {"extra_descriptors": array("B")}
+
+
+def _descriptors(kind: int, layout: str, names: str) -> list[SimpleNamespace]:
+    """All descriptors of a kind in the configuration descriptor, in order."""
+    data, at, found = configuration_descriptor(), 0, []
+    while at < len(data):
+        if data[at + 1] == kind:
+            found.append(SimpleNamespace(**_fields(layout, names, data, at)))
+        at += data[at]
+    return found

@@ -1,0 +1,81 @@
+"""One driver processor: a mailbox, a rasteriser, and two tables of 50 words that a 32-bit port plays in turn."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..protocol.blocks import unpack_pulses
+from ..protocol.board import CHANNELS_PER_PROCESSOR, CYCLES_PER_PERIOD, TICKS_PER_PERIOD
+from ..protocol.chain import ChannelEnd, Commit
+from ..protocol.pulses import Pulses
+from .scheduler import Scheduler
+
+__all__ = ["RASTERISE_CYCLES", "Processor", "rasterise"]
+
+# 32 transducers, two edges each, and a running exclusive-or over 50 words: 32·(12 + 2·6) + 50·6 instructions are about
+# 1 100, at 100 million a second. An estimate of what such a firmware would need, not a measurement.
+RASTERISE_CYCLES = 4_400
+
+_BITS = np.uint32(1) << np.arange(CHANNELS_PER_PROCESSOR, dtype=np.uint32)
+
+
+def rasterise(pulses: Pulses) -> NDArray[np.uint32]:
+    """The 50 port words of one carrier period, one bit per transducer, (50,) uint32."""
+    since_start = (np.arange(TICKS_PER_PERIOD)[:, None] - pulses.start) % TICKS_PER_PERIOD
+    return np.where(since_start < pulses.width, _BITS, np.uint32(0)).sum(axis=1, dtype=np.uint32)
+
+
+class Processor:
+    """Receives slices and commits, and records what its port plays.
+
+    Parameters
+    ----------
+    scheduler : Scheduler
+        The clock of the machine.
+    offset_ticks : int
+        How late this processor's port clock runs against the others'.
+    log : callable
+        Takes a line about each thing that happens.
+    """
+
+    def __init__(self, scheduler: Scheduler, offset_ticks: int, log: Callable[[str], None]) -> None:
+        self._scheduler = scheduler
+        self._offset_ticks = offset_ticks
+        self._log = log
+        self._mailbox = b""
+        self._waiting: NDArray[np.uint32] | None = None
+        self.missed_commits = 0
+        self.starts: list[int] = [0]
+        self.tables: list[NDArray[np.uint32]] = [np.zeros(TICKS_PER_PERIOD, np.uint32)]
+
+    def receive(self, channel_end: ChannelEnd, payload: bytes) -> None:
+        """Take a message from the chain, complete at this moment."""
+        if channel_end == ChannelEnd.MAILBOX:
+            self._mailbox = payload
+        else:
+            self._commit(Commit.decode(payload))
+
+    def _commit(self, commit: Commit) -> None:
+        if zlib.crc32(self._mailbox) != commit.checksum:
+            self.missed_commits += 1
+            self._log(f"commit for period {commit.period} missed: the slice in the mailbox is another")
+            return
+        if self._scheduler.now + RASTERISE_CYCLES > commit.period * CYCLES_PER_PERIOD:
+            self.missed_commits += 1
+            self._log(f"commit for period {commit.period} missed: too late to rasterise")
+            return
+        table = rasterise(unpack_pulses(self._mailbox))
+        self._waiting = table
+        self._scheduler.at(commit.period * CYCLES_PER_PERIOD, lambda: self._swap(commit.period, table))
+
+    def _swap(self, period: int, table: NDArray[np.uint32]) -> None:
+        if self._waiting is not table:  # a later commit took its place
+            return
+        self._waiting = None
+        self.starts.append(period * TICKS_PER_PERIOD + self._offset_ticks)
+        self.tables.append(np.roll(table, self._offset_ticks))
+        self._log(f"plays the new table from tick {self.starts[-1]}")

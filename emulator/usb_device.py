@@ -1,0 +1,148 @@
+"""The device as a USB host sees it: control requests, endpoints and their handshakes. It knows no transport.
+
+Every door (an in-process backend, a network protocol, a simulated kernel) speaks to the device through this class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+from typing import NamedTuple
+
+from ..protocol.codes import Request
+from ..protocol.descriptors import (
+    CONFIGURATION_VALUE,
+    ENDPOINT_IN,
+    ENDPOINT_OUT,
+    configuration_descriptor,
+    device_descriptor,
+    string_descriptor,
+)
+from ..protocol.replies import encode_wiring
+from .controller import Controller
+
+__all__ = ["Handshake", "Setup", "Stall", "UsbDevice"]
+
+
+class Handshake(Enum):
+    """How a device answers a bulk transaction."""
+
+    ACK = "ack"
+    NAK = "nak"
+    STALL = "stall"
+
+
+class Stall(Exception):
+    """The device answers a control request with STALL: it does not know it, or not now."""
+
+
+class Setup(NamedTuple):
+    """The eight bytes that begin a control transfer."""
+
+    request_type: int
+    request: int
+    value: int
+    index: int
+    length: int
+
+
+_STANDARD_IN_DEVICE, _STANDARD_OUT_DEVICE = 0x80, 0x00
+_STANDARD_IN_INTERFACE, _STANDARD_OUT_INTERFACE = 0x81, 0x01
+_VENDOR_IN, _VENDOR_OUT = 0xC1, 0x41
+_GET_STATUS = 0
+_GET_DESCRIPTOR, _GET_CONFIGURATION, _SET_CONFIGURATION, _GET_INTERFACE, _SET_INTERFACE = 6, 8, 9, 10, 11
+_DEVICE, _CONFIGURATION, _STRING = 1, 2, 3
+
+
+class UsbDevice:
+    """The device's USB side.
+
+    Parameters
+    ----------
+    controller : Controller
+        What stands behind the endpoints.
+    serial : str
+        Serial number, in the string descriptors.
+    """
+
+    def __init__(self, controller: Controller, serial: str) -> None:
+        self._controller = controller
+        self._strings = [None, "phasewire", "phasewire five-board array (emulated)", serial]
+        self.configuration = 0
+
+    def control(self, setup: Setup, data: bytes = b"") -> bytes:
+        """Carry out a control transfer and return its IN data stage, empty for OUT.
+
+        Raises
+        ------
+        Stall
+            Where the device does not know the request.
+        """
+        del data  # no request defined so far has an OUT data stage
+        handler = self._handlers().get((setup.request_type, setup.request))
+        if handler is None:
+            raise Stall(f"request 0x{setup.request:02x} of type 0x{setup.request_type:02x} is unknown")
+        return handler(setup)[: setup.length]
+
+    def _handlers(self) -> dict[tuple[int, int], Callable[[Setup], bytes]]:
+        return {
+            (_STANDARD_IN_DEVICE, _GET_STATUS): lambda setup: b"\x01\x00",  # self-powered
+            (_STANDARD_IN_DEVICE, _GET_DESCRIPTOR): self._descriptor,
+            (_STANDARD_IN_DEVICE, _GET_CONFIGURATION): lambda setup: bytes([self.configuration]),
+            (_STANDARD_OUT_DEVICE, _SET_CONFIGURATION): self._set_configuration,
+            (_STANDARD_IN_INTERFACE, _GET_INTERFACE): lambda setup: b"\x00",
+            (_STANDARD_OUT_INTERFACE, _SET_INTERFACE): self._set_interface,
+            (_VENDOR_IN, Request.INFO): lambda setup: self._controller.info().encode(),
+            (_VENDOR_IN, Request.STATUS): self._status,
+            (_VENDOR_IN, Request.WIRING): lambda setup: encode_wiring(self._controller.wiring),
+            (_VENDOR_OUT, Request.ENABLE): lambda setup: self._order(self._controller.enable),
+            (_VENDOR_OUT, Request.DISABLE): lambda setup: self._order(self._controller.disable),
+        }
+
+    def _descriptor(self, setup: Setup) -> bytes:
+        kind, index = divmod(setup.value, 256)
+        if kind == _DEVICE and index == 0:
+            return device_descriptor()
+        if kind == _CONFIGURATION and index == 0:
+            return configuration_descriptor()
+        if kind == _STRING and index < len(self._strings):
+            return string_descriptor(self._strings[index])
+        raise Stall(f"there is no descriptor {kind}/{index}")
+
+    def _set_configuration(self, setup: Setup) -> bytes:
+        if setup.value not in (0, CONFIGURATION_VALUE):
+            raise Stall(f"there is no configuration {setup.value}")
+        self.configuration = setup.value
+        self._controller.reset_endpoints()
+        return b""
+
+    def _set_interface(self, setup: Setup) -> bytes:
+        if setup.index != 0 or setup.value != 0:
+            raise Stall(f"there is no interface {setup.index} with setting {setup.value}")
+        return b""
+
+    def _status(self, setup: Setup) -> bytes:
+        self._controller.feed_watchdog()
+        return self._controller.status().encode()
+
+    @staticmethod
+    def _order(action: Callable[[], None]) -> bytes:
+        action()
+        return b""
+
+    def bulk_out(self, endpoint: int, packet: bytes) -> Handshake:
+        """Take one packet of at most 512 bytes."""
+        if not self.configuration or endpoint != ENDPOINT_OUT:
+            return Handshake.STALL
+        if not self._controller.can_accept:
+            return Handshake.NAK
+        self._controller.accept(packet)
+        return Handshake.ACK
+
+    def bulk_in(self, endpoint: int) -> bytes | Handshake:
+        """Give one packet, or say why there is none."""
+        if not self.configuration or endpoint != ENDPOINT_IN:
+            return Handshake.STALL
+        if not self._controller.acks:
+            return Handshake.NAK
+        return self._controller.acks.popleft().encode()

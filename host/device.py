@@ -1,0 +1,152 @@
+"""A device as its user sees it, whatever line leads to it."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Self
+
+from ..errors import BlockError, DeviceError, DeviceRefusedError
+from ..protocol.blocks import Update, pack
+from ..protocol.codes import PROTOCOL_VERSION, Reason, Request
+from ..protocol.layout import WIRING
+from ..protocol.pulses import Pulses
+from ..protocol.replies import Ack, Info, Status, decode_wiring
+from ..protocol.wiring import Wiring
+from .transport import Transport, default_url, open_transport
+
+__all__ = ["Device", "open_device"]
+
+
+def open_device(url: str | None = None) -> Device:
+    """Open a device by its URL.
+
+    Parameters
+    ----------
+    url : str, optional
+        ``emulator:`` (a fresh emulated device), ``emulator:SERIAL`` (one that this process has plugged in), ``usb:`` or
+        ``usb:SERIAL``. By default ``$PHASEWIRE_DEVICE``, else ``emulator:``.
+
+    Returns
+    -------
+    Device
+        Use it in a ``with`` statement: the outputs are off when it ends, however it ends.
+
+    Raises
+    ------
+    DeviceError
+        Where nothing answers, it may not be used, or it speaks another version of the protocol.
+    """
+    transport = open_transport(url if url is not None else default_url())
+    try:
+        return Device(transport)
+    except BaseException:
+        transport.close()
+        raise
+
+
+class Device:
+    """A device that plays pulses. Not thread-safe.
+
+    Parameters
+    ----------
+    transport : Transport
+        The line to it.
+
+    Attributes
+    ----------
+    info : Info
+        What the device says that it is.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._sequence = 0
+        self._enabled = False
+        self.info = Info.decode(self._transport.ask(Request.INFO, Info.BYTES))
+        if self.info.protocol_version != PROTOCOL_VERSION:
+            raise DeviceError(
+                f"{transport.name} speaks version {self.info.protocol_version} of the protocol, this is version "
+                f"{PROTOCOL_VERSION}; update the older of the two"
+            )
+
+    @property
+    def name(self) -> str:
+        """Product and serial number."""
+        return self._transport.name
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        try:
+            self.stop()
+        except DeviceError:
+            if kind is None:
+                raise
+        finally:
+            self._transport.close()
+
+    def show(self, pulses: Pulses, period: int | None = None) -> Ack:
+        """Play pulses from a carrier period on, until others follow or the host falls silent.
+
+        The outputs are enabled first if they are not. The device turns them off when it hears nothing for
+        ``info.watchdog`` seconds; `status` is a sign of life.
+
+        Parameters
+        ----------
+        pulses : Pulses
+            One per transducer.
+        period : int, optional
+            Carrier period of the device's clock (`status`) at which to begin; as soon as possible by default.
+
+        Returns
+        -------
+        Ack
+            Says at which period they begin, and whether that is later than asked for.
+
+        Raises
+        ------
+        ValueError
+            Where the number of pulses is not the device's; nothing is sent.
+        DeviceRefusedError
+            Where the device refuses the block.
+        DeviceError
+            Where the line or the device fails.
+        """
+        if len(pulses) != self.info.channels:
+            raise ValueError(f"{len(pulses)} pulses for a device with {self.info.channels} transducers")
+        block = pack(Update(pulses, self._sequence, period))
+        if not self._enabled:
+            self._transport.order(Request.ENABLE)
+            self._enabled = True
+        self._transport.write_block(block)
+        ack = self._read_ack()
+        self._sequence = (self._sequence + 1) % 2**32
+        return ack
+
+    def _read_ack(self) -> Ack:
+        answer = self._transport.read_ack()
+        try:
+            ack = Ack.decode(answer)
+        except BlockError as error:
+            raise DeviceError(f"{self.name} answers in a way that breaks the protocol: {error}") from error
+        if ack.reason is not Reason.ACCEPTED:
+            raise DeviceRefusedError(f"{self.name} refuses block {ack.sequence}: {ack.reason.text}", ack.reason)
+        if ack.sequence != self._sequence:
+            raise DeviceError(f"{self.name} acknowledges block {ack.sequence}, not {self._sequence}; open it again")
+        return ack
+
+    def stop(self) -> None:
+        """Turn all outputs off and drop what is queued."""
+        self._transport.order(Request.DISABLE)
+        self._enabled = False
+
+    def status(self) -> Status:
+        """What the device is doing now."""
+        return Status.decode(self._transport.ask(Request.STATUS, Status.BYTES))
+
+    def wiring(self) -> Wiring:
+        """The table by which the device sorts transducers to its outputs."""
+        return decode_wiring(self._transport.ask(Request.WIRING, WIRING.sizeof()))

@@ -1,0 +1,127 @@
+"""The USB transport, by pyusb. Which bus it looks on, a real one or an emulated one, is the URL's scheme.
+
+A bus is an entry point in the group ``phasewire.usb_backends``: a function ``(url) -> pyusb backend``.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import usb.core
+import usb.util
+
+from ..errors import (
+    DeviceAccessError,
+    DeviceError,
+    DeviceLostError,
+    DeviceNotFoundError,
+    DeviceRefusedError,
+    DeviceTimeoutError,
+)
+from ..protocol.codes import Reason, Request
+from ..protocol.descriptors import ENDPOINT_IN, ENDPOINT_OUT, PRODUCT_ID, VENDOR_ID
+from ..protocol.replies import Ack
+from .transport import load_by_scheme
+
+__all__ = ["UsbTransport", "open_usb"]
+
+TIMEOUT_MS = 1000
+INTERFACE = 0
+VENDOR_IN, VENDOR_OUT = 0xC1, 0x41
+
+
+@contextmanager
+def _translated(doing: str) -> Iterator[None]:
+    """Turn pyusb's errors into ours, by their errno."""
+    try:
+        yield
+    except usb.core.USBError as error:
+        if isinstance(error, usb.core.USBTimeoutError) or error.errno == errno.ETIMEDOUT:
+            raise DeviceTimeoutError(f"{doing}: no answer within {TIMEOUT_MS} ms") from error
+        if error.errno in (errno.ENODEV, errno.EIO, errno.ESHUTDOWN):
+            raise DeviceLostError(f"{doing}: the device is gone; plug it in again") from error
+        if error.errno in (errno.EACCES, errno.EPERM):
+            raise DeviceAccessError(f"{doing}: permission denied; a udev rule must give you access") from error
+        if error.errno == errno.EBUSY:
+            raise DeviceAccessError(f"{doing}: another program is using the device") from error
+        if error.errno == errno.EPIPE:
+            raise DeviceRefusedError(f"{doing}: the device does not know this request", Reason.KIND) from error
+        raise DeviceError(f"{doing}: {error}") from error
+
+
+def open_usb(url: str) -> UsbTransport:
+    """Open the device that ``scheme:`` or ``scheme:SERIAL`` names.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        Where there is none, or several and no serial number to choose by.
+    DeviceError
+        Where it cannot be used.
+    """
+    wanted = url.partition(":")[2].partition("?")[0]
+    backend = load_by_scheme("phasewire.usb_backends", url)(url)
+    with _translated(f"looking for {url!r}"):
+        found = list(usb.core.find(find_all=True, backend=backend, idVendor=VENDOR_ID, idProduct=PRODUCT_ID))
+    serials = [_serial(device) for device in found]
+    matching = [device for device, serial in zip(found, serials, strict=True) if wanted in ("", serial)]
+    if not matching:
+        there = f"there are {', '.join(map(repr, serials))}" if serials else "nothing is plugged in"
+        raise DeviceNotFoundError(f"no device at {url!r}: {there}")
+    if len(matching) > 1:
+        choices = " or ".join(f"{url.partition(':')[0]}:{serial}" for serial in serials)
+        raise DeviceNotFoundError(f"{url!r} could be any of {len(matching)} devices; name one: {choices}")
+    return UsbTransport(matching[0])
+
+
+def _serial(device: usb.core.Device) -> str:
+    try:
+        with _translated("reading the serial number"):
+            return str(device.serial_number)
+    except ValueError as error:  # pyusb's "no langid": the strings could not be read at all
+        raise DeviceAccessError("the device may not be opened; a udev rule must give you access") from error
+
+
+class UsbTransport:
+    """A line to a device over pyusb.
+
+    Parameters
+    ----------
+    device : usb.core.Device
+        Found, not yet configured.
+    """
+
+    def __init__(self, device: usb.core.Device) -> None:
+        self._device = device
+        self.name = f"{device.product} {_serial(device)}"
+        with _translated(f"opening {self.name}"):
+            device.set_configuration()
+            usb.util.claim_interface(device, INTERFACE)
+
+    def write_block(self, block: bytes) -> None:
+        """Send one 512-byte block."""
+        with _translated("sending a block"):
+            sent = self._device.write(ENDPOINT_OUT, block, TIMEOUT_MS)
+        if sent != len(block):
+            raise DeviceError(f"only {sent} of a block's {len(block)} bytes were sent")
+
+    def read_ack(self) -> bytes:
+        """Wait for the acknowledgement of one block."""
+        with _translated("waiting for an acknowledgement"):
+            return bytes(self._device.read(ENDPOINT_IN, Ack.BYTES, TIMEOUT_MS))
+
+    def ask(self, request: Request, size: int) -> bytes:
+        """Make a control request with an answer."""
+        with _translated(f"asking for {request.name}"):
+            return bytes(self._device.ctrl_transfer(VENDOR_IN, request, 0, INTERFACE, size, TIMEOUT_MS))
+
+    def order(self, request: Request) -> None:
+        """Make a control request without an answer."""
+        with _translated(f"ordering {request.name}"):
+            self._device.ctrl_transfer(VENDOR_OUT, request, 0, INTERFACE, None, TIMEOUT_MS)
+
+    def close(self) -> None:
+        """Release the interface and the device."""
+        usb.util.dispose_resources(self._device)

@@ -1,0 +1,33 @@
+"""What the array should emit so that a shape can be felt.
+
+This room knows the air, transducers and their field, control points, shapes and the solvers that turn points into
+complex drives. It knows nothing of ticks, packets or devices.
+"""
+
+from __future__ import annotations
+
+from .array import Transducer, TransducerArray
+from .field import PlaneField, sample_plane
+from .medium import Medium
+from .points import ControlPoints
+from .propagation import pressure, transfer_matrix
+from .shapes import Circle, Shape, Sphere, parse_shape
+from .solve import METHODS, Solution, solve
+
+__all__ = [
+    "METHODS",
+    "Circle",
+    "ControlPoints",
+    "Medium",
+    "PlaneField",
+    "Shape",
+    "Solution",
+    "Sphere",
+    "Transducer",
+    "TransducerArray",
+    "parse_shape",
+    "pressure",
+    "sample_plane",
+    "solve",
+    "transfer_matrix",
+]

@@ -1,0 +1,80 @@
+"""Fields: complex pressure sampled over a plane."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .array import TransducerArray
+from .medium import Medium
+from .propagation import pressure
+
+__all__ = ["PlaneField", "sample_plane"]
+
+MAX_SAMPLES = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneField:
+    """Pressure over a horizontal plane.
+
+    Parameters
+    ----------
+    x : (columns,) float
+    y : (rows,) float
+        Coordinates of the samples, in metres.
+    height : float
+        Of the plane above the array, in metres.
+    pressure : (rows, columns) complex
+        Peak pressure in Pa.
+    """
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    height: float
+    pressure: NDArray[np.complex128]
+
+
+def sample_plane(
+    array: TransducerArray,
+    drive: ArrayLike,
+    height: float,
+    extent: float = 0.2,
+    step: float = 1e-3,
+    medium: Medium | None = None,
+) -> PlaneField:
+    """Pressure over a horizontal square centred above the array.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    drive : (n,) complex
+        Drives.
+    height : float
+        Of the plane, in metres.
+    extent : float
+        Side of the square, in metres.
+    step : float
+        Distance between samples, in metres.
+    medium : Medium, optional
+        The air; 20 °C by default.
+
+    Raises
+    ------
+    ValueError
+        Where a number is out of range, or the plane holds more than four million samples.
+    """
+    for name, value in (("height", height), ("extent", extent), ("step", step)):
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} {value} m must be positive and finite")
+    count = 2 * round(extent / step / 2) + 1
+    if count**2 > MAX_SAMPLES:
+        raise ValueError(f"a step of {step} m over {extent} m makes {count**2} samples; at most {MAX_SAMPLES} fit")
+    axis = np.linspace(-extent / 2, extent / 2, count)
+    x, y = np.meshgrid(axis, axis)
+    at = np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
+    return PlaneField(axis, axis, height, pressure(array, drive, at, medium).reshape(x.shape))

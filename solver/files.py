@@ -1,0 +1,147 @@
+"""Files that the solver reads and writes: control points (CSV, JSON), solutions (NPZ) and fields (NPZ).
+
+A solved file holds drives, not pulses: pulses are made on the way to a device.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputFileError
+from ..storage import replacing
+from .array import Transducer, TransducerArray
+from .field import PlaneField
+from .medium import Medium
+from .points import ControlPoints
+from .solve import Solution
+
+__all__ = ["load_solution", "read_arrays", "read_points", "save_field", "save_solution"]
+
+SOLUTION_FORMAT = "phasewire-solution-1"
+
+
+def read_points(path: Path) -> ControlPoints:
+    """Read control points from a CSV or JSON file, by the suffix of its name.
+
+    CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line of names is skipped, and so are empty
+    lines and those that begin with ``#``. JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``, amplitudes optional.
+
+    Raises
+    ------
+    InputFileError
+        Where the file is not readable as such; it says where.
+    OSError
+        Where it cannot be opened.
+    """
+    readers = {".csv": _read_csv, ".json": _read_json}
+    if path.suffix.lower() not in readers:
+        raise InputFileError(f"{path}: control points are read from {' or '.join(readers)} files")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        positions, amplitudes = readers[path.suffix.lower()](text)
+        return ControlPoints(positions, amplitudes)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise InputFileError(f"{path}: {error}") from error
+
+
+def _read_csv(text: str) -> tuple[list[list[float]], list[float] | None]:
+    rows: list[list[float]] = []
+    for number, cells in enumerate(csv.reader(text.splitlines()), start=1):
+        if not any(cell.strip() for cell in cells) or cells[0].lstrip().startswith("#"):
+            continue
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            if not rows and number == 1:
+                continue
+            raise ValueError(f"line {number}: {','.join(cells)!r} is not x,y,z or x,y,z,amplitude in numbers") from None
+        if len(row) not in (3, 4) or (rows and len(row) != len(rows[0])):
+            raise ValueError(f"line {number} has {len(row)} numbers; every line needs 3 (x,y,z), or every line 4")
+        rows.append(row)
+    if not rows:
+        raise ValueError("there are no control points in it")
+    return [row[:3] for row in rows], [row[3] for row in rows] if len(rows[0]) == 4 else None
+
+
+def _read_json(text: str) -> tuple[Any, Any]:
+    record = json.loads(text)
+    if not isinstance(record, dict) or "positions" not in record:
+        raise ValueError('it must be an object with "positions": [[x, y, z], …] and, if wanted, "amplitudes": […]')
+    if unknown := sorted(set(record) - {"positions", "amplitudes"}):
+        raise ValueError(f"unknown entry {unknown[0]!r}; known are positions and amplitudes")
+    return record["positions"], record.get("amplitudes")
+
+
+def save_solution(path: Path, solution: Solution) -> None:
+    """Write a solution with all that is needed to use it again, whole or not at all."""
+    array, points = solution.array, solution.points
+    with replacing(path) as part, part.open("wb") as file:
+        np.savez(
+            file,
+            format=np.array(SOLUTION_FORMAT),
+            drive=solution.drive,
+            array_positions=array.positions,
+            array_normals=array.normals,
+            transducer=np.array([array.transducer.radius, array.transducer.strength]),
+            point_positions=points.positions,
+            point_amplitudes=points.amplitudes,
+            medium=np.array([solution.medium.temperature, solution.medium.frequency]),
+            method=np.array(solution.method),
+        )
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
+    """Read every array of an NPZ file.
+
+    Raises
+    ------
+    InputFileError
+        Where the file is truncated, corrupted or no NPZ file.
+    OSError
+        Where it cannot be opened.
+    """
+    with path.open("rb") as file:
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                return {name: archive[name] for name in archive.files}
+        except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, KeyError, AttributeError, OSError) as error:
+            raise InputFileError(f"{path} is truncated, corrupted or not an NPZ file ({error})") from error
+
+
+def load_solution(path: Path) -> Solution:
+    """Read a solution back.
+
+    Raises
+    ------
+    InputFileError
+        Where the file is truncated, corrupted or of another kind.
+    OSError
+        Where it cannot be opened.
+    """
+    arrays = read_arrays(path)
+    if str(arrays.get("format")) != SOLUTION_FORMAT:
+        raise InputFileError(f"{path} is not a solved file; `phasewire solve` makes one")
+    try:
+        transducer = Transducer(*map(float, arrays["transducer"]))
+        array = TransducerArray(arrays["array_positions"], arrays["array_normals"], transducer)
+        points = ControlPoints(arrays["point_positions"], arrays["point_amplitudes"])
+        medium = Medium(*map(float, arrays["medium"]))
+        drive = np.asarray(arrays["drive"], dtype=np.complex128)
+        if drive.shape != (len(array),):
+            raise ValueError(f"{drive.size} drives for {len(array)} transducers")
+        return Solution(drive, array, points, medium, str(arrays["method"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputFileError(f"{path} is not a usable solved file: {error}") from error
+
+
+def save_field(path: Path, field: PlaneField) -> None:
+    """Write a field as NPZ, whole or not at all: x, y, height in metres, pressure in Pa (peak, complex)."""
+    with replacing(path) as part, part.open("wb") as file:
+        np.savez(file, x=field.x, y=field.y, height=np.array(field.height), pressure=field.pressure)

@@ -1,0 +1,34 @@
+"""Coordinates: reading, checking and freezing them."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["as_points", "frozen"]
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+def as_points(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    """Read (m, 3) finite coordinates in metres, m of at least 1.
+
+    Raises
+    ------
+    ValueError
+        That says ``what`` a row is and names the first bad one.
+    """
+    points = np.array(values, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise ValueError(f"{what}s must have the shape (m, 3) with m of at least 1, not {points.shape}")
+    if (bad := np.flatnonzero(~np.isfinite(points).all(axis=1))).size:
+        raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; its coordinates must be finite numbers")
+    return points
+
+
+def frozen(values: NDArray[Scalar]) -> NDArray[Scalar]:
+    """The same array, read-only from now on."""
+    values.setflags(write=False)
+    return values

@@ -1,0 +1,69 @@
+"""Control points: where the field should be strong, and where it should be low."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .array import TransducerArray
+from .geometry import as_points, frozen
+
+__all__ = ["REACH", "ControlPoints", "check_reachable"]
+
+REACH = 2.0
+"""Distance in metres beyond which a control point is taken for a mistake, such as millimetres given as metres. The
+paper's array works best from 0.15 to 0.5 m."""
+
+
+@dataclass(frozen=True, eq=False)
+class ControlPoints:
+    """Points and how strong the field should be at each, relative to the others.
+
+    Parameters
+    ----------
+    positions : (m, 3) float
+        In metres, in the array's coordinates.
+    amplitudes : (m,) float, optional
+        Relative pressure amplitudes, at least 0; a point of amplitude 0 is a null. All 1 by default. A solver meets the
+        ratios; the drive limit decides the pressure.
+
+    Raises
+    ------
+    ValueError
+        Where a number is not finite, an amplitude is negative, all are zero, or lengths differ.
+    """
+
+    positions: NDArray[np.float64]
+    amplitudes: NDArray[np.float64]
+
+    def __init__(self, positions: ArrayLike, amplitudes: ArrayLike | None = None) -> None:
+        points = as_points(positions, "control point")
+        values = np.ones(len(points)) if amplitudes is None else np.array(amplitudes, dtype=np.float64)
+        if values.shape != (len(points),):
+            raise ValueError(f"amplitudes have the shape {values.shape}, but there are {len(points)} control points")
+        if (bad := np.flatnonzero(~np.isfinite(values) | (values < 0))).size:
+            raise ValueError(f"amplitude {values[bad[0]]} of control point {bad[0]} must be finite and not negative")
+        if not values.any():
+            raise ValueError("every control point has amplitude 0; at least one must be positive")
+        object.__setattr__(self, "positions", frozen(points))
+        object.__setattr__(self, "amplitudes", frozen(values))
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+def check_reachable(array: TransducerArray, points: ControlPoints) -> None:
+    """Raise `ValueError`, naming the point, where the array cannot reach a control point."""
+    offset = points.positions[:, None, :] - array.positions[None, :, :]
+    in_front = (np.einsum("mnk,nk->mn", offset, array.normals) > 0).any(axis=1)
+    nearest = np.linalg.norm(offset, axis=2).min(axis=1)
+    for problem, advice in (
+        (~in_front, "is on the array or behind it; z must be positive in front of a flat array"),
+        (nearest < array.transducer.radius, f"is closer to a transducer than its radius, {array.transducer.radius} m"),
+        (nearest > REACH, f"is out of reach, more than {REACH:g} m away; coordinates are in metres"),
+    ):
+        if problem.any():
+            first = int(np.argmax(problem))
+            raise ValueError(f"control point {first} at {points.positions[first].tolist()} m {advice}")

@@ -1,0 +1,114 @@
+"""From drives to pressure: the transfer matrix of far-field pistons.
+
+Time factor e^{-iωt}, outgoing wave e^{+ikr}/r, pressure as peak complex amplitude in Pa.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import j1
+
+from .array import TransducerArray
+from .geometry import as_points
+from .medium import Medium
+
+__all__ = ["directivity", "pressure", "transfer_matrix"]
+
+POINTS_AT_A_TIME = 4096  # keeps the intermediate arrays of a plane near the cache's size
+
+
+def directivity(sine: ArrayLike, radius: float, medium: Medium) -> NDArray[np.float64]:
+    """Far-field directivity of a baffled piston, D = 2·J₁(ka·sinθ)/(ka·sinθ); 1 on the axis.
+
+    Parameters
+    ----------
+    sine : (...) float
+        sinθ, the sine of the angle off the piston's axis.
+    radius : float
+        Of the piston, in metres.
+    medium : Medium
+        The air.
+    """
+    argument = medium.wavenumber * radius * np.asarray(sine, dtype=np.float64)
+    small = np.abs(argument) < 1e-8
+    safe = np.where(small, 1.0, argument)
+    return np.asarray(np.where(small, 1.0, 2 * j1(safe) / safe))
+
+
+def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None = None) -> NDArray[np.complex128]:
+    """Pressure at each point per unit drive of each transducer, the matrix A of the paper's (7).
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    at : (m, 3) float
+        Points, in metres, at least one piston radius from every transducer's centre.
+    medium : Medium, optional
+        The air; 20 °C by default.
+
+    Returns
+    -------
+    (m, n) complex
+        P₁·D(θ)·e^{ikr}/r in Pa (peak); 0 behind a transducer's baffle.
+
+    Raises
+    ------
+    ValueError
+        Where a point is not finite, or too close for the far-field model.
+    """
+    medium = medium or Medium()
+    points = as_points(at, "point")
+    offset = points[:, None, :] - array.positions[None, :, :]
+    distance = np.sqrt(np.einsum("mnk,mnk->mn", offset, offset))
+    radius = array.transducer.radius
+    if distance.size and distance.min() < radius:
+        point, transducer = np.unravel_index(np.argmin(distance), distance.shape)
+        raise ValueError(
+            f"point {point} at {points[point].tolist()} m is {distance.min() * 1e3:.2f} mm from transducer {transducer}; "
+            f"the far-field model needs at least its radius, {radius * 1e3:.2f} mm"
+        )
+    cosine = np.einsum("mnk,nk->mn", offset, array.normals) / distance
+    sine = np.sqrt(np.maximum(0.0, 1 - cosine**2))
+    amplitude = array.transducer.strength * directivity(sine, radius, medium) / distance
+    return np.asarray(np.where(cosine > 0, amplitude, 0.0) * np.exp(1j * medium.wavenumber * distance))
+
+
+def pressure(
+    array: TransducerArray, drive: ArrayLike, at: ArrayLike, medium: Medium | None = None
+) -> NDArray[np.complex128]:
+    """Pressure that a drive makes at points, the paper's (6).
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    drive : (n,) complex
+        Drives; 1 is full drive.
+    at : (k, 3) float
+        Points, in metres.
+    medium : Medium, optional
+        The air; 20 °C by default.
+
+    Returns
+    -------
+    (k,) complex
+        Peak pressure in Pa.
+
+    Raises
+    ------
+    ValueError
+        Where the drive has another length than the array, or as `transfer_matrix`.
+    """
+    drive = np.asarray(drive, dtype=np.complex128)
+    if drive.shape != (len(array),):
+        raise ValueError(f"drive has the shape {drive.shape}, but the array has {len(array)} transducers")
+    if (bad := np.flatnonzero(~np.isfinite(drive))).size:
+        raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
+    points = as_points(at, "point")
+    result = np.empty(len(points), dtype=np.complex128)
+    for first in range(0, len(points), POINTS_AT_A_TIME):
+        part = slice(first, first + POINTS_AT_A_TIME)
+        result[part] = transfer_matrix(array, points[part], medium) @ drive
+    return result

@@ -1,0 +1,148 @@
+"""Shapes: what should be felt, and its cut into control points. Lengths in metres.
+
+On the command line a shape is written ``name:parameter=value,…``; `parse_shape` reads that notation.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from .points import ControlPoints
+
+__all__ = ["SHAPES", "Circle", "Shape", "Sphere", "parse_shape", "shape_help"]
+
+MAX_POINTS = 4096  # of one shape: far more than an array can serve, few enough to solve
+
+
+class Shape(Protocol):
+    """Anything that can be sampled into control points."""
+
+    def sample(self, spacing: float = 0.015) -> ControlPoints:
+        """Control points every ``spacing`` metres of arc."""
+
+
+def _check(shape: Circle | Sphere, positive: tuple[str, ...]) -> None:
+    for field in dataclasses.fields(shape):
+        value = getattr(shape, field.name)
+        if not math.isfinite(value) or (field.name in positive and value <= 0):
+            rule = "positive and finite" if field.name in positive else "finite"
+            raise ValueError(f"{type(shape).__name__.lower()} {field.name} {value} m must be {rule}")
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A horizontal circle.
+
+    Parameters
+    ----------
+    radius : float
+        Of the circle.
+    height : float
+        Of its plane above the array.
+    x, y : float
+        Of its centre.
+    """
+
+    radius: float = 0.04
+    height: float = 0.20
+    x: float = 0.0
+    y: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check(self, positive=("radius", "height"))
+
+    def sample(self, spacing: float = 0.015) -> ControlPoints:
+        """Equally spaced points, as near to every ``spacing`` metres of arc as a closed curve allows."""
+        if not 0 < spacing < math.inf:
+            raise ValueError(f"spacing {spacing} m must be positive and finite")
+        count = max(1, round(2 * math.pi * self.radius / spacing))
+        if count > MAX_POINTS:
+            raise ValueError(f"spacing {spacing} m makes {count} control points; at most {MAX_POINTS} are possible")
+        angle = 2 * np.pi * np.arange(count) / count
+        x, y = self.x + self.radius * np.cos(angle), self.y + self.radius * np.sin(angle)
+        return ControlPoints(np.stack([x, y, np.full(count, self.height)], axis=1))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere, felt where a flat palm cuts it.
+
+    Parameters
+    ----------
+    radius : float
+        Of the sphere.
+    height : float
+        Of its centre above the array.
+    palm : float
+        Height of the palm above the array.
+    x, y : float
+        Of its centre.
+
+    Raises
+    ------
+    ValueError
+        Where the palm does not cut the sphere.
+    """
+
+    radius: float = 0.05
+    height: float = 0.17
+    palm: float = 0.20
+    x: float = 0.0
+    y: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check that there is something to feel."""
+        _check(self, positive=("radius", "height", "palm"))
+        low, high = self.height - self.radius, self.height + self.radius
+        if not low < self.palm < high:
+            raise ValueError(f"a palm at {self.palm:g} m misses the sphere, which spans {low:g} to {high:g} m")
+
+    def cut(self) -> Circle:
+        """The circle that the palm feels."""
+        radius = math.sqrt(self.radius**2 - (self.palm - self.height) ** 2)
+        return Circle(radius, self.palm, self.x, self.y)
+
+    def sample(self, spacing: float = 0.015) -> ControlPoints:
+        """Control points along the cut, every ``spacing`` metres of arc."""
+        return self.cut().sample(spacing)
+
+
+SHAPES: dict[str, type[Circle] | type[Sphere]] = {"circle": Circle, "sphere": Sphere}
+
+
+def shape_help() -> str:
+    """One line per shape: its name and its parameters with their defaults."""
+    return "\n".join(
+        f"{name}:" + ",".join(f"{field.name}={field.default}" for field in dataclasses.fields(shape))
+        for name, shape in SHAPES.items()
+    )
+
+
+def parse_shape(text: str) -> Shape:
+    """Read a shape such as ``sphere`` or ``sphere:radius=0.05,palm=0.2``.
+
+    Raises
+    ------
+    ValueError
+        That names the unknown shape or parameter, or the value that is no number.
+    """
+    name, _, parameters = text.partition(":")
+    if name not in SHAPES:
+        raise ValueError(f"unknown shape {name!r}; known are {', '.join(sorted(SHAPES))}")
+    known = {field.name for field in dataclasses.fields(SHAPES[name])}
+    values: dict[str, float] = {}
+    for item in filter(None, parameters.split(",")):
+        key, _, value = item.partition("=")
+        if key not in known:
+            raise ValueError(f"{name} has no parameter {key!r}; it has {', '.join(sorted(known))}")
+        try:
+            values[key] = float(value)
+        except ValueError:
+            raise ValueError(f"{name} {key} {value!r} is not a number of metres") from None
+    return SHAPES[name](**values)
