@@ -17,9 +17,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_array", "draw_field", "save_field_picture", "save_figure"]
+__all__ = ["check_picture_path", "draw_array", "draw_field", "save_field_picture", "save_figure"]
 
+FORMATS = (".png", ".svg", ".pdf")
 MM = 1e3
+
+
+def check_picture_path(path: Path) -> None:
+    """Raise `ValueError` where a path does not end in the name of a picture format."""
+    if path.suffix.lower() not in FORMATS:
+        raise ValueError(f"{path}: a picture's name ends in {', '.join(FORMATS)}")
 
 
 def draw_field(axes: Axes, field: PlaneField, points: ControlPoints | None = None) -> None:

@@ -1,0 +1,121 @@
+"""Commands that prove: ``demo``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from ..console import JsonOption, console_for, error_console, write_json
+from ..emulator import Emulator
+from ..protocol.codes import BLOCK_BYTES
+from ..solver import Sphere, TransducerArray, sample_plane, solve
+from ..solver.picture import check_picture_path
+from .end_to_end import EndToEnd, run_end_to_end
+from .picture import save_end_to_end_picture
+
+__all__ = ["commands"]
+
+commands = typer.Typer()
+
+SPACING = 0.015
+
+
+@commands.command()
+def demo(
+    picture: Annotated[
+        Path, typer.Option("--picture", metavar="FILE", help="Where to draw the result: .png, .svg or .pdf.")
+    ] = Path("demo.png"),
+    json_target: JsonOption = None,
+) -> None:
+    """Show the whole way: a sphere on a palm, five emulated boards, pressure.
+
+    A sphere of 10 cm, centred 17 cm above the array, is cut by a palm at 20 cm. The circle that the palm feels is
+    sampled every 15 mm, solved, quantised to pulses, packed, sent through pyusb to an emulated device, sorted, carried
+    over the chain, played as 320 square waves, captured bit by bit, and propagated back to the palm.
+
+    The exit code is 0 if what was rebuilt is what was intended, up to quantisation, and 1 if it is not.
+    """
+    check_picture_path(picture)
+    out, progress = console_for(json_target), error_console()
+    started = perf_counter()
+
+    def told(stage: str, what: str) -> None:
+        progress.print(f"[green]✓[/] [bold]{stage:<9}[/] {what}")
+
+    with progress.status("cutting the sphere") as status:
+        sphere, array = Sphere(), TransducerArray.grid()
+        points = sphere.sample(SPACING)
+        told(
+            "shape",
+            f"sphere of {sphere.radius * 200:g} cm, centred {sphere.height * 100:g} cm up, palm at "
+            f"{sphere.palm * 100:g} cm: a circle of {sphere.cut().radius * 100:g} cm, {len(points)} control points",
+        )
+        status.update("solving")
+        before = perf_counter()
+        solution = solve(array, points)
+        told("solve", f"{len(array)} drives by weighted Tikhonov in {(perf_counter() - before) * 1e3:.1f} ms")
+        status.update("sending, playing and capturing")
+        with Emulator() as emulator:
+            run = run_end_to_end(solution, emulator)
+        told("quantise", "a phase in half ticks and a width in ticks for each transducer, 12 bits")
+        told("send", f"one block of {BLOCK_BYTES} bytes by pyusb, accepted for carrier period {run.ack.commit_period}")
+        told("boards", "sorted by the wiring table, ten slices down the chain, latched:")
+        _tell_events(progress, emulator)
+        told("capture", f"{run.capture.end_tick} ticks of 0.5 µs on 320 outputs, read bit by bit")
+        status.update("propagating to the palm")
+        field = sample_plane(array, run.rebuilt, sphere.palm, medium=solution.medium)
+        strongest = float(np.abs(field.pressure).max())
+        told("field", f"{field.pressure.size} samples on the palm, at most {strongest:.0f} Pa (peak, linear model)")
+        status.update("drawing")
+        verdict = "PASS: what was intended is what came back" if run.passed else "FAIL: something else came back"
+        save_end_to_end_picture(picture, run, field, f"phasewire demo: a sphere of 10 cm on a palm at 20 cm. {verdict}")
+        told("picture", str(picture))
+
+    _print_differences(out, run)
+    _print_checks(out, run)
+    seconds = perf_counter() - started
+    out.print(f"\n[bold {'green' if run.passed else 'red'}]{verdict}[/] ({seconds:.1f} s)", soft_wrap=True)
+    write_json(json_target, _record(run, strongest, seconds))
+    if not run.passed:
+        raise typer.Exit(1)
+
+
+def _tell_events(progress: Console, emulator: Emulator) -> None:
+    """Say when what happened inside the device; the ten processors in one line."""
+    first = emulator.events[0].time
+    processors = []
+    for event in emulator.events:
+        if event.where == "controller":
+            progress.print(f"            {(event.time - first) * 1e6:6.1f} µs  {event.where} {event.what}")
+        elif event.what.startswith("plays"):
+            processors.append(event)
+        if len(processors) == 10:
+            moments = {(event.time - first) * 1e6 for event in processors}
+            times = ", ".join(f"{moment:6.1f}" for moment in sorted(moments))
+            progress.print(f"            {times} µs  all ten processors play")
+            return
+
+
+def _print_differences(out: Console, run: EndToEnd) -> None:
+    table = Table("largest difference", "intended → rebuilt", "quantisation alone", "unit", title_justify="left")
+    for row in run.differences():
+        table.add_row(row["what"], f"{row['rebuilt']:.4f}", f"{row['quantisation']:.4f}", row["unit"])
+    out.print(table)
+
+
+def _print_checks(out: Console, run: EndToEnd) -> None:
+    table = Table("check", "measured", "at most", "unit", "")
+    for check in run.checks():
+        mark = "[green]pass[/]" if check.passed else "[red]FAIL[/]"
+        table.add_row(check.name, f"{check.value:.3g}", f"{check.limit:.3g}", check.unit, mark)
+    out.print(table)
+
+
+def _record(run: EndToEnd, strongest: float, seconds: float) -> dict[str, Any]:
+    return {"format": "phasewire-demo-1"} | run.record() | {"field_maximum_pa": strongest, "seconds": seconds}

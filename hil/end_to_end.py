@@ -1,0 +1,203 @@
+"""The end-to-end check: a solution goes to an emulated device, and what its outputs play is held against it.
+
+The judge takes nothing from the packages that it judges: what a pulse emits, and which pulse would have been best, come
+from the closed form (2/π)·sin(πw/50) of a square wave's fundamental, by trying every pulse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..emulator import Capture, Emulator
+from ..host import open_device
+from ..protocol.board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
+from ..protocol.pulses import Pulses
+from ..protocol.replies import Ack
+from ..solver import Solution, pressure, transfer_matrix
+
+__all__ = ["Check", "EndToEnd", "nearest_emission", "run_end_to_end"]
+
+PERIODS_WATCHED = 4
+NUMERICAL = 1e-9  # of full drive: double precision over the whole way leaves less than a millionth of this bound
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that must hold: a measured value and the most it may be."""
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether it holds."""
+        return self.value <= self.limit
+
+
+@dataclass(frozen=True, eq=False)
+class EndToEnd:
+    """What was intended, what was played, and what the difference is.
+
+    Parameters
+    ----------
+    solution : Solution
+        The intended drive and its control points.
+    pulses : Pulses
+        What was sent.
+    ack : Ack
+        What the device answered.
+    capture : Capture
+        What its outputs did.
+    """
+
+    solution: Solution
+    pulses: Pulses
+    ack: Ack
+    capture: Capture
+
+    @property
+    def latch_ticks(self) -> list[int]:
+        """Tick at which each of the ten processors began to play."""
+        return [int(starts[-1]) for starts in self.capture.starts]
+
+    @cached_property
+    def rebuilt(self) -> NDArray[np.complex128]:
+        """The drive as emitted, (n,) complex, from the captured bits of the last whole period."""
+        return self.capture.drive(self.capture.periods - 1)
+
+    @cached_property
+    def nearest(self) -> NDArray[np.complex128]:
+        """The best that any pulses could have done, (n,) complex: what quantisation alone explains."""
+        return nearest_emission(self.solution.drive)
+
+    def pressures(self, drive: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Pressure at the control points, (m,) complex in Pa."""
+        return pressure(self.solution.array, drive, self.solution.points.positions, self.solution.medium)
+
+    def differences(self) -> list[dict[str, Any]]:
+        """Largest differences from the intended drive: as rebuilt, and as quantisation alone explains them."""
+        intended, rebuilt, nearest = self.solution.drive, self.rebuilt, self.nearest
+        at_points, rebuilt_at_points, nearest_at_points = map(self.pressures, (intended, rebuilt, nearest))
+        strongest = float(np.abs(at_points).max())
+        rows = [
+            ("drive, complex", "of full drive", abs(rebuilt - intended).max(), abs(nearest - intended).max()),
+            ("phase", "degrees", _phase_error(rebuilt, intended), _phase_error(nearest, intended)),
+            (
+                "amplitude",
+                "of full drive",
+                abs(abs(rebuilt) - abs(intended)).max(),
+                abs(abs(nearest) - abs(intended)).max(),
+            ),
+            (
+                "pressure at the points",
+                "% of the strongest",
+                abs(rebuilt_at_points - at_points).max() / strongest * 100,
+                abs(nearest_at_points - at_points).max() / strongest * 100,
+            ),
+        ]
+        return [
+            {"what": what, "unit": unit, "rebuilt": float(rebuilt_error), "quantisation": float(explained)}
+            for what, unit, rebuilt_error, explained in rows
+        ]
+
+    def checks(self) -> list[Check]:
+        """Everything that must hold; the verdict is good if all of it does."""
+        intended, rebuilt = self.solution.drive, self.rebuilt
+        boundary = self.ack.commit_period * TICKS_PER_PERIOD
+        before = self.capture.bits(max(0, boundary - TICKS_PER_PERIOD), boundary)
+        explained = np.abs(self.nearest - intended)
+        matrix = transfer_matrix(self.solution.array, self.solution.points.positions, self.solution.medium)
+        error = np.abs(self.pressures(rebuilt) - self.pressures(intended))
+        return [
+            Check(
+                "processors that began at another tick than promised",
+                sum(tick != boundary for tick in self.latch_ticks),
+                0,
+                "of 10",
+            ),
+            Check("outputs high before that tick", int(np.bitwise_count(before).sum()), 0, "bits"),
+            Check(
+                "drive error beyond quantisation, worst transducer",
+                float((np.abs(rebuilt - intended) - explained).max()),
+                NUMERICAL,
+                "of full drive",
+            ),
+            Check(
+                "pressure error against the most that quantisation can cause, worst point",
+                float((error / (np.abs(matrix) @ explained + NUMERICAL)).max()),
+                1,
+                "ratio",
+            ),
+        ]
+
+    @property
+    def passed(self) -> bool:
+        """The verdict."""
+        return all(check.passed for check in self.checks())
+
+    def record(self) -> dict[str, Any]:
+        """Everything as numbers, for JSON."""
+        intended, rebuilt = self.pressures(self.solution.drive), self.pressures(self.rebuilt)
+        return {
+            "verdict": "pass" if self.passed else "fail",
+            "checks": [vars(check) | {"passed": check.passed} for check in self.checks()],
+            "differences": self.differences(),
+            "control_points_m": self.solution.points.positions.tolist(),
+            "intended_pressure_pa": np.abs(intended).tolist(),
+            "rebuilt_pressure_pa": np.abs(rebuilt).tolist(),
+            "commit_period": self.ack.commit_period,
+            "latch_ticks": self.latch_ticks,
+            "captured_periods": self.capture.periods,
+        }
+
+
+def nearest_emission(drive: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """For each drive the nearest that a pulse of whole ticks can emit, by trying all of them.
+
+    Parameters
+    ----------
+    drive : (n,) complex
+        1 is full drive.
+
+    Returns
+    -------
+    (n,) complex
+        Emitted drives: sin(πw/50)·e^{2πi·c/100} for a pulse of w ticks centred at half tick c. A pulse that begins and
+        ends on ticks has c even where w is even, and odd where w is odd.
+    """
+    width, centre = np.meshgrid(np.arange(MAX_WIDTH_TICKS + 1), np.arange(HALF_TICKS_PER_PERIOD), indexing="ij")
+    possible = (centre - width) % 2 == 0
+    emitted = np.sin(np.pi * width[possible] / TICKS_PER_PERIOD)
+    phasors = emitted * np.exp(2j * np.pi * centre[possible] / HALF_TICKS_PER_PERIOD)
+    return np.asarray(phasors[np.abs(drive[:, None] - phasors).argmin(axis=1)])
+
+
+def _phase_error(emitted: NDArray[np.complex128], intended: NDArray[np.complex128]) -> float:
+    """Largest difference in phase, in degrees, over the transducers that sound."""
+    sounding = (np.abs(emitted) > 0) & (np.abs(intended) > 0)
+    return float(np.degrees(np.abs(np.angle(emitted[sounding] / intended[sounding]))).max(initial=0.0))
+
+
+def run_end_to_end(solution: Solution, emulator: Emulator) -> EndToEnd:
+    """Send a solution to an emulator, which must be plugged in, by the real host driver and pyusb.
+
+    Raises
+    ------
+    ValueError
+        Where the solution has another number of drives than the device has transducers.
+    DeviceError
+        Where the way to the device fails.
+    """
+    pulses = Pulses.from_drive(solution.drive)
+    with open_device(emulator.url) as device:
+        ack = device.show(pulses)
+        emulator.run(ack.commit_period + PERIODS_WATCHED - device.status().period)
+        capture = emulator.capture()
+    return EndToEnd(solution, pulses, ack, capture)

@@ -1,0 +1,59 @@
+"""The picture of an end-to-end run: the field that arrived, the array as it was driven, and the square waves between."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
+from ..solver import PlaneField
+from ..solver.picture import draw_array, draw_field, save_figure
+from .end_to_end import EndToEnd
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_waves", "save_end_to_end_picture"]
+
+WAVES = 8
+MICROSECONDS_PER_TICK = 0.5
+
+
+def draw_waves(axes: Axes, run: EndToEnd) -> None:
+    """Draw some outputs, spread over the chain, from one period before they began to play to two after."""
+    boundary = run.ack.commit_period * TICKS_PER_PERIOD
+    first, last = boundary - TICKS_PER_PERIOD, boundary + 2 * TICKS_PER_PERIOD
+    time = (np.arange(first, last + 1) - boundary) * MICROSECONDS_PER_TICK
+    bits = run.capture.channels(first, last)
+    labels = []
+    for row, channel in enumerate(np.linspace(0, CHANNELS - 1, WAVES).astype(int)):
+        level = WAVES - 1 - row
+        axes.stairs(level + 0.7 * bits[:, channel], time, baseline=level, fill=True, alpha=0.85, color=f"C{row}")
+        processor, bit = divmod(int(channel), CHANNELS_PER_PROCESSOR)
+        board, processor = divmod(processor, PROCESSORS_PER_BOARD)
+        labels.append(f"board {board} processor {processor} bit {bit:2}")
+    axes.axvline(0, color="0.3", linewidth=1, linestyle="--")
+    axes.set(
+        title=f"Square waves at 2 MHz; all boards begin at the boundary of period {run.ack.commit_period}",
+        xlabel="time since the boundary / µs",
+        xlim=(time[0], time[-1]),
+        yticks=[WAVES - 1 - row + 0.35 for row in range(WAVES)],
+        yticklabels=labels,
+    )
+    axes.tick_params(axis="y", length=0)
+
+
+def save_end_to_end_picture(path: Path, run: EndToEnd, field: PlaneField, headline: str) -> None:
+    """Write the picture in the format of the path's suffix."""
+    from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
+
+    figure = Figure(figsize=(13, 9.5), layout="constrained")
+    axes = figure.subplot_mosaic([["field", "array"], ["waves", "waves"]], height_ratios=[1.35, 1])
+    draw_field(axes["field"], field, run.solution.points)
+    draw_array(axes["array"], run.solution.array, run.rebuilt)
+    axes["array"].set_title("Drive of the array, rebuilt from the captured bits (area: magnitude)")
+    draw_waves(axes["waves"], run)
+    figure.suptitle(headline, fontsize="x-large")
+    save_figure(figure, path)

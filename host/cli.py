@@ -1,0 +1,114 @@
+"""Commands that talk to a device: ``show``, ``stop`` and ``info``."""
+
+from __future__ import annotations
+
+import math
+import time
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from ..console import JsonOption, console_for, error_console, write_json
+from ..errors import InputFileError
+from ..protocol.pulses import Pulses
+from ..solver.files import load_solution, read_arrays
+from .device import open_device
+from .transport import DEFAULT_URL, URL_VARIABLE
+
+__all__ = ["commands"]
+
+commands = typer.Typer()
+
+SIGN_OF_LIFE_S = 0.03
+
+DeviceOption = Annotated[
+    str,
+    typer.Option(
+        "--device",
+        metavar="URL",
+        envvar=URL_VARIABLE,
+        help="emulator: (a fresh emulated device), usb: (the only one plugged in) or usb:SERIAL.",
+    ),
+]
+
+
+def load_pulses(path: Path) -> Pulses:
+    """Pulses from a solved file, or as they stand in an NPZ file with the arrays ``phase`` and ``width``."""
+    arrays = read_arrays(path)
+    if "format" in arrays:
+        return Pulses.from_drive(load_solution(path).drive)
+    if {"phase", "width"} <= set(arrays):
+        try:
+            return Pulses(arrays["phase"], arrays["width"])
+        except ValueError as error:
+            raise InputFileError(f"{path}: {error}") from error
+    raise InputFileError(f"{path} holds neither a solution nor pulses (phase and width); `phasewire solve` makes one")
+
+
+@commands.command()
+def show(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A solved file, or an .npz file with the arrays phase and width.")
+    ],
+    device: DeviceOption = DEFAULT_URL,
+    seconds: Annotated[float, typer.Option(min=0, help="How long to play.")] = 1.0,
+    forever: Annotated[bool, typer.Option("--forever", help="Play until Ctrl-C.")] = False,
+    json_target: JsonOption = None,
+) -> None:
+    """Play a solved file on a device, and leave its outputs off.
+
+    While it plays, the device hears a sign of life every 30 ms; should this program die, the device's watchdog turns the
+    outputs off.
+    """
+    pulses = load_pulses(file)
+    with open_device(device) as opened:
+        ack = opened.show(pulses)
+        message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
+        error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"), markup=False)
+        end = math.inf if forever else time.monotonic() + seconds
+        with suppress(KeyboardInterrupt):
+            while (left := end - time.monotonic()) > 0:
+                time.sleep(min(SIGN_OF_LIFE_S, left))
+                opened.status()
+        status = opened.status()
+    console_for(json_target).print("Stopped; the outputs are off.")
+    write_json(json_target, {"device": opened.name, "commit_period": ack.commit_period, "status": asdict(status)})
+
+
+@commands.command()
+def stop(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
+    """Turn all outputs of a device off."""
+    with open_device(device) as opened:
+        opened.stop()
+        status = opened.status()
+    console_for(json_target).print(f"{opened.name}: the outputs are off.", markup=False)
+    write_json(json_target, {"device": opened.name, "status": asdict(status)})
+
+
+@commands.command()
+def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
+    """Say what a device is and what it is doing."""
+    with open_device(device) as opened:
+        what, status = opened.info, opened.status()
+    major, minor, patch = what.firmware
+    table = Table(title=opened.name, show_header=False, title_justify="left")
+    for label, value in (
+        ("protocol", f"version {what.protocol_version}"),
+        ("firmware", f"{major}.{minor}.{patch}"),
+        ("array", f"{what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart"),
+        ("chain", f"{what.boards} boards of {what.processors_per_board} processors, {what.link_wires}-wire links"),
+        ("output", f"{what.ticks_per_period} ticks per period of {what.carrier_hz / 1e3:g} kHz"),
+        ("rate", f"{what.max_updates_per_second} updates/s at most, {what.queue_blocks} queued"),
+        ("watchdog", f"{what.watchdog * 1e3:g} ms"),
+        ("outputs", "enabled" if status.enabled else "off"),
+        ("carrier period", str(status.period)),
+        ("blocks", f"{status.accepted} accepted, {status.refused} refused, {status.late} late"),
+        ("missed commits", str(status.missed_commits)),
+    ):
+        table.add_row(label, value)
+    console_for(json_target).print(table)
+    write_json(json_target, {"device": opened.name, "info": asdict(what), "status": asdict(status)})

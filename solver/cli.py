@@ -1,0 +1,132 @@
+"""Commands that compute: ``solve`` and ``field``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from ..console import JsonOption, console_for, write_json
+from .array import TransducerArray
+from .field import sample_plane
+from .files import load_solution, read_points, save_field, save_solution
+from .medium import Medium
+from .picture import check_picture_path, save_field_picture
+from .points import ControlPoints
+from .propagation import pressure
+from .shapes import SHAPES, parse_shape, shape_help
+from .solve import METHODS, solve
+
+__all__ = ["commands"]
+
+commands = typer.Typer()
+
+POINT_FILES = (".csv", ".json")
+
+
+def read_source(source: str, spacing: float) -> ControlPoints:
+    """Control points from a shape's notation or from a file of points."""
+    if Path(source).suffix.lower() in POINT_FILES:
+        return read_points(Path(source))
+    if source.partition(":")[0] not in SHAPES:
+        raise ValueError(
+            f"{source!r} is neither a shape ({', '.join(sorted(SHAPES))}) nor a file of points ({', '.join(POINT_FILES)})"
+        )
+    return parse_shape(source).sample(spacing)
+
+
+@commands.command(
+    name="solve",
+    help=f"""Find the drives that make a shape, and write them to a file.
+
+SOURCE is a shape or a file of control points.
+
+A shape is a name with what differs from its defaults, in metres, such as sphere:radius=0.04,palm=0.18 :
+
+\b
+{shape_help()}
+
+A .csv file has a line x,y,z or x,y,z,amplitude for each point. A .json file is
+{{"positions": [[x, y, z], ...], "amplitudes": [...]}}. Coordinates are in metres from the middle of the array, z up;
+amplitudes are relative, 0 makes a null.""",
+)
+def solve_command(
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help="A shape, or a .csv or .json file of points.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The .npz file to write.")],
+    spacing: Annotated[float, typer.Option(help="Distance between a shape's control points along its arc, in m.")] = 0.015,
+    method: Annotated[str, typer.Option(help=f"Solver: {', '.join(sorted(METHODS))}.")] = "tikhonov",
+    columns: Annotated[int, typer.Option(help="Transducers along x.")] = 20,
+    rows: Annotated[int, typer.Option(help="Transducers along y.")] = 16,
+    pitch: Annotated[float, typer.Option(help="Distance between transducers, in m.")] = 10.3e-3,
+    temperature: Annotated[float, typer.Option(help="Of the air, in °C.")] = 20.0,
+    json_target: JsonOption = None,
+) -> None:
+    """Find the drives that make a shape (the help text above is built from the shapes)."""
+    if output.suffix.lower() != ".npz":
+        raise ValueError(f"{output}: the name of a solved file ends in .npz")
+    points = read_source(source, spacing)
+    array = TransducerArray.grid(columns, rows, pitch)
+    started = perf_counter()
+    solution = solve(array, points, method, medium=Medium(temperature))
+    milliseconds = (perf_counter() - started) * 1e3
+    reached = np.abs(pressure(array, solution.drive, points.positions, solution.medium))
+    save_solution(output, solution)
+    console_for(json_target).print(
+        f"{len(points)} control points, {len(array)} transducers, {method} in {milliseconds:.1f} ms: "
+        f"{reached.min():.0f} to {reached.max():.0f} Pa (peak) at the points. Written to {output}.",
+        soft_wrap=True,
+        markup=False,
+    )
+    write_json(
+        json_target,
+        {
+            "file": str(output),
+            "method": method,
+            "control_points": len(points),
+            "transducers": len(array),
+            "milliseconds": milliseconds,
+            "pressure_pa": reached.tolist(),
+        },
+    )
+
+
+@commands.command()
+def field(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A solved file.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The .png, .svg, .pdf or .npz file to write.")
+    ],
+    height: Annotated[
+        float | None, typer.Option(help="Of the plane above the array, in m; the mean of the points by default.")
+    ] = None,
+    extent: Annotated[float, typer.Option(help="Side of the square plane, in m.")] = 0.2,
+    step: Annotated[float, typer.Option(help="Distance between samples, in m.")] = 1e-3,
+    json_target: JsonOption = None,
+) -> None:
+    """Compute the pressure of a solved file over a horizontal plane, as a picture or as numbers.
+
+    An .npz file holds x, y and height in metres and the complex peak pressure in Pa.
+    """
+    as_numbers = output.suffix.lower() == ".npz"
+    if not as_numbers:
+        check_picture_path(output)
+    solution = load_solution(file)
+    level = float(solution.points.positions[:, 2].mean()) if height is None else height
+    plane = sample_plane(solution.array, solution.drive, level, extent, step, solution.medium)
+    if as_numbers:
+        save_field(output, plane)
+    else:
+        save_field_picture(output, plane, solution.points)
+    magnitude = np.abs(plane.pressure)
+    row, column = np.unravel_index(int(magnitude.argmax()), magnitude.shape)
+    strongest = {"pa": float(magnitude.max()), "x_m": float(plane.x[column]), "y_m": float(plane.y[row])}
+    console_for(json_target).print(
+        f"{plane.pressure.size} samples at z = {level:g} m; strongest {strongest['pa']:.0f} Pa (peak, linear model) at "
+        f"x = {strongest['x_m'] * 1e3:.1f} mm, y = {strongest['y_m'] * 1e3:.1f} mm. Written to {output}.",
+        soft_wrap=True,
+        markup=False,
+    )
+    write_json(json_target, {"file": str(output), "height_m": level, "samples": plane.pressure.size, "strongest": strongest})
