@@ -25,6 +25,7 @@ app = typer.Typer(
     epilog="Begin with: phasewire demo",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
 )
 for commands in (hil_commands, solver_commands, host_commands):
     app.add_typer(commands)
@@ -39,7 +40,8 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def common(
     _version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit."),
     ] = False,
 ) -> None:
     """Mid-air haptics on an ultrasonic phased array: from a shape to the skin.

@@ -10,6 +10,7 @@ import errno
 import struct
 from array import array
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, NoReturn, TypeVar
 from urllib.parse import parse_qsl
@@ -53,7 +54,9 @@ def open_backend(url: str) -> EmulatorBackend:
     options = dict(parse_qsl(query, keep_blank_values=True))
     link = options.pop("link", FIVE_WIRE.name)
     if options:
-        raise DeviceNotFoundError(f"{url!r}: the emulator has no option {next(iter(options))!r}; it has link=5wire or 2wire")
+        raise DeviceNotFoundError(
+            f"{url!r}: the emulator has no option {next(iter(options))!r}; it has link=5wire or 2wire"
+        )
     if link not in LINKS:
         raise DeviceNotFoundError(f"{url!r}: unknown link {link!r}; known are {', '.join(LINKS)}")
     if serial and query:
@@ -92,7 +95,10 @@ class EmulatorBackend(usb.backend.IBackend):
         """The configuration descriptor."""
         if config != 0:
             raise IndexError(f"configuration {config}")
-        names = "bLength bDescriptorType wTotalLength bNumInterfaces bConfigurationValue iConfiguration bmAttributes bMaxPower"
+        names = (
+            "bLength bDescriptorType wTotalLength bNumInterfaces "
+            "bConfigurationValue iConfiguration bmAttributes bMaxPower"
+        )
         return _descriptors(2, "<BBHBBBBB", names)[0]
 
     def get_interface_descriptor(self, dev: Emulator, intf: int, alt: int, config: int) -> SimpleNamespace:
@@ -141,14 +147,14 @@ class EmulatorBackend(usb.backend.IBackend):
         payload = bytes(data)
         for first in range(0, max(1, len(payload)), BLOCK_BYTES):
             packet = payload[first : first + BLOCK_BYTES]
-            answer = self._insist(dev_handle, timeout, lambda packet=packet: dev_handle.usb.bulk_out(ep, packet))
+            answer = self._insist(dev_handle, timeout, partial(dev_handle.usb.bulk_out, ep, packet))
             if answer is Handshake.STALL:
                 _stalled(f"endpoint 0x{ep:02x}")
         return len(payload)
 
     def bulk_read(self, dev_handle: Emulator, ep: int, intf: int, buff: Any, timeout: int) -> int:
         """Receive one packet into the buffer; its length."""
-        answer = self._insist(dev_handle, timeout, lambda: dev_handle.usb.bulk_in(ep))
+        answer = self._insist(dev_handle, timeout, partial(dev_handle.usb.bulk_in, ep))
         if isinstance(answer, Handshake):
             _stalled(f"endpoint 0x{ep:02x}")
         if len(answer) > len(buff) * buff.itemsize:

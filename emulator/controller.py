@@ -23,7 +23,15 @@ from ..protocol.board import (
     TICKS_PER_PERIOD,
     WATCHDOG_MS,
 )
-from ..protocol.chain import ChannelEnd, Commit, Link, Message, periods_per_update, slices_cycles, update_cycles
+from ..protocol.chain import (
+    ChannelEnd,
+    Commit,
+    Link,
+    Message,
+    periods_per_update,
+    slices_cycles,
+    update_cycles,
+)
 from ..protocol.codes import PROTOCOL_VERSION, Reason
 from ..protocol.pulses import Pulses
 from ..protocol.replies import Ack, Info, Status
@@ -162,7 +170,9 @@ class Controller:
         slices = [packed[size * node : size * (node + 1)] for node in range(PROCESSORS)]
         self._log(f"sorted into {PROCESSORS} slices of {size} bytes, sent for period {period}")
         messages = [Message(node, ChannelEnd.MAILBOX, piece) for node, piece in enumerate(slices)]
-        messages += [Message(node, ChannelEnd.COMMIT, Commit.of(period, piece).encode()) for node, piece in enumerate(slices)]
+        messages += [
+            Message(node, ChannelEnd.COMMIT, Commit.of(period, piece).encode()) for node, piece in enumerate(slices)
+        ]
         leaves = self._scheduler.now
         self._chain_busy_until = leaves + update_cycles(self._link)
         for message in messages:

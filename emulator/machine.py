@@ -83,7 +83,9 @@ class Emulator:
         offsets = dict(clock_offset_ticks or {})
         for board, ticks in offsets.items():
             if board not in range(BOARDS) or ticks < 0:
-                raise ValueError(f"clock offset {ticks} of board {board}: boards are 0 to {BOARDS - 1}, offsets not negative")
+                raise ValueError(
+                    f"clock offset {ticks} of board {board}: boards are 0 to {BOARDS - 1}, offsets not negative"
+                )
         self._wiring = wiring or Wiring.strips()
         self.serial = serial or f"EMU-{next(_serials):04d}"
         self.unplugged = False

@@ -26,7 +26,8 @@ _BITS = np.uint32(1) << np.arange(CHANNELS_PER_PROCESSOR, dtype=np.uint32)
 def rasterise(pulses: Pulses) -> NDArray[np.uint32]:
     """The 50 port words of one carrier period, one bit per transducer, (50,) uint32."""
     since_start = (np.arange(TICKS_PER_PERIOD)[:, None] - pulses.start) % TICKS_PER_PERIOD
-    return np.where(since_start < pulses.width, _BITS, np.uint32(0)).sum(axis=1, dtype=np.uint32)
+    high = since_start < pulses.width
+    return np.asarray(np.bitwise_or.reduce(np.where(high, _BITS, np.uint32(0)), axis=1))
 
 
 class Processor:

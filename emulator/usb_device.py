@@ -6,8 +6,8 @@ Every door (an in-process backend, a network protocol, a simulated kernel) speak
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
 
 from ..protocol.codes import Request
 from ..protocol.descriptors import (
@@ -36,7 +36,8 @@ class Stall(Exception):
     """The device answers a control request with STALL: it does not know it, or not now."""
 
 
-class Setup(NamedTuple):
+@dataclass(frozen=True)
+class Setup:
     """The eight bytes that begin a control transfer."""
 
     request_type: int
@@ -86,17 +87,17 @@ class UsbDevice:
 
     def _handlers(self) -> dict[tuple[int, int], Callable[[Setup], bytes]]:
         return {
-            (_STANDARD_IN_DEVICE, _GET_STATUS): lambda setup: b"\x01\x00",  # self-powered
+            (_STANDARD_IN_DEVICE, _GET_STATUS): lambda _: b"\x01\x00",  # self-powered
             (_STANDARD_IN_DEVICE, _GET_DESCRIPTOR): self._descriptor,
-            (_STANDARD_IN_DEVICE, _GET_CONFIGURATION): lambda setup: bytes([self.configuration]),
+            (_STANDARD_IN_DEVICE, _GET_CONFIGURATION): lambda _: bytes([self.configuration]),
             (_STANDARD_OUT_DEVICE, _SET_CONFIGURATION): self._set_configuration,
-            (_STANDARD_IN_INTERFACE, _GET_INTERFACE): lambda setup: b"\x00",
+            (_STANDARD_IN_INTERFACE, _GET_INTERFACE): lambda _: b"\x00",
             (_STANDARD_OUT_INTERFACE, _SET_INTERFACE): self._set_interface,
-            (_VENDOR_IN, Request.INFO): lambda setup: self._controller.info().encode(),
+            (_VENDOR_IN, Request.INFO): lambda _: self._controller.info().encode(),
             (_VENDOR_IN, Request.STATUS): self._status,
-            (_VENDOR_IN, Request.WIRING): lambda setup: encode_wiring(self._controller.wiring),
-            (_VENDOR_OUT, Request.ENABLE): lambda setup: self._order(self._controller.enable),
-            (_VENDOR_OUT, Request.DISABLE): lambda setup: self._order(self._controller.disable),
+            (_VENDOR_IN, Request.WIRING): lambda _: encode_wiring(self._controller.wiring),
+            (_VENDOR_OUT, Request.ENABLE): lambda _: self._order(self._controller.enable),
+            (_VENDOR_OUT, Request.DISABLE): lambda _: self._order(self._controller.disable),
         }
 
     def _descriptor(self, setup: Setup) -> bytes:
@@ -121,7 +122,7 @@ class UsbDevice:
             raise Stall(f"there is no interface {setup.index} with setting {setup.value}")
         return b""
 
-    def _status(self, setup: Setup) -> bytes:
+    def _status(self, _: Setup) -> bytes:
         self._controller.feed_watchdog()
         return self._controller.status().encode()
 

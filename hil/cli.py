@@ -21,7 +21,7 @@ from .picture import save_end_to_end_picture
 
 __all__ = ["commands"]
 
-commands = typer.Typer()
+commands = typer.Typer(rich_markup_mode=None)
 
 SPACING = 0.015
 
@@ -64,14 +64,20 @@ def demo(
         with Emulator() as emulator:
             run = run_end_to_end(solution, emulator)
         told("quantise", "a phase in half ticks and a width in ticks for each transducer, 12 bits")
-        told("send", f"one block of {BLOCK_BYTES} bytes by pyusb, accepted for carrier period {run.ack.commit_period}")
+        told(
+            "send",
+            f"one block of {BLOCK_BYTES} bytes by pyusb, accepted for carrier period {run.ack.commit_period}",
+        )
         told("boards", "sorted by the wiring table, ten slices down the chain, latched:")
         _tell_events(progress, emulator)
         told("capture", f"{run.capture.end_tick} ticks of 0.5 µs on 320 outputs, read bit by bit")
         status.update("propagating to the palm")
         field = sample_plane(array, run.rebuilt, sphere.palm, medium=solution.medium)
         strongest = float(np.abs(field.pressure).max())
-        told("field", f"{field.pressure.size} samples on the palm, at most {strongest:.0f} Pa (peak, linear model)")
+        told(
+            "field",
+            f"{field.pressure.size} samples on the palm, at most {strongest:.0f} Pa (peak, linear model)",
+        )
         status.update("drawing")
         verdict = "PASS: what was intended is what came back" if run.passed else "FAIL: something else came back"
         save_end_to_end_picture(picture, run, field, f"phasewire demo: a sphere of 10 cm on a palm at 20 cm. {verdict}")

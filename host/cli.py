@@ -21,7 +21,7 @@ from .transport import DEFAULT_URL, URL_VARIABLE
 
 __all__ = ["commands"]
 
-commands = typer.Typer()
+commands = typer.Typer(rich_markup_mode=None)
 
 SIGN_OF_LIFE_S = 0.03
 
@@ -52,7 +52,8 @@ def load_pulses(path: Path) -> Pulses:
 @commands.command()
 def show(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A solved file, or an .npz file with the arrays phase and width.")
+        Path,
+        typer.Argument(metavar="FILE", help="A solved file, or an .npz file with the arrays phase and width."),
     ],
     device: DeviceOption = DEFAULT_URL,
     seconds: Annotated[float, typer.Option(min=0, help="How long to play.")] = 1.0,
@@ -61,8 +62,8 @@ def show(
 ) -> None:
     """Play a solved file on a device, and leave its outputs off.
 
-    While it plays, the device hears a sign of life every 30 ms; should this program die, the device's watchdog turns the
-    outputs off.
+    While it plays, the device hears a sign of life every 30 ms; should this program die, the device's watchdog
+    turns the outputs off.
     """
     pulses = load_pulses(file)
     with open_device(device) as opened:
@@ -100,7 +101,10 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
         ("protocol", f"version {what.protocol_version}"),
         ("firmware", f"{major}.{minor}.{patch}"),
         ("array", f"{what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart"),
-        ("chain", f"{what.boards} boards of {what.processors_per_board} processors, {what.link_wires}-wire links"),
+        (
+            "chain",
+            f"{what.boards} boards of {what.processors_per_board} processors, {what.link_wires}-wire links",
+        ),
         ("output", f"{what.ticks_per_period} ticks per period of {what.carrier_hz / 1e3:g} kHz"),
         ("rate", f"{what.max_updates_per_second} updates/s at most, {what.queue_blocks} queued"),
         ("watchdog", f"{what.watchdog * 1e3:g} ms"),

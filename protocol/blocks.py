@@ -78,7 +78,7 @@ def unpack_pulses(data: bytes) -> Pulses:
     return Pulses(phase, width)
 
 
-def _refuse_above(values: NDArray[np.uint16], limit: int, name: str, reason: Reason) -> None:
+def _refuse_above(values: NDArray[np.integer], limit: int, name: str, reason: Reason) -> None:
     above = np.flatnonzero(values > limit)
     if above.size:
         raise BlockError(f"transducer {above[0]}: {name} {values[above[0]]} is above {limit}", reason)
@@ -108,7 +108,7 @@ def unpack(block: bytes) -> Update:
         raise BlockError(f"magic {magic.hex()} should be {BLOCK_MAGIC.hex()}", Reason.MAGIC)
     if version != PROTOCOL_VERSION:
         raise BlockError(f"protocol version {version}; this is version {PROTOCOL_VERSION}", Reason.VERSION)
-    computed = zlib.crc32(block[HEADER_BYTES :], zlib.crc32(block[:CHECKSUM_OFFSET]))
+    computed = zlib.crc32(block[HEADER_BYTES:], zlib.crc32(block[:CHECKSUM_OFFSET]))
     if checksum != computed:
         raise BlockError(f"CRC-32 {checksum:08x} should be {computed:08x}", Reason.CHECKSUM)
     if kind not in set(Kind):
@@ -117,5 +117,5 @@ def unpack(block: bytes) -> Update:
         raise BlockError(f"reserved bytes {reserved.hex()} should be zero", Reason.RESERVED)
     if kind == Kind.UPDATE_NOW and period != 0:
         raise BlockError(f"an update for now names period {period}; it should be zero", Reason.RESERVED)
-    pulses = unpack_pulses(block[HEADER_BYTES :])
+    pulses = unpack_pulses(block[HEADER_BYTES:])
     return Update(pulses, sequence, period if kind == Kind.UPDATE_AT else None)

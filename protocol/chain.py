@@ -14,7 +14,18 @@ from typing import NamedTuple
 
 from .board import CHANNELS_PER_PROCESSOR, CYCLES_PER_PERIOD, PROCESSORS
 
-__all__ = ["FIVE_WIRE", "SLICE_BYTES", "TWO_WIRE", "ChannelEnd", "Commit", "Link", "Message", "periods_per_update", "slices_cycles", "update_cycles"]
+__all__ = [
+    "FIVE_WIRE",
+    "SLICE_BYTES",
+    "TWO_WIRE",
+    "ChannelEnd",
+    "Commit",
+    "Link",
+    "Message",
+    "periods_per_update",
+    "slices_cycles",
+    "update_cycles",
+]
 
 SLICE_BYTES = CHANNELS_PER_PROCESSOR * 12 // 8
 COMMIT = struct.Struct("<QI")

@@ -59,7 +59,8 @@ BLOCK = Struct(
     "header" / RawCopy(_HEADER),
     Padding(4),
     "pulses" / RawCopy(Array(CHANNELS // 2, _PULSE_PAIR)),
-    "checksum" / Pointer(CHECKSUM_OFFSET, Checksum(Int32ul, zlib.crc32, lambda block: block.header.data + block.pulses.data)),
+    "checksum"
+    / Pointer(CHECKSUM_OFFSET, Checksum(Int32ul, zlib.crc32, lambda block: block.header.data + block.pulses.data)),
     Terminated,
 )
 """An update block, 512 bytes."""

@@ -60,10 +60,9 @@ class Pulses:
     phase: NDArray[np.uint8]
     width: NDArray[np.uint8]
 
-    def __post_init__(self) -> None:
-        """Check and freeze the arrays."""
-        object.__setattr__(self, "phase", _checked("phase", self.phase, HALF_TICKS_PER_PERIOD - 1, "half ticks"))
-        object.__setattr__(self, "width", _checked("width", self.width, MAX_WIDTH_TICKS, "ticks"))
+    def __init__(self, phase: ArrayLike, width: ArrayLike) -> None:
+        object.__setattr__(self, "phase", _checked("phase", phase, HALF_TICKS_PER_PERIOD - 1, "half ticks"))
+        object.__setattr__(self, "width", _checked("width", width, MAX_WIDTH_TICKS, "ticks"))
         if self.phase.shape != self.width.shape:
             raise ValueError(f"{self.phase.size} phases but {self.width.size} widths: one of each is needed")
 
@@ -101,7 +100,9 @@ class Pulses:
             raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
         magnitude = np.abs(drive)
         if (bad := np.flatnonzero(magnitude > 1 + MAGNITUDE_TOLERANCE)).size:
-            raise ValueError(f"drive of transducer {bad[0]} has magnitude {magnitude[bad[0]]:.6g}; at most 1 is possible")
+            raise ValueError(
+                f"drive of transducer {bad[0]} has magnitude {magnitude[bad[0]]:.6g}; at most 1 is possible"
+            )
 
         # Exact pulses of one width lie two half ticks apart, and those of the next width between them. The
         # nearest is among the two widths on either side, each with its nearest phase.

@@ -64,7 +64,12 @@ class Ack:
         """Decode 32 bytes; raise `BlockError` where they break the layout."""
         body = _parse(ACK, data, "an acknowledgement", cls.BYTES).body.value
         return cls(
-            Reason(body.reason), body.sequence, body.commit_period, body.now_period, bool(body.late), body.free
+            Reason(body.reason),
+            body.sequence,
+            body.commit_period,
+            body.now_period,
+            bool(body.late),
+            body.free,
         )
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .board import (
     BOARDS,
@@ -50,13 +50,12 @@ class Wiring:
 
     channels: NDArray[np.int64]
 
-    def __post_init__(self) -> None:
-        """Check and freeze the table."""
-        channels: NDArray[np.int64] = np.array(self.channels, dtype=np.int64)
-        if channels.shape != (CHANNELS,) or not np.array_equal(np.sort(channels), np.arange(CHANNELS)):
+    def __init__(self, channels: ArrayLike) -> None:
+        table: NDArray[np.int64] = np.array(channels, dtype=np.int64)
+        if table.shape != (CHANNELS,) or not np.array_equal(np.sort(table), np.arange(CHANNELS)):
             raise ValueError(f"a wiring table names each of the channels 0 to {CHANNELS - 1} exactly once")
-        channels.setflags(write=False)
-        object.__setattr__(self, "channels", channels)
+        table.setflags(write=False)
+        object.__setattr__(self, "channels", table)
 
     @classmethod
     def strips(cls) -> Wiring:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .geometry import as_points, frozen
 
@@ -51,8 +51,8 @@ class TransducerArray:
         Centres of the pistons, in metres.
     normals : (n, 3) float
         Unit vectors in which they look.
-    transducer : Transducer
-        What each of them is.
+    transducer : Transducer, optional
+        What each of them is; the MA40S4S by default.
 
     Raises
     ------
@@ -62,13 +62,12 @@ class TransducerArray:
 
     positions: NDArray[np.float64]
     normals: NDArray[np.float64]
-    transducer: Transducer = field(default_factory=Transducer)
+    transducer: Transducer
 
-    def __post_init__(self) -> None:
-        """Check and freeze the arrays."""
-        for name in ("positions", "normals"):
-            values = as_points(getattr(self, name), f"transducer {name[:-1]}")
-            object.__setattr__(self, name, frozen(values))
+    def __init__(self, positions: ArrayLike, normals: ArrayLike, transducer: Transducer | None = None) -> None:
+        object.__setattr__(self, "positions", frozen(as_points(positions, "transducer position")))
+        object.__setattr__(self, "normals", frozen(as_points(normals, "transducer normal")))
+        object.__setattr__(self, "transducer", transducer or Transducer())
         if self.positions.shape != self.normals.shape:
             raise ValueError(f"{len(self.positions)} positions but {len(self.normals)} normals: one of each is needed")
         lengths = np.linalg.norm(self.normals, axis=1)
@@ -102,4 +101,4 @@ class TransducerArray:
         y = (np.arange(rows) - (rows - 1) / 2) * pitch
         grid_x, grid_y = np.meshgrid(x, y)
         positions = np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(columns * rows)], axis=1)
-        return cls(positions, np.tile([0.0, 0.0, 1.0], (columns * rows, 1)), transducer or Transducer())
+        return cls(positions, np.tile([0.0, 0.0, 1.0], (columns * rows, 1)), transducer)

@@ -22,7 +22,7 @@ from .solve import METHODS, solve
 
 __all__ = ["commands"]
 
-commands = typer.Typer()
+commands = typer.Typer(rich_markup_mode=None)
 
 POINT_FILES = (".csv", ".json")
 
@@ -33,7 +33,8 @@ def read_source(source: str, spacing: float) -> ControlPoints:
         return read_points(Path(source))
     if source.partition(":")[0] not in SHAPES:
         raise ValueError(
-            f"{source!r} is neither a shape ({', '.join(sorted(SHAPES))}) nor a file of points ({', '.join(POINT_FILES)})"
+            f"{source!r} is neither a shape ({', '.join(sorted(SHAPES))}) "
+            f"nor a file of points ({', '.join(POINT_FILES)})"
         )
     return parse_shape(source).sample(spacing)
 
@@ -56,7 +57,9 @@ amplitudes are relative, 0 makes a null.""",
 def solve_command(
     source: Annotated[str, typer.Argument(metavar="SOURCE", help="A shape, or a .csv or .json file of points.")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The .npz file to write.")],
-    spacing: Annotated[float, typer.Option(help="Distance between a shape's control points along its arc, in m.")] = 0.015,
+    spacing: Annotated[
+        float, typer.Option(help="Distance between a shape's control points along its arc, in m.")
+    ] = 0.015,
     method: Annotated[str, typer.Option(help=f"Solver: {', '.join(sorted(METHODS))}.")] = "tikhonov",
     columns: Annotated[int, typer.Option(help="Transducers along x.")] = 20,
     rows: Annotated[int, typer.Option(help="Transducers along y.")] = 16,
@@ -97,10 +100,12 @@ def solve_command(
 def field(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A solved file.")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The .png, .svg, .pdf or .npz file to write.")
+        Path,
+        typer.Option("--output", "-o", metavar="FILE", help="The .png, .svg, .pdf or .npz file to write."),
     ],
     height: Annotated[
-        float | None, typer.Option(help="Of the plane above the array, in m; the mean of the points by default.")
+        float | None,
+        typer.Option(help="Of the plane above the array, in m; the mean of the points by default."),
     ] = None,
     extent: Annotated[float, typer.Option(help="Side of the square plane, in m.")] = 0.2,
     step: Annotated[float, typer.Option(help="Distance between samples, in m.")] = 1e-3,
@@ -129,4 +134,7 @@ def field(
         soft_wrap=True,
         markup=False,
     )
-    write_json(json_target, {"file": str(output), "height_m": level, "samples": plane.pressure.size, "strongest": strongest})
+    write_json(
+        json_target,
+        {"file": str(output), "height_m": level, "samples": plane.pressure.size, "strongest": strongest},
+    )

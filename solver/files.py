@@ -30,8 +30,9 @@ SOLUTION_FORMAT = "phasewire-solution-1"
 def read_points(path: Path) -> ControlPoints:
     """Read control points from a CSV or JSON file, by the suffix of its name.
 
-    CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line of names is skipped, and so are empty
-    lines and those that begin with ``#``. JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``, amplitudes optional.
+    CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line of names is skipped, and so are
+    empty lines and those that begin with ``#``. JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``, where the
+    amplitudes are optional.
 
     Raises
     ------
@@ -111,7 +112,15 @@ def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
         try:
             with np.load(file, allow_pickle=False) as archive:
                 return {name: archive[name] for name in archive.files}
-        except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, KeyError, AttributeError, OSError) as error:
+        except (
+            zipfile.BadZipFile,
+            zlib.error,
+            ValueError,
+            EOFError,
+            KeyError,
+            AttributeError,
+            OSError,
+        ) as error:
             raise InputFileError(f"{path} is truncated, corrupted or not an NPZ file ({error})") from error
 
 

@@ -37,7 +37,7 @@ class Medium:
 
     @property
     def speed_of_sound(self) -> float:
-        """c = 331.3·√(1 + T/273.15), in m/s."""
+        """C = 331.3·√(1 + T/273.15), in m/s."""
         return 331.3 * math.sqrt(1 + self.temperature / 273.15)
 
     @property
@@ -47,5 +47,5 @@ class Medium:
 
     @property
     def wavenumber(self) -> float:
-        """k = 2π/λ, in rad/m."""
+        """K = 2π/λ, in rad/m."""
         return 2 * math.pi / self.wavelength

@@ -34,12 +34,25 @@ def draw_field(axes: Axes, field: PlaneField, points: ControlPoints | None = Non
     half = (field.x[1] - field.x[0]) / 2
     low, high = (field.x[0] - half) * MM, (field.x[-1] + half) * MM
     image = axes.imshow(
-        np.abs(field.pressure), origin="lower", extent=(low, high, low, high), cmap="inferno", interpolation="bilinear"
+        np.abs(field.pressure),
+        origin="lower",
+        extent=(low, high, low, high),
+        cmap="inferno",
+        interpolation="bilinear",
     )
     axes.figure.colorbar(image, ax=axes, label="|p| / Pa (peak)", fraction=0.046, pad=0.03)
     if points is not None:
         near = points.positions[np.abs(points.positions[:, 2] - field.height) < 1e-3]
-        axes.plot(near[:, 0] * MM, near[:, 1] * MM, "o", mfc="none", mec="#7fdfff", ms=9, mew=1.0, label="control points")
+        axes.plot(
+            near[:, 0] * MM,
+            near[:, 1] * MM,
+            "o",
+            mfc="none",
+            mec="#7fdfff",
+            ms=9,
+            mew=1.0,
+            label="control points",
+        )
         axes.legend(loc="upper right", fontsize="small", framealpha=0.7)
         axes.set(xlim=(low, high), ylim=(low, high))
     axes.set(title=f"Pressure {field.height * 100:.3g} cm above the array", xlabel="x / mm", ylabel="y / mm")
@@ -49,7 +62,13 @@ def draw_array(axes: Axes, array: TransducerArray, drive: NDArray[np.complex128]
     """Draw the transducers, coloured by phase; the area of a dot shows its magnitude."""
     x, y = array.positions[:, 0] * MM, array.positions[:, 1] * MM
     dots = axes.scatter(
-        x, y, s=4 + 66 * np.abs(drive), c=np.degrees(np.angle(drive)), cmap="twilight_shifted", vmin=-180, vmax=180
+        x,
+        y,
+        s=4 + 66 * np.abs(drive),
+        c=np.degrees(np.angle(drive)),
+        cmap="twilight_shifted",
+        vmin=-180,
+        vmax=180,
     )
     axes.figure.colorbar(dots, ax=axes, label="phase / degrees", ticks=range(-180, 181, 90), fraction=0.046, pad=0.03)
     axes.set(title="Drive of the array", xlabel="x / mm", ylabel="y / mm", aspect="equal")

@@ -61,7 +61,10 @@ def check_reachable(array: TransducerArray, points: ControlPoints) -> None:
     nearest = np.linalg.norm(offset, axis=2).min(axis=1)
     for problem, advice in (
         (~in_front, "is on the array or behind it; z must be positive in front of a flat array"),
-        (nearest < array.transducer.radius, f"is closer to a transducer than its radius, {array.transducer.radius} m"),
+        (
+            nearest < array.transducer.radius,
+            f"is closer to a transducer than its radius, {array.transducer.radius} m",
+        ),
         (nearest > REACH, f"is out of reach, more than {REACH:g} m away; coordinates are in metres"),
     ):
         if problem.any():

@@ -66,8 +66,8 @@ def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None
     if distance.size and distance.min() < radius:
         point, transducer = np.unravel_index(np.argmin(distance), distance.shape)
         raise ValueError(
-            f"point {point} at {points[point].tolist()} m is {distance.min() * 1e3:.2f} mm from transducer {transducer}; "
-            f"the far-field model needs at least its radius, {radius * 1e3:.2f} mm"
+            f"point {point} at {points[point].tolist()} m is {distance.min() * 1e3:.2f} mm from transducer "
+            f"{transducer}; the far-field model needs at least its radius, {radius * 1e3:.2f} mm"
         )
     cosine = np.einsum("mnk,nk->mn", offset, array.normals) / distance
     sine = np.sqrt(np.maximum(0.0, 1 - cosine**2))

@@ -1,7 +1,7 @@
 """Solvers: from control points to drives.
 
-Each solver is a function ``(A, amplitudes, **options) -> drive`` in `METHODS`, where A is the transfer matrix. These are
-the readable complex128 versions.
+Each solver is a function ``(A, amplitudes, **options) -> drive`` in `METHODS`, where A is the transfer matrix. These
+are the readable complex128 versions.
 """
 
 from __future__ import annotations
@@ -99,15 +99,15 @@ def control_point_phases(
 
     Notes
     -----
-    R = A·Aᴴ·diag(amplitude/‖a‖²) as in (9): column j is the field, at all points, of the drive that serves point j alone.
-    The iteration u ← phase(R·u) keeps every point at full magnitude, where the eigenvector itself would settle on a part
-    of the shape. It begins at incommensurate phases, because equal ones stay symmetric on symmetric shapes.
+    R = A·Aᴴ·diag(amplitude/‖a‖²) as in (9): column j is the field, at all points, of the drive that serves point j
+    alone. The iteration u ← phase(R·u) keeps every point at full magnitude, where the eigenvector itself would settle
+    on a part of the shape. It begins at incommensurate phases, because equal ones stay symmetric on symmetric shapes.
     """
     response = transfer @ transfer.conj().T * (amplitudes / np.einsum("mn,mn->m", transfer, transfer.conj()).real)
     u = np.exp(2j * np.pi * 0.6180339887 * np.arange(len(amplitudes)) ** 2)
     for _ in range(steps):
         u = np.exp(1j * np.angle(response @ u))
-    return u
+    return np.asarray(u)
 
 
 def tikhonov(
@@ -141,8 +141,8 @@ def tikhonov(
     Notes
     -----
     Minimises ‖A·x − b‖² + μ·Σ σ_q^{2γ}|x_q|² with σ_q = √(Σ_i |A_iq|·b_i / m), as x = W·Aᴴ·(A·W·Aᴴ + μI)⁻¹·b with
-    W = diag(σ^{−2γ}): an m × m Cholesky factorisation. The paper's μ = 1 depends on the unit of pressure, so it is scaled
-    here by tr(A·W·Aᴴ)/m. A transducer that reaches no point is left silent.
+    W = diag(σ^{−2γ}): an m × m Cholesky factorisation. The paper's μ = 1 depends on the unit of pressure, so it is
+    scaled here by tr(A·W·Aᴴ)/m. A transducer that reaches no point is left silent.
     """
     if not 0 <= gamma <= 1:
         raise ValueError(f"gamma {gamma} must lie between 0 and 1")
