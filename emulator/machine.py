@@ -127,6 +127,10 @@ class Emulator:
         boundary = -(-self.scheduler.now // CYCLES_PER_PERIOD) * CYCLES_PER_PERIOD
         self.scheduler.run_until(boundary + periods * CYCLES_PER_PERIOD)
 
+    def run_until(self, period: int) -> None:
+        """Let time pass until a carrier period begins; none passes if it already has."""
+        self.scheduler.run_until(period * CYCLES_PER_PERIOD)
+
     def capture(self) -> Capture:
         """Everything that the outputs did since power-up."""
         return Capture(

@@ -198,6 +198,6 @@ def run_end_to_end(solution: Solution, emulator: Emulator) -> EndToEnd:
     pulses = Pulses.from_drive(solution.drive)
     with open_device(emulator.url) as device:
         ack = device.show(pulses)
-        emulator.run(ack.commit_period + PERIODS_WATCHED - device.status().period)
+        emulator.run_until(ack.commit_period + PERIODS_WATCHED)
         capture = emulator.capture()
     return EndToEnd(solution, pulses, ack, capture)

@@ -8,9 +8,8 @@ from typing import Self
 from ..errors import BlockError, DeviceError, DeviceRefusedError
 from ..protocol.blocks import Update, pack
 from ..protocol.codes import PROTOCOL_VERSION, Reason, Request
-from ..protocol.layout import WIRING
 from ..protocol.pulses import Pulses
-from ..protocol.replies import Ack, Info, Status, decode_wiring
+from ..protocol.replies import WIRING_BYTES, Ack, Info, Status, decode_wiring
 from ..protocol.wiring import Wiring
 from .transport import Transport, default_url, open_transport
 
@@ -149,4 +148,4 @@ class Device:
 
     def wiring(self) -> Wiring:
         """The table by which the device sorts transducers to its outputs."""
-        return decode_wiring(self._transport.ask(Request.WIRING, WIRING.sizeof()))
+        return decode_wiring(self._transport.ask(Request.WIRING, WIRING_BYTES))

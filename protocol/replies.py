@@ -9,11 +9,14 @@ import numpy as np
 from construct import Construct, ConstructError
 
 from ..errors import BlockError
+from .board import CHANNELS
 from .codes import ACK_MAGIC, PROTOCOL_VERSION, Reason
 from .layout import ACK, INFO, STATUS, WIRING
 from .wiring import Wiring
 
-__all__ = ["Ack", "Info", "Status", "decode_wiring", "encode_wiring"]
+__all__ = ["WIRING_BYTES", "Ack", "Info", "Status", "decode_wiring", "encode_wiring"]
+
+WIRING_BYTES = 2 * CHANNELS
 
 
 def _parse(layout: Construct, data: bytes, what: str, size: int) -> Any:
@@ -176,4 +179,4 @@ def encode_wiring(wiring: Wiring) -> bytes:
 
 def decode_wiring(data: bytes) -> Wiring:
     """Decode the answer to the WIRING request; raise `ValueError` where it is no one-to-one table."""
-    return Wiring(np.array(_parse(WIRING, data, "a wiring table", WIRING.sizeof()).channels))
+    return Wiring(np.array(_parse(WIRING, data, "a wiring table", WIRING_BYTES).channels))

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import csv
 import json
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +46,7 @@ def read_points(path: Path) -> ControlPoints:
         text = path.read_text(encoding="utf-8-sig")
         positions, amplitudes = readers[path.suffix.lower()](text)
         return ControlPoints(positions, amplitudes)
-    except (ValueError, TypeError, RecursionError) as error:
+    except (ValueError, TypeError, OverflowError, RecursionError, csv.Error) as error:
         raise InputFileError(f"{path}: {error}") from error
 
 
@@ -112,15 +110,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
         try:
             with np.load(file, allow_pickle=False) as archive:
                 return {name: archive[name] for name in archive.files}
-        except (
-            zipfile.BadZipFile,
-            zlib.error,
-            ValueError,
-            EOFError,
-            KeyError,
-            AttributeError,
-            OSError,
-        ) as error:
+        except Exception as error:  # on foreign bytes numpy and zipfile raise nearly anything
             raise InputFileError(f"{path} is truncated, corrupted or not an NPZ file ({error})") from error
 
 

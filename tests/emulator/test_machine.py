@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from phasewire import Emulator, Pulses, open_device
+from phasewire.emulator.machine import plugged
+
+
+def test_it_is_plugged_in_for_as_long_as_it_is_used() -> None:
+    with Emulator(serial="A") as first, Emulator(serial="B") as second:
+        assert plugged() == [first, second]
+        assert first.url == "emulator:A"
+        with pytest.raises(ValueError, match="'A' is already plugged in"):
+            Emulator(serial="A").__enter__()
+    assert plugged() == []
+
+
+def test_serial_numbers_differ() -> None:
+    assert Emulator().serial != Emulator().serial
+
+
+def test_time_stands_still_between_calls(emulator: Emulator) -> None:
+    emulator.run(3)
+    assert (emulator.capture().end_tick, emulator.capture().end_tick) == (150, 150)
+
+
+@pytest.mark.parametrize("offsets", [{5: 1}, {-1: 1}, {0: -1}])
+def test_impossible_clock_offsets_are_named(offsets: dict[int, int]) -> None:
+    with pytest.raises(ValueError, match="boards are 0 to 4, offsets not negative"):
+        Emulator(clock_offset_ticks=offsets)
+
+
+def test_time_does_not_run_backwards(emulator: Emulator) -> None:
+    with pytest.raises(ValueError, match="-1 periods"):
+        emulator.run(-1)
+
+
+def test_a_late_board_plays_the_same_wave_later() -> None:
+    with Emulator(clock_offset_ticks={3: 2}) as emulator, open_device(emulator.url) as device:
+        ack = device.show(Pulses(np.full(320, 25), np.full(320, 25)))
+        emulator.run_until(ack.commit_period + 3)
+        capture = emulator.capture()
+    boundary = ack.commit_period * 50
+    bits = capture.bits(boundary, boundary + 100)
+    late = np.zeros(10, bool)
+    late[6:8] = True
+    on_time = bits[:, ~late]
+    assert (on_time[:25] == 0xFFFFFFFF).all()
+    np.testing.assert_array_equal(bits[2:, late], on_time[:-2, :2])
+    assert not bits[:2, late].any()
+
+
+def test_the_log_is_bounded(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        for _ in range(1000):
+            device.show(Pulses.silent(320))
+    assert len(emulator.events) == 10_000

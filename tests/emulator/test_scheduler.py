@@ -1,0 +1,29 @@
+from __future__ import annotations
+
+import pytest
+from phasewire.emulator.scheduler import Scheduler
+
+
+def test_actions_run_in_order_of_time_then_of_scheduling() -> None:
+    scheduler, seen = Scheduler(), []
+    for time, name in ((5, "b"), (3, "a"), (5, "c")):
+        scheduler.at(time, lambda name=name: seen.append((scheduler.now, name)))  # type: ignore[misc]
+    scheduler.run_until(4)
+    assert (seen, scheduler.now) == ([(3, "a")], 4)
+    scheduler.run_until(5)
+    assert seen == [(3, "a"), (5, "b"), (5, "c")]
+
+
+def test_an_action_may_schedule_another_within_the_same_run() -> None:
+    scheduler, seen = Scheduler(), []
+    scheduler.at(1, lambda: scheduler.at(2, lambda: seen.append(scheduler.now)))
+    scheduler.run_until(10)
+    assert seen == [2]
+    assert scheduler.next_time() is None
+
+
+def test_the_past_is_closed() -> None:
+    scheduler = Scheduler()
+    scheduler.run_until(10)
+    with pytest.raises(ValueError, match="cycle 9 is in the past; it is cycle 10"):
+        scheduler.at(9, lambda: None)

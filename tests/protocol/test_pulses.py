@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from phasewire.protocol import Pulses, quantisation_bound
+
+from tests.strategies import drives, pulses
+
+
+def fundamental(start: float, stop: float) -> complex:
+    """(2/T)·∫ e^{iωt} dt from start to stop, in ticks: the phasor of a pulse under the time factor e^{-iωt}."""
+    omega = 2 * np.pi / 50
+    return complex(2 / 50 * (np.exp(1j * omega * stop) - np.exp(1j * omega * start)) / (1j * omega))
+
+
+def every_exact_phasor() -> np.ndarray:
+    """What pulses of w whole ticks that begin on a whole tick emit, in units of the widest one's magnitude 2/π."""
+    return np.array([fundamental(s, s + w) / (2 / np.pi) for w in range(26) for s in range(50)])
+
+
+@given(drives(8))
+def test_from_drive_picks_the_nearest_of_all_pulses(drive: np.ndarray) -> None:
+    best = np.abs(every_exact_phasor()[:, None] - drive).min(axis=0)
+    chosen = np.abs(Pulses.from_drive(drive).to_drive() - drive)
+    np.testing.assert_allclose(chosen, best, atol=1e-12)
+
+
+@given(drives(8))
+def test_from_drive_stays_within_the_closed_bound(drive: np.ndarray) -> None:
+    error = np.abs(Pulses.from_drive(drive).to_drive() - drive)
+    assert (error <= quantisation_bound(np.abs(drive))).all()
+
+
+def test_the_closed_bound_is_tight() -> None:
+    """It is of use only if some drive nearly reaches it."""
+    drive = np.linspace(0, 1, 200)[:, None] * np.exp(1j * np.linspace(0, 0.26, 100))
+    distance = np.abs(every_exact_phasor()[:, None] - drive.ravel()).min(axis=0)
+    ratio = distance / quantisation_bound(np.abs(drive.ravel()))
+    assert 0.95 < ratio.max() <= 1
+
+
+@given(drives(8))
+def test_from_drive_makes_exact_pulses_only(drive: np.ndarray) -> None:
+    made = Pulses.from_drive(drive)
+    sounding = made.width > 0
+    assert ((made.phase % 2) == (made.width % 2))[sounding].all()
+
+
+@given(pulses(16))
+def test_to_drive_is_the_fundamental_of_what_is_played(made: Pulses) -> None:
+    expected = [
+        fundamental(s, s + int(w)) / (2 / np.pi) for s, w in zip(made.start.tolist(), made.width.tolist(), strict=True)
+    ]
+    np.testing.assert_allclose(made.to_drive(), expected, atol=1e-12)
+
+
+@given(pulses(16))
+def test_exact_pulses_survive_the_way_back(made: Pulses) -> None:
+    exact = (made.phase % 2 == made.width % 2) & (made.width > 0)
+    again = Pulses.from_drive(made.to_drive())
+    np.testing.assert_array_equal(again.phase[exact], made.phase[exact])
+    np.testing.assert_array_equal(again.width[exact], made.width[exact])
+
+
+@pytest.mark.parametrize(
+    ("phase", "width", "start"),
+    [
+        (25, 25, 0),  # centred at 12.5 ticks, so from 0 to 25
+        (0, 2, 49),  # wraps round the end of the period
+        (1, 2, 49),  # not exact: would begin at 49.5, begins half a tick early
+        (0, 25, 37),
+    ],
+)
+def test_start_follows_the_rounding_rule(phase: int, width: int, start: int) -> None:
+    assert Pulses([phase], [width]).start.tolist() == [start]
+
+
+def test_a_later_centre_is_a_larger_phase() -> None:
+    quarter = Pulses([25], [25]).to_drive()[0]  # a quarter of a period after the boundary
+    assert quarter == pytest.approx(1j)
+
+
+@pytest.mark.parametrize(
+    ("drive", "message"),
+    [
+        ([0.5, np.nan], "drive of transducer 1 is .*nan.*; it must be finite"),
+        ([0.5, 1j * np.inf], "drive of transducer 1 .* finite"),
+        ([0.0, 0.0, 1.5j], "drive of transducer 2 has magnitude 1.5; at most 1"),
+        ([[1.0]], r"shape \(n,\), not \(1, 1\)"),
+    ],
+)
+def test_bad_drives_are_named(drive: list[complex], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Pulses.from_drive(drive)
+
+
+def test_rounding_of_single_precision_is_forgiven() -> None:
+    assert Pulses.from_drive([1j + 1e-7j]) == Pulses([25], [25])
+
+
+@pytest.mark.parametrize(
+    ("phase", "width", "message"),
+    [
+        ([100], [0], "phase 100 of transducer 0 is outside 0 to 99 half ticks"),
+        ([0, 0], [0, 26], "width 26 of transducer 1 is outside 0 to 25 ticks"),
+        ([0], [-1], "width -1 of transducer 0"),
+        ([0, 1], [1], "2 phases but 1 widths"),
+        ([0.5], [1], "phase must be whole numbers of half ticks"),
+    ],
+)
+def test_bad_pulses_are_named(phase: list[int], width: list[int], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Pulses(phase, width)
+
+
+def test_pulses_cannot_be_changed() -> None:
+    made = Pulses.silent(3)
+    with pytest.raises(ValueError, match="read-only"):
+        made.phase[0] = 1
+
+
+def test_equality_compares_values() -> None:
+    assert Pulses.silent(3) == Pulses([0, 0, 0], [0, 0, 0])
+    assert Pulses.silent(3) != Pulses([0, 0, 1], [0, 0, 0])
+    assert Pulses.silent(3) != "silence"

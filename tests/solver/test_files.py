@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from phasewire import ControlPoints, Medium, Solution, Transducer, TransducerArray, solve
+from phasewire.errors import InputFileError
+from phasewire.solver.field import sample_plane
+from phasewire.solver.files import load_solution, read_points, save_field, save_solution
+
+ONE_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def test_a_solution_survives_the_file(tmp_path: Path) -> None:
+    array = TransducerArray.grid(3, 2, 0.02, Transducer(radius=5e-3, strength=2.0))
+    solution = solve(array, ControlPoints([[0, 0, 0.1], [0.01, 0, 0.1]], [1, 0.5]), medium=Medium(25))
+    save_solution(tmp_path / "s.npz", solution)
+    again = load_solution(tmp_path / "s.npz")
+    np.testing.assert_array_equal(again.drive, solution.drive)
+    np.testing.assert_array_equal(again.array.positions, array.positions)
+    np.testing.assert_array_equal(again.array.normals, array.normals)
+    np.testing.assert_array_equal(again.points.positions, solution.points.positions)
+    np.testing.assert_array_equal(again.points.amplitudes, solution.points.amplitudes)
+    assert (again.array.transducer, again.medium, again.method) == (array.transducer, Medium(25), "tikhonov")
+
+
+@pytest.fixture(scope="module")
+def solved_bytes(tmp_path_factory: pytest.TempPathFactory, sphere_solution: Solution) -> bytes:
+    path = tmp_path_factory.mktemp("solved") / "s.npz"
+    save_solution(path, sphere_solution)
+    return path.read_bytes()
+
+
+@ONE_FOLDER
+@given(st.data())
+def test_a_truncated_solution_is_refused(solved_bytes: bytes, tmp_path: Path, data: st.DataObject) -> None:
+    path = tmp_path / "s.npz"
+    path.write_bytes(solved_bytes[: data.draw(st.integers(0, len(solved_bytes) - 1))])
+    with pytest.raises(InputFileError, match=r"s\.npz"):
+        load_solution(path)
+
+
+@settings(ONE_FOLDER, max_examples=200)
+@given(st.data())
+def test_a_corrupted_solution_is_refused_or_harmless(
+    solved_bytes: bytes, sphere_solution: Solution, tmp_path: Path, data: st.DataObject
+) -> None:
+    """Some bytes of the container carry nothing, dates for instance; whatever is accepted must be the same drive."""
+    corrupted = bytearray(solved_bytes)
+    corrupted[data.draw(st.integers(0, len(corrupted) - 1))] ^= data.draw(st.integers(1, 255))
+    path = tmp_path / "s.npz"
+    path.write_bytes(corrupted)
+    try:
+        solution = load_solution(path)
+    except InputFileError:
+        return
+    np.testing.assert_array_equal(solution.drive, sphere_solution.drive)
+
+
+def test_other_npz_files_are_told_apart(tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", a=np.ones(3))
+    np.save(tmp_path / "array.npy", np.ones(3))
+    with pytest.raises(InputFileError, match="not a solved file; `phasewire solve` makes one"):
+        load_solution(tmp_path / "other.npz")
+    with pytest.raises(InputFileError, match="not an NPZ file"):
+        load_solution(tmp_path / "array.npy")
+    with pytest.raises(FileNotFoundError):
+        load_solution(tmp_path / "missing.npz")
+
+
+def test_a_drive_of_the_wrong_length_is_refused(tmp_path: Path, solved_bytes: bytes) -> None:
+    path = tmp_path / "s.npz"
+    path.write_bytes(solved_bytes)
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    np.savez(path, **(arrays | {"drive": arrays["drive"][:-1]}))
+    with pytest.raises(InputFileError, match="319 drives for 320 transducers"):
+        load_solution(path)
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, sphere_solution: Solution) -> None:
+    path = tmp_path / "s.npz"
+    path.write_text("precious")
+    broken = Solution(sphere_solution.drive, sphere_solution.array, None, Medium(), "x")  # type: ignore[arg-type]
+    with pytest.raises(AttributeError):
+        save_solution(path, broken)
+    assert path.read_text() == "precious"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_fields_can_be_read_by_numpy(tmp_path: Path, sphere_solution: Solution) -> None:
+    plane = sample_plane(sphere_solution.array, sphere_solution.drive, 0.2, extent=0.02, step=0.01)
+    save_field(tmp_path / "f.npz", plane)
+    with np.load(tmp_path / "f.npz") as archive:
+        np.testing.assert_array_equal(archive["pressure"], plane.pressure)
+        assert float(archive["height"]) == 0.2
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "positions", "amplitudes"),
+    [
+        ("p.csv", "0,0,0.2\n0.01,0,0.2\n", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 1]),
+        ("p.csv", "x,y,z,amplitude\n# a note\n\n0,0,0.2,0.5\n", [[0, 0, 0.2]], [0.5]),
+        ("p.CSV", "\ufeffx,y,z\r\n0, 0, 2e-1\r\n", [[0, 0, 0.2]], [1]),
+        ("p.json", '{"positions": [[0, 0, 0.2]]}', [[0, 0, 0.2]], [1]),
+        ("p.json", '{"positions": [[0, 0, 0.2]], "amplitudes": [2]}', [[0, 0, 0.2]], [2]),
+    ],
+)
+def test_points_are_read(
+    tmp_path: Path, name: str, text: str, positions: list[list[float]], amplitudes: list[float]
+) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    points = read_points(tmp_path / name)
+    assert points.positions.tolist() == positions
+    assert points.amplitudes.tolist() == amplitudes
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("p.csv", "", "there are no control points in it"),
+        ("p.csv", "x,y,z\n0,0,zero\n", r"line 2: '0,0,zero' is not x,y,z"),
+        ("p.csv", "0,0\n", "line 1 has 2 numbers"),
+        ("p.csv", "0,0,0.2\n0,0,0.2,1\n", "line 2 has 4 numbers"),
+        ("p.csv", "0,0,0.2\n0,0,nan\n", "control point 1 is .*nan"),
+        ("p.csv", "0,0,0.2,-1\n", "amplitude -1.0 of control point 0"),
+        ("p.json", "{", "Expecting property name"),
+        ("p.json", "[[0, 0, 0.2]]", 'it must be an object with "positions"'),
+        ("p.json", '{"positions": [[0, 0, "a"]]}', "could not convert string"),
+        ("p.json", '{"positions": [[0, 0, 0.2]], "amplitude": [1]}', "unknown entry 'amplitude'"),
+        ("p.json", '{"positions": [[0, 0, 0.2], [0]]}', "inhomogeneous"),
+        ("p.txt", "0 0 0.2", r"read from \.csv or \.json files"),
+    ],
+)
+def test_bad_point_files_are_named(tmp_path: Path, name: str, text: str, message: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputFileError, match=message):
+        read_points(tmp_path / name)
+
+
+@ONE_FOLDER
+@given(st.binary(max_size=200), st.sampled_from([".csv", ".json"]))
+def test_any_bytes_are_read_or_refused(tmp_path: Path, data: bytes, suffix: str) -> None:
+    path = tmp_path / f"p{suffix}"
+    path.write_bytes(data)
+    try:
+        assert len(read_points(path)) > 0
+    except InputFileError as error:
+        assert str(path) in str(error)

@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from phasewire import ControlPoints, TransducerArray, solve
+
+
+def test_amplitudes_are_one_unless_given() -> None:
+    assert ControlPoints([[0, 0, 0.2], [0, 0, 0.3]]).amplitudes.tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("positions", "amplitudes", "message"),
+    [
+        ([[0, 0, np.nan]], None, "control point 0 is .*nan.*; its coordinates must be finite numbers"),
+        ([[0, 0, 0.2]] * 2, [1, -0.5], "amplitude -0.5 of control point 1 must be finite and not negative"),
+        ([[0, 0, 0.2]], [np.nan], "amplitude nan of control point 0"),
+        ([[0, 0, 0.2]], [1, 1], r"amplitudes have the shape \(2,\), but there are 1 control points"),
+        ([[0, 0, 0.2]], [0], "every control point has amplitude 0"),
+        ([], None, "m of at least 1"),
+        ([[0, 0]], None, r"shape \(m, 3\)"),
+    ],
+)
+def test_bad_points_are_named(positions: list[list[float]], amplitudes: list[float] | None, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ControlPoints(positions, amplitudes)
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ([0, 0, -0.2], "control point 1 at .* is on the array or behind it"),
+        ([0.05, 0, 0.0], "control point 1 at .* is on the array or behind it"),
+        ([5.15e-3, 5.15e-3, 1e-3], "control point 1 at .* is closer to a transducer than its radius"),
+        ([0, 0, 200.0], "control point 1 at .* is out of reach, more than 2 m away; coordinates are in metres"),
+        ([-30.0, 0, 0.2], "control point 1 at .* is out of reach"),
+    ],
+)
+def test_points_that_the_array_cannot_reach_are_named(array: TransducerArray, bad: list[float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        solve(array, ControlPoints([[0, 0, 0.2], bad]))
