@@ -65,7 +65,7 @@ def exit_code(error: Exception) -> int:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
     try:
-        app(args=arguments)
+        app(args=arguments, prog_name="phasewire")
     except (PhasewireError, ValueError, OSError) as error:
         error_console().print(f"phasewire: {error}", markup=False, style="red")
         sys.exit(exit_code(error))

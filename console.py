@@ -10,13 +10,25 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from .storage import replacing
+from .storage import check_folder, replacing
 
 __all__ = ["JsonOption", "console_for", "error_console", "write_json"]
 
+
+def _check_target(target: str | None) -> str | None:
+    if target not in (None, "-"):
+        check_folder(Path(target))
+    return target
+
+
 JsonOption = Annotated[
     str | None,
-    typer.Option("--json", metavar="FILE", help="Also write the result as JSON to FILE; - is standard output."),
+    typer.Option(
+        "--json",
+        metavar="FILE",
+        callback=_check_target,
+        help="Also write the result as JSON to FILE; - is standard output.",
+    ),
 ]
 
 

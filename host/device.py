@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
-from ..errors import BlockError, DeviceError, DeviceRefusedError
+from ..errors import DeviceError, DeviceRefusedError
 from ..protocol.blocks import Update, pack
 from ..protocol.codes import PROTOCOL_VERSION, Reason, Request
 from ..protocol.pulses import Pulses
@@ -14,6 +15,8 @@ from ..protocol.wiring import Wiring
 from .transport import Transport, default_url, open_transport
 
 __all__ = ["Device", "open_device"]
+
+Answer = TypeVar("Answer")
 
 
 def open_device(url: str | None = None) -> Device:
@@ -38,7 +41,7 @@ def open_device(url: str | None = None) -> Device:
     transport = open_transport(url if url is not None else default_url())
     try:
         return Device(transport)
-    except BaseException:
+    except BaseException:  # whatever it was, the line is not ours to keep
         transport.close()
         raise
 
@@ -61,7 +64,7 @@ class Device:
         self._transport = transport
         self._sequence = 0
         self._enabled = False
-        self.info = Info.decode(self._transport.ask(Request.INFO, Info.BYTES))
+        self.info = self._read(Info.decode, transport.ask(Request.INFO, Info.BYTES))
         if self.info.protocol_version != PROTOCOL_VERSION:
             raise DeviceError(
                 f"{transport.name} speaks version {self.info.protocol_version} of the protocol, this is version "
@@ -126,11 +129,7 @@ class Device:
         return ack
 
     def _read_ack(self) -> Ack:
-        answer = self._transport.read_ack()
-        try:
-            ack = Ack.decode(answer)
-        except BlockError as error:
-            raise DeviceError(f"{self.name} answers in a way that breaks the protocol: {error}") from error
+        ack = self._read(Ack.decode, self._transport.read_ack())
         if ack.reason is not Reason.ACCEPTED:
             raise DeviceRefusedError(f"{self.name} refuses block {ack.sequence}: {ack.reason.text}", ack.reason)
         if ack.sequence != self._sequence:
@@ -144,8 +143,14 @@ class Device:
 
     def status(self) -> Status:
         """What the device is doing now."""
-        return Status.decode(self._transport.ask(Request.STATUS, Status.BYTES))
+        return self._read(Status.decode, self._transport.ask(Request.STATUS, Status.BYTES))
 
     def wiring(self) -> Wiring:
         """The table by which the device sorts transducers to its outputs."""
-        return decode_wiring(self._transport.ask(Request.WIRING, WIRING_BYTES))
+        return self._read(decode_wiring, self._transport.ask(Request.WIRING, WIRING_BYTES))
+
+    def _read(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
+        try:
+            return decode(data)
+        except ValueError as error:
+            raise DeviceError(f"{self.name} answers in a way that breaks the protocol: {error}") from error

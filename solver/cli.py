@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from ..console import JsonOption, console_for, write_json
+from ..storage import check_folder
 from .array import TransducerArray
 from .field import sample_plane
 from .files import load_solution, read_points, save_field, save_solution
@@ -70,6 +71,7 @@ def solve_command(
     """Find the drives that make a shape (the help text above is built from the shapes)."""
     if output.suffix.lower() != ".npz":
         raise ValueError(f"{output}: the name of a solved file ends in .npz")
+    check_folder(output)
     points = read_source(source, spacing)
     array = TransducerArray.grid(columns, rows, pitch)
     started = perf_counter()
@@ -116,7 +118,9 @@ def field(
     An .npz file holds x, y and height in metres and the complex peak pressure in Pa.
     """
     as_numbers = output.suffix.lower() == ".npz"
-    if not as_numbers:
+    if as_numbers:
+        check_folder(output)
+    else:
         check_picture_path(output)
     solution = load_solution(file)
     level = float(solution.points.positions[:, 2].mean()) if height is None else height

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from phasewire import Emulator, Pulses, open_device
+from phasewire import Emulator, Pulses, Wiring, open_device
 
 
 def fundamental_of_edges(bits: np.ndarray) -> complex:
@@ -46,7 +46,7 @@ def test_every_pulse_plays_the_fundamental_it_should() -> None:
     assert checked == len(pairs) >= 2600
 
 
-def test_one_transducer_at_a_time_appears_on_its_board_processor_and_bit(scrambled) -> None:  # type: ignore[no-untyped-def]
+def test_one_transducer_at_a_time_appears_on_its_board_processor_and_bit(scrambled: Wiring) -> None:
     with Emulator(wiring=scrambled) as emulator, open_device(emulator.url) as device:
         for transducer in range(320):
             width = np.zeros(320, int)
@@ -74,7 +74,8 @@ def test_nothing_sounds_before_the_boundary_and_everything_after(emulator: Emula
 def test_bits_have_the_promised_form(emulator: Emulator) -> None:
     emulator.run(2)
     bits = emulator.capture().bits(10, 60)
-    assert (bits.shape, bits.dtype) == ((50, 10), np.uint32)
+    assert bits.shape == (50, 10)
+    assert bits.dtype == np.uint32
 
 
 @pytest.mark.parametrize(("start", "stop"), [(-1, 5), (5, 4), (0, 101), (200, 300)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses
+from phasewire.emulator import Event
 from phasewire.emulator.usb_device import Handshake, Setup
 from phasewire.protocol import Ack, Reason, Status, Update, pack
 from phasewire.protocol.chain import FIVE_WIRE, TWO_WIRE, Link
@@ -115,7 +116,7 @@ def test_a_stream_faster_than_the_links_is_late_but_whole() -> None:
     while not isinstance(answer := emulator.usb.bulk_in(0x81), Handshake):
         commits.append(Ack.decode(answer).commit_period)
     assert len(commits) == count
-    assert all(b > a for a, b in zip(commits, commits[1:], strict=False))
+    assert commits == sorted(set(commits))
     emulator.run(200)
     assert status(emulator).missed_commits == 0
     assert status(emulator).late > 0
@@ -209,12 +210,12 @@ def test_configuring_again_turns_off_and_forgets() -> None:
 
 
 def test_the_same_calls_give_the_same_capture_and_log() -> None:
-    def session() -> tuple[bytes, list[tuple[float, str, str]]]:
+    def session() -> tuple[bytes, list[Event]]:
         emulator = ready()
         for n in range(5):
             send(emulator, pack(Update(FULL, n, period=10 + 2 * n)))
         emulator.run(30)
         capture = emulator.capture()
-        return capture.bits(0, capture.end_tick).tobytes(), [tuple(event) for event in emulator.events]
+        return capture.bits(0, capture.end_tick).tobytes(), list(emulator.events)
 
     assert session() == session()

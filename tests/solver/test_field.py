@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from phasewire import ControlPoints, Solution, TransducerArray, pressure, sample_plane, solve
@@ -30,6 +32,6 @@ def test_the_strongest_sample_is_at_the_focus(array: TransducerArray) -> None:
         ({"height": 0.2, "step": 1e-6}, "at most 4000000 fit"),
     ],
 )
-def test_impossible_planes_are_named(array: TransducerArray, arguments: dict[str, float], message: str) -> None:
+def test_impossible_planes_are_named(array: TransducerArray, arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         sample_plane(array, np.ones(320), **arguments)

@@ -147,6 +147,7 @@ def test_any_bytes_are_read_or_refused(tmp_path: Path, data: bytes, suffix: str)
     path = tmp_path / f"p{suffix}"
     path.write_bytes(data)
     try:
-        assert len(read_points(path)) > 0
-    except InputFileError as error:
-        assert str(path) in str(error)
+        points = read_points(path)
+    except InputFileError:
+        return
+    assert np.isfinite(points.positions).all()

@@ -19,7 +19,12 @@ def test_wavelength_and_wavenumber_agree() -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [((-300,), "temperature -300"), ((math.nan,), "temperature nan"), ((20, 0), "frequency 0"), ((20, math.inf), "inf")],
+    [
+        ((-300,), "temperature -300"),
+        ((math.nan,), "temperature nan"),
+        ((20, 0), "frequency 0"),
+        ((20, math.inf), "inf"),
+    ],
 )
 def test_impossible_air_is_refused(arguments: tuple[float, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):

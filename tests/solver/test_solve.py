@@ -115,7 +115,7 @@ def test_any_reachable_points_give_a_usable_drive(points: list[tuple[float, floa
 
 
 def test_a_transducer_that_looks_away_stays_silent() -> None:
-    array = TransducerArray([[0, 0, 0], [0.01, 0, 0]], [[0, 0, 1], [0, 0, -1]])
+    array = TransducerArray([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]], [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     drive = solve(array, ControlPoints([[0, 0, 0.2]])).drive
     assert abs(drive[0]) == pytest.approx(1)
     assert drive[1] == 0

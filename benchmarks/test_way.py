@@ -1,0 +1,75 @@
+"""How long the stages of an update take, each beside something to compare it with.
+
+``make bench``; a table of medians in one run. Compare rows of a group, not absolute times.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from phasewire import Circle, Emulator, Pulses, TransducerArray, open_device, solve
+from phasewire.protocol import Update, pack, unpack
+from phasewire.protocol.layout import BLOCK
+from phasewire.solver.propagation import transfer_matrix
+
+ARRAY = TransducerArray.grid()
+POINTS = Circle(radius=0.0765).sample()
+SOLUTION = solve(ARRAY, POINTS)
+UPDATE = Update(Pulses.from_drive(SOLUTION.drive), 1)
+PACKED = pack(UPDATE)
+
+
+@pytest.mark.benchmark(group="solve, 32 points and 320 transducers")
+class TestSolve:
+    def test_tikhonov(self, benchmark: Any) -> None:
+        assert len(POINTS) == 32
+        benchmark(solve, ARRAY, POINTS)
+
+    def test_floor_the_transfer_matrix_alone(self, benchmark: Any) -> None:
+        benchmark(transfer_matrix, ARRAY, POINTS.positions)
+
+
+@pytest.mark.benchmark(group="pack one update")
+class TestPack:
+    def test_numpy(self, benchmark: Any) -> None:
+        benchmark(pack, UPDATE)
+
+    def test_peer_construct(self, benchmark: Any) -> None:
+        parsed = BLOCK.parse(PACKED)
+        fields = {
+            "header": {"value": {name: parsed.header.value[name] for name in ("kind", "sequence", "period")}},
+            "pulses": {"value": [dict(pair) for pair in parsed.pulses.value]},
+        }
+        assert benchmark(BLOCK.build, fields) == PACKED
+
+
+@pytest.mark.benchmark(group="unpack and validate one update")
+class TestUnpack:
+    def test_numpy(self, benchmark: Any) -> None:
+        assert benchmark(unpack, PACKED) == UPDATE
+
+    def test_peer_construct(self, benchmark: Any) -> None:
+        benchmark(BLOCK.parse, PACKED)
+
+
+@pytest.mark.benchmark(group="the emulated device")
+class TestEmulator:
+    def test_a_second_of_a_steady_field(self, benchmark: Any) -> None:
+        """40 000 carrier periods with a sign of life every 50 ms, and the drive of the last one."""
+
+        def second() -> np.ndarray:
+            with Emulator() as emulator, open_device(emulator.url) as device:
+                device.show(UPDATE.pulses)
+                for _ in range(20):
+                    emulator.run(2000)
+                    device.status()
+                capture = emulator.capture()
+            return capture.drive(capture.periods - 1)
+
+        np.testing.assert_allclose(benchmark(second), UPDATE.pulses.to_drive(), atol=1e-12)
+
+    def test_one_update_from_pulses_to_acknowledgement(self, benchmark: Any) -> None:
+        with Emulator() as emulator, open_device(emulator.url) as device:
+            benchmark.pedantic(device.show, (UPDATE.pulses,), rounds=200, warmup_rounds=5)

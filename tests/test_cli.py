@@ -1,0 +1,244 @@
+"""The command line: what it prints, what it writes, and how it says no."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from phasewire import Emulator, Sphere, TransducerArray, solve
+from phasewire.__main__ import main
+from phasewire.solver.files import save_solution
+
+COMMANDS = ("demo", "solve", "field", "show", "stop", "info")
+
+
+class Outcome(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def phasewire(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Outcome]:
+    """Run the command line in a new folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
+
+    def run(*arguments: str) -> Outcome:
+        with pytest.raises(SystemExit) as exited:
+            main(arguments)
+        captured = capsys.readouterr()
+        return Outcome(int(exited.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def solved(tmp_path: Path) -> Path:
+    path = tmp_path / "sphere.npz"
+    save_solution(path, solve(TransducerArray.grid(), Sphere().sample()))
+    return path
+
+
+Run = Callable[..., Outcome]
+
+
+def test_the_demo_passes_draws_and_tells_the_numbers(phasewire: Run, tmp_path: Path) -> None:
+    outcome = phasewire("demo", "--json", "demo.json")
+    assert outcome.code == 0
+    assert "PASS" in outcome.out
+    assert "all ten processors play" in outcome.err
+    assert (tmp_path / "demo.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    record = json.loads((tmp_path / "demo.json").read_text())
+    assert record["verdict"] == "pass"
+    assert len(record["control_points_m"]) == 17
+
+
+def test_the_demo_fails_when_something_is_broken(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("phasewire.hil.cli.Emulator", lambda: Emulator(clock_offset_ticks={2: 1}))
+    outcome = phasewire("demo", "--json", "-")
+    assert outcome.code == 1
+    assert json.loads(outcome.out)["verdict"] == "fail"
+    assert "FAIL" in outcome.err
+
+
+def test_solve_field_and_show_hand_over_to_each_other(phasewire: Run, tmp_path: Path) -> None:
+    outcome = phasewire("solve", "sphere:radius=0.04,palm=0.18", "-o", "s.npz", "--json", "-")
+    assert outcome.code == 0
+    record = json.loads(outcome.out)
+    assert record["transducers"] == 320
+    assert min(record["pressure_pa"]) > 100
+    outcome = phasewire("field", "s.npz", "-o", "f.png", "--step", "0.004")
+    assert (outcome.code, (tmp_path / "f.png").exists()) == (0, True)
+    assert "strongest" in outcome.out
+    assert phasewire("field", "s.npz", "-o", "f.npz", "--step", "0.004", "--height", "0.1").code == 0
+    with np.load(tmp_path / "f.npz") as field:
+        assert float(field["height"]) == 0.1
+    outcome = phasewire("show", "s.npz", "--seconds", "0.1", "--json", "-")
+    assert outcome.code == 0
+    status = json.loads(outcome.out)["status"]
+    assert (status["enabled"], status["accepted"], status["missed_commits"]) == (True, 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("p.csv", "0,0,0.2\n0.02,0,0.2\n"), ("p.json", '{"positions": [[0,0,0.2],[0.02,0,0.2]]}')]
+)
+def test_points_come_from_files(phasewire: Run, tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    outcome = phasewire("solve", name, "-o", "p.npz", "--columns", "8", "--rows", "8", "--pitch", "0.01")
+    assert outcome.code == 0
+    assert "2 control points, 64 transducers" in outcome.out
+
+
+def test_raw_pulses_can_be_shown(phasewire: Run, tmp_path: Path) -> None:
+    width = np.zeros(320, np.uint8)
+    width[17] = 25
+    np.savez(tmp_path / "one.npz", phase=np.full(320, 25, np.uint8), width=width)
+    with Emulator(serial="RAW") as emulator:
+        outcome = phasewire("show", "one.npz", "--device", "emulator:RAW", "--seconds", "0", "--json", "-")
+        emulator.run(5)
+        capture = emulator.capture()
+    assert outcome.code == 0
+    drive = capture.drive(json.loads(outcome.out)["commit_period"])
+    assert np.flatnonzero(np.abs(drive)).tolist() == [17]
+    assert not capture.drive(capture.periods - 1).any()
+
+
+def test_stop_silences_a_device(phasewire: Run) -> None:
+    outcome = phasewire("stop", "--json", "-")
+    assert outcome.code == 0
+    assert json.loads(outcome.out)["status"]["enabled"] is False
+
+
+def test_info_tells_what_the_device_is(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    outcome = phasewire("info", "--device", "emulator:?link=2wire")
+    assert outcome.code == 0
+    assert "5 boards of 2 processors, 2-wire links" in outcome.out
+    assert "20000 updates/s" in outcome.out
+    with Emulator(serial="FROM-ENV"):
+        monkeypatch.setenv("PHASEWIRE_DEVICE", "emulator:FROM-ENV")
+        assert "FROM-ENV" in phasewire("info").out
+        assert "FROM-ENV" not in phasewire("info", "--device", "emulator:").out
+
+
+@pytest.mark.parametrize("arguments", [("--help",), *((command, "--help") for command in COMMANDS)])
+def test_help_reads_well(phasewire: Run, arguments: tuple[str, ...]) -> None:
+    outcome = phasewire(*arguments)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert max(map(len, outcome.out.splitlines())) <= 80
+    assert "Traceback" not in outcome.out
+
+
+def test_version(phasewire: Run) -> None:
+    assert phasewire("--version").out.startswith("phasewire 0.")
+
+
+BAD = [
+    # (arguments, exit code, what the message must say)
+    (("solve", "cube", "-o", "x.npz"), 2, "'cube' is neither a shape (circle, sphere) nor a file of points"),
+    (("solve", "sphere:palm=0.5", "-o", "x.npz"), 2, "misses the sphere, which spans 0.12 to 0.22 m"),
+    (("solve", "circle:height=200", "-o", "x.npz"), 2, "out of reach, more than 2 m away; coordinates are in metres"),
+    (("solve", "circle:height=-0.2", "-o", "x.npz"), 2, "circle height -0.2 m must be positive"),
+    (("solve", "circle:radius=nan", "-o", "x.npz"), 2, "circle radius nan m must be positive and finite"),
+    (("solve", "circle", "-o", "x.txt"), 2, "x.txt: the name of a solved file ends in .npz"),
+    (("solve", "circle", "-o", "no/such/x.npz"), 2, "no/such/x.npz cannot be written: there is no folder no/such"),
+    (("solve", "circle", "-o", "x.npz", "--method", "magic"), 2, "unknown method 'magic'; known are tikhonov"),
+    (("solve", "circle", "-o", "x.npz", "--rows", "0"), 2, "rows 0 must be at least 1"),
+    (("solve", "circle", "-o", "x.npz", "--spacing", "0"), 2, "spacing 0.0 m must be positive"),
+    (("solve", "circle", "-o", "x.npz", "--temperature", "-400"), 2, "temperature -400.0 °C"),
+    (("solve", "behind.csv", "-o", "x.npz"), 2, "control point 1 at [0.0, 0.0, -0.1] m is on the array or behind it"),
+    (("solve", "on.csv", "-o", "x.npz"), 2, "control point 0 at [0.0, 0.0, 0.0] m is on the array or behind it"),
+    (("solve", "nan.csv", "-o", "x.npz"), 2, "nan.csv: control point 0 is [0.0, nan, 0.2]"),
+    (("solve", "negative.csv", "-o", "x.npz"), 2, "amplitude -1.0 of control point 0"),
+    (("solve", "missing.csv", "-o", "x.npz"), 2, "missing.csv"),
+    (("show", "missing.npz"), 2, "missing.npz"),
+    (("show", "truncated.npz"), 2, "truncated.npz is truncated, corrupted or not an NPZ file"),
+    (("show", "corrupted.npz"), 2, "corrupted.npz is truncated, corrupted or not an NPZ file"),
+    (("show", "behind.csv"), 2, "behind.csv is truncated, corrupted or not an NPZ file"),
+    (("show", "other.npz"), 2, "other.npz holds neither a solution nor pulses"),
+    (("show", "short.npz"), 2, "64 pulses for a device with 320 transducers"),
+    (("show", "wide.npz"), 2, "wide.npz: width 26 of transducer 0 is outside 0 to 25 ticks"),
+    (("show", "sphere.npz", "--device", "nonsense:"), 3, "the URL of a device begins with one of emulator:, usb:"),
+    (("show", "sphere.npz", "--device", "emulator:NOT-THERE"), 3, "no device at 'emulator:NOT-THERE'"),
+    (("show", "sphere.npz", "--seconds", "-1"), 2, "Invalid value for '--seconds'"),
+    (("info", "--device", "emulator:?link=9wire"), 3, "unknown link '9wire'; known are 5wire, 2wire"),
+    (("stop", "--device", "usb:no-such-serial"), 3, "no device at 'usb:no-such-serial'"),
+    (("field", "truncated.npz", "-o", "f.png"), 2, "truncated.npz is truncated, corrupted"),
+    (("field", "sphere.npz", "-o", "f.bmp"), 2, "f.bmp: a picture's name ends in .png, .svg, .pdf"),
+    (("field", "sphere.npz", "-o", "f.png", "--step", "0"), 2, "step 0.0 m must be positive"),
+    (("field", "sphere.npz", "-o", "f.png", "--height", "0.0001"), 2, "the far-field model needs at least its radius"),
+    (("demo", "--picture", "demo.gif"), 2, "demo.gif: a picture's name ends in"),
+    (("demo", "--json", "no/such/demo.json"), 2, "there is no folder no/such"),
+    (("field", "sphere.npz", "-o", "no/such/f.png"), 2, "there is no folder no/such"),
+    (("field", "sphere.npz", "-o", "no/such/f.npz"), 2, "there is no folder no/such"),
+    (("dance",), 2, "No such command 'dance'"),
+    (("solve",), 2, "Missing argument"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "message"), BAD, ids=[" ".join(case[0]) for case in BAD])
+def test_bad_input_gets_a_clear_error(
+    phasewire: Run, solved: Path, tmp_path: Path, arguments: tuple[str, ...], code: int, message: str
+) -> None:
+    (tmp_path / "behind.csv").write_text("0,0,0.2\n0,0,-0.1\n")
+    (tmp_path / "on.csv").write_text("0,0,0\n")
+    (tmp_path / "nan.csv").write_text("0,nan,0.2\n")
+    (tmp_path / "negative.csv").write_text("0,0,0.2,-1\n")
+    whole = solved.read_bytes()
+    (tmp_path / "truncated.npz").write_bytes(whole[:5000])
+    drive_at = whole.index(b"drive.npy") + 1000
+    (tmp_path / "corrupted.npz").write_bytes(whole[:drive_at] + b"\xff" + whole[drive_at + 1 :])
+    np.savez(tmp_path / "other.npz", a=np.ones(3))
+    np.savez(tmp_path / "short.npz", phase=np.zeros(64, int), width=np.zeros(64, int))
+    np.savez(tmp_path / "wide.npz", phase=np.zeros(320, int), width=np.full(320, 26))
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    outcome = phasewire(*arguments)
+
+    assert outcome.code == code
+    assert message in " ".join(outcome.err.split())
+    assert "Traceback" not in outcome.err + outcome.out
+    written = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert written == before
+
+
+def test_an_existing_file_survives_a_failed_command(phasewire: Run, solved: Path) -> None:
+    before = solved.read_bytes()
+    assert phasewire("solve", "circle:height=200", "-o", solved.name).code == 2
+    assert solved.read_bytes() == before
+
+
+def test_the_module_runs_as_a_program(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "phasewire", "show", "nothing.npz"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2
+    assert ended.stdout == ""
+    assert "nothing.npz" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_ctrl_c_ends_a_show_with_the_outputs_off(solved: Path) -> None:
+    command = [sys.executable, "-m", "phasewire", "show", str(solved), "--forever", "--json", "-"]
+    environment = {name: value for name, value in os.environ.items() if name != "PHASEWIRE_DEVICE"}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as showing:
+        assert showing.stderr is not None
+        assert "plays" in showing.stderr.readline()
+        time.sleep(0.2)
+        showing.send_signal(signal.SIGINT)
+        out, err = showing.communicate(timeout=20)
+    assert showing.returncode == 0
+    assert "outputs are off" in err
+    assert json.loads(out)["status"]["missed_commits"] == 0
