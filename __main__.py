@@ -66,6 +66,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
     try:
         app(args=arguments, prog_name="phasewire")
+    except MemoryError:
+        error_console().print("phasewire: not enough memory; ask for fewer points or transducers", style="red")
+        sys.exit(WRONG_USE)
     except (PhasewireError, ValueError, OSError) as error:
         error_console().print(f"phasewire: {error}", markup=False, style="red")
         sys.exit(exit_code(error))

@@ -109,13 +109,15 @@ def _tell_events(progress: Console, emulator: Emulator) -> None:
 
 
 def _print_differences(out: Console, run: EndToEnd) -> None:
-    table = Table("largest difference", "intended → rebuilt", "quantisation alone", "unit", title_justify="left")
+    table = Table("largest error", "rebuilt", "quantisation alone", "unit")
     for row in run.differences():
         table.add_row(row["what"], f"{row['rebuilt']:.4f}", f"{row['quantisation']:.4f}", row["unit"])
+    out.print("\nWhat the boards emitted against what was intended, and how much of it quantisation alone explains:")
     out.print(table)
 
 
 def _print_checks(out: Console, run: EndToEnd) -> None:
+    out.print("What must hold:")
     table = Table("check", "measured", "at most", "unit", "")
     for check in run.checks():
         mark = "[green]pass[/]" if check.passed else "[red]FAIL[/]"

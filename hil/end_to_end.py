@@ -97,7 +97,7 @@ class EndToEnd:
             ),
             (
                 "pressure at the points",
-                "% of the strongest",
+                "% of strongest",
                 abs(rebuilt_at_points - at_points).max() / strongest * 100,
                 abs(nearest_at_points - at_points).max() / strongest * 100,
             ),
@@ -117,20 +117,20 @@ class EndToEnd:
         error = np.abs(self.pressures(rebuilt) - self.pressures(intended))
         return [
             Check(
-                "processors that began at another tick than promised",
+                "processors off the promised tick",
                 sum(tick != boundary for tick in self.latch_ticks),
                 0,
                 "of 10",
             ),
             Check("outputs high before that tick", int(np.bitwise_count(before).sum()), 0, "bits"),
             Check(
-                "drive error beyond quantisation, worst transducer",
+                "drive error beyond quantisation",
                 float((np.abs(rebuilt - intended) - explained).max()),
                 NUMERICAL,
                 "of full drive",
             ),
             Check(
-                "pressure error against the most that quantisation can cause, worst point",
+                "pressure error / worst case",
                 float((error / (np.abs(matrix) @ explained + NUMERICAL)).max()),
                 1,
                 "ratio",

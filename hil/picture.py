@@ -53,7 +53,7 @@ def save_end_to_end_picture(path: Path, run: EndToEnd, field: PlaneField, headli
     axes = figure.subplot_mosaic([["field", "array"], ["waves", "waves"]], height_ratios=[1.35, 1])
     draw_field(axes["field"], field, run.solution.points)
     draw_array(axes["array"], run.solution.array, run.rebuilt)
-    axes["array"].set_title("Drive rebuilt from the captured bits (area: magnitude)")
+    axes["array"].set_title("Drive rebuilt from the bits (area: magnitude)")
     draw_waves(axes["waves"], run)
     figure.suptitle(headline, fontsize="x-large")
     save_figure(figure, path)

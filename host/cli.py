@@ -9,12 +9,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.table import Table
 
 from ..console import JsonOption, console_for, error_console, write_json
 from ..errors import InputFileError
 from ..protocol.pulses import Pulses
+from ..protocol.replies import Info
+from ..solver import TransducerArray
 from ..solver.files import load_solution, read_arrays
 from .device import open_device
 from .transport import DEFAULT_URL, URL_VARIABLE
@@ -36,17 +39,29 @@ DeviceOption = Annotated[
 ]
 
 
-def load_pulses(path: Path) -> Pulses:
-    """Pulses from a solved file, or as they stand in an NPZ file with the arrays ``phase`` and ``width``."""
+def load_pulses(path: Path) -> tuple[Pulses, TransducerArray | None]:
+    """Pulses from a solved file, with its array, or as they stand in an NPZ file with the arrays phase and width."""
     arrays = read_arrays(path)
     if "format" in arrays:
-        return Pulses.from_drive(load_solution(path).drive)
+        solution = load_solution(path)
+        return Pulses.from_drive(solution.drive), solution.array
     if {"phase", "width"} <= set(arrays):
         try:
-            return Pulses(arrays["phase"], arrays["width"])
+            return Pulses(arrays["phase"], arrays["width"]), None
         except ValueError as error:
             raise InputFileError(f"{path}: {error}") from error
     raise InputFileError(f"{path} holds neither a solution nor pulses (phase and width); `phasewire solve` makes one")
+
+
+def _warn_of_another_array(file: Path, array: TransducerArray, what: Info) -> None:
+    """Say so where a file was solved for an array that stands otherwise than the device's."""
+    own = TransducerArray.grid(what.columns, what.rows, what.pitch)
+    if len(array) == len(own) and not np.allclose(array.positions, own.positions, atol=1e-6):
+        error_console().print(
+            f"warning: {file} was solved for an array that stands otherwise than the device's {what.columns} × "
+            f"{what.rows} transducers, {what.pitch * 1e3:g} mm apart; the field will be another",
+            style="yellow",
+        )
 
 
 @commands.command()
@@ -65,8 +80,10 @@ def show(
     While it plays, the device hears a sign of life every 30 ms; should this program die, the device's watchdog
     turns the outputs off.
     """
-    pulses = load_pulses(file)
+    pulses, array = load_pulses(file)
     with open_device(device) as opened:
+        if array is not None:
+            _warn_of_another_array(file, array, opened.info)
         ack = opened.show(pulses)
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
         error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"), markup=False)

@@ -11,6 +11,8 @@ from .geometry import as_points, frozen
 
 __all__ = ["Transducer", "TransducerArray"]
 
+MAX_TRANSDUCERS = 1_000_000
+
 
 @dataclass(frozen=True)
 class Transducer:
@@ -95,6 +97,8 @@ class TransducerArray:
         for name, count in (("columns", columns), ("rows", rows)):
             if count < 1:
                 raise ValueError(f"{name} {count} must be at least 1")
+        if columns * rows > MAX_TRANSDUCERS:
+            raise ValueError(f"{columns} × {rows} transducers are too many; at most {MAX_TRANSDUCERS} are possible")
         if not 0 < pitch < np.inf:
             raise ValueError(f"pitch {pitch} m must be positive and finite")
         x = (np.arange(columns) - (columns - 1) / 2) * pitch

@@ -71,9 +71,9 @@ def sample_plane(
     for name, value in (("height", height), ("extent", extent), ("step", step)):
         if not 0 < value < math.inf:
             raise ValueError(f"{name} {value} m must be positive and finite")
+    if (extent / step + 1) ** 2 > MAX_SAMPLES:
+        raise ValueError(f"a step of {step} m over {extent} m makes more than {MAX_SAMPLES} samples")
     count = 2 * round(extent / step / 2) + 1
-    if count**2 > MAX_SAMPLES:
-        raise ValueError(f"a step of {step} m over {extent} m makes {count**2} samples; at most {MAX_SAMPLES} fit")
     axis = np.linspace(-extent / 2, extent / 2, count)
     x, y = np.meshgrid(axis, axis)
     at = np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)

@@ -7,13 +7,16 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["as_points", "frozen"]
+__all__ = ["FARTHEST", "as_points", "frozen"]
+
+FARTHEST = 1000.0
+"""Largest coordinate in metres. Sound at 40 kHz is long gone by then, and nothing overflows."""
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 def as_points(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    """Read (m, 3) finite coordinates in metres, m of at least 1.
+    """Read (m, 3) coordinates in metres, m of at least 1, none further than `FARTHEST`.
 
     Raises
     ------
@@ -25,6 +28,8 @@ def as_points(values: ArrayLike, what: str) -> NDArray[np.float64]:
         raise ValueError(f"{what}s must have the shape (m, 3) with m of at least 1, not {points.shape}")
     if (bad := np.flatnonzero(~np.isfinite(points).all(axis=1))).size:
         raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; its coordinates must be finite numbers")
+    if (bad := np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))).size:
+        raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; coordinates are metres, at most {FARTHEST:g}")
     return points
 
 

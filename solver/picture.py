@@ -70,6 +70,8 @@ def draw_array(axes: Axes, array: TransducerArray, drive: NDArray[np.complex128]
         cmap="twilight_shifted",
         vmin=-180,
         vmax=180,
+        edgecolors="0.5",
+        linewidths=0.5,
     )
     axes.figure.colorbar(dots, ax=axes, label="phase / degrees", ticks=range(-180, 181, 90), fraction=0.046, pad=0.03)
     axes.set(title="Drive of the array", xlabel="x / mm", ylabel="y / mm", aspect="equal")

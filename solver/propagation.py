@@ -15,7 +15,7 @@ from .medium import Medium
 
 __all__ = ["directivity", "pressure", "transfer_matrix"]
 
-POINTS_AT_A_TIME = 4096  # keeps the intermediate arrays of a plane near the cache's size
+PAIRS_AT_A_TIME = 1_000_000  # of points and transducers: bounds the memory of a large field
 
 
 def directivity(sine: ArrayLike, radius: float, medium: Medium) -> NDArray[np.float64]:
@@ -108,7 +108,8 @@ def pressure(
         raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
     points = as_points(at, "point")
     result = np.empty(len(points), dtype=np.complex128)
-    for first in range(0, len(points), POINTS_AT_A_TIME):
-        part = slice(first, first + POINTS_AT_A_TIME)
+    at_a_time = max(1, PAIRS_AT_A_TIME // len(array))
+    for first in range(0, len(points), at_a_time):
+        part = slice(first, first + at_a_time)
         result[part] = transfer_matrix(array, points[part], medium) @ drive
     return result

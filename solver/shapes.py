@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from .geometry import FARTHEST
 from .points import ControlPoints
 
 __all__ = ["SHAPES", "Circle", "Shape", "Sphere", "parse_shape", "shape_help"]
@@ -29,9 +30,10 @@ class Shape(Protocol):
 def _check(shape: Circle | Sphere, positive: tuple[str, ...]) -> None:
     for field in dataclasses.fields(shape):
         value = getattr(shape, field.name)
-        if not math.isfinite(value) or (field.name in positive and value <= 0):
-            rule = "positive and finite" if field.name in positive else "finite"
-            raise ValueError(f"{type(shape).__name__.lower()} {field.name} {value} m must be {rule}")
+        if not abs(value) <= FARTHEST or (field.name in positive and value <= 0):
+            rule = "positive and at most" if field.name in positive else "at most"
+            name = f"{type(shape).__name__.lower()} {field.name}"
+            raise ValueError(f"{name} {value} m must be {rule} {FARTHEST:g} m")
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,10 @@ class Circle:
         """Equally spaced points, as near to every ``spacing`` metres of arc as a closed curve allows."""
         if not 0 < spacing < math.inf:
             raise ValueError(f"spacing {spacing} m must be positive and finite")
-        count = max(1, round(2 * math.pi * self.radius / spacing))
-        if count > MAX_POINTS:
-            raise ValueError(f"spacing {spacing} m makes {count} control points; at most {MAX_POINTS} are possible")
+        steps = 2 * math.pi * self.radius / spacing
+        if steps > MAX_POINTS:
+            raise ValueError(f"spacing {spacing} m makes {steps:.3g} control points; at most {MAX_POINTS} are possible")
+        count = max(1, round(steps))
         angle = 2 * np.pi * np.arange(count) / count
         x, y = self.x + self.radius * np.cos(angle), self.y + self.radius * np.sin(angle)
         return ControlPoints(np.stack([x, y, np.full(count, self.height)], axis=1))

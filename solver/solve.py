@@ -21,6 +21,8 @@ from .propagation import transfer_matrix
 
 __all__ = ["METHODS", "Solution", "solve"]
 
+MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -67,10 +69,16 @@ def solve(
     Raises
     ------
     ValueError
-        Where the method is unknown, an option is out of range or a point cannot be reached; it is named.
+        Where the method is unknown, an option is out of range, a point cannot be reached or there are too many; it is
+        named.
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known are {', '.join(sorted(METHODS))}")
+    if len(array) * len(points) > MAX_PAIRS:
+        raise ValueError(
+            f"{len(points)} control points with {len(array)} transducers are too many; "
+            f"their product may be at most {MAX_PAIRS}"
+        )
     check_reachable(array, points)
     medium = medium or Medium()
     transfer = transfer_matrix(array, points.positions, medium)

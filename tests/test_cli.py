@@ -115,6 +115,13 @@ def test_raw_pulses_can_be_shown(phasewire: Run, tmp_path: Path) -> None:
     assert not capture.drive(capture.periods - 1).any()
 
 
+def test_a_file_solved_for_another_array_is_played_with_a_warning(phasewire: Run) -> None:
+    assert phasewire("solve", "circle", "-o", "same.npz").code == 0
+    assert phasewire("solve", "circle", "-o", "other.npz", "--columns", "16", "--rows", "20").code == 0
+    warned = {name: "warning" in phasewire("show", name, "--seconds", "0").err for name in ("same.npz", "other.npz")}
+    assert warned == {"same.npz": False, "other.npz": True}
+
+
 def test_stop_silences_a_device(phasewire: Run) -> None:
     outcome = phasewire("stop", "--json", "-")
     assert outcome.code == 0
@@ -149,8 +156,10 @@ BAD = [
     (("solve", "cube", "-o", "x.npz"), 2, "'cube' is neither a shape (circle, sphere) nor a file of points"),
     (("solve", "sphere:palm=0.5", "-o", "x.npz"), 2, "misses the sphere, which spans 0.12 to 0.22 m"),
     (("solve", "circle:height=200", "-o", "x.npz"), 2, "out of reach, more than 2 m away; coordinates are in metres"),
-    (("solve", "circle:height=-0.2", "-o", "x.npz"), 2, "circle height -0.2 m must be positive"),
-    (("solve", "circle:radius=nan", "-o", "x.npz"), 2, "circle radius nan m must be positive and finite"),
+    (("solve", "circle:height=-0.2", "-o", "x.npz"), 2, "circle height -0.2 m must be positive and at most 1000 m"),
+    (("solve", "circle:radius=nan", "-o", "x.npz"), 2, "circle radius nan m must be positive and at most 1000 m"),
+    (("solve", "sphere:radius=1e200", "-o", "x.npz"), 2, "sphere radius 1e+200 m must be positive and at most"),
+    (("solve", "circle", "-o", "x.npz", "--columns", "99999999"), 2, "at most 1000000 are possible"),
     (("solve", "circle", "-o", "x.txt"), 2, "x.txt: the name of a solved file ends in .npz"),
     (("solve", "circle", "-o", "no/such/x.npz"), 2, "no/such/x.npz cannot be written: there is no folder no/such"),
     (("solve", "circle", "-o", "x.npz", "--method", "magic"), 2, "unknown method 'magic'; known are tikhonov"),

@@ -30,6 +30,8 @@ def test_the_caller_s_array_is_copied() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ({"columns": 10**9, "rows": 10**9}, "too many; at most 1000000"),
+        ({"pitch": 1e6}, "coordinates are metres, at most 1000"),
         ({"columns": 0}, "columns 0 must be at least 1"),
         ({"rows": -1}, "rows -1"),
         ({"pitch": 0}, "pitch 0 m must be positive"),

@@ -29,7 +29,9 @@ def test_the_strongest_sample_is_at_the_focus(array: TransducerArray) -> None:
         ({"height": -0.1}, "height -0.1 m must be positive"),
         ({"height": 0.2, "extent": np.inf}, "extent inf m"),
         ({"height": 0.2, "step": 0}, "step 0 m"),
-        ({"height": 0.2, "step": 1e-6}, "at most 4000000 fit"),
+        ({"height": 0.2, "step": 5e-324}, "makes more than"),
+        ({"height": 1e300}, "coordinates are metres, at most 1000"),
+        ({"height": 0.2, "step": 1e-6}, "makes more than 4000000 samples"),
     ],
 )
 def test_impossible_planes_are_named(array: TransducerArray, arguments: dict[str, Any], message: str) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -56,8 +57,8 @@ def test_the_help_can_be_typed_back() -> None:
         ("circle:size=1", "circle has no parameter 'size'; it has height, radius, x, y"),
         ("circle:radius=big", "circle radius 'big' is not a number of metres"),
         ("circle:radius", "circle radius '' is not a number"),
-        ("circle:radius=-1", "circle radius -1.0 m must be positive and finite"),
-        ("circle:x=nan", "circle x nan m must be finite"),
+        ("circle:radius=-1", "circle radius -1.0 m must be positive and at most 1000 m"),
+        ("circle:x=nan", "circle x nan m must be at most 1000 m"),
         ("sphere:palm=0.3", "a palm at 0.3 m misses the sphere, which spans 0.12 to 0.22 m"),
     ],
 )
@@ -67,8 +68,29 @@ def test_bad_shapes_are_named(text: str, message: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spacing", "message"), [(0, "spacing 0 m must be"), (math.nan, "nan"), (1e-9, "at most 4096")]
+    ("spacing", "message"),
+    [(0, "spacing 0 m must be"), (math.nan, "nan"), (1e-9, "at most 4096"), (5e-324, "at most 4096")],
 )
 def test_bad_spacings_are_named(spacing: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Circle().sample(spacing)
+
+
+NUMBERS = st.floats() | st.floats(0.01, 0.5)
+
+
+@given(st.dictionaries(st.sampled_from(["radius", "height", "palm", "x", "y"]), NUMBERS), NUMBERS)
+def test_any_numbers_make_points_or_a_clear_error(parameters: dict[str, float], spacing: float) -> None:
+    text = "sphere:" + ",".join(f"{name}={value!r}" for name, value in parameters.items())
+    try:
+        points = parse_shape(text).sample(spacing)
+    except ValueError:
+        return
+    assert np.isfinite(points.positions).all()
+
+
+@given(st.text())
+def test_any_text_is_a_shape_or_a_clear_error(text: str) -> None:
+    for notation in (text, f"circle:{text}"):
+        with suppress(ValueError):
+            parse_shape(notation)

@@ -121,6 +121,11 @@ def test_a_transducer_that_looks_away_stays_silent() -> None:
     assert drive[1] == 0
 
 
+def test_too_large_a_problem_is_refused_before_it_fills_the_memory() -> None:
+    with pytest.raises(ValueError, match="4000 control points with 40000 transducers are too many"):
+        solve(TransducerArray.grid(200, 200), ControlPoints(np.full((4000, 3), 0.2)))
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

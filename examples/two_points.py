@@ -1,0 +1,31 @@
+"""Two points, one twice as strong as the other, and two seconds of them on a device.
+
+Run it with ``.venv/bin/python examples/two_points.py [URL]``; the default device is emulated.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from phasewire import ControlPoints, Pulses, TransducerArray, open_device, solve
+
+SIGN_OF_LIFE_S = 0.03  # well under the watchdog's 100 ms
+
+
+def main(url: str | None) -> None:
+    """Solve the points and play them."""
+    points = ControlPoints([[-0.03, 0, 0.2], [0.03, 0, 0.2]], amplitudes=[1.0, 0.5])
+    pulses = Pulses.from_drive(solve(TransducerArray.grid(), points).drive)
+    with open_device(url) as device:
+        ack = device.show(pulses)
+        print(f"{device.name} plays from carrier period {ack.commit_period}")
+        end = time.monotonic() + 2
+        while time.monotonic() < end:
+            time.sleep(SIGN_OF_LIFE_S)
+            device.status()
+    print("The outputs are off.")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else None)

@@ -1,0 +1,34 @@
+"""The wheel must carry the whole package, and nothing else."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("protocol", "solver", "emulator", "host", "hil")
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_the_package_and_runs_without_the_repository(tmp_path: Path) -> None:
+    clean = tmp_path / "clean"
+    shutil.copytree(ROOT, clean, ignore=shutil.ignore_patterns(".*", "build", "typings", "*.egg-info"))
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(tmp_path), str(clean)]
+    subprocess.run(build, check=True, timeout=300, capture_output=True)
+    (wheel,) = tmp_path.glob("phasewire-*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {name for name in archive.namelist() if ".dist-info/" not in name}
+        archive.extractall(tmp_path / "site")
+    sources = {f"phasewire/{file.name}" for file in ROOT.glob("*.py")}
+    sources |= {f"phasewire/{room}/{file.name}" for room in ROOMS for file in (ROOT / room).glob("*.py")}
+    assert packed == sources | {"phasewire/py.typed", "phasewire/protocol/SPEC.md"}
+
+    program = "import phasewire, phasewire.__main__, sys; sys.exit(phasewire.__file__ != sys.argv[1])"
+    where = str(tmp_path / "site" / "phasewire" / "__init__.py")
+    environment = {"PYTHONPATH": str(tmp_path / "site"), "PATH": ""}
+    subprocess.run([sys.executable, "-c", program, where], check=True, timeout=60, cwd=tmp_path, env=environment)
