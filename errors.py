@@ -39,8 +39,8 @@ class InputFileError(PhasewireError, ValueError):
     """A file could not be used: truncated, corrupted, or not of the expected kind."""
 
 
-class BlockError(PhasewireError, ValueError):
-    """Bytes that break the wire format.
+class _Refusal(PhasewireError):
+    """Something was refused for a reason that has a code.
 
     Attributes
     ----------
@@ -51,6 +51,10 @@ class BlockError(PhasewireError, ValueError):
     def __init__(self, message: str, reason: int) -> None:
         super().__init__(message)
         self.reason = reason
+
+
+class BlockError(_Refusal, ValueError):
+    """Bytes that break the wire format; `reason` says how."""
 
 
 class DeviceError(PhasewireError):
@@ -65,18 +69,8 @@ class DeviceAccessError(DeviceError):
     """The device is there, but this process may not use it."""
 
 
-class DeviceRefusedError(DeviceError):
-    """The device understood and said no.
-
-    Attributes
-    ----------
-    reason : int
-        The reason code of the specification (``phasewire.protocol.Reason``).
-    """
-
-    def __init__(self, message: str, reason: int) -> None:
-        super().__init__(message)
-        self.reason = reason
+class DeviceRefusedError(_Refusal, DeviceError):
+    """The device understood and said no; `reason` says why."""
 
 
 class DeviceTimeoutError(DeviceError):

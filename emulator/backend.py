@@ -64,8 +64,25 @@ def open_backend(url: str) -> EmulatorBackend:
     return EmulatorBackend(plugged() if serial else [Emulator(link=LINKS[link])])
 
 
+class Handle:
+    """An opened emulator, as one program holds it. Only one may hold its interface."""
+
+    def __init__(self, emulator: Emulator) -> None:
+        self.emulator = emulator
+
+    def check_free(self) -> None:
+        """Raise `USBError` (busy) where another handle holds the interface."""
+        if self.emulator.claimed_by not in (None, self):
+            raise USBError("Resource busy", None, errno.EBUSY)
+
+    def release(self) -> None:
+        """Give the interface back."""
+        if self.emulator.claimed_by is self:
+            self.emulator.claimed_by = None
+
+
 class EmulatorBackend(usb.backend.IBackend):
-    """The bus. A "device" and a "handle" in pyusb's sense are both the `Emulator` itself."""
+    """The bus. What pyusb calls a device is the `Emulator` itself."""
 
     def __init__(self, emulators: Iterable[Emulator]) -> None:
         super().__init__()
@@ -117,44 +134,49 @@ class EmulatorBackend(usb.backend.IBackend):
         endpoint.bRefresh = endpoint.bSynchAddress = 0
         return endpoint
 
-    def open_device(self, dev: Emulator) -> Emulator:
-        """The handle."""
-        return dev
+    def open_device(self, dev: Emulator) -> Handle:
+        """A handle of one's own."""
+        return Handle(dev)
 
-    def close_device(self, dev_handle: Emulator) -> None:
-        """Nothing to close; the device lives on."""
+    def close_device(self, dev_handle: Handle) -> None:
+        """Let go of the device, which lives on."""
+        dev_handle.release()
 
-    def set_configuration(self, dev_handle: Emulator, config_value: int) -> None:
+    def set_configuration(self, dev_handle: Handle, config_value: int) -> None:
         """Choose a configuration."""
+        dev_handle.check_free()
         self.ctrl_transfer(dev_handle, 0x00, 9, config_value, 0, b"", 1000)
 
-    def get_configuration(self, dev_handle: Emulator) -> int:
+    def get_configuration(self, dev_handle: Handle) -> int:
         """The configuration chosen, 0 for none."""
-        return dev_handle.usb.configuration
+        return dev_handle.emulator.usb.configuration
 
-    def claim_interface(self, dev_handle: Emulator, intf: int) -> None:
-        """Nobody else claims it: the emulator lives in this process."""
+    def claim_interface(self, dev_handle: Handle, intf: int) -> None:
+        """Hold the interface, so that nobody else can."""
+        dev_handle.check_free()
+        dev_handle.emulator.claimed_by = dev_handle
 
-    def release_interface(self, dev_handle: Emulator, intf: int) -> None:
-        """See `claim_interface`."""
+    def release_interface(self, dev_handle: Handle, intf: int) -> None:
+        """Give the interface back."""
+        dev_handle.release()
 
-    def is_kernel_driver_active(self, dev_handle: Emulator, intf: int) -> bool:
+    def is_kernel_driver_active(self, dev_handle: Handle, intf: int) -> bool:
         """No kernel is involved."""
         return False
 
-    def bulk_write(self, dev_handle: Emulator, ep: int, intf: int, data: Any, timeout: int) -> int:
+    def bulk_write(self, dev_handle: Handle, ep: int, intf: int, data: Any, timeout: int) -> int:
         """Send data in packets; the number of bytes that the device took."""
         payload = bytes(data)
         for first in range(0, max(1, len(payload)), BLOCK_BYTES):
             packet = payload[first : first + BLOCK_BYTES]
-            answer = self._insist(dev_handle, timeout, partial(dev_handle.usb.bulk_out, ep, packet))
+            answer = self._insist(dev_handle.emulator, timeout, partial(dev_handle.emulator.usb.bulk_out, ep, packet))
             if answer is Handshake.STALL:
                 _stalled(f"endpoint 0x{ep:02x}")
         return len(payload)
 
-    def bulk_read(self, dev_handle: Emulator, ep: int, intf: int, buff: Any, timeout: int) -> int:
+    def bulk_read(self, dev_handle: Handle, ep: int, intf: int, buff: Any, timeout: int) -> int:
         """Receive one packet into the buffer; its length."""
-        answer = self._insist(dev_handle, timeout, partial(dev_handle.usb.bulk_in, ep))
+        answer = self._insist(dev_handle.emulator, timeout, partial(dev_handle.emulator.usb.bulk_in, ep))
         if isinstance(answer, Handshake):
             _stalled(f"endpoint 0x{ep:02x}")
         if len(answer) > len(buff) * buff.itemsize:
@@ -164,7 +186,7 @@ class EmulatorBackend(usb.backend.IBackend):
 
     def ctrl_transfer(
         self,
-        dev_handle: Emulator,
+        dev_handle: Handle,
         bmRequestType: int,
         bRequest: int,
         wValue: int,
@@ -173,11 +195,11 @@ class EmulatorBackend(usb.backend.IBackend):
         timeout: int,
     ) -> int:
         """Carry out a control transfer; the number of bytes transferred."""
-        self._pass(dev_handle, MICROFRAME_CYCLES)
+        self._pass(dev_handle.emulator, MICROFRAME_CYCLES)
         incoming = bool(bmRequestType & 0x80)
         setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(data))
         try:
-            answer = dev_handle.usb.control(setup, b"" if incoming else bytes(data))
+            answer = dev_handle.emulator.usb.control(setup, b"" if incoming else bytes(data))
         except Stall as stall:
             _stalled(str(stall))
         if not incoming:
@@ -185,7 +207,7 @@ class EmulatorBackend(usb.backend.IBackend):
         data[: len(answer)] = array("B", answer)
         return len(answer)
 
-    def clear_halt(self, dev_handle: Emulator, ep: int) -> None:
+    def clear_halt(self, dev_handle: Handle, ep: int) -> None:
         """No endpoint halts on its own so far."""
 
     def _pass(self, emulator: Emulator, cycles: int) -> None:

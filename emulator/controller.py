@@ -159,8 +159,8 @@ class Controller:
         return -(-cycle // CYCLES_PER_PERIOD)
 
     def _forward_queued(self, pulses: Pulses, period: int, era: int) -> None:
-        self._queued -= 1
         if era == self._era:
+            self._queued -= 1
             self._forward(pulses, period)
 
     def _forward(self, pulses: Pulses, period: int) -> None:
@@ -196,6 +196,7 @@ class Controller:
             return
         self._enabled = False
         self._era += 1
+        self._queued = 0
         self._log("outputs disabled")
         start = max(self._scheduler.now, self._chain_busy_until)
         period = self._first_period_after(start + self._forward_cycles())

@@ -89,6 +89,7 @@ class Emulator:
         self._wiring = wiring or Wiring.strips()
         self.serial = serial or f"EMU-{next(_serials):04d}"
         self.unplugged = False
+        self.claimed_by: object | None = None
         self.scheduler = Scheduler()
         self.events: deque[Event] = deque(maxlen=LOG_EVENTS)
         self._processors = []

@@ -49,6 +49,7 @@ class Processor:
         self._log = log
         self._mailbox = b""
         self._waiting: NDArray[np.uint32] | None = None
+        self._rasteriser_free = 0
         self.missed_commits = 0
         self.starts: list[int] = [0]
         self.tables: list[NDArray[np.uint32]] = [np.zeros(TICKS_PER_PERIOD, np.uint32)]
@@ -65,12 +66,14 @@ class Processor:
             self.missed_commits += 1
             self._log(f"commit for period {commit.period} missed: the slice in the mailbox is another")
             return
-        if self._scheduler.now + RASTERISE_CYCLES > commit.period * CYCLES_PER_PERIOD:
+        ready = max(self._scheduler.now, self._rasteriser_free) + RASTERISE_CYCLES
+        if ready > commit.period * CYCLES_PER_PERIOD:
             self.missed_commits += 1
             self._log(f"commit for period {commit.period} missed: too late to rasterise")
             return
         table = rasterise(unpack_pulses(self._mailbox))
         self._waiting = table
+        self._rasteriser_free = ready
         self._scheduler.at(commit.period * CYCLES_PER_PERIOD, lambda: self._swap(commit.period, table))
 
     def _swap(self, period: int, table: NDArray[np.uint32]) -> None:

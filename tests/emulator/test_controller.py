@@ -169,6 +169,15 @@ def test_it_plays_again_after_it_was_off() -> None:
     assert loudness(emulator)[-50:].sum() == 320 * 25
 
 
+def test_updates_that_were_dropped_free_the_queue() -> None:
+    emulator = ready()
+    for n in range(8):
+        send(emulator, pack(Update(FULL, n, period=2**63 + n)))
+    order(emulator, Request.DISABLE)
+    order(emulator, Request.ENABLE)
+    assert send(emulator, pack(Update(FULL, 8))).free == 7
+
+
 def test_the_watchdog_silences_a_device_whose_host_fell_silent() -> None:
     emulator = ready()
     send(emulator, pack(Update(FULL, 0)))

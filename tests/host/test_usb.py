@@ -94,6 +94,16 @@ def test_a_device_that_may_not_be_opened_says_so(monkeypatch: pytest.MonkeyPatch
         open_device("emulator:")
 
 
+def test_a_device_that_is_open_elsewhere_is_not_disturbed(emulator: Emulator) -> None:
+    with open_device(emulator.url) as first:
+        first.show(Pulses.silent(320))
+        with pytest.raises(DeviceAccessError, match="another program is using the device"):
+            open_device(emulator.url)
+        assert first.status().enabled
+    with open_device(emulator.url) as second:
+        assert not second.status().enabled
+
+
 def test_a_half_sent_block_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     device = open_device("emulator:")
     monkeypatch.setattr(EmulatorBackend, "bulk_write", lambda *arguments: 100)
