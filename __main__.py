@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -21,7 +22,6 @@ FAILED, WRONG_USE, NO_DEVICE, DEVICE_FAILED = 1, 2, 3, 4
 
 app = typer.Typer(
     name="phasewire",
-    help="Mid-air haptics on an ultrasonic phased array: from a shape to the skin.",
     epilog="Begin with: phasewire demo",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -47,7 +47,7 @@ def common(
     """Mid-air haptics on an ultrasonic phased array: from a shape to the skin.
 
     Exit codes: 0 all is well, 1 what was checked failed, 2 wrong use or unusable input, 3 no such device, 4 the device
-    refused or failed.
+    refused or failed, 130 Ctrl-C.
     """
 
 
@@ -64,13 +64,16 @@ def exit_code(error: Exception) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks a sign shows a question mark
     try:
         app(args=arguments, prog_name="phasewire")
     except MemoryError:
         error_console().print("phasewire: not enough memory; ask for fewer points or transducers", style="red")
         sys.exit(WRONG_USE)
     except (PhasewireError, ValueError, OSError) as error:
-        error_console().print(f"phasewire: {error}", markup=False, style="red")
+        error_console().print(f"phasewire: {error}", style="red")
         sys.exit(exit_code(error))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,7 @@ class Capture:
         ValueError
             Where the stretch was not captured.
         """
+        start, stop = operator.index(start), operator.index(stop)
         if not 0 <= start <= stop <= self.end_tick:
             raise ValueError(f"ticks {start} to {stop} are not within the captured 0 to {self.end_tick}")
         ticks = np.arange(start, stop)
@@ -90,7 +92,7 @@ class Capture:
         A bit lasts a whole tick, so its contribution to (2/T)·∫ s(t)·e^{iωt} dt is centred half a tick after its start
         and weighted by sinc. A plain DFT of the samples would be off by half a tick, 3.6°.
         """
-        first = period * TICKS_PER_PERIOD
+        first = operator.index(period) * TICKS_PER_PERIOD
         bits = self.channels(first, first + TICKS_PER_PERIOD)
         centres = np.exp(2j * np.pi * (np.arange(TICKS_PER_PERIOD) + 0.5) / TICKS_PER_PERIOD)
         # (2/T)·(tick integral) over the 2/π of the widest pulse: sin(π/50) per tick.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NamedTuple
 
 from ..errors import BlockError
 from ..protocol.blocks import Update, pack_pulses, unpack
@@ -32,7 +33,7 @@ from ..protocol.chain import (
     slices_cycles,
     update_cycles,
 )
-from ..protocol.codes import PROTOCOL_VERSION, Reason
+from ..protocol.codes import HORIZON_PERIODS, PROTOCOL_VERSION, Reason
 from ..protocol.pulses import Pulses
 from ..protocol.replies import Ack, Info, Status
 from ..protocol.wiring import Wiring
@@ -49,6 +50,15 @@ QUEUE_BLOCKS = 8
 ACKS = 64
 FIRMWARE = (0, 1, 0)
 WATCHDOG_CYCLES = WATCHDOG_MS * CORE_HZ // 1000
+
+
+class Tail(NamedTuple):
+    """Where the last update on the chain ends."""
+
+    sent: int
+    """Cycle at which its last token has left."""
+    period: int
+    """Period at which it begins to play."""
 
 
 class Controller:
@@ -89,9 +99,8 @@ class Controller:
         self._queued = 0
         self._era = 0  # advanced whenever the outputs go off; updates of an earlier era are dropped
         self._sorter_free = 0
-        self._chain_free = 0  # once everything planned is sent
-        self._chain_busy_until = 0  # with what is being sent
-        self._last_commit_period = 0
+        self._planned = Tail(0, 0)  # behind everything that is queued
+        self._certain = Tail(0, 0)  # behind what is on the chain and can no longer be dropped
         self._fed = 0
 
     @property
@@ -106,7 +115,6 @@ class Controller:
 
     def accept(self, packet: bytes) -> None:
         """Judge a packet from the OUT endpoint and queue the acknowledgement."""
-        self.feed_watchdog()
         try:
             update = unpack(packet)
         except BlockError as error:
@@ -115,6 +123,10 @@ class Controller:
         if not self._enabled:
             self._refuse(Reason.DISABLED, update.sequence, Reason.DISABLED.text)
             return
+        if update.period is not None and update.period > self.now_period + HORIZON_PERIODS:
+            self._refuse(Reason.HORIZON, update.sequence, f"period {update.period} is too far ahead")
+            return
+        self.feed_watchdog()
         self._plan(update)
 
     def _refuse(self, reason: Reason, sequence: int, why: str) -> None:
@@ -128,21 +140,14 @@ class Controller:
         self.acks.append(Ack(reason, sequence, commit_period, self.now_period, late, free))
 
     def _plan(self, update: Update) -> None:
-        sorted_at = max(self._scheduler.now, self._sorter_free) + SORT_CYCLES
-        self._sorter_free = sorted_at
-        # A processor holds one table that plays and one that waits: commits may arrive only after the last swap.
-        start = max(
-            sorted_at,
-            self._chain_free,
-            self._last_commit_period * CYCLES_PER_PERIOD - slices_cycles(self._link),
-        )
-        earliest = self._first_period_after(start + self._forward_cycles())
+        self._sorter_free = max(self._scheduler.now, self._sorter_free) + SORT_CYCLES
+        start = self._first_start(self._sorter_free, self._planned)
+        earliest = self._first_boundary(start)
         commit_period = earliest if update.period is None else max(earliest, update.period)
         late = update.period is not None and update.period < earliest
-        # For the same reason a distant update waits here, not in the processors.
-        start = max(start, commit_period * CYCLES_PER_PERIOD - self._forward_cycles() - CYCLES_PER_PERIOD)
-        self._chain_free = start + update_cycles(self._link)
-        self._last_commit_period = commit_period
+        # A processor holds no more than one update that waits, so a distant one waits here.
+        start = max(start, (commit_period - 1) * CYCLES_PER_PERIOD - self._forward_cycles())
+        self._planned = self._tail(start, commit_period)
         self._accepted += 1
         self._late += late
         self._queued += 1
@@ -150,17 +155,28 @@ class Controller:
         self._acknowledge(Reason.ACCEPTED, update.sequence, commit_period, late)
         self._scheduler.at(start, partial(self._forward_queued, update.pulses, commit_period, self._era))
 
+    def _first_start(self, ready: int, tail: Tail) -> int:
+        """First cycle at which an update that is ready may go onto the chain behind others.
+
+        Its commits come after its slices, and may arrive only once no other table waits in the processors.
+        """
+        return max(ready, tail.sent, tail.period * CYCLES_PER_PERIOD - slices_cycles(self._link))
+
+    def _first_boundary(self, start: int) -> int:
+        """First period for which an update that goes onto the chain at a cycle is ready everywhere."""
+        return -(-(start + self._forward_cycles()) // CYCLES_PER_PERIOD)
+
+    def _tail(self, start: int, period: int) -> Tail:
+        return Tail(start + update_cycles(self._link), period)
+
     def _forward_cycles(self) -> int:
         """Worst time from the first token of an update to the last rasterised table."""
         return update_cycles(self._link) + PROCESSORS * HOP_CYCLES + RASTERISE_CYCLES
 
-    @staticmethod
-    def _first_period_after(cycle: int) -> int:
-        return -(-cycle // CYCLES_PER_PERIOD)
-
     def _forward_queued(self, pulses: Pulses, period: int, era: int) -> None:
         if era == self._era:
             self._queued -= 1
+            self._certain = self._tail(self._scheduler.now, period)
             self._forward(pulses, period)
 
     def _forward(self, pulses: Pulses, period: int) -> None:
@@ -174,7 +190,6 @@ class Controller:
             Message(node, ChannelEnd.COMMIT, Commit.of(period, piece).encode()) for node, piece in enumerate(slices)
         ]
         leaves = self._scheduler.now
-        self._chain_busy_until = leaves + update_cycles(self._link)
         for message in messages:
             leaves += message.tokens * self._link.cycles_per_token
             deliver = partial(self._processors[message.node].receive, message.channel_end, message.payload)
@@ -198,10 +213,9 @@ class Controller:
         self._era += 1
         self._queued = 0
         self._log("outputs disabled")
-        start = max(self._scheduler.now, self._chain_busy_until)
-        period = self._first_period_after(start + self._forward_cycles())
-        self._chain_free = start + update_cycles(self._link)
-        self._last_commit_period = period
+        start = self._first_start(self._scheduler.now, self._certain)
+        period = self._first_boundary(start)
+        self._planned = self._certain = self._tail(start, period)
         self._scheduler.at(start, partial(self._forward, Pulses.silent(CHANNELS), period))
 
     def reset_endpoints(self) -> None:

@@ -5,6 +5,8 @@ It models what firmware on such boards would do, at the port clock and on the li
 
 from __future__ import annotations
 
+import operator
+import re
 from collections import deque
 from collections.abc import Callable, Mapping
 from itertools import count
@@ -31,6 +33,7 @@ from .usb_device import UsbDevice
 __all__ = ["Emulator", "Event", "plugged"]
 
 LOG_EVENTS = 10_000
+SERIAL = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 _plugged: dict[str, Emulator] = {}
 _serials = count(1)
@@ -80,7 +83,9 @@ class Emulator:
         clock_offset_ticks: Mapping[int, int] | None = None,
         serial: str | None = None,
     ) -> None:
-        offsets = dict(clock_offset_ticks or {})
+        if serial is not None and not SERIAL.fullmatch(serial):
+            raise ValueError(f"serial number {serial!r} must be 1 to 64 letters, digits, dots, hyphens or underscores")
+        offsets = {board: operator.index(ticks) for board, ticks in (clock_offset_ticks or {}).items()}
         for board, ticks in offsets.items():
             if board not in range(BOARDS) or ticks < 0:
                 raise ValueError(
@@ -123,14 +128,14 @@ class Emulator:
 
     def run(self, periods: int) -> None:
         """Let carrier periods of 25 µs pass, to the end of the last one."""
-        if periods < 0:
+        if operator.index(periods) < 0:
             raise ValueError(f"{periods} periods cannot pass; at least 0")
         boundary = -(-self.scheduler.now // CYCLES_PER_PERIOD) * CYCLES_PER_PERIOD
         self.scheduler.run_until(boundary + periods * CYCLES_PER_PERIOD)
 
     def run_until(self, period: int) -> None:
         """Let time pass until a carrier period begins; none passes if it already has."""
-        self.scheduler.run_until(period * CYCLES_PER_PERIOD)
+        self.scheduler.run_until(operator.index(period) * CYCLES_PER_PERIOD)
 
     def capture(self) -> Capture:
         """Everything that the outputs did since power-up."""

@@ -48,8 +48,7 @@ class Processor:
         self._offset_ticks = offset_ticks
         self._log = log
         self._mailbox = b""
-        self._waiting: NDArray[np.uint32] | None = None
-        self._rasteriser_free = 0
+        self._waiting = False
         self.missed_commits = 0
         self.starts: list[int] = [0]
         self.tables: list[NDArray[np.uint32]] = [np.zeros(TICKS_PER_PERIOD, np.uint32)]
@@ -62,24 +61,23 @@ class Processor:
             self._commit(Commit.decode(payload))
 
     def _commit(self, commit: Commit) -> None:
+        problem = None
         if zlib.crc32(self._mailbox) != commit.checksum:
+            problem = "the slice in the mailbox is another"
+        elif self._waiting:
+            problem = "another table waits"
+        elif self._scheduler.now + RASTERISE_CYCLES > commit.period * CYCLES_PER_PERIOD:
+            problem = "too late to rasterise"
+        if problem:
             self.missed_commits += 1
-            self._log(f"commit for period {commit.period} missed: the slice in the mailbox is another")
+            self._log(f"misses the commit for period {commit.period}: {problem}")
             return
-        ready = max(self._scheduler.now, self._rasteriser_free) + RASTERISE_CYCLES
-        if ready > commit.period * CYCLES_PER_PERIOD:
-            self.missed_commits += 1
-            self._log(f"commit for period {commit.period} missed: too late to rasterise")
-            return
+        self._waiting = True
         table = rasterise(unpack_pulses(self._mailbox))
-        self._waiting = table
-        self._rasteriser_free = ready
         self._scheduler.at(commit.period * CYCLES_PER_PERIOD, lambda: self._swap(commit.period, table))
 
     def _swap(self, period: int, table: NDArray[np.uint32]) -> None:
-        if self._waiting is not table:  # a later commit took its place
-            return
-        self._waiting = None
+        self._waiting = False
         self.starts.append(period * TICKS_PER_PERIOD + self._offset_ticks)
         self.tables.append(np.roll(table, self._offset_ticks))
         self._log(f"plays the new table from tick {self.starts[-1]}")

@@ -83,6 +83,9 @@ class UsbDevice:
         handler = self._handlers().get((setup.request_type, setup.request))
         if handler is None:
             raise Stall(f"request 0x{setup.request:02x} of type 0x{setup.request_type:02x} is unknown")
+        is_vendor_request = setup.request_type in (_VENDOR_IN, _VENDOR_OUT)
+        if is_vendor_request and (setup.value or setup.index or not self.configuration):
+            raise Stall("a vendor request has value 0 and index 0 and needs a configured device")
         return handler(setup)[: setup.length]
 
     def _handlers(self) -> dict[tuple[int, int], Callable[[Setup], bytes]]:

@@ -10,12 +10,14 @@ import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from ..console import JsonOption, console_for, error_console, write_json
 from ..emulator import Emulator
 from ..protocol.codes import BLOCK_BYTES
 from ..solver import Sphere, TransducerArray, sample_plane, solve
 from ..solver.picture import check_picture_path
+from ..storage import check_outputs
 from .end_to_end import EndToEnd, run_end_to_end
 from .picture import save_end_to_end_picture
 
@@ -42,11 +44,12 @@ def demo(
     The exit code is 0 if what was rebuilt is what was intended, up to quantisation, and 1 if it is not.
     """
     check_picture_path(picture)
+    check_outputs([picture, json_target])
     out, progress = console_for(json_target), error_console()
     started = perf_counter()
 
     def told(stage: str, what: str) -> None:
-        progress.print(f"[green]✓[/] [bold]{stage:<9}[/] {what}")
+        progress.print(Text.assemble(("✓ ", "green"), (f"{stage:<9} ", "bold"), what))
 
     with progress.status("cutting the sphere") as status:
         sphere, array = Sphere(), TransducerArray.grid()
@@ -86,7 +89,7 @@ def demo(
     _print_differences(out, run)
     _print_checks(out, run)
     seconds = perf_counter() - started
-    out.print(f"\n[bold {'green' if run.passed else 'red'}]{verdict}[/] ({seconds:.1f} s)", soft_wrap=True)
+    out.print(f"\n{verdict} ({seconds:.1f} s)", style="bold green" if run.passed else "bold red")
     write_json(json_target, _record(run, strongest, seconds))
     if not run.passed:
         raise typer.Exit(1)
@@ -120,7 +123,7 @@ def _print_checks(out: Console, run: EndToEnd) -> None:
     out.print("What must hold:")
     table = Table("check", "measured", "at most", "unit", "")
     for check in run.checks():
-        mark = "[green]pass[/]" if check.passed else "[red]FAIL[/]"
+        mark = Text("pass", "green") if check.passed else Text("FAIL", "red")
         table.add_row(check.name, f"{check.value:.3g}", f"{check.limit:.3g}", check.unit, mark)
     out.print(table)
 

@@ -19,6 +19,7 @@ from ..protocol.pulses import Pulses
 from ..protocol.replies import Info
 from ..solver import TransducerArray
 from ..solver.files import load_solution, read_arrays
+from ..storage import check_outputs
 from .device import open_device
 from .transport import DEFAULT_URL, URL_VARIABLE
 
@@ -80,13 +81,14 @@ def show(
     While it plays, the device hears a sign of life every 30 ms; should this program die, the device's watchdog
     turns the outputs off.
     """
+    check_outputs([json_target], inputs=[file])
     pulses, array = load_pulses(file)
     with open_device(device) as opened:
         if array is not None:
             _warn_of_another_array(file, array, opened.info)
         ack = opened.show(pulses)
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
-        error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"), markup=False)
+        error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
         end = math.inf if forever else time.monotonic() + seconds
         with suppress(KeyboardInterrupt):
             while (left := end - time.monotonic()) > 0:
@@ -100,16 +102,18 @@ def show(
 @commands.command()
 def stop(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
     """Turn all outputs of a device off."""
+    check_outputs([json_target])
     with open_device(device) as opened:
         opened.stop()
         status = opened.status()
-    console_for(json_target).print(f"{opened.name}: the outputs are off.", markup=False)
+    console_for(json_target).print(f"{opened.name}: the outputs are off.")
     write_json(json_target, {"device": opened.name, "status": asdict(status)})
 
 
 @commands.command()
 def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
     """Say what a device is and what it is doing."""
+    check_outputs([json_target])
     with open_device(device) as opened:
         what, status = opened.info, opened.status()
     major, minor, patch = what.firmware

@@ -64,6 +64,7 @@ class Device:
         self._transport = transport
         self._sequence = 0
         self._enabled = False
+        self._closed = False
         self.info = self._read(Info.decode, transport.ask(Request.INFO, Info.BYTES))
         if self.info.protocol_version != PROTOCOL_VERSION:
             raise DeviceError(
@@ -75,6 +76,12 @@ class Device:
     def name(self) -> str:
         """Product and serial number."""
         return self._transport.name
+
+    @property
+    def _line(self) -> Transport:
+        if self._closed:
+            raise DeviceError(f"{self.name} is closed; open it again")
+        return self._transport
 
     def __enter__(self) -> Self:
         return self
@@ -88,6 +95,7 @@ class Device:
             if kind is None:
                 raise
         finally:
+            self._closed = True
             self._transport.close()
 
     def show(self, pulses: Pulses, period: int | None = None) -> Ack:
@@ -119,35 +127,45 @@ class Device:
         """
         if len(pulses) != self.info.channels:
             raise ValueError(f"{len(pulses)} pulses for a device with {self.info.channels} transducers")
-        block = pack(Update(pulses, self._sequence, period))
+        sequence = self._sequence
+        block = pack(Update(pulses, sequence, period))
         if not self._enabled:
-            self._transport.order(Request.ENABLE)
+            self._line.order(Request.ENABLE)
             self._enabled = True
-        self._transport.write_block(block)
-        ack = self._read_ack()
-        self._sequence = (self._sequence + 1) % 2**32
-        return ack
+        self._sequence = (sequence + 1) % 2**32  # used up once the block is on its way, whatever becomes of it
+        self._line.write_block(block)
+        return self._await_ack(sequence)
 
-    def _read_ack(self) -> Ack:
-        ack = self._read(Ack.decode, self._transport.read_ack())
+    def _await_ack(self, sequence: int) -> Ack:
+        """The acknowledgement of a block; those of blocks that were given up before are passed over."""
+        ack = self._read(Ack.decode, self._line.read_ack())
+        while 0 < (sequence - ack.sequence) % 2**32 < 2**31:
+            ack = self._read(Ack.decode, self._line.read_ack())
+        if ack.reason is Reason.DISABLED:
+            self._enabled = False
+            raise DeviceRefusedError(
+                f"{self.name} has turned its outputs off, as it does without a sign of life for "
+                f"{self.info.watchdog:g} s; show again to enable them",
+                ack.reason,
+            )
         if ack.reason is not Reason.ACCEPTED:
             raise DeviceRefusedError(f"{self.name} refuses block {ack.sequence}: {ack.reason.text}", ack.reason)
-        if ack.sequence != self._sequence:
-            raise DeviceError(f"{self.name} acknowledges block {ack.sequence}, not {self._sequence}; open it again")
+        if ack.sequence != sequence:
+            raise DeviceError(f"{self.name} acknowledges block {ack.sequence}, not {sequence}; open it again")
         return ack
 
     def stop(self) -> None:
         """Turn all outputs off and drop what is queued."""
-        self._transport.order(Request.DISABLE)
+        self._line.order(Request.DISABLE)
         self._enabled = False
 
     def status(self) -> Status:
         """What the device is doing now."""
-        return self._read(Status.decode, self._transport.ask(Request.STATUS, Status.BYTES))
+        return self._read(Status.decode, self._line.ask(Request.STATUS, Status.BYTES))
 
     def wiring(self) -> Wiring:
         """The table by which the device sorts transducers to its outputs."""
-        return self._read(decode_wiring, self._transport.ask(Request.WIRING, WIRING_BYTES))
+        return self._read(decode_wiring, self._line.ask(Request.WIRING, WIRING_BYTES))
 
     def _read(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
         try:

@@ -66,22 +66,24 @@ def open_usb(url: str) -> UsbTransport:
     with _translated(f"looking for {url!r}"):
         found = list(usb.core.find(find_all=True, backend=backend, idVendor=VENDOR_ID, idProduct=PRODUCT_ID))
     serials = [_serial(device) for device in found]
-    matching = [device for device, serial in zip(found, serials, strict=True) if wanted in ("", serial)]
-    if not matching:
-        there = f"there are {', '.join(map(repr, serials))}" if serials else "nothing is plugged in"
-        raise DeviceNotFoundError(f"no device at {url!r}: {there}")
+    matching = [index for index, serial in enumerate(serials) if wanted in ("", serial)]
     if len(matching) > 1:
-        choices = " or ".join(f"{url.partition(':')[0]}:{serial}" for serial in serials)
+        choices = " or ".join(f"{url.partition(':')[0]}:{serial}" for serial in serials if serial)
         raise DeviceNotFoundError(f"{url!r} could be any of {len(matching)} devices; name one: {choices}")
-    return UsbTransport(matching[0])
+    if matching and (serial := serials[matching[0]]) is not None:
+        return UsbTransport(found[matching[0]], serial)
+    if None in serials:
+        raise DeviceAccessError(f"{url!r}: a device is there but may not be opened; a udev rule must give you access")
+    there = f"there are {', '.join(map(repr, serials))}" if serials else "nothing is plugged in"
+    raise DeviceNotFoundError(f"no device at {url!r}: {there}")
 
 
-def _serial(device: usb.core.Device) -> str:
+def _serial(device: usb.core.Device) -> str | None:
+    """The serial number, None where the device may not be asked for it."""
     try:
-        with _translated("reading the serial number"):
-            return str(device.serial_number)
-    except ValueError as error:  # pyusb's "no langid": the strings could not be read at all
-        raise DeviceAccessError("the device may not be opened; a udev rule must give you access") from error
+        return str(device.serial_number)
+    except (ValueError, usb.core.USBError):  # pyusb's ValueError "no langid": the strings could not be read at all
+        return None
 
 
 class UsbTransport:
@@ -91,12 +93,14 @@ class UsbTransport:
     ----------
     device : usb.core.Device
         Found, not yet configured.
+    serial : str
+        Its serial number.
     """
 
-    def __init__(self, device: usb.core.Device) -> None:
+    def __init__(self, device: usb.core.Device, serial: str) -> None:
         self._device = device
-        self.name = f"{device.product} {_serial(device)}"
-        with _translated(f"opening {self.name}"):
+        with _translated(f"opening device {serial}"):
+            self.name = f"{device.product} {serial}"
             device.set_configuration()
             usb.util.claim_interface(device, INTERFACE)
 

@@ -5,6 +5,7 @@ The fast twin of `layout.BLOCK`: same bytes, and the same input refused.
 
 from __future__ import annotations
 
+import operator
 import struct
 import zlib
 from dataclasses import dataclass
@@ -45,6 +46,9 @@ class Update:
         """Check the ranges."""
         if len(self.pulses) != CHANNELS:
             raise ValueError(f"an update carries {CHANNELS} pulses, not {len(self.pulses)}")
+        object.__setattr__(self, "sequence", operator.index(self.sequence))
+        if self.period is not None:
+            object.__setattr__(self, "period", operator.index(self.period))
         if not 0 <= self.sequence < 2**32:
             raise ValueError(f"sequence number {self.sequence} does not fit 32 bits")
         if self.period is not None and not 0 <= self.period < 2**64:

@@ -10,6 +10,7 @@ __all__ = [
     "BLOCK_MAGIC",
     "CHECKSUM_OFFSET",
     "HEADER_BYTES",
+    "HORIZON_PERIODS",
     "PROTOCOL_VERSION",
     "Kind",
     "Reason",
@@ -22,6 +23,7 @@ BLOCK_MAGIC = b"PW"
 BLOCK_BYTES = 512
 HEADER_BYTES = 32
 CHECKSUM_OFFSET = 28
+HORIZON_PERIODS = 2**32
 
 ACK_MAGIC = b"PA"
 
@@ -56,6 +58,7 @@ class Reason(IntEnum):
     PHASE = 7
     WIDTH = 8
     DISABLED = 9
+    HORIZON = 10
 
     @property
     def text(self) -> str:
@@ -74,4 +77,5 @@ _TEXTS = {
     Reason.PHASE: "a pulse's phase is above 99 half ticks",
     Reason.WIDTH: "a pulse's width is above 25 ticks",
     Reason.DISABLED: "the outputs are not enabled",
+    Reason.HORIZON: "the period is more than 2**32 ahead",
 }

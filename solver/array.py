@@ -37,10 +37,10 @@ class Transducer:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name, unit in (("radius", "m"), ("strength", "Pa·m")):
+        for name, unit, limit in (("radius", "m", 1.0), ("strength", "Pa·m", 1e6)):
             value = getattr(self, name)
-            if not 0 < value < np.inf:
-                raise ValueError(f"transducer {name} {value} {unit} must be positive and finite")
+            if not 0 < value <= limit:
+                raise ValueError(f"transducer {name} {value} {unit} must be positive and at most {limit:g}")
 
 
 @dataclass(frozen=True, eq=False)

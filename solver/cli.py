@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from ..console import JsonOption, console_for, write_json
-from ..storage import check_folder
+from ..console import JsonOption, console_for, error_console, write_json
+from ..storage import check_outputs
 from .array import TransducerArray
 from .field import sample_plane
 from .files import load_solution, read_points, save_field, save_solution
@@ -71,7 +71,7 @@ def solve_command(
     """Find the drives that make a shape (the help text above is built from the shapes)."""
     if output.suffix.lower() != ".npz":
         raise ValueError(f"{output}: the name of a solved file ends in .npz")
-    check_folder(output)
+    check_outputs([output, json_target], inputs=[Path(source)])
     points = read_source(source, spacing)
     array = TransducerArray.grid(columns, rows, pitch)
     started = perf_counter()
@@ -82,8 +82,6 @@ def solve_command(
     console_for(json_target).print(
         f"{len(points)} control points, {len(array)} transducers, {method} in {milliseconds:.1f} ms: "
         f"{reached.min():.0f} to {reached.max():.0f} Pa (peak) at the points. Written to {output}.",
-        soft_wrap=True,
-        markup=False,
     )
     write_json(
         json_target,
@@ -118,13 +116,13 @@ def field(
     An .npz file holds x, y and height in metres and the complex peak pressure in Pa.
     """
     as_numbers = output.suffix.lower() == ".npz"
-    if as_numbers:
-        check_folder(output)
-    else:
+    if not as_numbers:
         check_picture_path(output)
+    check_outputs([output, json_target], inputs=[file])
     solution = load_solution(file)
     level = float(solution.points.positions[:, 2].mean()) if height is None else height
-    plane = sample_plane(solution.array, solution.drive, level, extent, step, solution.medium)
+    with error_console().status("computing the field"):
+        plane = sample_plane(solution.array, solution.drive, level, extent, step, solution.medium)
     if as_numbers:
         save_field(output, plane)
     else:
@@ -135,8 +133,6 @@ def field(
     console_for(json_target).print(
         f"{plane.pressure.size} samples at z = {level:g} m; strongest {strongest['pa']:.0f} Pa (peak, linear model) at "
         f"x = {strongest['x_m'] * 1e3:.1f} mm, y = {strongest['y_m'] * 1e3:.1f} mm. Written to {output}.",
-        soft_wrap=True,
-        markup=False,
     )
     write_json(
         json_target,

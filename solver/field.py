@@ -15,6 +15,7 @@ from .propagation import pressure
 __all__ = ["PlaneField", "sample_plane"]
 
 MAX_SAMPLES = 4_000_000
+MAX_PAIRS = 2_000_000_000  # of samples and transducers: minutes of work
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +67,18 @@ def sample_plane(
     Raises
     ------
     ValueError
-        Where a number is out of range, or the plane holds more than four million samples.
+        Where a number is out of range, or there are too many samples.
     """
     for name, value in (("height", height), ("extent", extent), ("step", step)):
         if not 0 < value < math.inf:
             raise ValueError(f"{name} {value} m must be positive and finite")
-    if (extent / step + 1) ** 2 > MAX_SAMPLES:
+    if extent / step < 2:
+        raise ValueError(f"a step of {step} m is too long for a plane of {extent} m; at most half of it")
+    if extent / step > math.sqrt(MAX_SAMPLES) - 2:
         raise ValueError(f"a step of {step} m over {extent} m makes more than {MAX_SAMPLES} samples")
     count = 2 * round(extent / step / 2) + 1
+    if count**2 * len(array) > MAX_PAIRS:
+        raise ValueError(f"{count**2} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs")
     axis = np.linspace(-extent / 2, extent / 2, count)
     x, y = np.meshgrid(axis, axis)
     at = np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)

@@ -16,6 +16,7 @@ from ..errors import InputFileError
 from ..storage import replacing
 from .array import Transducer, TransducerArray
 from .field import PlaneField
+from .geometry import frozen
 from .medium import Medium
 from .points import ControlPoints
 from .solve import Solution
@@ -23,14 +24,15 @@ from .solve import Solution
 __all__ = ["load_solution", "read_arrays", "read_points", "save_field", "save_solution"]
 
 SOLUTION_FORMAT = "phasewire-solution-1"
+MAX_ARCHIVE_BYTES = 500_000_000
 
 
 def read_points(path: Path) -> ControlPoints:
     """Read control points from a CSV or JSON file, by the suffix of its name.
 
-    CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line of names is skipped, and so are
-    empty lines and those that begin with ``#``. JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``, where the
-    amplitudes are optional.
+    CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line without any number is taken for
+    names, and empty lines and those that begin with ``#`` are skipped.
+    JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``, where the amplitudes are optional.
 
     Raises
     ------
@@ -52,21 +54,31 @@ def read_points(path: Path) -> ControlPoints:
 
 def _read_csv(text: str) -> tuple[list[list[float]], list[float] | None]:
     rows: list[list[float]] = []
+    names_may_come = True
     for number, cells in enumerate(csv.reader(text.splitlines()), start=1):
         if not any(cell.strip() for cell in cells) or cells[0].lstrip().startswith("#"):
             continue
-        try:
-            row = [float(cell) for cell in cells]
-        except ValueError:
-            if not rows and number == 1:
-                continue
-            raise ValueError(f"line {number}: {','.join(cells)!r} is not x,y,z or x,y,z,amplitude in numbers") from None
-        if len(row) not in (3, 4) or (rows and len(row) != len(rows[0])):
-            raise ValueError(f"line {number} has {len(row)} numbers; every line needs 3 (x,y,z), or every line 4")
+        numbers = [_number(cell) for cell in cells]
+        if names_may_come and len(cells) in (3, 4) and not any(value is not None for value in numbers):
+            names_may_come = False
+            continue
+        names_may_come = False
+        row = [value for value in numbers if value is not None]
+        if len(row) != len(cells) or len(row) not in (3, 4):
+            raise ValueError(f"line {number}: {','.join(cells)!r} is not x,y,z or x,y,z,amplitude in numbers")
+        if rows and len(row) != len(rows[0]):
+            raise ValueError(f"line {number} has {len(row)} numbers, but the lines before it have {len(rows[0])}")
         rows.append(row)
     if not rows:
         raise ValueError("there are no control points in it")
     return [row[:3] for row in rows], [row[3] for row in rows] if len(rows[0]) == 4 else None
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
 
 
 def _read_json(text: str) -> tuple[Any, Any]:
@@ -109,9 +121,12 @@ def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     with path.open("rb") as file:
         try:
             with np.load(file, allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
+                size = sum(member.file_size for member in archive.zip.infolist())
+                if size <= MAX_ARCHIVE_BYTES:
+                    return {name: archive[name] for name in archive.files}
         except Exception as error:  # on foreign bytes numpy and zipfile raise nearly anything
-            raise InputFileError(f"{path} is truncated, corrupted or not an NPZ file ({error})") from error
+            raise InputFileError(f"{path} is truncated, corrupted or not an NPZ file") from error
+    raise InputFileError(f"{path} holds {size} bytes; a solved file has at most {MAX_ARCHIVE_BYTES}")
 
 
 def load_solution(path: Path) -> Solution:
@@ -128,16 +143,27 @@ def load_solution(path: Path) -> Solution:
     if str(arrays.get("format")) != SOLUTION_FORMAT:
         raise InputFileError(f"{path} is not a solved file; `phasewire solve` makes one")
     try:
-        transducer = Transducer(*map(float, arrays["transducer"]))
-        array = TransducerArray(arrays["array_positions"], arrays["array_normals"], transducer)
-        points = ControlPoints(arrays["point_positions"], arrays["point_amplitudes"])
-        medium = Medium(*map(float, arrays["medium"]))
         drive = np.asarray(arrays["drive"], dtype=np.complex128)
+        array = TransducerArray(
+            arrays["array_positions"], arrays["array_normals"], Transducer(*_floats(arrays["transducer"], 2))
+        )
+        points = ControlPoints(arrays["point_positions"], arrays["point_amplitudes"])
+        medium = Medium(*_floats(arrays["medium"], 2))
         if drive.shape != (len(array),):
             raise ValueError(f"{drive.size} drives for {len(array)} transducers")
-        return Solution(drive, array, points, medium, str(arrays["method"]))
-    except (KeyError, TypeError, ValueError) as error:
+        if not (np.abs(drive) <= 1 + 1e-6).all():
+            raise ValueError(f"the drive of transducer {np.argmin(np.abs(drive) <= 1 + 1e-6)} is not within 1")
+        return Solution(frozen(drive), array, points, medium, str(arrays["method"]))
+    except KeyError as error:
+        raise InputFileError(f"{path} is not a usable solved file: it has no entry {error}") from error
+    except (TypeError, ValueError) as error:
         raise InputFileError(f"{path} is not a usable solved file: {error}") from error
+
+
+def _floats(values: np.ndarray[Any, Any], count: int) -> list[float]:
+    if values.shape != (count,) or values.dtype.kind != "f":
+        raise ValueError(f"{count} numbers are expected where {values.shape} of {values.dtype} stand")
+    return [float(value) for value in values]
 
 
 def save_field(path: Path, field: PlaneField) -> None:

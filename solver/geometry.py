@@ -23,7 +23,10 @@ def as_points(values: ArrayLike, what: str) -> NDArray[np.float64]:
     ValueError
         That says ``what`` a row is and names the first bad one.
     """
-    points = np.array(values, dtype=np.float64)
+    try:
+        points = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{what}s must be (m, 3) numbers: {error}") from error
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise ValueError(f"{what}s must have the shape (m, 3) with m of at least 1, not {points.shape}")
     if (bad := np.flatnonzero(~np.isfinite(points).all(axis=1))).size:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..storage import check_folder, replacing
+from ..storage import replacing
 from .array import TransducerArray
 from .field import PlaneField
 from .points import ControlPoints
@@ -24,10 +24,9 @@ MM = 1e3
 
 
 def check_picture_path(path: Path) -> None:
-    """Raise an error where a picture cannot be written: `ValueError` for the format, `OSError` for the folder."""
+    """Raise `ValueError` where a path does not end in the name of a picture format."""
     if path.suffix.lower() not in FORMATS:
         raise ValueError(f"{path}: a picture's name ends in {', '.join(FORMATS)}")
-    check_folder(path)
 
 
 def draw_field(axes: Axes, field: PlaneField, points: ControlPoints | None = None) -> None:

@@ -10,7 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from .array import TransducerArray
 from .geometry import as_points, frozen
 
-__all__ = ["REACH", "ControlPoints", "check_reachable"]
+__all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable"]
+
+MAX_POINTS = 4096
+"""Most control points that are solved for at once: far more than an array can serve, few enough for the memory."""
 
 REACH = 2.0
 """Distance in metres beyond which a control point is taken for a mistake, such as millimetres given as metres. The
@@ -40,7 +43,10 @@ class ControlPoints:
 
     def __init__(self, positions: ArrayLike, amplitudes: ArrayLike | None = None) -> None:
         points = as_points(positions, "control point")
-        values = np.ones(len(points)) if amplitudes is None else np.array(amplitudes, dtype=np.float64)
+        try:
+            values = np.ones(len(points)) if amplitudes is None else np.array(amplitudes, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"amplitudes must be numbers: {error}") from error
         if values.shape != (len(points),):
             raise ValueError(f"amplitudes have the shape {values.shape}, but there are {len(points)} control points")
         if (bad := np.flatnonzero(~np.isfinite(values) | (values < 0))).size:

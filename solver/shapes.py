@@ -13,11 +13,9 @@ from typing import Protocol
 import numpy as np
 
 from .geometry import FARTHEST
-from .points import ControlPoints
+from .points import MAX_POINTS, ControlPoints
 
 __all__ = ["SHAPES", "Circle", "Shape", "Sphere", "parse_shape", "shape_help"]
-
-MAX_POINTS = 4096  # of one shape: far more than an array can serve, few enough to solve
 
 
 class Shape(Protocol):
@@ -102,14 +100,17 @@ class Sphere:
     def __post_init__(self) -> None:
         """Check that there is something to feel."""
         _check(self, positive=("radius", "height", "palm"))
-        low, high = self.height - self.radius, self.height + self.radius
-        if not low < self.palm < high:
+        if self._cut_radius_squared <= 0:
+            low, high = self.height - self.radius, self.height + self.radius
             raise ValueError(f"a palm at {self.palm:g} m misses the sphere, which spans {low:g} to {high:g} m")
 
     def cut(self) -> Circle:
         """The circle that the palm feels."""
-        radius = math.sqrt(self.radius**2 - (self.palm - self.height) ** 2)
-        return Circle(radius, self.palm, self.x, self.y)
+        return Circle(math.sqrt(self._cut_radius_squared), self.palm, self.x, self.y)
+
+    @property
+    def _cut_radius_squared(self) -> float:
+        return self.radius**2 - (self.palm - self.height) ** 2
 
     def sample(self, spacing: float = 0.015) -> ControlPoints:
         """Control points along the cut, every ``spacing`` metres of arc."""
@@ -144,6 +145,8 @@ def parse_shape(text: str) -> Shape:
         key, _, value = item.partition("=")
         if key not in known:
             raise ValueError(f"{name} has no parameter {key!r}; it has {', '.join(sorted(known))}")
+        if key in values:
+            raise ValueError(f"{name} {key} is given twice")
         try:
             values[key] = float(value)
         except ValueError:

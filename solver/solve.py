@@ -16,12 +16,13 @@ from scipy.linalg import cho_factor, cho_solve
 from .array import TransducerArray
 from .geometry import frozen
 from .medium import Medium
-from .points import ControlPoints, check_reachable
+from .points import MAX_POINTS, ControlPoints, check_reachable
 from .propagation import transfer_matrix
 
 __all__ = ["METHODS", "Solution", "solve"]
 
 MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays
+MAX_MU = 1e6  # beyond, the points hardly matter
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +75,10 @@ def solve(
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known are {', '.join(sorted(METHODS))}")
-    if len(array) * len(points) > MAX_PAIRS:
+    if len(points) > MAX_POINTS or len(array) * len(points) > MAX_PAIRS:
         raise ValueError(
-            f"{len(points)} control points with {len(array)} transducers are too many; "
-            f"their product may be at most {MAX_PAIRS}"
+            f"{len(points)} control points with {len(array)} transducers are too many; at most {MAX_POINTS} points are "
+            f"possible, and at most {MAX_PAIRS} pairs"
         )
     check_reachable(array, points)
     medium = medium or Medium()
@@ -154,8 +155,8 @@ def tikhonov(
     """
     if not 0 <= gamma <= 1:
         raise ValueError(f"gamma {gamma} must lie between 0 and 1")
-    if not 0 < mu < np.inf:
-        raise ValueError(f"mu {mu} must be positive and finite")
+    if not 0 < mu <= MAX_MU:
+        raise ValueError(f"mu {mu} must be positive and at most {MAX_MU:g}")
     if not (isinstance(phase_steps, int) and phase_steps >= 0):
         raise ValueError(f"phase_steps {phase_steps} must be a whole number, at least 0")
     wanted = amplitudes * control_point_phases(transfer, amplitudes, phase_steps)
@@ -165,7 +166,10 @@ def tikhonov(
     back = weight[:, None] * transfer.conj().T
     system = transfer @ back
     system += mu * np.trace(system).real / len(amplitudes) * np.eye(len(amplitudes))
-    drive = back @ cho_solve(cho_factor(system), wanted)
+    try:
+        drive = back @ cho_solve(cho_factor(system), wanted)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(f"mu {mu} is too small for points as close together as these") from error
     return np.asarray(drive / np.abs(drive).max())
 
 

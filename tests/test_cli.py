@@ -187,6 +187,13 @@ BAD = [
     (("field", "sphere.npz", "-o", "f.bmp"), 2, "f.bmp: a picture's name ends in .png, .svg, .pdf"),
     (("field", "sphere.npz", "-o", "f.png", "--step", "0"), 2, "step 0.0 m must be positive"),
     (("field", "sphere.npz", "-o", "f.png", "--height", "0.0001"), 2, "the far-field model needs at least its radius"),
+    (("field", "sphere.npz", "-o", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
+    (("show", "sphere.npz", "--json", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
+    (("solve", "on.csv", "-o", "x.npz", "--json", "on.csv"), 2, "on.csv cannot be written: it is also what is read"),
+    (("solve", "circle", "-o", "x.npz", "--json", "x.npz"), 2, "x.npz cannot be written: it is to be written twice"),
+    (("show", "sphere.npz", "--json", "."), 2, "'.' cannot be written: it is a folder"),
+    (("field", "sphere.npz", "-o", "f.png", "--extent", "1e200"), 2, "makes more than 4000000 samples"),
+    (("field", "sphere.npz", "-o", "f.png", "--extent", "0.0005"), 2, "is too long for a plane of 0.0005 m"),
     (("demo", "--picture", "demo.gif"), 2, "demo.gif: a picture's name ends in"),
     (("demo", "--json", "no/such/demo.json"), 2, "there is no folder no/such"),
     (("field", "sphere.npz", "-o", "no/such/f.png"), 2, "there is no folder no/such"),
@@ -220,6 +227,13 @@ def test_bad_input_gets_a_clear_error(
     assert "Traceback" not in outcome.err + outcome.out
     written = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert written == before
+
+
+def test_names_are_printed_as_they_are(phasewire: Run, tmp_path: Path) -> None:
+    (tmp_path / "[").mkdir()
+    assert "Written to [/b]:key:.npz" in phasewire("solve", "circle", "-o", "[/b]:key:.npz").out
+    assert "[/b].png" in phasewire("field", "[/b]:key:.npz", "-o", "[/b].png", "--step", "0.01").out
+    assert phasewire("show", "[red]:key:.npz").err.rstrip().endswith("'[red]:key:.npz'")
 
 
 def test_an_existing_file_survives_a_failed_command(phasewire: Run, solved: Path) -> None:

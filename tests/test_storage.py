@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+import os
 import stat
 from pathlib import Path
 
 import pytest
-from phasewire.storage import check_folder, replacing
+from phasewire.storage import check_outputs, replacing
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
@@ -40,7 +41,60 @@ def test_a_new_file_may_be_read_as_any_other(tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
 
 
-def test_a_missing_folder_is_named(tmp_path: Path) -> None:
-    check_folder(tmp_path / "a.txt")
-    with pytest.raises(FileNotFoundError, match=r"there is no folder .*nowhere"):
-        check_folder(tmp_path / "nowhere" / "a.txt")
+def test_an_existing_file_keeps_its_mode(tmp_path: Path) -> None:
+    target = tmp_path / "a.txt"
+    target.touch(mode=0o600)
+    with replacing(target) as part:
+        part.write_text("x")
+    assert stat.S_IMODE(target.stat().st_mode) == 0o600
+
+
+def test_a_link_is_followed(tmp_path: Path) -> None:
+    target, link = tmp_path / "a.txt", tmp_path / "link"
+    link.symlink_to(target)
+    for text in ("first", "second"):
+        with replacing(link) as part:
+            part.write_text(text)
+        assert (link.is_symlink(), target.read_text()) == (True, text)
+
+
+def test_what_is_no_plain_file_stays_what_it_is(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        check_outputs([pipe])
+        with replacing(pipe) as part:
+            part.write_text("through")
+        assert os.read(reader, 100) == b"through"
+    finally:
+        os.close(reader)
+    assert pipe.is_fifo()
+
+
+def test_a_long_name_is_no_trouble(tmp_path: Path) -> None:
+    target = tmp_path / ("n" * 255)
+    with replacing(target) as part:
+        part.write_text("x")
+    assert target.read_text() == "x"
+
+
+def test_outputs_are_checked_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("in.csv").touch()
+    Path("folder").mkdir()
+    Path("link.csv").symlink_to("in.csv")
+    check_outputs(["new.json", None, "-", Path("other.npz")], inputs=[Path("in.csv")])
+    with pytest.raises(FileNotFoundError, match=r"nowhere/a\.txt cannot be written: there is no folder nowhere"):
+        check_outputs(["nowhere/a.txt"])
+    for folder in ("folder", "", "."):
+        with pytest.raises(IsADirectoryError, match=f"'{folder}' cannot be written: it is a folder"):
+            check_outputs([folder])
+    for name in ("in.csv", "link.csv", "folder/../in.csv"):
+        with pytest.raises(ValueError, match="cannot be written: it is also what is read"):
+            check_outputs([name], inputs=[Path("in.csv")])
+    with pytest.raises(ValueError, match=r"b\.npz cannot be written: it is to be written twice"):
+        check_outputs(["b.npz", Path("folder/../b.npz")])
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(PermissionError, match="its folder is read-only"):
+        check_outputs(["new.json"])

@@ -86,4 +86,5 @@ def test_bad_options_are_named(url: str, message: str) -> None:
 def test_the_link_can_be_chosen() -> None:
     (emulator,) = open_backend("emulator:?link=2wire").enumerate_devices()
     device = usb.core.find(backend=EmulatorBackend([emulator]))
+    device.set_configuration()
     assert bytes(device.ctrl_transfer(0xC1, 1, 0, 0, 32))[14] == 2

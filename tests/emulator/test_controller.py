@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
 from phasewire.emulator import Event
 from phasewire.emulator.usb_device import Handshake, Setup
@@ -147,7 +149,7 @@ def test_unread_acknowledgements_hold_the_endpoint() -> None:
 def test_nothing_plays_once_the_outputs_are_off(wait: int) -> None:
     """Whenever the order comes, also while updates are on the chain or queued for the far end of time."""
     emulator = ready()
-    for n, period in enumerate((None, 8, 9, 2**64 - 1)):
+    for n, period in enumerate((None, 8, 9, 2**32)):
         send(emulator, pack(Update(FULL, n, period)))
     emulator.scheduler.run_until(wait)
     order(emulator, Request.DISABLE)
@@ -160,7 +162,7 @@ def test_nothing_plays_once_the_outputs_are_off(wait: int) -> None:
 
 def test_it_plays_again_after_it_was_off() -> None:
     emulator = ready()
-    send(emulator, pack(Update(FULL, 0, period=2**64 - 1)))
+    send(emulator, pack(Update(FULL, 0, period=2**32)))
     order(emulator, Request.DISABLE)
     order(emulator, Request.ENABLE)
     ack = send(emulator, pack(Update(FULL, 1)))
@@ -172,10 +174,54 @@ def test_it_plays_again_after_it_was_off() -> None:
 def test_updates_that_were_dropped_free_the_queue() -> None:
     emulator = ready()
     for n in range(8):
-        send(emulator, pack(Update(FULL, n, period=2**63 + n)))
+        send(emulator, pack(Update(FULL, n, period=2**31 + n)))
     order(emulator, Request.DISABLE)
     order(emulator, Request.ENABLE)
     assert send(emulator, pack(Update(FULL, 8))).free == 7
+
+
+def test_the_horizon_is_2_to_the_32_periods() -> None:
+    emulator = ready()
+    emulator.run(100)
+    assert send(emulator, pack(Update(FULL, 0, period=100 + 2**32))).reason is Reason.ACCEPTED
+    assert send(emulator, pack(Update(FULL, 1, period=101 + 2**32))).reason is Reason.HORIZON
+
+
+def test_blocks_that_are_refused_are_no_sign_of_life() -> None:
+    emulator = ready()
+    for _ in range(5):
+        emulator.run(1000)
+        send(emulator, b"garbage")
+    assert status(emulator).watchdog_fired
+
+
+@pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE])
+@given(
+    waits=st.lists(st.integers(0, 3 * PERIOD), min_size=1, max_size=12),
+    orders=st.lists(st.sampled_from(["now", "soon", "off", "on"]), min_size=12, max_size=12),
+)
+def test_all_processors_play_the_same_whatever_the_moments(link: Link, waits: list[int], orders: list[str]) -> None:
+    """Updates, stops and starts at any cycle: one sequence of swaps, the same on all ten, and silence in time."""
+    emulator, off_at = ready(link), -1
+    for n, (wait, what) in enumerate(zip(waits, orders, strict=False)):
+        emulator.scheduler.run_until(emulator.scheduler.now + wait)
+        if what == "off":
+            order(emulator, Request.DISABLE)
+            off_at = emulator.scheduler.now if off_at < 0 else off_at
+        elif what == "on":
+            order(emulator, Request.ENABLE)
+            off_at = -1
+        else:
+            width = np.full(320, 1 + n)
+            period = None if what == "now" else emulator.scheduler.now // PERIOD + 5
+            send(emulator, pack(Update(Pulses(width, width), n, period)))
+    emulator.run(30)
+    capture = emulator.capture()
+    assert {tuple(starts) for starts in capture.starts} == {tuple(capture.starts[0])}
+    assert len({tuple(table.sum() > 0 for table in tables) for tables in capture.tables}) == 1
+    assert status(emulator).missed_commits == 0
+    if off_at >= 0:
+        assert not loudness(emulator)[(off_at // PERIOD + 6) * 50 :].any()
 
 
 def test_the_watchdog_silences_a_device_whose_host_fell_silent() -> None:

@@ -37,6 +37,21 @@ def test_unknown_requests_stall(setup: Setup) -> None:
         Emulator().usb.control(setup)
 
 
+@pytest.mark.parametrize(
+    "setup", [Setup(0x41, 4, 7, 0, 0), Setup(0x41, 4, 0, 3, 0), Setup(0xC1, 1, 1, 0, 32), Setup(0xC1, 2, 0, 1, 28)]
+)
+def test_vendor_requests_with_another_value_or_index_stall(setup: Setup) -> None:
+    usb = Emulator().usb
+    usb.control(Setup(0, SET_CONFIGURATION, 1, 0, 0))
+    with pytest.raises(Stall, match="value 0 and index 0"):
+        usb.control(setup)
+
+
+def test_vendor_requests_stall_until_configured() -> None:
+    with pytest.raises(Stall, match="needs a configured device"):
+        Emulator().usb.control(Setup(0x41, 4, 0, 0, 0))
+
+
 def test_an_answer_is_cut_to_the_length_asked_for() -> None:
     usb = Emulator().usb
     whole = usb.control(Setup(0x80, GET_DESCRIPTOR, 0x0100, 0, 64))
@@ -55,6 +70,7 @@ def test_standard_requests_answer() -> None:
 
 def test_the_device_tells_its_table_and_its_numbers(scrambled: Wiring) -> None:
     usb = Emulator(table=scrambled).usb
+    usb.control(Setup(0, SET_CONFIGURATION, 1, 0, 0))
     assert decode_wiring(usb.control(Setup(0xC1, 3, 0, 0, 640))).channels.tolist() == scrambled.channels.tolist()
     info = Info.decode(usb.control(Setup(0xC1, 1, 0, 0, 64)))
     assert (info.channels, info.columns * info.rows, info.boards * info.processors_per_board) == (320, 320, 10)

@@ -88,10 +88,69 @@ def test_a_refusal_gives_its_reason_and_the_session_goes_on(emulator: Emulator) 
     with open_device(emulator.url) as device:
         device.show(FULL)
         device._transport.order(Request.DISABLE)  # behind the session's back, as a watchdog would
-        with pytest.raises(DeviceRefusedError, match="the outputs are not enabled") as refused:
+        with pytest.raises(
+            DeviceRefusedError, match=r"has turned its outputs off, .* show again to enable them"
+        ) as refused:
             device.show(FULL)
         assert refused.value.reason == Reason.DISABLED
+        device.show(FULL)
+        assert sounding(emulator) == 320
+
+
+def test_after_the_watchdog_it_can_be_shown_again(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        emulator.run(5000)
+        with pytest.raises(DeviceRefusedError, match=r"without a sign of life for 0.1 s"):
+            device.show(FULL)
+        device.show(FULL)
+        assert sounding(emulator) == 320
+
+
+def test_a_late_acknowledgement_is_not_taken_for_the_next_block_s(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        with monkeypatch.context() as patch:
+            patch.setattr(device._transport, "read_ack", raise_timeout)
+            with pytest.raises(DeviceTimeoutError):
+                device.show(FULL, period=500)
+        ack = device.show(FULL, period=1000)
+        assert (ack.sequence, ack.commit_period) == (2, 1000)
+
+
+def raise_timeout() -> bytes:
+    raise DeviceTimeoutError("waiting for an acknowledgement: no answer")
+
+
+def test_a_closed_device_does_nothing_more(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+    for use in (lambda: device.show(FULL), device.status, device.stop, device.wiring):
+        with pytest.raises(DeviceError, match="is closed; open it again"):
+            use()
+    assert sounding(emulator) == 0
+
+
+def test_a_queue_of_distant_updates_is_dropped_on_stop(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        for n in range(8):
+            device.show(FULL, 10**6 + n)
         device.stop()
+        assert device.show(FULL).free == 7
+
+
+@pytest.mark.parametrize("period", [1.5, "soon"])
+def test_a_period_is_a_whole_number(emulator: Emulator, period: object) -> None:
+    with open_device(emulator.url) as device, pytest.raises(TypeError, match="integer"):
+        device.show(FULL, period)  # type: ignore[arg-type]
+
+
+def test_a_period_beyond_the_horizon_is_refused(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        with pytest.raises(DeviceRefusedError, match=r"more than 2\*\*32 ahead"):
+            device.show(FULL, 2**64 - 1)
         device.show(FULL)
 
 

@@ -30,6 +30,8 @@ def test_the_strongest_sample_is_at_the_focus(array: TransducerArray) -> None:
         ({"height": 0.2, "extent": np.inf}, "extent inf m"),
         ({"height": 0.2, "step": 0}, "step 0 m"),
         ({"height": 0.2, "step": 5e-324}, "makes more than"),
+        ({"height": 0.2, "extent": 1e200}, "makes more than"),
+        ({"height": 0.2, "extent": 1e-3, "step": 1e-3}, "too long for a plane of 0.001 m"),
         ({"height": 1e300}, "coordinates are metres, at most 1000"),
         ({"height": 0.2, "step": 1e-6}, "makes more than 4000000 samples"),
     ],
@@ -37,3 +39,9 @@ def test_the_strongest_sample_is_at_the_focus(array: TransducerArray) -> None:
 def test_impossible_planes_are_named(array: TransducerArray, arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         sample_plane(array, np.ones(320), **arguments)
+
+
+def test_too_many_samples_for_a_large_array_are_refused() -> None:
+    large = TransducerArray.grid(100, 100, 1e-3)
+    with pytest.raises(ValueError, match="10000 transducers are too many"):
+        sample_plane(large, np.ones(10_000), 0.2, step=2e-4)

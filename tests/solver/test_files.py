@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,13 +73,38 @@ def test_other_npz_files_are_told_apart(tmp_path: Path) -> None:
         load_solution(tmp_path / "missing.npz")
 
 
-def test_a_drive_of_the_wrong_length_is_refused(tmp_path: Path, solved_bytes: bytes) -> None:
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"drive": np.ones(319)}, "319 drives for 320 transducers"),
+        ({"drive": np.full(320, 3.0)}, "the drive of transducer 0 is not within 1"),
+        ({"drive": np.where(np.arange(320) == 7, np.nan, 0)}, "the drive of transducer 7 is not within 1"),
+        ({"drive": np.array(["loud"] * 320)}, "not a usable solved file"),
+        ({"drive": None}, "it has no entry 'drive'"),
+        ({"transducer": np.ones(3)}, r"2 numbers are expected where \(3,\) of float64 stand"),
+        ({"transducer": np.array([1e-3, 1e308])}, "transducer strength 1e.308"),
+        ({"medium": np.array([20j, 4e4])}, "2 numbers are expected"),
+        ({"point_positions": np.full((17, 3), np.nan)}, "control point 0"),
+    ],
+)
+def test_contents_that_make_no_sense_are_refused(
+    tmp_path: Path, solved_bytes: bytes, changes: dict[str, Any], message: str
+) -> None:
     path = tmp_path / "s.npz"
     path.write_bytes(solved_bytes)
     with np.load(path) as archive:
-        arrays = dict(archive)
-    np.savez(path, **(arrays | {"drive": arrays["drive"][:-1]}))
-    with pytest.raises(InputFileError, match="319 drives for 320 transducers"):
+        arrays = dict(archive) | changes
+    np.savez(path, **{name: values for name, values in arrays.items() if values is not None})
+    with pytest.raises(InputFileError, match=message):
+        load_solution(path)
+
+
+def test_an_archive_that_would_fill_the_memory_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:
+        for _ in range(501):
+            member.write(bytes(1_000_000))
+    with pytest.raises(InputFileError, match="holds 501000000 bytes; a solved file has at most 500000000"):
         load_solution(path)
 
 
@@ -104,6 +131,7 @@ def test_fields_can_be_read_by_numpy(tmp_path: Path, sphere_solution: Solution) 
     [
         ("p.csv", "0,0,0.2\n0.01,0,0.2\n", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 1]),
         ("p.csv", "x,y,z,amplitude\n# a note\n\n0,0,0.2,0.5\n", [[0, 0, 0.2]], [0.5]),
+        ("p.csv", "# a note\nx,y,z\n0,0,0.2\n", [[0, 0, 0.2]], [1]),
         ("p.CSV", "\ufeffx,y,z\r\n0, 0, 2e-1\r\n", [[0, 0, 0.2]], [1]),
         ("p.json", '{"positions": [[0, 0, 0.2]]}', [[0, 0, 0.2]], [1]),
         ("p.json", '{"positions": [[0, 0, 0.2]], "amplitudes": [2]}', [[0, 0, 0.2]], [2]),
@@ -123,8 +151,12 @@ def test_points_are_read(
     [
         ("p.csv", "", "there are no control points in it"),
         ("p.csv", "x,y,z\n0,0,zero\n", r"line 2: '0,0,zero' is not x,y,z"),
-        ("p.csv", "0,0\n", "line 1 has 2 numbers"),
-        ("p.csv", "0,0,0.2\n0,0,0.2,1\n", "line 2 has 4 numbers"),
+        ("p.csv", "0,0\n", "line 1: '0,0' is not x,y,z"),
+        ("p.csv", "0,0,0.2m\n0,0,0.2\n", "line 1: '0,0,0.2m' is not x,y,z"),
+        ("p.csv", "0 0 0.2\n", "line 1: '0 0 0.2' is not x,y,z"),
+        ("p.csv", "x,y,z\nx,y,z\n", "line 2: 'x,y,z' is not"),
+        ("p.csv", "x,y,z\n", "there are no control points in it"),
+        ("p.csv", "0,0,0.2\n0,0,0.2,1\n", "line 2 has 4 numbers, but the lines before it have 3"),
         ("p.csv", "0,0,0.2\n0,0,nan\n", "control point 1 is .*nan"),
         ("p.csv", "0,0,0.2,-1\n", "amplitude -1.0 of control point 0"),
         ("p.json", "{", "Expecting property name"),

@@ -122,8 +122,17 @@ def test_a_transducer_that_looks_away_stays_silent() -> None:
 
 
 def test_too_large_a_problem_is_refused_before_it_fills_the_memory() -> None:
-    with pytest.raises(ValueError, match="4000 control points with 40000 transducers are too many"):
+    with pytest.raises(
+        ValueError, match="4000 control points with 40000 transducers are too many; at most 4096 points"
+    ):
         solve(TransducerArray.grid(200, 200), ControlPoints(np.full((4000, 3), 0.2)))
+    with pytest.raises(ValueError, match="4097 control points with 4 transducers are too many"):
+        solve(TransducerArray.grid(2, 2), ControlPoints(np.full((4097, 3), 0.2)))
+
+
+def test_repeated_points_without_regularisation_are_refused(array: TransducerArray) -> None:
+    with pytest.raises(ValueError, match="mu 1e-30 is too small for points as close together as these"):
+        solve(array, ControlPoints([[0, 0, 0.2]] * 3), mu=1e-30)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +141,8 @@ def test_too_large_a_problem_is_refused_before_it_fills_the_memory() -> None:
         ({"method": "magic"}, "unknown method 'magic'; known are tikhonov"),
         ({"gamma": 1.5}, "gamma 1.5 must lie between 0 and 1"),
         ({"gamma": np.nan}, "gamma nan"),
-        ({"mu": 0.0}, "mu 0.0 must be positive"),
+        ({"mu": 0.0}, "mu 0.0 must be positive and at most 1e.06"),
+        ({"mu": 1e308}, "mu 1e.308 must be"),
         ({"phase_steps": -1}, "phase_steps -1 must be a whole number"),
     ],
 )
