@@ -62,6 +62,13 @@ def exit_code(error: Exception) -> int:
     return FAILED
 
 
+def message(error: Exception) -> str:
+    """What an error says to people."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit."""
     for stream in (sys.stdout, sys.stderr):
@@ -73,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         error_console().print("phasewire: not enough memory; ask for fewer points or transducers", style="red")
         sys.exit(WRONG_USE)
     except (PhasewireError, ValueError, OSError) as error:
-        error_console().print(f"phasewire: {error}", style="red")
+        error_console().print(f"phasewire: {message(error)}", style="red")
         sys.exit(exit_code(error))
 
 

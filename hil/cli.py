@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from ..console import JsonOption, console_for, error_console, write_json
@@ -111,8 +111,12 @@ def _tell_events(progress: Console, emulator: Emulator) -> None:
             return
 
 
+def _number_column(header: str) -> Column:
+    return Column(header, justify="right", no_wrap=True)
+
+
 def _print_differences(out: Console, run: EndToEnd) -> None:
-    table = Table("largest error", "rebuilt", "quantisation alone", "unit")
+    table = Table("largest error", _number_column("rebuilt"), _number_column("quantisation alone"), "unit")
     for row in run.differences():
         table.add_row(row["what"], f"{row['rebuilt']:.4f}", f"{row['quantisation']:.4f}", row["unit"])
     out.print("\nWhat the boards emitted against what was intended, and how much of it quantisation alone explains:")
@@ -121,7 +125,7 @@ def _print_differences(out: Console, run: EndToEnd) -> None:
 
 def _print_checks(out: Console, run: EndToEnd) -> None:
     out.print("What must hold:")
-    table = Table("check", "measured", "at most", "unit", "")
+    table = Table("check", _number_column("measured"), _number_column("at most"), "unit", "")
     for check in run.checks():
         mark = Text("pass", "green") if check.passed else Text("FAIL", "red")
         table.add_row(check.name, f"{check.value:.3g}", f"{check.limit:.3g}", check.unit, mark)

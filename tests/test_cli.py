@@ -171,7 +171,7 @@ BAD = [
     (("solve", "nan.csv", "-o", "x.npz"), 2, "nan.csv: control point 0 is [0.0, nan, 0.2]"),
     (("solve", "negative.csv", "-o", "x.npz"), 2, "amplitude -1.0 of control point 0"),
     (("solve", "missing.csv", "-o", "x.npz"), 2, "missing.csv"),
-    (("show", "missing.npz"), 2, "missing.npz"),
+    (("show", "missing.npz"), 2, "phasewire: missing.npz: No such file or directory"),
     (("show", "truncated.npz"), 2, "truncated.npz is truncated, corrupted or not an NPZ file"),
     (("show", "corrupted.npz"), 2, "corrupted.npz is truncated, corrupted or not an NPZ file"),
     (("show", "behind.csv"), 2, "behind.csv is truncated, corrupted or not an NPZ file"),
