@@ -83,28 +83,26 @@ class EndToEnd:
 
     def differences(self) -> list[dict[str, Any]]:
         """Largest differences from the intended drive: as rebuilt, and as quantisation alone explains them."""
-        intended, rebuilt, nearest = self.solution.drive, self.rebuilt, self.nearest
-        at_points, rebuilt_at_points, nearest_at_points = map(self.pressures, (intended, rebuilt, nearest))
-        strongest = float(np.abs(at_points).max())
-        rows = [
-            ("drive, complex", "of full drive", abs(rebuilt - intended).max(), abs(nearest - intended).max()),
-            ("phase", "degrees", _phase_error(rebuilt, intended), _phase_error(nearest, intended)),
-            (
-                "amplitude",
-                "of full drive",
-                abs(abs(rebuilt) - abs(intended)).max(),
-                abs(abs(nearest) - abs(intended)).max(),
-            ),
-            (
-                "pressure at the points",
-                "% of strongest",
-                abs(rebuilt_at_points - at_points).max() / strongest * 100,
-                abs(nearest_at_points - at_points).max() / strongest * 100,
-            ),
+        intended, at_points = self.solution.drive, self.pressures(self.solution.drive)
+        strongest = np.abs(at_points).max()
+
+        def errors(emitted: NDArray[np.complex128]) -> list[float]:
+            return [
+                float(np.abs(emitted - intended).max()),
+                _phase_error(emitted, intended),
+                float(np.abs(np.abs(emitted) - np.abs(intended)).max()),
+                float(np.abs(self.pressures(emitted) - at_points).max() / strongest * 100),
+            ]
+
+        labels = [
+            ("drive, complex", "of full drive"),
+            ("phase", "degrees"),
+            ("amplitude", "of full drive"),
+            ("pressure at the points", "% of strongest"),
         ]
         return [
-            {"what": what, "unit": unit, "rebuilt": float(rebuilt_error), "quantisation": float(explained)}
-            for what, unit, rebuilt_error, explained in rows
+            {"what": what, "unit": unit, "rebuilt": rebuilt, "quantisation": explained}
+            for (what, unit), rebuilt, explained in zip(labels, errors(self.rebuilt), errors(self.nearest), strict=True)
         ]
 
     def checks(self) -> list[Check]:
