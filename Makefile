@@ -31,7 +31,7 @@ format: $(VENV)/ready        ## rewrite the code in the house style
 	@$(BIN)/ruff format .
 
 bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
-	@$(BIN)/pytest -q benchmarks $(PYTEST_ARGS)
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q benchmarks $(PYTEST_ARGS)
 
 clean:           ## remove the environment and everything built
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

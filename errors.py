@@ -4,7 +4,8 @@
 
     PhasewireError
     ├── InputFileError        a file is not what it should be       "points.csv, line 3: …"
-    ├── BlockError            bytes that break the wire format      a flipped bit, a wrong length
+    ├── BlockError            bytes that are no valid block         a flipped bit, a wrong length
+    ├── ReplyError            bytes that are no valid answer        an acknowledgement with a wrong checksum
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
         ├── DeviceAccessError     it is there, but not for us       no permission, open elsewhere
@@ -12,7 +13,8 @@
         ├── DeviceTimeoutError    it did not answer in time         a stuck endpoint
         └── DeviceLostError       it went away                      unplugged in mid-stream
 
-``InputFileError`` and ``BlockError`` are also ``ValueError``: they speak of a value, wherever it came from.
+``InputFileError``, ``BlockError`` and ``ReplyError`` are also ``ValueError``: they speak of a value, wherever it came
+from.
 This module stands below every other one and may import none of them.
 """
 
@@ -28,6 +30,7 @@ __all__ = [
     "DeviceTimeoutError",
     "InputFileError",
     "PhasewireError",
+    "ReplyError",
 ]
 
 
@@ -54,7 +57,11 @@ class _Refusal(PhasewireError):
 
 
 class BlockError(_Refusal, ValueError):
-    """Bytes that break the wire format; `reason` says how."""
+    """Bytes that are no valid block; `reason` says why."""
+
+
+class ReplyError(PhasewireError, ValueError):
+    """Bytes that are no valid answer of a device."""
 
 
 class DeviceError(PhasewireError):

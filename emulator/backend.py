@@ -7,7 +7,6 @@ microframe of 125 µs. A NAK lets the device's time pass until it can answer, or
 from __future__ import annotations
 
 import errno
-import struct
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
@@ -22,7 +21,15 @@ from ..errors import DeviceNotFoundError
 from ..protocol.board import CORE_HZ
 from ..protocol.chain import FIVE_WIRE, TWO_WIRE
 from ..protocol.codes import BLOCK_BYTES
-from ..protocol.descriptors import configuration_descriptor, device_descriptor
+from ..protocol.descriptors import (
+    CONFIGURATION,
+    DEVICE,
+    ENDPOINT,
+    INTERFACE,
+    configuration_descriptor,
+    device_descriptor,
+)
+from .controller import FIRMWARE
 from .machine import Emulator, plugged
 from .usb_device import Handshake, Setup, Stall
 
@@ -30,6 +37,7 @@ __all__ = ["EmulatorBackend", "open_backend"]
 
 MICROFRAME_CYCLES = CORE_HZ // 8000
 PACKET_CYCLES = MICROFRAME_CYCLES // 13
+RESET_CYCLES = CORE_HZ // 20  # 50 ms, USB 2.0, 7.1.7.5
 LINKS = {link.name: link for link in (FIVE_WIRE, TWO_WIRE)}
 HIGH_SPEED = 3
 
@@ -94,45 +102,22 @@ class EmulatorBackend(usb.backend.IBackend):
 
     def get_device_descriptor(self, dev: Emulator) -> SimpleNamespace:
         """The device descriptor, with its place on the bus."""
-        names = (
-            "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 "
-            "idVendor idProduct bcdDevice iManufacturer iProduct iSerialNumber bNumConfigurations"
-        )
         address = self._emulators.index(dev) + 1
-        return SimpleNamespace(
-            **_fields("<BBHBBBBHHHBBBB", names, device_descriptor(), 0),
-            bus=0,
-            address=address,
-            port_number=address,
-            port_numbers=(address,),
-            speed=HIGH_SPEED,
-        )
+        place = {"bus": 0, "address": address, "port_number": address, "port_numbers": (address,), "speed": HIGH_SPEED}
+        return SimpleNamespace(**DEVICE.unpack(device_descriptor(FIRMWARE)), **place)
 
     def get_configuration_descriptor(self, dev: Emulator, config: int) -> SimpleNamespace:
         """The configuration descriptor."""
-        if config != 0:
-            raise IndexError(f"configuration {config}")
-        names = (
-            "bLength bDescriptorType wTotalLength bNumInterfaces "
-            "bConfigurationValue iConfiguration bmAttributes bMaxPower"
-        )
-        return _descriptors(2, "<BBHBBBBB", names)[0]
+        return _parsed(CONFIGURATION.find_all(configuration_descriptor())[config])
 
     def get_interface_descriptor(self, dev: Emulator, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The descriptor of an interface's setting."""
-        names = (
-            "bLength bDescriptorType bInterfaceNumber bAlternateSetting bNumEndpoints "
-            "bInterfaceClass bInterfaceSubClass bInterfaceProtocol iInterface"
-        )
-        settings = [d for d in _descriptors(4, "<BBBBBBBBB", names) if d.bInterfaceNumber == intf]
-        return settings[alt]
+        interfaces = INTERFACE.find_all(configuration_descriptor())
+        return _parsed([fields for fields in interfaces if fields["bInterfaceNumber"] == intf][alt])
 
     def get_endpoint_descriptor(self, dev: Emulator, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The descriptor of an interface's endpoint."""
-        names = "bLength bDescriptorType bEndpointAddress bmAttributes wMaxPacketSize bInterval"
-        endpoint = _descriptors(5, "<BBBBHB", names)[ep]
-        endpoint.bRefresh = endpoint.bSynchAddress = 0
-        return endpoint
+        return _parsed(ENDPOINT.find_all(configuration_descriptor())[ep] | {"bRefresh": 0, "bSynchAddress": 0})
 
     def open_device(self, dev: Emulator) -> Handle:
         """A handle of one's own."""
@@ -166,13 +151,21 @@ class EmulatorBackend(usb.backend.IBackend):
 
     def bulk_write(self, dev_handle: Handle, ep: int, intf: int, data: Any, timeout: int) -> int:
         """Send data in packets; the number of bytes that the device took."""
-        payload = bytes(data)
-        for first in range(0, max(1, len(payload)), BLOCK_BYTES):
-            packet = payload[first : first + BLOCK_BYTES]
-            answer = self._insist(dev_handle.emulator, timeout, partial(dev_handle.emulator.usb.bulk_out, ep, packet))
+        payload, sent = bytes(data), 0
+        while sent < len(payload):
+            packet = payload[sent : sent + BLOCK_BYTES]
+            try:
+                answer = self._insist(
+                    dev_handle.emulator, timeout, partial(dev_handle.emulator.usb.bulk_out, ep, packet)
+                )
+            except USBTimeoutError:
+                if sent:
+                    return sent  # as libusb does
+                raise
             if answer is Handshake.STALL:
                 _stalled(f"endpoint 0x{ep:02x}")
-        return len(payload)
+            sent += len(packet)
+        return sent
 
     def bulk_read(self, dev_handle: Handle, ep: int, intf: int, buff: Any, timeout: int) -> int:
         """Receive one packet into the buffer; its length."""
@@ -207,6 +200,11 @@ class EmulatorBackend(usb.backend.IBackend):
         data[: len(answer)] = array("B", answer)
         return len(answer)
 
+    def reset_device(self, dev_handle: Handle) -> None:
+        """Reset the port."""
+        self._pass(dev_handle.emulator, RESET_CYCLES)
+        dev_handle.emulator.usb.reset()
+
     def clear_halt(self, dev_handle: Handle, ep: int) -> None:
         """No endpoint halts on its own so far."""
 
@@ -233,16 +231,6 @@ def _stalled(what: str) -> NoReturn:
     raise USBError(f"Pipe error: {what}", None, errno.EPIPE)
 
 
-def _fields(layout: str, names: str, data: bytes, at: int) -> dict[str, Any]:
-    fields: dict[str, Any] = dict(zip(names.split(), struct.unpack_from(layout, data, at), strict=True))
-    return fields | {"extra_descriptors": array("B")}
-
-
-def _descriptors(kind: int, layout: str, names: str) -> list[SimpleNamespace]:
-    """All descriptors of a kind in the configuration descriptor, in order."""
-    data, at, found = configuration_descriptor(), 0, []
-    while at < len(data):
-        if data[at + 1] == kind:
-            found.append(SimpleNamespace(**_fields(layout, names, data, at)))
-        at += data[at]
-    return found
+def _parsed(fields: dict[str, int]) -> SimpleNamespace:
+    """A descriptor as pyusb wants it."""
+    return SimpleNamespace(**fields, extra_descriptors=array("B"))

@@ -245,10 +245,10 @@ class Controller:
             watchdog_fired=self._watchdog_fired,
             last_refusal=self._last_refusal,
             period=self.now_period,
-            accepted=self._accepted,
-            refused=self._refused,
-            late=self._late,
-            missed_commits=sum(processor.missed_commits for processor in self._processors),
+            accepted=self._accepted % 2**32,
+            refused=self._refused % 2**32,
+            late=self._late % 2**32,
+            missed_commits=sum(processor.missed_commits for processor in self._processors) % 2**32,
         )
 
     def info(self) -> Info:

@@ -8,11 +8,12 @@ from __future__ import annotations
 import operator
 import re
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import count
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..protocol.board import (
     BOARDS,
@@ -51,6 +52,12 @@ class Event(NamedTuple):
     """Seconds since power-up."""
     where: str
     what: str
+
+
+def _frozen(rows: Sequence[Any]) -> NDArray[Any]:
+    values = np.array(rows)
+    values.setflags(write=False)
+    return values
 
 
 class Emulator:
@@ -113,10 +120,11 @@ class Emulator:
         return f"emulator:{self.serial}"
 
     def __enter__(self) -> Self:
+        if self.unplugged:
+            raise ValueError("an emulator that was unplugged has lost its power; make a new one")
         if self.serial in _plugged:
             raise ValueError(f"an emulator with the serial number {self.serial!r} is already plugged in")
         _plugged[self.serial] = self
-        self.unplugged = False
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -142,6 +150,6 @@ class Emulator:
         return Capture(
             self._wiring,
             self.scheduler.now // CYCLES_PER_TICK,
-            tuple(np.array(processor.starts) for processor in self._processors),
-            tuple(np.array(processor.tables) for processor in self._processors),
+            tuple(_frozen(processor.starts) for processor in self._processors),
+            tuple(_frozen(processor.tables) for processor in self._processors),
         )

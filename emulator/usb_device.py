@@ -9,17 +9,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from ..protocol.codes import Request
+from ..protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request
 from ..protocol.descriptors import (
+    CONFIGURATION,
     CONFIGURATION_VALUE,
+    DEVICE,
     ENDPOINT_IN,
     ENDPOINT_OUT,
+    STRING_TYPE,
     configuration_descriptor,
     device_descriptor,
     string_descriptor,
 )
 from ..protocol.replies import encode_wiring
-from .controller import Controller
+from .controller import FIRMWARE, Controller
 
 __all__ = ["Handshake", "Setup", "Stall", "UsbDevice"]
 
@@ -49,10 +52,8 @@ class Setup:
 
 _STANDARD_IN_DEVICE, _STANDARD_OUT_DEVICE = 0x80, 0x00
 _STANDARD_IN_INTERFACE, _STANDARD_OUT_INTERFACE = 0x81, 0x01
-_VENDOR_IN, _VENDOR_OUT = 0xC1, 0x41
 _GET_STATUS = 0
 _GET_DESCRIPTOR, _GET_CONFIGURATION, _SET_CONFIGURATION, _GET_INTERFACE, _SET_INTERFACE = 6, 8, 9, 10, 11
-_DEVICE, _CONFIGURATION, _STRING = 1, 2, 3
 
 
 class UsbDevice:
@@ -83,7 +84,7 @@ class UsbDevice:
         handler = self._handlers().get((setup.request_type, setup.request))
         if handler is None:
             raise Stall(f"request 0x{setup.request:02x} of type 0x{setup.request_type:02x} is unknown")
-        is_vendor_request = setup.request_type in (_VENDOR_IN, _VENDOR_OUT)
+        is_vendor_request = setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT)
         if is_vendor_request and (setup.value or setup.index or not self.configuration):
             raise Stall("a vendor request has value 0 and index 0 and needs a configured device")
         return handler(setup)[: setup.length]
@@ -96,20 +97,20 @@ class UsbDevice:
             (_STANDARD_OUT_DEVICE, _SET_CONFIGURATION): self._set_configuration,
             (_STANDARD_IN_INTERFACE, _GET_INTERFACE): lambda _: b"\x00",
             (_STANDARD_OUT_INTERFACE, _SET_INTERFACE): self._set_interface,
-            (_VENDOR_IN, Request.INFO): lambda _: self._controller.info().encode(),
-            (_VENDOR_IN, Request.STATUS): self._status,
-            (_VENDOR_IN, Request.WIRING): lambda _: encode_wiring(self._controller.wiring),
-            (_VENDOR_OUT, Request.ENABLE): lambda _: self._order(self._controller.enable),
-            (_VENDOR_OUT, Request.DISABLE): lambda _: self._order(self._controller.disable),
+            (REQUEST_TYPE_IN, Request.INFO): lambda _: self._controller.info().encode(),
+            (REQUEST_TYPE_IN, Request.STATUS): self._status,
+            (REQUEST_TYPE_IN, Request.WIRING): lambda _: encode_wiring(self._controller.wiring),
+            (REQUEST_TYPE_OUT, Request.ENABLE): lambda _: self._order(self._controller.enable),
+            (REQUEST_TYPE_OUT, Request.DISABLE): lambda _: self._order(self._controller.disable),
         }
 
     def _descriptor(self, setup: Setup) -> bytes:
         kind, index = divmod(setup.value, 256)
-        if kind == _DEVICE and index == 0:
-            return device_descriptor()
-        if kind == _CONFIGURATION and index == 0:
+        if kind == DEVICE.kind and index == 0:
+            return device_descriptor(FIRMWARE)
+        if kind == CONFIGURATION.kind and index == 0:
             return configuration_descriptor()
-        if kind == _STRING and index < len(self._strings):
+        if kind == STRING_TYPE and index < len(self._strings):
             return string_descriptor(self._strings[index])
         raise Stall(f"there is no descriptor {kind}/{index}")
 
@@ -133,6 +134,11 @@ class UsbDevice:
     def _order(action: Callable[[], None]) -> bytes:
         action()
         return b""
+
+    def reset(self) -> None:
+        """The bus was reset: not configured any more, and the outputs off."""
+        self.configuration = 0
+        self._controller.reset_endpoints()
 
     def bulk_out(self, endpoint: int, packet: bytes) -> Handshake:
         """Take one packet of at most 512 bytes."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
+from ..protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS_PER_BOARD, TICK_HZ, TICKS_PER_PERIOD
 from ..solver import PlaneField
 from ..solver.picture import draw_array, draw_field, save_figure
 from .end_to_end import EndToEnd
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_waves", "save_end_to_end_picture"]
 
 WAVES = 8
-MICROSECONDS_PER_TICK = 0.5
+MICROSECONDS_PER_TICK = 1e6 / TICK_HZ
 
 
 def draw_waves(axes: Axes, run: EndToEnd) -> None:

@@ -170,5 +170,5 @@ class Device:
     def _read(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
         try:
             return decode(data)
-        except ValueError as error:
+        except ValueError as error:  # ReplyError, or a wiring table that is not one to one
             raise DeviceError(f"{self.name} answers in a way that breaks the protocol: {error}") from error

@@ -17,11 +17,10 @@ from ..errors import (
     DeviceError,
     DeviceLostError,
     DeviceNotFoundError,
-    DeviceRefusedError,
     DeviceTimeoutError,
 )
-from ..protocol.codes import Reason, Request
-from ..protocol.descriptors import ENDPOINT_IN, ENDPOINT_OUT, PRODUCT_ID, VENDOR_ID
+from ..protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request
+from ..protocol.descriptors import ENDPOINT_IN, ENDPOINT_OUT, PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
 from ..protocol.replies import Ack
 from .transport import load_by_scheme
 
@@ -29,7 +28,6 @@ __all__ = ["UsbTransport", "open_usb"]
 
 TIMEOUT_MS = 1000
 INTERFACE = 0
-VENDOR_IN, VENDOR_OUT = 0xC1, 0x41
 
 
 @contextmanager
@@ -47,7 +45,9 @@ def _translated(doing: str) -> Iterator[None]:
         if error.errno == errno.EBUSY:
             raise DeviceAccessError(f"{doing}: another program is using the device") from error
         if error.errno == errno.EPIPE:
-            raise DeviceRefusedError(f"{doing}: the device does not know this request", Reason.KIND) from error
+            raise DeviceError(
+                f"{doing}: the device answers STALL: it does not know this request, or its endpoint is halted"
+            ) from error
         raise DeviceError(f"{doing}: {error}") from error
 
 
@@ -64,7 +64,8 @@ def open_usb(url: str) -> UsbTransport:
     wanted = url.partition(":")[2].partition("?")[0]
     backend = load_by_scheme("phasewire.usb_backends", url)(url)
     with _translated(f"looking for {url!r}"):
-        found = list(usb.core.find(find_all=True, backend=backend, idVendor=VENDOR_ID, idProduct=PRODUCT_ID))
+        candidates = usb.core.find(find_all=True, backend=backend, idVendor=VENDOR_ID, idProduct=PRODUCT_ID)
+        found = [device for device in candidates if _has_our_endpoints(device)]
     serials = [_serial(device) for device in found]
     matching = [index for index, serial in enumerate(serials) if wanted in ("", serial)]
     if len(matching) > 1:
@@ -78,10 +79,16 @@ def open_usb(url: str) -> UsbTransport:
     raise DeviceNotFoundError(f"no device at {url!r}: {there}")
 
 
+def _has_our_endpoints(device: usb.core.Device) -> bool:
+    """Whether a device is one of ours, by its descriptors: others may bear the same test numbers."""
+    interface = usb.util.find_descriptor(device[0], bInterfaceNumber=INTERFACE, bInterfaceClass=VENDOR_CLASS)
+    return interface is not None and {ENDPOINT_OUT, ENDPOINT_IN} <= {end.bEndpointAddress for end in interface}
+
+
 def _serial(device: usb.core.Device) -> str | None:
-    """The serial number, None where the device may not be asked for it."""
+    """The serial number, empty if there is none, None where the device may not be asked for it."""
     try:
-        return str(device.serial_number)
+        return str(device.serial_number or "")
     except (ValueError, usb.core.USBError):  # pyusb's ValueError "no langid": the strings could not be read at all
         return None
 
@@ -101,8 +108,12 @@ class UsbTransport:
         self._device = device
         with _translated(f"opening device {serial}"):
             self.name = f"{device.product} {serial}"
-            device.set_configuration()
-            usb.util.claim_interface(device, INTERFACE)
+            try:
+                device.set_configuration()
+                usb.util.claim_interface(device, INTERFACE)
+            except BaseException:
+                usb.util.dispose_resources(device)
+                raise
 
     def write_block(self, block: bytes) -> None:
         """Send one 512-byte block."""
@@ -119,12 +130,12 @@ class UsbTransport:
     def ask(self, request: Request, size: int) -> bytes:
         """Make a control request with an answer."""
         with _translated(f"asking for {request.name}"):
-            return bytes(self._device.ctrl_transfer(VENDOR_IN, request, 0, INTERFACE, size, TIMEOUT_MS))
+            return bytes(self._device.ctrl_transfer(REQUEST_TYPE_IN, request, 0, INTERFACE, size, TIMEOUT_MS))
 
     def order(self, request: Request) -> None:
         """Make a control request without an answer."""
         with _translated(f"ordering {request.name}"):
-            self._device.ctrl_transfer(VENDOR_OUT, request, 0, INTERFACE, None, TIMEOUT_MS)
+            self._device.ctrl_transfer(REQUEST_TYPE_OUT, request, 0, INTERFACE, None, TIMEOUT_MS)
 
     def close(self) -> None:
         """Release the interface and the device."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .blocks import Update, pack, unpack
 from .codes import Kind, Reason, Request
-from .pulses import Pulses, quantisation_bound
+from .pulses import Pulses
 from .replies import Ack, Info, Status
 from .wiring import Output, Wiring
 
@@ -25,6 +25,5 @@ __all__ = [
     "Update",
     "Wiring",
     "pack",
-    "quantisation_bound",
     "unpack",
 ]

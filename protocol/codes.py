@@ -12,6 +12,8 @@ __all__ = [
     "HEADER_BYTES",
     "HORIZON_PERIODS",
     "PROTOCOL_VERSION",
+    "REQUEST_TYPE_IN",
+    "REQUEST_TYPE_OUT",
     "Kind",
     "Reason",
     "Request",
@@ -26,6 +28,10 @@ CHECKSUM_OFFSET = 28
 HORIZON_PERIODS = 2**32
 
 ACK_MAGIC = b"PA"
+
+
+REQUEST_TYPE_IN = 0xC1
+REQUEST_TYPE_OUT = 0x41
 
 
 class Kind(IntEnum):

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 
-__all__ = ["Pulses", "quantisation_bound"]
+__all__ = ["Pulses"]
 
 MAGNITUDE_TOLERANCE = 1e-6  # what normalising in single precision may overshoot
 
@@ -129,22 +129,3 @@ class Pulses:
 def _phasor(centre_half_ticks: NDArray[np.int64], width_ticks: NDArray[np.integer]) -> NDArray[np.complex128]:
     angle = 2 * np.pi * centre_half_ticks / HALF_TICKS_PER_PERIOD
     return np.asarray(np.sin(np.pi * width_ticks / TICKS_PER_PERIOD) * np.exp(1j * angle))
-
-
-def quantisation_bound(magnitude: ArrayLike) -> NDArray[np.float64]:
-    """Largest distance from a drive of this magnitude to its nearest exact pulse.
-
-    Parameters
-    ----------
-    magnitude : (n,) float
-        Magnitude of the drive, 0 to 1.
-
-    Notes
-    -----
-    Exact pulses form a staggered lattice in polar coordinates. Around magnitude r its cells measure
-    d = (π/50)·√(1 − r²) along the radius and t = (π/50)·r across it, and a point of such a lattice is never further
-    than (d² + t²)/(2·max(d, t)) from its nearest neighbour. Two per cent are added because the cells are bent.
-    """
-    r = np.asarray(magnitude, dtype=np.float64)
-    side = np.maximum(r, np.sqrt(np.maximum(0.0, 1 - r * r)))
-    return np.asarray(1.02 * np.pi / TICKS_PER_PERIOD / 2 / side)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from construct import Construct, ConstructError
 
-from ..errors import BlockError
+from ..errors import ReplyError
 from .board import CHANNELS
 from .codes import ACK_MAGIC, PROTOCOL_VERSION, Reason
 from .layout import ACK, INFO, STATUS, WIRING
@@ -21,11 +21,11 @@ WIRING_BYTES = 2 * CHANNELS
 
 def _parse(layout: Construct, data: bytes, what: str, size: int) -> Any:
     if len(data) != size:
-        raise BlockError(f"{what} has {size} bytes, not {len(data)}", Reason.LENGTH)
+        raise ReplyError(f"{what} has {size} bytes, not {len(data)}")
     try:
         return layout.parse(data)
     except ConstructError as error:
-        raise BlockError(f"{what} {data.hex()} breaks its layout: {error}", Reason.CHECKSUM) from error
+        raise ReplyError(f"{what} {data.hex()} breaks its layout: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Ack:
     reason : Reason
         `Reason.ACCEPTED`, or why the block was refused.
     sequence : int
-        Sequence number of the block; 0 if the block was too broken to have one.
+        Sequence number of the block, or what there is of it.
     commit_period : int
         Carrier period at which the update begins to play; 0 if it was refused.
     now_period : int
@@ -64,7 +64,7 @@ class Ack:
 
     @classmethod
     def decode(cls, data: bytes) -> Ack:
-        """Decode 32 bytes; raise `BlockError` where they break the layout."""
+        """Decode 32 bytes; raise `ReplyError` where they break the layout."""
         body = _parse(ACK, data, "an acknowledgement", cls.BYTES).body.value
         return cls(
             Reason(body.reason),
@@ -113,7 +113,7 @@ class Status:
 
     @classmethod
     def decode(cls, data: bytes) -> Status:
-        """Decode 28 bytes; raise `BlockError` where they break the layout."""
+        """Decode 28 bytes; raise `ReplyError` where they break the layout."""
         fields = _parse(STATUS, data, "a status", cls.BYTES)
         return cls(
             bool(fields.enabled),
@@ -160,7 +160,7 @@ class Info:
 
     @classmethod
     def decode(cls, data: bytes) -> Info:
-        """Decode 32 bytes; raise `BlockError` where they break the layout."""
+        """Decode 32 bytes; raise `ReplyError` where they break the layout."""
         fields = dict(_parse(INFO, data, "an information record", cls.BYTES))
         del fields["_io"], fields["reserved"]
         major, minor, patch = fields.pop("firmware")

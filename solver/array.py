@@ -11,6 +11,7 @@ from .geometry import as_points, frozen
 
 __all__ = ["Transducer", "TransducerArray"]
 
+COLUMNS, ROWS, PITCH = 20, 16, 10.3e-3  # metres; the default grid
 MAX_TRANSDUCERS = 1_000_000
 
 
@@ -81,7 +82,7 @@ class TransducerArray:
 
     @classmethod
     def grid(
-        cls, columns: int = 20, rows: int = 16, pitch: float = 10.3e-3, transducer: Transducer | None = None
+        cls, columns: int = COLUMNS, rows: int = ROWS, pitch: float = PITCH, transducer: Transducer | None = None
     ) -> TransducerArray:
         """A flat rectangular grid centred on the origin, looking up.
 

@@ -11,14 +11,14 @@ import typer
 
 from ..console import JsonOption, console_for, error_console, write_json
 from ..storage import check_outputs
-from .array import TransducerArray
+from .array import COLUMNS, PITCH, ROWS, TransducerArray
 from .field import sample_plane
 from .files import load_solution, read_points, save_field, save_solution
 from .medium import Medium
 from .picture import check_picture_path, save_field_picture
 from .points import ControlPoints
 from .propagation import pressure
-from .shapes import SHAPES, parse_shape, shape_help
+from .shapes import SHAPES, SPACING, parse_shape, shape_help
 from .solve import METHODS, solve
 
 __all__ = ["commands"]
@@ -60,11 +60,11 @@ def solve_command(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The .npz file to write.")],
     spacing: Annotated[
         float, typer.Option(help="Distance between a shape's control points along its arc, in m.")
-    ] = 0.015,
+    ] = SPACING,
     method: Annotated[str, typer.Option(help=f"Solver: {', '.join(sorted(METHODS))}.")] = "tikhonov",
-    columns: Annotated[int, typer.Option(help="Transducers along x.")] = 20,
-    rows: Annotated[int, typer.Option(help="Transducers along y.")] = 16,
-    pitch: Annotated[float, typer.Option(help="Distance between transducers, in m.")] = 10.3e-3,
+    columns: Annotated[int, typer.Option(help="Transducers along x.")] = COLUMNS,
+    rows: Annotated[int, typer.Option(help="Transducers along y.")] = ROWS,
+    pitch: Annotated[float, typer.Option(help="Distance between transducers, in m.")] = PITCH,
     temperature: Annotated[float, typer.Option(help="Of the air, in °C.")] = 20.0,
     json_target: JsonOption = None,
 ) -> None:

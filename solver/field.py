@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .array import TransducerArray
+from .geometry import frozen
 from .medium import Medium
 from .propagation import pressure
 
@@ -58,7 +59,7 @@ def sample_plane(
     height : float
         Of the plane, in metres.
     extent : float
-        Side of the square, in metres.
+        Side of the square, in metres, rounded down to an even number of steps so that one sample is in the middle.
     step : float
         Distance between samples, in metres.
     medium : Medium, optional
@@ -76,10 +77,12 @@ def sample_plane(
         raise ValueError(f"a step of {step} m is too long for a plane of {extent} m; at most half of it")
     if extent / step > math.sqrt(MAX_SAMPLES) - 2:
         raise ValueError(f"a step of {step} m over {extent} m makes more than {MAX_SAMPLES} samples")
-    count = 2 * round(extent / step / 2) + 1
+    half = int(extent / step / 2 + 1e-9)
+    count = 2 * half + 1
     if count**2 * len(array) > MAX_PAIRS:
         raise ValueError(f"{count**2} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs")
-    axis = np.linspace(-extent / 2, extent / 2, count)
+    axis = np.arange(-half, half + 1) * step
     x, y = np.meshgrid(axis, axis)
     at = np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
-    return PlaneField(axis, axis, height, pressure(array, drive, at, medium).reshape(x.shape))
+    values = pressure(array, drive, at, medium).reshape(x.shape)
+    return PlaneField(frozen(axis.copy()), frozen(axis), height, frozen(values))

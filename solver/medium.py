@@ -37,15 +37,15 @@ class Medium:
 
     @property
     def speed_of_sound(self) -> float:
-        """C = 331.3·√(1 + T/273.15), in m/s."""
+        """Speed of sound c = 331.3·√(1 + T/273.15), in m/s."""
         return 331.3 * math.sqrt(1 + self.temperature / 273.15)
 
     @property
     def wavelength(self) -> float:
-        """λ = c/f, in metres."""
+        """Wavelength λ = c/f, in metres."""
         return self.speed_of_sound / self.frequency
 
     @property
     def wavenumber(self) -> float:
-        """K = 2π/λ, in rad/m."""
+        """Wavenumber k = 2π/λ, in rad/m."""
         return 2 * math.pi / self.wavelength

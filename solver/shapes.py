@@ -8,24 +8,27 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from .geometry import FARTHEST
 from .points import MAX_POINTS, ControlPoints
 
-__all__ = ["SHAPES", "Circle", "Shape", "Sphere", "parse_shape", "shape_help"]
+__all__ = ["SHAPES", "SPACING", "Circle", "Shape", "Sphere", "parse_shape", "shape_help"]
+
+SPACING = 0.015
+"""Arc length between control points in metres, the paper's section 5."""
 
 
 class Shape(Protocol):
     """Anything that can be sampled into control points."""
 
-    def sample(self, spacing: float = 0.015) -> ControlPoints:
+    def sample(self, spacing: float = SPACING) -> ControlPoints:
         """Control points every ``spacing`` metres of arc."""
 
 
-def _check(shape: Circle | Sphere, positive: tuple[str, ...]) -> None:
+def _check(shape: Any, positive: tuple[str, ...]) -> None:
     for field in dataclasses.fields(shape):
         value = getattr(shape, field.name)
         if not abs(value) <= FARTHEST or (field.name in positive and value <= 0):
@@ -57,7 +60,7 @@ class Circle:
         """Check the ranges."""
         _check(self, positive=("radius", "height"))
 
-    def sample(self, spacing: float = 0.015) -> ControlPoints:
+    def sample(self, spacing: float = SPACING) -> ControlPoints:
         """Equally spaced points, as near to every ``spacing`` metres of arc as a closed curve allows."""
         if not 0 < spacing < math.inf:
             raise ValueError(f"spacing {spacing} m must be positive and finite")
@@ -112,12 +115,13 @@ class Sphere:
     def _cut_radius_squared(self) -> float:
         return self.radius**2 - (self.palm - self.height) ** 2
 
-    def sample(self, spacing: float = 0.015) -> ControlPoints:
+    def sample(self, spacing: float = SPACING) -> ControlPoints:
         """Control points along the cut, every ``spacing`` metres of arc."""
         return self.cut().sample(spacing)
 
 
-SHAPES: dict[str, type[Circle] | type[Sphere]] = {"circle": Circle, "sphere": Sphere}
+SHAPES: dict[str, type[Any]] = {"circle": Circle, "sphere": Sphere}
+"""Shapes by name: dataclasses of lengths in metres that are a `Shape`."""
 
 
 def shape_help() -> str:
@@ -151,4 +155,5 @@ def parse_shape(text: str) -> Shape:
             values[key] = float(value)
         except ValueError:
             raise ValueError(f"{name} {key} {value!r} is not a number of metres") from None
-    return SHAPES[name](**values)
+    shape: Shape = SHAPES[name](**values)
+    return shape

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from phasewire import ControlPoints, Emulator, Pulses, Solution, TransducerArray, Wiring, solve
 from phasewire.hil import EndToEnd, run_end_to_end
 from phasewire.hil.end_to_end import nearest_emission
-from phasewire.protocol import quantisation_bound
+
+from tests.oracles import quantisation_bound
 
 PROCESSORS, EARLY, DRIVE, PRESSURE = range(4)
 

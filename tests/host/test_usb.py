@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import errno
 from collections.abc import Callable
 from typing import Any
@@ -13,9 +14,10 @@ from phasewire.errors import (
     DeviceError,
     DeviceLostError,
     DeviceNotFoundError,
-    DeviceRefusedError,
     DeviceTimeoutError,
 )
+from phasewire.protocol import Info
+from phasewire.protocol.descriptors import configuration_descriptor
 
 
 def test_a_device_is_chosen_by_its_serial_number() -> None:
@@ -71,7 +73,7 @@ def raising(number: int | None) -> Callable[..., Any]:
         (errno.EIO, DeviceLostError, "the device is gone"),
         (errno.EACCES, DeviceAccessError, "permission denied"),
         (errno.EBUSY, DeviceAccessError, "another program is using the device"),
-        (errno.EPIPE, DeviceRefusedError, "the device does not know this request"),
+        (errno.EPIPE, DeviceError, "the device answers STALL"),
         (None, DeviceError, "as it happens"),
     ],
 )
@@ -102,6 +104,26 @@ def test_a_device_that_is_open_elsewhere_is_not_disturbed(emulator: Emulator) ->
         assert first.status().enabled
     with open_device(emulator.url) as second:
         assert not second.status().enabled
+
+
+def test_a_device_that_cannot_be_opened_whole_is_let_go(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    genuine = Info.encode
+    with monkeypatch.context() as patch:
+        patch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, protocol_version=9)))
+        with pytest.raises(DeviceError, match="version 9"):
+            open_device(emulator.url)
+    assert emulator.claimed_by is None
+
+
+def test_others_with_the_same_test_numbers_are_left_alone(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """1209:0001 is anybody's test pair: a device without our endpoints is not ours."""
+    genuine = configuration_descriptor()
+    foreign = genuine.replace(bytes([7, 5, 0x81]), bytes([7, 5, 0x82]))
+    assert foreign != genuine
+    monkeypatch.setattr("phasewire.emulator.backend.configuration_descriptor", lambda: foreign)
+    with pytest.raises(DeviceNotFoundError, match="nothing is plugged in"):
+        open_device(emulator.url)
+    assert emulator.usb.configuration == 0
 
 
 def test_a_half_sent_block_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ def test_pyusb_reads_the_descriptors() -> None:
     assert device.bcdUSB == 0x0200
     assert device.speed == usb.util.SPEED_HIGH
     (configuration,) = device.configurations()
+    assert configuration.bmAttributes == 0xC0  # self-powered
     (interface,) = configuration.interfaces()
     assert interface.bInterfaceClass == 0xFF
     endpoints = {endpoint.bEndpointAddress: endpoint for endpoint in interface}
@@ -24,7 +25,9 @@ def test_pyusb_reads_the_descriptors() -> None:
 
 
 def test_lengths_are_what_the_descriptors_say() -> None:
-    assert device_descriptor()[0] == len(device_descriptor()) == 18
+    device = device_descriptor((1, 2, 3))
+    assert device[0] == len(device) == 18
+    assert device[12:14] == bytes([0x23, 0x01])
     configuration = configuration_descriptor()
     assert int.from_bytes(configuration[2:4], "little") == len(configuration)
     lengths, at = [], 0

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given
-from phasewire.protocol import Pulses, quantisation_bound
+from phasewire.protocol import Pulses
 
+from tests.oracles import quantisation_bound
 from tests.strategies import drives, pulses
 
 
@@ -76,6 +77,10 @@ def test_start_follows_the_rounding_rule(phase: int, width: int, start: int) -> 
     assert Pulses([phase], [width]).start.tolist() == [start]
 
 
+def test_silence_has_one_form() -> None:
+    assert Pulses.from_drive([0, 0.001j, -0.02]) == Pulses.silent(3)
+
+
 def test_a_later_centre_is_a_larger_phase() -> None:
     quarter = Pulses([25], [25]).to_drive()[0]  # a quarter of a period after the boundary
     assert quarter == pytest.approx(1j)
@@ -87,6 +92,7 @@ def test_a_later_centre_is_a_larger_phase() -> None:
         ([0.5, np.nan], "drive of transducer 1 is .*nan.*; it must be finite"),
         ([0.5, 1j * np.inf], "drive of transducer 1 .* finite"),
         ([0.0, 0.0, 1.5j], "drive of transducer 2 has magnitude 1.5; at most 1"),
+        ([1.00001], "magnitude 1.00001; at most 1"),
         ([[1.0]], r"shape \(n,\), not \(1, 1\)"),
     ],
 )

@@ -5,7 +5,7 @@ import zlib
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.errors import BlockError
+from phasewire.errors import ReplyError
 from phasewire.protocol import Ack, Info, Reason, Status, Wiring
 from phasewire.protocol.replies import decode_wiring, encode_wiring
 
@@ -51,7 +51,7 @@ def test_an_ack_by_hand() -> None:
 def test_every_flipped_bit_of_an_ack_is_refused(ack: Ack, bit: int) -> None:
     data = bytearray(ack.encode())
     data[bit // 8] ^= 1 << bit % 8
-    with pytest.raises(BlockError):
+    with pytest.raises(ReplyError):
         Ack.decode(bytes(data))
 
 
@@ -60,6 +60,6 @@ def test_every_flipped_bit_of_an_ack_is_refused(ack: Ack, bit: int) -> None:
 def test_any_bytes_are_read_or_refused(kind: type[Ack] | type[Status] | type[Info], data: bytes) -> None:
     try:
         reply = kind.decode(data)
-    except BlockError:
+    except ReplyError:
         return
     assert reply.encode() == data

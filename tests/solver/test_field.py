@@ -16,6 +16,13 @@ def test_a_plane_holds_the_pressure_at_its_samples(sphere_solution: Solution) ->
         assert plane.pressure[row, column] == pytest.approx(expected)
 
 
+def test_the_step_is_kept_and_the_middle_is_sampled(array: TransducerArray) -> None:
+    plane = sample_plane(array, np.ones(320), 0.2, extent=0.05, step=0.02)
+    np.testing.assert_allclose(plane.x, [-0.02, 0, 0.02])
+    with pytest.raises(ValueError, match="read-only"):
+        plane.pressure[0, 0] = 0
+
+
 def test_the_strongest_sample_is_at_the_focus(array: TransducerArray) -> None:
     focus = (0.02, -0.03)
     plane = sample_plane(array, solve(array, ControlPoints([[*focus, 0.2]])).drive, 0.2, step=2e-3)
