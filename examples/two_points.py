@@ -10,8 +10,6 @@ import time
 
 from phasewire import ControlPoints, Pulses, TransducerArray, open_device, solve
 
-SIGN_OF_LIFE_S = 0.03  # well under the watchdog's 100 ms
-
 
 def main(url: str | None) -> None:
     """Solve the points and play them."""
@@ -22,8 +20,8 @@ def main(url: str | None) -> None:
         print(f"{device.name} plays from carrier period {ack.commit_period}")
         end = time.monotonic() + 2
         while time.monotonic() < end:
-            time.sleep(SIGN_OF_LIFE_S)
-            device.status()
+            time.sleep(device.info.watchdog / 3)
+            device.status()  # a sign of life
     print("The outputs are off.")
 
 

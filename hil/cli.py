@@ -14,8 +14,9 @@ from rich.text import Text
 
 from ..console import JsonOption, console_for, error_console, write_json
 from ..emulator import Emulator
+from ..protocol.board import TICK_HZ
 from ..protocol.codes import BLOCK_BYTES
-from ..solver import Sphere, TransducerArray, sample_plane, solve
+from ..solver import Sphere, TransducerArray, solve
 from ..solver.picture import check_picture_path
 from ..storage import check_outputs
 from .end_to_end import EndToEnd, run_end_to_end
@@ -24,8 +25,6 @@ from .picture import save_end_to_end_picture
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
-
-SPACING = 0.015
 
 
 @commands.command()
@@ -53,7 +52,7 @@ def demo(
 
     with progress.status("cutting the sphere") as status:
         sphere, array = Sphere(), TransducerArray.grid()
-        points = sphere.sample(SPACING)
+        points = sphere.sample()
         told(
             "shape",
             f"sphere of {sphere.radius * 200:g} cm, centred {sphere.height * 100:g} cm up, palm at "
@@ -72,10 +71,10 @@ def demo(
             f"one block of {BLOCK_BYTES} bytes by pyusb, accepted for carrier period {run.ack.commit_period}",
         )
         told("boards", "sorted by the wiring table, ten slices down the chain, latched:")
-        _tell_events(progress, emulator)
+        _tell_events(progress, emulator, run)
         told("capture", f"{run.capture.end_tick} ticks of 0.5 µs on 320 outputs, read bit by bit")
         status.update("propagating to the palm")
-        field = sample_plane(array, run.rebuilt, sphere.palm, medium=solution.medium)
+        field = run.field(sphere.palm)
         strongest = float(np.abs(field.pressure).max())
         told(
             "field",
@@ -95,20 +94,16 @@ def demo(
         raise typer.Exit(1)
 
 
-def _tell_events(progress: Console, emulator: Emulator) -> None:
-    """Say when what happened inside the device; the ten processors in one line."""
+def _tell_events(progress: Console, emulator: Emulator, run: EndToEnd) -> None:
+    """Say when what happened inside the device, until the outputs began to play."""
+    moments = sorted({tick / TICK_HZ for tick in run.latch_ticks})
     first = emulator.events[0].time
-    processors = []
-    for event in emulator.events:
-        if event.where == "controller":
-            progress.print(f"            {(event.time - first) * 1e6:6.1f} µs  {event.where} {event.what}")
-        elif event.what.startswith("plays"):
-            processors.append(event)
-        if len(processors) == 10:
-            moments = {(event.time - first) * 1e6 for event in processors}
-            times = ", ".join(f"{moment:6.1f}" for moment in sorted(moments))
-            progress.print(f"            {times} µs  all ten processors play")
-            return
+    lines = [(event.time, f"controller {event.what}") for event in emulator.events if event.where == "controller"]
+    lines = [line for line in lines if line[0] < moments[0]]
+    who = "all ten processors" if len(moments) == 1 else "the processors, not together,"
+    lines += [(moment, f"{who} play the new table") for moment in moments]
+    for moment, what in lines:
+        progress.print(f"            {(moment - first) * 1e6:6.1f} µs  {what}")
 
 
 def _number_column(header: str) -> Column:

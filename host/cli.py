@@ -14,10 +14,11 @@ import typer
 from rich.table import Table
 
 from ..console import JsonOption, console_for, error_console, write_json
-from ..errors import InputFileError
+from ..errors import DeviceRefusedError, InputFileError
+from ..protocol.codes import Reason
 from ..protocol.pulses import Pulses
 from ..protocol.replies import Info
-from ..solver import TransducerArray
+from ..solver import Solution, TransducerArray
 from ..solver.files import load_solution, read_arrays
 from ..storage import check_outputs
 from .device import open_device
@@ -26,8 +27,6 @@ from .transport import DEFAULT_URL, URL_VARIABLE
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
-
-SIGN_OF_LIFE_S = 0.03
 
 DeviceOption = Annotated[
     str,
@@ -40,12 +39,12 @@ DeviceOption = Annotated[
 ]
 
 
-def load_pulses(path: Path) -> tuple[Pulses, TransducerArray | None]:
-    """Pulses from a solved file, with its array, or as they stand in an NPZ file with the arrays phase and width."""
+def load_pulses(path: Path) -> tuple[Pulses, Solution | None]:
+    """Pulses from a solved file, with its solution, or as they stand in an NPZ file as ``phase`` and ``width``."""
     arrays = read_arrays(path)
     if "format" in arrays:
         solution = load_solution(path)
-        return Pulses.from_drive(solution.drive), solution.array
+        return Pulses.from_drive(solution.drive), solution
     if {"phase", "width"} <= set(arrays):
         try:
             return Pulses(arrays["phase"], arrays["width"]), None
@@ -54,15 +53,15 @@ def load_pulses(path: Path) -> tuple[Pulses, TransducerArray | None]:
     raise InputFileError(f"{path} holds neither a solution nor pulses (phase and width); `phasewire solve` makes one")
 
 
-def _warn_of_another_array(file: Path, array: TransducerArray, what: Info) -> None:
-    """Say so where a file was solved for an array that stands otherwise than the device's."""
-    own = TransducerArray.grid(what.columns, what.rows, what.pitch)
-    if len(array) == len(own) and not np.allclose(array.positions, own.positions, atol=1e-6):
-        error_console().print(
-            f"warning: {file} was solved for an array that stands otherwise than the device's {what.columns} × "
-            f"{what.rows} transducers, {what.pitch * 1e3:g} mm apart; the field will be another",
-            style="yellow",
-        )
+def differences(solution: Solution, what: Info) -> list[str]:
+    """In which ways a device differs from what a solution was solved for, so that the field will be another."""
+    found = []
+    own = TransducerArray.grid(what.columns, what.rows, what.pitch).positions
+    if own.shape == solution.array.positions.shape and not np.allclose(solution.array.positions, own, atol=1e-6):
+        found.append(f"the device has {what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart")
+    if solution.medium.frequency != what.carrier_hz:
+        found.append(f"the device's carrier has {what.carrier_hz} Hz, not {solution.medium.frequency:g} Hz")
+    return found
 
 
 @commands.command()
@@ -78,22 +77,27 @@ def show(
 ) -> None:
     """Play a solved file on a device, and leave its outputs off.
 
-    While it plays, the device hears a sign of life every 30 ms; should this program die, the device's watchdog
-    turns the outputs off.
+    While it plays, the device hears regular signs of life; should this program die, the device's watchdog turns the
+    outputs off. The time of an emulated device passes only with each transfer, so it plays for less of its own time.
     """
     check_outputs([json_target], inputs=[file])
-    pulses, array = load_pulses(file)
+    pulses, solution = load_pulses(file)
     with open_device(device) as opened:
-        if array is not None:
-            _warn_of_another_array(file, array, opened.info)
+        for difference in differences(solution, opened.info) if solution else []:
+            error_console().print(f"warning: {file} was solved for something else: {difference}", style="yellow")
         ack = opened.show(pulses)
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
         error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
         end = math.inf if forever else time.monotonic() + seconds
         with suppress(KeyboardInterrupt):
             while (left := end - time.monotonic()) > 0:
-                time.sleep(min(SIGN_OF_LIFE_S, left))
-                opened.status()
+                time.sleep(min(opened.info.watchdog / 3, left))
+                if not opened.status().enabled:
+                    raise DeviceRefusedError(
+                        f"{opened.name} has turned its outputs off: it heard nothing for {opened.info.watchdog:g} s. "
+                        "Was this program held up?",
+                        Reason.DISABLED,
+                    )
         status = opened.status()
     console_for(json_target).print("Stopped; the outputs are off.")
     write_json(json_target, {"device": opened.name, "commit_period": ack.commit_period, "status": asdict(status)})
