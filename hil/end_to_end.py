@@ -131,7 +131,7 @@ class EndToEnd:
         percent = 100 / np.abs(at_points).max()
         return [
             Check(
-                "processors off the promised tick",
+                "processors off their tick",
                 sum(tick != boundary for tick in self.latch_ticks),
                 0,
                 f"of {PROCESSORS}",

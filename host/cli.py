@@ -71,7 +71,7 @@ def show(
         typer.Argument(metavar="FILE", help="A solved file, or an .npz file with the arrays phase and width."),
     ],
     device: DeviceOption = DEFAULT_URL,
-    seconds: Annotated[float, typer.Option(min=0, help="How long to play.")] = 1.0,
+    seconds: Annotated[float, typer.Option(min=0, help="How long to play, in s.")] = 1.0,
     forever: Annotated[bool, typer.Option("--forever", help="Play until Ctrl-C.")] = False,
     json_target: JsonOption = None,
 ) -> None:

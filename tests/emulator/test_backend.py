@@ -88,3 +88,38 @@ def test_the_link_can_be_chosen() -> None:
     device = usb.core.find(backend=EmulatorBackend([emulator]))
     device.set_configuration()
     assert bytes(device.ctrl_transfer(0xC1, 1, 0, 0, 32))[14] == 2
+
+
+def test_a_time_out_comes_before_later_events(plain: tuple[Emulator, usb.core.Device]) -> None:
+    """The watchdog, 100 ms ahead, is something to wait for, but not for this transfer."""
+    emulator, device = plain
+    device.set_configuration()
+    device.ctrl_transfer(0x41, 4, 0, 0, None)
+    before = emulator.scheduler.now
+    with pytest.raises(usb.core.USBTimeoutError):
+        device.read(0x81, 64, timeout=20)
+    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(20e-3)
+
+
+def test_a_long_write_that_times_out_says_how_much_was_taken(plain: tuple[Emulator, usb.core.Device]) -> None:
+    """As pyusb does over libusb; the queue holds eight blocks."""
+    _, device = plain
+    device.set_configuration()
+    device.ctrl_transfer(0x41, 4, 0, 0, None)
+    blocks = b"".join(pack(Update(Pulses.silent(320), n, period=10**6)) for n in range(10))
+    assert device.write(0x01, blocks, timeout=10) == 8 * 512
+    with pytest.raises(usb.core.USBTimeoutError):
+        device.write(0x01, blocks[8 * 512 :], timeout=10)
+
+
+def test_a_bus_reset_turns_off_and_unconfigures(plain: tuple[Emulator, usb.core.Device]) -> None:
+    emulator, device = plain
+    device.set_configuration()
+    device.ctrl_transfer(0x41, 4, 0, 0, None)
+    device.write(0x01, pack(Update(Pulses([25] * 320, [25] * 320), 0)))
+    emulator.run(5)
+    assert emulator.capture().bits(emulator.capture().end_tick - 50, emulator.capture().end_tick).any()
+    device.reset()
+    emulator.run(10)
+    assert not emulator.capture().bits(emulator.capture().end_tick - 50, emulator.capture().end_tick).any()
+    assert emulator.usb.configuration == 0

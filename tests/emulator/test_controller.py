@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
 from phasewire.emulator import Event
+from phasewire.emulator.processor import Processor
 from phasewire.emulator.usb_device import Handshake, Setup
 from phasewire.protocol import Ack, Reason, Status, Update, pack
-from phasewire.protocol.chain import FIVE_WIRE, TWO_WIRE, Link
+from phasewire.protocol.chain import FIVE_WIRE, TWO_WIRE, ChannelEnd, Link
 from phasewire.protocol.codes import Request
 
 FULL = Pulses(np.full(320, 25), np.full(320, 25))
@@ -274,3 +275,63 @@ def test_the_same_calls_give_the_same_capture_and_log() -> None:
         return capture.bits(0, capture.end_tick).tobytes(), list(emulator.events)
 
     assert session() == session()
+
+
+def test_blocks_that_are_accepted_are_a_sign_of_life() -> None:
+    emulator = ready()
+    for n in range(10):
+        emulator.run(3900)
+        assert send(emulator, pack(Update(FULL, n))).reason is Reason.ACCEPTED
+
+
+def test_enabling_again_is_a_sign_of_life() -> None:
+    emulator = ready()
+    for _ in range(3):
+        emulator.run(3900)
+        order(emulator, Request.ENABLE)
+    assert status(emulator).enabled
+
+
+def test_a_refusal_names_the_block_and_the_moment() -> None:
+    emulator = ready()
+    emulator.run(50)
+    broken = bytearray(pack(Update(FULL, 0x01020304)))
+    broken[-1] ^= 1
+    ack = send(emulator, bytes(broken))
+    assert (ack.sequence, ack.now_period, ack.commit_period) == (0x01020304, 50, 0)
+    assert send(emulator, b"PW\x01\x01\x05\x06").sequence == 0x0605
+
+
+@pytest.mark.parametrize(("link", "cycles_per_token"), [(FIVE_WIRE, 8), (TWO_WIRE, 20)])
+def test_messages_arrive_when_the_links_can_have_carried_them(
+    link: Link, cycles_per_token: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sorting 15 µs, then 52 tokens a slice and 16 a commit one after the other, and 100 ns for each hop."""
+    arrivals: list[tuple[int, int, int]] = []
+    genuine = Processor.receive
+
+    def noting(self: Processor, end: ChannelEnd, payload: bytes) -> None:
+        arrivals.append((emulator.scheduler.now, int(end), len(payload)))
+        genuine(self, end, payload)
+
+    monkeypatch.setattr(Processor, "receive", noting)
+    emulator = ready(link)
+    send(emulator, pack(Update(FULL, 0)))
+    emulator.run(10)
+    start = 15 * 400
+    slices = [(start + 52 * (n + 1) * cycles_per_token + (n + 1) * 40, 1, 48) for n in range(10)]
+    commits = [(start + (520 + 16 * (n + 1)) * cycles_per_token + (n + 1) * 40, 2, 12) for n in range(10)]
+    assert sorted(arrivals) == sorted(slices + commits)
+
+
+def test_blocks_are_sorted_one_after_the_other() -> None:
+    """Three at once are ready 15, 30 and 45 µs later: too slowly for three periods in a row on a fast chain."""
+    emulator = ready()
+    for n in range(3):
+        emulator.usb.bulk_out(0x01, pack(Update(FULL, n)))
+    emulator.run(10)
+    sorted_at = [event.time for event in emulator.events if event.what.startswith("sorted")]
+    assert sorted_at[0] == pytest.approx(15e-6)
+    assert all(moment >= 15e-6 * (n + 1) for n, moment in enumerate(sorted_at))
+    gaps = np.diff(sorted_at)
+    assert (gaps >= 15e-6 - 1e-12).all()

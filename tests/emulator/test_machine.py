@@ -55,3 +55,27 @@ def test_the_log_is_bounded(emulator: Emulator) -> None:
         for _ in range(1000):
             device.show(Pulses.silent(320))
     assert len(emulator.events) == 10_000
+
+
+def test_periods_run_to_their_end(emulator: Emulator) -> None:
+    emulator.scheduler.run_until(10_001)
+    emulator.run(1)
+    assert emulator.scheduler.now == 30_000
+    emulator.run_until(2)
+    assert emulator.scheduler.now == 30_000
+    emulator.run_until(5)
+    assert emulator.scheduler.now == 50_000
+
+
+def test_an_emulator_that_was_unplugged_has_lost_its_power() -> None:
+    emulator = Emulator()
+    with emulator:
+        pass
+    with pytest.raises(ValueError, match="has lost its power; make a new one"):
+        emulator.__enter__()
+
+
+@pytest.mark.parametrize("serial", ["", "a b", "a?b", "ü", "x" * 65])
+def test_serial_numbers_that_no_url_can_name_are_refused(serial: str) -> None:
+    with pytest.raises(ValueError, match="must be 1 to 64 letters, digits"):
+        Emulator(serial=serial)

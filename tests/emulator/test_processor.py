@@ -55,6 +55,15 @@ def test_a_commit_for_another_slice_is_missed() -> None:
     assert (tested.missed_commits, tested.starts) == (1, [0])
 
 
+def test_a_commit_that_leaves_just_enough_time_is_carried_out() -> None:
+    scheduler, tested = processor()
+    tested.receive(ChannelEnd.MAILBOX, SLICE)
+    scheduler.run_until(3 * PERIOD - RASTERISE_CYCLES)
+    tested.receive(ChannelEnd.COMMIT, Commit.of(3, SLICE).encode())
+    scheduler.run_until(5 * PERIOD)
+    assert (tested.missed_commits, tested.starts) == (0, [0, 150])
+
+
 def test_a_commit_that_leaves_no_time_to_rasterise_is_missed() -> None:
     scheduler, tested = processor()
     tested.receive(ChannelEnd.MAILBOX, SLICE)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from phasewire import ControlPoints, Emulator, Pulses, Solution, TransducerArray, Wiring, solve
+from phasewire import ControlPoints, Emulator, Pulses, Solution, TransducerArray, Wiring, pressure, solve
 from phasewire.hil import EndToEnd, run_end_to_end
 from phasewire.hil.end_to_end import nearest_emission
 
@@ -117,3 +117,34 @@ def test_the_record_is_json_and_says_what_the_run_says(sphere_solution: Solution
     assert 0 < phase <= 3.7
     assert 0 < amplitude <= quantisation_bound(np.sqrt(0.5))
     assert 0 < at_points < 3
+
+
+def test_the_smallest_error_in_one_drive_is_red(sphere_solution: Solution, emulator: Emulator) -> None:
+    run = run_end_to_end(sphere_solution, emulator)
+    worse = run.rebuilt + 1e-6 * (np.arange(320) == 5) * (run.rebuilt - sphere_solution.drive) / np.abs(
+        run.rebuilt - sphere_solution.drive
+    )
+    run.__dict__["rebuilt"] = worse
+    assert verdicts(run) == [True, True, False, True]
+
+
+def test_phase_errors_are_in_degrees(sphere_solution: Solution, emulator: Emulator) -> None:
+    run = run_end_to_end(sphere_solution, emulator)
+    run.__dict__["rebuilt"] = sphere_solution.drive * np.exp(1j * np.radians(30))
+    assert run.differences()[1]["rebuilt"] == pytest.approx(30)
+
+
+def test_the_emulator_and_the_judge_demodulate_alike(sphere_solution: Solution, emulator: Emulator) -> None:
+    run = run_end_to_end(sphere_solution, emulator)
+    np.testing.assert_allclose(run.rebuilt, run.capture.drive(run.capture.periods - 1), atol=1e-12)
+
+
+def test_the_field_is_that_of_the_drive_as_emitted(sphere_solution: Solution) -> None:
+    with Emulator(clock_offset_ticks={2: 9}) as emulator:
+        run = run_end_to_end(sphere_solution, emulator)
+    plane = run.field(0.2)
+    samples = [(0, 0), (100, 140), (60, 60)]
+    at = [[plane.x[column], plane.y[row], 0.2] for row, column in samples]
+    emitted = pressure(sphere_solution.array, run.rebuilt, at)
+    np.testing.assert_allclose([plane.pressure[sample] for sample in samples], emitted)
+    assert np.abs(emitted - pressure(sphere_solution.array, sphere_solution.drive, at)).max() > 1

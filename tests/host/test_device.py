@@ -27,6 +27,8 @@ def test_show_plays_and_stop_stops(emulator: Emulator) -> None:
         assert sounding(emulator) == 0
         device.show(FULL)
         assert sounding(emulator) == 320
+        assert emulator.claimed_by is not None
+    assert emulator.claimed_by is None
 
 
 @pytest.mark.parametrize("error", [None, KeyboardInterrupt, RuntimeError])

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import zlib
 
 import pytest
@@ -45,6 +46,37 @@ def test_an_ack_by_hand() -> None:
     data = Ack(Reason.PHASE, 0x01020304, 5, 6, True, 7).encode()
     assert data[:8] == b"PA" + bytes([1, 7]) + bytes([4, 3, 2, 1])
     assert data[8:28] == bytes([5, 0, 0, 0, 0, 0, 0, 0, 6, 0, 0, 0, 0, 0, 0, 0, 1, 7, 0, 0])
+
+
+def test_a_status_by_hand() -> None:
+    data = Status(True, False, Reason.WIDTH, 0x0807060504030201, 10, 11, 12, 13).encode()
+    assert data == bytes([1, 0, 8, 0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 0, 0, 0, 11, 0, 0, 0, 12, 0, 0, 0, 13, 0, 0, 0])
+
+
+def test_an_information_record_by_hand() -> None:
+    """Field by field as clause REQ-002 lists them."""
+    fields = [
+        (1, 1),  # protocol version
+        (0, 1),  # firmware
+        (1, 1),
+        (0, 1),
+        (320, 2),  # channels
+        (20, 1),  # columns
+        (16, 1),  # rows
+        (10_300, 2),  # pitch in µm
+        (5, 1),  # boards
+        (2, 1),  # processors per board
+        (50, 1),  # ticks per period
+        (25, 1),  # largest width
+        (5, 1),  # wires per link
+        (8, 1),  # blocks that can be queued
+        (40_000, 4),  # carrier in Hz
+        (39_999, 4),  # most updates per second
+        (100, 2),  # watchdog in ms
+        (0, 6),  # reserved
+    ]
+    expected = b"".join(value.to_bytes(size, "little") for value, size in fields)
+    assert dataclasses.replace(INFO, max_updates_per_second=39_999).encode() == expected
 
 
 @given(ACKS, st.integers(0, 32 * 8 - 1))

@@ -58,6 +58,13 @@ def test_impossible_arrays_are_refused(positions: list[float], normals: list[flo
         TransducerArray(positions, normals)
 
 
+def test_the_default_strength_is_the_paper_s_20_pascals() -> None:
+    """20 Pa rms at 30 cm and 10 V rms, scaled to the fundamental of a square wave between 0 and 15 V."""
+    peak_at_10_v_rms = 20 * np.sqrt(2) * 0.3
+    fundamental = 2 / np.pi * 15
+    assert Transducer().strength == pytest.approx(peak_at_10_v_rms * fundamental / (10 * np.sqrt(2)), rel=1e-3)
+
+
 def test_impossible_transducers_are_refused() -> None:
     with pytest.raises(ValueError, match="radius -1"):
         Transducer(radius=-1)

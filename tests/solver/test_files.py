@@ -132,7 +132,7 @@ def test_fields_can_be_read_by_numpy(tmp_path: Path, sphere_solution: Solution) 
         ("p.csv", "0,0,0.2\n0.01,0,0.2\n", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 1]),
         ("p.csv", "x,y,z,amplitude\n# a note\n\n0,0,0.2,0.5\n", [[0, 0, 0.2]], [0.5]),
         ("p.csv", "# a note\nx,y,z\n0,0,0.2\n", [[0, 0, 0.2]], [1]),
-        ("p.CSV", "\ufeffx,y,z\r\n0, 0, 2e-1\r\n", [[0, 0, 0.2]], [1]),
+        ("p.CSV", "\ufeff0, 0, 2e-1\r\n", [[0, 0, 0.2]], [1]),
         ("p.json", '{"positions": [[0, 0, 0.2]]}', [[0, 0, 0.2]], [1]),
         ("p.json", '{"positions": [[0, 0, 0.2]], "amplitudes": [2]}', [[0, 0, 0.2]], [2]),
     ],

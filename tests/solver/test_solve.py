@@ -63,6 +63,36 @@ def test_phases_are_those_of_the_dominant_eigenvector_where_it_is_spread_out(arr
     np.testing.assert_allclose(u[1] / u[0], dominant[1] / dominant[0], atol=1e-6)
 
 
+def test_phases_follow_equation_9_literally(array: TransducerArray) -> None:
+    """Column j of R is the field, at all points, of the drive that (8) gives for point j alone at its amplitude."""
+    rng = np.random.default_rng(9)
+    points = rng.uniform([-0.05, -0.05, 0.15], [0.05, 0.05, 0.25], size=(7, 3))
+    amplitudes = rng.uniform(0.1, 1, 7)
+    matrix = transfer_matrix(array, points)
+    response = np.empty((7, 7), complex)
+    for j in range(7):
+        drive = np.conj(matrix[j]) * amplitudes[j] / np.sum(np.abs(matrix[j]) ** 2)
+        response[:, j] = matrix @ drive
+    u = np.exp(2j * np.pi * 0.6180339887 * np.arange(7) ** 2)
+    for _ in range(20):
+        u = response @ u
+        u /= np.abs(u)
+    np.testing.assert_allclose(control_point_phases(matrix, amplitudes), u, atol=1e-9)
+
+
+def test_the_start_does_not_stall_on_symmetric_shapes(array: TransducerArray) -> None:
+    """Two points whose fields work against each other must end in antiphase, which equal phases never leave for."""
+    matrix = transfer_matrix(array, [[-0.006, 0, 0.2], [0.006, 0, 0.2]])
+    assert (matrix @ matrix.conj().T)[0, 1].real < 0
+    u = control_point_phases(matrix, np.ones(2))
+    assert u[1] / u[0] == pytest.approx(-1, abs=0.02)
+
+
+def test_the_default_prefers_equal_drives(array: TransducerArray) -> None:
+    points = Sphere().sample()
+    np.testing.assert_array_equal(solve(array, points).drive, solve(array, points, gamma=1.0).drive)
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_phases_gain_on_equal_ones(seed: int) -> None:
     """The point of section 3.2: the quadratic form uᴴ·R·u is larger than with all phases equal, or with random ones."""
