@@ -42,7 +42,8 @@ from .scheduler import Scheduler
 
 __all__ = ["Controller"]
 
-# CRC, validation and sorting of 320 pulses, split over the controller's free threads. An estimate, as RASTERISE_CYCLES.
+# CRC, validation and sorting of 320 pulses, split over the controller's free threads. An estimate, as RASTERISE_CYCLES;
+# less than the period that lies between two updates on the chain, so that sorting never holds up the next.
 SORT_CYCLES = 6_000
 # Switch latency per hop is not published; 100 ns is assumed.
 HOP_CYCLES = 40
@@ -98,7 +99,6 @@ class Controller:
         self._accepted = self._refused = self._late = 0
         self._queued = 0
         self._era = 0  # advanced whenever the outputs go off; updates of an earlier era are dropped
-        self._sorter_free = 0
         self._planned = Tail(0, 0)  # behind everything that is queued
         self._certain = Tail(0, 0)  # behind what is on the chain and can no longer be dropped
         self._fed = 0
@@ -140,8 +140,7 @@ class Controller:
         self.acks.append(Ack(reason, sequence, commit_period, self.now_period, late, free))
 
     def _plan(self, update: Update) -> None:
-        self._sorter_free = max(self._scheduler.now, self._sorter_free) + SORT_CYCLES
-        start = self._first_start(self._sorter_free, self._planned)
+        start = self._first_start(self._scheduler.now + SORT_CYCLES, self._planned)
         earliest = self._first_boundary(start)
         commit_period = earliest if update.period is None else max(earliest, update.period)
         late = update.period is not None and update.period < earliest

@@ -110,9 +110,9 @@ def test_a_device_that_cannot_be_opened_whole_is_let_go(emulator: Emulator, monk
     genuine = Info.encode
     with monkeypatch.context() as patch:
         patch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, protocol_version=9)))
-        with pytest.raises(DeviceError, match="version 9"):
+        with pytest.raises(DeviceError, match="version 9") as raised:
             open_device(emulator.url)
-    assert emulator.claimed_by is None
+    assert emulator.claimed_by is None, raised  # while the error, and with it every frame, is still alive
 
 
 def test_others_with_the_same_test_numbers_are_left_alone(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
