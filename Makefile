@@ -23,7 +23,7 @@ lint: $(VENV)/ready          ## style, types, and the floors of the house
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@$(BIN)/mypy tests benchmarks
+	@$(BIN)/mypy tests benchmarks examples
 	@$(BIN)/lint-imports --no-cache
 
 format: $(VENV)/ready        ## rewrite the code in the house style

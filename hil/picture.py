@@ -36,7 +36,7 @@ def draw_waves(axes: Axes, run: EndToEnd) -> None:
         labels.append(f"board {board} processor {processor} bit {bit:2}")
     axes.axvline(0, color="0.3", linewidth=1, linestyle="--")
     axes.set(
-        title=f"Square waves at 2 MHz; all boards begin at the boundary of period {run.ack.commit_period}",
+        title=f"Square waves at 2 MHz, around the promised boundary of period {run.ack.commit_period}",
         xlabel="time since the boundary / µs",
         xlim=(time[0], time[-1]),
         yticks=[WAVES - 1 - row + 0.35 for row in range(WAVES)],
