@@ -56,7 +56,8 @@ def demo(
         told(
             "shape",
             f"sphere of {sphere.radius * 200:g} cm, centred {sphere.height * 100:g} cm up, palm at "
-            f"{sphere.palm * 100:g} cm: a circle of radius {sphere.cut().radius * 100:g} cm, {len(points)} control points",
+            f"{sphere.palm * 100:g} cm: a circle of {sphere.cut().radius * 100:g} cm radius, "
+            f"{len(points)} control points",
         )
         status.update("solving")
         before = perf_counter()
