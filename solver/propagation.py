@@ -58,15 +58,20 @@ def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None
     ValueError
         Where a point is not finite, or too close for the far-field model.
     """
-    medium = medium or Medium()
-    points = as_points(at, "point")
+    return _transfer_matrix(array, as_points(at, "point"), medium or Medium())
+
+
+def _transfer_matrix(
+    array: TransducerArray, points: NDArray[np.float64], medium: Medium, first: int = 0
+) -> NDArray[np.complex128]:
+    """`transfer_matrix` of checked points, which are numbered from ``first`` in messages."""
     offset = points[:, None, :] - array.positions[None, :, :]
     distance = np.sqrt(np.einsum("mnk,mnk->mn", offset, offset))
     radius = array.transducer.radius
-    if distance.size and distance.min() < radius:
+    if distance.min() < radius:
         point, transducer = np.unravel_index(np.argmin(distance), distance.shape)
         raise ValueError(
-            f"point {point} at {points[point].tolist()} m is {distance.min() * 1e3:.2f} mm from transducer "
+            f"point {first + point} at {points[point].tolist()} m is {distance.min() * 1e3:.2f} mm from transducer "
             f"{transducer}; the far-field model needs at least its radius, {radius * 1e3:.2f} mm"
         )
     cosine = np.einsum("mnk,nk->mn", offset, array.normals) / distance
@@ -106,10 +111,10 @@ def pressure(
         raise ValueError(f"drive has the shape {drive.shape}, but the array has {len(array)} transducers")
     if (bad := np.flatnonzero(~np.isfinite(drive))).size:
         raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
-    points = as_points(at, "point")
+    points, medium = as_points(at, "point"), medium or Medium()
     result = np.empty(len(points), dtype=np.complex128)
     at_a_time = max(1, PAIRS_AT_A_TIME // len(array))
     for first in range(0, len(points), at_a_time):
         part = slice(first, first + at_a_time)
-        result[part] = transfer_matrix(array, points[part], medium) @ drive
+        result[part] = _transfer_matrix(array, points[part], medium, first) @ drive
     return result

@@ -91,6 +91,13 @@ def test_a_long_list_of_points_is_the_same_as_its_parts(array: TransducerArray) 
     np.testing.assert_allclose(whole[[0, 4095, 4096, 4999]], pressure(array, drive, points[[0, 4095, 4096, 4999]]))
 
 
+def test_a_bad_point_far_down_the_list_is_named_by_its_number(array: TransducerArray) -> None:
+    points = np.full((5000, 3), 0.2)
+    points[4321] = array.positions[7] + [0, 0, 1e-3]
+    with pytest.raises(ValueError, match=r"point 4321 at .* is 1.00 mm from transducer 7"):
+        pressure(array, np.ones(320), points)
+
+
 def test_nothing_sounds_behind_the_baffle() -> None:
     assert transfer_matrix(SINGLE, [[0, 0, -0.2], [0.1, 0, 0]]).tolist() == [[0], [0]]
 
