@@ -31,7 +31,7 @@ from ..protocol.descriptors import (
 )
 from .controller import FIRMWARE
 from .machine import Emulator, plugged
-from .usb_device import Handshake, Setup, Stall
+from .usb_device import SET_CONFIGURATION, Handshake, Setup, Stall
 
 __all__ = ["EmulatorBackend", "open_backend"]
 
@@ -130,7 +130,7 @@ class EmulatorBackend(usb.backend.IBackend):
     def set_configuration(self, dev_handle: Handle, config_value: int) -> None:
         """Choose a configuration."""
         dev_handle.check_free()
-        self.ctrl_transfer(dev_handle, 0x00, 9, config_value, 0, b"", 1000)
+        self.ctrl_transfer(dev_handle, 0x00, SET_CONFIGURATION, config_value, 0, b"", 1000)
 
     def get_configuration(self, dev_handle: Handle) -> int:
         """The configuration chosen, 0 for none."""
@@ -192,7 +192,7 @@ class EmulatorBackend(usb.backend.IBackend):
         incoming = bool(bmRequestType & 0x80)
         setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(data))
         try:
-            answer = dev_handle.emulator.usb.control(setup, b"" if incoming else bytes(data))
+            answer = dev_handle.emulator.usb.control(setup)
         except Stall as stall:
             _stalled(str(stall))
         if not incoming:

@@ -25,6 +25,7 @@ from ..protocol.board import (
     WATCHDOG_MS,
 )
 from ..protocol.chain import (
+    SLICE_BYTES,
     ChannelEnd,
     Commit,
     Link,
@@ -181,9 +182,8 @@ class Controller:
     def _forward(self, pulses: Pulses, period: int) -> None:
         by_channel = Pulses(self.wiring.sort(pulses.phase), self.wiring.sort(pulses.width))
         packed = pack_pulses(by_channel)
-        size = len(packed) // PROCESSORS
-        slices = [packed[size * node : size * (node + 1)] for node in range(PROCESSORS)]
-        self._log(f"sorted into {PROCESSORS} slices of {size} bytes, sent for period {period}")
+        slices = [packed[first : first + SLICE_BYTES] for first in range(0, len(packed), SLICE_BYTES)]
+        self._log(f"sorted into {len(slices)} slices of {SLICE_BYTES} bytes, sent for period {period}")
         messages = [Message(node, ChannelEnd.MAILBOX, piece) for node, piece in enumerate(slices)]
         messages += [
             Message(node, ChannelEnd.COMMIT, Commit.of(period, piece).encode()) for node, piece in enumerate(slices)

@@ -24,7 +24,7 @@ from ..protocol.descriptors import (
 from ..protocol.replies import encode_wiring
 from .controller import FIRMWARE, Controller
 
-__all__ = ["Handshake", "Setup", "Stall", "UsbDevice"]
+__all__ = ["SET_CONFIGURATION", "Handshake", "Setup", "Stall", "UsbDevice"]
 
 
 class Handshake(Enum):
@@ -53,7 +53,7 @@ class Setup:
 _STANDARD_IN_DEVICE, _STANDARD_OUT_DEVICE = 0x80, 0x00
 _STANDARD_IN_INTERFACE, _STANDARD_OUT_INTERFACE = 0x81, 0x01
 _GET_STATUS = 0
-_GET_DESCRIPTOR, _GET_CONFIGURATION, _SET_CONFIGURATION, _GET_INTERFACE, _SET_INTERFACE = 6, 8, 9, 10, 11
+_GET_DESCRIPTOR, _GET_CONFIGURATION, SET_CONFIGURATION, _GET_INTERFACE, _SET_INTERFACE = 6, 8, 9, 10, 11
 
 
 class UsbDevice:
@@ -71,38 +71,35 @@ class UsbDevice:
         self._controller = controller
         self._strings = [None, "phasewire", "phasewire five-board array (emulated)", serial]
         self.configuration = 0
+        self._handlers: dict[tuple[int, int], Callable[[Setup], bytes]] = {
+            (_STANDARD_IN_DEVICE, _GET_STATUS): lambda _: b"\x01\x00",  # self-powered
+            (_STANDARD_IN_DEVICE, _GET_DESCRIPTOR): self._descriptor,
+            (_STANDARD_IN_DEVICE, _GET_CONFIGURATION): lambda _: bytes([self.configuration]),
+            (_STANDARD_OUT_DEVICE, SET_CONFIGURATION): self._set_configuration,
+            (_STANDARD_IN_INTERFACE, _GET_INTERFACE): lambda _: b"\x00",
+            (_STANDARD_OUT_INTERFACE, _SET_INTERFACE): self._set_interface,
+            (REQUEST_TYPE_IN, Request.INFO): lambda _: controller.info().encode(),
+            (REQUEST_TYPE_IN, Request.STATUS): self._status,
+            (REQUEST_TYPE_IN, Request.WIRING): lambda _: encode_wiring(controller.wiring),
+            (REQUEST_TYPE_OUT, Request.ENABLE): lambda _: self._order(controller.enable),
+            (REQUEST_TYPE_OUT, Request.DISABLE): lambda _: self._order(controller.disable),
+        }
 
-    def control(self, setup: Setup, data: bytes = b"") -> bytes:
-        """Carry out a control transfer and return its IN data stage, empty for OUT.
+    def control(self, setup: Setup) -> bytes:
+        """Carry out a control transfer and return its IN data stage. No request so far has an OUT data stage.
 
         Raises
         ------
         Stall
             Where the device does not know the request.
         """
-        del data  # no request defined so far has an OUT data stage
-        handler = self._handlers().get((setup.request_type, setup.request))
+        handler = self._handlers.get((setup.request_type, setup.request))
         if handler is None:
             raise Stall(f"request 0x{setup.request:02x} of type 0x{setup.request_type:02x} is unknown")
         is_vendor_request = setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT)
         if is_vendor_request and (setup.value or setup.index or not self.configuration):
             raise Stall("a vendor request has value 0 and index 0 and needs a configured device")
         return handler(setup)[: setup.length]
-
-    def _handlers(self) -> dict[tuple[int, int], Callable[[Setup], bytes]]:
-        return {
-            (_STANDARD_IN_DEVICE, _GET_STATUS): lambda _: b"\x01\x00",  # self-powered
-            (_STANDARD_IN_DEVICE, _GET_DESCRIPTOR): self._descriptor,
-            (_STANDARD_IN_DEVICE, _GET_CONFIGURATION): lambda _: bytes([self.configuration]),
-            (_STANDARD_OUT_DEVICE, _SET_CONFIGURATION): self._set_configuration,
-            (_STANDARD_IN_INTERFACE, _GET_INTERFACE): lambda _: b"\x00",
-            (_STANDARD_OUT_INTERFACE, _SET_INTERFACE): self._set_interface,
-            (REQUEST_TYPE_IN, Request.INFO): lambda _: self._controller.info().encode(),
-            (REQUEST_TYPE_IN, Request.STATUS): self._status,
-            (REQUEST_TYPE_IN, Request.WIRING): lambda _: encode_wiring(self._controller.wiring),
-            (REQUEST_TYPE_OUT, Request.ENABLE): lambda _: self._order(self._controller.enable),
-            (REQUEST_TYPE_OUT, Request.DISABLE): lambda _: self._order(self._controller.disable),
-        }
 
     def _descriptor(self, setup: Setup) -> bytes:
         kind, index = divmod(setup.value, 256)

@@ -56,8 +56,6 @@ class EndToEnd:
     ----------
     solution : Solution
         The intended drive and its control points.
-    pulses : Pulses
-        What was sent.
     ack : Ack
         What the device answered.
     capture : Capture
@@ -65,7 +63,6 @@ class EndToEnd:
     """
 
     solution: Solution
-    pulses: Pulses
     ack: Ack
     capture: Capture
 
@@ -238,4 +235,4 @@ def run_end_to_end(solution: Solution, emulator: Emulator) -> EndToEnd:
         ack = device.show(pulses)
         emulator.run_until(ack.commit_period + PERIODS_WATCHED)
         capture = emulator.capture()
-    return EndToEnd(solution, pulses, ack, capture)
+    return EndToEnd(solution, ack, capture)

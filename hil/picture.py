@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS_PER_BOARD, TICK_HZ, TICKS_PER_PERIOD
+from ..protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
+from ..protocol.wiring import Output
 from ..solver import PlaneField
 from ..solver.picture import draw_array, draw_field, save_figure
 from .end_to_end import EndToEnd
@@ -31,9 +32,8 @@ def draw_waves(axes: Axes, run: EndToEnd) -> None:
     for row, channel in enumerate(np.linspace(0, CHANNELS - 1, WAVES).astype(int)):
         level = WAVES - 1 - row
         axes.stairs(level + 0.7 * bits[:, channel], time, baseline=level, fill=True, alpha=0.85, color=f"C{row}")
-        processor, bit = divmod(int(channel), CHANNELS_PER_PROCESSOR)
-        board, processor = divmod(processor, PROCESSORS_PER_BOARD)
-        labels.append(f"board {board} processor {processor} bit {bit:2}")
+        pin = Output.of(int(channel))
+        labels.append(f"board {pin.board} processor {pin.processor} bit {pin.bit:2}")
     axes.axvline(0, color="0.3", linewidth=1, linestyle="--")
     axes.set(
         title=f"Square waves at 2 MHz, around the promised boundary of period {run.ack.commit_period}",

@@ -19,7 +19,7 @@ from ..protocol.codes import Reason
 from ..protocol.pulses import Pulses
 from ..protocol.replies import Info
 from ..solver import Solution, TransducerArray
-from ..solver.files import load_solution, read_arrays
+from ..solver.files import read_arrays, solution_in
 from ..storage import check_outputs
 from .device import open_device
 from .transport import DEFAULT_URL, URL_VARIABLE
@@ -43,7 +43,7 @@ def load_pulses(path: Path) -> tuple[Pulses, Solution | None]:
     """Pulses from a solved file, with its solution, or as they stand in an NPZ file as ``phase`` and ``width``."""
     arrays = read_arrays(path)
     if "format" in arrays:
-        solution = load_solution(path)
+        solution = solution_in(arrays, path)
         return Pulses.from_drive(solution.drive), solution
     if {"phase", "width"} <= set(arrays):
         try:

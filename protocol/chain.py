@@ -59,6 +59,11 @@ FIVE_WIRE = Link("5wire", wires=5, symbols_per_token=4)
 TWO_WIRE = Link("2wire", wires=2, symbols_per_token=10)
 
 
+def message_tokens(payload_bytes: int) -> int:
+    """Tokens on the wire of a message: route header, payload and END."""
+    return ROUTE_HEADER_TOKENS + payload_bytes + END_TOKENS
+
+
 class Message(NamedTuple):
     """One routed message."""
 
@@ -69,7 +74,7 @@ class Message(NamedTuple):
     @property
     def tokens(self) -> int:
         """Tokens on the wire."""
-        return ROUTE_HEADER_TOKENS + len(self.payload) + END_TOKENS
+        return message_tokens(len(self.payload))
 
 
 class Commit(NamedTuple):
@@ -95,13 +100,12 @@ class Commit(NamedTuple):
 
 def slices_cycles(link: Link) -> int:
     """Core cycles that the ten slices of an update occupy the first link."""
-    return PROCESSORS * (ROUTE_HEADER_TOKENS + SLICE_BYTES + END_TOKENS) * link.cycles_per_token
+    return PROCESSORS * message_tokens(SLICE_BYTES) * link.cycles_per_token
 
 
 def update_cycles(link: Link) -> int:
     """Core cycles that one update, ten slices and ten commits, occupies the first link."""
-    commits = PROCESSORS * (ROUTE_HEADER_TOKENS + COMMIT.size + END_TOKENS) * link.cycles_per_token
-    return slices_cycles(link) + commits
+    return slices_cycles(link) + PROCESSORS * message_tokens(COMMIT.size) * link.cycles_per_token
 
 
 def periods_per_update(link: Link) -> int:

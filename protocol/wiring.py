@@ -32,6 +32,12 @@ class Output(NamedTuple):
     processor: int
     bit: int
 
+    @classmethod
+    def of(cls, channel: int) -> Output:
+        """The pin that a channel number stands for."""
+        processor, bit = divmod(channel, CHANNELS_PER_PROCESSOR)
+        return cls(*divmod(processor, PROCESSORS_PER_BOARD), bit)
+
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
@@ -72,8 +78,7 @@ class Wiring:
 
     def output(self, transducer: int) -> Output:
         """Board, processor on that board, and port bit that drive a transducer."""
-        processor, bit = divmod(int(self.channels[transducer]), CHANNELS_PER_PROCESSOR)
-        return Output(*divmod(processor, PROCESSORS_PER_BOARD), bit)
+        return Output.of(int(self.channels[transducer]))
 
     def sort(self, by_transducer: NDArray[Scalar]) -> NDArray[Scalar]:
         """From array order to channel order, along the last axis."""

@@ -13,7 +13,7 @@ from ..console import JsonOption, console_for, error_console, write_json
 from ..storage import check_outputs
 from .array import COLUMNS, PITCH, ROWS, TransducerArray
 from .field import sample_plane
-from .files import load_solution, read_points, save_field, save_solution
+from .files import POINT_FILES, load_solution, read_points, save_field, save_solution
 from .medium import Medium
 from .picture import check_picture_path, save_field_picture
 from .points import ControlPoints
@@ -24,8 +24,6 @@ from .solve import METHODS, solve
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
-
-POINT_FILES = (".csv", ".json")
 
 
 def read_source(source: str, spacing: float) -> ControlPoints:

@@ -81,8 +81,8 @@ def sample_plane(
     count = 2 * half + 1
     if count**2 * len(array) > MAX_PAIRS:
         raise ValueError(f"{count**2} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs")
-    axis = np.arange(-half, half + 1, dtype=np.float64) * step
+    axis = frozen(np.arange(-half, half + 1, dtype=np.float64) * step)
     x, y = np.meshgrid(axis, axis)
     at = np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
     values = pressure(array, drive, at, medium).reshape(x.shape)
-    return PlaneField(frozen(axis.copy()), frozen(axis), height, frozen(values))
+    return PlaneField(axis, axis, height, frozen(values))

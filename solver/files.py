@@ -21,7 +21,15 @@ from .medium import Medium
 from .points import ControlPoints
 from .solve import Solution
 
-__all__ = ["load_solution", "read_arrays", "read_points", "save_field", "save_solution"]
+__all__ = [
+    "POINT_FILES",
+    "load_solution",
+    "read_arrays",
+    "read_points",
+    "save_field",
+    "save_solution",
+    "solution_in",
+]
 
 SOLUTION_FORMAT = "phasewire-solution-1"
 MAX_ARCHIVE_BYTES = 500_000_000
@@ -41,12 +49,11 @@ def read_points(path: Path) -> ControlPoints:
     OSError
         Where it cannot be opened.
     """
-    readers = {".csv": _read_csv, ".json": _read_json}
-    if path.suffix.lower() not in readers:
-        raise InputFileError(f"{path}: control points are read from {' or '.join(readers)} files")
+    if path.suffix.lower() not in POINT_FILES:
+        raise InputFileError(f"{path}: control points are read from {' or '.join(POINT_FILES)} files")
     try:
         text = path.read_text(encoding="utf-8-sig")
-        positions, amplitudes = readers[path.suffix.lower()](text)
+        positions, amplitudes = POINT_FILES[path.suffix.lower()](text)
         return ControlPoints(positions, amplitudes)
     except (ValueError, TypeError, OverflowError, RecursionError, csv.Error) as error:
         raise InputFileError(f"{path}: {error}") from error
@@ -88,6 +95,10 @@ def _read_json(text: str) -> tuple[Any, Any]:
     if unknown := sorted(set(record) - {"positions", "amplitudes"}):
         raise ValueError(f"unknown entry {unknown[0]!r}; known are positions and amplitudes")
     return record["positions"], record.get("amplitudes")
+
+
+POINT_FILES = {".csv": _read_csv, ".json": _read_json}
+"""Readers of control points by the suffix of a file's name."""
 
 
 def save_solution(path: Path, solution: Solution) -> None:
@@ -139,7 +150,11 @@ def load_solution(path: Path) -> Solution:
     OSError
         Where it cannot be opened.
     """
-    arrays = read_arrays(path)
+    return solution_in(read_arrays(path), path)
+
+
+def solution_in(arrays: dict[str, np.ndarray[Any, Any]], path: Path) -> Solution:
+    """The solution in the arrays of a file; raise `InputFileError`, naming the file, where there is none."""
     if str(arrays.get("format")) != SOLUTION_FORMAT:
         raise InputFileError(f"{path} is not a solved file; `phasewire solve` makes one")
     try:
@@ -151,8 +166,8 @@ def load_solution(path: Path) -> Solution:
         medium = Medium(*_floats(arrays["medium"], 2))
         if drive.shape != (len(array),):
             raise ValueError(f"{drive.size} drives for {len(array)} transducers")
-        if not (np.abs(drive) <= 1 + 1e-6).all():
-            raise ValueError(f"the drive of transducer {np.argmin(np.abs(drive) <= 1 + 1e-6)} is not within 1")
+        if not (within := np.abs(drive) <= 1 + 1e-6).all():
+            raise ValueError(f"the drive of transducer {np.argmin(within)} is not within 1")
         return Solution(frozen(drive), array, points, medium, str(arrays["method"]))
     except KeyError as error:
         raise InputFileError(f"{path} is not a usable solved file: it has no entry {error}") from error

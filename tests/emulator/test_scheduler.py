@@ -1,13 +1,20 @@
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 from phasewire.emulator.scheduler import Scheduler
 
 
 def test_actions_run_in_order_of_time_then_of_scheduling() -> None:
-    scheduler, seen = Scheduler(), []
+    scheduler = Scheduler()
+    seen: list[tuple[int, str]] = []
+
+    def note(name: str) -> None:
+        seen.append((scheduler.now, name))
+
     for time, name in ((5, "b"), (3, "a"), (5, "c")):
-        scheduler.at(time, lambda name=name: seen.append((scheduler.now, name)))  # type: ignore[misc]
+        scheduler.at(time, partial(note, name))
     scheduler.run_until(4)
     assert (seen, scheduler.now) == ([(3, "a")], 4)
     scheduler.run_until(5)

@@ -146,7 +146,7 @@ def test_a_queue_of_distant_updates_is_dropped_on_stop(emulator: Emulator) -> No
 @pytest.mark.parametrize("period", [1.5, "soon"])
 def test_a_period_is_a_whole_number(emulator: Emulator, period: object) -> None:
     with open_device(emulator.url) as device, pytest.raises(TypeError, match="integer"):
-        device.show(FULL, period)  # type: ignore[arg-type]
+        device.show(FULL, period)  # type: ignore[arg-type]  # the wrong type is the point
 
 
 def test_a_period_beyond_the_horizon_is_refused(emulator: Emulator) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from phasewire import Transducer, TransducerArray
@@ -38,9 +40,9 @@ def test_the_caller_s_array_is_copied() -> None:
         ({"pitch": np.nan}, "pitch nan"),
     ],
 )
-def test_impossible_grids_are_refused(arguments: dict[str, float], message: str) -> None:
+def test_impossible_grids_are_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        TransducerArray.grid(**arguments)  # type: ignore[arg-type]
+        TransducerArray.grid(**arguments)
 
 
 @pytest.mark.parametrize(

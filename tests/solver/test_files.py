@@ -111,7 +111,7 @@ def test_an_archive_that_would_fill_the_memory_is_refused(tmp_path: Path) -> Non
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path, sphere_solution: Solution) -> None:
     path = tmp_path / "s.npz"
     path.write_text("precious")
-    broken = Solution(sphere_solution.drive, sphere_solution.array, None, Medium(), "x")  # type: ignore[arg-type]
+    broken = Solution(sphere_solution.drive, sphere_solution.array, None, Medium(), "x")  # type: ignore[arg-type]  # fails midway
     with pytest.raises(AttributeError):
         save_solution(path, broken)
     assert path.read_text() == "precious"

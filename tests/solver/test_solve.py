@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -176,6 +178,6 @@ def test_repeated_points_without_regularisation_are_refused(array: TransducerArr
         ({"phase_steps": -1}, "phase_steps -1 must be a whole number"),
     ],
 )
-def test_bad_options_are_named(array: TransducerArray, options: dict[str, object], message: str) -> None:
+def test_bad_options_are_named(array: TransducerArray, options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        solve(array, ControlPoints([[0, 0, 0.2]]), **options)  # type: ignore[arg-type]
+        solve(array, ControlPoints([[0, 0, 0.2]]), **options)
