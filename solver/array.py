@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .geometry import as_points, frozen
+from .geometry import Scalar, as_points, frozen
 
 __all__ = ["Transducer", "TransducerArray"]
 
 COLUMNS, ROWS, PITCH = 20, 16, 10.3e-3  # metres; the default grid
 MAX_TRANSDUCERS = 1_000_000
+MAX_GAIN = 100.0
 
 
 @dataclass(frozen=True)
@@ -56,18 +58,32 @@ class TransducerArray:
         Unit vectors in which they look.
     transducer : Transducer, optional
         What each of them is; the MA40S4S by default.
+    response : (n,) complex, optional
+        What each of them really emits per unit drive, relative to ``transducer``, as calibrated: gain and phase; -1 is
+        a flipped polarity, 0 a dead element, which is left out of every solution. All 1 by default.
+    limits : (n,) float, optional
+        Largest drive of each, from 0 to 1. All 1 by default.
 
     Raises
     ------
     ValueError
-        Where shapes differ, a number is not finite or a normal is not of unit length.
+        Where shapes differ, a number is not finite or out of range, or a normal is not of unit length.
     """
 
     positions: NDArray[np.float64]
     normals: NDArray[np.float64]
     transducer: Transducer
+    response: NDArray[np.complex128]
+    limits: NDArray[np.float64]
 
-    def __init__(self, positions: ArrayLike, normals: ArrayLike, transducer: Transducer | None = None) -> None:
+    def __init__(
+        self,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        transducer: Transducer | None = None,
+        response: ArrayLike | None = None,
+        limits: ArrayLike | None = None,
+    ) -> None:
         object.__setattr__(self, "positions", frozen(as_points(positions, "transducer position")))
         object.__setattr__(self, "normals", frozen(as_points(normals, "transducer normal")))
         object.__setattr__(self, "transducer", transducer or Transducer())
@@ -76,6 +92,29 @@ class TransducerArray:
         lengths = np.linalg.norm(self.normals, axis=1)
         if (bad := np.flatnonzero(np.abs(lengths - 1) > 1e-6)).size:
             raise ValueError(f"the normal of transducer {bad[0]} has length {lengths[bad[0]]:.6g}; it must be 1")
+        responses = self._for_each("response", response, np.complex128)
+        if (bad := np.flatnonzero(~(np.abs(responses) <= MAX_GAIN))).size:
+            raise ValueError(
+                f"response {responses[bad[0]]} of transducer {bad[0]} must be finite, its gain at most {MAX_GAIN:g}"
+            )
+        if not responses.any():
+            raise ValueError("every transducer has response 0, that is dead; at least one must work")
+        most = self._for_each("limit", limits, np.float64)
+        if (bad := np.flatnonzero(~((most >= 0) & (most <= 1)))).size:
+            raise ValueError(f"limit {most[bad[0]]} of transducer {bad[0]} must lie between 0 and 1")
+        if not (most * np.abs(responses)).any():
+            raise ValueError("every working transducer has limit 0; at least one must be allowed to sound")
+        object.__setattr__(self, "response", frozen(responses))
+        object.__setattr__(self, "limits", frozen(most))
+
+    def _for_each(self, what: str, values: ArrayLike | None, dtype: type[Scalar]) -> NDArray[Scalar]:
+        try:
+            read = np.ones(len(self), dtype) if values is None else np.array(values, dtype)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"each transducer's {what} must be a number: {error}") from error
+        if read.shape != (len(self),):
+            raise ValueError(f"{what}s have the shape {read.shape}, but there are {len(self)} transducers")
+        return read
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -107,3 +146,41 @@ class TransducerArray:
         grid_x, grid_y = np.meshgrid(x, y)
         positions = np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(columns * rows)], axis=1)
         return cls(positions, np.tile([0.0, 0.0, 1.0], (columns * rows, 1)), transducer)
+
+    def calibrated(self, response: ArrayLike, limits: ArrayLike | None = None) -> TransducerArray:
+        """The same array with measured responses, and limits, (n,) each."""
+        return TransducerArray(
+            self.positions, self.normals, self.transducer, response, self.limits if limits is None else limits
+        )
+
+    def moved(self, rotation: ArrayLike, translation: ArrayLike) -> TransducerArray:
+        """The same array turned by a (3, 3) rotation matrix about the origin, then moved by (3,) metres."""
+        turn = np.asarray(rotation, dtype=np.float64)
+        if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0:
+            raise ValueError(f"rotation {turn.tolist()} must be a (3, 3) rotation matrix")
+        return TransducerArray(
+            self.positions @ turn.T + np.asarray(translation, dtype=np.float64),
+            self.normals @ turn.T,
+            self.transducer,
+            self.response,
+            self.limits,
+        )
+
+    @classmethod
+    def joined(cls, panels: Sequence[TransducerArray]) -> TransducerArray:
+        """One array of several panels of the same transducer, in their order.
+
+        Raises
+        ------
+        ValueError
+            Where there is no panel, or transducers differ.
+        """
+        if not panels or any(panel.transducer != panels[0].transducer for panel in panels):
+            raise ValueError("panels are joined from at least one array, all of the same transducer")
+        return cls(
+            np.concatenate([panel.positions for panel in panels]),
+            np.concatenate([panel.normals for panel in panels]),
+            panels[0].transducer,
+            np.concatenate([panel.response for panel in panels]),
+            np.concatenate([panel.limits for panel in panels]),
+        )

@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FARTHEST", "as_points", "frozen"]
+__all__ = ["FARTHEST", "Scalar", "as_points", "frozen"]
 
 FARTHEST = 1000.0
 """Largest coordinate in metres. Sound at 40 kHz is long gone by then, and nothing overflows."""

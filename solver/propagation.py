@@ -51,7 +51,7 @@ def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None
     Returns
     -------
     (m, n) complex
-        P₁·D(θ)·e^{ikr}/r in Pa (peak); 0 behind a transducer's baffle.
+        P₁·D(θ)·e^{ikr}/r times the response, in Pa (peak); 0 behind a transducer's baffle.
 
     Raises
     ------
@@ -77,7 +77,8 @@ def _transfer_matrix(
     cosine = np.einsum("mnk,nk->mn", offset, array.normals) / distance
     sine = np.sqrt(np.maximum(0.0, 1 - cosine**2))
     amplitude = array.transducer.strength * directivity(sine, radius, medium) / distance
-    return np.asarray(np.where(cosine > 0, amplitude, 0.0) * np.exp(1j * medium.wavenumber * distance))
+    waves = np.where(cosine > 0, amplitude, 0.0) * np.exp(1j * medium.wavenumber * distance)
+    return np.asarray(waves * array.response)
 
 
 def pressure(

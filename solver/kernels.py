@@ -1,0 +1,518 @@
+"""Compiled float32 kernels: transfer matrix, Gram matrix, phases, factorisation and correction of one update; pressure.
+
+Each does what a readable complex128 function of `reference` or `propagation` does, and is tested against it. They see
+plain arrays that `compiled` prepares and checks, and know no class of this package. numba compiles them at their first
+call and keeps the result on disk.
+
+A complex matrix is two real ones, ``re`` and ``im``. B, the weighted transfer matrix, has a row for each control point
+and a column for each transducer; rows are padded with zeros to a multiple of `ROWS`, columns with transducers of gain 0
+to a multiple of `LANES`. Matrices over control points have their rows padded to `LANES`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.polynomial.chebyshev import Chebyshev
+from numpy.polynomial.polynomial import Polynomial
+
+from .simd import LANES, load, spread, store, total
+
+ROWS = 4
+"""Rows of B that are read together."""
+
+X, Y, Z, NX, NY, NZ, GAIN, LEAD, LIMIT, ELEMENT_ROWS = range(10)
+"""Rows of the table of transducers: position/m, normal, pressure × distance at full drive/(Pa·m), phase of the response
+in turns, largest drive."""
+
+SOLVED, PHASE, LIMITED = range(3)
+"""Output policies."""
+
+DIRECTIVITY_TERMS = 9
+MAX_NEPERS = 2.0
+
+POINTS = 256  # whose pressure stays in the first-level cache
+
+F = np.float32
+ROUND = F(1.5 * 2**23)  # adding and subtracting it rounds a float32 of less than 2²² to the nearest whole number
+TINY = F(1e-30)
+
+# ROUND works only where order matters, so nothing may be reassociated there; sums may.
+ORDERED = {"contract", "arcp", "nsz", "nnan", "ninf", "afn"}
+FREE = ORDERED | {"reassoc"}
+ORDERED_KERNEL = {"fastmath": ORDERED, "nogil": True, "cache": True, "error_model": "numpy"}
+FREE_KERNEL = {"fastmath": FREE, "nogil": True, "cache": True, "error_model": "numpy"}
+
+
+def _even_polynomial(function: Any, degree: int) -> tuple[np.float32, ...]:
+    """Coefficients in t² of an even function of t on [-1/2, 1/2]."""
+    fitted = Chebyshev.interpolate(lambda s: function(np.sqrt(s)), degree, domain=[0, 0.25])
+    return tuple(F(c) for c in fitted.convert(kind=Polynomial).coef)
+
+
+# sin(2πt)/t and cos(2πt) to 8e-7 on one turn: far faster in a vectorised loop than libm's.
+S0, S1, S2, S3, S4, S5 = _even_polynomial(lambda t: 2 * np.pi * np.sinc(2 * t), 5)
+C0, C1, C2, C3, C4, C5, C6 = _even_polynomial(lambda t: np.cos(2 * np.pi * t), 6)
+
+
+@njit(inline="always", fastmath=ORDERED)
+def _wave(turns: Any) -> Any:
+    """Cosine and sine of 2π·turns."""
+    t = turns - ((turns + ROUND) - ROUND)
+    s = t * t
+    sine = t * (S0 + s * (S1 + s * (S2 + s * (S3 + s * (S4 + s * S5)))))
+    cosine = C0 + s * (C1 + s * (C2 + s * (C3 + s * (C4 + s * (C5 + s * C6)))))
+    return cosine, sine
+
+
+@njit(inline="always", fastmath=ORDERED)
+def _directivity(c: Any, s: Any) -> Any:
+    """The polynomial in s = sin²θ with coefficients c."""
+    high = c[5] + s * (c[6] + s * (c[7] + s * c[8]))
+    return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * high))))
+
+
+@njit(inline="always", fastmath=ORDERED)
+def _decay(nepers: Any) -> Any:
+    """exp(−nepers) for 0 … `MAX_NEPERS`."""
+    y = F(0.125) * nepers
+    e = F(1) - y * (F(1) - y * (F(1 / 2) - y * (F(1 / 6) - y * (F(1 / 24) - y * F(1 / 120)))))
+    e *= e
+    e *= e
+    return e * e
+
+
+@njit(inline="always", fastmath=ORDERED)
+def _element(dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, lead: Any, c: Any, turns: Any, nepers: Any) -> Any:
+    """Signed amplitude and wave of a transducer at an offset; ``nepers`` None for no absorption."""
+    d2 = dx * dx + dy * dy + dz * dz + TINY
+    r = np.sqrt(d2)
+    inverse = F(1) / r
+    cosine = (dx * nx + dy * ny + dz * nz) * inverse
+    amplitude = gain * _directivity(c, F(1) - cosine * cosine) * inverse
+    if nepers is not None:
+        amplitude *= _decay(nepers * r)
+    amplitude = amplitude if cosine > F(0) else F(0)
+    c, s = _wave(turns * r + lead)
+    return amplitude, c, s
+
+
+@njit(**FREE_KERNEL)
+def first_suspect(points: Any, low: Any, high: Any, place: Any, normal: Any, farthest: Any) -> int:
+    """First point that needs a closer look, or -1.
+
+    None is needed outside the box from ``low`` to ``high`` around the array, in front of the transducer at ``place``
+    that looks along ``normal``, and within ``farthest`` of it.
+    """
+    for i in range(len(points)):
+        outside, along, distance2 = False, 0.0, 0.0
+        for k in range(3):
+            outside = outside or not low[k] < points[i, k] < high[k]
+            along += (points[i, k] - place[k]) * normal[k]
+            distance2 += (points[i, k] - place[k]) ** 2
+        if not (outside and along > 0 and distance2 < farthest * farthest):
+            return i
+    return -1
+
+
+@njit(**ORDERED_KERNEL)
+def fill_transfer(
+    elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, wanted: Any,
+    re: Any, im: Any, reach: Any,
+) -> None:  # fmt: skip
+    """Write the transfer matrix into re and im, and Σ_i |A_iq|·wanted_i, of (11), into reach."""
+    m, columns = len(points), re.shape[1]
+    c = (directivity[0], directivity[1], directivity[2], directivity[3], directivity[4],
+         directivity[5], directivity[6], directivity[7], directivity[8])  # fmt: skip
+    for q in range(columns):
+        reach[q] = F(0)
+    for i in range(m):
+        px, py, pz = F(points[i, 0]), F(points[i, 1]), F(points[i, 2])
+        weight = wanted[i]
+        for q in range(columns):
+            amplitude, wave_re, wave_im = _element(
+                px - elements[X, q], py - elements[Y, q], pz - elements[Z, q],
+                elements[NX, q], elements[NY, q], elements[NZ, q], elements[GAIN, q], elements[LEAD, q],
+                c, turns, nepers,
+            )  # fmt: skip
+            reach[q] += weight * abs(amplitude)
+            re[i, q] = amplitude * wave_re
+            im[i, q] = amplitude * wave_im
+
+
+@njit(**FREE_KERNEL)
+def fill_gram(re: Any, im: Any, gram_re: Any, gram_im: Any) -> None:
+    """G = B·Bᴴ, both triangles, two rows by two at a time.
+
+    With a = x + iy and c = u + iv: Re(a·c*) = xu + yv and Im(a·c*) = (x + y)(u − v) − xu + yv, three products for four.
+    """
+    rows, columns = re.shape
+    zero = spread(F(0))
+    for i in range(0, rows, 2):
+        for j in range(0, i + 2, 2):
+            p00 = p01 = p10 = p11 = q00 = q01 = q10 = q11 = s00 = s01 = s10 = s11 = zero
+            for q in range(0, columns, LANES):
+                ar, ai, br, bi = load(re, i, q), load(im, i, q), load(re, i + 1, q), load(im, i + 1, q)
+                cr, ci, dr, di = load(re, j, q), load(im, j, q), load(re, j + 1, q), load(im, j + 1, q)
+                p00, p01, p10, p11 = p00 + ar * cr, p01 + ar * dr, p10 + br * cr, p11 + br * dr
+                q00, q01, q10, q11 = q00 + ai * ci, q01 + ai * di, q10 + bi * ci, q11 + bi * di
+                a, b, c, d = ar + ai, br + bi, cr - ci, dr - di
+                s00, s01, s10, s11 = s00 + a * c, s01 + a * d, s10 + b * c, s11 + b * d
+            _enter(gram_re, gram_im, i, j, total(p00 + q00), total(s00 - p00 + q00))
+            _enter(gram_re, gram_im, i, j + 1, total(p01 + q01), total(s01 - p01 + q01))
+            _enter(gram_re, gram_im, i + 1, j, total(p10 + q10), total(s10 - p10 + q10))
+            _enter(gram_re, gram_im, i + 1, j + 1, total(p11 + q11), total(s11 - p11 + q11))
+
+
+@njit(inline="always")
+def _enter(gram_re: Any, gram_im: Any, i: int, j: int, re: Any, im: Any) -> None:
+    """Write an entry of a Hermitian matrix and its mirror image."""
+    gram_re[i, j], gram_im[i, j] = re, im
+    gram_re[j, i], gram_im[j, i] = re, -im
+
+
+@njit(**FREE_KERNEL)
+def weigh(re: Any, im: Any, reach: Any, points: int, gamma: Any, weight: Any) -> None:
+    """Turn A into B = A·diag(weight) with weight = σ^{−γ}, σ² = reach/points; 0 where no point is reached."""
+    columns = len(reach)
+    for q in range(columns):
+        sigma2 = reach[q] / F(points)
+        if gamma == F(1):
+            weight[q] = F(1) / np.sqrt(max(sigma2, TINY))
+        elif gamma == F(0):
+            weight[q] = F(1)
+        else:
+            weight[q] = max(sigma2, TINY) ** (F(-0.5) * gamma)
+        weight[q] = weight[q] if sigma2 > F(0) else F(0)
+    for i in range(len(re)):
+        for q in range(columns):
+            re[i, q] *= weight[q]
+            im[i, q] *= weight[q]
+
+
+@njit(**FREE_KERNEL)
+def iterate_phases(gram_re: Any, gram_im: Any, response: Any, rows: int, steps: int, power: bool, u: Any, z: Any) -> None:
+    """Improve the phases u: u ← R·u with R = G·diag(response), to unit modulus, or to unit norm where ``power``."""
+    padded = u.shape[1]
+    zero = spread(F(0))
+    for _ in range(steps):
+        for j in range(rows):
+            z[0, j], z[1, j] = response[j] * u[0, j], response[j] * u[1, j]
+        size2 = TINY
+        for i in range(0, padded, LANES):
+            even_re, even_im, odd_re, odd_im = zero, zero, zero, zero
+            for j in range(0, rows, 2):  # column j of G is the conjugate of row j
+                g, h = load(gram_re, j, i), load(gram_im, j, i)
+                zr, zi = spread(z[0, j]), spread(z[1, j])
+                even_re = even_re + g * zr + h * zi
+                even_im = even_im + g * zi - h * zr
+                g, h = load(gram_re, j + 1, i), load(gram_im, j + 1, i)
+                zr, zi = spread(z[0, j + 1]), spread(z[1, j + 1])
+                odd_re = odd_re + g * zr + h * zi
+                odd_im = odd_im + g * zi - h * zr
+            re, im = even_re + odd_re, even_im + odd_im
+            store(u, 0, i, re)
+            store(u, 1, i, im)
+            size2 += total(re * re + im * im)
+        norm = F(1) / np.sqrt(size2)
+        for i in range(padded):
+            size2 = u[0, i] * u[0, i] + u[1, i] * u[1, i]
+            scale = norm if power else F(1) / np.sqrt(size2 + TINY)
+            u[0, i] *= scale
+            u[1, i] *= scale
+
+
+@njit(**FREE_KERNEL)
+def factorise(gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: Any, lower_im: Any, inverse: Any) -> bool:
+    """Cholesky of G + μ·tr(G)/m·I = L·Lᴴ, four columns at a time. False where it is singular in float32.
+
+    L stands in ``lower`` twice, in the columns and, transposed, in the rows, so that `substitute` reads along rows both
+    ways; ``inverse`` is 1/diag(L). Rows from m on are those of a unit matrix.
+    """
+    padded = gram_re.shape[1]
+    mean = TINY
+    for j in range(m):
+        mean += gram_re[j, j] / F(m)
+    for j in range(0, rows, 4):
+        for i in range(j // LANES * LANES, padded, LANES):
+            r0, r1, r2, r3 = load(gram_re, j, i), load(gram_re, j + 1, i), load(gram_re, j + 2, i), load(gram_re, j + 3, i)
+            i0, i1, i2, i3 = load(gram_im, j, i), load(gram_im, j + 1, i), load(gram_im, j + 2, i), load(gram_im, j + 3, i)
+            for k in range(j):  # column j of G is the conjugate of row j; so are the sums until they are stored
+                a, b = load(lower_re, k, i), load(lower_im, k, i)
+                c, d = spread(lower_re[k, j]), spread(lower_im[k, j])
+                r0, i0 = r0 - a * c - b * d, i0 + b * c - a * d
+                c, d = spread(lower_re[k, j + 1]), spread(lower_im[k, j + 1])
+                r1, i1 = r1 - a * c - b * d, i1 + b * c - a * d
+                c, d = spread(lower_re[k, j + 2]), spread(lower_im[k, j + 2])
+                r2, i2 = r2 - a * c - b * d, i2 + b * c - a * d
+                c, d = spread(lower_re[k, j + 3]), spread(lower_im[k, j + 3])
+                r3, i3 = r3 - a * c - b * d, i3 + b * c - a * d
+            zero = spread(F(0))
+            store(lower_re, j, i, r0)
+            store(lower_re, j + 1, i, r1)
+            store(lower_re, j + 2, i, r2)
+            store(lower_re, j + 3, i, r3)
+            store(lower_im, j, i, zero - i0)
+            store(lower_im, j + 1, i, zero - i1)
+            store(lower_im, j + 2, i, zero - i2)
+            store(lower_im, j + 3, i, zero - i3)
+        for k in range(j, j + 4):
+            pivot = lower_re[k, k] + (mu * mean if k < m else mean)
+            if not pivot > F(1e-7) * mean:
+                return False
+            inverse[k] = F(1) / np.sqrt(pivot)
+            lower_re[k, k] = pivot
+            scale = spread(inverse[k])
+            for i in range(j // LANES * LANES, padded, LANES):
+                a, b = load(lower_re, k, i) * scale, load(lower_im, k, i) * scale
+                store(lower_re, k, i, a)
+                store(lower_im, k, i, b)
+                for l in range(k + 1, j + 4):
+                    c, d = spread(lower_re[k, l]), spread(lower_im[k, l])
+                    store(lower_re, l, i, load(lower_re, l, i) - a * c - b * d)
+                    store(lower_im, l, i, load(lower_im, l, i) - b * c + a * d)
+    for k in range(rows):
+        for i in range(k + 1, rows):
+            lower_re[i, k], lower_im[i, k] = lower_re[k, i], lower_im[k, i]
+    return True
+
+
+@njit(**FREE_KERNEL)
+def substitute(lower_re: Any, lower_im: Any, inverse: Any, rows: int, b: Any, y: Any) -> None:
+    """Solve L·Lᴴ·y = b; b is used up."""
+    padded = b.shape[1]
+    for k in range(rows):
+        zr, zi = b[0, k] * inverse[k], b[1, k] * inverse[k]
+        y[0, k], y[1, k] = zr, zi
+        fr, fi = spread(zr), spread(zi)
+        for i in range(k // LANES * LANES, padded, LANES):  # what it does to b up to k is never read
+            c, d = load(lower_re, k, i), load(lower_im, k, i)
+            store(b, 0, i, load(b, 0, i) - c * fr + d * fi)
+            store(b, 1, i, load(b, 1, i) - c * fi - d * fr)
+    for i in range(padded):
+        b[0, i], b[1, i] = y[0, i], y[1, i]
+    for k in range(rows - 1, -1, -1):
+        zr, zi = b[0, k] * inverse[k], b[1, k] * inverse[k]
+        y[0, k], y[1, k] = zr, zi
+        fr, fi = spread(zr), spread(zi)
+        for i in range(0, k + 1, LANES):  # nor from k on
+            c, d = load(lower_re, k, i), load(lower_im, k, i)
+            store(b, 0, i, load(b, 0, i) - c * fr - d * fi)
+            store(b, 1, i, load(b, 1, i) - c * fi + d * fr)
+
+
+@njit(**FREE_KERNEL)
+def back_project(re: Any, im: Any, weight: Any, y: Any, x: Any) -> None:
+    """x = diag(weight)·Bᴴ·y."""
+    rows, columns = re.shape
+    for q in range(columns):
+        x[0, q] = x[1, q] = F(0)
+    for i in range(0, rows, ROWS):
+        r0, r1, r2, r3 = y[0, i], y[0, i + 1], y[0, i + 2], y[0, i + 3]
+        i0, i1, i2, i3 = y[1, i], y[1, i + 1], y[1, i + 2], y[1, i + 3]
+        for q in range(columns):
+            a0, a1, a2, a3 = re[i, q], re[i + 1, q], re[i + 2, q], re[i + 3, q]
+            b0, b1, b2, b3 = im[i, q], im[i + 1, q], im[i + 2, q], im[i + 3, q]
+            x[0, q] += (a0 * r0 + b0 * i0) + (a1 * r1 + b1 * i1) + (a2 * r2 + b2 * i2) + (a3 * r3 + b3 * i3)
+            x[1, q] += (a0 * i0 - b0 * r0) + (a1 * i1 - b1 * r1) + (a2 * i2 - b2 * r2) + (a3 * i3 - b3 * r3)
+    for q in range(columns):
+        x[0, q] *= weight[q]
+        x[1, q] *= weight[q]
+
+
+@njit(**FREE_KERNEL)
+def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
+    """Bring drives within their limits by an output policy, in place."""
+    columns = len(limit)
+    if output == PHASE:
+        for q in range(columns):
+            size2 = x[0, q] * x[0, q] + x[1, q] * x[1, q]
+            scale = limit[q] / np.sqrt(size2 + TINY)
+            x[0, q] *= scale
+            x[1, q] *= scale
+    elif output == SOLVED:
+        worst = F(0)
+        for q in range(columns):
+            size2 = x[0, q] * x[0, q] + x[1, q] * x[1, q]
+            relative = size2 / (limit[q] * limit[q] + TINY)
+            worst = relative if relative > worst else worst
+        scale = F(1) / np.sqrt(worst + TINY)
+        for q in range(columns):
+            x[0, q] *= scale
+            x[1, q] *= scale
+    else:
+        power = allowed = F(0)
+        for q in range(columns):
+            power += x[0, q] * x[0, q] + x[1, q] * x[1, q]
+            allowed += limit[q] * limit[q]
+        scale = headroom * np.sqrt(allowed / (power + TINY))
+        for q in range(columns):
+            size = scale * np.sqrt(x[0, q] * x[0, q] + x[1, q] * x[1, q]) + TINY
+            relative = limit[q] / size
+            factor = scale * (relative if relative < F(1) else F(1))
+            x[0, q] *= factor
+            x[1, q] *= factor
+
+
+@njit(**FREE_KERNEL)
+def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
+    """p = A·x = B·diag(1/weight)·x; v is scratch."""
+    rows, columns = re.shape
+    for q in range(columns):
+        inverse = F(1) / max(weight[q], TINY)
+        inverse = inverse if weight[q] > F(0) else F(0)
+        v[0, q] = x[0, q] * inverse
+        v[1, q] = x[1, q] * inverse
+    for i in range(0, rows, 2):
+        r0 = r1 = i0 = i1 = F(0)
+        for q in range(columns):
+            ar, ai, br, bi = re[i, q], im[i, q], re[i + 1, q], im[i + 1, q]
+            r0 += ar * v[0, q] - ai * v[1, q]
+            i0 += ar * v[1, q] + ai * v[0, q]
+            r1 += br * v[0, q] - bi * v[1, q]
+            i1 += br * v[1, q] + bi * v[0, q]
+        p[0, i], p[1, i], p[0, i + 1], p[1, i + 1] = r0, i0, r1, i1
+
+
+@njit(inline="always")
+def _carve(work: Any, rows: int, columns: int) -> Any:
+    """The parts of the work space: B, G, L, vectors over points and vectors over transducers."""
+    padded = (rows + LANES - 1) // LANES * LANES
+    big, square = rows * columns, padded * padded
+    at = 0
+    re = work[at : at + big].reshape(rows, columns)
+    at += big
+    im = work[at : at + big].reshape(rows, columns)
+    at += big
+    gram_re = work[at : at + square].reshape(padded, padded)
+    at += square
+    gram_im = work[at : at + square].reshape(padded, padded)
+    at += square
+    lower_re = work[at : at + square].reshape(padded, padded)
+    at += square
+    lower_im = work[at : at + square].reshape(padded, padded)
+    at += square
+    over_points = work[at : at + 16 * padded].reshape(8, 2, padded)
+    at += 16 * padded
+    over_transducers = work[at : at + 8 * columns].reshape(4, 2, columns)
+    return re, im, gram_re, gram_im, lower_re, lower_im, over_points, over_transducers
+
+
+def work_size(m: int, columns: int) -> int:
+    """Length of the work space of m points, float32."""
+    rows = -(-m // ROWS) * ROWS
+    padded = -(-rows // LANES) * LANES
+    return 2 * rows * columns + 4 * padded * padded + 16 * padded + 8 * columns
+
+
+@njit(**FREE_KERNEL)
+def begin(elements: Any, directivity: Any, turns: Any, nepers: Any,
+          points: Any, wanted: Any, gamma: Any, work: Any) -> None:  # fmt: skip
+    """Fill B, G and the response of (9)."""
+    m = len(points)
+    rows = (m + ROWS - 1) // ROWS * ROWS
+    re, im, gram_re, gram_im, _, _, vectors, spans = _carve(work, rows, elements.shape[1])
+    reach, weight, response = spans[0, 0], spans[0, 1], vectors[0, 0]
+    fill_transfer(elements, directivity, turns, nepers, points, wanted, re[:m], im[:m], reach)
+    for i in range(m, rows):
+        for q in range(re.shape[1]):
+            re[i, q] = im[i, q] = F(0)
+    weigh(re[:m], im[:m], reach, m, gamma, weight)
+    for i in range(len(gram_re)):
+        response[i] = F(0)
+        for j in range(len(gram_re)):
+            gram_re[i, j] = gram_im[i, j] = F(0)
+    fill_gram(re, im, gram_re, gram_im)
+    for j in range(m):
+        response[j] = wanted[j] / max(gram_re[j, j], TINY)
+
+
+@njit(**FREE_KERNEL)
+def phases(m: int, steps: int, power: bool, u: Any, work: Any, columns: int) -> None:
+    """Improve the phases u by some steps, after `begin`."""
+    rows = (m + ROWS - 1) // ROWS * ROWS
+    _, _, gram_re, gram_im, _, _, vectors, _ = _carve(work, rows, columns)
+    iterate_phases(gram_re, gram_im, vectors[0, 0], rows, steps, power, u, vectors[1])
+
+
+@njit(**FREE_KERNEL)
+def finish(elements: Any, wanted: Any, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
+           work: Any, drive: Any) -> float:  # fmt: skip
+    """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept.
+
+    Returns the root mean square of |p| − s·wanted over the points, relative to the scale s that fits best, or -1 where
+    the system is singular.
+    """
+    m, columns = len(wanted), elements.shape[1]
+    rows = (m + ROWS - 1) // ROWS * ROWS
+    re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = _carve(work, rows, columns)
+    inverse, b, rhs, z, y, p = vectors[0, 1], vectors[1], vectors[2], vectors[3], vectors[4], vectors[5]
+    weight, x, v = spans[0, 1], spans[1], spans[2]
+    if not factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse):
+        return -1.0
+    for i in range(b.shape[1]):
+        b[0, i] = b[1, i] = F(0)
+    norm = F(0)
+    for i in range(m):
+        size = np.sqrt(u[0, i] * u[0, i] + u[1, i] * u[1, i]) + TINY
+        b[0, i] = wanted[i] * u[0, i] / size
+        b[1, i] = wanted[i] * u[1, i] / size
+        norm += wanted[i] * wanted[i]
+    best = F(1e30)
+    for step in range(steps + 1):
+        for i in range(b.shape[1]):
+            rhs[0, i], rhs[1, i] = b[0, i], b[1, i]
+        substitute(lower_re, lower_im, inverse, rows, rhs, y)
+        back_project(re, im, weight, y, x)
+        limit_drive(x, elements[LIMIT], output, headroom)
+        if steps > 0:
+            reproduce(re, im, weight, x, v, p)
+            fit = F(0)
+            for i in range(m):
+                z[0, i] = np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+                fit += wanted[i] * z[0, i]
+            fit = max(fit / norm, TINY)
+            error = F(0)
+            for i in range(m):
+                away = z[0, i] - fit * wanted[i]
+                error += away * away
+                pull = relaxation * (wanted[i] / (z[0, i] + TINY) - F(1) / fit)
+                b[0, i] += pull * p[0, i]
+                b[1, i] += pull * p[1, i]
+            error = np.sqrt(error / F(m)) / fit
+            if error >= best:
+                continue
+            best = error
+        for q in range(len(drive)):
+            drive[q] = complex(x[0, q], x[1, q])
+    return best
+
+
+@njit(**ORDERED_KERNEL)
+def sum_pressure(elements: Any, directivity: Any, turns: Any, nepers: Any, drive_re: Any, drive_im: Any, points: Any,
+                 pressure: Any) -> None:  # fmt: skip
+    """Pressure of all transducers at (3, k) points into (2, k), a block of points at a time.
+
+    The drives are those that the transducers emit, gain and lead included.
+    """
+    c = (directivity[0], directivity[1], directivity[2], directivity[3], directivity[4],
+         directivity[5], directivity[6], directivity[7], directivity[8])  # fmt: skip
+    count = points.shape[1]
+    for first in range(0, count, POINTS):
+        last = min(first + POINTS, count)
+        px, py, pz = points[0, first:last], points[1, first:last], points[2, first:last]
+        re, im = pressure[0, first:last], pressure[1, first:last]
+        for i in range(len(re)):
+            re[i] = im[i] = F(0)
+        for q in range(elements.shape[1]):
+            x, y, z, nx, ny, nz = (elements[X, q], elements[Y, q], elements[Z, q],
+                                   elements[NX, q], elements[NY, q], elements[NZ, q])  # fmt: skip
+            dr, di = drive_re[q], drive_im[q]
+            for i in range(len(re)):
+                amplitude, wave_re, wave_im = _element(
+                    px[i] - x, py[i] - y, pz[i] - z, nx, ny, nz, F(1), F(0), c, turns, nepers
+                )
+                re[i] += amplitude * (wave_re * dr - wave_im * di)
+                im[i] += amplitude * (wave_re * di + wave_im * dr)
