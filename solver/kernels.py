@@ -38,6 +38,7 @@ POINTS = 256  # whose pressure stays in the first-level cache
 F = np.float32
 ROUND = F(1.5 * 2**23)  # adding and subtracting it rounds a float32 of less than 2²² to the nearest whole number
 TINY = F(1e-30)
+BELOW = F(1 - 2**-22)  # rounding must not take a drive above its limit
 
 # ROUND works only where order matters, so nothing may be reassociated there; sums may.
 ORDERED = {"contract", "arcp", "nsz", "nnan", "ninf", "afn"}
@@ -100,18 +101,19 @@ def _element(dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, le
 
 
 @njit(**FREE_KERNEL)
-def first_suspect(points: Any, low: Any, high: Any, place: Any, normal: Any, farthest: Any) -> int:
+def first_suspect(points: Any, low: Any, high: Any, elements: Any, origin: Any, farthest: Any) -> int:
     """First point that needs a closer look, or -1.
 
-    None is needed outside the box from ``low`` to ``high`` around the array, in front of the transducer at ``place``
-    that looks along ``normal``, and within ``farthest`` of it.
+    None is needed outside the box from ``low`` to ``high`` around the array, in front of the first transducer, and
+    within ``farthest`` of it.
     """
     for i in range(len(points)):
         outside, along, distance2 = False, 0.0, 0.0
         for k in range(3):
+            away = points[i, k] - origin[k] - elements[X + k, 0]
             outside = outside or not low[k] < points[i, k] < high[k]
-            along += (points[i, k] - place[k]) * normal[k]
-            distance2 += (points[i, k] - place[k]) ** 2
+            along += away * elements[NX + k, 0]
+            distance2 += away * away
         if not (outside and along > 0 and distance2 < farthest * farthest):
             return i
     return -1
@@ -119,7 +121,7 @@ def first_suspect(points: Any, low: Any, high: Any, place: Any, normal: Any, far
 
 @njit(**ORDERED_KERNEL)
 def fill_transfer(
-    elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, wanted: Any,
+    elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, origin: Any, wanted: Any,
     re: Any, im: Any, reach: Any,
 ) -> None:  # fmt: skip
     """Write the transfer matrix into re and im, and Σ_i |A_iq|·wanted_i, of (11), into reach."""
@@ -129,7 +131,7 @@ def fill_transfer(
     for q in range(columns):
         reach[q] = F(0)
     for i in range(m):
-        px, py, pz = F(points[i, 0]), F(points[i, 1]), F(points[i, 2])
+        px, py, pz = F(points[i, 0] - origin[0]), F(points[i, 1] - origin[1]), F(points[i, 2] - origin[2])
         weight = wanted[i]
         for q in range(columns):
             amplitude, wave_re, wave_im = _element(
@@ -329,7 +331,7 @@ def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
     if output == PHASE:
         for q in range(columns):
             size2 = x[0, q] * x[0, q] + x[1, q] * x[1, q]
-            scale = limit[q] / np.sqrt(size2 + TINY)
+            scale = BELOW * limit[q] / np.sqrt(size2 + TINY)
             x[0, q] *= scale
             x[1, q] *= scale
     elif output == SOLVED:
@@ -338,7 +340,7 @@ def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
             size2 = x[0, q] * x[0, q] + x[1, q] * x[1, q]
             relative = size2 / (limit[q] * limit[q] + TINY)
             worst = relative if relative > worst else worst
-        scale = F(1) / np.sqrt(worst + TINY)
+        scale = BELOW / np.sqrt(worst + TINY)
         for q in range(columns):
             x[0, q] *= scale
             x[1, q] *= scale
@@ -350,7 +352,7 @@ def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
         scale = headroom * np.sqrt(allowed / (power + TINY))
         for q in range(columns):
             size = scale * np.sqrt(x[0, q] * x[0, q] + x[1, q] * x[1, q]) + TINY
-            relative = limit[q] / size
+            relative = BELOW * limit[q] / size
             factor = scale * (relative if relative < F(1) else F(1))
             x[0, q] *= factor
             x[1, q] *= factor
@@ -377,8 +379,9 @@ def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
 
 
 @njit(inline="always")
-def _carve(work: Any, rows: int, columns: int) -> Any:
-    """The parts of the work space: B, G, L, vectors over points and vectors over transducers."""
+def carve(work: Any, m: int, columns: int) -> Any:
+    """The parts of the work space of m points: B, G, L, vectors over points and vectors over transducers."""
+    rows = (m + ROWS - 1) // ROWS * ROWS
     padded = (rows + LANES - 1) // LANES * LANES
     big, square = rows * columns, padded * padded
     at = 0
@@ -394,30 +397,48 @@ def _carve(work: Any, rows: int, columns: int) -> Any:
     at += square
     lower_im = work[at : at + square].reshape(padded, padded)
     at += square
-    over_points = work[at : at + 16 * padded].reshape(8, 2, padded)
-    at += 16 * padded
-    over_transducers = work[at : at + 8 * columns].reshape(4, 2, columns)
+    over_points = work[at : at + 12 * padded].reshape(6, 2, padded)
+    at += 12 * padded
+    over_transducers = work[at : at + 6 * columns].reshape(3, 2, columns)
     return re, im, gram_re, gram_im, lower_re, lower_im, over_points, over_transducers
 
 
 def work_size(m: int, columns: int) -> int:
-    """Length of the work space of m points, float32."""
+    """Length of the work space of m points, in float32."""
     rows = -(-m // ROWS) * ROWS
     padded = -(-rows // LANES) * LANES
-    return 2 * rows * columns + 4 * padded * padded + 16 * padded + 8 * columns
+    return 2 * rows * columns + 4 * padded * padded + 12 * padded + 6 * columns
 
 
 @njit(**FREE_KERNEL)
-def begin(elements: Any, directivity: Any, turns: Any, nepers: Any,
-          points: Any, wanted: Any, gamma: Any, work: Any) -> None:  # fmt: skip
-    """Fill B, G and the response of (9)."""
-    m = len(points)
-    rows = (m + ROWS - 1) // ROWS * ROWS
-    re, im, gram_re, gram_im, _, _, vectors, spans = _carve(work, rows, elements.shape[1])
-    reach, weight, response = spans[0, 0], spans[0, 1], vectors[0, 0]
-    fill_transfer(elements, directivity, turns, nepers, points, wanted, re[:m], im[:m], reach)
-    for i in range(m, rows):
-        for q in range(re.shape[1]):
+def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
+    """Enter amplitudes into the work space, the largest as 1."""
+    wanted = carve(work, m, columns)[6][1, 0]
+    largest = 0.0
+    for i in range(m):
+        largest = max(largest, amplitudes[i])
+    for i in range(m):
+        wanted[i] = F(amplitudes[i] / largest)
+
+
+@njit(**ORDERED_KERNEL)
+def model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, low: Any, high: Any, farthest: Any,
+          points: Any, amplitudes: Any, work: Any) -> int:  # fmt: skip
+    """Fill the transfer matrix and reach. Returns what `first_suspect` does."""
+    m, columns = len(points), elements.shape[1]
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    set_wanted(amplitudes, m, columns, work)
+    fill_transfer(elements, directivity, turns, nepers, points, origin, vectors[1, 0], re[:m], im[:m], spans[0, 0])
+    return int(first_suspect(points, low, high, elements, origin, farthest))
+
+
+@njit(**FREE_KERNEL)
+def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
+    """From the transfer matrix and reach to B, G, the response of (9), and the phases u."""
+    re, im, gram_re, gram_im, _, _, vectors, spans = carve(work, m, columns)
+    wanted, response, reach, weight = vectors[1, 0], vectors[0, 0], spans[0, 0], spans[0, 1]
+    for i in range(m, len(re)):
+        for q in range(columns):
             re[i, q] = im[i, q] = F(0)
     weigh(re[:m], im[:m], reach, m, gamma, weight)
     for i in range(len(gram_re)):
@@ -427,41 +448,51 @@ def begin(elements: Any, directivity: Any, turns: Any, nepers: Any,
     fill_gram(re, im, gram_re, gram_im)
     for j in range(m):
         response[j] = wanted[j] / max(gram_re[j, j], TINY)
+    iterate_phases(gram_re, gram_im, response, len(re), phase_steps, power, u, vectors[2])
 
 
 @njit(**FREE_KERNEL)
-def phases(m: int, steps: int, power: bool, u: Any, work: Any, columns: int) -> None:
-    """Improve the phases u by some steps, after `begin`."""
-    rows = (m + ROWS - 1) // ROWS * ROWS
-    _, _, gram_re, gram_im, _, _, vectors, _ = _carve(work, rows, columns)
-    iterate_phases(gram_re, gram_im, vectors[0, 0], rows, steps, power, u, vectors[1])
+def nudge(u: Any, cold: Any, part: Any) -> None:
+    """Bring u to unit norm per point and add a part of the cold start."""
+    total2 = TINY
+    for i in range(u.shape[1]):
+        total2 += u[0, i] * u[0, i] + u[1, i] * u[1, i]
+    scale = np.sqrt(F(u.shape[1]) / total2)
+    for i in range(u.shape[1]):
+        u[0, i] = u[0, i] * scale + part * cold[0, i]
+        u[1, i] = u[1, i] * scale + part * cold[1, i]
 
 
 @njit(**FREE_KERNEL)
-def finish(elements: Any, wanted: Any, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
+def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any) -> None:
+    """Improve the phases u by some steps more."""
+    re, _, gram_re, gram_im, _, _, vectors, _ = carve(work, m, columns)
+    iterate_phases(gram_re, gram_im, vectors[0, 0], len(re), steps, power, u, vectors[2])
+
+
+@njit(**FREE_KERNEL)
+def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
            work: Any, drive: Any) -> float:  # fmt: skip
     """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept.
 
-    Returns the root mean square of |p| − s·wanted over the points, relative to the scale s that fits best, or -1 where
-    the system is singular.
+    Returns the root mean square of |p| − s·wanted over the points, relative to the scale s that fits best, where there
+    are steps, or -1 where the system is singular.
     """
-    m, columns = len(wanted), elements.shape[1]
-    rows = (m + ROWS - 1) // ROWS * ROWS
-    re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = _carve(work, rows, columns)
-    inverse, b, rhs, z, y, p = vectors[0, 1], vectors[1], vectors[2], vectors[3], vectors[4], vectors[5]
+    re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = carve(work, m, elements.shape[1])
+    inverse, wanted, b, rhs, y, p = vectors[0, 1], vectors[1, 0], vectors[2], vectors[3], vectors[4], vectors[5]
     weight, x, v = spans[0, 1], spans[1], spans[2]
+    rows = len(re)
     if not factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse):
         return -1.0
     for i in range(b.shape[1]):
         b[0, i] = b[1, i] = F(0)
     norm = F(0)
     for i in range(m):
-        size = np.sqrt(u[0, i] * u[0, i] + u[1, i] * u[1, i]) + TINY
-        b[0, i] = wanted[i] * u[0, i] / size
-        b[1, i] = wanted[i] * u[1, i] / size
+        scale = wanted[i] / np.sqrt(u[0, i] * u[0, i] + u[1, i] * u[1, i] + TINY)
+        b[0, i], b[1, i] = scale * u[0, i], scale * u[1, i]
         norm += wanted[i] * wanted[i]
     best = F(1e30)
-    for step in range(steps + 1):
+    for _ in range(steps + 1):
         for i in range(b.shape[1]):
             rhs[0, i], rhs[1, i] = b[0, i], b[1, i]
         substitute(lower_re, lower_im, inverse, rows, rhs, y)
@@ -469,16 +500,17 @@ def finish(elements: Any, wanted: Any, u: Any, mu: Any, output: int, headroom: A
         limit_drive(x, elements[LIMIT], output, headroom)
         if steps > 0:
             reproduce(re, im, weight, x, v, p)
-            fit = F(0)
+            power = fit = F(0)
             for i in range(m):
-                z[0, i] = np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
-                fit += wanted[i] * z[0, i]
+                size2 = p[0, i] * p[0, i] + p[1, i] * p[1, i]
+                power += size2
+                fit += wanted[i] * np.sqrt(size2)
             fit = max(fit / norm, TINY)
             error = F(0)
             for i in range(m):
-                away = z[0, i] - fit * wanted[i]
-                error += away * away
-                pull = relaxation * (wanted[i] / (z[0, i] + TINY) - F(1) / fit)
+                size = np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+                error += (size - fit * wanted[i]) ** 2
+                pull = relaxation * (wanted[i] / (size + TINY) - F(1) / fit)
                 b[0, i] += pull * p[0, i]
                 b[1, i] += pull * p[1, i]
             error = np.sqrt(error / F(m)) / fit
@@ -488,6 +520,74 @@ def finish(elements: Any, wanted: Any, u: Any, mu: Any, output: int, headroom: A
         for q in range(len(drive)):
             drive[q] = complex(x[0, q], x[1, q])
     return best
+
+
+@njit(**FREE_KERNEL)
+def sum_foci(elements: Any, m: int, output: int, headroom: Any, work: Any, drive: Any) -> None:
+    """Linear multiplexing of (12), from the transfer matrix to drives within their limits."""
+    columns = elements.shape[1]
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    wanted, x = vectors[1, 0], spans[1]
+    for q in range(columns):
+        x[0, q] = x[1, q] = F(0)
+    for i in range(m):
+        for q in range(columns):
+            scale = wanted[i] / np.sqrt(re[i, q] * re[i, q] + im[i, q] * im[i, q] + TINY)
+            x[0, q] += scale * re[i, q]
+            x[1, q] -= scale * im[i, q]
+    limit_drive(x, elements[LIMIT], output, headroom)
+    for q in range(len(drive)):
+        drive[q] = complex(x[0, q], x[1, q])
+
+
+@njit(inline="always")
+def _spread(p: Any, wanted: Any, m: int) -> Any:
+    """Σ|p|²/(Σ wanted·|p|)², which grows with the misfit of |p| to the wanted amplitudes."""
+    power = fit = F(0)
+    for i in range(m):
+        size2 = p[0, i] * p[0, i] + p[1, i] * p[1, i]
+        power += size2
+        fit += wanted[i] * np.sqrt(size2)
+    return power / max(fit * fit, TINY)
+
+
+@njit(**FREE_KERNEL)
+def polish(m: int, columns: int, levels: int, sweeps: int, work: Any, drive: Any) -> None:
+    """Coordinate descent over quantised phases after `finish`, in place: each drive tries the next phase either way."""
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    wanted, p, trial, weight, x, v = vectors[1, 0], vectors[5], vectors[4], spans[0, 1], spans[1], spans[2]
+    step = F(2 * np.pi) / F(levels)
+    level = np.zeros(columns, np.int64)
+    for q in range(columns):
+        x[0, q] = x[1, q] = F(0)
+    for q in range(len(drive)):
+        level[q] = int(np.rint(np.arctan2(drive[q].imag, drive[q].real) / step))
+        size = abs(drive[q])
+        x[0, q], x[1, q] = size * np.cos(step * F(level[q])), size * np.sin(step * F(level[q]))
+    reproduce(re, im, weight, x, v, p)
+    best = _spread(p, wanted, m)
+    for _ in range(sweeps):
+        for q in range(len(drive)):
+            size = abs(drive[q])
+            if size == F(0) or weight[q] == F(0):
+                continue
+            for way in (1, -1):
+                to_re = size * np.cos(step * F(level[q] + way))
+                to_im = size * np.sin(step * F(level[q] + way))
+                change_re, change_im = (to_re - x[0, q]) / weight[q], (to_im - x[1, q]) / weight[q]
+                for i in range(m):
+                    trial[0, i] = p[0, i] + re[i, q] * change_re - im[i, q] * change_im
+                    trial[1, i] = p[1, i] + re[i, q] * change_im + im[i, q] * change_re
+                spread_now = _spread(trial, wanted, m)
+                if spread_now < best:
+                    best = spread_now
+                    level[q] += way
+                    x[0, q], x[1, q] = to_re, to_im
+                    for i in range(m):
+                        p[0, i], p[1, i] = trial[0, i], trial[1, i]
+                    break
+    for q in range(len(drive)):
+        drive[q] = complex(x[0, q], x[1, q])
 
 
 @njit(**ORDERED_KERNEL)

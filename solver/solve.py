@@ -1,28 +1,31 @@
-"""Solvers: from control points to drives.
-
-Each solver is a function ``(A, amplitudes, **options) -> drive`` in `METHODS`, where A is the transfer matrix. These
-are the readable complex128 versions.
-"""
+"""From control points to drives: one update, a stream of frames, many frames at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from .array import TransducerArray
 from .geometry import frozen
 from .medium import Medium
-from .points import MAX_POINTS, ControlPoints, check_reachable
-from .propagation import transfer_matrix
+from .options import METHODS, Options
+from .points import MAX_POINTS, ControlPoints
+from .reference import ReferenceEngine
 
-__all__ = ["METHODS", "Solution", "solve"]
+if TYPE_CHECKING:
+    from .compiled import CompiledEngine
+
+__all__ = ["Solution", "Solver", "solve", "solve_frames"]
 
 MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays
-MAX_MU = 1e6  # beyond, the points hardly matter
+
+Precision = Literal["single", "double"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +35,7 @@ class Solution:
     Parameters
     ----------
     drive : (n,) complex
-        Drives in array order, scaled so that the strongest transducer is at full drive (magnitude 1).
+        Drives in array order, of magnitude at most 1.
     array, points, medium, method
         What it was solved for, and how.
     """
@@ -44,134 +47,149 @@ class Solution:
     method: str
 
 
+class Solver:
+    """Solves for an array, frame after frame: it keeps its buffers, and the phases of one frame begin the next.
+
+    Successive frames then stay coherent, which is quieter. The result depends on the frames before it, but the same
+    frames give the same bits; `forget` begins anew. A solver is for one thread at a time.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers, in any place and direction. Dead ones are left out.
+    method : str
+        A key of `METHODS`.
+    medium : Medium, optional
+        The air; 20 °C by default.
+    precision : {"single", "double"}
+        Compiled float32 kernels, or the readable complex128 versions in NumPy, which are far slower. Methods without
+        kernels are always solved in double precision.
+    **options
+        Of the method, see `Options`.
+
+    Raises
+    ------
+    ValueError
+        Where a method, an option or a value is unknown or out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> solver = Solver(TransducerArray.grid(), method="wgs", steps=10)
+    >>> solution = solver.solve(ControlPoints([[-0.03, 0, 0.2], [0.03, 0, 0.2]]))
+    >>> bool(np.abs(solution.drive).max() <= 1)
+    True
+    """
+
+    def __init__(
+        self,
+        array: TransducerArray,
+        method: str = "wgs",
+        *,
+        medium: Medium | None = None,
+        precision: Precision = "single",
+        **options: Any,
+    ) -> None:
+        if precision not in ("single", "double"):
+            raise ValueError(f"precision {precision!r} must be single or double")
+        self.array, self.method, self.medium = array, method, medium or Medium()
+        self.options = Options.of(method, **options)
+        self._engine = _engine(self.array, self.medium, method, self.options, precision)
+
+    def solve(self, points: ControlPoints) -> Solution:
+        """Find the drives for the next frame.
+
+        Raises
+        ------
+        ValueError
+            Where a point cannot be reached, there are too many, or they are too close for so small a ``mu``.
+        """
+        self._check_size(points)
+        drive = frozen(self._engine.drive(points).astype(np.complex128))
+        return Solution(drive, self.array, points, self.medium, self.method)
+
+    def forget(self) -> None:
+        """Begin the next frame from scratch, as the first."""
+        self._engine.forget()
+
+    def _check_size(self, points: ControlPoints) -> None:
+        if len(points) > MAX_POINTS or len(self.array) * len(points) > MAX_PAIRS:
+            raise ValueError(
+                f"{len(points)} control points with {len(self.array)} transducers are too many; at most {MAX_POINTS} "
+                f"points are possible, and at most {MAX_PAIRS} pairs"
+            )
+
+
 def solve(
     array: TransducerArray,
     points: ControlPoints,
-    method: str = "tikhonov",
+    method: str = "wgs",
     *,
     medium: Medium | None = None,
-    **options: float,
+    precision: Precision = "single",
+    **options: Any,
 ) -> Solution:
-    """Find the drive that makes the field strong at the control points.
+    """Find the drive that makes the field strong at the control points: a `Solver` for one frame.
+
+    Parameters and errors are those of `Solver` and its `Solver.solve`.
+    """
+    return Solver(array, method, medium=medium, precision=precision, **options).solve(points)
+
+
+def solve_frames(
+    array: TransducerArray,
+    frames: Sequence[ControlPoints],
+    method: str = "wgs",
+    *,
+    medium: Medium | None = None,
+    workers: int = 1,
+    **options: Any,
+) -> NDArray[np.complex64]:
+    """Drives of many frames, each solved from scratch, so that they do not depend on the number of workers.
 
     Parameters
     ----------
     array : TransducerArray
         n transducers.
-    points : ControlPoints
-        m points, in front of the array and within reach.
-    method : str
-        A key of `METHODS`.
-    medium : Medium, optional
-        The air; 20 °C by default.
-    **options
-        Of the method.
+    frames : sequence of ControlPoints
+        f frames.
+    method, medium, **options
+        As for `Solver`.
+    workers : int
+        Threads to share the frames among, at least 1; more than there are cores gain nothing.
+
+    Returns
+    -------
+    (f, n) complex
+        Drives.
 
     Raises
     ------
     ValueError
-        Where the method is unknown, an option is out of range, a point cannot be reached or there are too many; it is
-        named.
+        As `Solver` and `Solver.solve`; or where there are fewer than one worker.
     """
-    if method not in METHODS:
-        raise ValueError(f"unknown method {method!r}; known are {', '.join(sorted(METHODS))}")
-    if len(points) > MAX_POINTS or len(array) * len(points) > MAX_PAIRS:
-        raise ValueError(
-            f"{len(points)} control points with {len(array)} transducers are too many; at most {MAX_POINTS} points are "
-            f"possible, and at most {MAX_PAIRS} pairs"
-        )
-    check_reachable(array, points)
-    medium = medium or Medium()
-    transfer = transfer_matrix(array, points.positions, medium)
-    drive = METHODS[method](transfer, points.amplitudes / points.amplitudes.max(), **options)
-    return Solution(frozen(drive), array, points, medium, method)
+    if workers < 1:
+        raise ValueError(f"workers {workers} must be at least 1")
+    drives = np.empty((len(frames), len(array)), dtype=np.complex64)
+
+    def work(first: int) -> None:
+        solver = Solver(array, method, medium=medium, **options)
+        for index in range(first, len(frames), workers):
+            solver.forget()
+            solver._check_size(frames[index])
+            drives[index] = solver._engine.drive(frames[index])
+
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(work, range(workers)))
+    return drives
 
 
-def control_point_phases(
-    transfer: NDArray[np.complex128], amplitudes: NDArray[np.float64], steps: int = 20
-) -> NDArray[np.complex128]:
-    """Phases with which the control points help each other, the paper's section 3.2.
+def _engine(
+    array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision
+) -> CompiledEngine | ReferenceEngine:
+    if precision == "double" or not METHODS[method].compiled:
+        return ReferenceEngine(array, medium, method, options)
+    from .compiled import CompiledEngine  # numba takes half a second to import
 
-    Parameters
-    ----------
-    transfer : (m, n) complex
-        The transfer matrix A.
-    amplitudes : (m,) float
-        Wanted amplitudes.
-    steps : int
-        Iterations.
+    return CompiledEngine(array, medium, method, options)
 
-    Returns
-    -------
-    (m,) complex
-        Unit-magnitude phases.
-
-    Notes
-    -----
-    R = A·Aᴴ·diag(amplitude/‖a‖²) as in (9): column j is the field, at all points, of the drive that serves point j
-    alone. The iteration u ← phase(R·u) keeps every point at full magnitude, where the eigenvector itself would settle
-    on a part of the shape. It begins at incommensurate phases, because equal ones stay symmetric on symmetric shapes.
-    """
-    response = transfer @ transfer.conj().T * (amplitudes / np.einsum("mn,mn->m", transfer, transfer.conj()).real)
-    u = np.exp(2j * np.pi * 0.6180339887 * np.arange(len(amplitudes)) ** 2)
-    for _ in range(steps):
-        u = np.exp(1j * np.angle(response @ u))
-    return np.asarray(u)
-
-
-def tikhonov(
-    transfer: NDArray[np.complex128],
-    amplitudes: NDArray[np.float64],
-    *,
-    gamma: float = 1.0,
-    mu: float = 0.03,
-    phase_steps: int = 20,
-) -> NDArray[np.complex128]:
-    """Weighted Tikhonov regularisation, the paper's (10) and (11), with the phases of its (9).
-
-    Parameters
-    ----------
-    transfer : (m, n) complex
-        The transfer matrix A.
-    amplitudes : (m,) float
-        Wanted amplitudes.
-    gamma : float
-        0 prefers the smallest drives, 1 the most equal ones.
-    mu : float
-        Weight of the regularisation, relative to the mean of the system's eigenvalues.
-    phase_steps : int
-        Iterations for the phases of the control points.
-
-    Returns
-    -------
-    (n,) complex
-        Drives, the largest of magnitude 1.
-
-    Notes
-    -----
-    Minimises ‖A·x − b‖² + μ·Σ σ_q^{2γ}|x_q|² with σ_q = √(Σ_i |A_iq|·b_i / m), as x = W·Aᴴ·(A·W·Aᴴ + μI)⁻¹·b with
-    W = diag(σ^{−2γ}): an m × m Cholesky factorisation. The paper's μ = 1 depends on the unit of pressure, so it is
-    scaled here by tr(A·W·Aᴴ)/m. A transducer that reaches no point is left silent.
-    """
-    if not 0 <= gamma <= 1:
-        raise ValueError(f"gamma {gamma} must lie between 0 and 1")
-    if not 0 < mu <= MAX_MU:
-        raise ValueError(f"mu {mu} must be positive and at most {MAX_MU:g}")
-    if not (isinstance(phase_steps, int) and phase_steps >= 0):
-        raise ValueError(f"phase_steps {phase_steps} must be a whole number, at least 0")
-    wanted = amplitudes * control_point_phases(transfer, amplitudes, phase_steps)
-    sigma = np.sqrt(amplitudes @ np.abs(transfer) / len(amplitudes))
-    reaches = sigma > 0
-    weight = np.where(reaches, np.where(reaches, sigma, 1.0) ** (-2 * gamma), 0.0)
-    back = weight[:, None] * transfer.conj().T
-    system = transfer @ back
-    system += mu * np.trace(system).real / len(amplitudes) * np.eye(len(amplitudes))
-    try:
-        drive = back @ cho_solve(cho_factor(system), wanted)
-    except np.linalg.LinAlgError as error:
-        raise ValueError(f"mu {mu} is too small for points as close together as these") from error
-    return np.asarray(drive / np.abs(drive).max())
-
-
-METHODS: dict[str, Callable[..., NDArray[np.complex128]]] = {"tikhonov": tikhonov}
-"""Solvers by name."""

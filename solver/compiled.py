@@ -1,0 +1,243 @@
+"""From arrays and points to the compiled kernels and back: the tables that kernels read, and the float32 engine.
+
+numba takes half a second to import, so this module is imported where it is used and not before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial.chebyshev import Chebyshev
+from numpy.polynomial.polynomial import Polynomial
+from numpy.typing import NDArray
+
+from . import kernels
+from .array import TransducerArray
+from .medium import Medium
+from .models import residual
+from .options import HEADROOM, NUDGE, RELAXATION, Options
+from .points import REACH, ControlPoints, check_reachable
+from .propagation import transfer_matrix
+from .reference import cold_start
+
+__all__ = ["CompiledEngine", "compilation", "pressure_at", "tables_of"]
+
+OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
+POLYNOMIAL_ERROR = 2e-6
+
+
+class Tables(NamedTuple):
+    """An array in its medium as kernels read it, coordinates relative to ``origin``, pressure to ``strength``."""
+
+    elements: NDArray[np.float32]
+    directivity: NDArray[np.float32] | None
+    turns: np.float32
+    nepers: np.float32 | None
+    origin: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    strength: float
+
+
+def tables_of(array: TransducerArray, medium: Medium) -> Tables:
+    """Tables of an array; ``directivity`` is None where only `transfer_matrix` knows the transducer's model."""
+    n, transducer = len(array), array.transducer
+    low, high = array.positions.min(axis=0), array.positions.max(axis=0)
+    origin = (low + high) / 2
+    able = (array.response != 0) & (array.limits > 0)
+    elements = aligned(kernels.ELEMENT_ROWS, -(-n // kernels.LANES) * kernels.LANES)
+    elements[kernels.X : kernels.Z + 1, :n] = (array.positions - origin).T
+    elements[kernels.NX : kernels.NZ + 1, :n] = array.normals.T
+    elements[kernels.GAIN, :n] = np.where(able, np.abs(array.response), 0)
+    elements[kernels.LEAD, :n] = np.angle(array.response * transducer.polarity) / (2 * np.pi)
+    elements[kernels.LIMIT, :n] = np.where(able, array.limits, 0)
+    farthest = REACH + float(np.linalg.norm(high - low))
+    fits = medium.attenuation * farthest <= kernels.MAX_NEPERS
+    return Tables(
+        elements,
+        _directivity(array, medium) if fits else None,
+        np.float32(1 / medium.wavelength),
+        np.float32(medium.attenuation) if medium.attenuation else None,
+        origin,
+        low - transducer.nearest,
+        high + transducer.nearest,
+        transducer.strength,
+    )
+
+
+def _directivity(array: TransducerArray, medium: Medium) -> NDArray[np.float32] | None:
+    """Coefficients of the directivity in sin²θ, where a polynomial of the kernels' degree is good enough."""
+    if array.transducer.model not in ("monopole", "piston"):
+        return None
+
+    def wanted(sine_squared: NDArray[np.float64]) -> NDArray[np.float64]:
+        return residual(array.transducer, np.sqrt(np.clip(sine_squared, 0, 1)), 1.0, medium).real
+
+    fitted = Chebyshev.interpolate(wanted, kernels.DIRECTIVITY_TERMS - 1, domain=[0, 1])
+    between = np.linspace(0, 1, 200)
+    if np.abs(fitted(between) - wanted(between)).max() > POLYNOMIAL_ERROR:
+        return None
+    coefficients = np.zeros(kernels.DIRECTIVITY_TERMS, dtype=np.float32)
+    powers = fitted.convert(kind=Polynomial).coef
+    coefficients[: len(powers)] = powers
+    return coefficients
+
+
+def aligned(*shape: int) -> NDArray[np.float32]:
+    """Zeros that begin where a register's worth of memory does."""
+    size = int(np.prod(shape))
+    room = np.zeros(size + kernels.LANES, dtype=np.float32)
+    first = -room.ctypes.data % (4 * kernels.LANES) // 4
+    return room[first : first + size].reshape(shape)
+
+
+class CompiledEngine:
+    """One update at a time in float32, with its buffers and the phases of the last one.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    medium : Medium
+        The air.
+    method : str
+        A compiled one of `METHODS`.
+    options : Options
+        With an output policy.
+    """
+
+    def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
+        self._array, self._medium, self._method, self._options = array, medium, method, options
+        self._tables = tables_of(array, medium)
+        self._columns = self._tables.elements.shape[1]
+        self._capacity = 0
+        self._points = 0
+        self._warm = False
+        self._gamma, self._mu = np.float32(options.gamma), np.float32(options.mu)
+        self._output = OUTPUTS[str(options.output)]
+        self._power = options.phases == "power"
+        self._steps = options.steps if method in ("wgs", "polish") else 0
+
+    def forget(self) -> None:
+        """Begin the next update's phases anew."""
+        self._warm = False
+
+    def drive(self, points: ControlPoints) -> NDArray[np.complex64]:
+        """Drives (n,) for control points.
+
+        Raises
+        ------
+        ValueError
+            Where a point cannot be reached, or the system is singular.
+        """
+        m = len(points)
+        self._make_room(m)
+        self._model(points)
+        drive = np.empty(len(self._array), dtype=np.complex64)
+        elements, work = self._tables.elements, self._work
+        if self._method == "multiplex":
+            kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
+            return drive
+        self._begin(m)
+        fit = kernels.finish(
+            elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive
+        )
+        if fit < 0:
+            raise ValueError(f"mu {self._options.mu} is too small for points as close together as these")
+        if self._method == "polish":
+            kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, work, drive)
+        return drive
+
+    def _make_room(self, m: int) -> None:
+        if m > self._capacity:
+            self._work = aligned(kernels.work_size(m, self._columns))
+            self._capacity = m
+        if m != self._points or not self._warm:
+            start = cold_start(m)
+            self._cold = aligned(2, -(-m // kernels.LANES) * kernels.LANES)
+            self._cold[0, :m], self._cold[1, :m] = start.real, start.imag
+            self._u = self._cold.copy()
+            self._points, self._warm = m, True
+        else:
+            kernels.nudge(self._u, self._cold, NUDGE32)
+
+    def _model(self, points: ControlPoints) -> None:
+        tables = self._tables
+        if tables.directivity is not None:
+            suspect = kernels.model(
+                tables.elements,
+                tables.directivity,
+                tables.turns,
+                tables.nepers,
+                tables.origin,
+                tables.low,
+                tables.high,
+                REACH,
+                points.positions,
+                points.amplitudes,
+                self._work,
+            )
+            if suspect >= 0:
+                check_reachable(self._array, points)
+        else:
+            check_reachable(self._array, points)
+            self._enter(points)
+
+    def _enter(self, points: ControlPoints) -> None:
+        """Do what `kernels.model` does, with the transfer matrix from `transfer_matrix`."""
+        m, n = len(points), len(self._array)
+        parts = kernels.carve.py_func(self._work, m, self._columns)
+        re, im, reach = parts[0], parts[1], parts[7][0, 0]
+        matrix = transfer_matrix(self._array, points.positions, self._medium) / self._tables.strength
+        matrix *= self._array.limits > 0
+        re[:m, :n], im[:m, :n] = matrix.real, matrix.imag
+        re[:m, n:] = im[:m, n:] = 0
+        kernels.set_wanted(points.amplitudes, m, self._columns, self._work)
+        reach[:n] = (points.amplitudes / points.amplitudes.max()) @ np.abs(matrix)
+        reach[n:] = 0
+
+    def _begin(self, m: int) -> None:
+        options = self._options
+        if options.phase_seconds is None:
+            kernels.begin(m, self._columns, self._gamma, options.phase_steps, self._power, self._u, self._work)
+            return
+        end = perf_counter() + options.phase_seconds
+        kernels.begin(m, self._columns, self._gamma, 0, self._power, self._u, self._work)
+        for _ in range(options.phase_steps):
+            if perf_counter() >= end:
+                return
+            kernels.more_phases(m, self._columns, 1, self._power, self._u, self._work)
+
+
+HEADROOM32, RELAXATION32, NUDGE32 = np.float32(HEADROOM), np.float32(RELAXATION), np.float32(NUDGE)
+
+
+def pressure_at(
+    tables: Tables, array: TransducerArray, drive: NDArray[np.complex128], points: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """Pressure at (k, 3) points, in pascals; the points are not checked."""
+    columns = tables.elements.shape[1]
+    emitted = aligned(2, columns)
+    emitted[0, : len(array)] = (scaled := drive * array.response * array.transducer.polarity).real
+    emitted[1, : len(array)] = scaled.imag
+    relative = np.ascontiguousarray((points - tables.origin).T, dtype=np.float32)
+    sums = aligned(2, len(points))
+    kernels.sum_pressure(
+        tables.elements, tables.directivity, tables.turns, tables.nepers, emitted[0], emitted[1], relative, sums
+    )
+    return np.asarray(tables.strength * (sums[0] + 1j * sums[1]), dtype=np.complex128)
+
+
+def compilation() -> dict[str, tuple[int, int]]:
+    """How many variants of each kernel were loaded from numba's cache, and how many compiled, in this process."""
+    found: dict[str, tuple[int, int]] = {}
+    for name, value in vars(kernels).items():
+        stats: Any = getattr(value, "stats", None)
+        if isinstance(value, Callable) and stats is not None:  # type: ignore[arg-type]
+            hits, misses = sum(stats.cache_hits.values()), sum(stats.cache_misses.values())
+            if hits or misses:
+                found[name] = (hits, misses)
+    return found

@@ -1,0 +1,144 @@
+"""What a solver can be told: methods by name, and their options, checked once."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+__all__ = ["HEADROOM", "METHODS", "NUDGE", "PHASE_LEVELS", "RELAXATION", "Method", "Options", "Output", "Phases"]
+
+Output = Literal["solved", "phase", "limited"]
+Phases = Literal["unit", "power"]
+
+HEADROOM = 2.0
+"""How far above the limits ``limited`` output raises the root mean square of the drives before it cuts them off."""
+
+RELAXATION = 0.5
+"""Part of the missing pressure that a correction of ``wgs`` adds: 1 oscillates where outputs are phase-only."""
+
+NUDGE = 0.05
+"""Part of the cold start in a warm one: symmetric phases could otherwise never be left on a symmetric shape."""
+
+PHASE_LEVELS = 100
+"""Phases that a pulse can have, in half ticks of a 40 kHz period."""
+
+MAX_MU = 1e6  # beyond, the points hardly matter
+MAX_STEPS = 100_000
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to find drives.
+
+    Parameters
+    ----------
+    summary : str
+        What it does.
+    output : {"solved", "phase", "limited"}
+        Its output policy unless told otherwise.
+    options : tuple of str
+        Fields of `Options` that it heeds, ``output`` aside.
+    compiled : bool
+        Whether float32 kernels exist for it.
+    """
+
+    summary: str
+    output: Output
+    options: tuple[str, ...]
+    compiled: bool = True
+
+
+_PHASES = ("phases", "phase_steps", "phase_seconds")
+_TIKHONOV = (*_PHASES, "gamma", "mu")
+
+METHODS: dict[str, Method] = {
+    "wgs": Method("tikhonov, then weighted Gerchberg–Saxton steps: the recommended one", "limited", (*_TIKHONOV, "steps")),
+    "polish": Method(
+        "wgs, then a coordinate descent over phases in steps", "limited", (*_TIKHONOV, "steps", "sweeps", "levels")
+    ),
+    "tikhonov": Method("weighted Tikhonov regularisation, (10)–(11)", "solved", _TIKHONOV),
+    "min_norm": Method("minimum norm or least squares, (6)–(8)", "solved", _PHASES, compiled=False),
+    "multiplex": Method("linear multiplexing, (12): phases of the summed single foci", "phase", ()),
+    "paper": Method("the paper to the letter: power method, μ = 1, full power", "phase", ("phase_steps", "gamma"), False),
+}
+"""Methods by name."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the methods, each of which heeds some.
+
+    Parameters
+    ----------
+    gamma : float
+        0 prefers the smallest drives, 1 the most equal ones.
+    mu : float
+        Weight of the regularisation, relative to the mean of the system's eigenvalues.
+    phases : {"unit", "power"}
+        How the phases of the control points are found: by an iteration that keeps all at full magnitude, or by the
+        paper's power method.
+    phase_steps : int
+        Most iterations for the phases.
+    phase_seconds : float, optional
+        Time after which no further iteration begins. With it, results depend on the speed of the machine.
+    steps : int
+        Weighted Gerchberg–Saxton steps.
+    sweeps : int
+        Passes of the coordinate descent over all transducers.
+    levels : int
+        Phases per turn that the coordinate descent may choose from.
+    output : {"solved", "phase", "limited"}, optional
+        How drives are brought within their limits: all scaled alike until the strongest is at its limit; each at its
+        limit, with its phase kept; or raised well above and cut off, with nearly the accuracy of the first and the
+        strength of the second. By default as the method recommends.
+
+    Raises
+    ------
+    ValueError
+        That names the option, its value and its range.
+    """
+
+    gamma: float = 1.0
+    mu: float = 0.03
+    phases: Phases = "unit"
+    phase_steps: int = 20
+    phase_seconds: float | None = None
+    steps: int = 10
+    sweeps: int = 2
+    levels: int = PHASE_LEVELS
+    output: Output | None = None
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not 0 <= self.gamma <= 1:
+            raise ValueError(f"gamma {self.gamma} must lie between 0 and 1")
+        if not 0 < self.mu <= MAX_MU:
+            raise ValueError(f"mu {self.mu} must be positive and at most {MAX_MU:g}")
+        if self.phases not in get_args(Phases):
+            raise ValueError(f"phases {self.phases!r} must be one of {', '.join(get_args(Phases))}")
+        if self.output is not None and self.output not in get_args(Output):
+            raise ValueError(f"output {self.output!r} must be one of {', '.join(get_args(Output))}")
+        if self.phase_seconds is not None and not 0 <= self.phase_seconds < 1e6:
+            raise ValueError(f"phase_seconds {self.phase_seconds} must be a number of seconds, at least 0")
+        for name, least in (("phase_steps", 0), ("steps", 0), ("sweeps", 0), ("levels", 2)):
+            value = getattr(self, name)
+            if not (isinstance(value, int) and least <= value <= MAX_STEPS):
+                raise ValueError(f"{name} {value} must be a whole number from {least} to {MAX_STEPS}")
+
+    @classmethod
+    def of(cls, method: str, **values: Any) -> Options:
+        """Options of a method, with its own output policy where none is named.
+
+        Raises
+        ------
+        ValueError
+            Where the method is unknown, does not heed an option, or a value is out of range.
+        """
+        if method not in METHODS:
+            raise ValueError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
+        heeded = ("output", *METHODS[method].options)
+        if foreign := sorted(set(values) - set(heeded)):
+            raise ValueError(f"{method} has no option {foreign[0]!r}; it has {', '.join(heeded)}")
+        options = cls(**values)
+        return dataclasses.replace(options, output=options.output or METHODS[method].output)
