@@ -1,4 +1,4 @@
-"""Files that the solver reads and writes: control points (CSV, JSON), solutions (NPZ) and fields (NPZ).
+"""Files that the solver reads and writes: control points (CSV, JSON, plain text), solutions (NPZ) and fields (NPZ).
 
 A solved file holds drives, not pulses: pulses are made on the way to a device.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +37,11 @@ MAX_ARCHIVE_BYTES = 500_000_000
 
 
 def read_points(path: Path) -> ControlPoints:
-    """Read control points from a CSV or JSON file, by the suffix of its name.
+    """Read control points from a CSV, JSON or plain text file, by the suffix of its name.
 
     CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line without any number is taken for
     names, and empty lines and those that begin with ``#`` are skipped.
+    Plain text (``.txt``, ``.xyz``): the same with white space between the numbers; what follows a ``#`` is skipped.
     JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``, where the amplitudes are optional.
 
     Raises
@@ -60,9 +62,18 @@ def read_points(path: Path) -> ControlPoints:
 
 
 def _read_csv(text: str) -> tuple[list[list[float]], list[float] | None]:
+    return _read_table(csv.reader(text.splitlines()), ",")
+
+
+def _read_text(text: str) -> tuple[list[list[float]], list[float] | None]:
+    return _read_table((line.partition("#")[0].split() for line in text.splitlines()), " ")
+
+
+def _read_table(lines: Iterable[list[str]], separator: str) -> tuple[list[list[float]], list[float] | None]:
+    """Positions and, where there are four columns, amplitudes, from the cells of each line of a file."""
     rows: list[list[float]] = []
     names_may_come = True
-    for number, cells in enumerate(csv.reader(text.splitlines()), start=1):
+    for number, cells in enumerate(lines, start=1):
         if not any(cell.strip() for cell in cells) or cells[0].lstrip().startswith("#"):
             continue
         numbers = [_number(cell) for cell in cells]
@@ -72,7 +83,10 @@ def _read_csv(text: str) -> tuple[list[list[float]], list[float] | None]:
         names_may_come = False
         row = [value for value in numbers if value is not None]
         if len(row) != len(cells) or len(row) not in (3, 4):
-            raise ValueError(f"line {number}: {','.join(cells)!r} is not x,y,z or x,y,z,amplitude in numbers")
+            form = separator.join("xyz")
+            raise ValueError(
+                f"line {number}: {separator.join(cells)!r} is not {form} or {form}{separator}amplitude in numbers"
+            )
         if rows and len(row) != len(rows[0]):
             raise ValueError(f"line {number} has {len(row)} numbers, but the lines before it have {len(rows[0])}")
         rows.append(row)
@@ -97,7 +111,7 @@ def _read_json(text: str) -> tuple[Any, Any]:
     return record["positions"], record.get("amplitudes")
 
 
-POINT_FILES = {".csv": _read_csv, ".json": _read_json}
+POINT_FILES = {".csv": _read_csv, ".json": _read_json, ".txt": _read_text, ".xyz": _read_text}
 """Readers of control points by the suffix of a file's name."""
 
 

@@ -133,6 +133,8 @@ def test_fields_can_be_read_by_numpy(tmp_path: Path, sphere_solution: Solution) 
         ("p.csv", "x,y,z,amplitude\n# a note\n\n0,0,0.2,0.5\n", [[0, 0, 0.2]], [0.5]),
         ("p.csv", "# a note\nx,y,z\n0,0,0.2\n", [[0, 0, 0.2]], [1]),
         ("p.CSV", "\ufeff0, 0, 2e-1\r\n", [[0, 0, 0.2]], [1]),
+        ("p.txt", "x y z\n0 0 0.2\n0.01\t0  0.2\n", [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 1]),
+        ("p.xyz", "# a note\n  0 0 2e-1 0.5 # and another\n", [[0, 0, 0.2]], [0.5]),
         ("p.json", '{"positions": [[0, 0, 0.2]]}', [[0, 0, 0.2]], [1]),
         ("p.json", '{"positions": [[0, 0, 0.2]], "amplitudes": [2]}', [[0, 0, 0.2]], [2]),
     ],
@@ -164,7 +166,12 @@ def test_points_are_read(
         ("p.json", '{"positions": [[0, 0, "a"]]}', "could not convert string"),
         ("p.json", '{"positions": [[0, 0, 0.2]], "amplitude": [1]}', "unknown entry 'amplitude'"),
         ("p.json", '{"positions": [[0, 0, 0.2], [0]]}', "inhomogeneous"),
-        ("p.txt", "0 0 0.2", r"read from \.csv or \.json files"),
+        ("p.txt", "# nothing\n", "there are no control points in it"),
+        ("p.txt", "0,0,0.2\n", "line 1: '0,0,0.2' is not x y z or x y z amplitude in numbers"),
+        ("p.txt", "0 0 0.2\n0 0 up\n", "line 2: '0 0 up' is not x y z"),
+        ("p.xyz", "0 0 0.2\n\n0 0 0.2 1\n", "line 3 has 4 numbers, but the lines before it have 3"),
+        ("p.xyz", "2\na comment\nC 0 0 0.2\n", "line 1: '2' is not x y z"),
+        ("p.ply", "0 0 0.2", r"read from \.csv or \.json or \.txt or \.xyz files"),
     ],
 )
 def test_bad_point_files_are_named(tmp_path: Path, name: str, text: str, message: str) -> None:
@@ -174,7 +181,7 @@ def test_bad_point_files_are_named(tmp_path: Path, name: str, text: str, message
 
 
 @ONE_FOLDER
-@given(st.binary(max_size=200), st.sampled_from([".csv", ".json"]))
+@given(st.binary(max_size=200), st.sampled_from([".csv", ".json", ".txt"]))
 def test_any_bytes_are_read_or_refused(tmp_path: Path, data: bytes, suffix: str) -> None:
     path = tmp_path / f"p{suffix}"
     path.write_bytes(data)
