@@ -11,18 +11,24 @@ from .field import PlaneField, sample_plane
 from .medium import Medium
 from .points import ControlPoints
 from .propagation import pressure, transfer_matrix
-from .shapes import Circle, Shape, Sphere, parse_shape
+from .shapes import Asterisk, Circle, Concentric, Polygon, Polyline, Rings, Shape, Sphere, Star, parse_shape
 from .solve import METHODS, Solution, solve
 
 __all__ = [
     "METHODS",
+    "Asterisk",
     "Circle",
+    "Concentric",
     "ControlPoints",
     "Medium",
     "PlaneField",
+    "Polygon",
+    "Polyline",
+    "Rings",
     "Shape",
     "Solution",
     "Sphere",
+    "Star",
     "Transducer",
     "TransducerArray",
     "parse_shape",

@@ -12,13 +12,14 @@ import typer
 from ..console import JsonOption, console_for, error_console, write_json
 from ..storage import check_outputs
 from .array import COLUMNS, PITCH, ROWS, TransducerArray
+from .curves import SPACING
 from .field import sample_plane
 from .files import POINT_FILES, load_solution, read_points, save_field, save_solution
 from .medium import Medium
 from .picture import check_picture_path, save_field_picture
 from .points import ControlPoints
 from .propagation import pressure
-from .shapes import SHAPES, SPACING, parse_shape, shape_help
+from .shapes import SHAPES, parse_shape, shape_help
 from .solve import METHODS, solve
 
 __all__ = ["commands"]
@@ -26,16 +27,23 @@ __all__ = ["commands"]
 commands = typer.Typer(rich_markup_mode=None)
 
 
-def read_source(source: str, spacing: float) -> ControlPoints:
+def read_source(source: str, spacing: float | None = None) -> ControlPoints:
     """Control points from a shape's notation or from a file of points."""
+    if source.partition(":")[0] in SHAPES:
+        return parse_shape(source).sample(spacing)
     if Path(source).suffix.lower() in POINT_FILES:
         return read_points(Path(source))
-    if source.partition(":")[0] not in SHAPES:
-        raise ValueError(
-            f"{source!r} is neither a shape ({', '.join(sorted(SHAPES))}) "
-            f"nor a file of points ({', '.join(POINT_FILES)})"
-        )
-    return parse_shape(source).sample(spacing)
+    raise ValueError(
+        f"{source!r} is neither a shape ({', '.join(sorted(SHAPES))}) nor a file of points ({', '.join(POINT_FILES)})"
+    )
+
+
+def files_in(source: str) -> list[Path]:
+    """Every file that a source may be, or may name as a parameter of a shape."""
+    return [
+        Path(source),
+        *(Path(item.partition("=")[2]) for item in source.partition(":")[2].split(",") if "=" in item),
+    ]
 
 
 @commands.command(
@@ -44,21 +52,28 @@ def read_source(source: str, spacing: float) -> ControlPoints:
 
 SOURCE is a shape or a file of control points.
 
-A shape is a name with what differs from its defaults, in metres, such as sphere:radius=0.04,palm=0.18 :
+A shape is a name with what differs from its defaults, such as sphere:radius=0.04,palm=0.18 or polygon:sides=5 . Lengths
+are in metres, rotations in degrees; the vertices of a polyline can also be the name of a file of points.
 
 \b
 {shape_help()}
 
-A .csv file has a line x,y,z or x,y,z,amplitude for each point. A .json file is
-{{"positions": [[x, y, z], ...], "amplitudes": [...]}}. Coordinates are in metres from the middle of the array, z up;
-amplitudes are relative, 0 makes a null.""",
+A .csv file has a line x,y,z or x,y,z,amplitude for each point; a .txt or .xyz file has spaces instead of commas.
+A .json file is {{"positions": [[x, y, z], ...], "amplitudes": [...]}}. Coordinates are in metres from the middle of the
+array, z up; amplitudes are relative, 0 makes a null.""",
 )
 def solve_command(
-    source: Annotated[str, typer.Argument(metavar="SOURCE", help="A shape, or a .csv or .json file of points.")],
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help=f"A shape, or a file of points: {', '.join(POINT_FILES)}.")
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The .npz file to write.")],
     spacing: Annotated[
-        float, typer.Option(help="Distance between a shape's control points along its arc, in m.")
-    ] = SPACING,
+        float | None,
+        typer.Option(
+            help="Distance between a shape's control points along its arc, in m; by default "
+            f"{SPACING:g}, or as many points as the paper's Figure 6 has."
+        ),
+    ] = None,
     method: Annotated[str, typer.Option(help=f"Solver: {', '.join(sorted(METHODS))}.")] = "tikhonov",
     columns: Annotated[int, typer.Option(help="Transducers along x.")] = COLUMNS,
     rows: Annotated[int, typer.Option(help="Transducers along y.")] = ROWS,
@@ -69,7 +84,7 @@ def solve_command(
     """Find the drives that make a shape (the help text above is built from the shapes)."""
     if output.suffix.lower() != ".npz":
         raise ValueError(f"{output}: the name of a solved file ends in .npz")
-    check_outputs([output, json_target], inputs=[Path(source)])
+    check_outputs([output, json_target], inputs=files_in(source))
     points = read_source(source, spacing)
     array = TransducerArray.grid(columns, rows, pitch)
     started = perf_counter()

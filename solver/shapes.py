@@ -1,44 +1,120 @@
-"""Shapes: what should be felt, and its cut into control points. Lengths in metres.
+"""Shapes: what should be felt, and its cut into control points. Lengths in metres, rotations in degrees.
 
-On the command line a shape is written ``name:parameter=value,…``; `parse_shape` reads that notation.
+A shape is drawn as curves, and one sampler cuts all curves (`curves.sample_curves`). On the command line a shape is
+written ``name:parameter=value,…``; `parse_shape` reads that notation.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .geometry import FARTHEST
+from ..errors import InputFileError
+from .curves import SPACING, Curve, chain, even_spacing, ring, sample_curves
+from .files import POINT_FILES, read_points
+from .geometry import FARTHEST, as_points
 from .points import MAX_POINTS, ControlPoints
 
-__all__ = ["SHAPES", "SPACING", "Circle", "Shape", "Sphere", "parse_shape", "shape_help"]
+__all__ = [
+    "SHAPES",
+    "Asterisk",
+    "Circle",
+    "Concentric",
+    "Drawn",
+    "Polygon",
+    "Polyline",
+    "Rings",
+    "Shape",
+    "Sphere",
+    "Star",
+    "parse_shape",
+    "shape_help",
+]
 
-SPACING = 0.015
-"""Arc length between control points in metres, the paper's section 5."""
+Vertices: TypeAlias = tuple[tuple[float, ...], ...]
+
+# unit of a parameter: how it is written, its name, and the largest value
+LENGTH = ("m", "metres", FARTHEST)
+UNITS = {"rotation": ("degrees", "degrees", 360.0)}
 
 
 class Shape(Protocol):
     """Anything that can be sampled into control points."""
 
-    def sample(self, spacing: float = SPACING) -> ControlPoints:
-        """Control points every ``spacing`` metres of arc."""
+    def sample(self, spacing: float | None = None) -> ControlPoints:
+        """Control points every ``spacing`` metres of arc, or as the shape prefers."""
+
+
+class Drawn(ABC):
+    """A shape that is drawn as curves.
+
+    Attributes
+    ----------
+    count : int or None
+        How many control points it has where no spacing is asked for, the number in the paper's Figure 6. None means one
+        every `SPACING`.
+    """
+
+    count: ClassVar[int | None] = None
+
+    @abstractmethod
+    def curves(self) -> tuple[Curve, ...]:
+        """The curves, in the order of their points."""
+
+    def sample(self, spacing: float | None = None) -> ControlPoints:
+        """Control points, equally spaced along each curve.
+
+        Parameters
+        ----------
+        spacing : float, optional
+            Arc length between neighbours in metres, met as nearly as whole numbers allow. By default the shape has its
+            own `count` of points, or one every `SPACING`.
+
+        Raises
+        ------
+        ValueError
+            Where the spacing is not positive, or so small that there are too many points.
+        """
+        curves = self.curves()
+        if spacing is None:
+            spacing = SPACING if self.count is None else even_spacing(curves, self.count)
+        return sample_curves(curves, spacing)
 
 
 def _check(shape: Any, positive: tuple[str, ...]) -> None:
     for field in dataclasses.fields(shape):
+        if field.type != "float":
+            continue
         value = getattr(shape, field.name)
-        if not abs(value) <= FARTHEST or (field.name in positive and value <= 0):
+        unit, _, largest = UNITS.get(field.name, LENGTH)
+        if not abs(value) <= largest or (field.name in positive and value <= 0):
             rule = "positive and at most" if field.name in positive else "at most"
             name = f"{type(shape).__name__.lower()} {field.name}"
-            raise ValueError(f"{name} {value} m must be {rule} {FARTHEST:g} m")
+            raise ValueError(f"{name} {value} {unit} must be {rule} {largest:g} {unit}")
+
+
+def _spokes(
+    x: float, y: float, height: float, radii: list[float], rotation: float, first: float = 90.0
+) -> NDArray[np.float64]:
+    """(k, 3) points at the given distances from a centre, in k equally spaced directions, counterclockwise.
+
+    ``first`` is the direction of the first one before the rotation, in degrees from the x axis.
+    """
+    angle = math.radians(first + rotation) + 2 * np.pi * np.arange(len(radii)) / len(radii)
+    distance = np.array(radii)
+    return np.stack([x + distance * np.cos(angle), y + distance * np.sin(angle), np.full(len(radii), height)], axis=1)
 
 
 @dataclass(frozen=True)
-class Circle:
+class Circle(Drawn):
     """A horizontal circle.
 
     Parameters
@@ -60,21 +136,13 @@ class Circle:
         """Check the ranges."""
         _check(self, positive=("radius", "height"))
 
-    def sample(self, spacing: float = SPACING) -> ControlPoints:
-        """Equally spaced points, as near to every ``spacing`` metres of arc as a closed curve allows."""
-        if not 0 < spacing < math.inf:
-            raise ValueError(f"spacing {spacing} m must be positive and finite")
-        steps = 2 * math.pi * self.radius / spacing
-        if steps > MAX_POINTS:
-            raise ValueError(f"spacing {spacing} m makes {steps:.3g} control points; at most {MAX_POINTS} are possible")
-        count = max(1, round(steps))
-        angle = 2 * np.pi * np.arange(count) / count
-        x, y = self.x + self.radius * np.cos(angle), self.y + self.radius * np.sin(angle)
-        return ControlPoints(np.stack([x, y, np.full(count, self.height)], axis=1))
+    def curves(self) -> tuple[Curve, ...]:
+        """The circle."""
+        return (ring(self.x, self.y, self.height, self.radius),)
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Drawn):
     """A sphere, felt where a flat palm cuts it.
 
     Parameters
@@ -115,45 +183,320 @@ class Sphere:
     def _cut_radius_squared(self) -> float:
         return self.radius**2 - (self.palm - self.height) ** 2
 
-    def sample(self, spacing: float = SPACING) -> ControlPoints:
-        """Control points along the cut, every ``spacing`` metres of arc."""
-        return self.cut().sample(spacing)
+    def curves(self) -> tuple[Curve, ...]:
+        """The circle that the palm feels."""
+        return self.cut().curves()
 
 
-SHAPES: dict[str, type[Any]] = {"circle": Circle, "sphere": Sphere}
-"""Shapes by name: dataclasses of lengths in metres that are a `Shape`."""
+@dataclass(frozen=True)
+class Polygon(Drawn):
+    """A horizontal regular polygon; by default the square of the paper's Figure 4, 10 cm wide.
+
+    Parameters
+    ----------
+    sides : int
+        At least 3.
+    radius : float
+        From the centre to a corner.
+    rotation : float
+        Counterclockwise, in degrees; without it, one side faces -y.
+    height : float
+        Of its plane above the array.
+    x, y : float
+        Of its centre.
+    """
+
+    sides: int = 4
+    radius: float = 0.07071
+    rotation: float = 0.0
+    height: float = 0.20
+    x: float = 0.0
+    y: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not (isinstance(self.sides, int) and 3 <= self.sides <= MAX_POINTS):
+            raise ValueError(f"polygon sides {self.sides} must be a whole number from 3 to {MAX_POINTS}")
+        _check(self, positive=("radius", "height"))
+
+    def curves(self) -> tuple[Curve, ...]:
+        """The outline, from the right end of the side that faces -y."""
+        corners = [self.radius] * self.sides
+        first = 180 / self.sides - 90
+        vertices = _spokes(self.x, self.y, self.height, corners, self.rotation, first)
+        return (chain(vertices, closed=True, sides=self.sides),)
+
+
+@dataclass(frozen=True)
+class Polyline(Drawn):
+    """Straight pieces from vertex to vertex, anywhere in space.
+
+    Parameters
+    ----------
+    vertices : (v, 3) float
+        The corners, kept as a tuple of tuples. On the command line ``x:y:z/x:y:z/…``, or the name of a file of points.
+    closed : bool
+        Whether a last piece leads back to the first vertex.
+    """
+
+    vertices: Vertices = ((-0.04, 0.0, 0.2), (0.0, 0.04, 0.2), (0.04, 0.0, 0.2))
+    closed: bool = False
+
+    def __post_init__(self) -> None:
+        """Check that there is a line."""
+        rows = as_points(self.vertices, "polyline corner").tolist()
+        object.__setattr__(self, "vertices", tuple(tuple(row) for row in rows))
+        self.curves()
+
+    def curves(self) -> tuple[Curve, ...]:
+        """The line, from the first vertex. It has no sides: its corners need not be among the points."""
+        return (chain(self.vertices, closed=self.closed),)
+
+
+@dataclass(frozen=True)
+class Rings(Drawn):
+    """Two intersecting rings, the paper's Figure 6.1: 16 + 16 points.
+
+    Parameters
+    ----------
+    radius : float
+        Of each ring.
+    distance : float
+        Between their centres, which lie on both sides along x; less than two radii.
+    height : float
+        Of their plane above the array.
+    x, y : float
+        Of the middle.
+
+    Notes
+    -----
+    Each begins at its outermost point. With the default ratio the rings cross in the middle between samples; the paper
+    gives no sizes.
+    """
+
+    radius: float = 0.032
+    distance: float = 0.036
+    height: float = 0.20
+    x: float = 0.0
+    y: float = 0.0
+
+    count: ClassVar[int | None] = 32
+
+    def __post_init__(self) -> None:
+        """Check that they intersect."""
+        _check(self, positive=("radius", "distance", "height"))
+        if self.distance >= 2 * self.radius:
+            raise ValueError(
+                f"rings of radius {self.radius:g} m do not intersect at a distance of {self.distance:g} m; it must be "
+                f"less than {2 * self.radius:g} m"
+            )
+
+    def curves(self) -> tuple[Curve, ...]:
+        """The right ring and the left one."""
+        right, left = self.x + self.distance / 2, self.x - self.distance / 2
+        return (
+            ring(right, self.y, self.height, self.radius),
+            ring(left, self.y, self.height, self.radius, start=math.pi),
+        )
+
+
+@dataclass(frozen=True)
+class Star(Drawn):
+    """A five-pointed star, the paper's Figure 6.2: 30 points, three on each of its ten sides.
+
+    Parameters
+    ----------
+    radius : float
+        From the centre to a tip.
+    rotation : float
+        Counterclockwise, in degrees; without it, a tip faces +y.
+    height : float
+        Of its plane above the array.
+    x, y : float
+        Of its centre.
+
+    Notes
+    -----
+    The outline of the pentagram: its inner corners lie at cos 72°/cos 36° = 0.382 of the radius.
+    """
+
+    radius: float = 0.05
+    rotation: float = 0.0
+    height: float = 0.20
+    x: float = 0.0
+    y: float = 0.0
+
+    count: ClassVar[int | None] = 30
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check(self, positive=("radius", "height"))
+
+    def curves(self) -> tuple[Curve, ...]:
+        """The outline, from the first tip."""
+        inner = self.radius * math.cos(math.radians(72)) / math.cos(math.radians(36))
+        vertices = _spokes(self.x, self.y, self.height, [self.radius, inner] * 5, self.rotation)
+        return (chain(vertices, closed=True, sides=10),)
+
+
+@dataclass(frozen=True)
+class Concentric(Drawn):
+    """Two concentric circles, the paper's Figure 6.3: 24 + 8 points.
+
+    Parameters
+    ----------
+    outer, inner : float
+        Radii. At the default ratio of three, 24 and 8 points are equally spaced.
+    height : float
+        Of their plane above the array.
+    x, y : float
+        Of the centre.
+    """
+
+    outer: float = 0.045
+    inner: float = 0.015
+    height: float = 0.20
+    x: float = 0.0
+    y: float = 0.0
+
+    count: ClassVar[int | None] = 32
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check(self, positive=("outer", "inner", "height"))
+        if self.inner >= self.outer:
+            raise ValueError(f"concentric inner {self.inner} m must be less than outer {self.outer} m")
+
+    def curves(self) -> tuple[Curve, ...]:
+        """The outer circle and the inner one."""
+        return tuple(ring(self.x, self.y, self.height, radius) for radius in (self.outer, self.inner))
+
+
+@dataclass(frozen=True)
+class Asterisk(Drawn):
+    """An asterisk with six arms, the paper's Figure 6.4: 21 points.
+
+    Parameters
+    ----------
+    radius : float
+        From the centre to the tips.
+    rotation : float
+        Counterclockwise, in degrees; without it, an arm faces +y.
+    height : float
+        Of its plane above the array.
+    x, y : float
+        Of the centre.
+
+    Notes
+    -----
+    The paper does not show how 21 points make six arms. Three strokes of seven would meet in one threefold point, and
+    six arms with a common centre have 6k + 1. Here all points lie on three straight strokes of length 2·radius, cut
+    into seven equal steps each: of the six points around the centre, which would crowd at a seventh of the radius,
+    every other one is left out. So the arms have four and three points in turn, the tips are equal, and no two points
+    are closer than 0.247 radii.
+    """
+
+    radius: float = 0.05
+    rotation: float = 0.0
+    height: float = 0.20
+    x: float = 0.0
+    y: float = 0.0
+
+    count: ClassVar[int | None] = 21
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check(self, positive=("radius", "height"))
+
+    def curves(self) -> tuple[Curve, ...]:
+        """The six arms, each from its tip inwards."""
+        tips = _spokes(self.x, self.y, self.height, [self.radius] * 6, self.rotation)
+        ends = _spokes(self.x, self.y, self.height, [self.radius / 7, self.radius * 3 / 7] * 3, self.rotation)
+        return tuple(chain([tip, end]) for tip, end in zip(tips, ends, strict=True))
+
+
+SHAPES: dict[str, type[Any]] = {
+    "circle": Circle,
+    "sphere": Sphere,
+    "polygon": Polygon,
+    "polyline": Polyline,
+    "rings": Rings,
+    "star": Star,
+    "concentric": Concentric,
+    "asterisk": Asterisk,
+}
+"""Shapes by name: dataclasses that are a `Shape`. A float is a length in metres unless `UNITS` says otherwise."""
 
 
 def shape_help() -> str:
     """One line per shape: its name and its parameters with their defaults."""
     return "\n".join(
-        f"{name}:" + ",".join(f"{field.name}={field.default}" for field in dataclasses.fields(shape))
+        f"{name}:" + ",".join(f"{field.name}={_written(field.default)}" for field in dataclasses.fields(shape))
         for name, shape in SHAPES.items()
     )
 
 
+def _written(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return "/".join(":".join(f"{number:g}" for number in vertex) for vertex in value)
+    return str(value)
+
+
+def _read_bool(text: str) -> bool:
+    return {"yes": True, "no": False}[text]
+
+
+def _read_vertices(text: str) -> Vertices:
+    if Path(text).suffix.lower() not in POINT_FILES:
+        return tuple(tuple(float(number) for number in vertex.split(":")) for vertex in text.split("/"))
+    points = read_points(Path(text))
+    if (points.amplitudes != 1).any():
+        raise InputFileError(f"{text}: the vertices of a line have no amplitudes")
+    return tuple(tuple(row) for row in points.positions.tolist())
+
+
+READERS: dict[Any, tuple[Callable[[str], Any], str]] = {
+    "float": (float, "a number of {unit}"),
+    "int": (int, "a whole number"),
+    "bool": (_read_bool, "yes or no"),
+    "Vertices": (
+        _read_vertices,
+        f"x:y:z/x:y:z/... in metres or the name of a file of points ({', '.join(POINT_FILES)})",
+    ),
+}
+"""How a parameter is read from text and what it must be, by its annotation."""
+
+
 def parse_shape(text: str) -> Shape:
-    """Read a shape such as ``sphere`` or ``sphere:radius=0.05,palm=0.2``.
+    """Read a shape such as ``sphere`` or ``polygon:sides=5,radius=0.05``.
 
     Raises
     ------
     ValueError
-        That names the unknown shape or parameter, or the value that is no number.
+        That names the unknown shape or parameter, or the value that is of the wrong kind.
+    InputFileError, OSError
+        Where a file that it names cannot be read.
     """
     name, _, parameters = text.partition(":")
     if name not in SHAPES:
         raise ValueError(f"unknown shape {name!r}; known are {', '.join(sorted(SHAPES))}")
-    known = {field.name for field in dataclasses.fields(SHAPES[name])}
-    values: dict[str, float] = {}
+    known = {field.name: field.type for field in dataclasses.fields(SHAPES[name])}
+    values: dict[str, Any] = {}
     for item in filter(None, parameters.split(",")):
         key, _, value = item.partition("=")
         if key not in known:
             raise ValueError(f"{name} has no parameter {key!r}; it has {', '.join(sorted(known))}")
         if key in values:
             raise ValueError(f"{name} {key} is given twice")
+        read, what = READERS[known[key]]
         try:
-            values[key] = float(value)
-        except ValueError:
-            raise ValueError(f"{name} {key} {value!r} is not a number of metres") from None
+            values[key] = read(value)
+        except InputFileError:
+            raise
+        except (ValueError, KeyError):
+            _, unit, _ = UNITS.get(key, LENGTH)
+            raise ValueError(f"{name} {key} {value!r} is not {what.format(unit=unit)}") from None
     shape: Shape = SHAPES[name](**values)
     return shape

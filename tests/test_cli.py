@@ -93,13 +93,37 @@ def test_solve_field_and_show_hand_over_to_each_other(phasewire: Run, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("name", "text"), [("p.csv", "0,0,0.2\n0.02,0,0.2\n"), ("p.json", '{"positions": [[0,0,0.2],[0.02,0,0.2]]}')]
+    ("name", "text"),
+    [
+        ("p.csv", "0,0,0.2\n0.02,0,0.2\n"),
+        ("p.json", '{"positions": [[0,0,0.2],[0.02,0,0.2]]}'),
+        ("p.txt", "0 0 0.2\n0.02 0 0.2\n"),
+    ],
 )
 def test_points_come_from_files(phasewire: Run, tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     outcome = phasewire("solve", name, "-o", "p.npz", "--columns", "8", "--rows", "8", "--pitch", "0.01")
     assert outcome.code == 0
     assert "2 control points, 64 transducers" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "count"),
+    [
+        ("star", (), 30),
+        ("star", ("--spacing", "0.0182"), 20),
+        ("polygon:sides=3,radius=0.03", (), 9),
+        ("polyline:vertices=line.txt,closed=yes", ("--spacing", "0.02"), 6),
+    ],
+)
+def test_shapes_have_their_own_spacing_unless_one_is_given(
+    phasewire: Run, tmp_path: Path, source: str, options: tuple[str, ...], count: int
+) -> None:
+    """The triangle's sides measure 52 mm, nearest to three steps of 15 mm; the line is 3 + 4 + 5 cm long."""
+    (tmp_path / "line.txt").write_text("0 0 0.2\n0.03 0 0.2\n0.03 0.04 0.2\n")
+    outcome = phasewire("solve", source, "-o", "s.npz", "--columns", "8", "--rows", "8", *options)
+    assert outcome.code == 0
+    assert outcome.out.startswith(f"{count} control points")
 
 
 def test_raw_pulses_can_be_shown(phasewire: Run, tmp_path: Path) -> None:
@@ -205,7 +229,7 @@ def test_version(phasewire: Run) -> None:
 
 BAD = [
     # (arguments, exit code, what the message must say)
-    (("solve", "cube", "-o", "x.npz"), 2, "'cube' is neither a shape (circle, sphere) nor a file of points"),
+    (("solve", "cube", "-o", "x.npz"), 2, "'cube' is neither a shape (asterisk, circle,"),
     (("solve", "sphere:palm=0.5", "-o", "x.npz"), 2, "misses the sphere, which spans 0.12 to 0.22 m"),
     (("solve", "circle:height=200", "-o", "x.npz"), 2, "out of reach, more than 2 m away; coordinates are in metres"),
     (("solve", "circle:height=-0.2", "-o", "x.npz"), 2, "circle height -0.2 m must be positive and at most 1000 m"),
@@ -241,6 +265,15 @@ BAD = [
     (("field", "sphere.npz", "-o", "f.png", "--height", "0.0001"), 2, "the far-field model needs at least its radius"),
     (("field", "sphere.npz", "-o", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
     (("show", "sphere.npz", "--json", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
+    (("solve", "polygon:sides=4.5", "-o", "x.npz"), 2, "polygon sides '4.5' is not a whole number"),
+    (("solve", "star", "-o", "x.npz", "--spacing", "0"), 2, "spacing 0.0 m must be positive and finite"),
+    (("solve", "polyline:vertices=on.csv", "-o", "x.npz"), 2, "all of whose corners lie at [0.0, 0.0, 0.0] m has no"),
+    (("solve", "polyline:vertices=missing.csv", "-o", "x.npz"), 2, "missing.csv"),
+    (
+        ("solve", "polyline:closed=yes,vertices=on.csv", "-o", "x.npz", "--json", "on.csv"),
+        2,
+        "on.csv cannot be written: it is also what is read",
+    ),
     (("solve", "on.csv", "-o", "x.npz", "--json", "on.csv"), 2, "on.csv cannot be written: it is also what is read"),
     (("solve", "circle", "-o", "x.npz", "--json", "x.npz"), 2, "x.npz cannot be written: it is to be written twice"),
     (("show", "sphere.npz", "--json", "."), 2, "'.' cannot be written: it is a folder"),
