@@ -1,0 +1,126 @@
+"""Two locally dense halves of the control points, the paper's section 3.4."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import frozen
+from .points import ControlPoints
+
+__all__ = ["Split", "split"]
+
+KEEP = 0.8  # of the largest variance: with as much along it, the previous axis stays
+DEGENERATE = 0.95  # of the largest variance: an eigenvector with as much counts as a first principal component too
+HOLD = 1e-3  # metres: how much nearer to its previous half each point is taken to be
+TILT = 1e-3  # of the plane, so that points which lie on it fall to one side
+OBLIQUE = 0.1  # least cosine between an axis and the direction that decides its sign
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """A split of control points in two halves by a plane.
+
+    Parameters
+    ----------
+    mask : (m,) bool
+        Which points are in the first half. Nulls, which are in both, are False.
+    axis : (3,) float
+        Unit normal of the plane, from the first half to the second.
+    """
+
+    mask: NDArray[np.bool_]
+    axis: NDArray[np.float64]
+
+    def halves(self, points: ControlPoints) -> tuple[ControlPoints, ControlPoints | None]:
+        """The points of each half in their order; no second half where there is but one point that is no null.
+
+        Each half contains all nulls: the field must be low there all the time.
+
+        Raises
+        ------
+        ValueError
+            Where the split is one of another number of points.
+        """
+        if len(points) != len(self.mask):
+            raise ValueError(f"{len(points)} control points do not fit a split of {len(self.mask)}")
+        nulls = points.amplitudes == 0
+        second = ~self.mask & ~nulls
+        return _part(points, self.mask | nulls), _part(points, second | nulls) if second.any() else None
+
+
+def _part(points: ControlPoints, of: NDArray[np.bool_]) -> ControlPoints:
+    return ControlPoints(points.positions[of], points.amplitudes[of])
+
+
+def split(points: ControlPoints, previous: Split | None = None) -> Split:
+    """Split control points by the plane through the median of their first principal component.
+
+    Parameters
+    ----------
+    points : ControlPoints
+        m points. Those that are no nulls are split; the halves differ by at most one point, which the first half has.
+    previous : Split, optional
+        The split of the last frame. With it the halves change only for a reason.
+
+    Returns
+    -------
+    Split
+        With the first half on the side of -x, or else -y or -z, unless ``previous`` says otherwise.
+
+    Notes
+    -----
+    On squares, rings and stars the first principal component is not defined, and noise decides it anew in each frame.
+    So in the first frame the direction nearest to x is taken among those with nearly the largest variance
+    (`DEGENERATE`). From then on the axis stays while its variance is at least `KEEP` of the largest, and otherwise
+    turns towards the first principal component just as far as that takes: a plane that follows a turning shape without
+    a jump. If there are as many points as before, they are taken for the same ones, and two of them change sides only
+    where one is more than twice `HOLD` beyond the other. Points on the plane are told apart by a slight `TILT` of it,
+    by the coordinates y, z and x in this order.
+    """
+    sounding = points.amplitudes > 0
+    offset = points.positions[sounding] - points.positions[sounding].mean(axis=0)
+    scatter = offset.T @ offset
+    axis = _first_axis(scatter) if previous is None else _next_axis(scatter, previous.axis)
+    across = _first_sure([fixed - (fixed @ axis) * axis for fixed in np.eye(3)[[1, 2, 0]]])
+    along = offset @ (axis + TILT * across + TILT**2 * np.cross(axis, across))
+    if previous is not None and len(previous.mask) == len(points):
+        along += np.where(previous.mask[sounding], -HOLD, HOLD)
+    first = np.argsort(along, kind="stable")[: (len(along) + 1) // 2]
+    mask = np.zeros(len(points), dtype=np.bool_)
+    mask[np.flatnonzero(sounding)[first]] = True
+    return Split(frozen(mask), frozen(axis))
+
+
+def _first_axis(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The direction of nearly the largest variance that is nearest to x, or else to y or z."""
+    values, vectors = np.linalg.eigh(scatter)
+    leading = vectors[:, values >= DEGENERATE * values[-1]]
+    return _first_sure([leading @ (leading.T @ fixed) for fixed in np.eye(3)])
+
+
+def _next_axis(scatter: NDArray[np.float64], previous: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The direction with `KEEP` of the largest variance that is nearest to the previous axis.
+
+    In the plane of the previous axis and the first principal component e, the variance at the angle φ from e is
+    λ·cos²φ + λ'·sin²φ, where λ' is that across e.
+    """
+    values, vectors = np.linalg.eigh(scatter)
+    largest = values[-1]
+    if previous @ scatter @ previous >= KEEP * largest:
+        return previous.copy()
+    first = vectors[:, -1] * (1 if vectors[:, -1] @ previous >= 0 else -1)
+    across = previous - (previous @ first) * first
+    across /= np.linalg.norm(across)
+    sine_squared = (1 - KEEP) * largest / (largest - across @ scatter @ across)
+    return np.asarray(math.sqrt(1 - sine_squared) * first + math.sqrt(sine_squared) * across)
+
+
+def _first_sure(vectors: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """The first vector that is longer than `OBLIQUE`, as a unit vector; what is shorter has no sure direction."""
+    lengths = [float(np.linalg.norm(vector)) for vector in vectors]
+    chosen = next(index for index, length in enumerate(lengths) if length > OBLIQUE)
+    return np.asarray(vectors[chosen] / lengths[chosen])
