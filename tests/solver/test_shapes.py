@@ -161,6 +161,12 @@ def test_the_rings_have_16_points_each() -> None:
         np.testing.assert_allclose(steps, 2 * 0.03 * math.sin(math.pi / 16))
 
 
+def test_the_rings_are_mirror_images_with_odd_numbers_too() -> None:
+    positions = Rings().sample(2 * math.pi * 0.032 / 17).positions
+    assert len(positions) == 34
+    np.testing.assert_allclose(np.sort(-positions[:17, 0]), np.sort(positions[17:, 0]), atol=1e-12)
+
+
 def test_where_rings_cross_in_a_sample_there_is_one_point() -> None:
     """The right ring meets the left one at acos(-distance/2/radius), here its fifth step of 22.5°, and once below."""
     positions = Rings(0.03, 2 * 0.03 * math.cos(math.radians(67.5))).sample().positions
@@ -277,6 +283,11 @@ def test_repeated_corners_add_nothing() -> None:
     once, twice = (Polyline(((0, 0, 0.2),) * n + ((0.03, 0, 0.2),) * n).sample().positions for n in (1, 2))
     np.testing.assert_array_equal(once, twice)
     np.testing.assert_allclose(once[:, 0], [0, 0.015, 0.03])
+
+
+def test_a_line_shorter_than_half_the_spacing_is_its_middle() -> None:
+    assert Polyline(((0, 0, 0.2), (0.006, 0, 0.2))).sample(0.015).positions.tolist() == [[0.003, 0, 0.2]]
+    assert len(Polyline(((0, 0, 0.2), (0.008, 0, 0.2))).sample(0.015)) == 2
 
 
 def test_a_line_to_and_fro_has_each_point_once() -> None:
