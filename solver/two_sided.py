@@ -30,6 +30,9 @@ __all__ = ["Gain", "TwoSided", "two_sided"]
 class Gain:
     """What two-sided modulation gains on one-sided, at the k points that are no nulls.
 
+    Both drive the transducers equally hard while they emit. The array never rests in two-sided modulation, so that it
+    takes about twice the power: the gain is in what a given array can do, not in its efficiency.
+
     Parameters
     ----------
     two_sided, one_sided : (k,) float
@@ -135,8 +138,8 @@ def two_sided(
         Of the modulation, in hertz.
     full_power : bool, optional
         Whether every transducer that is not silent is driven fully and only phases count, as in the paper's section
-        3.5. Nulls need the magnitudes, so by default only where there are none. Otherwise the strongest transducer of
-        each field is driven fully.
+        3.5; otherwise the strongest transducer of each field is driven fully. It is louder, but points come out less
+        even, and nulls not at all, so by default it is done only where all amplitudes are equal.
     medium : Medium, optional
         The air; 20 °C by default.
     **options
@@ -155,7 +158,7 @@ def two_sided(
     """
     medium = medium or Medium()
     if full_power is None:
-        full_power = bool((points.amplitudes > 0).all())
+        full_power = bool((points.amplitudes == points.amplitudes[0]).all())
     cut = split(points, previous)
     half, other_half = cut.halves(points)
     first = solve(array, half, method, medium=medium, **options)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 from contextlib import suppress
 from itertools import pairwise
@@ -125,9 +126,12 @@ def test_bad_spacings_are_named(spacing: float, message: str) -> None:
 NUMBERS = st.floats() | st.floats(0.01, 0.5)
 
 
-@given(st.dictionaries(st.sampled_from(["radius", "height", "palm", "x", "y"]), NUMBERS), NUMBERS)
-def test_any_numbers_make_points_or_a_clear_error(parameters: dict[str, float], spacing: float) -> None:
-    text = "sphere:" + ",".join(f"{name}={value!r}" for name, value in parameters.items())
+@given(st.data(), st.sampled_from(sorted(SHAPES)), st.none() | NUMBERS)
+def test_any_numbers_make_points_or_a_clear_error(data: st.DataObject, name: str, spacing: float | None) -> None:
+    values = {"float": NUMBERS, "int": st.integers(), "bool": st.sampled_from(["yes", "no"])}
+    known = {field.name: values[field.type] for field in dataclasses.fields(SHAPES[name]) if field.type in values}
+    parameters = data.draw(st.fixed_dictionaries({}, optional=known))
+    text = f"{name}:" + ",".join(f"{key}={value}" for key, value in parameters.items())
     try:
         points = parse_shape(text).sample(spacing)
     except ValueError:
