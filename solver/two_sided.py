@@ -20,10 +20,10 @@ from .medium import Medium
 from .modulation import FREQUENCY, Modulation
 from .points import ControlPoints
 from .propagation import pressure
-from .solve import Solution, solve
+from .solve import Solution, Solver, solve
 from .split import Split, split
 
-__all__ = ["Gain", "TwoSided", "two_sided"]
+__all__ = ["Gain", "TwoSided", "TwoSidedSolver", "two_sided"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,32 +61,30 @@ class TwoSided:
     Parameters
     ----------
     split : Split
-        Give it to the next frame as ``previous``.
+        Of the points.
     first, second : Solution
         Of the halves; no second one where there is but one point that is no null.
     modulation : Modulation
         What to emit.
-    array, points, medium, method, options, full_power
-        What it was solved for, and how.
+    points : ControlPoints
+        All of them.
+    options : mapping
+        Of the method.
     """
 
     split: Split
     first: Solution
     second: Solution | None
     modulation: Modulation
-    array: TransducerArray
     points: ControlPoints
-    medium: Medium
-    method: str
     options: Mapping[str, Any]
-    full_power: bool
 
     @cached_property
     def one_sided(self) -> Modulation:
-        """All points at once, on and off, with the same power; solved when it is first asked for."""
-        whole = solve(self.array, self.points, self.method, medium=self.medium, **self.options)
-        drive = _emitted(whole, self.full_power)
-        return Modulation.on_off(drive, self.modulation.frequency, carrier=self.medium.frequency)
+        """All points at once, on and off, by the same method; solved when it is first asked for."""
+        first = self.first
+        whole = solve(first.array, self.points, first.method, medium=first.medium, **self.options)
+        return Modulation.on_off(whole.drive, self.modulation.frequency, carrier=first.medium.frequency)
 
     @cached_property
     def gain(self) -> Gain:
@@ -96,7 +94,7 @@ class TwoSided:
     def _change(self, modulation: Modulation) -> NDArray[np.float64]:
         at = self.points.positions[self.points.amplitudes > 0]
         on, off = (
-            np.abs(pressure(self.array, drive, at, self.medium)) ** 2
+            np.abs(pressure(self.first.array, drive, at, self.first.medium)) ** 2
             for drive in modulation.weights @ modulation.drives
         )
         return np.asarray(np.abs(on - off))
@@ -111,76 +109,76 @@ class TwoSided:
         )
 
 
-def two_sided(
-    array: TransducerArray,
-    points: ControlPoints,
-    method: str = "tikhonov",
-    *,
-    previous: Split | None = None,
-    frequency: float = FREQUENCY,
-    full_power: bool | None = None,
-    medium: Medium | None = None,
-    **options: Any,
-) -> TwoSided:
-    """Solve both halves of control points for two-sided modulation.
+class TwoSidedSolver:
+    """Solves frame after frame for two-sided modulation: it keeps a `Solver` for each half, and the last split.
 
     Parameters
     ----------
-    array : TransducerArray
-        n transducers.
-    points : ControlPoints
-        m points.
-    method : str
-        A key of `METHODS`.
-    previous : Split, optional
-        The split of the last frame.
+    array, method, medium, **options
+        As for `Solver`.
     frequency : float
         Of the modulation, in hertz.
-    full_power : bool, optional
-        Whether every transducer that is not silent is driven fully and only phases count, as in the paper's section
-        3.5; otherwise the strongest transducer of each field is driven fully. It is louder, but points come out less
-        even, and nulls not at all, so by default it is done only where all amplitudes are equal.
-    medium : Medium, optional
-        The air; 20 °C by default.
-    **options
-        Of the method.
-
-    Raises
-    ------
-    ValueError
-        As `solve` and `Modulation`.
 
     Notes
     -----
     The amplitudes of points are relative to each other whichever half they are in, so the field that comes out louder
     than the other, for what was asked of it, is turned down. With a single point the second field is silence, which is
-    one-sided modulation.
+    one-sided modulation. The paper powers the array fully: ``output="phase"``.
     """
-    medium = medium or Medium()
-    if full_power is None:
-        full_power = bool((points.amplitudes == points.amplitudes[0]).all())
-    cut = split(points, previous)
-    half, other_half = cut.halves(points)
-    first = solve(array, half, method, medium=medium, **options)
-    second = solve(array, other_half, method, medium=medium, **options) if other_half else None
-    one, other = _emitted(first, full_power), np.zeros(len(array), dtype=np.complex128)
-    levels = np.ones(2)
-    if second is not None:
-        other = _emitted(second, full_power)
-        levels = np.array([_level(first, one), _level(second, other)])
-    modulation = Modulation([one, other], np.diag(levels.min() / levels), frequency, medium.frequency)
-    return TwoSided(
-        cut, first, second, modulation, array, points, medium, method, MappingProxyType(options), full_power
-    )
+
+    def __init__(
+        self,
+        array: TransducerArray,
+        method: str = "wgs",
+        *,
+        frequency: float = FREQUENCY,
+        medium: Medium | None = None,
+        **options: Any,
+    ) -> None:
+        self._solvers = tuple(Solver(array, method, medium=medium, **options) for _ in range(2))
+        self._frequency, self._options = frequency, MappingProxyType(options)
+        self._split: Split | None = None
+
+    def solve(self, points: ControlPoints) -> TwoSided:
+        """Split and solve the next frame.
+
+        Raises
+        ------
+        ValueError
+            As `Solver.solve` and `Modulation`.
+        """
+        self._split = split(points, self._split)
+        half, other_half = self._split.halves(points)
+        first, second = self._solvers[0].solve(half), self._solvers[1].solve(other_half) if other_half else None
+        drives, levels = [first.drive, np.zeros_like(first.drive)], np.ones(2)
+        if second is not None:
+            drives[1], levels = second.drive, np.array([_level(first), _level(second)])
+        carrier = first.medium.frequency
+        modulation = Modulation(drives, np.diag(levels.min() / levels), self._frequency, carrier)
+        return TwoSided(self._split, first, second, modulation, points, self._options)
+
+    def forget(self) -> None:
+        """Begin the next frame from scratch, as the first."""
+        self._split = None
+        for solver in self._solvers:
+            solver.forget()
 
 
-def _emitted(solution: Solution, full_power: bool) -> NDArray[np.complex128]:
-    """The drive of a solution, or its phases only; silent transducers stay silent."""
-    return np.asarray(np.sign(solution.drive) if full_power else solution.drive)
+def two_sided(
+    array: TransducerArray,
+    points: ControlPoints,
+    method: str = "wgs",
+    *,
+    frequency: float = FREQUENCY,
+    medium: Medium | None = None,
+    **options: Any,
+) -> TwoSided:
+    """Solve both halves of control points for two-sided modulation: a `TwoSidedSolver` for one frame."""
+    return TwoSidedSolver(array, method, frequency=frequency, medium=medium, **options).solve(points)
 
 
-def _level(solution: Solution, drive: NDArray[np.complex128]) -> float:
-    """Pressure per wanted amplitude that a drive makes at the points of a solution, as the least squares have it."""
+def _level(solution: Solution) -> float:
+    """Pressure per wanted amplitude at the points of a solution, as the least squares have it."""
     points = solution.points
-    reached = np.abs(pressure(solution.array, drive, points.positions, solution.medium))
+    reached = np.abs(pressure(solution.array, solution.drive, points.positions, solution.medium))
     return float(points.amplitudes @ reached / (points.amplitudes @ points.amplitudes))
