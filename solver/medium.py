@@ -7,10 +7,16 @@ from dataclasses import dataclass
 
 __all__ = ["Medium"]
 
+MAX_FREQUENCY = 1e9  # Hz; air carries no sound of that pitch
+STANDARD_PRESSURE = 101_325.0  # Pa
+DECIBELS_PER_NEPER = 20 / math.log(10)
+REFERENCE_KELVIN = 293.15
+TRIPLE_POINT_KELVIN = 273.16
+
 
 @dataclass(frozen=True)
 class Medium:
-    """Air at rest, without absorption.
+    """Air at rest.
 
     Parameters
     ----------
@@ -18,22 +24,42 @@ class Medium:
         In degrees Celsius.
     frequency : float
         Of the carrier, in hertz.
+    absorbing : bool
+        Whether the air absorbs sound; 1.3 dB/m at 40 kHz, so a few tenths of a decibel over an array's reach.
+    humidity : float
+        Relative humidity in per cent; it matters to absorption only.
+    ambient_pressure : float
+        Of the atmosphere, in Pa; it matters to absorption only.
 
     Raises
     ------
     ValueError
-        Below absolute zero, or where the frequency is not positive.
+        Below absolute zero, where frequency or pressure is not positive or absurd, or where the humidity is not between
+        0 and 100 %.
+
+    Notes
+    -----
+    Only nonsense is refused. The formulas of absorption claim ±10 % from −20 to 50 °C, for 0.05 to 5 % of water vapour
+    by volume, below 200 kPa, and from 0.0004 to 10 Hz per Pa of ambient pressure (ISO 9613-1, clause 7): 40 kHz at one
+    atmosphere, 0.4 Hz/Pa, lies within. That the speed of sound depends on humidity, by up to 0.4 %, is left out.
     """
 
     temperature: float = 20.0
     frequency: float = 40_000.0
+    absorbing: bool = False
+    humidity: float = 50.0
+    ambient_pressure: float = STANDARD_PRESSURE
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         if not -273.15 < self.temperature < math.inf:
             raise ValueError(f"temperature {self.temperature} °C must be finite and above absolute zero (-273.15 °C)")
-        if not 0 < self.frequency < math.inf:
-            raise ValueError(f"frequency {self.frequency} Hz must be positive and finite")
+        if not 0 < self.frequency <= MAX_FREQUENCY:
+            raise ValueError(f"frequency {self.frequency} Hz must be positive and at most {MAX_FREQUENCY:g}")
+        if not 0 <= self.humidity <= 100:
+            raise ValueError(f"humidity {self.humidity} % must lie between 0 and 100 %")
+        if not 0 < self.ambient_pressure < math.inf:
+            raise ValueError(f"ambient_pressure {self.ambient_pressure} Pa must be positive and finite")
 
     @property
     def speed_of_sound(self) -> float:
@@ -49,3 +75,29 @@ class Medium:
     def wavenumber(self) -> float:
         """Wavenumber k = 2π/λ, in rad/m."""
         return 2 * math.pi / self.wavelength
+
+    @property
+    def absorption(self) -> float:
+        """What this air absorbs of a pure tone, in dB/m, whether `absorbing` is set or not; ISO 9613-1, (3) to (5).
+
+        Classical and rotational losses, and the relaxation of oxygen and of nitrogen, whose frequencies depend on the
+        molar concentration of water vapour (annex B).
+        """
+        kelvin = self.temperature + 273.15
+        warmth = kelvin / REFERENCE_KELVIN
+        pressure = self.ambient_pressure / STANDARD_PRESSURE
+        saturation = 10 ** (4.6151 - 6.8346 * (TRIPLE_POINT_KELVIN / kelvin) ** 1.261)
+        water = self.humidity * saturation / pressure  # per cent of the molecules
+        oxygen = pressure * (24 + 4.04e4 * water * (0.02 + water) / (0.391 + water))
+        nitrogen = pressure / math.sqrt(warmth) * (9 + 280 * water * math.exp(-4.170 * (warmth ** (-1 / 3) - 1)))
+        squared = self.frequency**2
+        relaxation = warmth**-2.5 * (
+            0.01275 * math.exp(-2239.1 / kelvin) / (oxygen + squared / oxygen)
+            + 0.1068 * math.exp(-3352.0 / kelvin) / (nitrogen + squared / nitrogen)
+        )
+        return 8.686 * squared * (1.84e-11 / pressure * math.sqrt(warmth) + relaxation)
+
+    @property
+    def attenuation(self) -> float:
+        """Attenuation α of pressure as in e^{−αr}, in Np/m; 0 unless `absorbing`."""
+        return self.absorption / DECIBELS_PER_NEPER if self.absorbing else 0.0
