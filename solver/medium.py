@@ -88,10 +88,10 @@ class Medium:
         pressure = self.ambient_pressure / STANDARD_PRESSURE
         saturation = 10 ** (4.6151 - 6.8346 * (TRIPLE_POINT_KELVIN / kelvin) ** 1.261)
         water = self.humidity * saturation / pressure  # per cent of the molecules
-        oxygen = pressure * (24 + 4.04e4 * water * (0.02 + water) / (0.391 + water))
-        nitrogen = pressure / math.sqrt(warmth) * (9 + 280 * water * math.exp(-4.170 * (warmth ** (-1 / 3) - 1)))
+        oxygen: float = pressure * (24 + 4.04e4 * water * (0.02 + water) / (0.391 + water))
+        nitrogen: float = pressure / math.sqrt(warmth) * (9 + 280 * water * math.exp(-4.170 * (warmth ** (-1 / 3) - 1)))
         squared = self.frequency**2
-        relaxation = warmth**-2.5 * (
+        relaxation: float = warmth**-2.5 * (
             0.01275 * math.exp(-2239.1 / kelvin) / (oxygen + squared / oxygen)
             + 0.1068 * math.exp(-3352.0 / kelvin) / (nitrogen + squared / nitrogen)
         )
