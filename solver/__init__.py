@@ -6,19 +6,27 @@ complex drives. It knows nothing of ticks, packets or devices.
 
 from __future__ import annotations
 
-from .array import Transducer, TransducerArray
+from .aperture import Aperture, slice_field
+from .array import TransducerArray
 from .field import PlaneField, sample_plane
 from .medium import Medium
+from .models import MODELS, residual
 from .modulation import Modulation, intensity_component
+from .options import METHODS, Options
 from .points import ControlPoints
 from .propagation import pressure, transfer_matrix
 from .shapes import Asterisk, Circle, Concentric, Polygon, Polyline, Rings, Shape, Sphere, Star, parse_shape
-from .solve import METHODS, Solution, solve
+from .solve import Solution, Solver, solve, solve_frames
 from .split import Split, split
-from .two_sided import Gain, TwoSided, two_sided
+from .table import ResidualTable
+from .transducer import TRANSDUCERS, Transducer
+from .two_sided import Gain, TwoSided, TwoSidedSolver, two_sided
 
 __all__ = [
     "METHODS",
+    "MODELS",
+    "TRANSDUCERS",
+    "Aperture",
     "Asterisk",
     "Circle",
     "Concentric",
@@ -26,23 +34,30 @@ __all__ = [
     "Gain",
     "Medium",
     "Modulation",
+    "Options",
     "PlaneField",
     "Polygon",
     "Polyline",
+    "ResidualTable",
     "Rings",
     "Shape",
     "Solution",
+    "Solver",
     "Sphere",
     "Split",
     "Star",
     "Transducer",
     "TransducerArray",
     "TwoSided",
+    "TwoSidedSolver",
     "intensity_component",
     "parse_shape",
     "pressure",
+    "residual",
     "sample_plane",
+    "slice_field",
     "solve",
+    "solve_frames",
     "split",
     "transfer_matrix",
     "two_sided",

@@ -1,4 +1,4 @@
-"""The array: where the transducers are, where they look, and how loud one is."""
+"""The array: where the transducers are and where they look."""
 
 from __future__ import annotations
 
@@ -9,41 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .geometry import Scalar, as_points, frozen
+from .transducer import Transducer
 
 __all__ = ["Transducer", "TransducerArray"]
 
 COLUMNS, ROWS, PITCH = 20, 16, 10.3e-3  # metres; the default grid
 MAX_TRANSDUCERS = 1_000_000
 MAX_GAIN = 100.0
-
-
-@dataclass(frozen=True)
-class Transducer:
-    """A piston in a rigid baffle, seen from its far field.
-
-    Parameters
-    ----------
-    radius : float
-        Effective radius of the piston, in metres.
-    strength : float
-        P₁, the pressure × distance on the axis at full drive, in Pa·m (peak).
-
-    Notes
-    -----
-    The defaults are the muRata MA40S4S, 4.5 mm. The paper states 20 Pa (rms) at 30 cm; taken at the data sheet's 10 V
-    rms that is 8.49 Pa·m peak, and scaled to the fundamental of the boards' 15 V unipolar square wave, 5.73 Pa·m.
-    Published values for this transducer run from 2.5 to 8 Pa·m.
-    """
-
-    radius: float = 4.5e-3
-    strength: float = 5.73
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        for name, unit, limit in (("radius", "m", 1.0), ("strength", "Pa·m", 1e6)):
-            value = getattr(self, name)
-            if not 0 < value <= limit:
-                raise ValueError(f"transducer {name} {value} {unit} must be positive and at most {limit:g}")
 
 
 @dataclass(frozen=True, eq=False)

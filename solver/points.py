@@ -68,8 +68,8 @@ def check_reachable(array: TransducerArray, points: ControlPoints) -> None:
     for problem, advice in (
         (~in_front, "is on the array or behind it; z must be positive in front of a flat array"),
         (
-            nearest < array.transducer.radius,
-            f"is closer to a transducer than its radius, {array.transducer.radius} m",
+            nearest < array.transducer.nearest,
+            f"is closer to a transducer than {array.transducer.nearest} m, where its model ends",
         ),
         (nearest > REACH, f"is out of reach, more than {REACH:g} m away; coordinates are in metres"),
     ):

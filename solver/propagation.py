@@ -1,4 +1,4 @@
-"""From drives to pressure: the transfer matrix of far-field pistons.
+"""From drives to pressure: the transfer matrix.
 
 Time factor e^{-iωt}, outgoing wave e^{+ikr}/r, pressure as peak complex amplitude in Pa.
 """
@@ -7,33 +7,17 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import j1
 
 from .array import TransducerArray
+from .diffraction import KERNELS
 from .geometry import as_points
 from .medium import Medium
+from .models import residual
+from .table import ResidualTable
 
-__all__ = ["directivity", "pressure", "transfer_matrix"]
+__all__ = ["pressure", "transfer_matrix"]
 
 PAIRS_AT_A_TIME = 1_000_000  # of points and transducers: bounds the memory of a large field
-
-
-def directivity(sine: ArrayLike, radius: float, medium: Medium) -> NDArray[np.float64]:
-    """Far-field directivity of a baffled piston, D = 2·J₁(ka·sinθ)/(ka·sinθ); 1 on the axis.
-
-    Parameters
-    ----------
-    sine : (...) float
-        sinθ, the sine of the angle off the piston's axis.
-    radius : float
-        Of the piston, in metres.
-    medium : Medium
-        The air.
-    """
-    argument = medium.wavenumber * radius * np.asarray(sine, dtype=np.float64)
-    small = np.abs(argument) < 1e-8
-    safe = np.where(small, 1.0, argument)
-    return np.asarray(np.where(small, 1.0, 2 * j1(safe) / safe))
 
 
 def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None = None) -> NDArray[np.complex128]:
@@ -44,19 +28,24 @@ def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None
     array : TransducerArray
         n transducers.
     at : (m, 3) float
-        Points, in metres, at least one piston radius from every transducer's centre.
+        Points, in metres, at least one piston radius from every transducer's centre, or two radii where the model is a
+        Rayleigh integral.
     medium : Medium, optional
         The air; 20 °C by default.
 
     Returns
     -------
     (m, n) complex
-        P₁·D(θ)·e^{ikr}/r times the response, in Pa (peak); 0 behind a transducer's baffle.
+        P₁·polarity·response·residual·e^{(ik−α)r}/r in Pa (peak); 0 behind a transducer's baffle.
 
     Raises
     ------
     ValueError
-        Where a point is not finite, or too close for the far-field model.
+        Where a point is not finite, or too close for the transducer's model.
+
+    Notes
+    -----
+    Rayleigh integrals are looked up, see `ResidualTable`. Absorption is taken along the way from the centre.
     """
     return _transfer_matrix(array, as_points(at, "point"), medium or Medium())
 
@@ -67,18 +56,22 @@ def _transfer_matrix(
     """`transfer_matrix` of checked points, which are numbered from ``first`` in messages."""
     offset = points[:, None, :] - array.positions[None, :, :]
     distance = np.sqrt(np.einsum("mnk,mnk->mn", offset, offset))
-    radius = array.transducer.radius
-    if distance.min() < radius:
-        point, transducer = np.unravel_index(np.argmin(distance), distance.shape)
+    transducer = array.transducer
+    if distance.min() < transducer.nearest:
+        point, near = np.unravel_index(np.argmin(distance), distance.shape)
         raise ValueError(
             f"point {first + point} at {points[point].tolist()} m is {distance.min() * 1e3:.2f} mm from transducer "
-            f"{transducer}; the far-field model needs at least its radius, {radius * 1e3:.2f} mm"
+            f"{near}; the model {transducer.model!r} needs at least {transducer.nearest * 1e3:.2f} mm"
         )
     cosine = np.einsum("mnk,nk->mn", offset, array.normals) / distance
     sine = np.sqrt(np.maximum(0.0, 1 - cosine**2))
-    amplitude = array.transducer.strength * directivity(sine, radius, medium) / distance
-    waves = np.where(cosine > 0, amplitude, 0.0) * np.exp(1j * medium.wavenumber * distance)
-    return np.asarray(waves * array.response)
+    if transducer.model in KERNELS:
+        wave = ResidualTable.of(transducer, medium, transducer.nearest)(sine, distance)
+    else:
+        wave = residual(transducer, sine, distance, medium)
+    strength = transducer.strength * transducer.polarity * array.response
+    travelled = np.exp((1j * medium.wavenumber - medium.attenuation) * distance) / distance
+    return np.asarray(np.where(cosine > 0, strength * wave * travelled, 0.0))
 
 
 def pressure(

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,15 @@ from phasewire import Emulator, Solution, Sphere, TransducerArray, Wiring, solve
 # No deadline: the machines that run this are shared, and a slow moment is no failure.
 settings.register_profile("phasewire", deadline=None, max_examples=50)
 settings.load_profile("phasewire")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _cache_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Nothing is read from the user's cache, or left in it."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setenv("PHASEWIRE_CACHE", str(folder))
+        yield folder
 
 
 @pytest.fixture(scope="session")

@@ -262,7 +262,7 @@ BAD = [
     (("field", "truncated.npz", "-o", "f.png"), 2, "truncated.npz is truncated, corrupted"),
     (("field", "sphere.npz", "-o", "f.bmp"), 2, "f.bmp: a picture's name ends in .png, .svg, .pdf"),
     (("field", "sphere.npz", "-o", "f.png", "--step", "0"), 2, "step 0.0 m must be positive"),
-    (("field", "sphere.npz", "-o", "f.png", "--height", "0.0001"), 2, "the far-field model needs at least its radius"),
+    (("field", "sphere.npz", "-o", "f.png", "--height", "0.0001"), 2, "the model 'piston' needs at least 4.50 mm"),
     (("field", "sphere.npz", "-o", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
     (("show", "sphere.npz", "--json", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
     (("solve", "polygon:sides=4.5", "-o", "x.npz"), 2, "polygon sides '4.5' is not a whole number"),

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from phasewire import Transducer, TransducerArray
+from phasewire import TransducerArray
 
 
 def test_the_default_grid_is_the_paper_s_array() -> None:
@@ -58,17 +58,3 @@ def test_impossible_grids_are_refused(arguments: dict[str, Any], message: str) -
 def test_impossible_arrays_are_refused(positions: list[float], normals: list[float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         TransducerArray(positions, normals)
-
-
-def test_the_default_strength_is_the_paper_s_20_pascals() -> None:
-    """20 Pa rms at 30 cm and 10 V rms, scaled to the fundamental of a square wave between 0 and 15 V."""
-    peak_at_10_v_rms = 20 * np.sqrt(2) * 0.3
-    fundamental = 2 / np.pi * 15
-    assert Transducer().strength == pytest.approx(peak_at_10_v_rms * fundamental / (10 * np.sqrt(2)), rel=1e-3)
-
-
-def test_impossible_transducers_are_refused() -> None:
-    with pytest.raises(ValueError, match="radius -1"):
-        Transducer(radius=-1)
-    with pytest.raises(ValueError, match="strength inf"):
-        Transducer(strength=np.inf)

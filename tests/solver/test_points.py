@@ -31,7 +31,10 @@ def test_bad_points_are_named(positions: list[list[float]], amplitudes: list[flo
     [
         ([0, 0, -0.2], "control point 1 at .* is on the array or behind it"),
         ([0.05, 0, 0.0], "control point 1 at .* is on the array or behind it"),
-        ([5.15e-3, 5.15e-3, 1e-3], "control point 1 at .* is closer to a transducer than its radius"),
+        (
+            [5.15e-3, 5.15e-3, 1e-3],
+            "control point 1 .* closer to a transducer than 0.0045 m, where its model ends",
+        ),
         ([0, 0, 200.0], "control point 1 at .* is out of reach, more than 2 m away; coordinates are in metres"),
         ([-30.0, 0, 0.2], "control point 1 at .* is out of reach"),
     ],

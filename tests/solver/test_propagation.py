@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Medium, Transducer, TransducerArray, pressure
-from phasewire.solver.propagation import directivity, transfer_matrix
+from phasewire.solver import MODELS, Aperture, residual, slice_field
+from phasewire.solver.models import directivity
+from phasewire.solver.propagation import transfer_matrix
 from scipy.integrate import dblquad
 
 AIR = Medium()
@@ -100,6 +102,50 @@ def test_a_bad_point_far_down_the_list_is_named_by_its_number(array: TransducerA
 
 def test_nothing_sounds_behind_the_baffle() -> None:
     assert transfer_matrix(SINGLE, [[0, 0, -0.2], [0.1, 0, 0]]).tolist() == [[0], [0]]
+
+
+@pytest.mark.parametrize("model", sorted(MODELS))
+@given(POINTS)
+def test_every_model_is_its_residual_on_a_spherical_wave(model: str, points: np.ndarray) -> None:
+    """Looked up to 1e-4 where the model is a Rayleigh integral."""
+    transducer = Transducer(model=model)
+    distance = np.linalg.norm(points, axis=1)
+    sine = np.hypot(points[:, 0], points[:, 1]) / distance
+    expected = STRENGTH * residual(transducer, sine, distance, AIR) * np.exp(1j * K * distance) / distance
+    found = transfer_matrix(TransducerArray([[0, 0, 0]], [[0, 0, 1]], transducer), points, AIR)[:, 0]
+    tolerance = 1e-12 if model in ("monopole", "piston") else 1e-4 * np.maximum(1, np.sqrt(distance / 0.3))
+    assert (np.abs(found - expected) <= tolerance * STRENGTH / distance).all()
+
+
+def test_a_slice_of_an_image_is_what_the_transfer_matrix_says_on_its_mean() -> None:
+    """The paper's way, slice by slice, and the table; on a ring of samples around the axis, at a few heights."""
+    aperture = Aperture.disc(RADIUS)
+    array = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(strength=1, model="rayleigh", aperture=aperture))
+    for z in (0.03, 0.1, 0.3):
+        axis, field = slice_field(aperture, z, 0.1, AIR)
+        row = len(axis) // 2
+        at = np.stack([axis[::20], np.full_like(axis[::20], axis[row]), np.full_like(axis[::20], z)], axis=1)
+        found = transfer_matrix(array, at, AIR)[:, 0]
+        np.testing.assert_allclose(found, field[row, ::20], atol=2e-4 / z)
+
+
+def test_absorption_takes_its_decibels_per_metre() -> None:
+    points = [[0, 0, 0.1], [0, 0, 0.6]]
+    loss = transfer_matrix(SINGLE, points, Medium(absorbing=True)) / transfer_matrix(SINGLE, points, AIR)
+    np.testing.assert_allclose(20 * np.log10(loss[:, 0].real), [-0.1 * 1.318, -0.6 * 1.318], rtol=1e-3)
+    np.testing.assert_allclose(loss.imag, 0, atol=1e-12)
+
+
+def test_a_transducer_the_other_way_round_is_its_negative() -> None:
+    turned = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(polarity=-1))
+    np.testing.assert_array_equal(transfer_matrix(turned, [[0, 0.1, 0.2]]), -transfer_matrix(SINGLE, [[0, 0.1, 0.2]]))
+
+
+def test_a_rayleigh_integral_keeps_two_radii_away() -> None:
+    array = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(model="rayleigh"))
+    transfer_matrix(array, [[0, 0, 9e-3]])
+    with pytest.raises(ValueError, match=r"is 8\.00 mm from transducer 0; the model 'rayleigh' needs .* 9\.00 mm"):
+        transfer_matrix(array, [[0, 0, 8e-3]])
 
 
 def test_a_louder_transducer_is_louder() -> None:
