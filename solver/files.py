@@ -15,12 +15,14 @@ import numpy as np
 
 from ..errors import InputFileError
 from ..storage import replacing
-from .array import Transducer, TransducerArray
+from .aperture import Aperture
+from .array import TransducerArray
 from .field import PlaneField
 from .geometry import frozen
 from .medium import Medium
 from .points import ControlPoints
 from .solve import Solution
+from .transducer import Transducer
 
 __all__ = [
     "POINT_FILES",
@@ -32,7 +34,10 @@ __all__ = [
     "solution_in",
 ]
 
-SOLUTION_FORMAT = "phasewire-solution-1"
+SOLUTION_FORMAT = "phasewire-solution-2"
+EARLIER_FORMATS = ("phasewire-solution-1",)
+TRANSDUCER_NUMBERS = ("radius", "strength", "resonance", "time_constant")
+MEDIUM_NUMBERS = ("temperature", "frequency", "humidity", "ambient_pressure")
 MAX_ARCHIVE_BYTES = 500_000_000
 
 
@@ -119,18 +124,18 @@ def save_solution(path: Path, solution: Solution) -> None:
     """Write a solution with all that is needed to use it again, whole or not at all."""
     array, points = solution.array, solution.points
     with replacing(path) as part, part.open("wb") as file:
-        np.savez(
-            file,
-            format=np.array(SOLUTION_FORMAT),
-            drive=solution.drive,
-            array_positions=array.positions,
-            array_normals=array.normals,
-            transducer=np.array([array.transducer.radius, array.transducer.strength]),
-            point_positions=points.positions,
-            point_amplitudes=points.amplitudes,
-            medium=np.array([solution.medium.temperature, solution.medium.frequency]),
-            method=np.array(solution.method),
-        )
+        entries = {
+            "format": np.array(SOLUTION_FORMAT),
+            "drive": solution.drive,
+            "array_positions": array.positions,
+            "array_normals": array.normals,
+            "point_positions": points.positions,
+            "point_amplitudes": points.amplitudes,
+            "method": np.array(solution.method),
+            **_transducer_arrays(array.transducer),
+            **_medium_arrays(solution.medium),
+        }
+        np.savez(file, allow_pickle=False, **entries)
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
@@ -169,15 +174,17 @@ def load_solution(path: Path) -> Solution:
 
 def solution_in(arrays: dict[str, np.ndarray[Any, Any]], path: Path) -> Solution:
     """The solution in the arrays of a file; raise `InputFileError`, naming the file, where there is none."""
+    if str(arrays.get("format")) in EARLIER_FORMATS:
+        raise InputFileError(
+            f"{path} was made by an earlier version of phasewire; solve it again with `phasewire solve`"
+        )
     if str(arrays.get("format")) != SOLUTION_FORMAT:
         raise InputFileError(f"{path} is not a solved file; `phasewire solve` makes one")
     try:
         drive = np.asarray(arrays["drive"], dtype=np.complex128)
-        array = TransducerArray(
-            arrays["array_positions"], arrays["array_normals"], Transducer(*_floats(arrays["transducer"], 2))
-        )
+        array = TransducerArray(arrays["array_positions"], arrays["array_normals"], _transducer_in(arrays))
         points = ControlPoints(arrays["point_positions"], arrays["point_amplitudes"])
-        medium = Medium(*_floats(arrays["medium"], 2))
+        medium = _medium_in(arrays)
         if drive.shape != (len(array),):
             raise ValueError(f"{drive.size} drives for {len(array)} transducers")
         if not (within := np.abs(drive) <= 1 + 1e-6).all():
@@ -187,6 +194,45 @@ def solution_in(arrays: dict[str, np.ndarray[Any, Any]], path: Path) -> Solution
         raise InputFileError(f"{path} is not a usable solved file: it has no entry {error}") from error
     except (TypeError, ValueError) as error:
         raise InputFileError(f"{path} is not a usable solved file: {error}") from error
+
+
+def _transducer_arrays(transducer: Transducer) -> dict[str, np.ndarray[Any, Any]]:
+    arrays = {
+        "transducer": np.array([getattr(transducer, name) for name in TRANSDUCER_NUMBERS], dtype=np.float64),
+        "transducer_polarity": np.array(transducer.polarity),
+        "transducer_model": np.array(transducer.model),
+        "transducer_source": np.array(transducer.source),
+    }
+    if transducer.aperture is not None:
+        arrays["aperture_image"] = transducer.aperture.image
+        arrays["aperture_pixel"] = np.array([transducer.aperture.pixel])
+    return arrays
+
+
+def _transducer_in(arrays: dict[str, np.ndarray[Any, Any]]) -> Transducer:
+    aperture = None
+    if "aperture_image" in arrays:
+        aperture = Aperture(arrays["aperture_image"], *_floats(arrays["aperture_pixel"], 1))
+    numbers = _floats(arrays["transducer"], len(TRANSDUCER_NUMBERS))
+    return Transducer(
+        **dict(zip(TRANSDUCER_NUMBERS, numbers, strict=True)),
+        polarity=arrays["transducer_polarity"].item(),
+        model=str(arrays["transducer_model"]),
+        source=str(arrays["transducer_source"]),
+        aperture=aperture,
+    )
+
+
+def _medium_arrays(medium: Medium) -> dict[str, np.ndarray[Any, Any]]:
+    return {
+        "medium": np.array([getattr(medium, name) for name in MEDIUM_NUMBERS], dtype=np.float64),
+        "medium_absorbing": np.array(medium.absorbing),
+    }
+
+
+def _medium_in(arrays: dict[str, np.ndarray[Any, Any]]) -> Medium:
+    numbers = _floats(arrays["medium"], len(MEDIUM_NUMBERS))
+    return Medium(**dict(zip(MEDIUM_NUMBERS, numbers, strict=True)), absorbing=bool(arrays["medium_absorbing"].item()))
 
 
 def _floats(values: np.ndarray[Any, Any], count: int) -> list[float]:

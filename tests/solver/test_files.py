@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from phasewire import ControlPoints, Medium, Solution, Transducer, TransducerArray, solve
 from phasewire.errors import InputFileError
+from phasewire.solver import Aperture
 from phasewire.solver.field import sample_plane
 from phasewire.solver.files import load_solution, read_points, save_field, save_solution
 
@@ -27,6 +28,33 @@ def test_a_solution_survives_the_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.points.positions, solution.points.positions)
     np.testing.assert_array_equal(again.points.amplitudes, solution.points.amplitudes)
     assert (again.array.transducer, again.medium, again.method) == (array.transducer, Medium(25), "tikhonov")
+
+
+@pytest.mark.parametrize(
+    ("transducer", "medium"),
+    [
+        (Transducer(4e-3, 3.0, "a bench", 39_500.0, 0.4e-3, -1, "monopole"), Medium(-3, 39_000, True, 12.5, 9e4)),
+        (
+            Transducer(model="rayleigh", aperture=Aperture(np.array([[0.5, 1j, 0], [1, 0.25, 0.1]]), 2e-3)),
+            Medium(humidity=0),
+        ),
+    ],
+)
+def test_everything_about_transducer_and_air_survives_the_file(
+    tmp_path: Path, transducer: Transducer, medium: Medium
+) -> None:
+    solution = solve(TransducerArray.grid(2, 2, 0.02, transducer), ControlPoints([[0, 0, 0.1]]), medium=medium)
+    save_solution(tmp_path / "s.npz", solution)
+    again = load_solution(tmp_path / "s.npz")
+    assert (again.array.transducer, again.medium) == (transducer, medium)
+    assert type(again.array.transducer.polarity) is int
+    assert type(again.medium.absorbing) is bool
+
+
+def test_a_file_of_an_earlier_version_says_so(tmp_path: Path) -> None:
+    np.savez(tmp_path / "old.npz", format=np.array("phasewire-solution-1"), drive=np.ones(3))
+    with pytest.raises(InputFileError, match=r"old\.npz was made by an earlier version of phasewire; solve it again"):
+        load_solution(tmp_path / "old.npz")
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +109,16 @@ def test_other_npz_files_are_told_apart(tmp_path: Path) -> None:
         ({"drive": np.where(np.arange(320) == 7, np.nan, 0)}, "the drive of transducer 7 is not within 1"),
         ({"drive": np.array(["loud"] * 320)}, "not a usable solved file"),
         ({"drive": None}, "it has no entry 'drive'"),
-        ({"transducer": np.ones(3)}, r"2 numbers are expected where \(3,\) of float64 stand"),
-        ({"transducer": np.array([1e-3, 1e308])}, "transducer strength 1e.308"),
-        ({"medium": np.array([20j, 4e4])}, "2 numbers are expected"),
+        ({"transducer": np.ones(3)}, r"4 numbers are expected where \(3,\) of float64 stand"),
+        ({"transducer": np.array([1e-3, 1e308, 4e4, 3e-4])}, "transducer strength 1e.308"),
+        ({"transducer_polarity": np.array(2)}, "polarity 2 must be 1 or -1"),
+        ({"transducer_polarity": np.array([1, 1])}, "not a usable solved file"),
+        ({"transducer_model": np.array("plane")}, "unknown transducer model 'plane'"),
+        ({"transducer_source": None}, "it has no entry 'transducer_source'"),
+        ({"aperture_image": np.ones((3, 3))}, "it has no entry 'aperture_pixel'"),
+        ({"aperture_image": np.ones((3, 3)), "aperture_pixel": np.array([1e-3])}, "'piston' has no aperture"),
+        ({"medium": np.array([20j, 4e4, 50, 1e5])}, "4 numbers are expected"),
+        ({"medium": np.array([20, 4e4, 500, 1e5])}, "humidity 500"),
         ({"point_positions": np.full((17, 3), np.nan)}, "control point 0"),
     ],
 )
