@@ -38,8 +38,8 @@ class Aperture:
         part of it is open, and a complex number also has a phase. Its middle is the transducer's; x grows with the
         column and y with the row.
     pixel : float
-        Side of a pixel, in metres. The wave is sampled once per pixel, so it should be at most a fortieth of a
-        wavelength.
+        Side of a pixel, in metres. The wave is sampled once per pixel: those of 0.2 mm are an error of 2e-4 of the
+        strength at 40 kHz, those of 0.1 mm of 5e-5.
 
     Attributes
     ----------

@@ -71,9 +71,10 @@ KERNELS = {
 ``rayleigh-1``
     RS-I, a face of given pressure in a soft baffle: z·(1/R − ik)·e^{ikR}/R², divided by −ik.
 ``as-printed``
-    The paper's (2) to the letter, z·e^{ikR}/(R²)^{3/4}: the exponent of two dimensions, for which the field falls as
-    r^{-1/2} and not, as in its section 7 and in air, as 1/r. It has no length that would make a strength in Pa·m of
-    its amplitude; it is scaled to agree with the others at 0.30 m. Here to follow the paper, not to predict anything.
+    The paper's (2) to the letter but for its 1/(iλ), z·e^{ikR}/(R²)^{3/4}: the exponent of two dimensions, for which
+    the field falls as r^{-1/2} and not, as in its section 7 and in air, as 1/r. It has no length that
+    would make a strength in Pa·m of its amplitude; it is scaled to agree with the others at 0.30 m. Here to follow the
+    paper, not to predict anything.
 """
 
 
@@ -104,7 +105,7 @@ def image_rings(aperture: Aperture, wavenumber: float) -> tuple[NDArray[np.float
 
 
 def _rings(radius: float, wavenumber: float) -> int:
-    """Number of rings for 1e-6 of scale from two radii on."""
+    """Number of rings for 1e-9 of scale from two radii on."""
     return 8 + math.ceil(wavenumber * radius)
 
 

@@ -34,8 +34,8 @@ def residual(
     sine : (...) float
         sinθ, the sine of the angle off the axis; only the half space in front of it is meant.
     distance : (...) float
-        r from the middle of the face, in metres. Rayleigh integrals are accurate to 1e-6 from two radii on and to some
-        per cent at one.
+        r from the middle of the face, in metres. Rayleigh integrals are accurate to 1e-9 from two radii on, and RS-II
+        still to 1 % at one.
     medium : Medium, optional
         The air; 20 °C by default. Absorption is left out.
 

@@ -102,7 +102,7 @@ def test_without_zero_padding_a_slice_would_be_off_by_tens_of_per_cent() -> None
 
 
 def test_an_image_s_wave_is_its_mean_over_the_azimuth() -> None:
-    aperture = Aperture(grille(), 2e-4)
+    aperture = Aperture(grille() * np.exp(1j * np.linspace(0, 1, 41)), 2e-4)
     transducer = Transducer(model="rayleigh", aperture=aperture)
     for sine, r in ((0, 0.05), (0.3, 2.1 * aperture.reach), (0.7, 0.1), (1, 0.3)):
         turns = 2 * np.pi * np.arange(40) / 40
