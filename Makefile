@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?=
 
-.PHONY: help demo test test-slow lint format bench clean
+.PHONY: help demo test test-slow lint format bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -33,8 +33,11 @@ format: $(VENV)/ready        ## rewrite the code in the house style
 bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q benchmarks $(PYTEST_ARGS)
 
+bench-peers: $(VENV)/ready   ## beside autd3, acoustools and levitate, each in .peers (2 GB, made once)
+	@$(BIN)/python benchmarks/peers/run.py
+
 clean:           ## remove the environment and everything built
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "phasewire needs Python 3.11 or newer; this is " + sys.version.split()[0] + ". Try: make PYTHON=python3.12 $(MAKECMDGOALS)")'

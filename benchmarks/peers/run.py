@@ -1,0 +1,396 @@
+"""phasewire beside what one would otherwise pick for multi-focus ultrasonic holograms: time, uniformity, fields.
+
+``make bench-peers``. Each peer runs in a process and an environment of its own, ``.peers/<name>``, made once from the
+pinned versions in ``<name>.txt``; its script ``<name>_peer.py`` times its calls and returns its drives. This driver
+sets the problems and judges all drives by one measure, `phasewire.pressure` on the array that they were really made
+for. A peer that cannot be installed or run is a line in the table with the reason. It may not import a peer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import phasewire
+from contest import SAME_ITERATIONS, Task
+from numpy.typing import NDArray
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+ENVIRONMENTS = ROOT / ".peers"
+PEERS = ("autd3", "acoustools", "levitate")
+OURS = "phasewire"
+INSTALL_SECONDS = 1200.0
+RUN_SECONDS = 280.0  # for everything after the environments exist
+CONTESTANT_SECONDS = 100.0
+PROBE_SECONDS = 60.0
+QUIET = 0.9  # processor time over wall time, below which the machine was busy with something else
+ONE_THREAD = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "NUMEXPR_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+        "RAYON_NUM_THREADS",
+        "POLARS_MAX_THREADS",
+    ),
+    "1",
+)
+HEIGHT = 0.20  # metres, of all shapes
+PLANE_SIDE, PLANE_SAMPLES = 0.2, 200
+
+
+class UnavailableError(Exception):
+    """A contestant cannot take part; the text says why."""
+
+
+def circle(radius: float, count: int, x: float = 0.0) -> NDArray[np.float64]:
+    """Points (count, 2) around a circle."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.stack([x + radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+def star(outer: float, points_per_edge: int) -> NDArray[np.float64]:
+    """Points along the outline of a five-pointed star, its ten corners among them."""
+    inner = outer * np.sin(np.pi / 10) / np.sin(3 * np.pi / 10)
+    angle = np.pi / 2 + np.pi / 5 * np.arange(10)
+    corners = np.where(np.arange(10) % 2, inner, outer)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    along = (np.arange(points_per_edge) / points_per_edge)[None, :, None]
+    edges = corners[:, None] * (1 - along) + np.roll(corners, -1, axis=0)[:, None] * along
+    return np.asarray(edges.reshape(-1, 2))
+
+
+def asterisk(step: float, arms: int, points_per_arm: int) -> NDArray[np.float64]:
+    """A point in the middle and arms of equally spaced points."""
+    rays = [circle(step * (i + 1), arms) for i in range(points_per_arm)]
+    return np.concatenate([np.zeros((1, 2)), *rays])
+
+
+def make_problems() -> dict[str, NDArray[np.float64]]:
+    """The four shapes of the paper's Figure 6, 8 to 10 cm wide, and random points in a box of 8 × 8 × 4 cm."""
+    flat = {
+        "rings 16+16": np.concatenate([circle(0.03, 16, -0.015), circle(0.03, 16, 0.015)]),
+        "star 30": star(0.05, 3),
+        "circles 24+8": np.concatenate([circle(0.045, 24), circle(0.015, 8)]),
+        "asterisk 21": asterisk(0.011, 5, 4),
+    }
+    problems = {name: np.column_stack([points, np.full(len(points), HEIGHT)]) for name, points in flat.items()}
+    random = np.random.default_rng(2014)
+    for count in (1, 8, 32, 128):
+        problems[f"random {count}"] = random.uniform([-0.04, -0.04, 0.18], [0.04, 0.04, 0.22], (count, 3))
+    return problems
+
+
+def make_task(budget: float) -> Task:
+    """The problems for the default array in air of 20 °C."""
+    array, medium = phasewire.TransducerArray.grid(), phasewire.Medium()
+    axis = np.linspace(-PLANE_SIDE / 2, PLANE_SIDE / 2, PLANE_SAMPLES)
+    x, y = np.meshgrid(axis, axis)
+    plane = np.stack([x, y, np.full_like(x, HEIGHT)], axis=2)
+    return Task(
+        array.positions,
+        make_problems(),
+        plane,
+        medium.wavelength,
+        medium.frequency,
+        array.transducer.radius,
+        array.transducer.strength,
+        budget,
+    )
+
+
+def last_line(text: str) -> str:
+    """The last line of a message that says something."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    errors = [line for line in lines if "error" in line.lower()]
+    return (errors or lines or ["no reason given"])[-1][:200]
+
+
+def command(arguments: list[str], seconds: float, **variables: str) -> str:
+    """Run a program without this process's Python paths and return its output; `UnavailableError` where it fails."""
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL_ENV"))}
+    try:
+        done = subprocess.run(
+            arguments,
+            capture_output=True,
+            text=True,
+            timeout=seconds,
+            env=inherited | variables,
+            cwd=ROOT,
+            check=True,
+        )
+    except subprocess.TimeoutExpired:
+        raise UnavailableError(f"not done after {seconds:.0f} s") from None
+    except subprocess.CalledProcessError as error:
+        raise UnavailableError(last_line(error.stderr or error.stdout)) from None
+    except OSError as error:
+        raise UnavailableError(str(error)) from None
+    return done.stdout
+
+
+def environment(name: str) -> str:
+    """The peer's Python, in an environment that is made anew where the pinned versions have changed."""
+    requirements = HERE / f"{name}.txt"
+    folder = ENVIRONMENTS / name
+    python, ready = folder / "bin" / "python", folder / "ready"
+    wanted = f"{platform.python_version()}\n{requirements.read_text(encoding='utf-8')}"
+    if not (ready.is_file() and ready.read_text(encoding="utf-8") == wanted):
+        print(f"Setting up {folder.relative_to(ROOT)} (once) ...", flush=True)
+        shutil.rmtree(folder, ignore_errors=True)
+        try:
+            command([sys.executable, "-m", "venv", str(folder)], INSTALL_SECONDS)
+            install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r", str(requirements)]
+            command([str(python), *install], INSTALL_SECONDS)
+            ready.write_text(wanted, encoding="utf-8")
+        except (UnavailableError, OSError) as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise UnavailableError(f"not installed: {error}") from None
+    return str(python)
+
+
+def enter(name: str, python: str, task: Task, seconds: float) -> dict[str, Any]:
+    """Run a contestant's script on the task and return its record, with the versions installed beside it."""
+    with tempfile.TemporaryDirectory() as folder:
+        task_path, result_path = Path(folder, "task.npz"), Path(folder, "result.json")
+        task.save(task_path)
+        script = [python, str(HERE / f"{name}_peer.py"), str(task_path), str(result_path)]
+        command(script, seconds, **ONE_THREAD, MPLBACKEND="Agg")
+        record: dict[str, Any] = json.loads(result_path.read_text(encoding="utf-8"))
+    versions = command([python, "-m", "pip", "list", "--format=json", "--disable-pip-version-check"], PROBE_SECONDS)
+    record["versions"] = {package["name"]: package["version"] for package in json.loads(versions)}
+    return record
+
+
+@dataclass(frozen=True)
+class Score:
+    """What drives are worth: pressure in Pa (peak), its spread over the points and its weakest point, to the mean."""
+
+    mean: float
+    spread: float
+    weakest: float
+
+
+def judge(array: phasewire.TransducerArray, drive: NDArray[np.complex128], points: NDArray[np.float64]) -> Score:
+    """Score one drive at the control points."""
+    magnitude = np.abs(phasewire.pressure(array, drive, points))
+    mean = float(magnitude.mean())
+    if not mean > 0:
+        raise ValueError("the drives are silent")
+    return Score(mean, float(magnitude.std()) / mean, float(magnitude.min()) / mean)
+
+
+def judge_case(array: phasewire.TransducerArray, case: dict[str, Any], points: NDArray[np.float64]) -> dict[str, Any]:
+    """Replace a case's drives by their scores: as returned, and with every transducer that sounds at full drive."""
+    if "error" in case:
+        return case
+    real, imaginary = np.array(case["drive"])
+    drive = real + 1j * imaginary
+    if np.abs(drive).max() > 1 + 1e-4:
+        return {"error": f"a drive of {np.abs(drive).max():.3g} is more than full drive"}
+    phase_only = np.where(drive == 0, 0, np.exp(1j * np.angle(drive)))
+    try:
+        scores = {"returned": judge(array, drive, points), "phase_only": judge(array, phase_only, points)}
+    except ValueError as error:
+        return {"error": str(error)}
+    return {
+        "times": case["times"],
+        "used": case["used"],
+        **{name: dataclasses.asdict(score) for name, score in scores.items()},
+    }
+
+
+def judge_record(record: dict[str, Any], task: Task) -> None:
+    """Judge all that a package returned, in place, on the array that it used."""
+    positions = np.array(record["array"])
+    normals = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
+    array = phasewire.TransducerArray(positions, normals, phasewire.Transducer(task.radius, task.strength))
+    for contestant in record["contestants"]:
+        cases = contestant["cases"]
+        contestant["cases"] = {name: judge_case(array, cases[name], task.problems[name]) for name in task.problems}
+
+
+def compete(task: Task, peers: list[str]) -> dict[str, dict[str, Any]]:
+    """Let everyone run on the task, and phasewire again on every array that a peer had to use instead."""
+    pythons: dict[str, str] = {OURS: sys.executable}
+    records: dict[str, dict[str, Any]] = {OURS: {}}
+    for name in peers:
+        records[name] = {}
+        try:
+            pythons[name] = environment(name)
+        except UnavailableError as error:
+            records[name] = {"unavailable": str(error)}
+    deadline = time.monotonic() + RUN_SECONDS
+
+    def run(title: str, name: str, to_solve: Task) -> None:
+        print(f"{title} ...", flush=True)
+        seconds = min(CONTESTANT_SECONDS, max(1.0, deadline - time.monotonic()))
+        try:
+            record = enter(name, pythons[name], to_solve, seconds)
+            judge_record(record, to_solve)
+        except UnavailableError as error:
+            record = {"unavailable": str(error)}
+        records[title] = record
+
+    for name in pythons:
+        run(name, name, task)
+    for name in peers:
+        array = np.array(records[name].get("array", task.array))
+        if array.shape != task.array.shape or not np.allclose(array, task.array, atol=1e-6):
+            run(f"{OURS} on the array of {name}", OURS, dataclasses.replace(task, array=array))
+    return records
+
+
+def machine() -> dict[str, Any]:
+    """What the numbers were measured on."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        model = next(line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name"))
+    except (OSError, StopIteration):
+        model = platform.processor() or "unknown"
+    return {
+        "processor": model,
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "load": os.getloadavg()[0],
+    }
+
+
+def milliseconds(case: dict[str, Any]) -> str:
+    """Median and half the interquartile range of a case's times; ``~`` where the machine was busy."""
+    times = case["times"]
+    mark = "~" if times["cpu_share"] < QUIET else ""
+    return f"{mark}{times['median'] * 1e3:.2f} ±{(times['high'] - times['low']) / 2 * 1e3:.2f}"
+
+
+def pair(case: dict[str, Any], key: str, factor: float, digits: int) -> str:
+    """A score as returned / phase only."""
+    return " / ".join(f"{case[kind][key] * factor:.{digits}f}" for kind in ("returned", "phase_only"))
+
+
+SECTIONS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "time of a call in ms, median ± half the interquartile range; ~ too long, for the machine was busy": milliseconds,
+    "spread, std(|p|)/mean(|p|) in %, as returned / phase only": lambda case: pair(case, "spread", 100, 2),
+    "weakest point, min(|p|)/mean(|p|), as returned / phase only": lambda case: pair(case, "weakest", 1, 2),
+    "mean |p| in Pa (peak), as returned / phase only": lambda case: pair(case, "mean", 1, 0),
+}
+
+
+def named(entered: dict[str, Any], title: str) -> str:
+    """The name of a contestant or of its field, with the array where that is another contestant's."""
+    return str(entered["name"]) + title.removeprefix(title.partition(" ")[0])
+
+
+def print_table(records: dict[str, dict[str, Any]], problems: list[str]) -> None:
+    """All contestants, a section for each quantity, a column for each problem."""
+    widths = [44, 6] + [max(16, len(problem) + 2) for problem in problems]
+
+    def line(cells: list[str]) -> None:
+        print("".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=False)).rstrip())
+
+    for section, cell in SECTIONS.items():
+        print(f"\n{section}")
+        line(["", "steps", *problems])
+        for title, record in records.items():
+            if "unavailable" in record:
+                line([title, f"-     {record['unavailable']}"])
+                continue
+            for contestant in record["contestants"]:
+                cases = [contestant["cases"][problem] for problem in problems]
+                shown = ["failed" if "error" in case else cell(case) for case in cases]
+                line([named(contestant, title), contestant["iterations"], *shown])
+
+
+def print_fields(records: dict[str, dict[str, Any]]) -> None:
+    """How fast fields are computed."""
+    print(f"\nfield of a plane of {PLANE_SAMPLES} × {PLANE_SAMPLES} points, in million point·transducers a second")
+    for title, record in records.items():
+        for field in record.get("fields", []):
+            if "error" in field:
+                print(f"{named(field, title):44}failed: {field['error']}")
+            else:
+                times = field["times"]
+                rates = [field["pairs"] / times[key] / 1e6 for key in ("median", "high", "low")]
+                mark = "~" if times["cpu_share"] < QUIET else ""
+                print(f"{named(field, title):44}{mark}{rates[0]:.1f}  ({rates[1]:.1f} to {rates[2]:.1f})")
+
+
+def remarks(title: str, record: dict[str, Any]) -> list[str]:
+    """What one must know to read a package's numbers: its version, what a call contains, what went wrong."""
+    if "unavailable" in record:
+        return [record["unavailable"]]
+    name = title.partition(" ")[0]
+    cases = [(one["name"], key, case) for one in record["contestants"] for key, case in one["cases"].items()]
+    shares = [case["times"]["cpu_share"] for _, _, case in cases if "error" not in case]
+    used = f"processor time over wall time {min(shares):.2f} to {max(shares):.2f}" if shares else "nothing timed"
+    used_steps = [
+        f"{one['name']} {one['iterations']} used {', '.join(counts)} iterations."
+        for one in record["contestants"]
+        if (counts := [str(case["used"]) for case in one["cases"].values() if case.get("used") is not None])
+    ]
+    failures = [f"{who}, {problem}: {case['error']}" for who, problem, case in cases if "error" in case]
+    return [f"version {record['versions'].get(name, 'unknown')}; {used}.", *record["notes"], *used_steps, *failures]
+
+
+def print_remarks(records: dict[str, dict[str, Any]], about: dict[str, Any]) -> None:
+    """The small print."""
+    print("\nremarks")
+    print(
+        f"  steps: iterations, * where they are the package's default; {SAME_ITERATIONS} is phasewire's own count. One "
+        "thread each (a processor time over wall time above 1 would betray a second one, below 1 a busy machine)."
+    )
+    print("  phase only: the same phases with every transducer that sounds at full drive.")
+    for title, record in records.items():
+        for i, text in enumerate(remarks(title, record)):
+            print(f"  {title + ':' if i == 0 else ' ' * len(title) + ' '} {text}")
+    print(
+        f"  machine: {about['processor']}, {about['cores']} cores, load {about['load']:.1f} before and "
+        f"{about['load_after']:.1f} after; {about['system']}, Python {about['python']}"
+    )
+
+
+def main() -> None:
+    """Run everything, print the table and write the record."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--peers", nargs="*", choices=PEERS, default=list(PEERS), help="those to run; all by default")
+    parser.add_argument("--seconds", type=float, default=0.3, help="to spend on timing one case")
+    parser.add_argument("--json", type=Path, default=ROOT / "build" / "bench-peers.json", help="the record to write")
+    chosen = parser.parse_args()
+    about, begun = machine(), time.monotonic()
+    task = make_task(chosen.seconds)
+    records = compete(task, chosen.peers)
+    about["load_after"] = os.getloadavg()[0]
+    print_table(records, list(task.problems))
+    print_fields(records)
+    print_remarks(records, about)
+    parameters = {
+        "transducers": len(task.array),
+        "wavelength_m": task.wavelength,
+        "frequency_hz": task.frequency,
+        "radius_m": task.radius,
+        "strength_pa_m": task.strength,
+        "seconds_per_case": task.budget,
+        "problems": {name: points.tolist() for name, points in task.problems.items()},
+    }
+    chosen.json.parent.mkdir(parents=True, exist_ok=True)
+    record = {"machine": about, "parameters": parameters, "records": records}
+    chosen.json.write_text(json.dumps(record, indent=1), encoding="utf-8")
+    print(f"\n{time.monotonic() - begun:.0f} s in all; all numbers, versions and points are in {chosen.json}")
+
+
+if __name__ == "__main__":
+    main()
