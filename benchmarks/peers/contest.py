@@ -111,8 +111,8 @@ class Entry:
 def measure(call: Callable[[], Any], budget: float, least: int = LEAST) -> tuple[Any, dict[str, Any]]:
     """Call until the budget is spent, after a warm-up; return the last result and the times in seconds.
 
-    ``cpu_share`` is processor time over wall time: above 1 more than one thread was at work, below 1 the machine was
-    busy with something else.
+    ``processor`` is the mean processor time of a call, of all threads, and ``cpu_share`` is processor time over wall
+    time: above 1 more than one thread was at work, below 1 the machine was busy with something else.
     """
     warm_until = perf_counter() + WARM_UP
     result = call()
@@ -124,10 +124,10 @@ def measure(call: Callable[[], Any], budget: float, least: int = LEAST) -> tuple
         begun = perf_counter()
         result = call()
         seconds.append(perf_counter() - begun)
-    cpu_share = (process_time() - processor) / (perf_counter() - wall)
+    used, passed = process_time() - processor, perf_counter() - wall
     low, middle, high = np.quantile(seconds, [0.25, 0.5, 0.75]).tolist()
     times = {"fastest": min(seconds), "low": low, "median": middle, "high": high}
-    return result, {**times, "calls": len(seconds), "cpu_share": cpu_share}
+    return result, {**times, "processor": used / len(seconds), "calls": len(seconds), "cpu_share": used / passed}
 
 
 def attempt(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:

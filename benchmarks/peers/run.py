@@ -284,6 +284,9 @@ def pair(case: dict[str, Any], key: str, factor: float, digits: int) -> str:
 
 SECTIONS: dict[str, Callable[[dict[str, Any]], str]] = {
     "time of a call in ms, median ± half the interquartile range; ~ too long, for the machine was busy": milliseconds,
+    "mean processor time of a call in ms, which a busy machine lengthens less": lambda case: (
+        f"{case['times']['processor'] * 1e3:.2f}"
+    ),
     "spread, std(|p|)/mean(|p|) in %, as returned / phase only": lambda case: pair(case, "spread", 100, 2),
     "weakest point, min(|p|)/mean(|p|), as returned / phase only": lambda case: pair(case, "weakest", 1, 2),
     "mean |p| in Pa (peak), as returned / phase only": lambda case: pair(case, "mean", 1, 0),
