@@ -16,11 +16,12 @@ from .curves import SPACING
 from .field import sample_plane
 from .files import POINT_FILES, load_solution, read_points, save_field, save_solution
 from .medium import Medium
+from .options import METHODS
 from .picture import check_picture_path, save_field_picture
 from .points import ControlPoints
 from .propagation import pressure
 from .shapes import SHAPES, parse_shape, shape_help
-from .solve import METHODS, solve
+from .solve import solve
 
 __all__ = ["commands"]
 

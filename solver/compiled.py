@@ -5,7 +5,7 @@ numba takes half a second to import, so this module is imported where it is used
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from .options import HEADROOM, NUDGE, RELAXATION, Options
 from .points import REACH, ControlPoints, check_reachable
 from .propagation import transfer_matrix
 from .reference import cold_start
+from .simd import LANES
 
 __all__ = ["CompiledEngine", "compilation", "pressure_at", "tables_of"]
 
@@ -42,19 +43,25 @@ class Tables(NamedTuple):
     strength: float
 
 
-def tables_of(array: TransducerArray, medium: Medium) -> Tables:
-    """Tables of an array; ``directivity`` is None where only `transfer_matrix` knows the transducer's model."""
+def tables_of(array: TransducerArray, medium: Medium, points: NDArray[np.float64] | None = None) -> Tables:
+    """Tables of an array, for points wherever they are reachable, or else for (k, 3) certain ones.
+
+    ``directivity`` is None where only `transfer_matrix` will do: where it knows a model that the kernels do not, or
+    where more is absorbed on the way than they allow for.
+    """
     n, transducer = len(array), array.transducer
     low, high = array.positions.min(axis=0), array.positions.max(axis=0)
     origin = (low + high) / 2
     able = (array.response != 0) & (array.limits > 0)
-    elements = aligned(kernels.ELEMENT_ROWS, -(-n // kernels.LANES) * kernels.LANES)
+    elements = aligned(kernels.ELEMENT_ROWS, -(-n // LANES) * LANES)
     elements[kernels.X : kernels.Z + 1, :n] = (array.positions - origin).T
     elements[kernels.NX : kernels.NZ + 1, :n] = array.normals.T
     elements[kernels.GAIN, :n] = np.where(able, np.abs(array.response), 0)
     elements[kernels.LEAD, :n] = np.angle(array.response * transducer.polarity) / (2 * np.pi)
     elements[kernels.LIMIT, :n] = np.where(able, array.limits, 0)
     farthest = REACH + float(np.linalg.norm(high - low))
+    if points is not None:
+        farthest = float(np.linalg.norm(np.maximum(points.max(axis=0) - low, high - points.min(axis=0))))
     fits = medium.attenuation * farthest <= kernels.MAX_NEPERS
     return Tables(
         elements,
@@ -89,8 +96,8 @@ def _directivity(array: TransducerArray, medium: Medium) -> NDArray[np.float32] 
 def aligned(*shape: int) -> NDArray[np.float32]:
     """Zeros that begin where a register's worth of memory does."""
     size = int(np.prod(shape))
-    room = np.zeros(size + kernels.LANES, dtype=np.float32)
-    first = -room.ctypes.data % (4 * kernels.LANES) // 4
+    room = np.zeros(size + LANES, dtype=np.float32)
+    first = -room.ctypes.data % (4 * LANES) // 4
     return room[first : first + size].reshape(shape)
 
 
@@ -146,23 +153,81 @@ class CompiledEngine:
             elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive
         )
         if fit < 0:
-            raise ValueError(f"mu {self._options.mu} is too small for points as close together as these")
+            raise ValueError(self._too_close)
         if self._method == "polish":
             kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, work, drive)
         return drive
+
+    @property
+    def takes_frames(self) -> bool:
+        """Whether `drive_frames` can be used."""
+        regularised = self._method in ("tikhonov", "wgs") and self._options.phase_seconds is None
+        return regularised and self._tables.directivity is not None
+
+    def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:
+        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n).
+
+        Raises
+        ------
+        ValueError
+            As `drive`.
+        """
+        tables, options = self._tables, self._options
+        begins = np.cumsum([0, *(len(points) for points in frames)])
+        largest = max(len(points) for points in frames)
+        self._make_room(largest)
+        suspect, singular = kernels.update_frames(
+            tables.elements,
+            tables.directivity,
+            tables.turns,
+            tables.nepers,
+            tables.origin,
+            tables.low,
+            tables.high,
+            REACH,
+            np.concatenate([points.positions for points in frames]),
+            np.concatenate([points.amplitudes for points in frames]),
+            begins,
+            first,
+            stride,
+            self._gamma,
+            options.phase_steps,
+            self._power,
+            self._cold,
+            self._mu,
+            self._output,
+            HEADROOM32,
+            RELAXATION32,
+            self._steps,
+            self._work,
+            aligned(self._cold.size),
+            drives,
+        )
+        self.forget()
+        if suspect >= 0:
+            for points in frames[suspect::stride]:
+                check_reachable(self._array, points)
+        if singular >= 0:
+            raise ValueError(self._too_close)
+
+    @property
+    def _too_close(self) -> str:
+        return f"mu {self._options.mu} is too small for points as close together as these"
 
     def _make_room(self, m: int) -> None:
         if m > self._capacity:
             self._work = aligned(kernels.work_size(m, self._columns))
             self._capacity = m
-        if m != self._points or not self._warm:
+        if m != self._points:
             start = cold_start(m)
-            self._cold = aligned(2, -(-m // kernels.LANES) * kernels.LANES)
+            self._cold, self._u = (aligned(2, -(-m // LANES) * LANES) for _ in range(2))
             self._cold[0, :m], self._cold[1, :m] = start.real, start.imag
-            self._u = self._cold.copy()
-            self._points, self._warm = m, True
-        else:
+            self._points, self._warm = m, False
+        if self._warm:
             kernels.nudge(self._u, self._cold, NUDGE32)
+        else:
+            self._u[:] = self._cold
+            self._warm = True
 
     def _model(self, points: ControlPoints) -> None:
         tables = self._tables
@@ -189,7 +254,7 @@ class CompiledEngine:
     def _enter(self, points: ControlPoints) -> None:
         """Do what `kernels.model` does, with the transfer matrix from `transfer_matrix`."""
         m, n = len(points), len(self._array)
-        parts = kernels.carve.py_func(self._work, m, self._columns)
+        parts = kernels.carve(self._work, m, self._columns)
         re, im, reach = parts[0], parts[1], parts[7][0, 0]
         matrix = transfer_matrix(self._array, points.positions, self._medium) / self._tables.strength
         matrix *= self._array.limits > 0

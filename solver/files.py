@@ -129,6 +129,8 @@ def save_solution(path: Path, solution: Solution) -> None:
             "drive": solution.drive,
             "array_positions": array.positions,
             "array_normals": array.normals,
+            "array_response": array.response,
+            "array_limits": array.limits,
             "point_positions": points.positions,
             "point_amplitudes": points.amplitudes,
             "method": np.array(solution.method),
@@ -182,7 +184,13 @@ def solution_in(arrays: dict[str, np.ndarray[Any, Any]], path: Path) -> Solution
         raise InputFileError(f"{path} is not a solved file; `phasewire solve` makes one")
     try:
         drive = np.asarray(arrays["drive"], dtype=np.complex128)
-        array = TransducerArray(arrays["array_positions"], arrays["array_normals"], _transducer_in(arrays))
+        array = TransducerArray(
+            arrays["array_positions"],
+            arrays["array_normals"],
+            _transducer_in(arrays),
+            arrays["array_response"],
+            arrays["array_limits"],
+        )
         points = ControlPoints(arrays["point_positions"], arrays["point_amplitudes"])
         medium = _medium_in(arrays)
         if drive.shape != (len(array),):

@@ -11,10 +11,12 @@ to a multiple of `LANES`. Matrices over control points have their rows padded to
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.polynomial.chebyshev import Chebyshev
 from numpy.polynomial.polynomial import Polynomial
 
@@ -43,8 +45,26 @@ BELOW = F(1 - 2**-22)  # rounding must not take a drive above its limit
 # ROUND works only where order matters, so nothing may be reassociated there; sums may.
 ORDERED = {"contract", "arcp", "nsz", "nnan", "ninf", "afn"}
 FREE = ORDERED | {"reassoc"}
-ORDERED_KERNEL = {"fastmath": ORDERED, "nogil": True, "cache": True, "error_model": "numpy"}
-FREE_KERNEL = {"fastmath": FREE, "nogil": True, "cache": True, "error_model": "numpy"}
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _ordered(function: Function) -> Function:
+    return cast(Function, njit(fastmath=ORDERED, nogil=True, cache=True, error_model="numpy")(function))
+
+
+def _free(function: Function) -> Function:
+    return cast(Function, njit(fastmath=FREE, nogil=True, cache=True, error_model="numpy")(function))
+
+
+def _inlined(function: Function) -> Function:
+    """For parts of a kernel, compiled with it and as strictly as it is."""
+    return njit(inline="always", error_model="numpy")(function)
+
+
+def _jitable(function: Function) -> Function:
+    """For what kernels and Python both call."""
+    return cast(Function, register_jitable(inline="always")(function))
 
 
 def _even_polynomial(function: Any, degree: int) -> tuple[np.float32, ...]:
@@ -58,7 +78,7 @@ S0, S1, S2, S3, S4, S5 = _even_polynomial(lambda t: 2 * np.pi * np.sinc(2 * t), 
 C0, C1, C2, C3, C4, C5, C6 = _even_polynomial(lambda t: np.cos(2 * np.pi * t), 6)
 
 
-@njit(inline="always", fastmath=ORDERED)
+@_inlined
 def _wave(turns: Any) -> Any:
     """Cosine and sine of 2π·turns."""
     t = turns - ((turns + ROUND) - ROUND)
@@ -68,14 +88,14 @@ def _wave(turns: Any) -> Any:
     return cosine, sine
 
 
-@njit(inline="always", fastmath=ORDERED)
+@_inlined
 def _directivity(c: Any, s: Any) -> Any:
     """The polynomial in s = sin²θ with coefficients c."""
     high = c[5] + s * (c[6] + s * (c[7] + s * c[8]))
     return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * high))))
 
 
-@njit(inline="always", fastmath=ORDERED)
+@_inlined
 def _decay(nepers: Any) -> Any:
     """exp(−nepers) for 0 … `MAX_NEPERS`."""
     y = F(0.125) * nepers
@@ -85,8 +105,10 @@ def _decay(nepers: Any) -> Any:
     return e * e
 
 
-@njit(inline="always", fastmath=ORDERED)
-def _element(dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, lead: Any, c: Any, turns: Any, nepers: Any) -> Any:
+@_inlined
+def _element(
+    dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, lead: Any, c: Any, turns: Any, nepers: Any
+) -> Any:
     """Signed amplitude and wave of a transducer at an offset; ``nepers`` None for no absorption."""
     d2 = dx * dx + dy * dy + dz * dz + TINY
     r = np.sqrt(d2)
@@ -100,7 +122,7 @@ def _element(dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, le
     return amplitude, c, s
 
 
-@njit(**FREE_KERNEL)
+@_free
 def first_suspect(points: Any, low: Any, high: Any, elements: Any, origin: Any, farthest: Any) -> int:
     """First point that needs a closer look, or -1.
 
@@ -119,7 +141,7 @@ def first_suspect(points: Any, low: Any, high: Any, elements: Any, origin: Any, 
     return -1
 
 
-@njit(**ORDERED_KERNEL)
+@_ordered
 def fill_transfer(
     elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, origin: Any, wanted: Any,
     re: Any, im: Any, reach: Any,
@@ -144,7 +166,7 @@ def fill_transfer(
             im[i, q] = amplitude * wave_im
 
 
-@njit(**FREE_KERNEL)
+@_free
 def fill_gram(re: Any, im: Any, gram_re: Any, gram_im: Any) -> None:
     """G = B·Bᴴ, both triangles, two rows by two at a time.
 
@@ -168,14 +190,14 @@ def fill_gram(re: Any, im: Any, gram_re: Any, gram_im: Any) -> None:
             _enter(gram_re, gram_im, i + 1, j + 1, total(p11 + q11), total(s11 - p11 + q11))
 
 
-@njit(inline="always")
+@_inlined
 def _enter(gram_re: Any, gram_im: Any, i: int, j: int, re: Any, im: Any) -> None:
     """Write an entry of a Hermitian matrix and its mirror image."""
     gram_re[i, j], gram_im[i, j] = re, im
     gram_re[j, i], gram_im[j, i] = re, -im
 
 
-@njit(**FREE_KERNEL)
+@_free
 def weigh(re: Any, im: Any, reach: Any, points: int, gamma: Any, weight: Any) -> None:
     """Turn A into B = A·diag(weight) with weight = σ^{−γ}, σ² = reach/points; 0 where no point is reached."""
     columns = len(reach)
@@ -194,8 +216,10 @@ def weigh(re: Any, im: Any, reach: Any, points: int, gamma: Any, weight: Any) ->
             im[i, q] *= weight[q]
 
 
-@njit(**FREE_KERNEL)
-def iterate_phases(gram_re: Any, gram_im: Any, response: Any, rows: int, steps: int, power: bool, u: Any, z: Any) -> None:
+@_free
+def iterate_phases(
+    gram_re: Any, gram_im: Any, response: Any, rows: int, steps: int, power: bool, u: Any, z: Any
+) -> None:
     """Improve the phases u: u ← R·u with R = G·diag(response), to unit modulus, or to unit norm where ``power``."""
     padded = u.shape[1]
     zero = spread(F(0))
@@ -226,8 +250,10 @@ def iterate_phases(gram_re: Any, gram_im: Any, response: Any, rows: int, steps: 
             u[1, i] *= scale
 
 
-@njit(**FREE_KERNEL)
-def factorise(gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: Any, lower_im: Any, inverse: Any) -> bool:
+@_free
+def factorise(
+    gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: Any, lower_im: Any, inverse: Any
+) -> bool:
     """Cholesky of G + μ·tr(G)/m·I = L·Lᴴ, four columns at a time. False where it is singular in float32.
 
     L stands in ``lower`` twice, in the columns and, transposed, in the rows, so that `substitute` reads along rows both
@@ -239,8 +265,18 @@ def factorise(gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: 
         mean += gram_re[j, j] / F(m)
     for j in range(0, rows, 4):
         for i in range(j // LANES * LANES, padded, LANES):
-            r0, r1, r2, r3 = load(gram_re, j, i), load(gram_re, j + 1, i), load(gram_re, j + 2, i), load(gram_re, j + 3, i)
-            i0, i1, i2, i3 = load(gram_im, j, i), load(gram_im, j + 1, i), load(gram_im, j + 2, i), load(gram_im, j + 3, i)
+            r0, r1, r2, r3 = (
+                load(gram_re, j, i),
+                load(gram_re, j + 1, i),
+                load(gram_re, j + 2, i),
+                load(gram_re, j + 3, i),
+            )
+            i0, i1, i2, i3 = (
+                load(gram_im, j, i),
+                load(gram_im, j + 1, i),
+                load(gram_im, j + 2, i),
+                load(gram_im, j + 3, i),
+            )
             for k in range(j):  # column j of G is the conjugate of row j; so are the sums until they are stored
                 a, b = load(lower_re, k, i), load(lower_im, k, i)
                 c, d = spread(lower_re[k, j]), spread(lower_im[k, j])
@@ -271,17 +307,17 @@ def factorise(gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: 
                 a, b = load(lower_re, k, i) * scale, load(lower_im, k, i) * scale
                 store(lower_re, k, i, a)
                 store(lower_im, k, i, b)
-                for l in range(k + 1, j + 4):
-                    c, d = spread(lower_re[k, l]), spread(lower_im[k, l])
-                    store(lower_re, l, i, load(lower_re, l, i) - a * c - b * d)
-                    store(lower_im, l, i, load(lower_im, l, i) - b * c + a * d)
+                for t in range(k + 1, j + 4):
+                    c, d = spread(lower_re[k, t]), spread(lower_im[k, t])
+                    store(lower_re, t, i, load(lower_re, t, i) - a * c - b * d)
+                    store(lower_im, t, i, load(lower_im, t, i) - b * c + a * d)
     for k in range(rows):
         for i in range(k + 1, rows):
             lower_re[i, k], lower_im[i, k] = lower_re[k, i], lower_im[k, i]
     return True
 
 
-@njit(**FREE_KERNEL)
+@_free
 def substitute(lower_re: Any, lower_im: Any, inverse: Any, rows: int, b: Any, y: Any) -> None:
     """Solve L·Lᴴ·y = b; b is used up."""
     padded = b.shape[1]
@@ -305,9 +341,9 @@ def substitute(lower_re: Any, lower_im: Any, inverse: Any, rows: int, b: Any, y:
             store(b, 1, i, load(b, 1, i) - c * fi + d * fr)
 
 
-@njit(**FREE_KERNEL)
+@_free
 def back_project(re: Any, im: Any, weight: Any, y: Any, x: Any) -> None:
-    """x = diag(weight)·Bᴴ·y."""
+    """X = diag(weight)·Bᴴ·y."""
     rows, columns = re.shape
     for q in range(columns):
         x[0, q] = x[1, q] = F(0)
@@ -324,7 +360,7 @@ def back_project(re: Any, im: Any, weight: Any, y: Any, x: Any) -> None:
         x[1, q] *= weight[q]
 
 
-@njit(**FREE_KERNEL)
+@_free
 def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
     """Bring drives within their limits by an output policy, in place."""
     columns = len(limit)
@@ -358,9 +394,9 @@ def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
             x[1, q] *= factor
 
 
-@njit(**FREE_KERNEL)
+@_free
 def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
-    """p = A·x = B·diag(1/weight)·x; v is scratch."""
+    """P = A·x = B·diag(1/weight)·x; v is scratch."""
     rows, columns = re.shape
     for q in range(columns):
         inverse = F(1) / max(weight[q], TINY)
@@ -378,7 +414,7 @@ def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
         p[0, i], p[1, i], p[0, i + 1], p[1, i + 1] = r0, i0, r1, i1
 
 
-@njit(inline="always")
+@_jitable
 def carve(work: Any, m: int, columns: int) -> Any:
     """The parts of the work space of m points: B, G, L, vectors over points and vectors over transducers."""
     rows = (m + ROWS - 1) // ROWS * ROWS
@@ -410,7 +446,7 @@ def work_size(m: int, columns: int) -> int:
     return 2 * rows * columns + 4 * padded * padded + 12 * padded + 6 * columns
 
 
-@njit(**FREE_KERNEL)
+@_free
 def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
     """Enter amplitudes into the work space, the largest as 1."""
     wanted = carve(work, m, columns)[6][1, 0]
@@ -421,7 +457,7 @@ def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
         wanted[i] = F(amplitudes[i] / largest)
 
 
-@njit(**ORDERED_KERNEL)
+@_ordered
 def model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, low: Any, high: Any, farthest: Any,
           points: Any, amplitudes: Any, work: Any) -> int:  # fmt: skip
     """Fill the transfer matrix and reach. Returns what `first_suspect` does."""
@@ -432,7 +468,7 @@ def model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any,
     return int(first_suspect(points, low, high, elements, origin, farthest))
 
 
-@njit(**FREE_KERNEL)
+@_free
 def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
     """From the transfer matrix and reach to B, G, the response of (9), and the phases u."""
     re, im, gram_re, gram_im, _, _, vectors, spans = carve(work, m, columns)
@@ -451,7 +487,7 @@ def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: An
     iterate_phases(gram_re, gram_im, response, len(re), phase_steps, power, u, vectors[2])
 
 
-@njit(**FREE_KERNEL)
+@_free
 def nudge(u: Any, cold: Any, part: Any) -> None:
     """Bring u to unit norm per point and add a part of the cold start."""
     total2 = TINY
@@ -463,16 +499,16 @@ def nudge(u: Any, cold: Any, part: Any) -> None:
         u[1, i] = u[1, i] * scale + part * cold[1, i]
 
 
-@njit(**FREE_KERNEL)
+@_free
 def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any) -> None:
     """Improve the phases u by some steps more."""
     re, _, gram_re, gram_im, _, _, vectors, _ = carve(work, m, columns)
     iterate_phases(gram_re, gram_im, vectors[0, 0], len(re), steps, power, u, vectors[2])
 
 
-@njit(**FREE_KERNEL)
+@_free
 def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
-           work: Any, drive: Any) -> float:  # fmt: skip
+           work: Any, drive: Any) -> Any:  # fmt: skip
     """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept.
 
     Returns the root mean square of |p| − s·wanted over the points, relative to the scale s that fits best, where there
@@ -522,7 +558,38 @@ def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, r
     return best
 
 
-@njit(**FREE_KERNEL)
+@_ordered
+def update_frames(
+    elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, low: Any, high: Any, farthest: Any,
+    points: Any, amplitudes: Any, begins: Any, first: int, stride: int, gamma: Any, phase_steps: int, power: bool,
+    cold: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int, work: Any, u: Any, drives: Any,
+) -> Any:  # fmt: skip
+    """Every ``stride``-th frame from ``first`` on, each from a cold start, without Python in between.
+
+    Frame f has the points from ``begins[f]`` to ``begins[f + 1]``. Returns the first frame with a suspect point, or
+    the first with a singular system, and -1 for none.
+    """
+    columns = elements.shape[1]
+    suspect, singular = -1, -1
+    for f in range(first, len(begins) - 1, stride):
+        m = begins[f + 1] - begins[f]
+        padded = (m + LANES - 1) // LANES * LANES
+        phases = u[: 2 * padded].reshape(2, padded)
+        for i in range(padded):
+            phases[0, i] = cold[0, i] if i < m else F(0)
+            phases[1, i] = cold[1, i] if i < m else F(0)
+        found = model(elements, directivity, turns, nepers, origin, low, high, farthest,
+                      points[begins[f] : begins[f + 1]], amplitudes[begins[f] : begins[f + 1]], work)  # fmt: skip
+        if found >= 0 and suspect < 0:
+            suspect = f
+        begin(m, columns, gamma, phase_steps, power, phases, work)
+        fit = finish(elements, m, phases, mu, output, headroom, relaxation, steps, work, drives[f])
+        if fit < 0 and singular < 0:
+            singular = f
+    return suspect, singular
+
+
+@_free
 def sum_foci(elements: Any, m: int, output: int, headroom: Any, work: Any, drive: Any) -> None:
     """Linear multiplexing of (12), from the transfer matrix to drives within their limits."""
     columns = elements.shape[1]
@@ -540,7 +607,7 @@ def sum_foci(elements: Any, m: int, output: int, headroom: Any, work: Any, drive
         drive[q] = complex(x[0, q], x[1, q])
 
 
-@njit(inline="always")
+@_inlined
 def _spread(p: Any, wanted: Any, m: int) -> Any:
     """Σ|p|²/(Σ wanted·|p|)², which grows with the misfit of |p| to the wanted amplitudes."""
     power = fit = F(0)
@@ -551,7 +618,7 @@ def _spread(p: Any, wanted: Any, m: int) -> Any:
     return power / max(fit * fit, TINY)
 
 
-@njit(**FREE_KERNEL)
+@_free
 def polish(m: int, columns: int, levels: int, sweeps: int, work: Any, drive: Any) -> None:
     """Coordinate descent over quantised phases after `finish`, in place: each drive tries the next phase either way."""
     re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
@@ -590,7 +657,7 @@ def polish(m: int, columns: int, levels: int, sweeps: int, work: Any, drive: Any
         drive[q] = complex(x[0, q], x[1, q])
 
 
-@njit(**ORDERED_KERNEL)
+@_ordered
 def sum_pressure(elements: Any, directivity: Any, turns: Any, nepers: Any, drive_re: Any, drive_im: Any, points: Any,
                  pressure: Any) -> None:  # fmt: skip
     """Pressure of all transducers at (3, k) points into (2, k), a block of points at a time.

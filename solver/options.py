@@ -53,14 +53,18 @@ _PHASES = ("phases", "phase_steps", "phase_seconds")
 _TIKHONOV = (*_PHASES, "gamma", "mu")
 
 METHODS: dict[str, Method] = {
-    "wgs": Method("tikhonov, then weighted Gerchberg–Saxton steps: the recommended one", "limited", (*_TIKHONOV, "steps")),
+    "wgs": Method(
+        "tikhonov, then weighted Gerchberg–Saxton steps: the recommended one", "limited", (*_TIKHONOV, "steps")
+    ),
     "polish": Method(
         "wgs, then a coordinate descent over phases in steps", "limited", (*_TIKHONOV, "steps", "sweeps", "levels")
     ),
     "tikhonov": Method("weighted Tikhonov regularisation, (10)–(11)", "solved", _TIKHONOV),
     "min_norm": Method("minimum norm or least squares, (6)–(8)", "solved", _PHASES, compiled=False),
     "multiplex": Method("linear multiplexing, (12): phases of the summed single foci", "phase", ()),
-    "paper": Method("the paper to the letter: power method, μ = 1, full power", "phase", ("phase_steps", "gamma"), False),
+    "paper": Method(
+        "the paper to the letter: power method, μ = 1, full power", "phase", ("phase_steps", "gamma"), False
+    ),
 }
 """Methods by name."""
 

@@ -233,7 +233,7 @@ def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps:
                     best, pressure, chosen[q] = error, trial, moved
                     level[q] += step
                     break
-    return chosen
+    return np.asarray(chosen)
 
 
 class ReferenceEngine:

@@ -11,7 +11,6 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -26,7 +25,7 @@ LLVM_VECTOR = ir.VectorType(ir.FloatType(), LANES)
 FLAGS = ("contract", "nsz", "nnan", "ninf", "reassoc")
 
 
-class Vector(types.Type):  # type: ignore[misc]  # numba ships no types
+class Vector(types.Type):
     """numba's type of a vector."""
 
     def __init__(self) -> None:
@@ -37,9 +36,14 @@ VECTOR = Vector()
 
 
 @register_model(Vector)
-class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
+class _VectorModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, LLVM_VECTOR)
+
+
+def _intrinsic(function: Callable[..., Any]) -> Any:
+    """A function of kernels that writes its own instructions. Its first argument is numba's and not the caller's."""
+    return intrinsic(function)
 
 
 def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -56,7 +60,7 @@ def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return builder.bitcast(place, LLVM_VECTOR.as_pointer())
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@_intrinsic
 def load(typing_context: Any, matrix: Any, row: Any, column: Any) -> Any:  # noqa: ARG001
     """``matrix[row, column : column + LANES]``."""
 
@@ -66,7 +70,7 @@ def load(typing_context: Any, matrix: Any, row: Any, column: Any) -> Any:  # noq
     return VECTOR(matrix, row, column), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@_intrinsic
 def store(typing_context: Any, matrix: Any, row: Any, column: Any, vector: Any) -> Any:  # noqa: ARG001
     """``matrix[row, column : column + LANES] = vector``."""
 
@@ -77,7 +81,7 @@ def store(typing_context: Any, matrix: Any, row: Any, column: Any, vector: Any) 
     return types.none(matrix, row, column, vector), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@_intrinsic
 def spread(typing_context: Any, scalar: Any) -> Any:  # noqa: ARG001
     """A vector of one float32 in every lane."""
 
@@ -90,7 +94,7 @@ def spread(typing_context: Any, scalar: Any) -> Any:  # noqa: ARG001
     return VECTOR(types.float32), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@_intrinsic
 def total(typing_context: Any, vector: Any) -> Any:  # noqa: ARG001
     """The sum of all lanes."""
 
@@ -98,7 +102,9 @@ def total(typing_context: Any, vector: Any) -> Any:  # noqa: ARG001
         vector, width = arguments[0], LANES
         while width > 1:
             width //= 2
-            lanes = [ir.Constant(ir.VectorType(ir.IntType(32), width), [at + i for i in range(width)]) for at in (0, width)]
+            lanes = [
+                ir.Constant(ir.VectorType(ir.IntType(32), width), [at + i for i in range(width)]) for at in (0, width)
+            ]
             low, high = (builder.shuffle_vector(vector, vector, mask) for mask in lanes)
             vector = builder.fadd(low, high, flags=FLAGS)
         return builder.extract_element(vector, ir.Constant(ir.IntType(32), 0))
@@ -107,7 +113,7 @@ def total(typing_context: Any, vector: Any) -> Any:  # noqa: ARG001
 
 
 def _arithmetic(name: str) -> Callable[..., Any]:
-    @intrinsic  # type: ignore[untyped-decorator]
+    @_intrinsic
     def apply(typing_context: Any, left: Any, right: Any) -> Any:  # noqa: ARG001
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
             return getattr(builder, name)(*arguments, flags=FLAGS)
@@ -121,7 +127,7 @@ def _arithmetic(name: str) -> Callable[..., Any]:
 def _define(operation: Callable[..., Any], name: str) -> None:
     apply = _arithmetic(name)
 
-    @overload(operation, inline="always")  # type: ignore[untyped-decorator]
+    @overload(operation, inline="always")
     def choose(left: Any, right: Any) -> Any:
         if isinstance(left, Vector) and isinstance(right, Vector):
 

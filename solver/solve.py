@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from .geometry import frozen
 from .medium import Medium
 from .options import METHODS, Options
 from .points import MAX_POINTS, ControlPoints
+from .propagation import Precision
 from .reference import ReferenceEngine
 
 if TYPE_CHECKING:
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 __all__ = ["Solution", "Solver", "solve", "solve_frames"]
 
 MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays
-
-Precision = Literal["single", "double"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,20 +102,13 @@ class Solver:
         ValueError
             Where a point cannot be reached, there are too many, or they are too close for so small a ``mu``.
         """
-        self._check_size(points)
+        _check_size(self.array, points)
         drive = frozen(self._engine.drive(points).astype(np.complex128))
         return Solution(drive, self.array, points, self.medium, self.method)
 
     def forget(self) -> None:
         """Begin the next frame from scratch, as the first."""
         self._engine.forget()
-
-    def _check_size(self, points: ControlPoints) -> None:
-        if len(points) > MAX_POINTS or len(self.array) * len(points) > MAX_PAIRS:
-            raise ValueError(
-                f"{len(points)} control points with {len(self.array)} transducers are too many; at most {MAX_POINTS} "
-                f"points are possible, and at most {MAX_PAIRS} pairs"
-            )
 
 
 def solve(
@@ -168,20 +159,33 @@ def solve_frames(
     ValueError
         As `Solver` and `Solver.solve`; or where there are fewer than one worker.
     """
+    settings = Options.of(method, **options)
     if workers < 1:
         raise ValueError(f"workers {workers} must be at least 1")
     drives = np.empty((len(frames), len(array)), dtype=np.complex64)
+    for points in frames:
+        _check_size(array, points)
 
     def work(first: int) -> None:
-        solver = Solver(array, method, medium=medium, **options)
-        for index in range(first, len(frames), workers):
-            solver.forget()
-            solver._check_size(frames[index])
-            drives[index] = solver._engine.drive(frames[index])
+        engine = _engine(array, medium or Medium(), method, settings, "single")
+        if isinstance(engine, ReferenceEngine) or not engine.takes_frames:
+            for index in range(first, len(frames), workers):
+                engine.forget()
+                drives[index] = engine.drive(frames[index])
+        else:
+            engine.drive_frames(frames, first, workers, drives)
 
     with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(work, range(workers)))
+        list(pool.map(work, range(min(workers, len(frames)))))
     return drives
+
+
+def _check_size(array: TransducerArray, points: ControlPoints) -> None:
+    if len(points) > MAX_POINTS or len(array) * len(points) > MAX_PAIRS:
+        raise ValueError(
+            f"{len(points)} control points with {len(array)} transducers are too many; at most {MAX_POINTS} points are "
+            f"possible, and at most {MAX_PAIRS} pairs"
+        )
 
 
 def _engine(
@@ -192,4 +196,3 @@ def _engine(
     from .compiled import CompiledEngine  # numba takes half a second to import
 
     return CompiledEngine(array, medium, method, options)
-
