@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from .aperture import Aperture, slice_field
 from .array import TransducerArray
-from .field import PlaneField, sample_plane
+from .field import PlaneField, VolumeField, sample_cut, sample_plane, sample_volume
+from .focus import FocusReport, focus_report
+from .grid import Grid
 from .medium import Medium
 from .models import MODELS, residual
 from .modulation import Modulation, intensity_component
@@ -23,15 +25,16 @@ from .transducer import TRANSDUCERS, Transducer
 from .two_sided import Gain, TwoSided, TwoSidedSolver, two_sided
 
 __all__ = [
-    "METHODS",
-    "MODELS",
-    "TRANSDUCERS",
     "Aperture",
     "Asterisk",
     "Circle",
     "Concentric",
     "ControlPoints",
+    "FocusReport",
     "Gain",
+    "Grid",
+    "METHODS",
+    "MODELS",
     "Medium",
     "Modulation",
     "Options",
@@ -46,15 +49,20 @@ __all__ = [
     "Sphere",
     "Split",
     "Star",
+    "TRANSDUCERS",
     "Transducer",
     "TransducerArray",
     "TwoSided",
     "TwoSidedSolver",
+    "VolumeField",
+    "focus_report",
     "intensity_component",
     "parse_shape",
     "pressure",
     "residual",
+    "sample_cut",
     "sample_plane",
+    "sample_volume",
     "slice_field",
     "solve",
     "solve_frames",

@@ -1,31 +1,45 @@
-"""Commands that compute: ``solve`` and ``field``."""
+"""Commands that compute: ``solve``, ``field`` and ``focus``."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated
 
 import numpy as np
 import typer
+from rich import box
+from rich.table import Column, Table
+from rich.text import Text
 
 from ..console import JsonOption, console_for, error_console, write_json
 from ..storage import check_outputs
 from .array import COLUMNS, PITCH, ROWS, TransducerArray
 from .curves import SPACING
-from .field import sample_plane
+from .field import PlaneField, VolumeField, sample_cut, sample_volume
 from .files import POINT_FILES, load_solution, read_points, save_field, save_solution
+from .focus import focus_report
+from .grid import Grid
 from .medium import Medium
 from .options import METHODS
-from .picture import check_picture_path, save_field_picture
-from .points import ControlPoints
+from .picture import FORMATS, OIL, save_field_picture
+from .points import REACH, ControlPoints
 from .propagation import pressure
+from .quantities import QUANTITIES
 from .shapes import SHAPES, parse_shape, shape_help
-from .solve import solve
+from .solve import Solution, solve
+from .vti import save_vti
 
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
+
+PLANES = {"xy": "xy", "xz": "xz", "yz": "yz", "box": "xyz"}  # by name, the axes along which each extends
+CLEARANCE = 0.01  # metres above the array, nearer to which a standing plane does not begin
+NUMBERS, VTK = ".npz", ".vti"
+DRAWN = (*QUANTITIES, OIL)
 
 
 def read_source(source: str, spacing: float | None = None) -> ControlPoints:
@@ -110,45 +124,143 @@ def solve_command(
     )
 
 
+def field_grid(solution: Solution, plane: str, at: float | None, extent: float, step: float) -> Grid:
+    """The grid that the options of ``field`` ask for.
+
+    Planes and boxes are centred above the array, those that have a height on the points' mean height; but they begin no
+    lower than `CLEARANCE` above the array.
+    """
+    if plane not in PLANES:
+        raise ValueError(f"unknown plane {plane!r}; known are {', '.join(PLANES)}")
+    axes = PLANES[plane]
+    centre = np.array([0.0, 0.0, solution.points.positions[:, 2].mean()])
+    if "z" in axes and extent < REACH:  # Grid names an extent that makes no sense
+        lowest = solution.array.positions[:, 2].max() + CLEARANCE
+        centre[2] = max(centre[2], lowest + extent / 2)
+    if at is not None:
+        across = "".join(set("xyz") - set(axes))
+        if not across:
+            raise ValueError(f"--at {at} has no meaning for a box; it is where a plane lies")
+        if across == "z":
+            return Grid.horizontal(at, extent, step)
+        centre["xyz".index(across)] = at
+    return Grid.along(axes, centre, extent, step)
+
+
+def check_field_output(output: Path, plane: str, quantity: str) -> None:
+    """Raise `ValueError` where a field of this kind cannot be written to a file of this name."""
+    suffix = output.suffix.lower()
+    if suffix not in (NUMBERS, VTK):
+        if suffix not in FORMATS:
+            raise ValueError(f"{output}: a picture's name ends in {', '.join(FORMATS)}; numbers go to .npz or .vti")
+        if plane == "box":
+            raise ValueError(f"{output}: a box cannot be drawn; write it to an {NUMBERS} or {VTK} file")
+        if quantity not in DRAWN:
+            raise ValueError(f"unknown quantity {quantity!r}; known are {', '.join(DRAWN)}")
+        if quantity == OIL and plane != "xy":
+            raise ValueError(f"oil lies level: it shows the plane xy, not {plane}")
+    elif quantity != DRAWN[0]:
+        raise ValueError(f"{output}: --quantity chooses what a picture shows; a {suffix} file holds the pressure")
+
+
 @commands.command()
 def field(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A solved file.")],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", metavar="FILE", help="The .png, .svg, .pdf or .npz file to write."),
+        typer.Option("--output", "-o", metavar="FILE", help="The .png, .svg, .pdf, .npz or .vti file to write."),
     ],
-    height: Annotated[
+    plane: Annotated[str, typer.Option(help="xy is horizontal, xz and yz stand on the array, box is a volume.")] = "xy",
+    at: Annotated[
         float | None,
-        typer.Option(help="Of the plane above the array, in m; the mean of the points by default."),
+        typer.Option(
+            "--at",
+            "--height",
+            help="Where the plane crosses the axis that it is square to, in m: the height of xy, by default the mean "
+            "of the points; y of xz and x of yz, by default 0.",
+        ),
     ] = None,
-    extent: Annotated[float, typer.Option(help="Side of the square plane, in m.")] = 0.2,
-    step: Annotated[float, typer.Option(help="Distance between samples, in m.")] = 1e-3,
+    extent: Annotated[float, typer.Option(help="Side of the plane or box, in m.")] = 0.2,
+    step: Annotated[
+        float | None, typer.Option(help="Distance between samples, in m; 1 mm by default, of a box 2 mm.")
+    ] = None,
+    quantity: Annotated[str, typer.Option(help=f"What a picture shows: {', '.join(DRAWN)}.")] = DRAWN[0],
     json_target: JsonOption = None,
 ) -> None:
-    """Compute the pressure of a solved file over a horizontal plane, as a picture or as numbers.
+    """Compute the field of a solved file over a plane or a box, as a picture or as numbers.
 
-    An .npz file holds x, y and height in metres and the complex peak pressure in Pa.
+    An .npz file holds the complex peak pressure in Pa and the grid; its entry "units" says more. A .vti file is for
+    ParaView: amplitude, real and imaginary part of the pressure, intensity and radiation pressure.
+
+    Intensity and radiation pressure take the wave for a plane one, with full reflection. The oil is that of the paper's
+    Figure 6: its surface as radiation pressure pushes it down, lit from the side.
     """
-    as_numbers = output.suffix.lower() == ".npz"
-    if not as_numbers:
-        check_picture_path(output)
+    check_field_output(output, plane, quantity)
     check_outputs([output, json_target], inputs=[file])
     solution = load_solution(file)
-    level = float(solution.points.positions[:, 2].mean()) if height is None else height
+    if step is None:
+        step = 2e-3 if plane == "box" else 1e-3
+    grid = field_grid(solution, plane, at, extent, step)
+    sample = sample_volume if grid.kind == "box" else sample_cut
     with error_console().status("computing the field"):
-        plane = sample_plane(solution.array, solution.drive, level, extent, step, solution.medium)
-    if as_numbers:
-        save_field(output, plane)
-    else:
-        save_field_picture(output, plane, solution.points)
-    magnitude = np.abs(plane.pressure)
-    row, column = np.unravel_index(int(magnitude.argmax()), magnitude.shape)
-    strongest = {"pa": float(magnitude.max()), "x_m": float(plane.x[column]), "y_m": float(plane.y[row])}
+        result: PlaneField | VolumeField = sample(solution.array, solution.drive, grid, solution.medium)
+    if output.suffix.lower() == NUMBERS:
+        save_field(output, result)
+    elif output.suffix.lower() == VTK:
+        save_vti(output, result)
+    elif isinstance(result, PlaneField):
+        save_field_picture(output, result, solution.points, quantity)
+    strongest, where = result.strongest()
+    x, y, z = where * 1e3
+    middle = ", ".join(f"{coordinate:g}" for coordinate in grid.centre)
     console_for(json_target).print(
-        f"{plane.pressure.size} samples at z = {level:g} m; strongest {strongest['pa']:.0f} Pa (peak, linear model) at "
-        f"x = {strongest['x_m'] * 1e3:.1f} mm, y = {strongest['y_m'] * 1e3:.1f} mm. Written to {output}.",
+        f"{result.pressure.size} samples over a {grid.kind} around ({middle}) m; strongest {strongest:.0f} Pa (peak, "
+        f"linear model) at x = {x:.1f} mm, y = {y:.1f} mm, z = {z:.1f} mm. Written to {output}.",
     )
     write_json(
         json_target,
-        {"file": str(output), "height_m": level, "samples": plane.pressure.size, "strongest": strongest},
+        {
+            "file": str(output),
+            "plane": plane,
+            "centre_m": grid.centre.tolist(),
+            "step_m": grid.step,
+            "samples": result.pressure.size,
+            "strongest": {"pa": strongest, "x_m": where[0], "y_m": where[1], "z_m": where[2]},
+        },
     )
+
+
+@commands.command()
+def focus(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A solved file.")],
+    json_target: JsonOption = None,
+) -> None:
+    """Report what became of a solved file's control points: strength, place and sharpness, missing ones and ghosts.
+
+    A point is missing where it has at most half its share of the mean pressure; a ghost is a local maximum away from
+    all points that has more than half the mean. The widths are those at half the pressure along x, y and z.
+    """
+    check_outputs([json_target], inputs=[file])
+    solution = load_solution(file)
+    with error_console().status("looking at the foci"):
+        report = focus_report(solution.array, solution.drive, solution.points, solution.medium)
+    out = console_for(json_target)
+    headers = ("point", "x, y, z / mm", "|p| / Pa", "off / mm", "−6 dB / mm")
+    columns = (Column(header, justify="right", no_wrap=True) for header in headers)
+    table = Table(*columns, "", box=box.SIMPLE_HEAD)  # narrow enough for 80 columns
+    for found in report.foci:
+        off, mark = f"{math.hypot(*found.offset) * 1e3:.1f}", Text("missing", "red") if found.missing else ""
+        width = _millimetres(found.width, digits=0)
+        table.add_row(str(found.index), _millimetres(found.position), f"{found.pressure:.0f}", off, width, mark)
+    for null in report.nulls:
+        level = f"null, {null.level:.0f} dB"
+        table.add_row(str(null.index), _millimetres(null.position), f"{null.pressure:.0f}", "", "", level)
+    for ghost in report.ghosts:
+        table.add_row("", _millimetres(ghost.position), f"{ghost.pressure:.0f}", "", "", Text("ghost", "red"))
+    out.print(table)
+    out.print(report.summary())
+    write_json(json_target, {"format": "phasewire-focus-1", "file": str(file)} | report.record())
+
+
+def _millimetres(lengths: Sequence[float | None], digits: int = 1) -> str:
+    return ", ".join("–" if length is None else f"{length * 1e3:.{digits}f}" for length in lengths)

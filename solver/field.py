@@ -1,4 +1,4 @@
-"""Fields: complex pressure sampled over a plane."""
+"""Fields: complex pressure sampled over planes and volumes."""
 
 from __future__ import annotations
 
@@ -10,34 +10,91 @@ from numpy.typing import ArrayLike, NDArray
 
 from .array import TransducerArray
 from .geometry import frozen
+from .grid import Grid
 from .medium import Medium
 from .propagation import pressure
 
-__all__ = ["PlaneField", "sample_plane"]
+__all__ = ["Field", "PlaneField", "VolumeField", "sample_cut", "sample_plane", "sample_volume"]
 
-MAX_SAMPLES = 4_000_000
-MAX_PAIRS = 2_000_000_000  # of samples and transducers: minutes of work
+MAX_PAIRS = 2_000_000_000  # of samples and transducers
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneField:
-    """Pressure over a horizontal plane.
+class Field:
+    """Pressure over a grid.
 
     Parameters
     ----------
-    x : (columns,) float
-    y : (rows,) float
-        Coordinates of the samples, in metres.
-    height : float
-        Of the plane above the array, in metres.
-    pressure : (rows, columns) complex
-        Peak pressure in Pa.
+    grid : Grid
+        Where the samples are.
+    pressure : (...) complex
+        Peak pressure in Pa, of the grid's shape.
+    medium : Medium
+        The air.
+
+    Raises
+    ------
+    ValueError
+        Where the pressure does not have the grid's shape, or the grid is of another kind than the field.
     """
 
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    height: float
+    grid: Grid
     pressure: NDArray[np.complex128]
+    medium: Medium
+
+    def __post_init__(self) -> None:
+        """Check the shape."""
+        if self.pressure.shape != self.grid.shape:
+            raise ValueError(f"pressure has the shape {self.pressure.shape}, but the grid has {self.grid.shape}")
+
+    @property
+    def x(self) -> NDArray[np.float64]:
+        """Coordinates of the samples along x, in metres; `ValueError` where no axis of the grid is along x."""
+        return self._along("x")
+
+    @property
+    def y(self) -> NDArray[np.float64]:
+        """Coordinates of the samples along y, as `x`."""
+        return self._along("y")
+
+    @property
+    def z(self) -> NDArray[np.float64]:
+        """Coordinates of the samples along z, as `x`."""
+        return self._along("z")
+
+    def _along(self, letter: str) -> NDArray[np.float64]:
+        for axis in range(len(self.grid.axes)):
+            name, values = self.grid.coordinates(axis)
+            if name == letter:
+                return values
+        raise ValueError(f"no axis of this {self.grid.kind} is along {letter}; its axes are {self.grid.axes.tolist()}")
+
+    def strongest(self) -> tuple[float, NDArray[np.float64]]:
+        """The largest |p| in Pa (peak), and where it is, (3,) in metres."""
+        magnitude = np.abs(self.pressure)
+        index = np.unravel_index(int(magnitude.argmax()), magnitude.shape)
+        offsets = [self.grid.offsets(axis)[at] for axis, at in enumerate(index[::-1])]
+        return float(magnitude[index]), self.grid.centre + offsets @ self.grid.axes
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneField(Field):
+    """Pressure over a plane, (rows, columns) complex: rows along the plane's second axis, columns along its first."""
+
+    def __post_init__(self) -> None:
+        """Check the shape."""
+        _check_kind(self.grid, "plane")
+        super().__post_init__()
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeField(Field):
+    """Pressure over a box, (layers, rows, columns) complex: layers along its third axis, columns along its first."""
+
+    def __post_init__(self) -> None:
+        """Check the shape."""
+        _check_kind(self.grid, "box")
+        super().__post_init__()
 
 
 def sample_plane(
@@ -70,19 +127,47 @@ def sample_plane(
     ValueError
         Where a number is out of range, or there are too many samples.
     """
-    for name, value in (("height", height), ("extent", extent), ("step", step)):
-        if not 0 < value < math.inf:
-            raise ValueError(f"{name} {value} m must be positive and finite")
-    if extent / step < 2:
-        raise ValueError(f"a step of {step} m is too long for a plane of {extent} m; at most half of it")
-    if extent / step > math.sqrt(MAX_SAMPLES) - 2:
-        raise ValueError(f"a step of {step} m over {extent} m makes more than {MAX_SAMPLES} samples")
-    half = int(extent / step / 2 + 1e-9)
-    count = 2 * half + 1
-    if count**2 * len(array) > MAX_PAIRS:
-        raise ValueError(f"{count**2} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs")
-    axis = frozen(np.arange(-half, half + 1, dtype=np.float64) * step)
-    x, y = np.meshgrid(axis, axis)
-    at = np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
-    values = pressure(array, drive, at, medium).reshape(x.shape)
-    return PlaneField(axis, axis, height, frozen(values))
+    return sample_cut(array, drive, Grid.horizontal(height, extent, step), medium)
+
+
+def sample_cut(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium | None = None) -> PlaneField:
+    """Pressure over any plane, such as ``Grid.along("xz", (0, 0, 0.2), 0.2, 1e-3)``, a vertical one.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    drive : (n,) complex
+        Drives.
+    grid : Grid
+        A plane.
+    medium : Medium, optional
+        The air; 20 °C by default.
+
+    Raises
+    ------
+    ValueError
+        Where the grid is no plane, a sample is too close to a transducer, or there are too many samples.
+    """
+    _check_kind(grid, "plane")
+    medium = medium or Medium()
+    return PlaneField(grid, _sample(array, drive, grid, medium), medium)
+
+
+def sample_volume(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium | None = None) -> VolumeField:
+    """Pressure over a box, such as ``Grid.along("xyz", (0, 0, 0.2), 0.1, 2e-3)``; otherwise as `sample_cut`."""
+    _check_kind(grid, "box")
+    medium = medium or Medium()
+    return VolumeField(grid, _sample(array, drive, grid, medium), medium)
+
+
+def _check_kind(grid: Grid, kind: str) -> None:
+    if grid.kind != kind:
+        raise ValueError(f"the grid is a {grid.kind}, with {len(grid.axes)} axes; it must be a {kind}")
+
+
+def _sample(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium) -> NDArray[np.complex128]:
+    samples = math.prod(grid.counts)
+    if samples * len(array) > MAX_PAIRS:
+        raise ValueError(f"{samples} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs")
+    return frozen(pressure(array, drive, grid.positions().reshape(-1, 3), medium).reshape(grid.shape))

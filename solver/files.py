@@ -1,4 +1,4 @@
-"""Files that the solver reads and writes: control points (CSV, JSON, plain text), solutions (NPZ) and fields (NPZ).
+"""Files that the solver reads and writes: control points (CSV, JSON, plain text), solutions and fields (NPZ).
 
 A solved file holds drives, not pulses: pulses are made on the way to a device.
 """
@@ -17,8 +17,9 @@ from ..errors import InputFileError
 from ..storage import replacing
 from .aperture import Aperture
 from .array import TransducerArray
-from .field import PlaneField
+from .field import PlaneField, VolumeField
 from .geometry import frozen
+from .grid import Grid
 from .medium import Medium
 from .points import ControlPoints
 from .solve import Solution
@@ -26,6 +27,7 @@ from .transducer import Transducer
 
 __all__ = [
     "POINT_FILES",
+    "load_field",
     "load_solution",
     "read_arrays",
     "read_points",
@@ -38,6 +40,10 @@ SOLUTION_FORMAT = "phasewire-solution-2"
 EARLIER_FORMATS = ("phasewire-solution-1",)
 TRANSDUCER_NUMBERS = ("radius", "strength", "resonance", "time_constant")
 MEDIUM_NUMBERS = ("temperature", "frequency", "humidity", "ambient_pressure")
+FIELD_FORMAT = "phasewire-field-1"
+FIELD_UNITS = (
+    "pressure: Pa, peak, complex, e^(-iωt); centre, step: m; axes: unit vectors, the last one of pressure first"
+)
 MAX_ARCHIVE_BYTES = 500_000_000
 
 
@@ -158,7 +164,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
                     return {name: archive[name] for name in archive.files}
         except Exception as error:  # on foreign bytes numpy and zipfile raise nearly anything
             raise InputFileError(f"{path} is truncated, corrupted or not an NPZ file") from error
-    raise InputFileError(f"{path} holds {size} bytes; a solved file has at most {MAX_ARCHIVE_BYTES}")
+    raise InputFileError(f"{path} holds {size} bytes; it may hold at most {MAX_ARCHIVE_BYTES}")
 
 
 def load_solution(path: Path) -> Solution:
@@ -249,7 +255,49 @@ def _floats(values: np.ndarray[Any, Any], count: int) -> list[float]:
     return [float(value) for value in values]
 
 
-def save_field(path: Path, field: PlaneField) -> None:
-    """Write a field as NPZ, whole or not at all: x, y, height in metres, pressure in Pa (peak, complex)."""
+def save_field(path: Path, field: PlaneField | VolumeField) -> None:
+    """Write a field as NPZ, whole or not at all.
+
+    Its arrays are `pressure`, (rows, columns) or (layers, rows, columns) complex in Pa (peak), the grid's `centre` (3,)
+    and `step` in metres, its `axes` (d, 3), of which the first belongs to the columns, the `medium`, which is its
+    temperature in °C and frequency in Hz, and `units`, which says this in words.
+    """
     with replacing(path) as part, part.open("wb") as file:
-        np.savez(file, x=field.x, y=field.y, height=np.array(field.height), pressure=field.pressure)
+        np.savez(
+            file,
+            format=np.array(FIELD_FORMAT),
+            pressure=field.pressure,
+            centre=field.grid.centre,
+            axes=field.grid.axes,
+            step=np.array(field.grid.step),
+            medium=np.array([field.medium.temperature, field.medium.frequency]),
+            units=np.array(FIELD_UNITS),
+        )
+
+
+def load_field(path: Path) -> PlaneField | VolumeField:
+    """Read a field back.
+
+    Raises
+    ------
+    InputFileError
+        Where the file is truncated, corrupted or of another kind.
+    OSError
+        Where it cannot be opened.
+    """
+    arrays = read_arrays(path)
+    if str(arrays.get("format")) != FIELD_FORMAT:
+        raise InputFileError(f"{path} is not a field; `phasewire field` makes one")
+    try:
+        pressure = np.asarray(arrays["pressure"], dtype=np.complex128)
+        (step,) = _floats(arrays["step"].reshape(-1), 1)
+        grid = Grid(arrays["centre"], arrays["axes"], pressure.shape[::-1], step)
+        medium = Medium(*_floats(arrays["medium"], 2))
+        if not np.isfinite(pressure).all():
+            raise ValueError("a pressure in it is not finite")
+        kind = PlaneField if grid.kind == "plane" else VolumeField
+        return kind(grid, frozen(pressure), medium)
+    except KeyError as error:
+        raise InputFileError(f"{path} is not a usable field: it has no entry {error}") from error
+    except (TypeError, ValueError) as error:
+        raise InputFileError(f"{path} is not a usable field: {error}") from error

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import typer
-from phasewire import Emulator, Medium, Sphere, TransducerArray, open_device, solve
+from phasewire import ControlPoints, Emulator, Medium, Sphere, TransducerArray, open_device, pressure, solve
 from phasewire.__main__ import app, main
-from phasewire.solver.files import save_solution
+from phasewire.solver.files import load_field, load_solution, save_solution
 
-COMMANDS = ("demo", "solve", "field", "show", "stop", "info")
+COMMANDS = ("demo", "solve", "field", "focus", "show", "stop", "info")
 
 
 class Outcome(NamedTuple):
@@ -85,11 +85,77 @@ def test_solve_field_and_show_hand_over_to_each_other(phasewire: Run, tmp_path: 
     assert "strongest" in outcome.out
     assert phasewire("field", "s.npz", "-o", "f.npz", "--step", "0.004", "--height", "0.1").code == 0
     with np.load(tmp_path / "f.npz") as field:
-        assert float(field["height"]) == 0.1
+        np.testing.assert_allclose(field["centre"], [0, 0, 0.1])
     outcome = phasewire("show", "s.npz", "--seconds", "0.1", "--json", "-")
     assert outcome.code == 0
     status = json.loads(outcome.out)["status"]
     assert (status["enabled"], status["accepted"], status["missed_commits"]) == (True, 1, 0)
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """A file solved for one point with a few transducers, which takes no time to look at."""
+    path = tmp_path / "small.npz"
+    save_solution(path, solve(TransducerArray.grid(4, 3), ControlPoints([[0.01, 0, 0.05], [-0.03, 0, 0.05]], [1, 0])))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "shape", "corner"),
+    [
+        (("--plane", "xy"), (5, 5), (-0.02, -0.02, 0.05)),
+        (("--plane", "xz"), (5, 5), (-0.02, 0, 0.03)),
+        (("--plane", "yz", "--at", "0.01"), (5, 5), (0.01, -0.02, 0.03)),
+        (("--plane", "yz", "--extent", "0.1"), (11, 11), (0, -0.05, 0.01)),
+        (("--plane", "box"), (5, 5, 5), (-0.02, -0.02, 0.03)),
+    ],
+)
+def test_field_samples_planes_and_boxes(
+    phasewire: Run, small: Path, tmp_path: Path, options: tuple[str, ...], shape: tuple[int, ...], corner: tuple[float]
+) -> None:
+    """Standing ones are centred on the point's height, but begin 1 cm above the array."""
+    outcome = phasewire("field", "small.npz", "-o", "f.npz", "--extent", "0.04", "--step", "0.01", *options)
+    assert outcome.code == 0
+    field = load_field(tmp_path / "f.npz")
+    assert field.pressure.shape == shape
+    np.testing.assert_allclose(field.grid.positions()[(0,) * len(shape)], corner, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "begin"), [("f.vti", b"<?xml"), ("f.png", b"\x89PNG"), ("f.svg", b"<?xml"), ("f.npz", b"PK")]
+)
+def test_field_writes_what_the_name_says(phasewire: Run, small: Path, tmp_path: Path, name: str, begin: bytes) -> None:
+    outcome = phasewire("field", "small.npz", "-o", name, "--plane", "xz", "--extent", "0.04", "--step", "0.01")
+    assert outcome.code == 0
+    assert (tmp_path / name).read_bytes().startswith(begin)
+
+
+@pytest.mark.parametrize("quantity", ["intensity", "radiation", "oil"])
+def test_field_draws_quantities(phasewire: Run, small: Path, tmp_path: Path, quantity: str) -> None:
+    assert phasewire("field", "small.npz", "-o", "f.png", "--step", "0.004", "--quantity", quantity).code == 0
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_field_says_where_the_strongest_sample_is(phasewire: Run, small: Path) -> None:
+    outcome = phasewire("field", "small.npz", "-o", "f.npz", "--height", "0.05", "--step", "0.002", "--json", "-")
+    record = json.loads(outcome.out)
+    solution = load_solution(small)
+    where = [record["strongest"][name] for name in ("x_m", "y_m", "z_m")]
+    assert record["centre_m"] == [0, 0, 0.05]
+    at = abs(pressure(solution.array, solution.drive, [where])[0])
+    assert record["strongest"]["pa"] == pytest.approx(at, rel=1e-4)
+
+
+def test_focus_reports(phasewire: Run, small: Path) -> None:
+    outcome = phasewire("focus", "small.npz", "--json", "-")
+    assert outcome.code == 0
+    assert "1 foci:" in outcome.err
+    assert "null, " in outcome.err
+    record = json.loads(outcome.out)
+    assert record["format"] == "phasewire-focus-1"
+    assert record["foci"][0]["position"] == [0.01, 0, 0.05]
+    assert record["nulls"][0]["index"] == 1
+    assert max(len(line) for line in phasewire("focus", "small.npz").out.splitlines()[:6]) <= 80
 
 
 @pytest.mark.parametrize(
@@ -261,6 +327,16 @@ BAD = [
     (("stop", "--device", "usb:no-such-serial"), 3, "no device at 'usb:no-such-serial'"),
     (("field", "truncated.npz", "-o", "f.png"), 2, "truncated.npz is truncated, corrupted"),
     (("field", "sphere.npz", "-o", "f.bmp"), 2, "f.bmp: a picture's name ends in .png, .svg, .pdf"),
+    (("field", "sphere.npz", "-o", "f.png", "--plane", "zz"), 2, "unknown plane 'zz'; known are xy, xz, yz, box"),
+    (("field", "sphere.npz", "-o", "f.png", "--plane", "box"), 2, "f.png: a box cannot be drawn"),
+    (("field", "sphere.npz", "-o", "f.npz", "--plane", "box", "--at", "1"), 2, "--at 1.0 has no meaning for a box"),
+    (("field", "sphere.npz", "-o", "f.png", "--quantity", "taste"), 2, "unknown quantity 'taste'; known are pressure"),
+    (("field", "sphere.npz", "-o", "f.png", "--plane", "xz", "--quantity", "oil"), 2, "oil lies level"),
+    (("field", "sphere.npz", "-o", "f.vti", "--quantity", "oil"), 2, "f.vti: --quantity chooses what a picture shows"),
+    (("field", "sphere.npz", "-o", "f.npz", "--plane", "xz", "--extent", "nan"), 2, "extent nan m must be positive"),
+    (("field", "sphere.npz", "-o", "f.npz", "--height", "-1"), 2, "height -1.0 m must be positive"),
+    (("focus", "truncated.npz"), 2, "truncated.npz is truncated, corrupted"),
+    (("focus", "sphere.npz", "--json", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
     (("field", "sphere.npz", "-o", "f.png", "--step", "0"), 2, "step 0.0 m must be positive"),
     (("field", "sphere.npz", "-o", "f.png", "--height", "0.0001"), 2, "the model 'piston' needs at least 4.50 mm"),
     (("field", "sphere.npz", "-o", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),

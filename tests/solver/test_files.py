@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from phasewire import ControlPoints, Medium, Solution, Transducer, TransducerArray, solve
+from phasewire import ControlPoints, Medium, Solution, Transducer, TransducerArray, pressure, solve
 from phasewire.errors import InputFileError
 from phasewire.solver import Aperture
-from phasewire.solver.field import sample_plane
-from phasewire.solver.files import load_solution, read_points, save_field, save_solution
+from phasewire.solver.field import PlaneField, VolumeField, sample_cut, sample_volume
+from phasewire.solver.files import load_field, load_solution, read_points, save_field, save_solution
+from phasewire.solver.grid import Grid
 
 ONE_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -139,7 +140,7 @@ def test_an_archive_that_would_fill_the_memory_is_refused(tmp_path: Path) -> Non
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.npy", "w") as member:
         for _ in range(501):
             member.write(bytes(1_000_000))
-    with pytest.raises(InputFileError, match="holds 501000000 bytes; a solved file has at most 500000000"):
+    with pytest.raises(InputFileError, match="holds 501000000 bytes; it may hold at most 500000000"):
         load_solution(path)
 
 
@@ -153,12 +154,57 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, sphere_solution: Sol
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_fields_can_be_read_by_numpy(tmp_path: Path, sphere_solution: Solution) -> None:
-    plane = sample_plane(sphere_solution.array, sphere_solution.drive, 0.2, extent=0.02, step=0.01)
-    save_field(tmp_path / "f.npz", plane)
+OBLIQUE = Grid((0, 0, 0.2), [[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]], (3, 2), 0.01)
+FIELDS: dict[str, PlaneField | VolumeField] = {
+    "plane": sample_cut(TransducerArray.grid(2, 2), np.ones(4), OBLIQUE, Medium(25)),
+    "box": sample_volume(TransducerArray.grid(2, 2), np.ones(4), Grid.along("xyz", (0, 0, 0.2), 0.02, 0.01)),
+}
+
+
+@pytest.mark.parametrize("kind", FIELDS)
+def test_a_field_survives_the_file(tmp_path: Path, kind: str) -> None:
+    field = FIELDS[kind]
+    save_field(tmp_path / "f.npz", field)
+    again = load_field(tmp_path / "f.npz")
+    assert (type(again), again.medium) == (type(field), field.medium)
+    np.testing.assert_array_equal(again.pressure, field.pressure)
+    np.testing.assert_array_equal(again.grid.positions(), field.grid.positions())
+
+
+def test_fields_can_be_read_by_numpy(tmp_path: Path) -> None:
+    field = FIELDS["plane"]
+    save_field(tmp_path / "f.npz", field)
     with np.load(tmp_path / "f.npz") as archive:
-        np.testing.assert_array_equal(archive["pressure"], plane.pressure)
-        assert float(archive["height"]) == 0.2
+        rows, columns = archive["pressure"].shape
+        across, along = archive["axes"]
+        corner = archive["centre"] - ((columns - 1) * across + (rows - 1) * along) / 2 * float(archive["step"])
+        assert "Pa, peak" in str(archive["units"])
+        at = pressure(TransducerArray.grid(2, 2), np.ones(4), [corner], Medium(*archive["medium"]))[0]
+        assert archive["pressure"][0, 0] == pytest.approx(at, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format": np.array("phasewire-solution-1")}, "is not a field; `phasewire field` makes one"),
+        ({"pressure": None}, "it has no entry 'pressure'"),
+        ({"pressure": np.full((2, 3), np.nan)}, "a pressure in it is not finite"),
+        ({"pressure": np.ones(3)}, "2 axes and 1 counts"),
+        ({"pressure": np.array([["loud"]])}, "not a usable field"),
+        ({"step": np.array(-1.0)}, "step -1.0 m must be positive"),
+        ({"step": np.ones(2)}, r"1 numbers are expected where \(2,\)"),
+        ({"axes": np.ones((2, 3))}, "must be orthogonal"),
+        ({"medium": np.ones(3)}, "2 numbers are expected"),
+    ],
+)
+def test_fields_that_make_no_sense_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    path = tmp_path / "f.npz"
+    save_field(path, FIELDS["plane"])
+    with np.load(path) as archive:
+        arrays = dict(archive) | changes
+    np.savez(path, **{name: values for name, values in arrays.items() if values is not None})
+    with pytest.raises(InputFileError, match=message):
+        load_field(path)
 
 
 @pytest.mark.parametrize(

@@ -89,9 +89,7 @@ def test_min_norm_is_the_pseudo_inverse(seed: int, m: int) -> None:
     """Exact with the smallest drive where there are fewer points than transducers, least squares where there are more."""
     matrix, wanted = random_system(seed, m, 12)
     b = wanted * cold_start(m)
-    np.testing.assert_allclose(
-        reference.min_norm(matrix, wanted, cold_start(m)), np.linalg.pinv(matrix) @ b, atol=1e-8
-    )
+    np.testing.assert_allclose(reference.min_norm(matrix, wanted, cold_start(m)), np.linalg.pinv(matrix) @ b, atol=1e-8)
 
 
 @given(seed=seeds, m=st.integers(1, 24))

@@ -1,0 +1,104 @@
+"""What a dish of oil shows: the surface that radiation pressure makes, and how it looks in light from the side.
+
+The paper's Figures 1, 5 and 6 turn the array to the surface of a thin layer of oil, where each focus pushes a dimple.
+Here the surface is the static one, in which radiation pressure is balanced by weight and surface tension, for small
+slopes: (ρg − σ∇²)·h = −P.
+
+What this neglects: the bottom of a thin dish, steep slopes, flow and its time (a real dimple takes a good part of a
+second), the oil's streaming, sound that stands between oil and array, and the caustics that light refracted by the
+surface makes on the bottom. It says where dimples are and how deep they are to each other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft
+
+from .field import PlaneField
+from .quantities import check_reflection, radiation_pressure
+
+__all__ = ["Oil", "oil_surface"]
+
+GRAVITY = 9.80665  # m/s²
+
+
+@dataclass(frozen=True)
+class Oil:
+    """A light mineral oil.
+
+    Parameters
+    ----------
+    density : float
+        ρ, in kg/m³.
+    surface_tension : float
+        σ, in N/m.
+    reflection : float
+        α of `radiation_pressure`; a liquid reflects all but a thousandth of sound in air.
+
+    Raises
+    ------
+    ValueError
+        Where a number is out of range.
+    """
+
+    density: float = 850.0
+    surface_tension: float = 0.030
+    reflection: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if not 0 < self.density < math.inf:
+            raise ValueError(f"oil density {self.density} kg/m³ must be positive and finite")
+        if not 0 <= self.surface_tension < math.inf:
+            raise ValueError(f"oil surface_tension {self.surface_tension} N/m must be finite and not negative")
+        check_reflection(self.reflection)
+
+    @property
+    def capillary_length(self) -> float:
+        """√(σ/(ρg)), in metres: finer structure is smoothed away. 1.9 mm by default."""
+        return math.sqrt(self.surface_tension / (self.density * GRAVITY))
+
+    def surface(self, push: ArrayLike, step: float) -> NDArray[np.float64]:
+        """Height of the surface under a pressure.
+
+        Parameters
+        ----------
+        push : (rows, columns) float
+            Pressure from above, in Pa.
+        step : float
+            Distance between samples, in metres.
+
+        Returns
+        -------
+        (rows, columns) float
+            Height in metres: where the surface is pushed it is negative.
+
+        Notes
+        -----
+        Solved by a cosine transform, so the surface meets the edges of the plane level. The dish is taken to be so
+        large that the oil pushed away raises it nowhere.
+        """
+        push = np.asarray(push, dtype=np.float64)
+        y, x = (np.pi * np.arange(count) / (count * step) for count in push.shape)
+        stiffness = self.density * GRAVITY + self.surface_tension * (x**2 + y[:, None] ** 2)
+        return np.asarray(fft.idctn(-fft.dctn(push) / stiffness))
+
+
+def oil_surface(field: PlaneField, oil: Oil | None = None) -> NDArray[np.float64]:
+    """Height of an oil surface that lies where a field was sampled, (rows, columns) in metres, negative in dimples.
+
+    Raises
+    ------
+    ValueError
+        Where the plane is not horizontal.
+    """
+    if abs(field.grid.normal[2]) < 1 - 1e-9:
+        raise ValueError(
+            f"oil lies level: the plane must be horizontal, but its normal is {field.grid.normal.tolist()}"
+        )
+    oil = oil or Oil()
+    return oil.surface(radiation_pressure(field.pressure, field.medium, oil.reflection), field.grid.step)
