@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from .aperture import Aperture, slice_field
 from .array import TransducerArray
+from .convolution import PlanePropagator
 from .field import PlaneField, VolumeField, sample_cut, sample_plane, sample_volume
 from .focus import FocusReport, focus_report
 from .grid import Grid
@@ -25,6 +26,9 @@ from .transducer import TRANSDUCERS, Transducer
 from .two_sided import Gain, TwoSided, TwoSidedSolver, two_sided
 
 __all__ = [
+    "METHODS",
+    "MODELS",
+    "TRANSDUCERS",
     "Aperture",
     "Asterisk",
     "Circle",
@@ -33,12 +37,11 @@ __all__ = [
     "FocusReport",
     "Gain",
     "Grid",
-    "METHODS",
-    "MODELS",
     "Medium",
     "Modulation",
     "Options",
     "PlaneField",
+    "PlanePropagator",
     "Polygon",
     "Polyline",
     "ResidualTable",
@@ -49,7 +52,6 @@ __all__ = [
     "Sphere",
     "Split",
     "Star",
-    "TRANSDUCERS",
     "Transducer",
     "TransducerArray",
     "TwoSided",

@@ -26,7 +26,7 @@ def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
     commands = re.findall(r"^\.venv/bin/phasewire (.*?) +#", README, re.MULTILINE)
-    assert len(commands) == 4
+    assert len(commands) == 5
     for command in commands:
         with pytest.raises(SystemExit) as exited:
             main(command.split())
