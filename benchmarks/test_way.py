@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from phasewire import Circle, Emulator, Pulses, TransducerArray, open_device, solve
+from phasewire import Circle, Emulator, Pulses, TransducerArray, open_device, sample_plane, solve
 from phasewire.protocol import Update, pack, unpack
 from phasewire.protocol.layout import BLOCK
+from phasewire.solver.convolution import PlanePropagator
 from phasewire.solver.propagation import transfer_matrix
 
 ARRAY = TransducerArray.grid()
@@ -29,6 +30,16 @@ class TestSolve:
 
     def test_floor_the_transfer_matrix_alone(self, benchmark: Any) -> None:
         benchmark(transfer_matrix, ARRAY, POINTS.positions)
+
+
+@pytest.mark.benchmark(group="the field of one drive, 195 × 195 samples and 320 transducers")
+class TestField:
+    def test_by_fft(self, benchmark: Any) -> None:
+        propagator = PlanePropagator(ARRAY, 0.2)
+        assert benchmark(propagator, SOLUTION.drive).pressure.shape == (195, 195)
+
+    def test_peer_direct_sum(self, benchmark: Any) -> None:
+        benchmark(sample_plane, ARRAY, SOLUTION.drive, 0.2, step=1.03e-3)
 
 
 @pytest.mark.benchmark(group="pack one update")
