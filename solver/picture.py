@@ -66,7 +66,7 @@ def draw_field(axes: Axes, field: PlaneField, points: ControlPoints | None = Non
     values = what.of(field.pressure, field.medium)
     rows, columns = values.shape
     image = axes.imshow(
-        values, origin="lower", extent=_edges(field.grid), cmap="inferno", vmin=0, interpolation="bilinear"
+        values, origin="lower", extent=_edges(field.grid), cmap="inferno", vmin=0, interpolation="bicubic"
     )
     bar = axes.figure.colorbar(image, ax=axes, fraction=0.046 * rows / columns, pad=0.02)
     bar.set_label(f"{what.symbol} / {what.unit}")
