@@ -57,6 +57,7 @@ class PlanePropagator:
     grid: Grid
     medium: Medium
     _cells: NDArray[np.intp]
+    _response: NDArray[np.complex128]
     _cell_shape: tuple[int, int]
     _spectrum: NDArray[np.complex64]
 
@@ -89,13 +90,14 @@ class PlanePropagator:
             )
         )
         at = np.stack([*np.broadcast_arrays(x, y[:, None], height)], axis=-1)
-        one = TransducerArray([array.positions.min(axis=0)], array.normals[:1], array.transducer)
+        one = TransducerArray([array.positions.min(axis=0)], array.normals[:1], array.transducer)  # response 1
         parts = np.array_split(at.reshape(-1, 3), 1 + at.size // 3 // POINTS_AT_A_TIME)
         kernel = np.concatenate([transfer_matrix(one, part, medium)[:, 0] for part in parts])
         kernel = kernel.reshape(sizes[0], per_pitch, sizes[1], per_pitch)
         object.__setattr__(self, "grid", grid)
         object.__setattr__(self, "medium", medium)
         object.__setattr__(self, "_cells", cells)
+        object.__setattr__(self, "_response", array.response)
         object.__setattr__(self, "_cell_shape", (rows, columns))
         object.__setattr__(self, "_spectrum", frozen(fft.fft2(kernel, axes=(0, 2)).astype(np.complex64)))
 
@@ -127,7 +129,7 @@ class PlanePropagator:
         (high, phases, wide, _), side = self._spectrum.shape, self.grid.counts[0]
         blocks = -(-side // phases)
         cells = np.zeros((high, wide), dtype=np.complex64)
-        np.add.at(cells, (self._cells[:, 1], self._cells[:, 0]), drive)
+        np.add.at(cells, (self._cells[:, 1], self._cells[:, 0]), drive * self._response)
         product = self._spectrum * fft.fft2(cells)[:, None, :, None]
         product = fft.ifft(product, axis=0, overwrite_x=True)[rows - 1 : rows - 1 + blocks]
         product = fft.ifft(product, axis=2, overwrite_x=True)[:, :, columns - 1 : columns - 1 + blocks]

@@ -170,4 +170,5 @@ def _sample(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium
     samples = math.prod(grid.counts)
     if samples * len(array) > MAX_PAIRS:
         raise ValueError(f"{samples} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs")
-    return frozen(pressure(array, drive, grid.positions().reshape(-1, 3), medium).reshape(grid.shape))
+    values = pressure(array, drive, grid.positions().reshape(-1, 3), medium, precision="single")
+    return frozen(values.reshape(grid.shape))

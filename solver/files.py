@@ -259,8 +259,8 @@ def save_field(path: Path, field: PlaneField | VolumeField) -> None:
     """Write a field as NPZ, whole or not at all.
 
     Its arrays are `pressure`, (rows, columns) or (layers, rows, columns) complex in Pa (peak), the grid's `centre` (3,)
-    and `step` in metres, its `axes` (d, 3), of which the first belongs to the columns, the `medium`, which is its
-    temperature in °C and frequency in Hz, and `units`, which says this in words.
+    and `step` in metres, its `axes` (d, 3), of which the first belongs to the columns, the medium as in a
+    solved file, and `units`, which says this in words.
     """
     with replacing(path) as part, part.open("wb") as file:
         np.savez(
@@ -270,8 +270,9 @@ def save_field(path: Path, field: PlaneField | VolumeField) -> None:
             centre=field.grid.centre,
             axes=field.grid.axes,
             step=np.array(field.grid.step),
-            medium=np.array([field.medium.temperature, field.medium.frequency]),
             units=np.array(FIELD_UNITS),
+            allow_pickle=False,
+            **_medium_arrays(field.medium),
         )
 
 
@@ -292,7 +293,7 @@ def load_field(path: Path) -> PlaneField | VolumeField:
         pressure = np.asarray(arrays["pressure"], dtype=np.complex128)
         (step,) = _floats(arrays["step"].reshape(-1), 1)
         grid = Grid(arrays["centre"], arrays["axes"], pressure.shape[::-1], step)
-        medium = Medium(*_floats(arrays["medium"], 2))
+        medium = _medium_in(arrays)
         if not np.isfinite(pressure).all():
             raise ValueError("a pressure in it is not finite")
         kind = PlaneField if grid.kind == "plane" else VolumeField

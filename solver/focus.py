@@ -253,7 +253,7 @@ def _neighbourhoods(array: TransducerArray, at: NDArray[np.float64], medium: Med
 def _free(array: TransducerArray, at: NDArray[np.float64]) -> NDArray[np.float64]:
     """How far one may go from each point before it is too close to a transducer for the far field, (m,) in metres."""
     nearest = np.array([np.linalg.norm(array.positions - point, axis=1).min() for point in at])
-    return np.maximum(nearest - 1.001 * array.transducer.radius, 0.0)
+    return np.maximum(nearest - 1.001 * array.transducer.nearest, 0.0)
 
 
 def _climb(
@@ -271,8 +271,7 @@ def _climb(
     each = np.arange(len(start))
     for zoom in range(ZOOMS):
         offsets = best[:, None] + np.einsum("pd,mdk->mpk", patch / 4**zoom, spans)
-        magnitudes = np.abs(pressure(array, drive, (start[:, None] + offsets).reshape(-1, 3), medium))
-        magnitudes = magnitudes.reshape(offsets.shape[:2])
+        magnitudes = _magnitudes(array, drive, medium, start[:, None] + offsets)
         inside = np.einsum("mpk,mkl,mpl->mp", offsets, shapes, offsets) <= 1
         chosen = np.where(inside, magnitudes, -1.0).argmax(axis=1)
         best = offsets[each, chosen]
@@ -293,7 +292,7 @@ def _widths(
     for sign in (-1, 1):
         along = sign * part[:, None, None] * (length[:, None, :, None] * np.eye(3))[:, None]  # (m, 1, samples, axis, 3)
         at = peaks[:, None, None, None] + along
-        magnitudes = np.abs(pressure(array, drive, at.reshape(-1, 3), medium)).reshape(len(peaks), LINE + 1, 3)
+        magnitudes = _magnitudes(array, drive, medium, at).reshape(len(peaks), LINE + 1, 3)
         below = magnitudes < HALF * heights[:, None, None]
         first = np.maximum(below.argmax(axis=1), 1)[:, None]
         before, after = (np.take_along_axis(magnitudes, first - back, axis=1)[:, 0] for back in (1, 0))
@@ -301,6 +300,13 @@ def _widths(
         sides.append(np.where(below.any(axis=1), crossing / LINE * length, np.nan))
     total = sides[0] + sides[1]
     return [(_or_none(x), _or_none(y), _or_none(z)) for x, y, z in total.tolist()]
+
+
+def _magnitudes(
+    array: TransducerArray, drive: ArrayLike, medium: Medium, at: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """|p| at (..., 3) points, (...) in Pa."""
+    return np.abs(pressure(array, drive, at.reshape(-1, 3), medium, precision="single")).reshape(at.shape[:-1])
 
 
 def _or_none(value: float) -> float | None:
@@ -316,7 +322,7 @@ def _surroundings(array: TransducerArray, points: ControlPoints, medium: Medium)
     if highest - lowest <= medium.wavelength / 4:
         low[2] = high[2] = (lowest + highest) / 2
         return Grid.along("xy", (low + high) / 2, (high - low)[:2].tolist(), step)
-    low[2] = max(lowest - SEARCH_MARGIN, min(array.positions[:, 2].max() + 2 * array.transducer.radius, lowest))
+    low[2] = max(lowest - SEARCH_MARGIN, min(array.positions[:, 2].max() + 2 * array.transducer.nearest, lowest))
     high[2] = highest + SEARCH_MARGIN
     return Grid.along("xyz", (low + high) / 2, (high - low).tolist(), step)
 

@@ -59,12 +59,13 @@ def _free(function: Function) -> Function:
 
 def _inlined(function: Function) -> Function:
     """For parts of a kernel, compiled with it and as strictly as it is."""
-    return njit(inline="always", error_model="numpy")(function)
+    return cast(Function, njit(inline="always", error_model="numpy")(function))
 
 
 def _jitable(function: Function) -> Function:
     """For what kernels and Python both call."""
-    return cast(Function, register_jitable(inline="always")(function))
+    jitable: Function = register_jitable(inline="always")(function)
+    return jitable
 
 
 def _even_polynomial(function: Any, degree: int) -> tuple[np.float32, ...]:

@@ -27,15 +27,14 @@ __all__ = [
     "sound_pressure_level",
 ]
 
-ATMOSPHERE = 101_325.0  # Pa
 GAS_CONSTANT = 8.314_462_618  # J/(mol·K)
 MOLAR_MASS = 28.9647e-3  # kg/mol, dry air (ISO 2533)
 REFERENCE = 20e-6  # Pa rms, the reference of sound pressure levels in air (ISO 1683)
 
 
 def air_density(medium: Medium) -> float:
-    """Density of dry air at 101.325 kPa in kg/m³, as an ideal gas: ρ = p₀·M/(R·T)."""
-    return ATMOSPHERE * MOLAR_MASS / (GAS_CONSTANT * (medium.temperature + 273.15))
+    """Density of dry air in kg/m³, as an ideal gas: ρ = p₀·M/(R·T)."""
+    return medium.ambient_pressure * MOLAR_MASS / (GAS_CONSTANT * (medium.temperature + 273.15))
 
 
 def intensity(pressure: ArrayLike, medium: Medium) -> NDArray[np.float64]:

@@ -304,7 +304,11 @@ BAD = [
     (("solve", "circle", "-o", "x.npz", "--columns", "99999999"), 2, "at most 1000000 are possible"),
     (("solve", "circle", "-o", "x.txt"), 2, "x.txt: the name of a solved file ends in .npz"),
     (("solve", "circle", "-o", "no/such/x.npz"), 2, "no/such/x.npz cannot be written: there is no folder no/such"),
-    (("solve", "circle", "-o", "x.npz", "--method", "magic"), 2, "unknown method 'magic'; known are tikhonov"),
+    (
+        ("solve", "circle", "-o", "x.npz", "--method", "magic"),
+        2,
+        "unknown method 'magic'; known are wgs, polish, tikhonov",
+    ),
     (("solve", "circle", "-o", "x.npz", "--rows", "0"), 2, "rows 0 must be at least 1"),
     (("solve", "circle", "-o", "x.npz", "--spacing", "0"), 2, "spacing 0.0 m must be positive"),
     (("solve", "circle", "-o", "x.npz", "--temperature", "-400"), 2, "temperature -400.0 °C"),

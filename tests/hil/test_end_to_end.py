@@ -146,5 +146,7 @@ def test_the_field_is_that_of_the_drive_as_emitted(sphere_solution: Solution) ->
     samples = [(0, 0), (100, 140), (60, 60)]
     at = [[plane.x[column], plane.y[row], 0.2] for row, column in samples]
     emitted = pressure(sphere_solution.array, run.rebuilt, at)
-    np.testing.assert_allclose([plane.pressure[sample] for sample in samples], emitted)
+    np.testing.assert_allclose(
+        [plane.pressure[sample] for sample in samples], emitted, atol=1e-5 * np.abs(emitted).max()
+    )
     assert np.abs(emitted - pressure(sphere_solution.array, sphere_solution.drive, at)).max() > 1

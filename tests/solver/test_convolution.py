@@ -91,7 +91,7 @@ TILTED = TransducerArray(GRID.positions @ TURN, GRID.normals @ TURN)
         (GRID, {"per_pitch": 0}, "per_pitch 0 must be a whole number"),
         (GRID, {"per_pitch": 1.5}, "per_pitch 1.5 must be a whole number"),
         (GRID, {"height": -1}, "height -1 m must be positive"),
-        (GRID, {"height": 1e-3}, "the far-field model needs at least its radius"),
+        (GRID, {"height": 1e-3}, "the model 'piston' needs at least 4.50 mm"),
         (GRID, {"extent": 0.01, "per_pitch": 1}, "is too long for a plane of 0.01 m"),
         (GRID, {"per_pitch": 90, "extent": 0.22}, "needs more than 4000000 samples"),
         (TransducerArray(HUGE, [UP] * 3), {}, "needs more than 4000000 samples"),

@@ -15,7 +15,7 @@ def test_a_plane_holds_the_pressure_at_its_samples(sphere_solution: Solution) ->
     assert plane.pressure.shape == (plane.y.size, plane.x.size) == (11, 11)
     for row, column in ((0, 0), (3, 8), (10, 5)):
         expected = pressure(array, drive, [[plane.x[column], plane.y[row], 0.2]])[0]
-        assert plane.pressure[row, column] == pytest.approx(expected)
+        assert plane.pressure[row, column] == pytest.approx(expected, abs=1e-5 * abs(plane.pressure).max())
 
 
 def test_the_step_is_kept_and_the_middle_is_sampled(array: TransducerArray) -> None:
@@ -109,5 +109,5 @@ def test_a_grid_of_the_wrong_kind_is_refused() -> None:
 
 
 def test_a_cut_through_the_array_names_the_transducer(array: TransducerArray) -> None:
-    with pytest.raises(ValueError, match="the far-field model needs at least its radius"):
+    with pytest.raises(ValueError, match=r"the model 'piston' needs at least 4\.50 mm"):
         sample_cut(array, np.ones(320), Grid.along("xz", (0, 5.15e-3, 0.02), 0.04, 1e-3))

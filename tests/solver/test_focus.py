@@ -9,7 +9,8 @@ from phasewire import ControlPoints, Medium, TransducerArray, pressure, solve
 from phasewire.solver import focus as module
 from phasewire.solver.focus import GHOST, FocusReport, focus_report
 from phasewire.solver.grid import Grid
-from phasewire.solver.propagation import directivity, transfer_matrix
+from phasewire.solver.models import directivity
+from phasewire.solver.propagation import transfer_matrix
 from scipy.special import j1
 
 AIR = Medium()

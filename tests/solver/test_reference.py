@@ -86,7 +86,7 @@ def test_a_single_point_s_drives_go_as_the_transfer_to_one_minus_gamma(seed: int
 
 @given(seed=seeds, m=st.integers(1, 30))
 def test_min_norm_is_the_pseudo_inverse(seed: int, m: int) -> None:
-    """Exact with the smallest drive where there are fewer points than transducers, least squares where there are more."""
+    """The smallest exact drive where there are fewer points than transducers, least squares where there are more."""
     matrix, wanted = random_system(seed, m, 12)
     b = wanted * cold_start(m)
     np.testing.assert_allclose(reference.min_norm(matrix, wanted, cold_start(m)), np.linalg.pinv(matrix) @ b, atol=1e-8)
