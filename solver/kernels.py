@@ -40,7 +40,7 @@ POINTS = 256  # whose pressure stays in the first-level cache
 F = np.float32
 ROUND = F(1.5 * 2**23)  # adding and subtracting it rounds a float32 of less than 2²² to the nearest whole number
 TINY = F(1e-30)
-BELOW = F(1 - 2**-22)  # rounding must not take a drive above its limit
+BELOW = F(1 - 2**-20)  # rounding must not take a drive above its limit
 
 # ROUND works only where order matters, so nothing may be reassociated there; sums may.
 ORDERED = {"contract", "arcp", "nsz", "nnan", "ninf", "afn"}

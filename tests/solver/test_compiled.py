@@ -1,0 +1,167 @@
+"""The compiled float32 kernels against the readable complex128 versions, on fresh problems each time."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+from phasewire import ControlPoints, Medium, Solver, Transducer, TransducerArray, pressure, solve
+from phasewire.solver import compiled, kernels
+from phasewire.solver.options import METHODS
+from phasewire.solver.propagation import transfer_matrix
+from phasewire.solver.reference import misfit
+
+from tests.strategies import arrays_and_points
+
+COMPILED = [name for name, method in METHODS.items() if method.compiled]
+FEW = settings(max_examples=25)
+
+
+def reached(array: TransducerArray, points: ControlPoints, drive: np.ndarray, medium: Medium | None = None) -> Any:
+    return pressure(array, drive, points.positions, medium)
+
+
+@njit
+def wave(turns: np.ndarray, out: np.ndarray) -> None:
+    for i in range(len(turns)):
+        out[0, i], out[1, i] = kernels._wave(turns[i])
+
+
+@given(st.lists(st.floats(-1e5, 1e5, width=32), min_size=1, max_size=50))
+def test_the_polynomial_wave_is_cosine_and_sine(turns: list[float]) -> None:
+    given_turns = np.array(turns, dtype=np.float32)
+    out = np.empty((2, len(turns)), dtype=np.float32)
+    wave(given_turns, out)
+    exact = np.exp(2j * np.pi * np.fmod(given_turns.astype(float), 1))
+    np.testing.assert_allclose(out[0] + 1j * out[1], exact, atol=2e-6)
+
+
+@pytest.mark.parametrize("options", [{"phase_steps": 0}, {}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}], ids=str)
+@given(problem=arrays_and_points())
+@FEW
+def test_tikhonov_is_the_double_one(options: dict[str, Any], problem: tuple[TransducerArray, ControlPoints]) -> None:
+    """|p| at the points to 1e-3 of the strongest, and the phase of every drive that counts to half a degree."""
+    array, points = problem
+    single, double = (solve(array, points, "tikhonov", precision=p, **options).drive for p in ("single", "double"))
+    assert np.isfinite(single).all()
+    felt, expected = (np.abs(reached(array, points, drive)) for drive in (single, double))
+    np.testing.assert_allclose(felt, expected, atol=1e-3 * expected.max())
+    counts = np.abs(double) > 0.1
+    assert np.degrees(np.abs(np.angle(single * double.conj()))[counts]).max() < 0.5
+
+
+@given(problem=arrays_and_points())
+@FEW
+def test_multiplexing_is_the_double_one(problem: tuple[TransducerArray, ControlPoints]) -> None:
+    array, points = problem
+    single, double = (solve(array, points, "multiplex", precision=p).drive for p in ("single", "double"))
+    felt, expected = (np.abs(reached(array, points, drive)) for drive in (single, double))
+    np.testing.assert_allclose(felt, expected, atol=1e-3 * expected.max())
+
+
+@pytest.mark.parametrize("output", ["solved", "phase", "limited"])
+@given(problem=arrays_and_points())
+@FEW
+def test_corrections_are_as_good_as_the_double_ones(
+    output: str, problem: tuple[TransducerArray, ControlPoints]
+) -> None:
+    """Where the points contradict each other the iterations are chaotic; what is kept is as good all the same."""
+    array, points = problem
+    single, double = (solve(array, points, "wgs", precision=p, output=output).drive for p in ("single", "double"))
+    error, expected = (misfit(reached(array, points, drive), points.amplitudes)[1] for drive in (single, double))
+    assert error <= 1.1 * expected + 1e-3
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@FEW
+def test_polishing_is_as_good_as_the_double_one(seed: int) -> None:
+    """Both stop in some local optimum, in far less than a per mille of the plain quantised error."""
+    array = TransducerArray.grid(10, 10)
+    positions = np.random.default_rng(seed).uniform([-0.05, -0.05, 0.1], [0.05, 0.05, 0.3], (12, 3))
+    points = ControlPoints(positions)
+    errors = {}
+    for precision, sweeps in itertools.product(("single", "double"), (0, 2)):
+        drive = solve(array, points, "polish", precision=precision, sweeps=sweeps).drive  # type: ignore[arg-type]
+        errors[precision, sweeps] = misfit(reached(array, points, drive), np.ones(12))[1]
+    assert errors["single", 0] == pytest.approx(errors["double", 0], abs=2e-3)
+    assert errors["single", 2] < errors["single", 0]
+    assert errors["single", 2] < 1.5 * errors["double", 2] + 1e-3
+
+
+@pytest.mark.parametrize("method", COMPILED)
+@given(problem=arrays_and_points())
+@FEW
+def test_drives_are_within_their_limits_and_dead_elements_silent(
+    method: str, problem: tuple[TransducerArray, ControlPoints]
+) -> None:
+    array, points = problem
+    limits = np.linspace(1, 0.2, len(array))
+    limited = array.calibrated(array.response, limits)
+    drive = solve(limited, points, method).drive
+    assert (np.abs(drive) <= limits).all()
+    assert not drive[array.response == 0].any()
+    assert (np.abs(drive) / limits).max() == pytest.approx(1, rel=1e-5)
+
+
+@pytest.mark.parametrize("model", ["monopole", "piston"])
+@pytest.mark.parametrize("absorbing", [False, True])
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=10)
+def test_pressure_is_the_double_one(model: str, absorbing: bool, seed: int) -> None:
+    """For tilted panels, far from the origin, with flipped and weak elements, in warm and absorbing air."""
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn = axes * np.sign(np.linalg.det(axes))
+    panel = TransducerArray.grid(7, 5, transducer=Transducer(model=model, polarity=-1))
+    array = TransducerArray.joined([panel, panel.moved(turn, [0.1, 0.2, 0.3])]).moved(np.eye(3), [5, -3, 9])
+    array = array.calibrated(rng.normal(size=70) + 1j * rng.normal(size=70))
+    medium = Medium(33, absorbing=absorbing)
+    drive = rng.uniform(0, 1, 70) * np.exp(2j * np.pi * rng.uniform(size=70))
+    at = np.add(rng.uniform([-0.4, -0.4, 0.4], [0.4, 0.4, 0.9], (300, 3)), [5, -3, 9])
+    exact = pressure(array, drive, at, medium)
+    np.testing.assert_allclose(
+        pressure(array, drive, at, medium, precision="single"), exact, atol=3e-5 * np.abs(exact).max()
+    )
+
+
+def test_a_wide_piston_is_beyond_the_polynomial_and_computed_all_the_same() -> None:
+    """ka of 15: the directivity has nulls and side lobes that nine terms cannot follow."""
+    wide = TransducerArray.grid(4, 4, 0.05, Transducer(radius=0.02))
+    assert compiled.tables_of(wide, Medium()).directivity is None
+    points = ControlPoints([[0.02, 0.03, 0.3], [-0.05, 0, 0.25]])
+    for method in COMPILED:
+        single, double = (solve(wide, points, method, precision=p).drive for p in ("single", "double"))
+        assert np.abs(reached(wide, points, single)) == pytest.approx(np.abs(reached(wide, points, double)), rel=1e-2)
+    at = [[0, 0, 0.3], [0.3, 0, 0.1]]
+    assert pressure(wide, np.ones(16), at, precision="single").tolist() == pressure(wide, np.ones(16), at).tolist()
+
+
+@pytest.mark.parametrize("model", ["rayleigh", "rayleigh-1", "as-printed"])
+def test_models_without_a_kernel_are_solved_with_their_own_transfer_matrix(model: str) -> None:
+    array = TransducerArray.grid(8, 8, transducer=Transducer(model=model))
+    points = ControlPoints([[0.02, 0.01, 0.1], [-0.02, 0, 0.12], [0, 0.02, 0.1]], [1, 0.5, 0])
+    felt = np.abs(transfer_matrix(array, points.positions) @ solve(array, points).drive)
+    assert felt[1] / felt[0] == pytest.approx(0.5, abs=0.01)
+    assert felt[2] / felt[0] < 0.01
+
+
+def test_strong_absorption_is_beyond_the_kernel_and_computed_all_the_same() -> None:
+    """At 400 kHz air takes most of the sound on the way: 90 dB/m."""
+    array = TransducerArray.grid(5, 5, 1e-3, Transducer(radius=0.45e-3))
+    thick = Medium(frequency=400_000, absorbing=True)
+    assert thick.attenuation * 2 > kernels.MAX_NEPERS
+    points = ControlPoints([[0, 0, 0.05], [0.01, 0, 0.05]])
+    felt = np.abs(reached(array, points, solve(array, points, medium=thick).drive, thick))
+    assert felt[1] / felt[0] == pytest.approx(1, abs=0.01)
+
+
+def test_what_was_compiled_is_counted() -> None:
+    Solver(TransducerArray.grid(2, 2)).solve(ControlPoints([[0, 0, 0.1]]))
+    counts = compiled.compilation()
+    assert {"model", "begin", "finish"} <= set(counts)
+    assert all(loaded + built >= 1 for loaded, built in counts.values())
