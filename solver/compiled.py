@@ -18,7 +18,7 @@ from . import kernels
 from .array import TransducerArray
 from .medium import Medium
 from .models import residual
-from .options import HEADROOM, NUDGE, RELAXATION, Options
+from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
 from .points import REACH, ControlPoints, check_reachable
 from .propagation import transfer_matrix
 from .reference import cold_start
@@ -155,7 +155,7 @@ class CompiledEngine:
         if fit < 0:
             raise ValueError(self._too_close)
         if self._method == "polish":
-            kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, work, drive)
+            kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
         return drive
 
     @property

@@ -609,18 +609,19 @@ def sum_foci(elements: Any, m: int, output: int, headroom: Any, work: Any, drive
 
 
 @_inlined
-def _spread(p: Any, wanted: Any, m: int) -> Any:
-    """Σ|p|²/(Σ wanted·|p|)², which grows with the misfit of |p| to the wanted amplitudes."""
-    power = fit = F(0)
+def _misfit2(p: Any, wanted: Any, m: int) -> Any:
+    """Mean square misfit of |p| to the wanted amplitudes, relative to the scale that fits best; in double precision."""
+    power = fit = norm = 0.0
     for i in range(m):
-        size2 = p[0, i] * p[0, i] + p[1, i] * p[1, i]
+        size2 = float(p[0, i]) ** 2 + float(p[1, i]) ** 2
         power += size2
-        fit += wanted[i] * np.sqrt(size2)
-    return power / max(fit * fit, TINY)
+        fit += float(wanted[i]) * np.sqrt(size2)
+        norm += float(wanted[i]) ** 2
+    return (power * (norm / max(fit, 1e-30)) ** 2 - norm) / m
 
 
 @_free
-def polish(m: int, columns: int, levels: int, sweeps: int, work: Any, drive: Any) -> None:
+def polish(m: int, columns: int, levels: int, sweeps: int, least_gain: float, work: Any, drive: Any) -> None:
     """Coordinate descent over quantised phases after `finish`, in place: each drive tries the next phase either way."""
     re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
     wanted, p, trial, weight, x, v = vectors[1, 0], vectors[5], vectors[4], spans[0, 1], spans[1], spans[2]
@@ -633,7 +634,7 @@ def polish(m: int, columns: int, levels: int, sweeps: int, work: Any, drive: Any
         size = abs(drive[q])
         x[0, q], x[1, q] = size * np.cos(step * F(level[q])), size * np.sin(step * F(level[q]))
     reproduce(re, im, weight, x, v, p)
-    best = _spread(p, wanted, m)
+    best = _misfit2(p, wanted, m)
     for _ in range(sweeps):
         for q in range(len(drive)):
             size = abs(drive[q])
@@ -646,9 +647,9 @@ def polish(m: int, columns: int, levels: int, sweeps: int, work: Any, drive: Any
                 for i in range(m):
                     trial[0, i] = p[0, i] + re[i, q] * change_re - im[i, q] * change_im
                     trial[1, i] = p[1, i] + re[i, q] * change_im + im[i, q] * change_re
-                spread_now = _spread(trial, wanted, m)
-                if spread_now < best:
-                    best = spread_now
+                error = _misfit2(trial, wanted, m)
+                if error < best - least_gain:
+                    best = error
                     level[q] += way
                     x[0, q], x[1, q] = to_re, to_im
                     for i in range(m):

@@ -6,7 +6,18 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-__all__ = ["HEADROOM", "METHODS", "NUDGE", "PHASE_LEVELS", "RELAXATION", "Method", "Options", "Output", "Phases"]
+__all__ = [
+    "HEADROOM",
+    "LEAST_GAIN",
+    "METHODS",
+    "NUDGE",
+    "PHASE_LEVELS",
+    "RELAXATION",
+    "Method",
+    "Options",
+    "Output",
+    "Phases",
+]
 
 Output = Literal["solved", "phase", "limited"]
 Phases = Literal["unit", "power"]
@@ -19,6 +30,9 @@ RELAXATION = 0.5
 
 NUDGE = 0.05
 """Part of the cold start in a warm one: symmetric phases could otherwise never be left on a symmetric shape."""
+
+LEAST_GAIN = 1e-9
+"""Least decrease of the mean square misfit that a step of ``polish`` is taken for; less is rounding."""
 
 PHASE_LEVELS = 100
 """Phases that a pulse can have, in half ticks of a 40 kHz period."""

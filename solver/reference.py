@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve, lstsq
 
 from .array import TransducerArray
 from .medium import Medium
-from .options import HEADROOM, NUDGE, RELAXATION, Options, Output, Phases
+from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options, Output, Phases
 from .points import ControlPoints, check_reachable
 from .propagation import transfer_matrix
 
@@ -223,13 +223,13 @@ def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps:
     turn = np.exp(2j * np.pi * np.arange(levels) / levels)
     chosen = magnitude * turn[level % levels]
     pressure = transfer @ chosen
-    best = misfit(pressure, wanted)[1]
+    best = misfit(pressure, wanted)[1] ** 2
     for _ in range(sweeps):
         for q in range(len(drive)):
             for step in (1, -1):
                 moved = magnitude[q] * turn[(level[q] + step) % levels]
                 trial = pressure + transfer[:, q] * (moved - chosen[q])
-                if (error := misfit(trial, wanted)[1]) < best:
+                if (error := misfit(trial, wanted)[1] ** 2) < best - LEAST_GAIN:
                     best, pressure, chosen[q] = error, trial, moved
                     level[q] += step
                     break

@@ -5,7 +5,6 @@ It may not reach behind that interface: it measures what a user gets.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -13,18 +12,24 @@ import numpy as np
 import phasewire
 from contest import Contestant, Entry, Field, Task, main
 from numpy.typing import NDArray
-from phasewire.solver import METHODS
+from phasewire.solver import METHODS, Options
 
 
 def solver(array: phasewire.TransducerArray, method: str) -> Callable[[phasewire.ControlPoints], phasewire.Solution]:
     """What solves one set of control points after another on this array, remembering nothing of the last set."""
-    return lambda points: phasewire.solve(array, points, method)
+    kept = phasewire.Solver(array, method)
+
+    def solve(points: phasewire.ControlPoints) -> phasewire.Solution:
+        kept.forget()
+        return kept.solve(points)
+
+    return solve
 
 
 def iterations(method: str) -> str:
     """The counts of steps among a method's options, as they are by default."""
-    options = inspect.signature(METHODS[method]).parameters.values()
-    return ", ".join(f"{option.default}*" for option in options if option.name.endswith(("steps", "iterations"))) or "-"
+    options = METHODS[method].options
+    return ", ".join(f"{getattr(Options(), name)}*" for name in options if name.endswith("steps")) or "-"
 
 
 def contestant(array: phasewire.TransducerArray, method: str) -> Contestant:
@@ -49,11 +54,11 @@ def enter(task: Task) -> Entry:
     drive = np.ones(len(array))
     return Entry(
         task.array,
-        [contestant(array, method) for method in sorted(METHODS)],
-        [Field("phasewire.pressure", len(array), lambda: phasewire.pressure(array, drive, plane))],
+        [contestant(array, method) for method in METHODS],
+        [Field("phasewire.pressure", len(array), lambda: phasewire.pressure(array, drive, plane, precision="single"))],
         [
             "A call takes ControlPoints to a Solution: checks of the points, transfer matrix, phases and drives. The "
-            "strongest transducer is at full drive."
+            "strongest transducer is at full drive; wgs, polish and paper drive most of them near to it."
         ],
     )
 

@@ -32,7 +32,7 @@ def test_a_single_point_is_equation_8(array: TransducerArray) -> None:
     assert matrix[0] @ by_hand == pytest.approx(1)  # equation (8) makes the amplitude it is asked for
     one = np.ones(1)
     np.testing.assert_allclose(reference.min_norm(matrix, one, one.astype(complex)), by_hand, rtol=1e-9)
-    tikhonov = Regularised(matrix, one, 0.0, 1e-9).solve(one)
+    tikhonov = Regularised(matrix, one, 0.0, 1e-9).solve(one.astype(complex))
     np.testing.assert_allclose(tikhonov, by_hand, rtol=1e-6)
 
 
@@ -79,7 +79,7 @@ def test_the_paper_s_system_is_tikhonov_with_mu_1_in_pascals(seed: int, m: int, 
 def test_a_single_point_s_drives_go_as_the_transfer_to_one_minus_gamma(seed: int, gamma: float) -> None:
     """Why the root stands in σ: |x_q| ∝ |a_q|^{1−γ}, and γ = 1 equalises the drives exactly."""
     matrix, _ = random_system(seed, 1, 20)
-    drive = Regularised(matrix, np.ones(1), gamma, 0.03).solve(np.ones(1))
+    drive = Regularised(matrix, np.ones(1), gamma, 0.03).solve(np.ones(1, complex))
     expected = np.abs(matrix[0]) ** (1 - gamma)
     np.testing.assert_allclose(np.abs(drive) / np.abs(drive[0]), expected / expected[0], rtol=1e-9)
 
@@ -219,7 +219,7 @@ def test_polishing_quantises_and_never_makes_the_fit_worse(levels: int, seed: in
 
 
 def test_misfit_is_the_relative_deviation_from_the_best_scale() -> None:
-    scale, error = misfit(np.array([2.0, 1.0j, 0.0]), np.array([1.0, 0.5, 0.0]))
-    assert (scale, error) == (pytest.approx(2), pytest.approx(0, abs=1e-12))
-    scale, error = misfit(np.array([3.0, 1.0]), np.array([1.0, 1.0]))
-    assert (scale, error) == (pytest.approx(2), pytest.approx(0.5))
+    exact = misfit(np.array([2.0, 1.0j, 0.0]), np.array([1.0, 0.5, 0.0]))
+    np.testing.assert_allclose(exact, (2, 0), atol=1e-12)
+    uneven = misfit(np.array([3.0 + 0j, 1.0]), np.array([1.0, 1.0]))
+    np.testing.assert_allclose(uneven, (2, 0.5))

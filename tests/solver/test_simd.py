@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +14,7 @@ MATRICES = hnp.arrays(np.float32, (2, 3 * LANES), elements=hnp.from_dtype(np.dty
 
 
 @njit
-def combine(matrix: np.ndarray, out: np.ndarray, factor: np.float32) -> float:
+def combine(matrix: np.ndarray, out: np.ndarray, factor: np.float32) -> Any:
     sums = spread(np.float32(0))
     for i in range(0, matrix.shape[1], LANES):
         a, b = load(matrix, 0, i), load(matrix, 1, i)
@@ -33,7 +35,7 @@ def test_vectors_compute_lane_by_lane(matrix: np.ndarray) -> None:
 
 def test_other_matrices_are_refused_when_the_kernel_is_compiled() -> None:
     @njit
-    def first(matrix: np.ndarray) -> float:
+    def first(matrix: np.ndarray) -> Any:
         return total(load(matrix, 0, 0))
 
     for matrix in (np.zeros((2, 16)), np.zeros((16, 2), np.float32).T, np.zeros(16, np.float32)):
