@@ -613,10 +613,10 @@ def _misfit2(p: Any, wanted: Any, m: int) -> Any:
     """Mean square misfit of |p| to the wanted amplitudes, relative to the scale that fits best; in double precision."""
     power = fit = norm = 0.0
     for i in range(m):
-        size2 = float(p[0, i]) ** 2 + float(p[1, i]) ** 2
+        size2 = np.float64(p[0, i]) ** 2 + np.float64(p[1, i]) ** 2
         power += size2
-        fit += float(wanted[i]) * np.sqrt(size2)
-        norm += float(wanted[i]) ** 2
+        fit += np.float64(wanted[i]) * np.sqrt(size2)
+        norm += np.float64(wanted[i]) ** 2
     return (power * (norm / max(fit, 1e-30)) ** 2 - norm) / m
 
 

@@ -95,8 +95,8 @@ def pressure(
     medium : Medium, optional
         The air; 20 °C by default.
     precision : {"double", "single"}
-        complex128 in NumPy, or a compiled float32 kernel: 1e-5 of the largest pressure accurate, a hundred times as
-        fast, and the choice for fields. Models without a kernel are always computed in double precision.
+        complex128 in NumPy, or a compiled float32 kernel: within 1e-4 of the largest pressure, a hundred times as fast,
+        and the choice for fields. Models without a kernel are always computed in double precision.
 
     Returns
     -------
