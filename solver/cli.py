@@ -28,6 +28,7 @@ from .picture import FORMATS, OIL, save_field_picture
 from .points import REACH, ControlPoints
 from .propagation import pressure
 from .quantities import QUANTITIES
+from .reproduce_cli import commands as reproduce_commands
 from .shapes import SHAPES, parse_shape, shape_help
 from .solve import Solution, solve
 from .vti import save_vti
@@ -35,6 +36,7 @@ from .vti import save_vti
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
+commands.add_typer(reproduce_commands, name="reproduce")
 
 PLANES = {"xy": "xy", "xz": "xz", "yz": "yz", "box": "xyz"}  # by name, the axes along which each extends
 CLEARANCE = 0.01  # metres above the array, nearer to which a standing plane does not begin

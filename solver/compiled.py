@@ -6,6 +6,7 @@ numba takes half a second to import, so this module is imported where it is used
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import kernels
 from .array import TransducerArray
+from .geometry import frozen
 from .medium import Medium
 from .models import residual
 from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
@@ -24,7 +26,7 @@ from .propagation import transfer_matrix
 from .reference import cold_start
 from .simd import LANES
 
-__all__ = ["CompiledEngine", "compilation", "pressure_at", "tables_of"]
+__all__ = ["CompiledEngine", "can_reach", "compilation", "pressure_at", "tables_of"]
 
 OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
 POLYNOMIAL_ERROR = 2e-6
@@ -43,12 +45,9 @@ class Tables(NamedTuple):
     strength: float
 
 
-def tables_of(array: TransducerArray, medium: Medium, points: NDArray[np.float64] | None = None) -> Tables:
-    """Tables of an array, for points wherever they are reachable, or else for (k, 3) certain ones.
-
-    ``directivity`` is None where only `transfer_matrix` will do: where it knows a model that the kernels do not, or
-    where more is absorbed on the way than they allow for.
-    """
+@lru_cache(maxsize=32)
+def tables_of(array: TransducerArray, medium: Medium) -> Tables:
+    """Tables of an array. ``directivity`` is None where only `transfer_matrix` knows the transducer's model."""
     n, transducer = len(array), array.transducer
     low, high = array.positions.min(axis=0), array.positions.max(axis=0)
     origin = (low + high) / 2
@@ -59,13 +58,9 @@ def tables_of(array: TransducerArray, medium: Medium, points: NDArray[np.float64
     elements[kernels.GAIN, :n] = np.where(able, np.abs(array.response), 0)
     elements[kernels.LEAD, :n] = np.angle(array.response * transducer.polarity) / (2 * np.pi)
     elements[kernels.LIMIT, :n] = np.where(able, array.limits, 0)
-    farthest = REACH + float(np.linalg.norm(high - low))
-    if points is not None:
-        farthest = float(np.linalg.norm(np.maximum(points.max(axis=0) - low, high - points.min(axis=0))))
-    fits = medium.attenuation * farthest <= kernels.MAX_NEPERS
     return Tables(
-        elements,
-        _directivity(array, medium) if fits else None,
+        frozen(elements),
+        _directivity(array, medium),
         np.float32(1 / medium.wavelength),
         np.float32(medium.attenuation) if medium.attenuation else None,
         origin,
@@ -73,6 +68,14 @@ def tables_of(array: TransducerArray, medium: Medium, points: NDArray[np.float64
         high + transducer.nearest,
         transducer.strength,
     )
+
+
+def can_reach(tables: Tables, farthest: float) -> bool:
+    """Whether the kernels can compute waves up to a distance in metres from the middle of the array."""
+    if tables.directivity is None:
+        return False
+    longest = farthest + float(np.linalg.norm(tables.high - tables.low)) / 2
+    return tables.nepers is None or float(tables.nepers) * longest <= kernels.MAX_NEPERS
 
 
 def _directivity(array: TransducerArray, medium: Medium) -> NDArray[np.float32] | None:
@@ -119,6 +122,8 @@ class CompiledEngine:
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._medium, self._method, self._options = array, medium, method, options
         self._tables = tables_of(array, medium)
+        size = float(np.linalg.norm(self._tables.high - self._tables.low))
+        self._modelled = can_reach(self._tables, REACH + size / 2)
         self._columns = self._tables.elements.shape[1]
         self._capacity = 0
         self._points = 0
@@ -162,7 +167,7 @@ class CompiledEngine:
     def takes_frames(self) -> bool:
         """Whether `drive_frames` can be used."""
         regularised = self._method in ("tikhonov", "wgs") and self._options.phase_seconds is None
-        return regularised and self._tables.directivity is not None
+        return regularised and self._modelled
 
     def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:
         """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n).
@@ -231,7 +236,7 @@ class CompiledEngine:
 
     def _model(self, points: ControlPoints) -> None:
         tables = self._tables
-        if tables.directivity is not None:
+        if self._modelled:
             suspect = kernels.model(
                 tables.elements,
                 tables.directivity,

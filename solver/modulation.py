@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .array import TransducerArray
 from .geometry import frozen
 from .medium import Medium
-from .propagation import pressure
+from .propagation import Precision, pressure
 
 __all__ = ["FREQUENCY", "Modulation", "intensity_component"]
 
@@ -191,6 +191,7 @@ def intensity_component(
     at: ArrayLike,
     harmonic: int = 1,
     medium: Medium | None = None,
+    precision: Precision = "double",
 ) -> NDArray[np.float64]:
     """How strongly the intensity at points changes at the modulation's frequency, or a multiple of it.
 
@@ -206,6 +207,8 @@ def intensity_component(
         Multiple of the modulation's frequency; 0 is the mean.
     medium : Medium, optional
         The air; by default of 20 °C, with the modulation's carrier.
+    precision : {"double", "single"}
+        Of the pressure, as in `pressure`.
 
     Returns
     -------
@@ -229,7 +232,7 @@ def intensity_component(
     medium = medium or Medium(frequency=modulation.carrier)
     if medium.frequency != modulation.carrier:
         raise ValueError(f"a medium for {medium.frequency:g} Hz does not fit a carrier of {modulation.carrier:g} Hz")
-    fields = np.stack([pressure(array, drive, at, medium) for drive in modulation.drives])
+    fields = np.stack([pressure(array, drive, at, medium, precision) for drive in modulation.drives])
     intensity = np.abs(modulation.weights @ fields) ** 2
     s = len(intensity)
     turns = np.exp(-2j * np.pi * harmonic * np.arange(s) / s) * np.sinc(harmonic / s) / s

@@ -117,10 +117,10 @@ def pressure(
         raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
     points, medium = as_points(at, "point"), medium or Medium()
     if precision == "single":
-        from .compiled import pressure_at, tables_of  # numba takes half a second to import
+        from .compiled import can_reach, pressure_at, tables_of  # numba takes half a second to import
 
-        tables = tables_of(array, medium, points)
-        if tables.directivity is not None:
+        tables = tables_of(array, medium)
+        if can_reach(tables, float(np.linalg.norm(points - tables.origin, axis=1).max())):
             _check_distances(array, points)
             return pressure_at(tables, array, drive, points)
     result = np.empty(len(points), dtype=np.complex128)

@@ -180,5 +180,5 @@ def two_sided(
 def _level(solution: Solution) -> float:
     """Pressure per wanted amplitude at the points of a solution, as the least squares have it."""
     points = solution.points
-    reached = np.abs(pressure(solution.array, solution.drive, points.positions, solution.medium))
+    reached = np.abs(pressure(solution.array, solution.drive, points.positions, solution.medium, "single"))
     return float(points.amplitudes @ reached / (points.amplitudes @ points.amplitudes))
