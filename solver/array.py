@@ -127,11 +127,13 @@ class TransducerArray:
 
     def moved(self, rotation: ArrayLike, translation: ArrayLike) -> TransducerArray:
         """The same array turned by a (3, 3) rotation matrix about the origin, then moved by (3,) metres."""
-        turn = np.asarray(rotation, dtype=np.float64)
+        turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
+        if shift.shape != (3,) or not np.isfinite(shift).all():
+            raise ValueError(f"translation {shift.tolist()} m must be three finite numbers")
         if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0:
             raise ValueError(f"rotation {turn.tolist()} must be a (3, 3) rotation matrix")
         return TransducerArray(
-            self.positions @ turn.T + np.asarray(translation, dtype=np.float64),
+            self.positions @ turn.T + shift,
             self.normals @ turn.T,
             self.transducer,
             self.response,

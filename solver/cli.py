@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import Annotated, Any, get_args
 
 import numpy as np
 import typer
@@ -23,14 +26,16 @@ from .files import POINT_FILES, load_solution, read_points, save_field, save_sol
 from .focus import focus_report
 from .grid import Grid
 from .medium import Medium
-from .options import METHODS
+from .models import MODELS
+from .options import METHODS, Options, Output
 from .picture import FORMATS, OIL, save_field_picture
 from .points import REACH, ControlPoints
 from .propagation import pressure
 from .quantities import QUANTITIES
 from .reproduce_cli import commands as reproduce_commands
 from .shapes import SHAPES, parse_shape, shape_help
-from .solve import Solution, solve
+from .solve import Solution, Solver
+from .transducer import TRANSDUCERS
 from .vti import save_vti
 
 __all__ = ["commands"]
@@ -63,6 +68,41 @@ def files_in(source: str) -> list[Path]:
     ]
 
 
+def method_help() -> str:
+    """A few lines per method: what it does, and its options with their defaults."""
+    lines = []
+    for name, method in METHODS.items():
+        defaults = Options.of(name)
+        values = ((key, getattr(defaults, key)) for key in ("output", *method.options))
+        listed = ", ".join(key if value is None else f"{key}={value}" for key, value in values)
+        lines.append(f"{name}: {method.summary}")
+        lines.append(textwrap.fill(listed, width=74, initial_indent="    ", subsequent_indent="    "))
+    return "\n".join(lines)
+
+
+def read_settings(settings: Sequence[str]) -> dict[str, Any]:
+    """Options of a method from ``name=value`` texts; numbers are read as such, the rest is left to `Options`.
+
+    Raises
+    ------
+    ValueError
+        Where a text has no ``=``, or a name is set twice.
+    """
+    values: dict[str, Any] = {}
+    for text in settings:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ValueError(f"--set {text!r} must be a name, = and a value, as in gamma=0.5")
+        if name in values:
+            raise ValueError(f"--set {name} is given twice")
+        values[name] = value
+        for read in (int, float):
+            with contextlib.suppress(ValueError):
+                values[name] = read(value)
+                break
+    return values
+
+
 @commands.command(
     name="solve",
     help=f"""Find the drives that make a shape, and write them to a file.
@@ -77,7 +117,15 @@ are in metres, rotations in degrees; the vertices of a polyline can also be the 
 
 A .csv file has a line x,y,z or x,y,z,amplitude for each point; a .txt or .xyz file has spaces instead of commas.
 A .json file is {{"positions": [[x, y, z], ...], "amplitudes": [...]}}. Coordinates are in metres from the middle of the
-array, z up; amplitudes are relative, 0 makes a null.""",
+array, z up; amplitudes are relative, 0 makes a null.
+
+The methods and their options:
+
+\b
+{method_help()}
+
+An option is set as in --set gamma=0.5 --set steps=30 . Of all of them, output is one of {", ".join(get_args(Output))}:
+scaled alike, each at full drive with its phase, or raised and cut off at full drive.""",
 )
 def solve_command(
     source: Annotated[
@@ -91,26 +139,45 @@ def solve_command(
             f"{SPACING:g}, or as many points as the paper's Figure 6 has."
         ),
     ] = None,
-    method: Annotated[str, typer.Option(help=f"Solver: {', '.join(sorted(METHODS))}.")] = "tikhonov",
+    method: Annotated[str, typer.Option(help="How to solve; see above.")] = "wgs",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="OPTION=VALUE", help="Set an option of the method; can be given several times."),
+    ] = None,
     columns: Annotated[int, typer.Option(help="Transducers along x.")] = COLUMNS,
     rows: Annotated[int, typer.Option(help="Transducers along y.")] = ROWS,
     pitch: Annotated[float, typer.Option(help="Distance between transducers, in m.")] = PITCH,
+    transducer: Annotated[
+        str, typer.Option(help=f"Which transducer, by its published strength: {', '.join(TRANSDUCERS)}.")
+    ] = "MA40S4S",
+    model: Annotated[str, typer.Option(help=f"Model of the transducer: {', '.join(MODELS)}.")] = "piston",
     temperature: Annotated[float, typer.Option(help="Of the air, in °C.")] = 20.0,
+    humidity: Annotated[
+        float | None, typer.Option(help="Of air that absorbs, in %; by default nothing is absorbed.")
+    ] = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Find the drives that make a shape (the help text above is built from the shapes)."""
+    """Find the drives that make a shape (the help text above is built from the shapes and the methods)."""
     if output.suffix.lower() != ".npz":
         raise ValueError(f"{output}: the name of a solved file ends in .npz")
     check_outputs([output, json_target], inputs=files_in(source))
     points = read_source(source, spacing)
-    array = TransducerArray.grid(columns, rows, pitch)
+    if transducer not in TRANSDUCERS:
+        raise ValueError(f"unknown transducer {transducer!r}; known are {', '.join(TRANSDUCERS)}")
+    part = dataclasses.replace(TRANSDUCERS[transducer], model=model)
+    array = TransducerArray.grid(columns, rows, pitch, part)
+    medium = Medium(temperature) if humidity is None else Medium(temperature, absorbing=True, humidity=humidity)
+    solver = Solver(array, method, medium=medium, **read_settings(settings or []))
+    with error_console().status("solving; the first time on a machine, compiling takes some seconds"):
+        solver.solve(points)
+    solver.forget()
     started = perf_counter()
-    solution = solve(array, points, method, medium=Medium(temperature))
+    solution = solver.solve(points)
     milliseconds = (perf_counter() - started) * 1e3
     reached = np.abs(pressure(array, solution.drive, points.positions, solution.medium))
     save_solution(output, solution)
     console_for(json_target).print(
-        f"{len(points)} control points, {len(array)} transducers, {method} in {milliseconds:.1f} ms: "
+        f"{len(points)} control points, {len(array)} transducers, {method} in {milliseconds:.2f} ms: "
         f"{reached.min():.0f} to {reached.max():.0f} Pa (peak) at the points. Written to {output}.",
     )
     write_json(

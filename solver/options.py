@@ -67,9 +67,7 @@ _PHASES = ("phases", "phase_steps", "phase_seconds")
 _TIKHONOV = (*_PHASES, "gamma", "mu")
 
 METHODS: dict[str, Method] = {
-    "wgs": Method(
-        "tikhonov, then weighted Gerchberg–Saxton steps: the recommended one", "limited", (*_TIKHONOV, "steps")
-    ),
+    "wgs": Method("tikhonov, then weighted Gerchberg–Saxton steps; recommended", "limited", (*_TIKHONOV, "steps")),
     "polish": Method(
         "wgs, then a coordinate descent over phases in steps", "limited", (*_TIKHONOV, "steps", "sweeps", "levels")
     ),
@@ -129,19 +127,19 @@ class Options:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if not 0 <= self.gamma <= 1:
-            raise ValueError(f"gamma {self.gamma} must lie between 0 and 1")
-        if not 0 < self.mu <= MAX_MU:
-            raise ValueError(f"mu {self.mu} must be positive and at most {MAX_MU:g}")
+        if not (_is_number(self.gamma) and 0 <= self.gamma <= 1):
+            raise ValueError(f"gamma {self.gamma} must be a number between 0 and 1")
+        if not (_is_number(self.mu) and 0 < self.mu <= MAX_MU):
+            raise ValueError(f"mu {self.mu} must be a positive number, at most {MAX_MU:g}")
         if self.phases not in get_args(Phases):
             raise ValueError(f"phases {self.phases!r} must be one of {', '.join(get_args(Phases))}")
         if self.output is not None and self.output not in get_args(Output):
             raise ValueError(f"output {self.output!r} must be one of {', '.join(get_args(Output))}")
-        if self.phase_seconds is not None and not 0 <= self.phase_seconds < 1e6:
+        if self.phase_seconds is not None and not (_is_number(self.phase_seconds) and 0 <= self.phase_seconds < 1e6):
             raise ValueError(f"phase_seconds {self.phase_seconds} must be a number of seconds, at least 0")
         for name, least in (("phase_steps", 0), ("steps", 0), ("sweeps", 0), ("levels", 2)):
             value = getattr(self, name)
-            if not (isinstance(value, int) and least <= value <= MAX_STEPS):
+            if not (isinstance(value, int) and not isinstance(value, bool) and least <= value <= MAX_STEPS):
                 raise ValueError(f"{name} {value} must be a whole number from {least} to {MAX_STEPS}")
 
     @classmethod
@@ -160,3 +158,7 @@ class Options:
             raise ValueError(f"{method} has no option {foreign[0]!r}; it has {', '.join(heeded)}")
         options = cls(**values)
         return dataclasses.replace(options, output=options.output or METHODS[method].output)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)

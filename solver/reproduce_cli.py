@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
 import typer
-from rich import box
 from rich.table import Column, Table
 
 from ..console import JsonOption, console_for, error_console, write_json
@@ -65,10 +64,10 @@ def _finish(
 
 
 def _table(*headers: str) -> Table:
-    left, *right = headers
-    return Table(
-        Column(left, no_wrap=True), *(Column(header, justify="right") for header in right), box=box.SIMPLE_HEAD
-    )
+    """An empty table of text and numbers, narrow enough for 80 columns."""
+    left, *right = (Column(header, justify="right", no_wrap=True) for header in headers)
+    left.justify = "left"
+    return Table(left, *right, box=None, padding=(0, 2, 0, 0), pad_edge=False)
 
 
 def _verdict(holds: bool) -> str:

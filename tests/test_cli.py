@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import typer
-from phasewire import ControlPoints, Emulator, Medium, Sphere, TransducerArray, open_device, pressure, solve
+from phasewire import ControlPoints, Emulator, Medium, Sphere, Transducer, TransducerArray, open_device, pressure, solve
 from phasewire.__main__ import app, main
+from phasewire.solver import METHODS, Star
 from phasewire.solver.files import load_field, load_solution, save_solution
 
-COMMANDS = ("demo", "solve", "field", "focus", "show", "stop", "info")
+COMMANDS = ("demo", "solve", "field", "focus", "reproduce", "show", "stop", "info")
 
 
 class Outcome(NamedTuple):
@@ -90,6 +91,25 @@ def test_solve_field_and_show_hand_over_to_each_other(phasewire: Run, tmp_path: 
     assert outcome.code == 0
     status = json.loads(outcome.out)["status"]
     assert (status["enabled"], status["accepted"], status["missed_commits"]) == (True, 1, 0)
+
+
+def test_solve_takes_any_option_of_a_method_and_any_transducer_and_air(phasewire: Run, tmp_path: Path) -> None:
+    settings = ("--set", "gamma=0.5", "--set", "steps=3", "--set", "output=phase", "--method", "wgs")
+    air = ("--temperature", "30", "--humidity", "40", "--transducer", "MA40S4S-10Vrms", "--model", "monopole")
+    assert phasewire("solve", "star", "-o", "s.npz", *settings, *air).code == 0
+    solution = load_solution(tmp_path / "s.npz")
+    medium = Medium(30, absorbing=True, humidity=40)
+    array = TransducerArray.grid(transducer=Transducer(strength=8.49, model="monopole"))
+    expected = solve(array, Star().sample(), gamma=0.5, steps=3, output="phase", medium=medium)
+    np.testing.assert_array_equal(solution.drive, expected.drive)
+    assert (solution.medium, solution.array.transducer.strength) == (medium, 8.49)
+
+
+def test_the_help_of_solve_names_every_method_and_option(phasewire: Run) -> None:
+    text = " ".join(phasewire("solve", "--help").out.split())
+    for name, method in METHODS.items():
+        assert f"{name}: {method.summary}" in text
+        assert all(option in text for option in method.options)
 
 
 @pytest.fixture
@@ -258,7 +278,7 @@ def test_too_little_memory_is_code_2(phasewire: Run, monkeypatch: pytest.MonkeyP
     def exhausted(*arguments: object, **options: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("phasewire.solver.cli.solve", exhausted)
+    monkeypatch.setattr("phasewire.solver.cli.Solver", exhausted)
     outcome = phasewire("solve", "circle", "-o", "x.npz")
     assert (outcome.code, "not enough memory" in outcome.err) == (2, True)
 
@@ -309,6 +329,13 @@ BAD = [
         2,
         "unknown method 'magic'; known are wgs, polish, tikhonov",
     ),
+    (("solve", "circle", "-o", "x.npz", "--set", "gamma"), 2, "--set 'gamma' must be a name, = and a value"),
+    (("solve", "circle", "-o", "x.npz", "--set", "gamma=x"), 2, "gamma x must be a number between 0 and 1"),
+    (("solve", "circle", "-o", "x.npz", "--set", "mu=1", "--set", "mu=2"), 2, "--set mu is given twice"),
+    (("solve", "circle", "-o", "x.npz", "--set", "magic=1"), 2, "wgs has no option 'magic'; it has output"),
+    (("solve", "circle", "-o", "x.npz", "--transducer", "T"), 2, "unknown transducer 'T'; known are MA40S4S"),
+    (("solve", "circle", "-o", "x.npz", "--model", "point"), 2, "unknown transducer model 'point'; known are monopole"),
+    (("solve", "circle", "-o", "x.npz", "--humidity", "101"), 2, "humidity 101.0 % must lie between 0 and 100 %"),
     (("solve", "circle", "-o", "x.npz", "--rows", "0"), 2, "rows 0 must be at least 1"),
     (("solve", "circle", "-o", "x.npz", "--spacing", "0"), 2, "spacing 0.0 m must be positive"),
     (("solve", "circle", "-o", "x.npz", "--temperature", "-400"), 2, "temperature -400.0 °C"),

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from phasewire import TransducerArray
+from phasewire import Transducer, TransducerArray
 
 
 def test_the_default_grid_is_the_paper_s_array() -> None:
@@ -58,3 +59,62 @@ def test_impossible_grids_are_refused(arguments: dict[str, Any], message: str) -
 def test_impossible_arrays_are_refused(positions: list[float], normals: list[float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         TransducerArray(positions, normals)
+
+
+def test_a_calibrated_array_keeps_everything_else() -> None:
+    array = TransducerArray.grid(2, 2)
+    real = array.calibrated([1, -1, 0.5j, 0], [1, 0.5, 0, 1])
+    np.testing.assert_array_equal(real.positions, array.positions)
+    np.testing.assert_array_equal(real.response, [1, -1, 0.5j, 0])
+    np.testing.assert_array_equal(real.limits, [1, 0.5, 0, 1])
+    again = real.calibrated([1, 1, 1, 1])
+    np.testing.assert_array_equal(again.limits, real.limits)
+    with pytest.raises(ValueError, match="read-only"):
+        real.response[0] = 2
+
+
+def test_a_moved_array_is_turned_then_shifted() -> None:
+    quarter = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    tilted = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # z to -y
+    array = TransducerArray([[1, 0, 0], [0, 2, 0]], [[0, 0, 1], [0, 0, 1]], response=[1j, 2])
+    moved = array.moved(quarter, [0, 0, 5])
+    np.testing.assert_allclose(moved.positions, [[0, 1, 5], [-2, 0, 5]])
+    np.testing.assert_allclose(array.moved(tilted, [0, 0, 0]).normals, [[0, -1, 0]] * 2)
+    np.testing.assert_array_equal(moved.response, array.response)
+
+
+def test_joined_panels_stand_in_their_order() -> None:
+    left, right = TransducerArray.grid(2, 1), TransducerArray.grid(1, 1).calibrated([-1], [0.5])
+    joined = TransducerArray.joined([left, right])
+    np.testing.assert_array_equal(joined.positions, np.vstack([left.positions, right.positions]))
+    np.testing.assert_array_equal(joined.response, [1, 1, -1])
+    np.testing.assert_array_equal(joined.limits, [1, 1, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda a: a.calibrated([1, 1, 1]), r"responses have the shape \(3,\), but there are 4 transducers"),
+        (lambda a: a.calibrated([1, 1, np.nan, 1]), "response .*nan.* of transducer 2 must be finite"),
+        (lambda a: a.calibrated([1, 1, 1, 101]), "of transducer 3 must be finite, its gain at most 100"),
+        (lambda a: a.calibrated([0, 0, 0, 0]), "every transducer has response 0, that is dead"),
+        (lambda a: a.calibrated(["loud"] * 4), "each transducer's response must be a number"),
+        (lambda a: a.calibrated([1] * 4, [1, 1, 1, 1.1]), "limit 1.1 of transducer 3 must lie between 0 and 1"),
+        (lambda a: a.calibrated([1] * 4, [1, -0.1, 1, 1]), "limit -0.1 of transducer 1"),
+        (lambda a: a.calibrated([1, 0, 0, 0], [0, 1, 1, 1]), "every working transducer has limit 0"),
+        (lambda a: a.moved(np.eye(3) * 2, [0, 0, 0]), r"must be a \(3, 3\) rotation matrix"),
+        (lambda a: a.moved(np.diag([1, 1, -1]), [0, 0, 0]), "rotation matrix"),
+        (lambda a: a.moved(np.full((3, 3), np.nan), [0, 0, 0]), "rotation matrix"),
+        (lambda a: a.moved(np.eye(2), [0, 0, 0]), "rotation matrix"),
+        (lambda a: a.moved(np.eye(3), [0, 0]), r"translation \[0.0, 0.0\] m must be three finite numbers"),
+        (lambda a: a.moved(np.eye(3), [0, 0, np.inf]), "translation"),
+        (lambda a: TransducerArray.joined([]), "at least one array"),
+        (
+            lambda a: TransducerArray.joined([a, TransducerArray.grid(1, 1, transducer=Transducer(5e-3))]),
+            "all of the same transducer",
+        ),
+    ],
+)
+def test_impossible_changes_are_named(make: Callable[[TransducerArray], Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make(TransducerArray.grid(2, 2))
