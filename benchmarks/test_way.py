@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from phasewire import Circle, Emulator, Pulses, TransducerArray, open_device, sample_plane, solve
+from phasewire import Circle, Emulator, Pulses, Solver, TransducerArray, open_device, sample_plane, solve
 from phasewire.protocol import Update, pack, unpack
 from phasewire.protocol.layout import BLOCK
 from phasewire.solver.convolution import PlanePropagator
-from phasewire.solver.propagation import transfer_matrix
 
 ARRAY = TransducerArray.grid()
 POINTS = Circle(radius=0.0765).sample()
@@ -22,14 +21,18 @@ UPDATE = Update(Pulses.from_drive(SOLUTION.drive), 1)
 PACKED = pack(UPDATE)
 
 
-@pytest.mark.benchmark(group="solve, 32 points and 320 transducers")
+@pytest.mark.benchmark(group="the next frame, 32 points and 320 transducers")
 class TestSolve:
-    def test_tikhonov(self, benchmark: Any) -> None:
-        assert len(POINTS) == 32
-        benchmark(solve, ARRAY, POINTS)
+    """More of this, beside what the arithmetic allows, in solver.py."""
 
-    def test_floor_the_transfer_matrix_alone(self, benchmark: Any) -> None:
-        benchmark(transfer_matrix, ARRAY, POINTS.positions)
+    @pytest.mark.parametrize("method", ["tikhonov", "wgs"])
+    def test_single_precision(self, benchmark: Any, method: str) -> None:
+        assert len(POINTS) == 32
+        benchmark(Solver(ARRAY, method).solve, POINTS)
+
+    @pytest.mark.parametrize("method", ["tikhonov", "wgs"])
+    def test_double_precision(self, benchmark: Any, method: str) -> None:
+        benchmark(Solver(ARRAY, method, precision="double").solve, POINTS)
 
 
 @pytest.mark.benchmark(group="the field of one drive, 195 × 195 samples and 320 transducers")

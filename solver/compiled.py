@@ -5,7 +5,7 @@ numba takes half a second to import, so this module is imported where it is used
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ from .propagation import transfer_matrix
 from .reference import cold_start
 from .simd import LANES
 
-__all__ = ["CompiledEngine", "can_reach", "compilation", "pressure_at", "tables_of"]
+__all__ = ["CompiledEngine", "can_reach", "compilation", "inside_box", "pressure_at", "tables_of"]
 
 OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
 POLYNOMIAL_ERROR = 2e-6
@@ -70,12 +70,12 @@ def tables_of(array: TransducerArray, medium: Medium) -> Tables:
     )
 
 
-def can_reach(tables: Tables, farthest: float) -> bool:
-    """Whether the kernels can compute waves up to a distance in metres from the middle of the array."""
-    if tables.directivity is None:
-        return False
-    longest = farthest + float(np.linalg.norm(tables.high - tables.low)) / 2
-    return tables.nepers is None or float(tables.nepers) * longest <= kernels.MAX_NEPERS
+def can_reach(tables: Tables, points: NDArray[np.float64]) -> bool:
+    """Whether the kernels can compute the waves at (k, 3) points, or do not because of the model or of absorption."""
+    if tables.directivity is None or tables.nepers is None:
+        return tables.directivity is not None
+    farthest = np.maximum(points.max(axis=0) - tables.low, tables.high - points.min(axis=0))
+    return float(tables.nepers) * float(np.linalg.norm(farthest)) <= kernels.MAX_NEPERS
 
 
 def _directivity(array: TransducerArray, medium: Medium) -> NDArray[np.float32] | None:
@@ -122,8 +122,7 @@ class CompiledEngine:
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._medium, self._method, self._options = array, medium, method, options
         self._tables = tables_of(array, medium)
-        size = float(np.linalg.norm(self._tables.high - self._tables.low))
-        self._modelled = can_reach(self._tables, REACH + size / 2)
+        self._modelled = can_reach(self._tables, np.stack([self._tables.low - REACH, self._tables.high + REACH]))
         self._columns = self._tables.elements.shape[1]
         self._capacity = 0
         self._points = 0
@@ -289,16 +288,30 @@ def pressure_at(
     tables: Tables, array: TransducerArray, drive: NDArray[np.complex128], points: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
     """Pressure at (k, 3) points, in pascals; the points are not checked."""
-    columns = tables.elements.shape[1]
-    emitted = aligned(2, columns)
-    emitted[0, : len(array)] = (scaled := drive * array.response * array.transducer.polarity).real
-    emitted[1, : len(array)] = scaled.imag
-    relative = np.ascontiguousarray((points - tables.origin).T, dtype=np.float32)
-    sums = aligned(2, len(points))
+    emitted = aligned(2, tables.elements.shape[1])
+    scaled = drive * array.response * array.transducer.polarity
+    emitted[0, : len(array)], emitted[1, : len(array)] = scaled.real, scaled.imag
+    pressure = np.empty(len(points), dtype=np.complex128)
     kernels.sum_pressure(
-        tables.elements, tables.directivity, tables.turns, tables.nepers, emitted[0], emitted[1], relative, sums
+        tables.elements,
+        tables.directivity,
+        tables.turns,
+        tables.nepers,
+        tables.origin,
+        emitted,
+        tables.strength,
+        points,
+        pressure,
     )
-    return np.asarray(tables.strength * (sums[0] + 1j * sums[1]), dtype=np.complex128)
+    return pressure
+
+
+def inside_box(tables: Tables, points: NDArray[np.float64]) -> Iterator[int]:
+    """Indices of those (k, 3) points that may be too close to a transducer."""
+    index = kernels.first_inside(points, tables.low, tables.high, 0)
+    while index >= 0:
+        yield index
+        index = kernels.first_inside(points, tables.low, tables.high, index + 1)
 
 
 def compilation() -> dict[str, tuple[int, int]]:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from .geometry import as_points
 from .points import MAX_POINTS, ControlPoints
@@ -150,6 +149,8 @@ def _arc_lengths(curve: Curve, steps: int) -> NDArray[np.float64]:
 
 def _without_coincidences(positions: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
     """The positions without those that lie within ``distance`` of an earlier one."""
+    from scipy.spatial import cKDTree  # which takes 0.1 s to import
+
     stays = np.ones(len(positions), dtype=np.bool_)
     stays[cKDTree(positions).query_pairs(distance, output_type="ndarray")[:, 1]] = False
     return positions[stays]

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter
 
 from .array import TransducerArray
 from .field import PlaneField, VolumeField, sample_cut, sample_volume
@@ -337,6 +336,8 @@ def _lobes(
     mean: float,
 ) -> list[Lobe]:
     """The strongest local maximum of the grid outside every neighbourhood, and all that may be ghosts, in order."""
+    from scipy.ndimage import maximum_filter  # which takes 0.1 s to import
+
     coarsest = medium.wavelength / COARSEST
     if grid.step > coarsest * 1.001:
         raise ValueError(f"a step of {grid.step:g} m misses lobes; at most a quarter wavelength, {coarsest:.3g} m")

@@ -29,11 +29,12 @@ def as_points(values: ArrayLike, what: str) -> NDArray[np.float64]:
         raise ValueError(f"{what}s must be (m, 3) numbers: {error}") from error
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise ValueError(f"{what}s must have the shape (m, 3) with m of at least 1, not {points.shape}")
+    if (np.abs(points) <= FARTHEST).all():
+        return points
     if (bad := np.flatnonzero(~np.isfinite(points).all(axis=1))).size:
         raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; its coordinates must be finite numbers")
-    if (bad := np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))).size:
-        raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; coordinates are metres, at most {FARTHEST:g}")
-    return points
+    bad = np.flatnonzero((np.abs(points) > FARTHEST).any(axis=1))
+    raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; coordinates are metres, at most {FARTHEST:g}")
 
 
 def frozen(values: NDArray[Scalar]) -> NDArray[Scalar]:

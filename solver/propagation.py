@@ -117,11 +117,12 @@ def pressure(
         raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
     points, medium = as_points(at, "point"), medium or Medium()
     if precision == "single":
-        from .compiled import can_reach, pressure_at, tables_of  # numba takes half a second to import
+        from .compiled import can_reach, inside_box, pressure_at, tables_of  # numba takes half a second to import
 
         tables = tables_of(array, medium)
-        if can_reach(tables, float(np.linalg.norm(points - tables.origin, axis=1).max())):
-            _check_distances(array, points)
+        if can_reach(tables, points):
+            for index in inside_box(tables, points):
+                _check_distance(array, points[index], index)
             return pressure_at(tables, array, drive, points)
     result = np.empty(len(points), dtype=np.complex128)
     at_a_time = max(1, PAIRS_AT_A_TIME // len(array))
@@ -131,14 +132,11 @@ def pressure(
     return result
 
 
-def _check_distances(array: TransducerArray, points: NDArray[np.float64]) -> None:
-    """Raise `ValueError` where a point is too close to a transducer; only those within the array's box can be."""
-    nearest = array.transducer.nearest
-    low, high = array.positions.min(axis=0) - nearest, array.positions.max(axis=0) + nearest
-    for index in np.flatnonzero(((points > low) & (points < high)).all(axis=1)):
-        distance = np.linalg.norm(points[index] - array.positions, axis=1)
-        if distance.min() < nearest:
-            raise ValueError(_too_close(array, points[index], int(index), int(distance.argmin()), distance.min()))
+def _check_distance(array: TransducerArray, point: NDArray[np.float64], number: int) -> None:
+    """Raise `ValueError` where a point is too close to a transducer."""
+    distance = np.linalg.norm(point - array.positions, axis=1)
+    if distance.min() < array.transducer.nearest:
+        raise ValueError(_too_close(array, point, number, int(distance.argmin()), distance.min()))
 
 
 def _too_close(
