@@ -274,7 +274,12 @@ def milliseconds(case: dict[str, Any]) -> str:
     """Median and half the interquartile range of a case's times; ``~`` where the machine was busy."""
     times = case["times"]
     mark = "~" if times["cpu_share"] < QUIET else ""
-    return f"{mark}{times['median'] * 1e3:.2f} ±{(times['high'] - times['low']) / 2 * 1e3:.2f}"
+    return f"{mark}{short(times['median'])} ±{short((times['high'] - times['low']) / 2)}"
+
+
+def short(seconds: float) -> str:
+    """Milliseconds, with three digits after the point only where there are none before it."""
+    return f"{seconds * 1e3:.3f}" if seconds < 1e-3 else f"{seconds * 1e3:.2f}"
 
 
 def pair(case: dict[str, Any], key: str, factor: float, digits: int) -> str:
@@ -284,8 +289,8 @@ def pair(case: dict[str, Any], key: str, factor: float, digits: int) -> str:
 
 SECTIONS: dict[str, Callable[[dict[str, Any]], str]] = {
     "time of a call in ms, median ± half the interquartile range; ~ too long, for the machine was busy": milliseconds,
-    "mean processor time of a call in ms, which a busy machine lengthens less": lambda case: (
-        f"{case['times']['processor'] * 1e3:.2f}"
+    "mean processor time of a call in ms, which a busy machine lengthens less": lambda case: short(
+        case["times"]["processor"]
     ),
     "spread, std(|p|)/mean(|p|) in %, as returned / phase only": lambda case: pair(case, "spread", 100, 2),
     "weakest point, min(|p|)/mean(|p|), as returned / phase only": lambda case: pair(case, "weakest", 1, 2),
@@ -300,7 +305,7 @@ def named(entered: dict[str, Any], title: str) -> str:
 
 def print_table(records: dict[str, dict[str, Any]], problems: list[str]) -> None:
     """All contestants, a section for each quantity, a column for each problem."""
-    widths = [44, 6] + [max(16, len(problem) + 2) for problem in problems]
+    widths = [44, 10] + [max(16, len(problem) + 2) for problem in problems]
 
     def line(cells: list[str]) -> None:
         print("".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=False)).rstrip())
@@ -310,12 +315,35 @@ def print_table(records: dict[str, dict[str, Any]], problems: list[str]) -> None
         line(["", "steps", *problems])
         for title, record in records.items():
             if "unavailable" in record:
-                line([title, f"-     {record['unavailable']}"])
+                line([title, "-", record["unavailable"]])
                 continue
             for contestant in record["contestants"]:
                 cases = [contestant["cases"][problem] for problem in problems]
                 shown = ["failed" if "error" in case else cell(case) for case in cases]
                 line([named(contestant, title), contestant["iterations"], *shown])
+
+
+def print_ratios(records: dict[str, dict[str, Any]], problem: str) -> None:
+    """How many times as fast as the fastest peer's GS-PAT each of our own methods is on a problem, and how even."""
+    entries = [
+        (record is records.get(OURS), contestant["name"], contestant["iterations"], contestant["cases"][problem])
+        for record in records.values()
+        for contestant in record.get("contestants", [])
+        if "error" not in contestant["cases"][problem]
+    ]
+    rivals = [(case["times"]["median"], name, steps) for ours, name, steps, case in entries if "GS-PAT" in name]
+    if not rivals:
+        return
+    print(f"\n{problem}, updates/s and times as fast as the fastest GS-PAT of a peer, by its default count and by any")
+    default = min(rival for rival in rivals if rival[2].endswith("*"))
+    for ours, name, steps, case in entries:
+        if ours:
+            rate, spread = 1 / case["times"]["median"], case["returned"]["spread"]
+            print(
+                f"{name:44}{steps:10}{rate:9.0f}/s {default[0] * rate:6.1f} × {min(rivals)[0] * rate:6.1f} ×"
+                f"   spread {spread:.2%}"
+            )
+    print(f"    against {default[1]} {default[2]}, and {min(rivals)[1]} {min(rivals)[2]}")
 
 
 def print_fields(records: dict[str, dict[str, Any]]) -> None:
@@ -378,6 +406,8 @@ def main() -> None:
     records = compete(task, chosen.peers)
     about["load_after"] = os.getloadavg()[0]
     print_table(records, list(task.problems))
+    for problem in ("rings 16+16", "random 32"):
+        print_ratios(records, problem)
     print_fields(records)
     print_remarks(records, about)
     parameters = {
