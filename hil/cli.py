@@ -16,7 +16,7 @@ from ..console import JsonOption, console_for, error_console, write_json
 from ..emulator import Emulator
 from ..protocol.board import TICK_HZ
 from ..protocol.codes import BLOCK_BYTES
-from ..solver import Sphere, TransducerArray, solve
+from ..solver import Solver, Sphere, TransducerArray
 from ..solver.picture import check_picture_path
 from ..storage import check_outputs
 from .end_to_end import EndToEnd, run_end_to_end
@@ -59,10 +59,14 @@ def demo(
             f"{sphere.palm * 100:g} cm: a circle of {sphere.cut().radius * 100:g} cm radius, "
             f"{len(points)} control points",
         )
-        status.update("solving")
+        status.update("solving; the first time, compiling takes some seconds")
+        solver = Solver(array)
+        solver.solve(points)
+        solver.forget()
         before = perf_counter()
-        solution = solve(array, points)
-        told("solve", f"{len(array)} drives by weighted Tikhonov in {(perf_counter() - before) * 1e3:.1f} ms")
+        solution = solver.solve(points)
+        microseconds = (perf_counter() - before) * 1e6
+        told("solve", f"{len(array)} drives by weighted Tikhonov and Gerchberg–Saxton steps in {microseconds:.0f} µs")
         status.update("sending, playing and capturing")
         with Emulator() as emulator:
             run = run_end_to_end(solution, emulator)

@@ -11,15 +11,22 @@ import pytest
 from phasewire.__main__ import main
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "protocol/SPEC.md")]
+DOCUMENTS = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "protocol/SPEC.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    exec(compile(code, "README.md", "exec"), {})
+    way, solver = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    exec(compile(way, "README.md", "exec"), {})
     first, second = (float(number) for number in re.findall(r"[\d.]+", capsys.readouterr().out))
     assert second / first == pytest.approx(0.5, abs=0.05)
+    exec(compile(solver, "README.md", "exec"), {})
+    mean, spread = (float(number) for number in re.findall(r"[\d.]+", capsys.readouterr().out))
+    assert mean > 1000
+    assert spread < 0.5  # per cent
 
 
 def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
