@@ -111,7 +111,7 @@ def stages(flops: float) -> Iterator[dict[str, Any]]:
         calls: dict[str, tuple[Callable[[], object], float]] = {
             "model": (
                 lambda: kernels.fill_transfer(
-                    tables.elements, tables.directivity, tables.turns, None, points.positions, tables.origin, wanted,
+                    tables.elements, tables.wave[0], tables.turns, None, points.positions, tables.origin, wanted,
                     re[:m], im[:m], spans[0, 0],
                 ),
                 40 * m * n,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import kernels
 from .array import TransducerArray
+from .diffraction import KERNELS, REFERENCE_DISTANCE
 from .geometry import frozen
 from .medium import Medium
 from .models import residual
@@ -25,18 +26,24 @@ from .points import REACH, ControlPoints, check_reachable
 from .propagation import transfer_matrix
 from .reference import cold_start
 from .simd import LANES
+from .table import ResidualTable
 
 __all__ = ["CompiledEngine", "can_reach", "compilation", "inside_box", "pressure_at", "tables_of"]
 
 OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
 POLYNOMIAL_ERROR = 2e-6
+ROWS_PER_KA2 = 8  # of a table in sin²θ, per (k·radius)²: linear interpolation is then within 3e-5
 
 
 class Tables(NamedTuple):
-    """An array in its medium as kernels read it, coordinates relative to ``origin``, pressure to ``strength``."""
+    """An array in its medium as kernels read it, coordinates relative to ``origin``, pressure to ``strength``.
+
+    ``wave`` is what the kernels need to know of the transducer's model: the coefficients of its directivity in sin²θ,
+    or else a table of its residual, from which distance that holds, and the powers before it.
+    """
 
     elements: NDArray[np.float32]
-    directivity: NDArray[np.float32] | None
+    wave: tuple[NDArray[np.float32]] | tuple[NDArray[np.float32], np.float32, int, np.float32]
     turns: np.float32
     nepers: np.float32 | None
     origin: NDArray[np.float64]
@@ -47,7 +54,7 @@ class Tables(NamedTuple):
 
 @lru_cache(maxsize=32)
 def tables_of(array: TransducerArray, medium: Medium) -> Tables:
-    """Tables of an array. ``directivity`` is None where only `transfer_matrix` knows the transducer's model."""
+    """Tables of an array, which is not to be changed after."""
     n, transducer = len(array), array.transducer
     low, high = array.positions.min(axis=0), array.positions.max(axis=0)
     origin = (low + high) / 2
@@ -60,7 +67,7 @@ def tables_of(array: TransducerArray, medium: Medium) -> Tables:
     elements[kernels.LIMIT, :n] = np.where(able, array.limits, 0)
     return Tables(
         frozen(elements),
-        _directivity(array, medium),
+        _wave_of(array, medium),
         np.float32(1 / medium.wavelength),
         np.float32(medium.attenuation) if medium.attenuation else None,
         origin,
@@ -71,29 +78,41 @@ def tables_of(array: TransducerArray, medium: Medium) -> Tables:
 
 
 def can_reach(tables: Tables, points: NDArray[np.float64]) -> bool:
-    """Whether the kernels can compute the waves at (k, 3) points, or do not because of the model or of absorption."""
-    if tables.directivity is None or tables.nepers is None:
-        return tables.directivity is not None
+    """Whether the kernels can compute the waves at (k, 3) points, which they cannot where nearly all is absorbed."""
+    if tables.nepers is None:
+        return True
     farthest = np.maximum(points.max(axis=0) - tables.low, tables.high - points.min(axis=0))
     return float(tables.nepers) * float(np.linalg.norm(farthest)) <= kernels.MAX_NEPERS
 
 
-def _directivity(array: TransducerArray, medium: Medium) -> NDArray[np.float32] | None:
-    """Coefficients of the directivity in sin²θ, where a polynomial of the kernels' degree is good enough."""
-    if array.transducer.model not in ("monopole", "piston"):
-        return None
+def _wave_of(
+    array: TransducerArray, medium: Medium
+) -> tuple[NDArray[np.float32]] | tuple[NDArray[np.float32], np.float32, int, np.float32]:
+    """The `Tables.wave` of a transducer: a polynomial where one of the kernels' degree is good enough."""
+    transducer = array.transducer
+    if transducer.model in KERNELS:
+        table = ResidualTable.of(transducer, medium, transducer.nearest)
+        growth = REFERENCE_DISTANCE**-0.5 if table.kernel.growth else 0.0
+        return _pairs(table.values), np.float32(table.nearest), table.kernel.cosine, np.float32(growth)
 
-    def wanted(sine_squared: NDArray[np.float64]) -> NDArray[np.float64]:
-        return residual(array.transducer, np.sqrt(np.clip(sine_squared, 0, 1)), 1.0, medium).real
+    def directivity(sine_squared: NDArray[np.float64]) -> NDArray[np.float64]:
+        return residual(transducer, np.sqrt(np.clip(sine_squared, 0, 1)), 1.0, medium).real
 
-    fitted = Chebyshev.interpolate(wanted, kernels.DIRECTIVITY_TERMS - 1, domain=[0, 1])
+    fitted = Chebyshev.interpolate(directivity, kernels.DIRECTIVITY_TERMS - 1, domain=[0, 1])
     between = np.linspace(0, 1, 200)
-    if np.abs(fitted(between) - wanted(between)).max() > POLYNOMIAL_ERROR:
-        return None
-    coefficients = np.zeros(kernels.DIRECTIVITY_TERMS, dtype=np.float32)
-    powers = fitted.convert(kind=Polynomial).coef
-    coefficients[: len(powers)] = powers
-    return coefficients
+    if np.abs(fitted(between) - directivity(between)).max() <= POLYNOMIAL_ERROR:
+        coefficients = np.zeros(kernels.DIRECTIVITY_TERMS, dtype=np.float32)
+        powers = fitted.convert(kind=Polynomial).coef
+        coefficients[: len(powers)] = powers
+        return (frozen(coefficients),)
+    rows = max(64, round((medium.wavenumber * transducer.radius) ** 2 * ROWS_PER_KA2))
+    column = directivity(np.linspace(0, 1, rows)).astype(np.complex128)
+    return _pairs(np.stack([column, column], axis=1)), np.float32(1), 0, np.float32(0)
+
+
+def _pairs(values: NDArray[np.complex128]) -> NDArray[np.float32]:
+    """(…) complex as (…, 2) real."""
+    return frozen(np.stack([values.real, values.imag], axis=-1).astype(np.float32))
 
 
 def aligned(*shape: int) -> NDArray[np.float32]:
@@ -166,7 +185,7 @@ class CompiledEngine:
     def takes_frames(self) -> bool:
         """Whether `drive_frames` can be used."""
         regularised = self._method in ("tikhonov", "wgs") and self._options.phase_seconds is None
-        return regularised and self._modelled
+        return regularised and self._modelled and len(self._tables.wave) == 1
 
     def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:
         """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n).
@@ -182,7 +201,7 @@ class CompiledEngine:
         self._make_room(largest)
         suspect, singular = kernels.update_frames(
             tables.elements,
-            tables.directivity,
+            tables.wave[0],
             tables.turns,
             tables.nepers,
             tables.origin,
@@ -236,9 +255,10 @@ class CompiledEngine:
     def _model(self, points: ControlPoints) -> None:
         tables = self._tables
         if self._modelled:
-            suspect = kernels.model(
+            kernel: Callable[..., int] = kernels.model if len(tables.wave) == 1 else kernels.model_by_table
+            suspect = kernel(
                 tables.elements,
-                tables.directivity,
+                *tables.wave,
                 tables.turns,
                 tables.nepers,
                 tables.origin,
@@ -292,9 +312,10 @@ def pressure_at(
     scaled = drive * array.response * array.transducer.polarity
     emitted[0, : len(array)], emitted[1, : len(array)] = scaled.real, scaled.imag
     pressure = np.empty(len(points), dtype=np.complex128)
-    kernels.sum_pressure(
+    kernel: Callable[..., None] = kernels.sum_pressure if len(tables.wave) == 1 else kernels.sum_pressure_by_table
+    kernel(
         tables.elements,
-        tables.directivity,
+        *tables.wave,
         tables.turns,
         tables.nepers,
         tables.origin,

@@ -123,6 +123,44 @@ def _element(
     return amplitude, c, s
 
 
+@_inlined
+def _looked_up(
+    dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, lead: Any,
+    table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
+) -> Any:  # fmt: skip
+    """Magnitude and complex wave of a transducer at an offset, its residual by `table.ResidualTable`.
+
+    ``table``, (rows, columns, 2), is over sin²θ and ``nearest``/r; ``cosines`` is the power of cosθ before it, and
+    ``growth`` the squared root of r before it, per √m, or 0 for none.
+    """
+    d2 = dx * dx + dy * dy + dz * dz + TINY
+    r = np.sqrt(d2)
+    inverse = F(1) / r
+    cosine = (dx * nx + dy * ny + dz * nz) * inverse
+    x = min(max(F(1) - cosine * cosine, F(0)), F(1)) * F(table.shape[0] - 1)
+    y = min(nearest * inverse, F(1)) * F(table.shape[1] - 1)
+    i, j = min(int(x), table.shape[0] - 2), min(int(y), table.shape[1] - 2)
+    down, right = x - F(i), y - F(j)
+    a, b = (F(1) - down) * (F(1) - right), (F(1) - down) * right
+    c, d = down * (F(1) - right), down * right
+    re = a * table[i, j, 0] + b * table[i, j + 1, 0] + c * table[i + 1, j, 0] + d * table[i + 1, j + 1, 0]
+    im = a * table[i, j, 1] + b * table[i, j + 1, 1] + c * table[i + 1, j, 1] + d * table[i + 1, j + 1, 1]
+    amplitude = gain * inverse
+    if nepers is not None:
+        amplitude *= _decay(nepers * r)
+    if cosines == 1:
+        amplitude *= cosine
+    if growth > F(0):
+        amplitude *= growth * np.sqrt(r)
+    amplitude = amplitude if cosine > F(0) else F(0)
+    wave_re, wave_im = _wave(turns * r + lead)
+    return (
+        amplitude * np.sqrt(re * re + im * im),
+        amplitude * (wave_re * re - wave_im * im),
+        amplitude * (wave_re * im + wave_im * re),
+    )
+
+
 @_free
 def first_suspect(points: Any, low: Any, high: Any, elements: Any, origin: Any, farthest: Any) -> int:
     """First point that needs a closer look, or -1.
@@ -164,6 +202,26 @@ def fill_transfer(
             reach[q] += weight * abs(amplitude)
             re[i, q] = amplitude * wave_re
             im[i, q] = amplitude * wave_im
+
+
+@_ordered
+def fill_transfer_by_table(
+    elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
+    points: Any, origin: Any, wanted: Any, re: Any, im: Any, reach: Any,
+) -> None:  # fmt: skip
+    """What `fill_transfer` does, for models whose residual is looked up."""
+    m, columns = len(points), re.shape[1]
+    for q in range(columns):
+        reach[q] = F(0)
+    for i in range(m):
+        px, py, pz = F(points[i, 0] - origin[0]), F(points[i, 1] - origin[1]), F(points[i, 2] - origin[2])
+        for q in range(columns):
+            magnitude, re[i, q], im[i, q] = _looked_up(
+                px - elements[X, q], py - elements[Y, q], pz - elements[Z, q],
+                elements[NX, q], elements[NY, q], elements[NZ, q], elements[GAIN, q], elements[LEAD, q],
+                table, nearest, cosines, growth, turns, nepers,
+            )  # fmt: skip
+            reach[q] += wanted[i] * magnitude
 
 
 @_free
@@ -468,6 +526,20 @@ def model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any,
     return int(first_suspect(points, low, high, elements, origin, farthest))
 
 
+@_ordered
+def model_by_table(
+    elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any, origin: Any,
+    low: Any, high: Any, farthest: Any, points: Any, amplitudes: Any, work: Any,
+) -> int:  # fmt: skip
+    """What `model` does, for models whose residual is looked up."""
+    m, columns = len(points), elements.shape[1]
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    set_wanted(amplitudes, m, columns, work)
+    fill_transfer_by_table(elements, table, nearest, cosines, growth, turns, nepers, points, origin, vectors[1, 0],
+                           re[:m], im[:m], spans[0, 0])  # fmt: skip
+    return int(first_suspect(points, low, high, elements, origin, farthest))
+
+
 @_free
 def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
     """From the transfer matrix and reach to B, G, the response of (9), and the phases u."""
@@ -696,3 +768,23 @@ def sum_pressure(elements: Any, directivity: Any, turns: Any, nepers: Any, origi
                 im[i] += amplitude * (wave_re * di + wave_im * dr)
         for i in range(len(part)):
             pressure[first + i] = scale * complex(re[i], im[i])
+
+
+@_ordered
+def sum_pressure_by_table(
+    elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
+    origin: Any, drive: Any, scale: Any, points: Any, pressure: Any,
+) -> None:  # fmt: skip
+    """What `sum_pressure` does, for models whose residual is looked up."""
+    for i in range(len(points)):
+        px, py, pz = F(points[i, 0] - origin[0]), F(points[i, 1] - origin[1]), F(points[i, 2] - origin[2])
+        re = im = F(0)
+        for q in range(elements.shape[1]):
+            _, wave_re, wave_im = _looked_up(
+                px - elements[X, q], py - elements[Y, q], pz - elements[Z, q],
+                elements[NX, q], elements[NY, q], elements[NZ, q], F(1), F(0),
+                table, nearest, cosines, growth, turns, nepers,
+            )  # fmt: skip
+            re += wave_re * drive[0, q] - wave_im * drive[1, q]
+            im += wave_re * drive[1, q] + wave_im * drive[0, q]
+        pressure[i] = scale * complex(re, im)

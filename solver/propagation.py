@@ -96,7 +96,8 @@ def pressure(
         The air; 20 °C by default.
     precision : {"double", "single"}
         complex128 in NumPy, or a compiled float32 kernel: within 1e-4 of the largest pressure, a hundred times as fast,
-        and the choice for fields. Models without a kernel are always computed in double precision.
+        and the choice for fields. Where nearly all is absorbed on the way, it is computed in double precision all the
+        same.
 
     Returns
     -------
