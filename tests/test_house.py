@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 from phasewire import Medium, TransducerArray
 from phasewire.protocol import board
+from phasewire.solver.options import PHASE_LEVELS
 
 
 def test_the_solver_s_default_array_is_the_board_s() -> None:
@@ -16,3 +20,14 @@ def test_the_solver_s_default_array_is_the_board_s() -> None:
 
 def test_the_solver_s_default_carrier_is_the_board_s() -> None:
     assert Medium().frequency == board.CARRIER_HZ
+
+
+def test_a_polished_drive_has_the_phases_of_a_pulse() -> None:
+    assert PHASE_LEVELS == board.HALF_TICKS_PER_PERIOD
+
+
+def test_importing_the_package_imports_nothing_slow() -> None:
+    """numba and matplotlib take longer than everything else together, and only some users need them."""
+    code = "import sys, phasewire.__main__; print([name for name in ('numba', 'matplotlib') if name in sys.modules])"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert ended.stdout.strip() == "[]"
