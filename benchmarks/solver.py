@@ -21,7 +21,8 @@ import numpy as np
 from numba import njit
 from phasewire import ControlPoints, Solver, TransducerArray, pressure
 from phasewire.solver import METHODS, PlanePropagator, kernels, solve_frames
-from phasewire.solver.compiled import CompiledEngine, compilation
+from phasewire.solver.compiled import compilation
+from phasewire.solver.engine import CompiledEngine
 from phasewire.solver.simd import LANES, load, spread, total
 
 COUNTS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512)

@@ -26,7 +26,6 @@ from .files import POINT_FILES, load_solution, read_points, save_field, save_sol
 from .focus import focus_report
 from .grid import Grid
 from .medium import Medium
-from .models import MODELS
 from .options import METHODS, Options, Output
 from .picture import FORMATS, OIL, save_field_picture
 from .points import REACH, ControlPoints
@@ -35,7 +34,7 @@ from .quantities import QUANTITIES
 from .reproduce_cli import commands as reproduce_commands
 from .shapes import SHAPES, parse_shape, shape_help
 from .solve import Solution, Solver
-from .transducer import TRANSDUCERS
+from .transducer import MODELS, TRANSDUCERS
 from .vti import save_vti
 
 __all__ = ["commands"]

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import eval_legendre
 
-if TYPE_CHECKING:
-    from .aperture import Aperture
+from .aperture import Aperture
 
 __all__ = ["KERNELS", "REFERENCE_DISTANCE", "Kernel", "disc_rings", "image_rings", "integrate"]
 

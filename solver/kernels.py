@@ -1,8 +1,8 @@
 """Compiled float32 kernels: transfer matrix, Gram matrix, phases, factorisation and correction of one update; pressure.
 
 Each does what a readable complex128 function of `reference` or `propagation` does, and is tested against it. They see
-plain arrays that `compiled` prepares and checks, and know no class of this package. numba compiles them at their first
-call and keeps the result on disk.
+plain arrays that `compiled` and `engine` prepare and check, and know no class of this package. numba compiles them at
+their first call and keeps the result on disk.
 
 A complex matrix is two real ones, ``re`` and ``im``. B, the weighted transfer matrix, has a row for each control point
 and a column for each transducer; rows are padded with zeros to a multiple of `ROWS`, columns with transducers of gain 0

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +14,9 @@ from scipy.special import j1
 
 from .diffraction import KERNELS, Kernel, disc_rings, image_rings, integrate
 from .medium import Medium
+from .transducer import MODELS, Transducer
 
-if TYPE_CHECKING:
-    from .transducer import Transducer
-
-__all__ = ["MODELS", "directivity", "face_rings", "residual"]
+__all__ = ["directivity", "face_rings", "residual"]
 
 
 def residual(
@@ -54,7 +51,7 @@ def residual(
         raise ValueError(f"sine {bad[0]} is {sine.flat[bad[0]]}; it must lie between 0 and 1")
     if (bad := np.flatnonzero(~(distance > 0))).size:
         raise ValueError(f"distance {bad[0]} is {distance.flat[bad[0]]} m; it must be positive")
-    return MODELS[transducer.model](transducer, sine, distance, medium or Medium())
+    return WAVES[transducer.model](transducer, sine, distance, medium or Medium())
 
 
 def directivity(sine: ArrayLike, radius: float, medium: Medium) -> NDArray[np.float64]:
@@ -106,11 +103,8 @@ def _rayleigh(
     return np.asarray(smooth.reshape(sine.shape) * kernel.front(sine, distance))
 
 
-Model = Callable[["Transducer", NDArray[np.float64], NDArray[np.float64], Medium], NDArray[np.complex128]]
+Model = Callable[[Transducer, NDArray[np.float64], NDArray[np.float64], Medium], NDArray[np.complex128]]
 
-MODELS: dict[str, Model] = {
-    "monopole": _monopole,
-    "piston": _piston,
-    **{name: partial(_rayleigh, kernel) for name, kernel in KERNELS.items()},
-}
-"""Models by name: a point, a baffled piston's far field, and the Rayleigh integrals of `KERNELS` over the face."""
+WAVES: dict[str, Model] = dict(
+    zip(MODELS, (_monopole, _piston, *(partial(_rayleigh, kernel) for kernel in KERNELS.values())), strict=True)
+)

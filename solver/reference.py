@@ -239,7 +239,7 @@ def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps:
 class ReferenceEngine:
     """One update at a time in complex128, with the phases of the last one.
 
-    Parameters are those of `compiled.CompiledEngine`; any method will do.
+    Parameters are those of `engine.CompiledEngine`; any method will do.
     """
 
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:

@@ -19,7 +19,7 @@ from .propagation import Precision
 from .reference import ReferenceEngine
 
 if TYPE_CHECKING:
-    from .compiled import CompiledEngine
+    from .engine import CompiledEngine
 
 __all__ = ["Solution", "Solver", "solve", "solve_frames"]
 
@@ -193,6 +193,6 @@ def _engine(
 ) -> CompiledEngine | ReferenceEngine:
     if precision == "double" or not METHODS[method].compiled:
         return ReferenceEngine(array, medium, method, options)
-    from .compiled import CompiledEngine  # numba takes half a second to import
+    from .engine import CompiledEngine  # numba takes half a second to import
 
     return CompiledEngine(array, medium, method, options)

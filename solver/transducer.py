@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 from .aperture import Aperture
 from .diffraction import KERNELS
-from .models import MODELS
 
-__all__ = ["TRANSDUCERS", "Transducer"]
+__all__ = ["MODELS", "TRANSDUCERS", "Transducer"]
+
+MODELS = ("monopole", "piston", *KERNELS)
+"""Names of the models of a transducer's wave, which `models` computes: a point, a baffled piston's far field, and the
+Rayleigh integrals of `KERNELS` over its face."""
+
 
 DATA_SHEET = "20 Pa rms at 30 cm and 10 V rms, as the paper states; 8.49 Pa·m peak"
 LIMITS = (("radius", "m", 1.0), ("strength", "Pa·m", 1e6), ("resonance", "Hz", 1e9), ("time_constant", "s", 1.0))

@@ -1,0 +1,206 @@
+"""The compiled engine: one update at a time through the float32 kernels.
+
+numba takes half a second to import, so this module is imported where it is used and not before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import kernels
+from .array import TransducerArray
+from .compiled import aligned, can_reach, tables_of
+from .medium import Medium
+from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
+from .points import REACH, ControlPoints, check_reachable
+from .propagation import transfer_matrix
+from .reference import cold_start
+from .simd import LANES
+
+__all__ = ["CompiledEngine"]
+
+OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
+HEADROOM32, RELAXATION32, NUDGE32 = np.float32(HEADROOM), np.float32(RELAXATION), np.float32(NUDGE)
+
+
+class CompiledEngine:
+    """One update at a time in float32, with its buffers and the phases of the last one.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    medium : Medium
+        The air.
+    method : str
+        A compiled one of `METHODS`.
+    options : Options
+        With an output policy.
+    """
+
+    def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
+        self._array, self._medium, self._method, self._options = array, medium, method, options
+        self._tables = tables_of(array, medium)
+        self._modelled = can_reach(self._tables, np.stack([self._tables.low - REACH, self._tables.high + REACH]))
+        self._columns = self._tables.elements.shape[1]
+        self._capacity = 0
+        self._points = 0
+        self._warm = False
+        self._gamma, self._mu = np.float32(options.gamma), np.float32(options.mu)
+        self._output = OUTPUTS[str(options.output)]
+        self._power = options.phases == "power"
+        self._steps = options.steps if method in ("wgs", "polish") else 0
+
+    def forget(self) -> None:
+        """Begin the next update's phases anew."""
+        self._warm = False
+
+    def drive(self, points: ControlPoints) -> NDArray[np.complex64]:
+        """Drives (n,) for control points.
+
+        Raises
+        ------
+        ValueError
+            Where a point cannot be reached, or the system is singular.
+        """
+        m = len(points)
+        self._make_room(m)
+        self._model(points)
+        drive = np.empty(len(self._array), dtype=np.complex64)
+        elements, work = self._tables.elements, self._work
+        if self._method == "multiplex":
+            kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
+            return drive
+        self._begin(m)
+        fit = kernels.finish(
+            elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive
+        )
+        if fit < 0:
+            raise ValueError(self._too_close)
+        if self._method == "polish":
+            kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
+        return drive
+
+    @property
+    def takes_frames(self) -> bool:
+        """Whether `drive_frames` can be used."""
+        regularised = self._method in ("tikhonov", "wgs") and self._options.phase_seconds is None
+        return regularised and self._modelled and len(self._tables.wave) == 1
+
+    def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:
+        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n).
+
+        Raises
+        ------
+        ValueError
+            As `drive`.
+        """
+        tables, options = self._tables, self._options
+        begins = np.cumsum([0, *(len(points) for points in frames)])
+        largest = max(len(points) for points in frames)
+        self._make_room(largest)
+        suspect, singular = kernels.update_frames(
+            tables.elements,
+            tables.wave[0],
+            tables.turns,
+            tables.nepers,
+            tables.origin,
+            tables.low,
+            tables.high,
+            REACH,
+            np.concatenate([points.positions for points in frames]),
+            np.concatenate([points.amplitudes for points in frames]),
+            begins,
+            first,
+            stride,
+            self._gamma,
+            options.phase_steps,
+            self._power,
+            self._cold,
+            self._mu,
+            self._output,
+            HEADROOM32,
+            RELAXATION32,
+            self._steps,
+            self._work,
+            aligned(self._cold.size),
+            drives,
+        )
+        self.forget()
+        if suspect >= 0:
+            for points in frames[suspect::stride]:
+                check_reachable(self._array, points)
+        if singular >= 0:
+            raise ValueError(self._too_close)
+
+    @property
+    def _too_close(self) -> str:
+        return f"mu {self._options.mu} is too small for points as close together as these"
+
+    def _make_room(self, m: int) -> None:
+        if m > self._capacity:
+            self._work = aligned(kernels.work_size(m, self._columns))
+            self._capacity = m
+        if m != self._points:
+            start = cold_start(m)
+            self._cold, self._u = (aligned(2, -(-m // LANES) * LANES) for _ in range(2))
+            self._cold[0, :m], self._cold[1, :m] = start.real, start.imag
+            self._points, self._warm = m, False
+        if self._warm:
+            kernels.nudge(self._u, self._cold, NUDGE32)
+        else:
+            self._u[:] = self._cold
+            self._warm = True
+
+    def _model(self, points: ControlPoints) -> None:
+        tables = self._tables
+        if self._modelled:
+            kernel: Callable[..., int] = kernels.model if len(tables.wave) == 1 else kernels.model_by_table
+            suspect = kernel(
+                tables.elements,
+                *tables.wave,
+                tables.turns,
+                tables.nepers,
+                tables.origin,
+                tables.low,
+                tables.high,
+                REACH,
+                points.positions,
+                points.amplitudes,
+                self._work,
+            )
+            if suspect >= 0:
+                check_reachable(self._array, points)
+        else:
+            check_reachable(self._array, points)
+            self._enter(points)
+
+    def _enter(self, points: ControlPoints) -> None:
+        """Do what `kernels.model` does, with the transfer matrix from `transfer_matrix`."""
+        m, n = len(points), len(self._array)
+        parts = kernels.carve(self._work, m, self._columns)
+        re, im, reach = parts[0], parts[1], parts[7][0, 0]
+        matrix = transfer_matrix(self._array, points.positions, self._medium) / self._tables.strength
+        matrix *= self._array.limits > 0
+        re[:m, :n], im[:m, :n] = matrix.real, matrix.imag
+        re[:m, n:] = im[:m, n:] = 0
+        kernels.set_wanted(points.amplitudes, m, self._columns, self._work)
+        reach[:n] = (points.amplitudes / points.amplitudes.max()) @ np.abs(matrix)
+        reach[n:] = 0
+
+    def _begin(self, m: int) -> None:
+        options = self._options
+        if options.phase_seconds is None:
+            kernels.begin(m, self._columns, self._gamma, options.phase_steps, self._power, self._u, self._work)
+            return
+        end = perf_counter() + options.phase_seconds
+        kernels.begin(m, self._columns, self._gamma, 0, self._power, self._u, self._work)
+        for _ in range(options.phase_steps):
+            if perf_counter() >= end:
+                return
+            kernels.more_phases(m, self._columns, 1, self._power, self._u, self._work)
