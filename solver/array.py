@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from .geometry import Scalar, as_points, frozen
 from .transducer import Transducer
 
-__all__ = ["Transducer", "TransducerArray"]
+__all__ = ["TransducerArray"]
 
 COLUMNS, ROWS, PITCH = 20, 16, 10.3e-3  # metres; the default grid
 MAX_TRANSDUCERS = 1_000_000
 MAX_GAIN = 100.0
+LEAST = 1e-6  # gain, or limit, that is not 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,15 +67,17 @@ class TransducerArray:
         if (bad := np.flatnonzero(np.abs(lengths - 1) > 1e-6)).size:
             raise ValueError(f"the normal of transducer {bad[0]} has length {lengths[bad[0]]:.6g}; it must be 1")
         responses = self._for_each("response", response, np.complex128)
-        if (bad := np.flatnonzero(~(np.abs(responses) <= MAX_GAIN))).size:
+        gains = np.abs(responses)
+        if (bad := np.flatnonzero(~((gains == 0) | ((gains >= LEAST) & (gains <= MAX_GAIN))))).size:
             raise ValueError(
-                f"response {responses[bad[0]]} of transducer {bad[0]} must be finite, its gain at most {MAX_GAIN:g}"
+                f"response {responses[bad[0]]} of transducer {bad[0]} must be 0 or have a gain from {LEAST:g} to "
+                f"{MAX_GAIN:g}"
             )
         if not responses.any():
             raise ValueError("every transducer has response 0, that is dead; at least one must work")
         most = self._for_each("limit", limits, np.float64)
-        if (bad := np.flatnonzero(~((most >= 0) & (most <= 1)))).size:
-            raise ValueError(f"limit {most[bad[0]]} of transducer {bad[0]} must lie between 0 and 1")
+        if (bad := np.flatnonzero(~((most == 0) | ((most >= LEAST) & (most <= 1))))).size:
+            raise ValueError(f"limit {most[bad[0]]} of transducer {bad[0]} must be 0 or lie between {LEAST:g} and 1")
         if not (most * np.abs(responses)).any():
             raise ValueError("every working transducer has limit 0; at least one must be allowed to sound")
         object.__setattr__(self, "response", frozen(responses))
@@ -91,6 +95,11 @@ class TransducerArray:
     def __len__(self) -> int:
         return len(self.positions)
 
+    @property
+    def able(self) -> NDArray[np.bool_]:
+        """Which transducers can sound, (n,): neither dead nor limited to 0."""
+        return np.asarray((self.response != 0) & (self.limits > 0))
+
     @classmethod
     def grid(
         cls, columns: int = COLUMNS, rows: int = ROWS, pitch: float = PITCH, transducer: Transducer | None = None
@@ -107,8 +116,8 @@ class TransducerArray:
             What each of them is; the MA40S4S by default.
         """
         for name, count in (("columns", columns), ("rows", rows)):
-            if count < 1:
-                raise ValueError(f"{name} {count} must be at least 1")
+            if not (isinstance(count, Integral) and count >= 1):
+                raise ValueError(f"{name} {count} must be a whole number, at least 1")
         if columns * rows > MAX_TRANSDUCERS:
             raise ValueError(f"{columns} × {rows} transducers are too many; at most {MAX_TRANSDUCERS} are possible")
         if not 0 < pitch < np.inf:

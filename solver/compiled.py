@@ -6,8 +6,8 @@ numba takes half a second to import, so this module is imported where it is used
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import lru_cache
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.polynomial.chebyshev import Chebyshev
@@ -23,9 +23,10 @@ from .models import residual
 from .simd import LANES
 from .table import ResidualTable
 
-__all__ = ["aligned", "can_reach", "compilation", "inside_box", "pressure_at", "tables_of"]
+__all__ = ["aligned", "can_reach", "compilation", "pressure_at", "tables_of", "too_close"]
 
 POLYNOMIAL_ERROR = 2e-6
+MAX_TURNS = 500  # wavelengths on the way, beyond which single precision makes more than 2e-4 of the phase
 ROWS_PER_KA2 = 8  # of a table in sin²θ, per (k·radius)²: linear interpolation is then within 3e-5
 
 
@@ -33,7 +34,8 @@ class Tables(NamedTuple):
     """An array in its medium as kernels read it, coordinates relative to ``origin``, pressure to ``strength``.
 
     ``wave`` is what the kernels need to know of the transducer's model: the coefficients of its directivity in sin²θ,
-    or else a table of its residual, from which distance that holds, and the powers before it.
+    or else a table of its residual, from which distance that holds, and the powers before it. ``bounds`` are the
+    corners of a box outside which no transducer is too close, and the place and direction of one that can sound.
     """
 
     elements: NDArray[np.float32]
@@ -41,18 +43,27 @@ class Tables(NamedTuple):
     turns: np.float32
     nepers: np.float32 | None
     origin: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    bounds: NDArray[np.float64]
     strength: float
 
 
-@lru_cache(maxsize=32)
+_kept: WeakKeyDictionary[TransducerArray, dict[Medium, Tables]] = WeakKeyDictionary()
+
+
 def tables_of(array: TransducerArray, medium: Medium) -> Tables:
-    """Tables of an array, which is not to be changed after."""
+    """Tables of an array, kept as long as the array is."""
+    kept = _kept.setdefault(array, {})
+    if medium not in kept:
+        kept[medium] = _make_tables(array, medium)
+    return kept[medium]
+
+
+def _make_tables(array: TransducerArray, medium: Medium) -> Tables:
     n, transducer = len(array), array.transducer
     low, high = array.positions.min(axis=0), array.positions.max(axis=0)
     origin = (low + high) / 2
-    able = (array.response != 0) & (array.limits > 0)
+    able = array.able
+    one = int(np.argmax(able))
     elements = aligned(kernels.ELEMENT_ROWS, -(-n // LANES) * LANES)
     elements[kernels.X : kernels.Z + 1, :n] = (array.positions - origin).T
     elements[kernels.NX : kernels.NZ + 1, :n] = array.normals.T
@@ -65,18 +76,17 @@ def tables_of(array: TransducerArray, medium: Medium) -> Tables:
         np.float32(1 / medium.wavelength),
         np.float32(medium.attenuation) if medium.attenuation else None,
         origin,
-        low - transducer.nearest,
-        high + transducer.nearest,
+        np.stack([low - transducer.nearest, high + transducer.nearest, array.positions[one], array.normals[one]]),
         transducer.strength,
     )
 
 
 def can_reach(tables: Tables, points: NDArray[np.float64]) -> bool:
-    """Whether the kernels can compute the waves at (k, 3) points, which they cannot where nearly all is absorbed."""
-    if tables.nepers is None:
-        return True
-    farthest = np.maximum(points.max(axis=0) - tables.low, tables.high - points.min(axis=0))
-    return float(tables.nepers) * float(np.linalg.norm(farthest)) <= kernels.MAX_NEPERS
+    """Whether the kernels are exact enough at (k, 3) points: not too far away, nor where nearly all is absorbed."""
+    low, high = tables.bounds[:2]
+    farthest = float(np.linalg.norm(np.maximum(points.max() - low, high - points.min())))  # or less
+    absorbed = 0.0 if tables.nepers is None else float(tables.nepers) * farthest
+    return absorbed <= kernels.MAX_NEPERS and float(tables.turns) * farthest <= MAX_TURNS
 
 
 def _wave_of(
@@ -140,12 +150,16 @@ def pressure_at(
     return pressure
 
 
-def inside_box(tables: Tables, points: NDArray[np.float64]) -> Iterator[int]:
-    """Indices of those (k, 3) points that may be too close to a transducer."""
-    index = kernels.first_inside(points, tables.low, tables.high, 0)
-    while index >= 0:
+def too_close(array: TransducerArray, tables: Tables, points: NDArray[np.float64]) -> Iterator[int]:
+    """Indices of those (k, 3) points that may be nearer to a transducer than its model allows."""
+    index = -1
+    while True:
+        index = kernels.first_too_close(
+            tables.elements, len(array), tables.origin, tables.bounds, array.transducer.nearest, points, index + 1
+        )
+        if index < 0:
+            return
         yield index
-        index = kernels.first_inside(points, tables.low, tables.high, index + 1)
 
 
 def compilation() -> dict[str, tuple[int, int]]:

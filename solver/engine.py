@@ -46,7 +46,7 @@ class CompiledEngine:
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._medium, self._method, self._options = array, medium, method, options
         self._tables = tables_of(array, medium)
-        self._modelled = can_reach(self._tables, np.stack([self._tables.low - REACH, self._tables.high + REACH]))
+        self._modelled = can_reach(self._tables, self._tables.bounds[:2] + np.array([[-REACH], [REACH]]))
         self._columns = self._tables.elements.shape[1]
         self._capacity = 0
         self._points = 0
@@ -76,7 +76,7 @@ class CompiledEngine:
         if self._method == "multiplex":
             kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
             return drive
-        self._begin(m)
+        self._find_phases(m)
         fit = kernels.finish(
             elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive
         )
@@ -104,14 +104,15 @@ class CompiledEngine:
         begins = np.cumsum([0, *(len(points) for points in frames)])
         largest = max(len(points) for points in frames)
         self._make_room(largest)
+        self.forget()
+        self._start(largest)
         suspect, singular = kernels.update_frames(
             tables.elements,
             tables.wave[0],
             tables.turns,
             tables.nepers,
             tables.origin,
-            tables.low,
-            tables.high,
+            tables.bounds,
             REACH,
             np.concatenate([points.positions for points in frames]),
             np.concatenate([points.amplitudes for points in frames]),
@@ -133,10 +134,10 @@ class CompiledEngine:
         )
         self.forget()
         if suspect >= 0:
-            for points in frames[suspect::stride]:
-                check_reachable(self._array, points)
+            for index in range(suspect, len(frames), stride):
+                check_reachable(self._array, frames[index], f"frame {index}: ")
         if singular >= 0:
-            raise ValueError(self._too_close)
+            raise ValueError(f"frame {singular}: {self._too_close}")
 
     @property
     def _too_close(self) -> str:
@@ -146,13 +147,16 @@ class CompiledEngine:
         if m > self._capacity:
             self._work = aligned(kernels.work_size(m, self._columns))
             self._capacity = m
+
+    def _start(self, m: int) -> None:
+        """Phases to begin with: those of the last frame of as many points, or else cold ones."""
         if m != self._points:
             start = cold_start(m)
             self._cold, self._u = (aligned(2, -(-m // LANES) * LANES) for _ in range(2))
             self._cold[0, :m], self._cold[1, :m] = start.real, start.imag
             self._points, self._warm = m, False
         if self._warm:
-            kernels.nudge(self._u, self._cold, NUDGE32)
+            kernels.nudge(m, self._u, self._cold, NUDGE32)
         else:
             self._u[:] = self._cold
             self._warm = True
@@ -167,8 +171,7 @@ class CompiledEngine:
                 tables.turns,
                 tables.nepers,
                 tables.origin,
-                tables.low,
-                tables.high,
+                tables.bounds,
                 REACH,
                 points.positions,
                 points.amplitudes,
@@ -186,21 +189,23 @@ class CompiledEngine:
         parts = kernels.carve(self._work, m, self._columns)
         re, im, reach = parts[0], parts[1], parts[7][0, 0]
         matrix = transfer_matrix(self._array, points.positions, self._medium) / self._tables.strength
-        matrix *= self._array.limits > 0
+        matrix *= self._array.able
         re[:m, :n], im[:m, :n] = matrix.real, matrix.imag
         re[:m, n:] = im[:m, n:] = 0
-        kernels.set_wanted(points.amplitudes, m, self._columns, self._work)
-        reach[:n] = (points.amplitudes / points.amplitudes.max()) @ np.abs(matrix)
+        wanted = points.amplitudes / points.amplitudes.max()
+        parts[6][1, 0, :m] = wanted
+        reach[:n] = wanted @ np.abs(matrix)
         reach[n:] = 0
 
-    def _begin(self, m: int) -> None:
-        options = self._options
+    def _find_phases(self, m: int) -> None:
+        options, columns = self._options, self._columns
+        self._start(m)
         if options.phase_seconds is None:
-            kernels.begin(m, self._columns, self._gamma, options.phase_steps, self._power, self._u, self._work)
+            kernels.begin(m, columns, self._gamma, options.phase_steps, self._power, self._u, self._work)
             return
+        kernels.begin(m, columns, self._gamma, 0, self._power, self._u, self._work)
         end = perf_counter() + options.phase_seconds
-        kernels.begin(m, self._columns, self._gamma, 0, self._power, self._u, self._work)
         for _ in range(options.phase_steps):
             if perf_counter() >= end:
                 return
-            kernels.more_phases(m, self._columns, 1, self._power, self._u, self._work)
+            kernels.more_phases(m, columns, 1, self._power, self._u, self._work)

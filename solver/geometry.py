@@ -24,12 +24,12 @@ def as_points(values: ArrayLike, what: str) -> NDArray[np.float64]:
         That says ``what`` a row is and names the first bad one.
     """
     try:
-        points = np.array(values, dtype=np.float64)
+        points = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{what}s must be (m, 3) numbers: {error}") from error
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise ValueError(f"{what}s must have the shape (m, 3) with m of at least 1, not {points.shape}")
-    if (np.abs(points) <= FARTHEST).all():
+    if points.max() <= FARTHEST and points.min() >= -FARTHEST:  # false where one is not a number
         return points
     if (bad := np.flatnonzero(~np.isfinite(points).all(axis=1))).size:
         raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; its coordinates must be finite numbers")

@@ -20,7 +20,7 @@ from numba.extending import register_jitable
 from numpy.polynomial.chebyshev import Chebyshev
 from numpy.polynomial.polynomial import Polynomial
 
-from .simd import LANES, load, spread, store, total
+from .simd import LANES, load, nearest, spread, store, total
 
 ROWS = 4
 """Rows of B that are read together."""
@@ -39,28 +39,29 @@ MAX_NEPERS = 2.0
 POINTS = 256  # whose pressure stays in the first-level cache
 
 F = np.float32
-ROUND = F(1.5 * 2**23)  # adding and subtracting it rounds a float32 of less than 2²² to the nearest whole number
 TINY = F(1e-30)
 BELOW = F(1 - 2**-20)  # rounding must not take a drive above its limit
 
-# ROUND works only where order matters, so nothing may be reassociated there; sums may.
-ORDERED = {"contract", "arcp", "nsz", "nnan", "ninf", "afn"}
-FREE = ORDERED | {"reassoc"}
+FAST = {"contract", "arcp", "nsz", "nnan", "ninf", "afn", "reassoc"}
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def _ordered(function: Function) -> Function:
-    return cast(Function, njit(fastmath=ORDERED, nogil=True, cache=True, error_model="numpy")(function))
+def _kernel(function: Function) -> Function:
+    """For what Python calls.
+
+    A kernel may call nothing but parts: numba would link another kernel to it, and a process that compiled both would
+    run another copy of that, with other roundings, than one that loads them from the cache.
+    """
+    try:
+        return cast(Function, njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)(function))
+    except RuntimeError:  # there is no folder that numba's cache could be written to
+        return cast(Function, njit(nogil=True, error_model="numpy", fastmath=FAST)(function))
 
 
-def _free(function: Function) -> Function:
-    return cast(Function, njit(fastmath=FREE, nogil=True, cache=True, error_model="numpy")(function))
-
-
-def _inlined(function: Function) -> Function:
-    """For parts of a kernel, compiled with it and as strictly as it is."""
-    return cast(Function, njit(inline="always", error_model="numpy")(function))
+def _part(function: Function) -> Function:
+    """For parts of kernels, compiled into them."""
+    return cast(Function, njit(inline="always", error_model="numpy", fastmath=FAST)(function))
 
 
 def _jitable(function: Function) -> Function:
@@ -80,23 +81,23 @@ S0, S1, S2, S3, S4, S5 = _even_polynomial(lambda t: 2 * np.pi * np.sinc(2 * t), 
 C0, C1, C2, C3, C4, C5, C6 = _even_polynomial(lambda t: np.cos(2 * np.pi * t), 6)
 
 
-@_inlined
+@_part
 def _wave(turns: Any) -> Any:
     """Cosine and sine of 2π·turns."""
-    t = turns - ((turns + ROUND) - ROUND)
+    t = turns - nearest(turns)
     s = t * t
     sine = t * (S0 + s * (S1 + s * (S2 + s * (S3 + s * (S4 + s * S5)))))
     cosine = C0 + s * (C1 + s * (C2 + s * (C3 + s * (C4 + s * (C5 + s * C6)))))
     return cosine, sine
 
 
-@_inlined
+@_part
 def _directivity(c: Any, s: Any) -> Any:
     """The polynomial in s = sin²θ with coefficients c."""
     return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * (c[5] + s * c[6])))))
 
 
-@_inlined
+@_part
 def _decay(nepers: Any) -> Any:
     """exp(−nepers) for 0 … `MAX_NEPERS`."""
     y = F(0.125) * nepers
@@ -106,7 +107,7 @@ def _decay(nepers: Any) -> Any:
     return e * e
 
 
-@_inlined
+@_part
 def _element(
     dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, lead: Any, c: Any, turns: Any, nepers: Any
 ) -> Any:
@@ -123,7 +124,7 @@ def _element(
     return amplitude, c, s
 
 
-@_inlined
+@_part
 def _looked_up(
     dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, lead: Any,
     table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
@@ -161,26 +162,27 @@ def _looked_up(
     )
 
 
-@_free
-def first_suspect(points: Any, low: Any, high: Any, elements: Any, origin: Any, farthest: Any) -> int:
+@_part
+def first_suspect(points: Any, bounds: Any, farthest: Any) -> int:
     """First point that needs a closer look, or -1.
 
-    None is needed outside the box from ``low`` to ``high`` around the array, in front of the first transducer, and
-    within ``farthest`` of it.
+    None is needed outside the box from ``bounds[0]`` to ``bounds[1]`` around the array, in front of the transducer at
+    ``bounds[2]`` that looks along ``bounds[3]``, and within ``farthest`` of it.
     """
+    suspect = -1
     for i in range(len(points)):
         outside, along, distance2 = False, 0.0, 0.0
         for k in range(3):
-            away = points[i, k] - origin[k] - elements[X + k, 0]
-            outside = outside or not low[k] < points[i, k] < high[k]
-            along += away * elements[NX + k, 0]
+            away = points[i, k] - bounds[2, k]
+            outside = outside or not bounds[0, k] < points[i, k] < bounds[1, k]
+            along += away * bounds[3, k]
             distance2 += away * away
-        if not (outside and along > 0 and distance2 < farthest * farthest):
-            return i
-    return -1
+        if suspect < 0 and not (outside and along > 0 and distance2 < farthest * farthest):
+            suspect = i
+    return suspect
 
 
-@_ordered
+@_part
 def fill_transfer(
     elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, origin: Any, wanted: Any,
     re: Any, im: Any, reach: Any,
@@ -204,7 +206,7 @@ def fill_transfer(
             im[i, q] = amplitude * wave_im
 
 
-@_ordered
+@_part
 def fill_transfer_by_table(
     elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
     points: Any, origin: Any, wanted: Any, re: Any, im: Any, reach: Any,
@@ -224,7 +226,7 @@ def fill_transfer_by_table(
             reach[q] += wanted[i] * magnitude
 
 
-@_free
+@_part
 def fill_gram(re: Any, im: Any, gram_re: Any, gram_im: Any) -> None:
     """G = B·Bᴴ, both triangles, two rows by two at a time.
 
@@ -248,14 +250,14 @@ def fill_gram(re: Any, im: Any, gram_re: Any, gram_im: Any) -> None:
             _enter(gram_re, gram_im, i + 1, j + 1, total(p11 + q11), total(s11 - p11 + q11))
 
 
-@_inlined
+@_part
 def _enter(gram_re: Any, gram_im: Any, i: int, j: int, re: Any, im: Any) -> None:
     """Write an entry of a Hermitian matrix and its mirror image."""
     gram_re[i, j], gram_im[i, j] = re, im
     gram_re[j, i], gram_im[j, i] = re, -im
 
 
-@_free
+@_part
 def weigh(re: Any, im: Any, reach: Any, points: int, gamma: Any, weight: Any) -> None:
     """Turn A into B = A·diag(weight) with weight = σ^{−γ}, σ² = reach/points; 0 where no point is reached."""
     columns = len(reach)
@@ -274,7 +276,7 @@ def weigh(re: Any, im: Any, reach: Any, points: int, gamma: Any, weight: Any) ->
             im[i, q] *= weight[q]
 
 
-@_free
+@_part
 def iterate_phases(
     gram_re: Any, gram_im: Any, response: Any, rows: int, steps: int, power: bool, u: Any, z: Any
 ) -> None:
@@ -308,7 +310,7 @@ def iterate_phases(
             u[1, i] *= scale
 
 
-@_free
+@_part
 def factorise(
     gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: Any, lower_im: Any, inverse: Any
 ) -> bool:
@@ -375,7 +377,7 @@ def factorise(
     return True
 
 
-@_free
+@_part
 def substitute(lower_re: Any, lower_im: Any, inverse: Any, rows: int, b: Any, y: Any) -> None:
     """Solve L·Lᴴ·y = b; b is used up."""
     padded = b.shape[1]
@@ -399,7 +401,7 @@ def substitute(lower_re: Any, lower_im: Any, inverse: Any, rows: int, b: Any, y:
             store(b, 1, i, load(b, 1, i) - c * fi + d * fr)
 
 
-@_free
+@_part
 def back_project(re: Any, im: Any, weight: Any, y: Any, x: Any) -> None:
     """X = diag(weight)·Bᴴ·y."""
     rows, columns = re.shape
@@ -418,7 +420,7 @@ def back_project(re: Any, im: Any, weight: Any, y: Any, x: Any) -> None:
         x[1, q] *= weight[q]
 
 
-@_free
+@_part
 def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
     """Bring drives within their limits by an output policy, in place."""
     columns = len(limit)
@@ -452,7 +454,7 @@ def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
             x[1, q] *= factor
 
 
-@_free
+@_part
 def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
     """P = A·x = B·diag(1/weight)·x; v is scratch."""
     rows, columns = re.shape
@@ -504,7 +506,7 @@ def work_size(m: int, columns: int) -> int:
     return 2 * rows * columns + 4 * padded * padded + 12 * padded + 6 * columns
 
 
-@_free
+@_part
 def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
     """Enter amplitudes into the work space, the largest as 1."""
     wanted = carve(work, m, columns)[6][1, 0]
@@ -515,21 +517,21 @@ def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
         wanted[i] = F(amplitudes[i] / largest)
 
 
-@_ordered
-def model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, low: Any, high: Any, farthest: Any,
+@_part
+def _model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
           points: Any, amplitudes: Any, work: Any) -> int:  # fmt: skip
     """Fill the transfer matrix and reach. Returns what `first_suspect` does."""
     m, columns = len(points), elements.shape[1]
     re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
     set_wanted(amplitudes, m, columns, work)
     fill_transfer(elements, directivity, turns, nepers, points, origin, vectors[1, 0], re[:m], im[:m], spans[0, 0])
-    return int(first_suspect(points, low, high, elements, origin, farthest))
+    return int(first_suspect(points, bounds, farthest))
 
 
-@_ordered
+@_kernel
 def model_by_table(
     elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any, origin: Any,
-    low: Any, high: Any, farthest: Any, points: Any, amplitudes: Any, work: Any,
+    bounds: Any, farthest: Any, points: Any, amplitudes: Any, work: Any,
 ) -> int:  # fmt: skip
     """What `model` does, for models whose residual is looked up."""
     m, columns = len(points), elements.shape[1]
@@ -537,11 +539,11 @@ def model_by_table(
     set_wanted(amplitudes, m, columns, work)
     fill_transfer_by_table(elements, table, nearest, cosines, growth, turns, nepers, points, origin, vectors[1, 0],
                            re[:m], im[:m], spans[0, 0])  # fmt: skip
-    return int(first_suspect(points, low, high, elements, origin, farthest))
+    return int(first_suspect(points, bounds, farthest))
 
 
-@_free
-def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
+@_part
+def _begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
     """From the transfer matrix and reach to B, G, the response of (9), and the phases u."""
     re, im, gram_re, gram_im, _, _, vectors, spans = carve(work, m, columns)
     wanted, response, reach, weight = vectors[1, 0], vectors[0, 0], spans[0, 0], spans[0, 1]
@@ -559,27 +561,40 @@ def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: An
     iterate_phases(gram_re, gram_im, response, len(re), phase_steps, power, u, vectors[2])
 
 
-@_free
-def nudge(u: Any, cold: Any, part: Any) -> None:
-    """Bring u to unit norm per point and add a part of the cold start."""
+@_kernel
+def model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
+          points: Any, amplitudes: Any, work: Any) -> int:  # fmt: skip
+    """Fill the transfer matrix and reach. Returns what `first_suspect` does."""
+    return int(_model(elements, directivity, turns, nepers, origin, bounds, farthest, points, amplitudes, work))
+
+
+@_kernel
+def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
+    """From the transfer matrix and reach to B, G, the response of (9), and the phases u."""
+    _begin(m, columns, gamma, phase_steps, power, u, work)
+
+
+@_kernel
+def nudge(m: int, u: Any, cold: Any, part: Any) -> None:
+    """Bring the mean square of the m phases u to 1 and add a part of the cold start."""
     total2 = TINY
-    for i in range(u.shape[1]):
+    for i in range(m):
         total2 += u[0, i] * u[0, i] + u[1, i] * u[1, i]
-    scale = np.sqrt(F(u.shape[1]) / total2)
-    for i in range(u.shape[1]):
+    scale = np.sqrt(F(m) / total2)
+    for i in range(m):
         u[0, i] = u[0, i] * scale + part * cold[0, i]
         u[1, i] = u[1, i] * scale + part * cold[1, i]
 
 
-@_free
+@_kernel
 def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any) -> None:
     """Improve the phases u by some steps more."""
     re, _, gram_re, gram_im, _, _, vectors, _ = carve(work, m, columns)
     iterate_phases(gram_re, gram_im, vectors[0, 0], len(re), steps, power, u, vectors[2])
 
 
-@_free
-def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
+@_part
+def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
            work: Any, drive: Any) -> Any:  # fmt: skip
     """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept.
 
@@ -630,9 +645,16 @@ def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, r
     return best
 
 
-@_ordered
+@_kernel
+def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
+           work: Any, drive: Any) -> Any:  # fmt: skip
+    """Solve for the drive with the phases u, and correct it; see `_finish`."""
+    return _finish(elements, m, u, mu, output, headroom, relaxation, steps, work, drive)
+
+
+@_kernel
 def update_frames(
-    elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, low: Any, high: Any, farthest: Any,
+    elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
     points: Any, amplitudes: Any, begins: Any, first: int, stride: int, gamma: Any, phase_steps: int, power: bool,
     cold: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int, work: Any, u: Any, drives: Any,
 ) -> Any:  # fmt: skip
@@ -650,18 +672,18 @@ def update_frames(
         for i in range(padded):
             phases[0, i] = cold[0, i] if i < m else F(0)
             phases[1, i] = cold[1, i] if i < m else F(0)
-        found = model(elements, directivity, turns, nepers, origin, low, high, farthest,
+        found = _model(elements, directivity, turns, nepers, origin, bounds, farthest,
                       points[begins[f] : begins[f + 1]], amplitudes[begins[f] : begins[f + 1]], work)  # fmt: skip
         if found >= 0 and suspect < 0:
             suspect = f
-        begin(m, columns, gamma, phase_steps, power, phases, work)
-        fit = finish(elements, m, phases, mu, output, headroom, relaxation, steps, work, drives[f])
+        _begin(m, columns, gamma, phase_steps, power, phases, work)
+        fit = _finish(elements, m, phases, mu, output, headroom, relaxation, steps, work, drives[f])
         if fit < 0 and singular < 0:
             singular = f
     return suspect, singular
 
 
-@_free
+@_kernel
 def sum_foci(elements: Any, m: int, output: int, headroom: Any, work: Any, drive: Any) -> None:
     """Linear multiplexing of (12), from the transfer matrix to drives within their limits."""
     columns = elements.shape[1]
@@ -679,7 +701,7 @@ def sum_foci(elements: Any, m: int, output: int, headroom: Any, work: Any, drive
         drive[q] = complex(x[0, q], x[1, q])
 
 
-@_inlined
+@_part
 def _misfit2(p: Any, wanted: Any, m: int) -> Any:
     """Mean square misfit of |p| to the wanted amplitudes, relative to the scale that fits best; in double precision."""
     power = fit = norm = 0.0
@@ -691,7 +713,7 @@ def _misfit2(p: Any, wanted: Any, m: int) -> Any:
     return (power * (norm / max(fit, 1e-30)) ** 2 - norm) / m
 
 
-@_free
+@_kernel
 def polish(m: int, columns: int, levels: int, sweeps: int, least_gain: float, work: Any, drive: Any) -> None:
     """Coordinate descent over quantised phases after `finish`, in place: each drive tries the next phase either way."""
     re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
@@ -730,19 +752,29 @@ def polish(m: int, columns: int, levels: int, sweeps: int, least_gain: float, wo
         drive[q] = complex(x[0, q], x[1, q])
 
 
-@_free
-def first_inside(points: Any, low: Any, high: Any, start: int) -> int:
-    """First of (k, 3) points from ``start`` on that lies in the box from ``low`` to ``high``, or -1."""
+@_kernel
+def first_too_close(elements: Any, n: int, origin: Any, bounds: Any, nearest: float, points: Any, start: int) -> int:
+    """First of (k, 3) points from ``start`` on that may be nearer than ``nearest`` to one of n transducers, or -1.
+
+    Only those in the box from ``bounds[0]`` to ``bounds[1]`` can be.
+    """
+    limit = F(nearest * nearest * 1.0001)
     for i in range(start, len(points)):
         inside = True
         for k in range(3):
-            inside = inside and low[k] < points[i, k] < high[k]
+            inside = inside and bounds[0, k] < points[i, k] < bounds[1, k]
         if inside:
-            return i
+            x, y, z = F(points[i, 0] - origin[0]), F(points[i, 1] - origin[1]), F(points[i, 2] - origin[2])
+            close = 0
+            for q in range(n):
+                dx, dy, dz = x - elements[X, q], y - elements[Y, q], z - elements[Z, q]
+                close += 1 if dx * dx + dy * dy + dz * dz < limit else 0
+            if close > 0:
+                return i
     return -1
 
 
-@_ordered
+@_kernel
 def sum_pressure(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, drive: Any, scale: Any,
                  points: Any, pressure: Any) -> None:  # fmt: skip
     """Pressure of all transducers at (k, 3) points times ``scale`` into (k,) complex, a block of points at a time.
@@ -770,7 +802,7 @@ def sum_pressure(elements: Any, directivity: Any, turns: Any, nepers: Any, origi
             pressure[first + i] = scale * complex(re[i], im[i])
 
 
-@_ordered
+@_kernel
 def sum_pressure_by_table(
     elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
     origin: Any, drive: Any, scale: Any, points: Any, pressure: Any,

@@ -30,7 +30,7 @@ class ControlPoints:
         In metres, in the array's coordinates.
     amplitudes : (m,) float, optional
         Relative pressure amplitudes, at least 0; a point of amplitude 0 is a null. All 1 by default. A solver meets the
-        ratios; the drive limit decides the pressure.
+        ratios as nearly as the array can, misses counting in pascals; the drive limit decides the pressure.
 
     Raises
     ------
@@ -60,13 +60,16 @@ class ControlPoints:
         return len(self.positions)
 
 
-def check_reachable(array: TransducerArray, points: ControlPoints) -> None:
-    """Raise `ValueError`, naming the point, where the array cannot reach a control point."""
+def check_reachable(array: TransducerArray, points: ControlPoints, where: str = "") -> None:
+    """Raise `ValueError`, naming the point after ``where``, that the array cannot reach."""
     offset = points.positions[:, None, :] - array.positions[None, :, :]
-    in_front = (np.einsum("mnk,nk->mn", offset, array.normals) > 0).any(axis=1)
+    in_front = (np.einsum("mnk,nk->mn", offset, array.normals) > 0)[:, array.able].any(axis=1)
     nearest = np.linalg.norm(offset, axis=2).min(axis=1)
     for problem, advice in (
-        (~in_front, "is on the array or behind it; z must be positive in front of a flat array"),
+        (
+            ~in_front,
+            "is on the array or behind it, as far as that can sound; z must be positive in front of a flat array",
+        ),
         (
             nearest < array.transducer.nearest,
             f"is closer to a transducer than {array.transducer.nearest} m, where its model ends",
@@ -75,4 +78,4 @@ def check_reachable(array: TransducerArray, points: ControlPoints) -> None:
     ):
         if problem.any():
             first = int(np.argmax(problem))
-            raise ValueError(f"control point {first} at {points.positions[first].tolist()} m {advice}")
+            raise ValueError(f"{where}control point {first} at {points.positions[first].tolist()} m {advice}")

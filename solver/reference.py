@@ -244,7 +244,7 @@ class ReferenceEngine:
 
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._medium, self._method, self._options = array, medium, method, options
-        self._limits = np.where(array.response != 0, array.limits, 0.0)
+        self._limits = np.where(array.able, array.limits, 0.0)
         self._u: Complex | None = None
 
     def forget(self) -> None:

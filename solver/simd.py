@@ -16,7 +16,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
-__all__ = ["LANES", "load", "spread", "store", "total"]
+__all__ = ["LANES", "load", "nearest", "spread", "store", "total"]
 
 LANES = 16
 """One AVX-512 register of float32."""
@@ -110,6 +110,17 @@ def total(typing_context: Any, vector: Any) -> Any:  # noqa: ARG001
         return builder.extract_element(vector, ir.Constant(ir.IntType(32), 0))
 
     return types.float32(vector), generate
+
+
+@_intrinsic
+def nearest(typing_context: Any, scalar: Any) -> Any:  # noqa: ARG001
+    """The whole number nearest to a float32, as one; LLVM does it for whole registers at once."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+        rint = builder.module.declare_intrinsic("llvm.rint", [ir.FloatType()])
+        return builder.call(rint, arguments)
+
+    return types.float32(types.float32), generate
 
 
 def _arithmetic(name: str) -> Callable[..., Any]:
