@@ -26,9 +26,12 @@ from .solver import (
     Sphere,
     Transducer,
     TransducerArray,
+    focus_report,
+    parse_shape,
     pressure,
     sample_plane,
     solve,
+    two_sided,
 )
 
 __all__ = [
@@ -47,8 +50,11 @@ __all__ = [
     "Transducer",
     "TransducerArray",
     "Wiring",
+    "focus_report",
     "open_device",
+    "parse_shape",
     "pressure",
     "sample_plane",
     "solve",
+    "two_sided",
 ]

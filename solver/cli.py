@@ -166,7 +166,9 @@ def solve_command(
     part = dataclasses.replace(TRANSDUCERS[transducer], model=model)
     array = TransducerArray.grid(columns, rows, pitch, part)
     medium = Medium(temperature) if humidity is None else Medium(temperature, absorbing=True, humidity=humidity)
-    solver = Solver(array, method, medium=medium, **read_settings(settings or []))
+    options = read_settings(settings or [])
+    Options.of(method, options)  # names those that no method has, which may be names of other things
+    solver = Solver(array, method, medium=medium, **options)
     with error_console().status("solving; the first time on a machine, compiling takes some seconds"):
         solver.solve(points)
     solver.forget()

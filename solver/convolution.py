@@ -10,6 +10,7 @@ convolutions with the same drives, which are transformed once.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -69,7 +70,7 @@ class PlanePropagator:
         per_pitch: int = 10,
         medium: Medium | None = None,
     ) -> None:
-        if not (isinstance(per_pitch, int) and per_pitch >= 1):
+        if not (isinstance(per_pitch, Integral) and per_pitch >= 1):
             raise ValueError(f"per_pitch {per_pitch} must be a whole number, at least 1")
         medium = medium or Medium()
         pitch, cells = _square_grid(array)
@@ -112,7 +113,7 @@ class PlanePropagator:
         Returns
         -------
         PlaneField
-            Computed in single precision: within 1e-5 of the strongest sample of what `sample_plane` computes.
+            Computed in single precision: within 1e-5 of the strongest sample of the sum in double precision.
 
         Raises
         ------

@@ -19,7 +19,7 @@ from .medium import Medium
 from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
 from .points import REACH, ControlPoints, check_reachable
 from .propagation import transfer_matrix
-from .reference import cold_start
+from .reference import cold_start, drive_each
 from .simd import LANES
 
 __all__ = ["CompiledEngine"]
@@ -52,7 +52,7 @@ class CompiledEngine:
         self._points = 0
         self._warm = False
         self._gamma, self._mu = np.float32(options.gamma), np.float32(options.mu)
-        self._output = OUTPUTS[str(options.output)]
+        self._output = OUTPUTS[options.policy]
         self._power = options.phases == "power"
         self._steps = options.steps if method in ("wgs", "polish") else 0
 
@@ -86,12 +86,6 @@ class CompiledEngine:
             kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
         return drive
 
-    @property
-    def takes_frames(self) -> bool:
-        """Whether `drive_frames` can be used."""
-        regularised = self._method in ("tikhonov", "wgs") and self._options.phase_seconds is None
-        return regularised and self._modelled and len(self._tables.wave) == 1
-
     def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:
         """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n).
 
@@ -101,6 +95,10 @@ class CompiledEngine:
             As `drive`.
         """
         tables, options = self._tables, self._options
+        regularised = self._method in ("tikhonov", "wgs") and options.phase_seconds is None
+        if not (regularised and self._modelled and len(tables.wave) == 1):
+            drive_each(self, frames, first, stride, drives)
+            return
         begins = np.cumsum([0, *(len(points) for points in frames)])
         largest = max(len(points) for points in frames)
         self._make_room(largest)

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .array import TransducerArray
-from .field import PlaneField, VolumeField, sample_cut, sample_volume
-from .grid import Grid
+from .field import MAX_PAIRS, PlaneField, VolumeField, sample_cut, sample_volume
+from .grid import MAX_SAMPLES, Grid
 from .medium import Medium
 from .points import ControlPoints, check_reachable
 from .propagation import pressure, transfer_matrix
@@ -33,12 +33,16 @@ MISSING = 0.5
 GHOST = 0.5
 """A lobe is a ghost where |p| is above this part of the mean over the points that should be strong."""
 
+FAINT = 1e-6
+"""A point of at most this part of the largest amplitude is taken for a null."""
+
 HALF = 0.5  # −6 dB
 DEEPEST = -200.0  # dB; JSON knows no −∞
 SEARCH_MARGIN = 0.02  # metres around points and array
 SAMPLES_PER_WAVELENGTH = 5
 COARSEST = 4  # samples per wavelength
 BETWEEN = 0.8  # of a lobe's height is what the sample nearest to it has at least
+MAX_SEARCHED = 40_000_000  # samples: some ten seconds
 LONGEST = 0.1  # metres: half of a neighbourhood, where few transducers make a wide one
 PATCH, ZOOMS = 9, 4  # samples along a side, and how often it shrinks to a quarter: to 1/256 of a neighbourhood
 LINE, REACH = 64, 4.0  # samples along a line from a peak, and its length in neighbourhoods
@@ -194,7 +198,7 @@ def focus_report(
     grid : Grid, optional
         The plane or box in which lobes are looked for, with a step of at most a quarter wavelength. By default it
         covers the array and the points with a margin of 2 cm: a horizontal plane if all points are at one height, to
-        a quarter wavelength, and otherwise a box.
+        a quarter wavelength, and otherwise a box, looked through layer by layer.
 
     Raises
     ------
@@ -203,8 +207,9 @@ def focus_report(
     """
     medium = medium or Medium()
     check_reachable(array, points)
-    wanted = np.flatnonzero(points.amplitudes > 0)
-    at, amplitudes = points.positions[wanted], points.amplitudes[wanted]
+    relative = points.amplitudes / points.amplitudes.max()
+    wanted = np.flatnonzero(relative > FAINT)
+    at, amplitudes = points.positions[wanted], relative[wanted]
     shapes = _neighbourhoods(array, at, medium)
     magnitudes = np.abs(pressure(array, drive, points.positions, medium))
     mean = float(magnitudes[wanted].mean())
@@ -229,13 +234,14 @@ def focus_report(
     )
     nulls = tuple(
         Null(int(index), _vector(points.positions[index]), float(magnitudes[index]), _level(magnitudes[index], mean))
-        for index in np.flatnonzero(points.amplitudes == 0)
+        for index in np.flatnonzero(relative <= FAINT)
     )
-    grid = grid or _surroundings(array, points, medium)
-    lobes = _lobes(array, drive, medium, grid, at, shapes, mean)
+    grids = [grid] if grid else _surroundings(array, points, medium)
+    lobes = [lobe for part in grids for lobe in _lobes(array, drive, medium, part, at, shapes, mean)]
+    lobes.sort(key=lambda lobe: -lobe.pressure)
     strongest = lobes[0] if lobes else None
     ghosts = tuple(lobe for lobe in lobes if lobe.pressure > GHOST * mean)
-    return FocusReport(foci, nulls, mean, strongest, ghosts, _described(grid))
+    return FocusReport(foci, nulls, mean, strongest, ghosts, _described(grids))
 
 
 def _neighbourhoods(array: TransducerArray, at: NDArray[np.float64], medium: Medium) -> NDArray[np.float64]:
@@ -312,18 +318,29 @@ def _or_none(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _surroundings(array: TransducerArray, points: ControlPoints, medium: Medium) -> Grid:
-    """The plane or box in which lobes are looked for."""
+def _surroundings(array: TransducerArray, points: ControlPoints, medium: Medium) -> list[Grid]:
+    """The plane or box in which lobes are looked for, a box in slabs that overlap by two samples."""
     everything = np.concatenate([array.positions, points.positions])
     low, high = everything.min(axis=0) - SEARCH_MARGIN, everything.max(axis=0) + SEARCH_MARGIN
     step = medium.wavelength / SAMPLES_PER_WAVELENGTH
     lowest, highest = points.positions[:, 2].min(), points.positions[:, 2].max()
     if highest - lowest <= medium.wavelength / 4:
         low[2] = high[2] = (lowest + highest) / 2
-        return Grid.along("xy", (low + high) / 2, (high - low)[:2].tolist(), step)
+        return [Grid.along("xy", (low + high) / 2, (high - low)[:2].tolist(), step)]
     low[2] = max(lowest - SEARCH_MARGIN, min(array.positions[:, 2].max() + 2 * array.transducer.nearest, lowest))
     high[2] = highest + SEARCH_MARGIN
-    return Grid.along("xyz", (low + high) / 2, (high - low).tolist(), step)
+    counts = (2 * np.floor((high - low) / step / 2) + 1).astype(int)
+    if (samples := math.prod(counts.tolist())) > MAX_SEARCHED:
+        raise ValueError(f"the points span {samples} samples; at most {MAX_SEARCHED} are searched: give a grid")
+    wide, deep, layers = counts.tolist()
+    at_once = max(3, min(MAX_SAMPLES, MAX_PAIRS // len(array)) // (wide * deep))
+    middle, bottom = (low + high) / 2, (low + high)[2] / 2 - (layers - 1) / 2 * step
+    slabs = []
+    for first in range(0, max(1, layers - 2), at_once - 2):
+        thick = min(at_once, layers - first)
+        centre = (*middle[:2], bottom + (first + (thick - 1) / 2) * step)
+        slabs.append(Grid(centre, np.eye(3), (wide, deep, thick), step))
+    return slabs
 
 
 def _lobes(
@@ -366,10 +383,17 @@ def _level(value: float, reference: float) -> float:
     return max(DEEPEST, float(relative_level(value, reference))) if reference > 0 else 0.0
 
 
-def _described(grid: Grid) -> str:
+def _described(grids: list[Grid]) -> str:
+    grid, last = grids[0], grids[-1]
+    highest = last.centre[2] + (last.counts[-1] - 1) / 2 * last.step if len(grids) > 1 else 0.0
     extents = [(count - 1) * grid.step * 1e3 for count in grid.counts]
+    if len(grids) > 1:
+        extents[2] = (highest - grid.centre[2]) * 1e3 + extents[2] / 2
     size = " × ".join(f"{extent:.0f}" for extent in extents)
-    return f"a {grid.kind} of {size} mm around {_millimetres(_vector(grid.centre))}, every {grid.step * 1e3:.2f} mm"
+    centre = grid.centre.copy()
+    if len(grids) > 1:
+        centre[2] = highest - extents[2] / 2e3
+    return f"a {grid.kind} of {size} mm around {_millimetres(_vector(centre))}, every {grid.step * 1e3:.2f} mm"
 
 
 def _millimetres(position: Vector) -> str:

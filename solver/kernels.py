@@ -628,7 +628,12 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
                 size2 = p[0, i] * p[0, i] + p[1, i] * p[1, i]
                 power += size2
                 fit += wanted[i] * np.sqrt(size2)
-            fit = max(fit / norm, TINY)
+            if not fit > TINY:
+                if best == F(1e30):  # even silence is better than nothing
+                    for q in range(len(drive)):
+                        drive[q] = complex(x[0, q], x[1, q])
+                break
+            fit /= norm
             error = F(0)
             for i in range(m):
                 size = np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 __all__ = ["Medium"]
 
 MAX_FREQUENCY = 1e9  # Hz; air carries no sound of that pitch
+MAX_TEMPERATURE = 1000.0  # °C, beyond which air is no longer air
 STANDARD_PRESSURE = 101_325.0  # Pa
 DECIBELS_PER_NEPER = 20 / math.log(10)
 REFERENCE_KELVIN = 293.15
@@ -52,8 +53,11 @@ class Medium:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if not -273.15 < self.temperature < math.inf:
-            raise ValueError(f"temperature {self.temperature} °C must be finite and above absolute zero (-273.15 °C)")
+        if not -273.15 < self.temperature <= MAX_TEMPERATURE:
+            raise ValueError(
+                f"temperature {self.temperature} °C must be above absolute zero, -273.15 °C, and at most "
+                f"{MAX_TEMPERATURE:g} °C"
+            )
         if not 0 < self.frequency <= MAX_FREQUENCY:
             raise ValueError(f"frequency {self.frequency} Hz must be positive and at most {MAX_FREQUENCY:g}")
         if not 0 <= self.humidity <= 100:

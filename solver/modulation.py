@@ -6,6 +6,7 @@ Receptors in the skin do not follow 40 kHz; they feel the intensity change, best
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -126,7 +127,7 @@ class Modulation:
         """
         if not 0 <= depth <= 1:
             raise ValueError(f"depth {depth} must lie between 0 and 1")
-        if not (isinstance(samples, int) and 2 <= samples <= carrier):
+        if not (isinstance(samples, Integral) and 2 <= samples <= carrier):
             raise ValueError(f"samples {samples} must be a whole number, at least 2 and at most {carrier:g}")
         angle = 2 * np.pi * (np.arange(samples) + 0.5) / samples
         return cls.sampled(drive, 1 - depth * (1 - np.cos(angle)) / 2, frequency, carrier=carrier)
@@ -227,7 +228,7 @@ def intensity_component(
     A = 2·|Σ_j I_j·e^{-2πihj/s}|/s · sinc(h/s), h the harmonic. For on and off that is (2/π)·|p|², and for two fields in
     turn (2/π)·||p₁|² - |p₂|²|. The transducers follow at once in this model, and the sound needs no time to arrive.
     """
-    if not (isinstance(harmonic, int) and harmonic >= 0):
+    if not (isinstance(harmonic, Integral) and harmonic >= 0):
         raise ValueError(f"harmonic {harmonic} must be a whole number, at least 0")
     medium = medium or Medium(frequency=modulation.carrier)
     if medium.frequency != modulation.carrier:

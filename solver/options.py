@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Any, Literal, get_args
 
 __all__ = [
     "HEADROOM",
     "LEAST_GAIN",
+    "LEAST_MU",
     "METHODS",
     "NUDGE",
     "PHASE_LEVELS",
@@ -33,6 +36,9 @@ NUDGE = 0.05
 
 LEAST_GAIN = 1e-9
 """Least decrease of the mean square misfit that a step of ``polish`` is taken for; less is rounding."""
+
+LEAST_MU = 1e-4
+"""Below this, a system is solved in double precision: single precision would lose more than a per mille."""
 
 PHASE_LEVELS = 100
 """Phases that a pulse can have, in half ticks of a 40 kHz period."""
@@ -139,11 +145,12 @@ class Options:
             raise ValueError(f"phase_seconds {self.phase_seconds} must be a number of seconds, at least 0")
         for name, least in (("phase_steps", 0), ("steps", 0), ("sweeps", 0), ("levels", 2)):
             value = getattr(self, name)
-            if not (isinstance(value, int) and not isinstance(value, bool) and least <= value <= MAX_STEPS):
+            whole = isinstance(value, Integral) and not isinstance(value, bool)
+            if not (whole and least <= int(value) <= MAX_STEPS):
                 raise ValueError(f"{name} {value} must be a whole number from {least} to {MAX_STEPS}")
 
     @classmethod
-    def of(cls, method: str, **values: Any) -> Options:
+    def of(cls, method: str, values: Mapping[str, Any] | None = None) -> Options:
         """Options of a method, with its own output policy where none is named.
 
         Raises
@@ -151,14 +158,21 @@ class Options:
         ValueError
             Where the method is unknown, does not heed an option, or a value is out of range.
         """
-        if method not in METHODS:
+        if not isinstance(method, str) or method not in METHODS:
             raise ValueError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
         heeded = ("output", *METHODS[method].options)
+        values = dict(values or {})
         if foreign := sorted(set(values) - set(heeded)):
             raise ValueError(f"{method} has no option {foreign[0]!r}; it has {', '.join(heeded)}")
         options = cls(**values)
         return dataclasses.replace(options, output=options.output or METHODS[method].output)
 
+    @property
+    def policy(self) -> Output:
+        """The output policy of options that `of` made."""
+        assert self.output is not None
+        return self.output
+
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    return isinstance(value, Real) and not isinstance(value, bool)

@@ -7,7 +7,9 @@ phases of the control points; drives are (n,) complex, of any scale until `limit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from time import perf_counter
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,7 @@ __all__ = [
     "augmented",
     "cold_start",
     "correct",
+    "drive_each",
     "limit_drive",
     "min_norm",
     "misfit",
@@ -105,8 +108,8 @@ def limit_drive(drive: Complex, limits: Real, output: Output) -> Complex:
         return unit(drive) * limits
     if output == "solved":
         able = limits > 0
-        return np.asarray(np.where(able, drive, 0) / (magnitude[able] / limits[able]).max())
-    raised = drive * (HEADROOM * np.sqrt((limits**2).sum() / (magnitude**2).sum()))
+        return np.asarray(np.where(able, drive, 0) / max(float((magnitude[able] / limits[able]).max()), TINY))
+    raised = drive * (HEADROOM * np.sqrt((limits**2).sum() / max(float((magnitude**2).sum()), TINY)))
     return np.asarray(raised * np.minimum(1, limits / np.maximum(np.abs(raised), TINY)))
 
 
@@ -172,10 +175,12 @@ class Regularised:
 
 
 def misfit(pressure: Complex, wanted: Real) -> tuple[float, float]:
-    """The scale s that fits |p| to s·wanted best, and the root mean square of |p| − s·wanted relative to it."""
+    """The scale s that fits |p| to s·wanted best, and the root mean square of |p|/s − wanted; infinite for silence."""
     magnitude = np.abs(pressure)
-    scale = max(float(wanted @ magnitude / (wanted @ wanted)), TINY)
-    return scale, float(np.sqrt(np.mean((magnitude - scale * wanted) ** 2)) / scale)
+    scale = float(wanted @ magnitude / (wanted @ wanted))
+    if not scale > 0:
+        return TINY, float("inf")
+    return scale, float(np.sqrt(np.mean((magnitude / scale - wanted) ** 2)))
 
 
 def correct(
@@ -236,6 +241,25 @@ def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps:
     return np.asarray(chosen)
 
 
+class _Engine(Protocol):
+    def forget(self) -> None: ...
+
+    def drive(self, points: ControlPoints) -> NDArray[Any]: ...
+
+
+def drive_each(
+    engine: _Engine, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
+) -> None:
+    """Let an engine solve every ``stride``-th frame from ``first`` on, from scratch each; an error names the frame."""
+    for index in range(first, len(frames), stride):
+        engine.forget()
+        try:
+            drives[index] = engine.drive(frames[index])
+        except ValueError as error:
+            raise ValueError(f"frame {index}: {error}") from error
+    engine.forget()
+
+
 class ReferenceEngine:
     """One update at a time in complex128, with the phases of the last one.
 
@@ -272,12 +296,13 @@ class ReferenceEngine:
                 drive = augmented(transfer, wanted, phases, self._options.gamma)
             else:
                 drive = min_norm(transfer, wanted, phases)
-        return limit_drive(drive, self._limits, self._output)
+        return limit_drive(drive, self._limits, self._options.policy)
 
-    @property
-    def _output(self) -> Output:
-        assert self._options.output is not None
-        return self._options.output
+    def drive_frames(
+        self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
+    ) -> None:
+        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n)."""
+        drive_each(self, frames, first, stride, drives)
 
     def _regularised(self, transfer: Complex, wanted: Real) -> Complex:
         options = self._options
@@ -287,7 +312,7 @@ class ReferenceEngine:
             raise ValueError(f"mu {options.mu} is too small for points as close together as these") from error
         phases = self._phases(system.gram, wanted)
         steps = 0 if self._method == "tikhonov" else options.steps
-        drive = correct(system, transfer, wanted, phases, self._limits, self._output, steps)
+        drive = correct(system, transfer, wanted, phases, self._limits, self._options.policy, steps)
         if self._method == "polish":
             drive = polish(transfer, wanted, drive, options.levels, options.sweeps)
         return drive

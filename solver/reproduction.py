@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from .array import TransducerArray
 from .convolution import PlanePropagator
@@ -163,7 +164,7 @@ class Timing:
 
 
 def reproduce_figure_7(counts: Sequence[int] = COUNTS, array: TransducerArray | None = None) -> list[Timing]:
-    """Time of an update against the number of control points, placed at random above the array."""
+    """Time of an update on one thread against the number of control points, placed at random above the array."""
     array = array or TransducerArray.grid()
     rng = np.random.default_rng(7)
     clouds = [ControlPoints(rng.uniform([-0.08, -0.08, 0.15], [0.08, 0.08, 0.3], (count, 3))) for count in counts]
@@ -172,11 +173,12 @@ def reproduce_figure_7(counts: Sequence[int] = COUNTS, array: TransducerArray | 
         solvers[name] = Solver(array, method, **options).solve
         if method in ("tikhonov", "wgs"):
             solvers[name + TWO_SIDED] = TwoSidedSolver(array, method, **options).solve
-    return [
-        Timing(name, len(points), _median_seconds(solver, points))
-        for name, solver in solvers.items()
-        for points in clouds
-    ]
+    with threadpool_limits(1):  # several threads of LAPACK would time the machine's other users
+        return [
+            Timing(name, len(points), _median_seconds(solver, points))
+            for name, solver in solvers.items()
+            for points in clouds
+        ]
 
 
 def _median_seconds(solver: Callable[[ControlPoints], Any], points: ControlPoints) -> float:

@@ -11,6 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeAlias
 
@@ -215,7 +216,7 @@ class Polygon(Drawn):
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if not (isinstance(self.sides, int) and 3 <= self.sides <= MAX_POINTS):
+        if not (isinstance(self.sides, Integral) and 3 <= self.sides <= MAX_POINTS):
             raise ValueError(f"polygon sides {self.sides} must be a whole number from 3 to {MAX_POINTS}")
         _check(self, positive=("radius", "height"))
 

@@ -135,7 +135,7 @@ def cache_folder() -> Path:
     return Path(os.environ.get(CACHE_VARIABLE) or user_cache_path("phasewire"))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def _table(model: str, face: float | Aperture, reach: float, wavenumber: float, nearest: float) -> ResidualTable:
     # A step of 0.19/(k·reach)² in sin²θ, or of 0.0375/(k·reach²) in 1/r, is an error of about 4e-5.
     rows = 1 + max(64, math.ceil((wavenumber * reach) ** 2 / 0.19))
@@ -165,7 +165,8 @@ def _read(path: Path, shape: tuple[int, int]) -> NDArray[np.complex128] | None:
             values = archive["values"]
     except Exception:  # on damaged bytes numpy and zipfile raise nearly anything
         return None
-    return values if values.shape == shape and values.dtype == np.complex128 and values.flags.c_contiguous else None
+    sound = values.shape == shape and values.dtype == np.complex128 and values.flags.c_contiguous
+    return values if sound and np.isfinite(values).all() else None
 
 
 def _write(path: Path, values: NDArray[np.complex128]) -> None:

@@ -147,15 +147,16 @@ class TwoSidedSolver:
         ValueError
             As `Solver.solve` and `Modulation`.
         """
-        self._split = split(points, self._split)
-        half, other_half = self._split.halves(points)
+        cut = split(points, self._split)
+        half, other_half = cut.halves(ControlPoints(points.positions, points.amplitudes / points.amplitudes.max()))
         first, second = self._solvers[0].solve(half), self._solvers[1].solve(other_half) if other_half else None
         drives, levels = [first.drive, np.zeros_like(first.drive)], np.ones(2)
         if second is not None:
             drives[1], levels = second.drive, np.array([_level(first), _level(second)])
         carrier = first.medium.frequency
         modulation = Modulation(drives, np.diag(levels.min() / levels), self._frequency, carrier)
-        return TwoSided(self._split, first, second, modulation, points, self._options)
+        self._split = cut
+        return TwoSided(cut, first, second, modulation, points, self._options)
 
     def forget(self) -> None:
         """Begin the next frame from scratch, as the first."""

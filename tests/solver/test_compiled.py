@@ -40,18 +40,37 @@ def test_the_polynomial_wave_is_cosine_and_sine(turns: list[float]) -> None:
     np.testing.assert_allclose(out[0] + 1j * out[1], exact, atol=2e-6)
 
 
-@pytest.mark.parametrize("options", [{"phase_steps": 0}, {}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"phase_steps": 0}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}, {"phases": "power"}], ids=str
+)
+@given(seed=st.integers(0, 2**32 - 1), m=st.integers(1, 64))
+@FEW
+def test_tikhonov_is_the_double_one(options: dict[str, Any], seed: int, m: int) -> None:
+    """With points on a lattice of 12 mm, |p| to 5e-4 of the strongest and every drive that counts to 0.2 degrees."""
+    rng = np.random.default_rng(seed)
+    lattice = np.stack(np.meshgrid(*[np.arange(-5, 6) * 0.012] * 2, [0.15, 0.2, 0.25]), axis=-1).reshape(-1, 3)
+    points = ControlPoints(rng.permutation(lattice)[:m], rng.uniform(0.1, 1, m))
+    array = TransducerArray.grid()
+    single, double = (solve(array, points, "tikhonov", precision=p, **options).drive for p in ("single", "double"))
+    felt, expected = (np.abs(reached(array, points, drive)) for drive in (single, double))
+    np.testing.assert_allclose(felt, expected, atol=5e-4 * expected.max())
+    counts = np.abs(double) > 0.1
+    assert np.degrees(np.abs(np.angle(single * double.conj()))[counts]).max() < 0.2
+
+
+@pytest.mark.parametrize("options", [{"phase_steps": 0}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}], ids=str)
 @given(problem=arrays_and_points())
 @FEW
-def test_tikhonov_is_the_double_one(options: dict[str, Any], problem: tuple[TransducerArray, ControlPoints]) -> None:
-    """|p| at the points to 1e-3 of the strongest, and the phase of every drive that counts to half a degree."""
+def test_tikhonov_is_as_good_as_the_double_one_wherever_the_points(
+    options: dict[str, Any], problem: tuple[TransducerArray, ControlPoints]
+) -> None:
+    """Crowded, repeated and contradicting ones, where the phases may end elsewhere."""
     array, points = problem
     single, double = (solve(array, points, "tikhonov", precision=p, **options).drive for p in ("single", "double"))
     assert np.isfinite(single).all()
     felt, expected = (np.abs(reached(array, points, drive)) for drive in (single, double))
-    np.testing.assert_allclose(felt, expected, atol=1e-3 * expected.max())
-    counts = np.abs(double) > 0.1
-    assert np.degrees(np.abs(np.angle(single * double.conj()))[counts]).max() < 0.5
+    assert felt.mean() == pytest.approx(expected.mean(), rel=0.02)
+    assert misfit(felt, points.amplitudes)[1] <= 1.02 * misfit(expected, points.amplitudes)[1] + 1e-3
 
 
 @given(problem=arrays_and_points())
@@ -124,7 +143,7 @@ def test_pressure_is_the_double_one(model: str, absorbing: bool, seed: int) -> N
     at = np.add(rng.uniform([-0.4, -0.4, 0.4], [0.4, 0.4, 0.9], (300, 3)), [5, -3, 9])
     exact = pressure(array, drive, at, medium)
     np.testing.assert_allclose(
-        pressure(array, drive, at, medium, precision="single"), exact, atol=1e-4 * np.abs(exact).max()
+        pressure(array, drive, at, medium, precision="single"), exact, atol=2e-4 * np.abs(exact).max()
     )
 
 
@@ -162,6 +181,28 @@ def test_every_method_knows_what_is_looked_up(method: str, transducer: Transduce
     single, double = (solve(array, points, method, precision=p).drive for p in ("single", "double"))
     felt, expected = (np.abs(reached(array, points, drive)) for drive in (single, double))
     np.testing.assert_allclose(felt, expected, atol=0.02 * expected.max())
+
+
+def test_what_is_too_far_for_single_precision_is_computed_in_double(array: TransducerArray) -> None:
+    drive, far = np.ones(320), [[3.0, 0, 200.0], [0, 30.0, 500.0]]
+    assert pressure(array, drive, far, precision="single").tolist() == pressure(array, drive, far).tolist()
+    wide = TransducerArray.joined([array, array.moved(np.eye(3), [20, 0, 0])])
+    points = ControlPoints([[0, 0, 0.2], [20, 0, 0.2]])
+    single, double = (solve(wide, points, "tikhonov", precision=p).drive for p in ("single", "double"))
+    np.testing.assert_allclose(single, double, atol=1e-4)
+
+
+def test_samples_among_facing_panels_are_checked_one_by_one_and_fast() -> None:
+    """All of them lie in the array's box; the one on a transducer is named."""
+    up = TransducerArray.grid(8, 8)
+    pair = TransducerArray.joined([up, up.moved(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.1])])
+    inside = np.random.default_rng(0).uniform([-0.03, -0.03, 0.02], [0.03, 0.03, 0.08], (20_000, 3))
+    np.testing.assert_allclose(
+        pressure(pair, np.ones(128), inside, precision="single")[:50], pressure(pair, np.ones(128), inside[:50]), atol=1
+    )
+    inside[777] = pair.positions[70] + [0, 0, -0.004]
+    with pytest.raises(ValueError, match=r"point 777 at .* is 4.00 mm from transducer 70"):
+        pressure(pair, np.ones(128), inside, precision="single")
 
 
 def test_strong_absorption_is_beyond_the_kernel_and_computed_all_the_same() -> None:

@@ -224,3 +224,31 @@ def test_what_cannot_be_looked_at_is_named(arguments: dict[str, Any], message: s
     plain: dict[str, Any] = {"array": ARRAY, "drive": np.ones(100), "points": ControlPoints([[0, 0, 0.15]])}
     with pytest.raises(ValueError, match=message):
         focus_report(**(plain | arguments))
+
+
+def test_points_far_apart_in_height_are_searched_slab_by_slab(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ghost is found wherever it lies, and only once, whatever the slabs."""
+    monkeypatch.setattr(module, "SEARCH_MARGIN", 0.005)
+    small = TransducerArray.grid(6, 6)
+    points = ControlPoints([[0, 0, 0.06], [0.004, 0, 0.11]])
+    drive = lone(small, (-0.02, 0.0, 0.085))  # strong in between, where nothing was asked for
+    whole = focus_report(small, drive, points)
+    monkeypatch.setattr(module, "MAX_SAMPLES", 15_000)
+    assert len(module._surroundings(small, points, AIR)) > 2
+    parts = focus_report(small, drive, points)
+    assert whole.ghosts
+    assert len(parts.ghosts) == len(whole.ghosts)
+    for one, other in zip(parts.ghosts, whole.ghosts, strict=True):
+        np.testing.assert_allclose(one.position, other.position, atol=1e-4)
+    assert parts.searched == whole.searched
+    monkeypatch.setattr(module, "MAX_SEARCHED", 1000)
+    with pytest.raises(ValueError, match="at most 1000 are searched: give a grid"):
+        focus_report(small, drive, points)
+
+
+def test_a_faint_point_is_a_null() -> None:
+    points = ControlPoints([[0, 0, 0.15], [0.03, 0, 0.15]], [1e300, 1e200])
+    report = look(lone(ARRAY, (0, 0, 0.15)), points)
+    assert [focus.index for focus in report.foci] == [0]
+    assert [null.index for null in report.nulls] == [1]
+    json.dumps(report.record(), allow_nan=False)

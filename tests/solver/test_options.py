@@ -11,7 +11,7 @@ def test_every_method_has_the_options_that_it_names(method: str) -> None:
     defaults = Options.of(method)
     assert defaults.output == METHODS[method].output
     values = {name: getattr(defaults, name) for name in METHODS[method].options}
-    assert Options.of(method, **values, output="solved").output == "solved"
+    assert Options.of(method, values | {"output": "solved"}).output == "solved"
 
 
 @pytest.mark.parametrize(
@@ -44,4 +44,4 @@ def test_every_method_has_the_options_that_it_names(method: str) -> None:
 )
 def test_bad_options_are_named(method: str, options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Options.of(method, **options)
+        Options.of(method, options)

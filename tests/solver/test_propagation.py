@@ -165,3 +165,22 @@ def test_a_louder_transducer_is_louder() -> None:
 def test_bad_input_is_named(array: TransducerArray, drive: np.ndarray, at: list[list[float]], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         pressure(array, drive, at)
+
+
+@pytest.mark.parametrize("model", ["monopole", "piston", "rayleigh"])
+def test_sound_travels_back_as_it_came(model: str) -> None:
+    """Reciprocity: two transducers that look at each other hear each other alike, wherever they are."""
+    rng = np.random.default_rng(12)
+    transducer = Transducer(model=model)
+    places, normals = rng.uniform(-0.1, 0.1, (2, 3)), rng.normal(size=(2, 3))
+    places[1] += [0, 0, 0.3]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[0, 2], normals[1, 2] = abs(normals[0, 2]) + 2, -abs(normals[1, 2]) - 2
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    there, back = (
+        transfer_matrix(TransducerArray([places[i]], [normals[i]], transducer), [places[1 - i]])[0, 0] for i in (0, 1)
+    )
+    turned = transfer_matrix(TransducerArray([places[0]], [-normals[1]], transducer), [places[1]])[0, 0]
+    assert back == pytest.approx(turned)  # back from 1 with its normal is there from 0 with that normal reversed
+    if model == "monopole":
+        assert there == pytest.approx(back)

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
+import os
+import subprocess
+import sys
+import weakref
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -168,7 +174,7 @@ def test_no_frames_are_no_drives(array: TransducerArray) -> None:
 
 def test_a_bad_frame_among_many_is_named(array: TransducerArray) -> None:
     good, behind = ControlPoints([[0, 0, 0.2]]), ControlPoints([[0, 0, 0.2], [0, 0, -0.2]])
-    with pytest.raises(ValueError, match=r"control point 1 at .* is on the array or behind it"):
+    with pytest.raises(ValueError, match=r"frame 2: control point 1 at .* is on the array or behind it"):
         solve_frames(array, [good, good, behind, good], workers=2)
     with pytest.raises(ValueError, match="workers 0 must be at least 1"):
         solve_frames(array, [good], workers=0)
@@ -182,13 +188,17 @@ def test_a_transducer_that_looks_away_stays_silent() -> None:
         assert drive[1] == 0
 
 
-@pytest.mark.parametrize("n", [1, 2, 33, 2000])
+@pytest.mark.parametrize("n", [1, 2, 3, 33, 2000])
 def test_arrays_of_any_size(n: int) -> None:
+    """One transducer cannot tell points apart, two can serve two, and many serve them evenly."""
     rng = np.random.default_rng(n)
     array = TransducerArray(rng.uniform([-0.2, -0.2, -0.01], [0.2, 0.2, 0], (n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)))
     points = ControlPoints([[0, 0, 0.2], [0.02, 0.01, 0.22]])
     solution = solve(array, points)
-    if n > 2:
+    if n == 1:
+        alone = np.abs(transfer_matrix(array, points.positions)[:, 0])
+        np.testing.assert_allclose(felt(solution), alone, rtol=1e-4)
+    else:
         np.testing.assert_allclose(felt(solution) / felt(solution).mean(), 1, atol=0.01)
 
 
@@ -265,5 +275,98 @@ def test_points_beside_the_array_are_reachable(array: TransducerArray) -> None:
 
 
 def test_an_unknown_precision_is_named(array: TransducerArray) -> None:
-    with pytest.raises(ValueError, match="precision 'half' must be single or double"):
+    with pytest.raises(ValueError, match="precision 'half' must be one of double, single"):
         Solver(array, precision="half")  # type: ignore[arg-type]
+
+
+def test_a_plain_array_of_points_will_do(array: TransducerArray) -> None:
+    positions = np.asfortranarray([[0.0, 0, 0.2], [0.02, 0.01, 0.2]])
+    assert solve(array, positions).drive.tobytes() == solve(array, ControlPoints(positions.tolist())).drive.tobytes()
+
+
+@pytest.mark.parametrize("method", METHOD_NAMES)
+@pytest.mark.parametrize("why", ["dead", "limited"])
+def test_points_that_only_silent_transducers_face_are_unreachable(method: str, why: str) -> None:
+    up = TransducerArray.grid(4, 4)
+    facing = TransducerArray.joined([up, up.moved(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.1])])
+    only_down = np.r_[np.zeros(16), np.ones(16)]
+    silent = facing.calibrated(only_down) if why == "dead" else facing.calibrated(np.ones(32), only_down)
+    with pytest.raises(ValueError, match=r"control point 0 at .* as far as that can sound"):
+        solve(silent, ControlPoints([[0, 0, 0.2]]), method)
+    assert np.abs(solve(silent, ControlPoints([[0, 0, 0.05]]), method).drive[16:]).max() > 0.9
+
+
+@pytest.mark.parametrize("method", ["tikhonov", "wgs", "polish"])
+@pytest.mark.parametrize("output", ["solved", "phase", "limited"])
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_points_that_contradict_each_other_end_in_some_drive(method: str, output: str, precision: Any) -> None:
+    """A focus and a null at one place, for two transducers: the corrections run into silence."""
+    array = TransducerArray.grid(2, 1)
+    points = ControlPoints([[0, 0, 0.1], [0, 0, 0.1]], [1, 0])
+    drive = solve(array, points, method, output=output, precision=precision).drive
+    assert np.isfinite(drive).all()
+    assert np.abs(drive).max() == pytest.approx(1, rel=1e-5)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_a_refused_frame_leaves_no_trace(array: TransducerArray, precision: Any) -> None:
+    good = Star().sample()
+    disturbed, undisturbed = (Solver(array, precision=precision) for _ in range(2))
+    for solver in (disturbed, undisturbed):
+        solver.solve(good)
+    for count in (30, 7, 64):
+        with pytest.raises(ValueError, match="out of reach"):
+            disturbed.solve(np.tile([0.0, 0, 5.0], (count, 1)))
+    assert disturbed.solve(good).drive.tobytes() == undisturbed.solve(good).drive.tobytes()
+
+
+@pytest.mark.parametrize("m", [1, 2, 4, 5, 17, 32])
+def test_warm_frames_are_the_double_ones_too(m: int) -> None:
+    array, rng = TransducerArray.grid(10, 10), np.random.default_rng(m)
+    frames = [rng.uniform([-0.04, -0.04, 0.15], [0.04, 0.04, 0.2], (m, 3))]
+    frames += [frames[0] + step * 1e-3 for step in range(1, 6)]
+    single, double = (Solver(array, "tikhonov", phase_steps=3, precision=p) for p in ("single", "double"))
+    for positions in frames:
+        one, other = single.solve(positions).drive, double.solve(positions).drive
+        np.testing.assert_allclose(one, other, atol=2e-3)
+
+
+def test_a_tiny_mu_is_solved_in_double_precision(array: TransducerArray) -> None:
+    points = Star().sample()
+    for mu in (1e-6, 9e-5):
+        single, double = (solve(array, points, "tikhonov", mu=mu, precision=p).drive for p in ("single", "double"))
+        np.testing.assert_array_equal(single, double)
+
+
+def test_an_array_is_forgotten_with_its_last_reference() -> None:
+    array = TransducerArray.grid(3, 3)
+    pressure(array, np.ones(9), [[0, 0, 0.1]], precision="single")
+    solve(array, [[0, 0, 0.1]])
+    gone = weakref.ref(array)
+    del array
+    gc.collect()
+    assert gone() is None
+
+
+SAME_BITS = """
+import hashlib, numpy as np
+from phasewire import Solver, TransducerArray, pressure
+from phasewire.solver import Rings, solve_frames
+array, points = TransducerArray.grid(), Rings().sample()
+drives = [Solver(array, method).solve(points).drive for method in ("tikhonov", "wgs", "polish", "multiplex")]
+drives.append(solve_frames(array, [points])[0])
+drives.append(pressure(array, drives[0], points.positions, precision="single"))
+print([hashlib.sha256(drive.tobytes()).hexdigest() for drive in drives])
+"""
+
+
+@pytest.mark.slow
+def test_what_was_compiled_here_has_the_bits_of_what_is_loaded_there(tmp_path: Path) -> None:
+    """A process that compiles, and one that loads from the cache, in an empty cache of their own."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    said = [
+        subprocess.run([sys.executable, "-c", SAME_BITS], env=environment, capture_output=True, text=True, timeout=300)
+        for _ in range(2)
+    ]
+    assert [one.stderr for one in said] == ["", ""]
+    assert said[0].stdout == said[1].stdout != ""

@@ -126,3 +126,11 @@ def test_the_summary_says_what_was_gained(array: TransducerArray) -> None:
 def test_unreachable_points_are_named(array: TransducerArray) -> None:
     with pytest.raises(ValueError, match="out of reach"):
         two_sided(array, ControlPoints([[0, 0, 0.2], [0, 0, 20.0]]))
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_only_the_ratio_of_amplitudes_matters(array: TransducerArray, scale: float) -> None:
+    positions = [[-0.03, 0, 0.2], [0.03, 0, 0.2], [0.03, 0.02, 0.2]]
+    scaled, plain = (two_sided(array, ControlPoints(positions, np.array([1, 0.5, 1]) * s)) for s in (scale, 1))
+    np.testing.assert_allclose(scaled.modulation.weights, plain.modulation.weights, rtol=1e-6)
+    np.testing.assert_allclose(scaled.modulation.drives, plain.modulation.drives, atol=1e-6)
