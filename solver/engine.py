@@ -77,10 +77,10 @@ class CompiledEngine:
             kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
             return drive
         self._find_phases(m)
-        fit = kernels.finish(
+        solved = kernels.finish(
             elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive
         )
-        if fit < 0:
+        if not solved:
             raise ValueError(self._too_close)
         if self._method == "polish":
             kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)

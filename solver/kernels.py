@@ -26,8 +26,7 @@ ROWS = 4
 """Rows of B that are read together."""
 
 X, Y, Z, NX, NY, NZ, GAIN, LEAD, LIMIT, ELEMENT_ROWS = range(10)
-"""Rows of the table of transducers: position/m, normal, pressure × distance at full drive/(Pa·m), phase of the response
-in turns, largest drive."""
+"""Rows of the table of transducers: position/m, normal, gain, phase of the response in turns, largest drive."""
 
 SOLVED, PHASE, LIMITED = range(3)
 """Output policies."""
@@ -456,7 +455,7 @@ def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
 
 @_part
 def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
-    """P = A·x = B·diag(1/weight)·x; v is scratch."""
+    """Write A·x = B·diag(1/weight)·x into p; v is scratch."""
     rows, columns = re.shape
     for q in range(columns):
         inverse = F(1) / max(weight[q], TINY)
@@ -595,18 +594,17 @@ def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any
 
 @_part
 def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
-           work: Any, drive: Any) -> Any:  # fmt: skip
+            work: Any, drive: Any) -> bool:  # fmt: skip
     """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept.
 
-    Returns the root mean square of |p| − s·wanted over the points, relative to the scale s that fits best, where there
-    are steps, or -1 where the system is singular.
+    Returns False where the system is singular.
     """
     re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = carve(work, m, elements.shape[1])
     inverse, wanted, b, rhs, y, p = vectors[0, 1], vectors[1, 0], vectors[2], vectors[3], vectors[4], vectors[5]
     weight, x, v = spans[0, 1], spans[1], spans[2]
     rows = len(re)
     if not factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse):
-        return -1.0
+        return False
     for i in range(b.shape[1]):
         b[0, i] = b[1, i] = F(0)
     norm = F(0)
@@ -623,11 +621,9 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
         limit_drive(x, elements[LIMIT], output, headroom)
         if steps > 0:
             reproduce(re, im, weight, x, v, p)
-            power = fit = F(0)
+            fit = F(0)
             for i in range(m):
-                size2 = p[0, i] * p[0, i] + p[1, i] * p[1, i]
-                power += size2
-                fit += wanted[i] * np.sqrt(size2)
+                fit += wanted[i] * np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
             if not fit > TINY:
                 if best == F(1e30):  # even silence is better than nothing
                     for q in range(len(drive)):
@@ -647,12 +643,12 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
             best = error
         for q in range(len(drive)):
             drive[q] = complex(x[0, q], x[1, q])
-    return best
+    return True
 
 
 @_kernel
 def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
-           work: Any, drive: Any) -> Any:  # fmt: skip
+           work: Any, drive: Any) -> bool:  # fmt: skip
     """Solve for the drive with the phases u, and correct it; see `_finish`."""
     return _finish(elements, m, u, mu, output, headroom, relaxation, steps, work, drive)
 
@@ -665,8 +661,8 @@ def update_frames(
 ) -> Any:  # fmt: skip
     """Every ``stride``-th frame from ``first`` on, each from a cold start, without Python in between.
 
-    Frame f has the points from ``begins[f]`` to ``begins[f + 1]``. Returns the first frame with a suspect point, or
-    the first with a singular system, and -1 for none.
+    Frame f has the points from ``begins[f]`` to ``begins[f + 1]``. Returns the first frame with a suspect point and the
+    first with a singular system, -1 for none.
     """
     columns = elements.shape[1]
     suspect, singular = -1, -1
@@ -682,8 +678,8 @@ def update_frames(
         if found >= 0 and suspect < 0:
             suspect = f
         _begin(m, columns, gamma, phase_steps, power, phases, work)
-        fit = _finish(elements, m, phases, mu, output, headroom, relaxation, steps, work, drives[f])
-        if fit < 0 and singular < 0:
+        solved = _finish(elements, m, phases, mu, output, headroom, relaxation, steps, work, drives[f])
+        if not solved and singular < 0:
             singular = f
     return suspect, singular
 

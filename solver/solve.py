@@ -58,10 +58,10 @@ class Solver:
         The air; 20 °C by default.
     precision : {"single", "double"}
         Compiled float32 kernels, or the readable complex128 versions in NumPy, which are far slower. With points that
-        are well apart the kernels are within 5e-4 of the strongest |p| and 0.2° of each drive's phase; where points
-        crowd or contradict each other, their solutions are as good, but may be others. Methods without kernels, and a
-        ``mu`` below 1e-4, are always solved in double precision. The first solve on a machine compiles the kernels,
-        which takes some ten seconds, once.
+        are well apart the kernels are within 1e-3 of the strongest |p| and 0.2° (rms) of the drives' phases; where
+        points crowd or contradict each other, their solutions are as good, but may be others. Methods without kernels,
+        and a ``mu`` below 1e-4, are always solved in double precision. The first solve on a machine compiles the
+        kernels, which takes some ten seconds, once.
     **options
         Of the method, see `Options`.
 
