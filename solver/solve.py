@@ -58,7 +58,7 @@ class Solver:
         The air; 20 °C by default.
     precision : {"single", "double"}
         Compiled float32 kernels, or the readable complex128 versions in NumPy, which are far slower. With points that
-        are well apart the kernels are within 1e-3 of the strongest |p| and 0.2° (rms) of the drives' phases; where
+        are well apart the ratios of |p| are within 1e-3 of the strongest and phases within 0.2° (rms); where
         points crowd or contradict each other, their solutions are as good, but may be others. Methods without kernels,
         and a ``mu`` below 1e-4, are always solved in double precision. The first solve on a machine compiles the
         kernels, which takes some ten seconds, once.

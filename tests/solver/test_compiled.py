@@ -40,24 +40,30 @@ def test_the_polynomial_wave_is_cosine_and_sine(turns: list[float]) -> None:
     np.testing.assert_allclose(out[0] + 1j * out[1], exact, atol=2e-6)
 
 
-@pytest.mark.parametrize("options", [{}, {"phase_steps": 0}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}], ids=str)
+@pytest.mark.parametrize("options", [{}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}], ids=str)
 @given(seed=st.integers(0, 2**32 - 1), m=st.integers(1, 64))
 @FEW
 def test_tikhonov_is_the_double_one(options: dict[str, Any], seed: int, m: int) -> None:
-    """With points on a lattice of 12 mm, |p| to 1e-3 of the strongest, and phases of drives to 0.2 degrees rms."""
+    """With points on a lattice of 12 mm, ratios of |p| to 1e-3 of the strongest, and phases to 0.2 degrees rms.
+
+    From the same phases of the points: where one hardly hears the others, iterations of them can end elsewhere.
+    """
     rng = np.random.default_rng(seed)
     lattice = np.stack(np.meshgrid(*[np.arange(-5, 6) * 0.012] * 2, [0.15, 0.2, 0.25]), axis=-1).reshape(-1, 3)
     points = ControlPoints(rng.permutation(lattice)[:m], rng.uniform(0.1, 1, m))
-    array = TransducerArray.grid()
+    array, options = TransducerArray.grid(), options | {"phase_steps": 0}
     single, double = (solve(array, points, "tikhonov", precision=p, **options).drive for p in ("single", "double"))
     felt, expected = (np.abs(reached(array, points, drive)) for drive in (single, double))
-    np.testing.assert_allclose(felt, expected, atol=1e-3 * expected.max())
+    assert felt.mean() == pytest.approx(expected.mean(), rel=0.01)  # which the one strongest transducer decides
+    np.testing.assert_allclose(
+        felt / felt.mean(), expected / expected.mean(), atol=1e-3 * expected.max() / expected.mean()
+    )
     counts = np.abs(double) > 0.1
     assert np.degrees(np.sqrt(np.mean(np.angle(single * double.conj())[counts] ** 2))) < 0.2
 
 
 @pytest.mark.parametrize(
-    "options", [{"phase_steps": 0}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}, {"phases": "power"}], ids=str
+    "options", [{}, {"phase_steps": 0}, {"gamma": 0.3, "mu": 0.3}, {"output": "limited"}, {"phases": "power"}], ids=str
 )
 @given(problem=arrays_and_points())
 @FEW
