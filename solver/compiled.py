@@ -23,7 +23,7 @@ from .models import residual
 from .simd import LANES
 from .table import ResidualTable
 
-__all__ = ["aligned", "can_reach", "compilation", "pressure_at", "tables_of", "too_close"]
+__all__ = ["aligned", "can_reach", "compilation", "farthest_of", "pressure_at", "tables_of", "too_close"]
 
 POLYNOMIAL_ERROR = 2e-6
 MAX_TURNS = 500  # wavelengths on the way, beyond which single precision makes more than 2e-4 of the phase
@@ -81,12 +81,16 @@ def _make_tables(array: TransducerArray, medium: Medium) -> Tables:
     )
 
 
-def can_reach(tables: Tables, points: NDArray[np.float64]) -> bool:
-    """Whether the kernels are exact enough at (k, 3) points: not too far away, nor where nearly all is absorbed."""
-    low, high = tables.bounds[:2]
-    farthest = float(np.linalg.norm(np.maximum(points.max() - low, high - points.min())))  # or less
+def can_reach(tables: Tables, farthest: float) -> bool:
+    """Whether the kernels are exact enough up to a distance in metres, and not nearly all is absorbed on the way."""
     absorbed = 0.0 if tables.nepers is None else float(tables.nepers) * farthest
     return absorbed <= kernels.MAX_NEPERS and float(tables.turns) * farthest <= MAX_TURNS
+
+
+def farthest_of(tables: Tables, points: NDArray[np.float64]) -> float:
+    """A distance in metres that none of (k, 3) points exceeds from any transducer."""
+    low, high = tables.bounds[:2]
+    return float(np.linalg.norm(np.maximum(points.max() - low, high - points.min())))
 
 
 def _wave_of(

@@ -46,7 +46,8 @@ class CompiledEngine:
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._medium, self._method, self._options = array, medium, method, options
         self._tables = tables_of(array, medium)
-        self._modelled = can_reach(self._tables, self._tables.bounds[:2] + np.array([[-REACH], [REACH]]))
+        low, high = self._tables.bounds[:2]
+        self._modelled = can_reach(self._tables, REACH + float(np.linalg.norm(high - low)))
         self._columns = self._tables.elements.shape[1]
         self._capacity = 0
         self._points = 0

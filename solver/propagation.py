@@ -118,10 +118,16 @@ def pressure(
         raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
     points, medium = as_points(at, "point"), medium or Medium()
     if precision == "single":
-        from .compiled import can_reach, pressure_at, tables_of, too_close  # numba takes half a second to import
+        from .compiled import (  # numba takes half a second to import
+            can_reach,
+            farthest_of,
+            pressure_at,
+            tables_of,
+            too_close,
+        )
 
         tables = tables_of(array, medium)
-        if can_reach(tables, points):
+        if can_reach(tables, farthest_of(tables, points)):
             for index in too_close(array, tables, points):
                 _check_distance(array, points[index], index)
             return pressure_at(tables, array, drive, points)
