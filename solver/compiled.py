@@ -25,6 +25,7 @@ from .table import ResidualTable
 
 __all__ = ["aligned", "can_reach", "compilation", "farthest_of", "pressure_at", "tables_of", "too_close"]
 
+MEDIA = 8  # in which the tables of an array are kept at the same time
 POLYNOMIAL_ERROR = 2e-6
 MAX_TURNS = 500  # wavelengths on the way, beyond which single precision makes more than 2e-4 of the phase
 ROWS_PER_KA2 = 8  # of a table in sin²θ, per (k·radius)²: linear interpolation is then within 3e-5
@@ -51,11 +52,13 @@ _kept: WeakKeyDictionary[TransducerArray, dict[Medium, Tables]] = WeakKeyDiction
 
 
 def tables_of(array: TransducerArray, medium: Medium) -> Tables:
-    """Tables of an array, kept as long as the array is."""
+    """Tables of an array, kept as long as the array is, in a few media."""
     kept = _kept.setdefault(array, {})
-    if medium not in kept:
-        kept[medium] = _make_tables(array, medium)
-    return kept[medium]
+    if (found := kept.get(medium)) is None:
+        if len(kept) >= MEDIA:
+            kept.clear()
+        found = kept[medium] = _make_tables(array, medium)
+    return found
 
 
 def _make_tables(array: TransducerArray, medium: Medium) -> Tables:
