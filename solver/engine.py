@@ -67,7 +67,7 @@ class CompiledEngine:
         Raises
         ------
         ValueError
-            Where a point cannot be reached, or the system is singular.
+            Where a point cannot be reached.
         """
         m = len(points)
         self._make_room(m)
@@ -78,11 +78,7 @@ class CompiledEngine:
             kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
             return drive
         self._find_phases(m)
-        solved = kernels.finish(
-            elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive
-        )
-        if not solved:
-            raise ValueError(self._too_close)
+        kernels.finish(elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive)
         if self._method == "polish":
             kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
         return drive
@@ -105,7 +101,7 @@ class CompiledEngine:
         self._make_room(largest)
         self.forget()
         self._start(largest)
-        suspect, singular = kernels.update_frames(
+        suspect = kernels.update_frames(
             tables.elements,
             tables.wave[0],
             tables.turns,
@@ -135,12 +131,6 @@ class CompiledEngine:
         if suspect >= 0:
             for index in range(suspect, len(frames), stride):
                 check_reachable(self._array, frames[index], f"frame {index}: ")
-        if singular >= 0:
-            raise ValueError(f"frame {singular}: {self._too_close}")
-
-    @property
-    def _too_close(self) -> str:
-        return f"mu {self._options.mu} is too small for points as close together as these"
 
     def _make_room(self, m: int) -> None:
         if m > self._capacity:

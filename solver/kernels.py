@@ -312,11 +312,11 @@ def iterate_phases(
 @_part
 def factorise(
     gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: Any, lower_im: Any, inverse: Any
-) -> bool:
-    """Cholesky of G + μ·tr(G)/m·I = L·Lᴴ, four columns at a time. False where it is singular in float32.
+) -> None:
+    """Cholesky of G + μ·tr(G)/m·I = L·Lᴴ, four columns at a time; μ keeps it from being singular.
 
     L stands in ``lower`` twice, in the columns and, transposed, in the rows, so that `substitute` reads along rows both
-    ways; ``inverse`` is 1/diag(L). Rows from m on are those of a unit matrix.
+    ways; ``inverse`` is 1/diag(L). Rows from m on are those of a multiple of the unit matrix.
     """
     padded = gram_re.shape[1]
     mean = TINY
@@ -357,9 +357,7 @@ def factorise(
             store(lower_im, j + 3, i, zero - i3)
         for k in range(j, j + 4):
             pivot = lower_re[k, k] + (mu * mean if k < m else mean)
-            if not pivot > F(1e-7) * mean:
-                return False
-            inverse[k] = F(1) / np.sqrt(pivot)
+            inverse[k] = F(1) / np.sqrt(max(pivot, F(1e-7) * mean))
             lower_re[k, k] = pivot
             scale = spread(inverse[k])
             for i in range(j // LANES * LANES, padded, LANES):
@@ -373,7 +371,6 @@ def factorise(
     for k in range(rows):
         for i in range(k + 1, rows):
             lower_re[i, k], lower_im[i, k] = lower_re[k, i], lower_im[k, i]
-    return True
 
 
 @_part
@@ -594,17 +591,13 @@ def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any
 
 @_part
 def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
-            work: Any, drive: Any) -> bool:  # fmt: skip
-    """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept.
-
-    Returns False where the system is singular.
-    """
+            work: Any, drive: Any) -> None:  # fmt: skip
+    """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept."""
     re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = carve(work, m, elements.shape[1])
     inverse, wanted, b, rhs, y, p = vectors[0, 1], vectors[1, 0], vectors[2], vectors[3], vectors[4], vectors[5]
     weight, x, v = spans[0, 1], spans[1], spans[2]
     rows = len(re)
-    if not factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse):
-        return False
+    factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse)
     for i in range(b.shape[1]):
         b[0, i] = b[1, i] = F(0)
     norm = F(0)
@@ -643,14 +636,13 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
             best = error
         for q in range(len(drive)):
             drive[q] = complex(x[0, q], x[1, q])
-    return True
 
 
 @_kernel
 def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
-           work: Any, drive: Any) -> bool:  # fmt: skip
+           work: Any, drive: Any) -> None:  # fmt: skip
     """Solve for the drive with the phases u, and correct it; see `_finish`."""
-    return _finish(elements, m, u, mu, output, headroom, relaxation, steps, work, drive)
+    _finish(elements, m, u, mu, output, headroom, relaxation, steps, work, drive)
 
 
 @_kernel
@@ -658,14 +650,14 @@ def update_frames(
     elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
     points: Any, amplitudes: Any, begins: Any, first: int, stride: int, gamma: Any, phase_steps: int, power: bool,
     cold: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int, work: Any, u: Any, drives: Any,
-) -> Any:  # fmt: skip
+) -> int:  # fmt: skip
     """Every ``stride``-th frame from ``first`` on, each from a cold start, without Python in between.
 
-    Frame f has the points from ``begins[f]`` to ``begins[f + 1]``. Returns the first frame with a suspect point and the
-    first with a singular system, -1 for none.
+    Frame f has the points from ``begins[f]`` to ``begins[f + 1]``. Returns the first frame with a suspect point,
+    or -1.
     """
     columns = elements.shape[1]
-    suspect, singular = -1, -1
+    suspect = -1
     for f in range(first, len(begins) - 1, stride):
         m = begins[f + 1] - begins[f]
         padded = (m + LANES - 1) // LANES * LANES
@@ -678,10 +670,8 @@ def update_frames(
         if found >= 0 and suspect < 0:
             suspect = f
         _begin(m, columns, gamma, phase_steps, power, phases, work)
-        solved = _finish(elements, m, phases, mu, output, headroom, relaxation, steps, work, drives[f])
-        if not solved and singular < 0:
-            singular = f
-    return suspect, singular
+        _finish(elements, m, phases, mu, output, headroom, relaxation, steps, work, drives[f])
+    return suspect
 
 
 @_kernel
