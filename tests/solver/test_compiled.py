@@ -234,3 +234,12 @@ def test_what_was_compiled_is_counted() -> None:
     counts = compiled.compilation()
     assert {"model", "begin", "finish"} <= set(counts)
     assert all(loaded + built >= 1 for loaded, built in counts.values())
+
+
+def test_a_transducer_the_other_way_round_is_driven_the_other_way_round() -> None:
+    points = ControlPoints([[0.02, 0.01, 0.15], [-0.02, 0, 0.2]])
+    for method in COMPILED:
+        upright, reversed_ = (
+            solve(TransducerArray.grid(8, 8, transducer=Transducer(polarity=sign)), points, method) for sign in (1, -1)
+        )
+        np.testing.assert_allclose(reversed_.drive, -upright.drive, atol=1e-5)

@@ -113,3 +113,12 @@ def test_what_is_no_convolution_is_refused(array: TransducerArray, arguments: di
 def test_bad_drives_are_named(drive: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         PlanePropagator(GRID, 0.2, 0.05, 2)(drive)
+
+
+def test_a_calibrated_array_sounds_as_it_does() -> None:
+    rng = np.random.default_rng(8)
+    response = rng.normal(size=24) + 1j * rng.normal(size=24)
+    response[5] = 0
+    array = TransducerArray.grid(6, 4).calibrated(response)
+    drive = np.exp(2j * np.pi * rng.uniform(size=24))
+    assert_the_direct_sum(array, drive, PlanePropagator(array, 0.1, 0.06, 4), every=1)
