@@ -174,7 +174,7 @@ def compilation() -> dict[str, tuple[int, int]]:
     found: dict[str, tuple[int, int]] = {}
     for name, value in vars(kernels).items():
         stats: Any = getattr(value, "stats", None)
-        if isinstance(value, Callable) and stats is not None:  # type: ignore[arg-type]
+        if callable(value) and stats is not None:
             hits, misses = sum(stats.cache_hits.values()), sum(stats.cache_misses.values())
             if hits or misses:
                 found[name] = (hits, misses)

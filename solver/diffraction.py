@@ -15,7 +15,7 @@ from scipy.special import eval_legendre
 
 from .aperture import Aperture
 
-__all__ = ["KERNELS", "REFERENCE_DISTANCE", "Kernel", "disc_rings", "image_rings", "integrate"]
+__all__ = ["KERNELS", "REFERENCE_DISTANCE", "Kernel", "disc_rings", "face_rings", "image_rings", "integrate"]
 
 REFERENCE_DISTANCE = 0.30
 """Distance in metres at which a data sheet states the pressure, and at which the kernel as printed is made to agree."""
@@ -74,6 +74,11 @@ KERNELS = {
     would make a strength in Pa·m of its amplitude; it is scaled to agree with the others at 0.30 m. Here to follow the
     paper, not to predict anything.
 """
+
+
+def face_rings(face: float | Aperture, wavenumber: float) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    """Radii (n,) in metres and weights (n,) of a face: an image, or the disc of a radius in metres."""
+    return image_rings(face, wavenumber) if isinstance(face, Aperture) else disc_rings(face, wavenumber)
 
 
 def disc_rings(radius: float, wavenumber: float) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1
 
-from .diffraction import KERNELS, Kernel, disc_rings, image_rings, integrate
+from .diffraction import KERNELS, Kernel, face_rings, integrate
 from .medium import Medium
 from .transducer import MODELS, Transducer
 
-__all__ = ["directivity", "face_rings", "residual"]
+__all__ = ["directivity", "residual"]
 
 
 def residual(
@@ -72,13 +72,6 @@ def directivity(sine: ArrayLike, radius: float, medium: Medium) -> NDArray[np.fl
     return np.asarray(np.where(small, 1.0, 2 * j1(safe) / safe))
 
 
-def face_rings(transducer: Transducer, medium: Medium) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Radii (n,) in metres and weights (n,) of a transducer's face, its aperture or else the disc of its radius."""
-    if transducer.aperture is None:
-        return disc_rings(transducer.radius, medium.wavenumber)
-    return image_rings(transducer.aperture, medium.wavenumber)
-
-
 def _monopole(
     _transducer: Transducer, sine: NDArray[np.float64], _distance: NDArray[np.float64], _medium: Medium
 ) -> NDArray[np.complex128]:
@@ -98,7 +91,7 @@ def _rayleigh(
     distance: NDArray[np.float64],
     medium: Medium,
 ) -> NDArray[np.complex128]:
-    rings = face_rings(transducer, medium)
+    rings = face_rings(transducer.face, medium.wavenumber)
     smooth = integrate(kernel, rings, sine.ravel() ** 2, 1 / distance.ravel(), medium.wavenumber)
     return np.asarray(smooth.reshape(sine.shape) * kernel.front(sine, distance))
 

@@ -22,6 +22,7 @@ from .points import ControlPoints, check_reachable
 from .propagation import transfer_matrix
 
 __all__ = [
+    "Engine",
     "ReferenceEngine",
     "Regularised",
     "augmented",
@@ -241,14 +242,23 @@ def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps:
     return np.asarray(chosen)
 
 
-class _Engine(Protocol):
-    def forget(self) -> None: ...
+class Engine(Protocol):
+    """What finds drives, with the phases of the last frame."""
 
-    def drive(self, points: ControlPoints) -> NDArray[Any]: ...
+    def forget(self) -> None:
+        """Begin the next update's phases anew."""
+
+    def drive(self, points: ControlPoints) -> NDArray[Any]:
+        """Drives (n,) complex for control points."""
+
+    def drive_frames(
+        self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
+    ) -> None:
+        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n)."""
 
 
 def drive_each(
-    engine: _Engine, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
+    engine: Engine, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
 ) -> None:
     """Let an engine solve every ``stride``-th frame from ``first`` on, from scratch each; an error names the frame."""
     for index in range(first, len(frames), stride):

@@ -18,13 +18,12 @@ from threadpoolctl import threadpool_limits
 
 from .array import TransducerArray
 from .convolution import PlanePropagator
-from .field import PlaneField
+from .field import PlaneField, sample_cut
 from .focus import FocusReport, focus_report
 from .grid import Grid
 from .medium import Medium
 from .modulation import Modulation, intensity_component
 from .points import ControlPoints
-from .propagation import pressure
 from .shapes import Asterisk, Circle, Concentric, Polygon, Rings, Star
 from .solve import Solver, solve
 from .two_sided import TwoSided, TwoSidedSolver, two_sided
@@ -280,7 +279,7 @@ def reproduce_figure_4(
     points = Polygon(height=HEIGHT).sample()
     result = two_sided(array, points, method, medium=medium, **options)
     grid = Grid.horizontal(HEIGHT, EXTENT, 1e-3)
-    left, right = (_over(grid, array, row @ result.modulation.drives, medium) for row in result.modulation.weights)
+    left, right = (sample_cut(array, row @ result.modulation.drives, grid, medium) for row in result.modulation.weights)
     return Figure4(
         points,
         result,
@@ -288,11 +287,6 @@ def reproduce_figure_4(
         _component(grid, array, result.modulation, medium),
         _component(grid, array, result.one_sided, medium),
     )
-
-
-def _over(grid: Grid, array: TransducerArray, drive: NDArray[np.complex128], medium: Medium) -> PlaneField:
-    values = pressure(array, drive, grid.positions().reshape(-1, 3), medium, precision="single")
-    return PlaneField(grid, values.reshape(grid.shape), medium)
 
 
 def _component(grid: Grid, array: TransducerArray, modulation: Modulation, medium: Medium) -> PlaneField:

@@ -61,7 +61,7 @@ def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
 
 
 @_intrinsic
-def load(typing_context: Any, matrix: Any, row: Any, column: Any) -> Any:  # noqa: ARG001
+def load(typing_context: Any, matrix: Any, row: Any, column: Any) -> Any:
     """``matrix[row, column : column + LANES]``."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -71,7 +71,7 @@ def load(typing_context: Any, matrix: Any, row: Any, column: Any) -> Any:  # noq
 
 
 @_intrinsic
-def store(typing_context: Any, matrix: Any, row: Any, column: Any, vector: Any) -> Any:  # noqa: ARG001
+def store(typing_context: Any, matrix: Any, row: Any, column: Any, vector: Any) -> Any:
     """``matrix[row, column : column + LANES] = vector``."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -82,10 +82,10 @@ def store(typing_context: Any, matrix: Any, row: Any, column: Any, vector: Any) 
 
 
 @_intrinsic
-def spread(typing_context: Any, scalar: Any) -> Any:  # noqa: ARG001
+def spread(typing_context: Any, scalar: Any) -> Any:
     """A vector of one float32 in every lane."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         empty = ir.Constant(LLVM_VECTOR, ir.Undefined)
         first = builder.insert_element(empty, arguments[0], ir.Constant(ir.IntType(32), 0))
         mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
@@ -95,10 +95,10 @@ def spread(typing_context: Any, scalar: Any) -> Any:  # noqa: ARG001
 
 
 @_intrinsic
-def total(typing_context: Any, vector: Any) -> Any:  # noqa: ARG001
+def total(typing_context: Any, vector: Any) -> Any:
     """The sum of all lanes."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         vector, width = arguments[0], LANES
         while width > 1:
             width //= 2
@@ -113,10 +113,10 @@ def total(typing_context: Any, vector: Any) -> Any:  # noqa: ARG001
 
 
 @_intrinsic
-def nearest(typing_context: Any, scalar: Any) -> Any:  # noqa: ARG001
+def nearest(typing_context: Any, scalar: Any) -> Any:
     """The whole number nearest to a float32, as one; LLVM does it for whole registers at once."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         rint = builder.module.declare_intrinsic("llvm.rint", [ir.FloatType()])
         return builder.call(rint, arguments)
 
@@ -125,8 +125,8 @@ def nearest(typing_context: Any, scalar: Any) -> Any:  # noqa: ARG001
 
 def _arithmetic(name: str) -> Callable[..., Any]:
     @_intrinsic
-    def apply(typing_context: Any, left: Any, right: Any) -> Any:  # noqa: ARG001
-        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+    def apply(typing_context: Any, left: Any, right: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             return getattr(builder, name)(*arguments, flags=FLAGS)
 
         return VECTOR(left, right), generate

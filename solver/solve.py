@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Protocol, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from .medium import Medium
 from .options import LEAST_MU, METHODS, Options
 from .points import MAX_POINTS, ControlPoints
 from .propagation import Precision
-from .reference import ReferenceEngine
+from .reference import Engine, ReferenceEngine
 
 __all__ = ["Solution", "Solver", "solve", "solve_frames"]
 
@@ -193,22 +193,7 @@ def _check_size(array: TransducerArray, points: ControlPoints, method: str, wher
         )
 
 
-class _Engine(Protocol):
-    """What finds drives, with the phases of the last frame."""
-
-    def forget(self) -> None:
-        """Begin the next update's phases anew."""
-
-    def drive(self, points: ControlPoints) -> NDArray[Any]:
-        """Drives (n,) complex for control points."""
-
-    def drive_frames(
-        self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
-    ) -> None:
-        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n)."""
-
-
-def _engine(array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision) -> _Engine:
+def _engine(array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision) -> Engine:
     if precision == "double" or not METHODS[method].compiled or options.mu < LEAST_MU:
         return ReferenceEngine(array, medium, method, options)
     from .engine import CompiledEngine  # numba takes half a second to import

@@ -16,7 +16,7 @@ from platformdirs import user_cache_path
 
 from ..storage import replacing
 from .aperture import Aperture
-from .diffraction import KERNELS, Kernel, disc_rings, image_rings, integrate
+from .diffraction import KERNELS, Kernel, face_rings, integrate
 from .geometry import frozen
 from .medium import Medium
 from .transducer import Transducer
@@ -93,8 +93,9 @@ class ResidualTable:
                 f"a table from {nearest} m on is too near; a face that reaches {transducer.reach * 1e3:.2f} mm needs "
                 f"at least {transducer.nearest * 1e3:.2f} mm"
             )
-        face = transducer.radius if transducer.aperture is None else transducer.aperture
-        return _table(transducer.model, face, transducer.reach, (medium or Medium()).wavenumber, float(nearest))
+        return _table(
+            transducer.model, transducer.face, transducer.reach, (medium or Medium()).wavenumber, float(nearest)
+        )
 
     def __call__(self, sine: ArrayLike, distance: ArrayLike) -> NDArray[np.complex128]:
         """The residual by linear interpolation.
@@ -151,7 +152,7 @@ def _table(model: str, face: float | Aperture, reach: float, wavenumber: float, 
     path = cache_folder() / f"residual-{hashlib.sha256(key.encode()).hexdigest()[:32]}.npz"
     values = _read(path, (rows, columns))
     if values is None:
-        rings = image_rings(face, wavenumber) if isinstance(face, Aperture) else disc_rings(face, wavenumber)
+        rings = face_rings(face, wavenumber)
         sine_squared, inverse = np.repeat(np.linspace(0, 1, rows), columns), np.linspace(0, 1 / nearest, columns)
         values = integrate(kernel, rings, sine_squared, np.tile(inverse, rows), wavenumber).reshape(rows, columns)
         _write(path, values)

@@ -71,6 +71,11 @@ class Transducer:
             raise ValueError(f"transducer model {self.model!r} has no aperture; {', '.join(KERNELS)} have one")
 
     @property
+    def face(self) -> float | Aperture:
+        """What moves: its aperture, or else the disc of its radius in metres."""
+        return self.radius if self.aperture is None else self.aperture
+
+    @property
     def reach(self) -> float:
         """Distance from the middle of the face to its edge, in metres."""
         return self.radius if self.aperture is None else self.aperture.reach
