@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from phasewire import Circle, Emulator, Pulses, Solver, TransducerArray, open_device, sample_plane, solve
 from phasewire.protocol import Update, pack, unpack
-from phasewire.protocol.layout import BLOCK
+from phasewire.protocol.layout.blocks import BLOCK
 from phasewire.solver.convolution import PlanePropagator
 
 ARRAY = TransducerArray.grid()

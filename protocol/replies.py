@@ -11,7 +11,7 @@ from construct import Construct, ConstructError
 from ..errors import ReplyError
 from .board import CHANNELS
 from .codes import ACK_MAGIC, PROTOCOL_VERSION, Reason
-from .layout import ACK, INFO, STATUS, WIRING
+from .layout.replies import ACK, INFO, STATUS, WIRING
 from .wiring import Wiring
 
 __all__ = ["WIRING_BYTES", "Ack", "Info", "Status", "decode_wiring", "encode_wiring"]

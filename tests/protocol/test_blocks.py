@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import BlockError
 from phasewire.protocol import Pulses, Reason, Update, pack, unpack
-from phasewire.protocol.layout import BLOCK
+from phasewire.protocol.layout.blocks import BLOCK
 
 from tests.strategies import pulses
 
