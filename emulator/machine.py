@@ -5,6 +5,7 @@ It models what firmware on such boards would do, at the port clock and on the li
 
 from __future__ import annotations
 
+import hashlib
 import operator
 import re
 from collections import deque
@@ -109,8 +110,9 @@ class Emulator:
             board, processor = divmod(node, PROCESSORS_PER_BOARD)
             log = self._logger(f"board {board} processor {processor}")
             self._processors.append(Processor(self.scheduler, offsets.get(board, 0), log))
+        unique_id = hashlib.sha256(self.serial.encode()).digest()[:8]
         self._controller = Controller(
-            self.scheduler, self._processors, table or self._wiring, link, self._logger("controller")
+            self.scheduler, self._processors, table or self._wiring, link, unique_id, self._logger("controller")
         )
         self.usb = UsbDevice(self._controller, self.serial)
 

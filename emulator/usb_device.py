@@ -9,7 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from ..protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request
+from ..protocol.board import BOARDS, CHANNELS
+from ..protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, WATCHDOG_MS_RANGE, Request
 from ..protocol.descriptors import (
     CONFIGURATION,
     CONFIGURATION_VALUE,
@@ -21,7 +22,7 @@ from ..protocol.descriptors import (
     device_descriptor,
     string_descriptor,
 )
-from ..protocol.replies import encode_wiring
+from ..protocol.replies import encode_reports, encode_wiring
 from .controller import FIRMWARE, Controller
 
 __all__ = ["SET_CONFIGURATION", "Handshake", "Setup", "Stall", "UsbDevice"]
@@ -53,6 +54,7 @@ class Setup:
 _STANDARD_IN_DEVICE, _STANDARD_OUT_DEVICE = 0x80, 0x00
 _STANDARD_IN_INTERFACE, _STANDARD_OUT_INTERFACE = 0x81, 0x01
 _GET_STATUS = 0
+WITH_VALUE = (Request.WATCHDOG, Request.LIMIT, Request.IDENTIFY)
 _GET_DESCRIPTOR, _GET_CONFIGURATION, SET_CONFIGURATION, _GET_INTERFACE, _SET_INTERFACE = 6, 8, 9, 10, 11
 
 
@@ -81,8 +83,14 @@ class UsbDevice:
             (REQUEST_TYPE_IN, Request.INFO): lambda _: controller.info().encode(),
             (REQUEST_TYPE_IN, Request.STATUS): self._status,
             (REQUEST_TYPE_IN, Request.WIRING): lambda _: encode_wiring(controller.wiring),
+            (REQUEST_TYPE_IN, Request.CLOCK): lambda _: controller.clock().encode(),
+            (REQUEST_TYPE_IN, Request.PROCESSORS): lambda _: encode_reports(controller.reports()),
             (REQUEST_TYPE_OUT, Request.ENABLE): lambda _: self._order(controller.enable),
             (REQUEST_TYPE_OUT, Request.DISABLE): lambda _: self._order(controller.disable),
+            (REQUEST_TYPE_OUT, Request.CLEAR_FAULTS): lambda _: b"",
+            (REQUEST_TYPE_OUT, Request.WATCHDOG): self._set_watchdog,
+            (REQUEST_TYPE_OUT, Request.LIMIT): self._set_limit,
+            (REQUEST_TYPE_OUT, Request.IDENTIFY): self._identify,
         }
 
     def control(self, setup: Setup) -> bytes:
@@ -97,8 +105,9 @@ class UsbDevice:
         if handler is None:
             raise Stall(f"request 0x{setup.request:02x} of type 0x{setup.request_type:02x} is unknown")
         is_vendor_request = setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT)
-        if is_vendor_request and (setup.value or setup.index or not self.configuration):
-            raise Stall("a vendor request has value 0 and index 0 and needs a configured device")
+        takes_value = is_vendor_request and Request(setup.request) in WITH_VALUE
+        if is_vendor_request and (setup.index or not self.configuration or (setup.value and not takes_value)):
+            raise Stall("a vendor request has index 0 and, with few exceptions, value 0, and needs a configured device")
         return handler(setup)[: setup.length]
 
     def _descriptor(self, setup: Setup) -> bytes:
@@ -127,6 +136,24 @@ class UsbDevice:
         self._controller.feed_watchdog()
         return self._controller.status().encode()
 
+    def _set_watchdog(self, setup: Setup) -> bytes:
+        least, most = WATCHDOG_MS_RANGE
+        if not least <= setup.value <= most:
+            raise Stall(f"a watchdog of {setup.value} ms is outside {least} to {most} ms")
+        self._controller.set_watchdog(setup.value)
+        return b""
+
+    def _set_limit(self, setup: Setup) -> bytes:
+        if not setup.value <= CHANNELS or not self._controller.set_limit(setup.value):
+            raise Stall(f"a limit is set while the outputs are off, and is at most {CHANNELS}, not {setup.value}")
+        return b""
+
+    def _identify(self, setup: Setup) -> bytes:
+        if setup.value >= BOARDS:
+            raise Stall(f"there is no board {setup.value}")
+        self._controller.identify(setup.value)
+        return b""
+
     @staticmethod
     def _order(action: Callable[[], None]) -> bytes:
         action()
@@ -143,13 +170,12 @@ class UsbDevice:
             return Handshake.STALL
         if not self._controller.can_accept:
             return Handshake.NAK
-        self._controller.accept(packet)
+        if packet:  # an empty packet carries no block
+            self._controller.accept(packet)
         return Handshake.ACK
 
     def bulk_in(self, endpoint: int) -> bytes | Handshake:
         """Give one packet, or say why there is none."""
         if not self.configuration or endpoint != ENDPOINT_IN:
             return Handshake.STALL
-        if not self._controller.acks:
-            return Handshake.NAK
-        return self._controller.acks.popleft().encode()
+        return self._controller.take_records(BLOCK_BYTES) or Handshake.NAK

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from ..protocol.wiring import Output
+from ..protocol.wiring import Pin
 from ..solver import PlaneField
 from ..solver.picture import draw_array, draw_field, save_figure
 from .end_to_end import EndToEnd
@@ -32,7 +32,7 @@ def draw_waves(axes: Axes, run: EndToEnd) -> None:
     for row, channel in enumerate(np.linspace(0, CHANNELS - 1, WAVES).astype(int)):
         level = WAVES - 1 - row
         axes.stairs(level + 0.7 * bits[:, channel], time, baseline=level, fill=True, alpha=0.85, color=f"C{row}")
-        pin = Output.of(int(channel))
+        pin = Pin.of(int(channel))
         labels.append(f"board {pin.board} processor {pin.processor} bit {pin.bit:2}")
     axes.axvline(0, color="0.3", linewidth=1, linestyle="--")
     axes.set(

@@ -6,8 +6,9 @@ import math
 import time
 from contextlib import suppress
 from dataclasses import asdict
+from enum import IntEnum, IntFlag
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -17,7 +18,7 @@ from ..console import JsonOption, console_for, error_console, write_json
 from ..errors import DeviceRefusedError, InputFileError
 from ..protocol.codes import Reason
 from ..protocol.pulses import Pulses
-from ..protocol.replies import Info
+from ..protocol.replies import Info, Status
 from ..solver import Solution, TransducerArray
 from ..solver.files import read_arrays, solution_in
 from ..storage import check_outputs
@@ -37,6 +38,19 @@ DeviceOption = Annotated[
         help="emulator: (a fresh emulated device), usb: (the only one plugged in) or usb:SERIAL.",
     ),
 ]
+
+
+def _record(reply: Info | Status) -> dict[str, Any]:
+    """A reply for JSON: codes by their names, bytes in hexadecimal."""
+
+    def readable(value: Any) -> Any:
+        if isinstance(value, IntFlag):
+            return [flag.name for flag in value]
+        if isinstance(value, IntEnum):
+            return value.name
+        return value.hex() if isinstance(value, bytes) else value
+
+    return {name: readable(value) for name, value in asdict(reply).items()}
 
 
 def load_pulses(path: Path) -> tuple[Pulses, Solution | None]:
@@ -100,7 +114,7 @@ def show(
                     )
         status = opened.status()
     console_for(json_target).print("Stopped; the outputs are off.")
-    write_json(json_target, {"device": opened.name, "commit_period": ack.commit_period, "status": asdict(status)})
+    write_json(json_target, {"device": opened.name, "commit_period": ack.commit_period, "status": _record(status)})
 
 
 @commands.command()
@@ -111,7 +125,13 @@ def stop(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
         opened.stop()
         status = opened.status()
     console_for(json_target).print(f"{opened.name}: the outputs are off.")
-    write_json(json_target, {"device": opened.name, "status": asdict(status)})
+    write_json(json_target, {"device": opened.name, "status": _record(status)})
+
+
+def _versions(what: Info) -> str:
+    if what.oldest_version == what.newest_version:
+        return f"version {what.newest_version}"
+    return f"versions {what.oldest_version} to {what.newest_version}"
 
 
 @commands.command()
@@ -123,7 +143,7 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
     major, minor, patch = what.firmware
     table = Table(title=opened.name, show_header=False, title_justify="left")
     for label, value in (
-        ("protocol", f"version {what.protocol_version}"),
+        ("protocol", _versions(what)),
         ("firmware", f"{major}.{minor}.{patch}"),
         ("array", f"{what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart"),
         (
@@ -131,13 +151,16 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
             f"{what.boards} boards of {what.processors_per_board} processors, {what.link_wires}-wire links",
         ),
         ("output", f"{what.ticks_per_period} ticks per period of {what.carrier_hz / 1e3:g} kHz"),
-        ("rate", f"{what.max_updates_per_second} updates/s at most, {what.queue_blocks} queued"),
-        ("watchdog", f"{what.watchdog * 1e3:g} ms"),
-        ("outputs", "enabled" if status.enabled else "off"),
+        ("rate", f"{what.max_updates_per_second:g} updates/s at most, {what.queue_blocks} queued"),
+        ("watchdog", f"{status.watchdog_ms} ms"),
+        ("drive limit", f"{status.drive_limit} fully driven transducers"),
+        ("temperature", f"{status.temperature_c} °C"),
+        ("faults", ", ".join(fault.name or "" for fault in status.faults) or "none"),
+        ("outputs", f"{'enabled' if status.enabled else 'off'} ({status.state.name})"),
         ("carrier period", str(status.period)),
-        ("blocks", f"{status.accepted} accepted, {status.refused} refused, {status.late} late"),
+        ("blocks", f"{status.accepted} accepted, {status.refused} refused, {status.late} late, {status.lost} lost"),
         ("missed commits", str(status.missed_commits)),
     ):
         table.add_row(label, value)
     console_for(json_target).print(table)
-    write_json(json_target, {"device": opened.name, "info": asdict(what), "status": asdict(status)})
+    write_json(json_target, {"device": opened.name, "info": _record(what), "status": _record(status)})

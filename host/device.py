@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from types import TracebackType
 from typing import Self, TypeVar
 
 from ..errors import DeviceError, DeviceRefusedError
-from ..protocol.blocks import Update, pack
-from ..protocol.codes import PROTOCOL_VERSION, Reason, Request
+from ..protocol.blocks import Block, Update, pack
+from ..protocol.codes import NOW, PROTOCOL_VERSION, Reason, Request
+from ..protocol.numbering import follows, successor
 from ..protocol.pulses import Pulses
-from ..protocol.replies import WIRING_BYTES, Ack, Info, Status, decode_wiring
+from ..protocol.replies import WIRING_BYTES, Ack, Info, Status, decode_wiring, records
 from ..protocol.wiring import Wiring
 from .transport import Transport, default_url, open_transport
 
@@ -62,14 +64,16 @@ class Device:
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
+        self._records: deque[Ack | Status] = deque()
         self._sequence = 0
+        self._restart = True
         self._enabled = False
         self._closed = False
         self.info = self._read(Info.decode, transport.ask(Request.INFO, Info.BYTES))
-        if self.info.protocol_version != PROTOCOL_VERSION:
+        if not self.info.speaks(PROTOCOL_VERSION):
             raise DeviceError(
-                f"{transport.name} speaks version {self.info.protocol_version} of the protocol, this is version "
-                f"{PROTOCOL_VERSION}; update the older of the two"
+                f"{transport.name} speaks versions {self.info.oldest_version} to {self.info.newest_version} of the "
+                f"protocol, this is version {PROTOCOL_VERSION}; update the older of the two"
             )
 
     @property
@@ -98,7 +102,7 @@ class Device:
             self._closed = True
             self._transport.close()
 
-    def show(self, pulses: Pulses, period: int | None = None) -> Ack:
+    def show(self, pulses: Pulses, period: int = NOW) -> Ack:
         """Play pulses from a carrier period on, until others follow or the host falls silent.
 
         The outputs are enabled first if they are not. The device turns them off when it hears nothing for
@@ -108,7 +112,7 @@ class Device:
         ----------
         pulses : Pulses
             One per transducer.
-        period : int, optional
+        period : int
             Carrier period of the device's clock (`status`) at which to begin; as soon as possible by default.
 
         Returns
@@ -128,19 +132,20 @@ class Device:
         if len(pulses) != self.info.channels:
             raise ValueError(f"{len(pulses)} pulses for a device with {self.info.channels} transducers")
         sequence = self._sequence
-        block = pack(Update(pulses, sequence, period))
+        block = pack(Block(Update(pulses, period), sequence, self._restart))
         if not self._enabled:
             self._line.order(Request.ENABLE)
             self._enabled = True
-        self._sequence = (sequence + 1) % 2**32  # used up once the block is on its way, whatever becomes of it
+        # Used up once the block is on its way, whatever becomes of it.
+        self._sequence, self._restart = successor(sequence), False
         self._line.write_block(block)
         return self._await_ack(sequence)
 
     def _await_ack(self, sequence: int) -> Ack:
         """The acknowledgement of a block; those of blocks that were given up before are passed over."""
-        ack = self._read(Ack.decode, self._line.read_ack())
-        while 0 < (sequence - ack.sequence) % 2**32 < 2**31:
-            ack = self._read(Ack.decode, self._line.read_ack())
+        ack = self._next_ack()
+        while follows(sequence, ack.sequence):
+            ack = self._next_ack()
         if ack.reason is Reason.DISABLED:
             self._enabled = False
             raise DeviceRefusedError(
@@ -153,6 +158,14 @@ class Device:
         if ack.sequence != sequence:
             raise DeviceError(f"{self.name} acknowledges block {ack.sequence}, not {sequence}; open it again")
         return ack
+
+    def _next_ack(self) -> Ack:
+        """The next acknowledgement; what the device says of its state by itself is passed over."""
+        while True:
+            while not self._records:
+                self._records += self._read(records, self._line.read_records())
+            if isinstance(record := self._records.popleft(), Ack):
+                return record
 
     def stop(self) -> None:
         """Turn all outputs off and drop what is queued."""

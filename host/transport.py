@@ -28,8 +28,8 @@ class Transport(Protocol):
     def write_block(self, block: bytes) -> None:
         """Send one 512-byte block."""
 
-    def read_ack(self) -> bytes:
-        """Wait for the acknowledgement of one block, 32 bytes."""
+    def read_records(self) -> bytes:
+        """Wait for what the device sends by itself: one or more whole records."""
 
     def ask(self, request: Request, size: int) -> bytes:
         """Make a control request that is answered with up to ``size`` bytes."""

@@ -19,9 +19,8 @@ from ..errors import (
     DeviceNotFoundError,
     DeviceTimeoutError,
 )
-from ..protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request
+from ..protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request
 from ..protocol.descriptors import ENDPOINT_IN, ENDPOINT_OUT, PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
-from ..protocol.replies import Ack
 from .transport import load_by_scheme
 
 __all__ = ["UsbTransport", "open_usb"]
@@ -122,10 +121,10 @@ class UsbTransport:
         if sent != len(block):
             raise DeviceError(f"only {sent} of a block's {len(block)} bytes were sent")
 
-    def read_ack(self) -> bytes:
-        """Wait for the acknowledgement of one block."""
+    def read_records(self) -> bytes:
+        """Wait for a packet of acknowledgements and statuses."""
         with _translated("waiting for an acknowledgement"):
-            return bytes(self._device.read(ENDPOINT_IN, Ack.BYTES, TIMEOUT_MS))
+            return bytes(self._device.read(ENDPOINT_IN, BLOCK_BYTES, TIMEOUT_MS))
 
     def ask(self, request: Request, size: int) -> bytes:
         """Make a control request with an answer."""

@@ -7,23 +7,54 @@ no I/O, keeps no time and knows no physics; host and emulator both stand on it a
 
 from __future__ import annotations
 
-from .blocks import Update, pack, unpack
-from .codes import Kind, Reason, Request
+from .blocks import (
+    Block,
+    Clock,
+    Entry,
+    Modulation,
+    ModulationStart,
+    NoOp,
+    Output,
+    Sequence,
+    SequenceStart,
+    Slot,
+    Update,
+    pack,
+    unpack,
+)
+from .codes import NOW, Action, Fault, Kind, Reason, Request, State
+from .frames import pack_updates, unpack_updates
 from .pulses import Pulses
 from .replies import Ack, Info, Status
-from .wiring import Output, Wiring
+from .wiring import Pin, Wiring
 
 __all__ = [
+    "NOW",
     "Ack",
+    "Action",
+    "Block",
+    "Clock",
+    "Entry",
+    "Fault",
     "Info",
     "Kind",
+    "Modulation",
+    "ModulationStart",
+    "NoOp",
     "Output",
+    "Pin",
     "Pulses",
     "Reason",
     "Request",
+    "Sequence",
+    "SequenceStart",
+    "Slot",
+    "State",
     "Status",
     "Update",
     "Wiring",
     "pack",
+    "pack_updates",
     "unpack",
+    "unpack_updates",
 ]

@@ -1,6 +1,7 @@
-"""Update blocks: 320 pulses as one 512-byte packet, packed and unpacked with NumPy (SPEC.md, chapter BLK).
+"""Blocks: what a host asks a device to do, one 512-byte packet each, packed and unpacked (SPEC.md, chapter BLK).
 
-The fast twin of `layout.BLOCK`: same bytes, and the same input refused.
+A block is a body, which says what to do, under a sequence number. The twin of `layout.blocks.BLOCK`: same bytes, and
+the same input refused for the same reason. Many updates at once are packed in `frames`.
 """
 
 from __future__ import annotations
@@ -8,55 +9,335 @@ from __future__ import annotations
 import operator
 import struct
 import zlib
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, astuple, dataclass, replace
+from functools import partial
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import BlockError
-from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
-from .codes import BLOCK_BYTES, BLOCK_MAGIC, CHECKSUM_OFFSET, HEADER_BYTES, PROTOCOL_VERSION, Kind, Reason
+from .board import CHANNELS
+from .codes import (
+    BLOCK_BYTES,
+    BLOCK_MAGIC,
+    CHECKSUM_OFFSET,
+    ENTRIES_PER_BLOCK,
+    HEADER_BYTES,
+    MODULATION_SAMPLES,
+    NOW,
+    PAYLOAD_BYTES,
+    PROTOCOL_VERSION,
+    SAMPLES_PER_BLOCK,
+    SEQUENCE_ENTRIES,
+    SLOTS,
+    Action,
+    Flag,
+    Kind,
+    Reason,
+)
 from .pulses import Pulses
 
-__all__ = ["Update", "pack", "pack_pulses", "unpack", "unpack_pulses"]
+__all__ = [
+    "Block",
+    "Body",
+    "Clock",
+    "Entry",
+    "Modulation",
+    "ModulationStart",
+    "NoOp",
+    "Output",
+    "Sequence",
+    "SequenceStart",
+    "Slot",
+    "Update",
+    "checksum",
+    "pack",
+    "pack_pulses",
+    "unpack",
+    "unpack_pulses",
+]
 
-HEADER = struct.Struct("<2sBBIQ12sI")
-NO_RESERVED = bytes(12)
+_HEADER = struct.Struct("<2sBBIQ5HBBI")
+_ENTRY = struct.Struct("<HH")
+
+
+@dataclass(frozen=True)
+class _Fields:
+    """The fields of a header whose use depends on the kind."""
+
+    period: int = 0
+    first: int = 0
+    count: int = 0
+    length: int = 0
+    hold: int = 0
+    repeats: int = 0
+    flags: int = 0
+    action: int = 0
+
+
+def _whole(value: Any, name: str, least: int, most: int) -> int:
+    """A whole number within limits; its name is for the error."""
+    number = operator.index(value)
+    if not least <= number <= most:
+        raise ValueError(f"{name} {number} is outside {least} to {most}")
+    return number
+
+
+def _period(value: Any) -> int:
+    return _whole(value, "period", 0, 2**64 - 1)
+
+
+def _all_pulses(pulses: Pulses) -> Pulses:
+    if len(pulses) != CHANNELS:
+        raise ValueError(f"a block carries {CHANNELS} pulses, not {len(pulses)}")
+    return pulses
+
+
+def _set(value: Any, **attributes: Any) -> None:
+    """Normalise attributes of a frozen dataclass while it is made."""
+    for name, attribute in attributes.items():
+        object.__setattr__(value, name, attribute)
 
 
 @dataclass(frozen=True)
 class Update:
-    """One update of the whole array.
+    """Play these pulses from a period on, until something else follows (clause BLK-006).
 
     Parameters
     ----------
     pulses : Pulses
         320 pulses in array order.
-    sequence : int
-        Number of the block, 32 bits; the acknowledgement repeats it.
-    period : int or None
-        Carrier period at which the pulses begin to play, 64 bits; None for as soon as possible.
+    period : int
+        Carrier period at which they begin to play, 64 bits; `NOW` for as soon as possible.
     """
 
     pulses: Pulses
-    sequence: int
-    period: int | None = None
+    period: int = NOW
+
+    KIND: ClassVar = Kind.UPDATE
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if len(self.pulses) != CHANNELS:
-            raise ValueError(f"an update carries {CHANNELS} pulses, not {len(self.pulses)}")
-        object.__setattr__(self, "sequence", operator.index(self.sequence))
-        if self.period is not None:
-            object.__setattr__(self, "period", operator.index(self.period))
-        if not 0 <= self.sequence < 2**32:
-            raise ValueError(f"sequence number {self.sequence} does not fit 32 bits")
-        if self.period is not None and not 0 <= self.period < 2**64:
-            raise ValueError(f"period {self.period} does not fit 64 unsigned bits")
+        _all_pulses(self.pulses)
+        _set(self, period=_period(self.period))
+
+    def _parts(self) -> tuple[_Fields, bytes]:
+        return _Fields(period=self.period), pack_pulses(self.pulses)
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Keep these pulses in a numbered slot, for sequences to play (clause BLK-013)."""
+
+    number: int
+    pulses: Pulses
+
+    KIND: ClassVar = Kind.SLOT
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _all_pulses(self.pulses)
+        _set(self, number=_whole(self.number, "slot", 0, SLOTS - 1))
+
+    def _parts(self) -> tuple[_Fields, bytes]:
+        return _Fields(first=self.number), pack_pulses(self.pulses)
+
+
+class Entry(NamedTuple):
+    """One step of a sequence: play a slot for a number of carrier periods."""
+
+    slot: int
+    periods: int
+
+
+class SequenceStart(NamedTuple):
+    """When and how a sequence plays (clause BLK-014).
+
+    Parameters
+    ----------
+    length : int
+        How many entries of the table play, from the first on.
+    period : int
+        Carrier period at which it begins; `NOW` for as soon as possible.
+    repeats : int
+        How many times it plays; 0 for as long as nothing else follows.
+    unattended : bool
+        Whether it may go on when the host falls silent.
+    """
+
+    length: int
+    period: int = NOW
+    repeats: int = 0
+    unattended: bool = False
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Store entries in the table of the sequence, and start it if asked to (clause BLK-014).
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+        At most 120.
+    first : int
+        Place of the first of them in the table of 1024.
+    start : SequenceStart or None
+        None only stores the entries.
+    """
+
+    entries: tuple[Entry, ...] = ()
+    first: int = 0
+    start: SequenceStart | None = None
+
+    KIND: ClassVar = Kind.SEQUENCE
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        entries = tuple(
+            Entry(_whole(slot, "slot", 0, SLOTS - 1), _whole(periods, "number of periods", 1, 2**16 - 1))
+            for slot, periods in self.entries
+        )
+        first = _place("entries", len(entries), self.first, ENTRIES_PER_BLOCK, SEQUENCE_ENTRIES, self.start)
+        _set(self, entries=entries, first=first)
+        if self.start is not None:
+            length, period, repeats, unattended = self.start
+            length = _whole(length, "length", 1, SEQUENCE_ENTRIES)
+            repeats = _whole(repeats, "number of repeats", 0, 2**16 - 1)
+            _set(self, start=SequenceStart(length, _period(period), repeats, bool(unattended)))
+
+    def _parts(self) -> tuple[_Fields, bytes]:
+        fields = _Fields(first=self.first, count=len(self.entries))
+        if self.start is not None:
+            length, period, repeats, unattended = self.start
+            flags = Flag.START | (Flag.UNATTENDED if unattended else 0)
+            fields = replace(fields, period=period, length=length, repeats=repeats, flags=flags)
+        return fields, b"".join(_ENTRY.pack(*entry) for entry in self.entries)
+
+
+class ModulationStart(NamedTuple):
+    """When and how a modulation plays (clause BLK-015).
+
+    Parameters
+    ----------
+    length : int
+        How many samples of the buffer play in a loop, from the first on; 0 ends the modulation.
+    hold : int
+        For how many carrier periods each sample holds; 0 only where the length is.
+    period : int
+        Carrier period at which it begins; `NOW` for as soon as possible.
+    """
+
+    length: int
+    hold: int
+    period: int = NOW
+
+
+@dataclass(frozen=True)
+class Modulation:
+    """Store samples of an envelope, and start it if asked to (clause BLK-015).
+
+    Parameters
+    ----------
+    samples : bytes
+        At most 480 amplitudes, 0 to 255, where 255 leaves pulses as they are.
+    first : int
+        Place of the first of them in the buffer of 4096.
+    start : ModulationStart or None
+        None only stores the samples.
+    """
+
+    samples: bytes = b""
+    first: int = 0
+    start: ModulationStart | None = None
+
+    KIND: ClassVar = Kind.MODULATION
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        samples = bytes(self.samples)
+        first = _place("samples", len(samples), self.first, SAMPLES_PER_BLOCK, MODULATION_SAMPLES, self.start)
+        _set(self, samples=samples, first=first)
+        if self.start is not None:
+            length, hold, period = self.start
+            length = _whole(length, "length", 0, MODULATION_SAMPLES)
+            hold = _whole(hold, "number of periods that a sample holds", min(length, 1), (2**16 - 1) * min(length, 1))
+            _set(self, start=ModulationStart(length, hold, _period(period)))
+
+    def _parts(self) -> tuple[_Fields, bytes]:
+        fields = _Fields(first=self.first, count=len(self.samples))
+        if self.start is not None:
+            length, hold, period = self.start
+            fields = replace(fields, period=period, length=length, hold=hold, flags=Flag.START)
+        return fields, self.samples
+
+
+def _place(what: str, count: int, first: Any, most: int, room: int, start: object) -> int:
+    """Check that a list fits a block and its table; the place of its first item."""
+    _whole(count, f"number of {what}", 0 if start else 1, most)
+    return _whole(first, "first place", 0, room - count)
+
+
+@dataclass(frozen=True)
+class Output:
+    """End what plays, at a period (clause BLK-016)."""
+
+    action: Action
+    period: int = NOW
+
+    KIND: ClassVar = Kind.OUTPUT
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _set(self, action=Action(self.action), period=_period(self.period))
+
+    def _parts(self) -> tuple[_Fields, bytes]:
+        return _Fields(period=self.period, action=self.action), b""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Ask for the device's time, in the acknowledgement (clause BLK-017)."""
+
+    KIND: ClassVar = Kind.CLOCK
+
+    def _parts(self) -> tuple[_Fields, bytes]:
+        return _Fields(), b""
+
+
+@dataclass(frozen=True)
+class NoOp:
+    """A sign of life (clause BLK-017)."""
+
+    KIND: ClassVar = Kind.NO_OP
+
+    def _parts(self) -> tuple[_Fields, bytes]:
+        return _Fields(), b""
+
+
+Body = Update | Slot | Sequence | Modulation | Output | Clock | NoOp
+
+
+class Block(NamedTuple):
+    """A body under its sequence number.
+
+    Parameters
+    ----------
+    body : Body
+        What to do.
+    sequence : int
+        Number of the block, 32 bits; the acknowledgement repeats it (chapter NUM).
+    restart : bool
+        Whether the numbering begins anew with this block.
+    """
+
+    body: Body
+    sequence: int
+    restart: bool = False
 
 
 def pack_pulses(pulses: Pulses) -> bytes:
-    """Pack an even number of pulses at 12 bits each: phase in the low 7 bits, width in the high 5."""
+    """Pack an even number of pulses at 12 bits each: phase in the low 7 bits, width in the high 5 (clause PUL-005)."""
     words = pulses.phase.astype(np.uint16) | pulses.width.astype(np.uint16) << 7
     even, odd = words[0::2], words[1::2]
     packed = np.empty((even.size, 3), np.uint8)
@@ -76,50 +357,128 @@ def unpack_pulses(data: bytes) -> Pulses:
     """
     first, middle, last = np.frombuffer(data, np.uint8).reshape(-1, 3).astype(np.uint16).T
     words = np.stack([first | (middle & 0xF) << 8, middle >> 4 | last << 4], axis=1).ravel()
-    phase, width = words & 0x7F, words >> 7
-    _refuse_above(phase, HALF_TICKS_PER_PERIOD - 1, "phase", Reason.PHASE)
-    _refuse_above(width, MAX_WIDTH_TICKS, "width", Reason.WIDTH)
-    return Pulses(phase, width)
+    try:
+        return Pulses(words & 0x7F, words >> 7)
+    except ValueError as error:
+        raise BlockError(str(error), Reason.PULSE) from None
 
 
-def _refuse_above(values: NDArray[np.integer], limit: int, name: str, reason: Reason) -> None:
-    above = np.flatnonzero(values > limit)
-    if above.size:
-        raise BlockError(f"transducer {above[0]}: {name} {values[above[0]]} is above {limit}", reason)
+def checksum(block: bytes) -> int:
+    """CRC-32 of a block with 0 in the checksum's place (clause BLK-003)."""
+    return zlib.crc32(block[HEADER_BYTES:], zlib.crc32(bytes(4), zlib.crc32(block[:CHECKSUM_OFFSET])))
 
 
-def pack(update: Update) -> bytes:
-    """Pack an update into its 512-byte block."""
-    kind, period = (Kind.UPDATE_NOW, 0) if update.period is None else (Kind.UPDATE_AT, update.period)
-    fields = (BLOCK_MAGIC, PROTOCOL_VERSION, kind, update.sequence, period, NO_RESERVED)
-    payload = pack_pulses(update.pulses)
-    checksum = zlib.crc32(payload, zlib.crc32(HEADER.pack(*fields, 0)[:CHECKSUM_OFFSET]))
-    return HEADER.pack(*fields, checksum) + payload
+def pack(block: Block) -> bytes:
+    """Pack a block, 512 bytes.
+
+    Raises
+    ------
+    ValueError
+        Where the sequence number does not fit 32 bits.
+    """
+    body, sequence, restart = block
+    fields, payload = body._parts()
+    fields = replace(fields, flags=fields.flags | (Flag.RESTART if restart else 0))
+    number = _whole(sequence, "sequence number", 0, 2**32 - 1)
+    header = (BLOCK_MAGIC, PROTOCOL_VERSION, body.KIND, number, *astuple(fields))
+    payload = payload.ljust(PAYLOAD_BYTES, b"\0")
+    return _HEADER.pack(*header, checksum(_HEADER.pack(*header, 0) + payload)) + payload
 
 
-def unpack(block: bytes) -> Update:
-    """Validate a block and read the update it carries.
+def unpack(data: bytes) -> Block:
+    """Validate a block and read what it asks for.
 
     Raises
     ------
     BlockError
-        With the first reason that applies, in the order of `Reason`.
+        With the first reason that applies, in the order of `Reason`, as far as it can be told from the bytes alone.
     """
-    if len(block) != BLOCK_BYTES:
-        raise BlockError(f"a block has {BLOCK_BYTES} bytes, not {len(block)}", Reason.LENGTH)
-    magic, version, kind, sequence, period, reserved, checksum = HEADER.unpack_from(block)
+    if len(data) != BLOCK_BYTES:
+        raise BlockError(f"a block has {BLOCK_BYTES} bytes, not {len(data)}", Reason.LENGTH)
+    magic, version, kind, sequence, *rest, stated = _HEADER.unpack_from(data)
+    if stated != (computed := checksum(data)):
+        raise BlockError(f"CRC-32 {stated:08x} should be {computed:08x}", Reason.CHECKSUM)
     if magic != BLOCK_MAGIC:
         raise BlockError(f"magic {magic.hex()} should be {BLOCK_MAGIC.hex()}", Reason.MAGIC)
     if version != PROTOCOL_VERSION:
         raise BlockError(f"protocol version {version}; this is version {PROTOCOL_VERSION}", Reason.VERSION)
-    computed = zlib.crc32(block[HEADER_BYTES:], zlib.crc32(block[:CHECKSUM_OFFSET]))
-    if checksum != computed:
-        raise BlockError(f"CRC-32 {checksum:08x} should be {computed:08x}", Reason.CHECKSUM)
-    if kind not in set(Kind):
-        raise BlockError(f"unknown kind {kind}; known are {[k.value for k in Kind]}", Reason.KIND)
-    if reserved != NO_RESERVED:
-        raise BlockError(f"reserved bytes {reserved.hex()} should be zero", Reason.RESERVED)
-    if kind == Kind.UPDATE_NOW and period != 0:
-        raise BlockError(f"an update for now names period {period}; it should be zero", Reason.RESERVED)
-    pulses = unpack_pulses(block[HEADER_BYTES:])
-    return Update(pulses, sequence, period if kind == Kind.UPDATE_AT else None)
+    if kind not in _READERS:
+        raise BlockError(f"unknown kind {kind}; known are {[known.value for known in Kind]}", Reason.KIND)
+    fields = _Fields(*rest)
+    try:
+        body = _READERS[kind](replace(fields, flags=fields.flags & ~Flag.RESTART), data[HEADER_BYTES:])
+    except BlockError:
+        raise
+    except ValueError as error:
+        raise BlockError(str(error), Reason.FIELD) from None
+    return Block(body, sequence, bool(fields.flags & Flag.RESTART))
+
+
+def _check_unused(fields: _Fields, *used: str, flags: int = 0) -> None:
+    for name, value in asdict(fields).items():
+        if name not in used and (unused := value & ~flags if name == "flags" else value):
+            raise ValueError(f"{name} {unused} should be 0: a block of this kind does not use it")
+
+
+def _listed(payload: bytes, count: int, size: int) -> bytes:
+    """The items of a list at the head of a payload, after which only zeros may follow."""
+    if any(payload[count * size :]):
+        raise ValueError(f"bytes behind the {count} items of the payload should be 0")
+    return payload[: count * size]
+
+
+def _read_update(fields: _Fields, payload: bytes) -> Update:
+    _check_unused(fields, "period")
+    return Update(unpack_pulses(payload), fields.period)
+
+
+def _read_slot(fields: _Fields, payload: bytes) -> Slot:
+    _check_unused(fields, "first")
+    _whole(fields.first, "slot", 0, SLOTS - 1)  # before the pulses, as a header comes before a payload
+    return Slot(fields.first, unpack_pulses(payload))
+
+
+def _read_sequence(fields: _Fields, payload: bytes) -> Sequence:
+    start = None
+    if fields.flags & Flag.START:
+        _check_unused(fields, "period", "first", "count", "length", "repeats", flags=Flag.START | Flag.UNATTENDED)
+        start = SequenceStart(fields.length, fields.period, fields.repeats, bool(fields.flags & Flag.UNATTENDED))
+    else:
+        _check_unused(fields, "first", "count")
+    _whole(fields.count, "number of entries", 0, ENTRIES_PER_BLOCK)
+    entries = _ENTRY.iter_unpack(_listed(payload, fields.count, _ENTRY.size))
+    return Sequence(tuple(Entry(*entry) for entry in entries), fields.first, start)
+
+
+def _read_modulation(fields: _Fields, payload: bytes) -> Modulation:
+    start = None
+    if fields.flags & Flag.START:
+        _check_unused(fields, "period", "first", "count", "length", "hold", flags=Flag.START)
+        start = ModulationStart(fields.length, fields.hold, fields.period)
+    else:
+        _check_unused(fields, "first", "count")
+    _whole(fields.count, "number of samples", 0, SAMPLES_PER_BLOCK)
+    return Modulation(_listed(payload, fields.count, 1), fields.first, start)
+
+
+def _read_output(fields: _Fields, payload: bytes) -> Output:
+    _check_unused(fields, "period", "action")
+    _listed(payload, 0, 1)
+    return Output(Action(fields.action), fields.period)
+
+
+def _read_nothing(body: type[Clock | NoOp], fields: _Fields, payload: bytes) -> Clock | NoOp:
+    _check_unused(fields)
+    _listed(payload, 0, 1)
+    return body()
+
+
+_READERS: dict[int, Callable[[_Fields, bytes], Body]] = {
+    Kind.UPDATE: _read_update,
+    Kind.SLOT: _read_slot,
+    Kind.SEQUENCE: _read_sequence,
+    Kind.MODULATION: _read_modulation,
+    Kind.OUTPUT: _read_output,
+    Kind.CLOCK: partial(_read_nothing, Clock),
+    Kind.NO_OP: partial(_read_nothing, NoOp),
+}

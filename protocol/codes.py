@@ -1,22 +1,44 @@
-"""The codes that travel: versions, magics, kinds, reasons and requests. One source for all of them."""
+"""The codes and limits that travel: versions, magics, kinds, flags, reasons, requests, states, faults.
+
+One source for all of them; the tables of SPEC.md are checked against this file.
+"""
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 
 __all__ = [
     "ACK_MAGIC",
+    "AMPLITUDES",
     "BLOCK_BYTES",
     "BLOCK_MAGIC",
     "CHECKSUM_OFFSET",
+    "ENTRIES_PER_BLOCK",
     "HEADER_BYTES",
     "HORIZON_PERIODS",
+    "MODULATION_SAMPLES",
+    "NOW",
+    "PAYLOAD_BYTES",
     "PROTOCOL_VERSION",
+    "RECORD_BYTES",
     "REQUEST_TYPE_IN",
     "REQUEST_TYPE_OUT",
+    "SAMPLES_PER_BLOCK",
+    "SEQUENCE_ENTRIES",
+    "SILENCING_FAULTS",
+    "SLOTS",
+    "STATUS_MAGIC",
+    "WATCHDOG_MS_RANGE",
+    "AckFlag",
+    "Action",
+    "Fault",
+    "Feature",
+    "Flag",
     "Kind",
     "Reason",
     "Request",
+    "State",
+    "StatusFlag",
 ]
 
 PROTOCOL_VERSION = 1
@@ -24,64 +46,190 @@ PROTOCOL_VERSION = 1
 BLOCK_MAGIC = b"PW"
 BLOCK_BYTES = 512
 HEADER_BYTES = 32
+PAYLOAD_BYTES = BLOCK_BYTES - HEADER_BYTES
 CHECKSUM_OFFSET = 28
+
+NOW = 0
+"""The period that stands for "as soon as possible"."""
 HORIZON_PERIODS = 2**32
 
-ACK_MAGIC = b"PA"
+SLOTS = 256
+SEQUENCE_ENTRIES = 1024
+ENTRIES_PER_BLOCK = PAYLOAD_BYTES // 4
+MODULATION_SAMPLES = 4096
+SAMPLES_PER_BLOCK = PAYLOAD_BYTES
+AMPLITUDES = 256
+"""Values of a modulation sample; the largest leaves a pulse as it is."""
 
+ACK_MAGIC = b"PA"
+STATUS_MAGIC = b"PS"
+RECORD_BYTES = 32
+"""Everything on bulk IN is a whole number of these."""
 
 REQUEST_TYPE_IN = 0xC1
 REQUEST_TYPE_OUT = 0x41
+WATCHDOG_MS_RANGE = (10, 60_000)
 
 
 class Kind(IntEnum):
-    """What a block asks for (SPEC.md, clause BLK-004)."""
+    """What a block asks for (clause BLK-004)."""
 
-    UPDATE_NOW = 1
-    UPDATE_AT = 2
+    UPDATE = 1
+    SLOT = 2
+    SEQUENCE = 3
+    MODULATION = 4
+    OUTPUT = 5
+    CLOCK = 6
+    NO_OP = 7
+
+
+class Flag(IntFlag):
+    """Flags of a block (clause BLK-011)."""
+
+    RESTART = 1
+    START = 2
+    UNATTENDED = 4
+
+
+class Action(IntEnum):
+    """What an OUTPUT block does (clause BLK-016)."""
+
+    SILENCE = 1
+    DISABLE = 2
+
+
+class Reason(IntEnum):
+    """Outcome of a block (clause ACK-003). The first failure in this order is the one reported."""
+
+    ACCEPTED = 0
+    LENGTH = 1
+    CHECKSUM = 2
+    MAGIC = 3
+    VERSION = 4
+    KIND = 5
+    FIELD = 6
+    PULSE = 7
+    UNSUPPORTED = 8
+    FAULT = 9
+    DISABLED = 10
+    SEQUENCE = 11
+    HORIZON = 12
+    RATE = 13
+    DRIVE = 14
+    EMPTY = 15
+    IN_USE = 16
+
+    @property
+    def clause(self) -> str:
+        """The clause that a block refused for this reason breaks."""
+        return _REASONS[self][0]
+
+    @property
+    def text(self) -> str:
+        """What it means, for people."""
+        return _REASONS[self][1]
+
+
+_REASONS = {
+    Reason.ACCEPTED: ("ACK-001", "accepted"),
+    Reason.LENGTH: ("BLK-001", "the block is not exactly 512 bytes long"),
+    Reason.CHECKSUM: ("BLK-003", "the block's CRC-32 does not match its bytes"),
+    Reason.MAGIC: ("BLK-002", "the block does not begin with the magic bytes"),
+    Reason.VERSION: ("VER-002", "the block is of another protocol version"),
+    Reason.KIND: ("BLK-004", "the block is of an unknown kind"),
+    Reason.FIELD: ("BLK-011", "a field has a value that its kind does not allow"),
+    Reason.PULSE: ("PUL-001", "a pulse has a phase above 99 half ticks or a width above 25 ticks"),
+    Reason.UNSUPPORTED: ("VER-005", "the device has no such feature"),
+    Reason.FAULT: ("SAF-007", "a fault has silenced the device; clear it first"),
+    Reason.DISABLED: ("SAF-002", "the outputs are not enabled"),
+    Reason.SEQUENCE: ("NUM-002", "the sequence number does not follow the last accepted one"),
+    Reason.HORIZON: ("BLK-010", "the period is more than 2**32 ahead"),
+    Reason.RATE: ("BLK-018", "the chain cannot carry updates that follow each other so closely"),
+    Reason.DRIVE: ("SAF-006", "the total drive is above the limit"),
+    Reason.EMPTY: ("BLK-014", "it would play what was never stored"),
+    Reason.IN_USE: ("BLK-019", "it would overwrite what plays"),
+}
+
+
+class AckFlag(IntFlag):
+    """Flags of an acknowledgement (clause ACK-004)."""
+
+    LATE = 1
+    GAP = 2
+
+
+class StatusFlag(IntFlag):
+    """Flags of a status (clause REQ-003)."""
+
+    WATCHDOG_FIRED = 1
+    SEQUENCE = 2
+    MODULATION = 4
 
 
 class Request(IntEnum):
-    """Vendor control requests, addressed to the interface (SPEC.md, chapter REQ)."""
+    """Vendor control requests, addressed to the interface (clause REQ-001)."""
 
     INFO = 1
     STATUS = 2
     WIRING = 3
     ENABLE = 4
     DISABLE = 5
-
-
-class Reason(IntEnum):
-    """Outcome of a block (SPEC.md, clause ACK-003). The first failure in this order is the one reported."""
-
-    ACCEPTED = 0
-    LENGTH = 1
-    MAGIC = 2
-    VERSION = 3
-    CHECKSUM = 4
-    KIND = 5
-    RESERVED = 6
-    PHASE = 7
-    WIDTH = 8
-    DISABLED = 9
-    HORIZON = 10
+    WATCHDOG = 6
+    LIMIT = 7
+    CLEAR_FAULTS = 8
+    CLOCK = 9
+    PULSES = 10
+    PROCESSORS = 11
+    IDENTIFY = 12
+    RESET = 13
 
     @property
-    def text(self) -> str:
-        """What it means, for people."""
-        return _TEXTS[self]
+    def answered(self) -> bool:
+        """Whether the device answers with data; the others are only carried out."""
+        return self in (
+            Request.INFO,
+            Request.STATUS,
+            Request.WIRING,
+            Request.CLOCK,
+            Request.PULSES,
+            Request.PROCESSORS,
+        )
 
 
-_TEXTS = {
-    Reason.ACCEPTED: "accepted",
-    Reason.LENGTH: "the block is not exactly 512 bytes long",
-    Reason.MAGIC: "the block does not begin with the magic bytes",
-    Reason.VERSION: "the block is of another protocol version",
-    Reason.CHECKSUM: "the block's CRC-32 does not match its bytes",
-    Reason.KIND: "the block is of an unknown kind",
-    Reason.RESERVED: "a reserved field is not zero",
-    Reason.PHASE: "a pulse's phase is above 99 half ticks",
-    Reason.WIDTH: "a pulse's width is above 25 ticks",
-    Reason.DISABLED: "the outputs are not enabled",
-    Reason.HORIZON: "the period is more than 2**32 ahead",
-}
+class State(IntEnum):
+    """States of the device (clause STA-001)."""
+
+    OFF = 0
+    READY = 1
+    PLAYING = 2
+    UNATTENDED = 3
+    FAULT = 4
+    SUSPENDED = 5
+    DFU = 6
+
+
+class Fault(IntFlag):
+    """What is wrong with the device (clause SAF-008)."""
+
+    CHAIN = 1 << 0
+    PROCESSOR = 1 << 1
+    SYNC = 1 << 2
+    TEMPERATURE = 1 << 3
+    SUPPLY = 1 << 4
+    OVERRUN = 1 << 5
+    FLASH = 1 << 6
+
+
+SILENCING_FAULTS = Fault.PROCESSOR | Fault.SYNC | Fault.TEMPERATURE | Fault.SUPPLY
+"""Faults that take the device to the state FAULT; the others are only reported."""
+
+
+class Feature(IntFlag):
+    """What a device may lack (clause VER-005)."""
+
+    SEQUENCES = 1 << 0
+    MODULATION = 1 << 1
+    UNATTENDED = 1 << 2
+    READ_BACK = 1 << 3
+    CONSOLE = 1 << 4
+    DFU = 1 << 5

@@ -13,10 +13,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
+from .codes import AMPLITUDES
 
-__all__ = ["Pulses"]
+__all__ = ["MODULATED_WIDTH", "POWER", "Pulses"]
 
 MAGNITUDE_TOLERANCE = 1e-6  # what normalising in single precision may overshoot
+
+_SINES = np.sin(np.pi * np.arange(MAX_WIDTH_TICKS + 1) / TICKS_PER_PERIOD)
+
+POWER = np.rint(1000 * _SINES**2).astype(np.int64)
+"""Power of a pulse of each width, (26,) int, in thousandths of that of the widest (clause SAF-006)."""
+
+MODULATED_WIDTH = np.rint(
+    TICKS_PER_PERIOD / np.pi * np.arcsin(np.minimum(np.arange(AMPLITUDES)[:, None] / (AMPLITUDES - 1) * _SINES, 1.0))
+).astype(np.uint8)
+"""Width of a pulse under each modulation sample, (256, 26) uint8 over sample and width (clause PUL-006)."""
 
 
 def _checked(name: str, values: ArrayLike, limit: int, unit: str) -> NDArray[np.uint8]:
@@ -120,6 +131,15 @@ class Pulses:
     def start(self) -> NDArray[np.int64]:
         """Tick at which each pulse begins, (n,), 0 to 49 (SPEC.md, clause PUL-004)."""
         return ((self.phase.astype(np.int64) - self.width) >> 1) % TICKS_PER_PERIOD
+
+    @property
+    def total_drive(self) -> int:
+        """Power of all pulses together, in thousandths of that of a fully driven transducer (clause SAF-006)."""
+        return int(POWER[self.width].sum())
+
+    def modulated(self, sample: int) -> Pulses:
+        """These pulses under a modulation sample, 0 (silent) to 255 (as they are): the same phases (clause PUL-006)."""
+        return Pulses(self.phase, MODULATED_WIDTH[sample, self.width])
 
     def to_drive(self) -> NDArray[np.complex128]:
         """The drive that these pulses emit, (n,) complex, from their continuous-time fundamental."""

@@ -1,22 +1,50 @@
-"""What a device answers: acknowledgements on bulk IN, information and status on request."""
+"""What a device answers: records on bulk IN, and the data of control requests (SPEC.md, chapters ACK and REQ)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from construct import Construct, ConstructError
 
 from ..errors import ReplyError
-from .board import CHANNELS
-from .codes import ACK_MAGIC, PROTOCOL_VERSION, Reason
-from .layout.replies import ACK, INFO, STATUS, WIRING
+from .blocks import pack_pulses
+from .board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
+from .codes import (
+    ACK_MAGIC,
+    PROTOCOL_VERSION,
+    RECORD_BYTES,
+    STATUS_MAGIC,
+    AckFlag,
+    Fault,
+    Feature,
+    Reason,
+    State,
+    StatusFlag,
+)
+from .layout.replies import ACK, CLOCK, INFO, PLAYING, PROCESSOR_REPORTS, STATUS, WIRING
+from .pulses import Pulses
 from .wiring import Wiring
 
-__all__ = ["WIRING_BYTES", "Ack", "Info", "Status", "decode_wiring", "encode_wiring"]
+__all__ = [
+    "WIRING_BYTES",
+    "Ack",
+    "ClockReading",
+    "Info",
+    "Playing",
+    "ProcessorReport",
+    "Status",
+    "decode_reports",
+    "decode_wiring",
+    "encode_reports",
+    "encode_wiring",
+    "records",
+]
 
 WIRING_BYTES = 2 * CHANNELS
+ENABLED = (State.READY, State.PLAYING, State.UNATTENDED)
 
 
 def _parse(layout: Construct, data: bytes, what: str, size: int) -> Any:
@@ -28,9 +56,14 @@ def _parse(layout: Construct, data: bytes, what: str, size: int) -> Any:
         raise ReplyError(f"{what} {data.hex()} breaks its layout: {error}") from error
 
 
+def _sealed(layout: Construct, magic: bytes, fields: dict[str, Any]) -> bytes:
+    body = fields | {"magic": magic, "version": PROTOCOL_VERSION, "reserved": None}
+    return bytes(layout.build({"body": {"value": body}}))
+
+
 @dataclass(frozen=True)
 class Ack:
-    """The answer to one block (SPEC.md, chapter ACK).
+    """The answer to one block (chapter ACK).
 
     Parameters
     ----------
@@ -39,28 +72,41 @@ class Ack:
     sequence : int
         Sequence number of the block, or what there is of it.
     commit_period : int
-        Carrier period at which the update begins to play; 0 if it was refused.
-    now_period : int
-        Carrier period in which the block was judged.
-    late : bool
-        Whether the block asked for a period that could no longer be met.
+        Carrier period at which the block takes effect; for a clock block that of the last pulse on the sync line; else
+        0.
+    now : int
+        Tick at which the block had arrived.
+    flags : AckFlag
+        Whether it asked for a period that could no longer be met, and whether blocks before it are missing.
     free : int
         Blocks that the device can still queue.
+    state : State
+        What the device is doing.
     """
 
     reason: Reason
     sequence: int
     commit_period: int
-    now_period: int
-    late: bool
+    now: int
+    flags: AckFlag
     free: int
+    state: State
 
-    BYTES = 32
+    BYTES: ClassVar = RECORD_BYTES
+
+    @property
+    def now_period(self) -> int:
+        """Carrier period in which the block had arrived."""
+        return self.now // TICKS_PER_PERIOD
+
+    @property
+    def late(self) -> bool:
+        """Whether the block asked for a period that could no longer be met."""
+        return AckFlag.LATE in self.flags
 
     def encode(self) -> bytes:
         """Encode as 32 bytes."""
-        body = asdict(self) | {"magic": ACK_MAGIC, "version": PROTOCOL_VERSION, "reserved": None}
-        return bytes(ACK.build({"body": {"value": body}}))
+        return _sealed(ACK, ACK_MAGIC, asdict(self))
 
     @classmethod
     def decode(cls, data: bytes) -> Ack:
@@ -70,106 +116,320 @@ class Ack:
             Reason(body.reason),
             body.sequence,
             body.commit_period,
-            body.now_period,
-            bool(body.late),
+            body.now,
+            AckFlag(body.flags),
             body.free,
+            State(body.state),
         )
 
 
 @dataclass(frozen=True)
 class Status:
-    """What a device is doing (SPEC.md, clause REQ-003).
+    """What a device is doing (clause REQ-003).
 
     Parameters
     ----------
-    enabled : bool
-        Whether the outputs are enabled.
-    watchdog_fired : bool
-        Whether the watchdog has silenced the outputs since they were last enabled.
+    state : State
+        Its state.
+    faults : Fault
+        What is wrong with it.
     last_refusal : Reason
         Why the last refused block was refused; `Reason.ACCEPTED` if none was.
-    period : int
-        Current carrier period since power-up.
-    accepted, refused, late : int
-        Blocks since power-up.
-    missed_commits : int
-        Commits that a processor could not carry out, summed over the ten processors.
+    flags : StatusFlag
+        Whether the watchdog has fired, and what plays.
+    now : int
+        Tick since power-up.
+    since_period : int
+        Carrier period at which what plays began, 0 where nothing plays.
+    accepted, refused, late, lost : int
+        Blocks since power-up; lost are those whose sequence numbers were left out.
+    missed_commits, damaged_messages : int
+        What went wrong on the chain since power-up, summed over the ten processors.
+    free : int
+        Blocks that the device can still queue.
+    temperature_c : int
+        Of the hottest board, in °C.
+    watchdog_ms : int
+        After how long a silence of the host the outputs go off, in ms.
+    drive_limit : int
+        Most power that a block may ask for, in fully driven transducers.
     """
 
-    enabled: bool
-    watchdog_fired: bool
+    state: State
+    faults: Fault
     last_refusal: Reason
-    period: int
+    flags: StatusFlag
+    now: int
+    since_period: int
     accepted: int
     refused: int
     late: int
+    lost: int
     missed_commits: int
+    damaged_messages: int
+    free: int
+    temperature_c: int
+    watchdog_ms: int
+    drive_limit: int
 
-    BYTES = 28
+    BYTES: ClassVar = 2 * RECORD_BYTES
+
+    @property
+    def enabled(self) -> bool:
+        """Whether updates are let through."""
+        return self.state in ENABLED
+
+    @property
+    def watchdog_fired(self) -> bool:
+        """Whether the watchdog has silenced the outputs since they were last enabled."""
+        return StatusFlag.WATCHDOG_FIRED in self.flags
+
+    @property
+    def period(self) -> int:
+        """Carrier period since power-up."""
+        return self.now // TICKS_PER_PERIOD
 
     def encode(self) -> bytes:
-        """Encode as 28 bytes."""
-        return bytes(STATUS.build(asdict(self) | {"reserved": None}))
+        """Encode as 64 bytes."""
+        return _sealed(STATUS, STATUS_MAGIC, asdict(self))
 
     @classmethod
     def decode(cls, data: bytes) -> Status:
-        """Decode 28 bytes; raise `ReplyError` where they break the layout."""
-        fields = _parse(STATUS, data, "a status", cls.BYTES)
-        return cls(
-            bool(fields.enabled),
-            bool(fields.watchdog_fired),
-            Reason(fields.last_refusal),
-            fields.period,
-            fields.accepted,
-            fields.refused,
-            fields.late,
-            fields.missed_commits,
-        )
+        """Decode 64 bytes; raise `ReplyError` where they break the layout."""
+        fields = dict(_parse(STATUS, data, "a status", cls.BYTES).body.value)
+        for name in ("_io", "magic", "version", "reserved"):
+            del fields[name]
+        codes = {"state": State, "faults": Fault, "last_refusal": Reason, "flags": StatusFlag}
+        return cls(**fields | {name: code(fields[name]) for name, code in codes.items()})
+
+
+def records(packets: bytes) -> list[Ack | Status]:
+    """Split what came on bulk IN into its records (clause ACK-005).
+
+    Raises
+    ------
+    ReplyError
+        Where a record is neither an acknowledgement nor a status, is cut off, or breaks its layout.
+    """
+    found: list[Ack | Status] = []
+    at = 0
+    while at < len(packets):
+        record: type[Ack | Status] = Status if packets[at : at + 2] == STATUS_MAGIC else Ack
+        found.append(record.decode(packets[at : at + record.BYTES]))
+        at += record.BYTES
+    return found
 
 
 @dataclass(frozen=True)
 class Info:
-    """What a device is (SPEC.md, clause REQ-002). Lengths in metres, times in seconds, rates per second."""
+    """What a device is (clause REQ-002).
 
-    protocol_version: int
+    Parameters
+    ----------
+    oldest_version, newest_version : int
+        Versions of the protocol that it speaks.
+    hardware : int
+        Kind of boards.
+    firmware : (int, int, int)
+        Version of the firmware that runs.
+    boards, processors_per_board : int
+    unique_id : bytes
+        Eight bytes that no other device has.
+    carrier_hz : int
+    features : Feature
+        What it can do besides updates; unknown bits are kept.
+    channels, columns, rows : int
+        Transducers, and the grid that they form.
+    pitch_um : int
+        Distance of neighbours, in µm.
+    ticks_per_period, max_width_ticks : int
+    link_wires, cycles_per_symbol : int
+        Set-up of the links of the chain.
+    queue_blocks, queue_records : int
+        How many blocks and how many records on bulk IN it can hold.
+    periods_per_update : int
+        Carrier periods that the chain needs for an update.
+    slots, sequence_entries, modulation_samples : int
+        Room for what is stored.
+    drive_limit : int
+        Most power that it allows, in fully driven transducers.
+    watchdog_ms : int
+        Watchdog time at power-up, in ms.
+    later : bytes
+        16 bytes of later versions, which this one ignores.
+    """
+
+    oldest_version: int
+    newest_version: int
+    hardware: int
     firmware: tuple[int, int, int]
+    boards: int
+    unique_id: bytes
+    carrier_hz: int
+    features: Feature
     channels: int
     columns: int
     rows: int
-    pitch: float
-    boards: int
+    pitch_um: int
     processors_per_board: int
     ticks_per_period: int
     max_width_ticks: int
     link_wires: int
+    cycles_per_symbol: int
     queue_blocks: int
-    carrier_hz: int
-    max_updates_per_second: int
-    watchdog: float
+    periods_per_update: int
+    queue_records: int
+    slots: int
+    sequence_entries: int
+    modulation_samples: int
+    drive_limit: int
+    watchdog_ms: int
+    later: bytes = bytes(16)
 
-    BYTES = 32
+    BYTES: ClassVar = 64
+
+    @property
+    def pitch(self) -> float:
+        """Distance of neighbouring transducers, in m."""
+        return self.pitch_um / 1e6
+
+    @property
+    def watchdog(self) -> float:
+        """Watchdog time at power-up, in s."""
+        return self.watchdog_ms / 1e3
+
+    @property
+    def max_updates_per_second(self) -> float:
+        """Rate at which the chain can take updates."""
+        return self.carrier_hz / self.periods_per_update
+
+    def speaks(self, version: int) -> bool:
+        """Whether it speaks a version of the protocol (clause VER-006)."""
+        return self.oldest_version <= version <= self.newest_version
 
     def encode(self) -> bytes:
-        """Encode as 32 bytes."""
-        fields = asdict(self) | {
-            "pitch_um": round(self.pitch * 1e6),
-            "watchdog_ms": round(self.watchdog * 1e3),
-            "reserved": None,
-        }
-        return bytes(INFO.build(fields))
+        """Encode as 64 bytes."""
+        return bytes(INFO.build(asdict(self)))
 
     @classmethod
     def decode(cls, data: bytes) -> Info:
-        """Decode 32 bytes; raise `ReplyError` where they break the layout."""
+        """Decode 64 bytes; raise `ReplyError` where they break the layout."""
         fields = dict(_parse(INFO, data, "an information record", cls.BYTES))
-        del fields["_io"], fields["reserved"]
-        major, minor, patch = fields.pop("firmware")
-        return cls(
-            firmware=(major, minor, patch),
-            pitch=fields.pop("pitch_um") / 1e6,
-            watchdog=fields.pop("watchdog_ms") / 1e3,
-            **fields,
+        del fields["_io"]
+        return cls(**fields | {"firmware": tuple(fields["firmware"]), "features": Feature(fields["features"])})
+
+
+@dataclass(frozen=True)
+class ClockReading:
+    """A device's time (clause REQ-006).
+
+    Parameters
+    ----------
+    now : int
+        Tick since power-up.
+    sync_period : int
+        Carrier period that began with the last pulse on the sync line; 0 before the first.
+    sync_pulses : int
+        Pulses on the sync line since power-up.
+    """
+
+    now: int
+    sync_period: int
+    sync_pulses: int
+
+    BYTES: ClassVar = 24
+
+    def encode(self) -> bytes:
+        """Encode as 24 bytes."""
+        return bytes(CLOCK.build(asdict(self) | {"reserved": None}))
+
+    @classmethod
+    def decode(cls, data: bytes) -> ClockReading:
+        """Decode 24 bytes; raise `ReplyError` where they break the layout."""
+        fields = _parse(CLOCK, data, "a clock reading", cls.BYTES)
+        return cls(fields.now, fields.sync_period, fields.sync_pulses)
+
+
+@dataclass(frozen=True)
+class Playing:
+    """The pulses that a device plays, read back from its processors (clause REQ-007).
+
+    Parameters
+    ----------
+    since_period : int
+        Carrier period at which they began to play.
+    read_period : int
+        Carrier period in which they were read.
+    pulses : Pulses
+        320 pulses in array order, before any modulation.
+    """
+
+    since_period: int
+    read_period: int
+    pulses: Pulses
+
+    BYTES: ClassVar = 496
+
+    def encode(self) -> bytes:
+        """Encode as 496 bytes."""
+        heads = [self.since_period.to_bytes(8, "little"), self.read_period.to_bytes(8, "little")]
+        return b"".join([*heads, pack_pulses(self.pulses)])
+
+    @classmethod
+    def decode(cls, data: bytes) -> Playing:
+        """Decode 496 bytes; raise `ReplyError` where they break the layout."""
+        fields = _parse(PLAYING, data, "a reading of pulses", cls.BYTES)
+        phase = [pair[name] for pair in fields.pulses for name in ("even_phase", "odd_phase")]
+        width = [pair[name] for pair in fields.pulses for name in ("even_width", "odd_width")]
+        return cls(fields.since_period, fields.read_period, Pulses(phase, width))
+
+
+@dataclass(frozen=True)
+class ProcessorReport:
+    """How one processor fares (clause REQ-008).
+
+    Parameters
+    ----------
+    faults : Fault
+    temperature_c : int
+        Of its board, in °C.
+    bank : int
+        Bank of the flash that its firmware came from, as `Bank`.
+    missed_commits, damaged_messages : int
+        Since power-up.
+    firmware : (int, int, int)
+        Version that runs.
+    """
+
+    faults: Fault
+    temperature_c: int
+    bank: int
+    missed_commits: int
+    damaged_messages: int
+    firmware: tuple[int, int, int]
+
+    BYTES: ClassVar = 16
+
+
+def encode_reports(reports: Sequence[ProcessorReport]) -> bytes:
+    """Encode the reports of the ten processors as the answer to PROCESSORS, 160 bytes."""
+    return bytes(PROCESSOR_REPORTS.build({"reports": [asdict(report) | {"reserved": None} for report in reports]}))
+
+
+def decode_reports(data: bytes) -> list[ProcessorReport]:
+    """Decode the answer to PROCESSORS; raise `ReplyError` where it breaks the layout."""
+    parsed = _parse(PROCESSOR_REPORTS, data, "the reports of the processors", PROCESSORS * ProcessorReport.BYTES)
+    return [
+        ProcessorReport(
+            Fault(fields.faults),
+            fields.temperature_c,
+            fields.bank,
+            fields.missed_commits,
+            fields.damaged_messages,
+            tuple(fields.firmware),
         )
+        for fields in parsed.reports
+    ]
 
 
 def encode_wiring(wiring: Wiring) -> bytes:
@@ -178,5 +438,15 @@ def encode_wiring(wiring: Wiring) -> bytes:
 
 
 def decode_wiring(data: bytes) -> Wiring:
-    """Decode the answer to the WIRING request; raise `ValueError` where it is no one-to-one table."""
-    return Wiring(np.array(_parse(WIRING, data, "a wiring table", WIRING_BYTES).channels))
+    """Decode the answer to the WIRING request.
+
+    Raises
+    ------
+    ReplyError
+        Where it breaks the layout or is no one-to-one table.
+    """
+    channels = np.array(_parse(WIRING, data, "a wiring table", WIRING_BYTES).channels)
+    try:
+        return Wiring(channels)
+    except ValueError as error:
+        raise ReplyError(str(error)) from error

@@ -20,12 +20,12 @@ from .board import (
     ROWS,
 )
 
-__all__ = ["Output", "Wiring"]
+__all__ = ["Pin", "Wiring"]
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
-class Output(NamedTuple):
+class Pin(NamedTuple):
     """One output pin of the chain."""
 
     board: int
@@ -33,7 +33,7 @@ class Output(NamedTuple):
     bit: int
 
     @classmethod
-    def of(cls, channel: int) -> Output:
+    def of(cls, channel: int) -> Pin:
         """The pin that a channel number stands for."""
         processor, bit = divmod(channel, CHANNELS_PER_PROCESSOR)
         return cls(*divmod(processor, PROCESSORS_PER_BOARD), bit)
@@ -76,9 +76,9 @@ class Wiring:
         bit = width * up + np.where(up % 2 == 0, across, width - 1 - across)
         return cls((board * PROCESSORS_PER_BOARD + processor) * CHANNELS_PER_PROCESSOR + bit)
 
-    def output(self, transducer: int) -> Output:
+    def pin(self, transducer: int) -> Pin:
         """Board, processor on that board, and port bit that drive a transducer."""
-        return Output.of(int(self.channels[transducer]))
+        return Pin.of(int(self.channels[transducer]))
 
     def sort(self, by_transducer: NDArray[Scalar]) -> NDArray[Scalar]:
         """From array order to channel order, along the last axis."""

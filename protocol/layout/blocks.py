@@ -3,58 +3,173 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
+from typing import Any
 
 from construct import (
     Array,
     BitsInteger,
     BitStruct,
+    Bytes,
     ByteSwapped,
     Check,
-    Checksum,
     Const,
+    Construct,
+    Default,
     ExprValidator,
     Int8ul,
+    Int16ul,
     Int32ul,
     Int64ul,
     OneOf,
-    Padding,
-    Pointer,
-    RawCopy,
+    Pass,
     Struct,
+    Switch,
     Terminated,
+    Transformed,
+    ValidationError,
     obj_,
+    this,
 )
 
 from ..board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
-from ..codes import BLOCK_MAGIC, CHECKSUM_OFFSET, PROTOCOL_VERSION, Kind
+from ..codes import (
+    BLOCK_BYTES,
+    BLOCK_MAGIC,
+    CHECKSUM_OFFSET,
+    ENTRIES_PER_BLOCK,
+    MODULATION_SAMPLES,
+    PAYLOAD_BYTES,
+    PROTOCOL_VERSION,
+    SAMPLES_PER_BLOCK,
+    SEQUENCE_ENTRIES,
+    SLOTS,
+    Action,
+    Flag,
+    Kind,
+)
 
-__all__ = ["BLOCK"]
+__all__ = ["BLOCK", "PULSES"]
 
 _PHASE = ExprValidator(BitsInteger(7), obj_ < HALF_TICKS_PER_PERIOD)
 _WIDTH = ExprValidator(BitsInteger(5), obj_ <= MAX_WIDTH_TICKS)
 
 # Two pulses share three bytes. Read as one 24-bit little-endian number the even transducer is the low half; construct
 # names bits from the most significant down, hence the order.
-_PULSE_PAIR = ByteSwapped(
-    BitStruct("odd_width" / _WIDTH, "odd_phase" / _PHASE, "even_width" / _WIDTH, "even_phase" / _PHASE)
+PULSES = Array(
+    CHANNELS // 2,
+    ByteSwapped(BitStruct("odd_width" / _WIDTH, "odd_phase" / _PHASE, "even_width" / _WIDTH, "even_phase" / _PHASE)),
 )
+"""320 pulses of 12 bits in array order, 480 bytes."""
 
-_HEADER = Struct(
+_SLOT_NUMBER = ExprValidator(Int16ul, obj_ < SLOTS)
+_ENTRY = Struct("slot" / _SLOT_NUMBER, "periods" / ExprValidator(Int16ul, obj_ >= 1))
+
+
+def _zeros(size: Any) -> Construct:
+    return Default(ExprValidator(Bytes(size), lambda obj, _: not any(obj)), lambda context: bytes(_size(size, context)))
+
+
+def _size(size: Any, context: Any) -> int:
+    return int(size(context) if callable(size) else size)
+
+
+def _only(flags: Flag) -> Construct:
+    """A byte in which only these flags may be set."""
+    return Default(ExprValidator(Int8ul, lambda obj, _: obj & ~flags == 0), 0)
+
+
+def _body(*payload: Any, rule: Callable[[Any], bool] | None = None, **used: Construct) -> Struct:
+    """Bytes 8 to 511 of a block. A field that is not named here is not used by the kind, and 0."""
+    header = (
+        ("period", Int64ul),
+        ("first", Int16ul),
+        ("count", Int16ul),
+        ("length", Int16ul),
+        ("hold", Int16ul),
+        ("repeats", Int16ul),
+        ("flags", Int8ul),
+        ("action", Int8ul),
+    )
+    used.setdefault("flags", _only(Flag.RESTART))
+    fields = [name / used.get(name, Const(0, integer)) for name, integer in header]
+    return Struct(*fields, Check(rule) if rule else Pass, "checksum" / Const(0, Int32ul), *payload)
+
+
+def _sequence_rule(block: Any) -> bool:
+    if not block.count <= ENTRIES_PER_BLOCK or not block.first + block.count <= SEQUENCE_ENTRIES:
+        return False
+    if block.flags & Flag.START:
+        return bool(1 <= block.length <= SEQUENCE_ENTRIES)
+    unused = block.period or block.length or block.repeats or block.flags & Flag.UNATTENDED
+    return not unused and bool(block.count)
+
+
+def _modulation_rule(block: Any) -> bool:
+    if not block.count <= SAMPLES_PER_BLOCK or not block.first + block.count <= MODULATION_SAMPLES:
+        return False
+    if block.flags & Flag.START:
+        return bool(block.length <= MODULATION_SAMPLES and (block.hold >= 1) == (block.length >= 1))
+    return not (block.period or block.length or block.hold) and bool(block.count)
+
+
+_BODIES = {
+    Kind.UPDATE: _body("pulses" / PULSES, period=Int64ul),
+    Kind.SLOT: _body("pulses" / PULSES, first=_SLOT_NUMBER),
+    Kind.SEQUENCE: _body(
+        "entries" / Array(this.count, _ENTRY),
+        "rest" / _zeros(PAYLOAD_BYTES - this.count * _ENTRY.sizeof()),
+        rule=_sequence_rule,
+        period=Int64ul,
+        first=Int16ul,
+        count=Int16ul,
+        length=Int16ul,
+        repeats=Int16ul,
+        flags=_only(Flag.RESTART | Flag.START | Flag.UNATTENDED),
+    ),
+    Kind.MODULATION: _body(
+        "samples" / Bytes(this.count),
+        "rest" / _zeros(PAYLOAD_BYTES - this.count),
+        rule=_modulation_rule,
+        period=Int64ul,
+        first=Int16ul,
+        count=Int16ul,
+        length=Int16ul,
+        hold=Int16ul,
+        flags=_only(Flag.RESTART | Flag.START),
+    ),
+    Kind.OUTPUT: _body(
+        "rest" / _zeros(PAYLOAD_BYTES),
+        period=Int64ul,
+        action=OneOf(Int8ul, list(Action)),
+    ),
+    Kind.CLOCK: _body("rest" / _zeros(PAYLOAD_BYTES)),
+    Kind.NO_OP: _body("rest" / _zeros(PAYLOAD_BYTES)),
+}
+
+
+def _checksum(data: bytes) -> bytes:
+    cleared = data[:CHECKSUM_OFFSET] + bytes(4) + data[CHECKSUM_OFFSET + 4 :]
+    return zlib.crc32(cleared).to_bytes(4, "little")
+
+
+def _sealed(data: bytes) -> bytes:
+    return data[:CHECKSUM_OFFSET] + _checksum(data) + data[CHECKSUM_OFFSET + 4 :]
+
+
+def _unsealed(data: bytes) -> bytes:
+    if _sealed(data) != data:
+        raise ValidationError("wrong checksum", path="(parsing) -> checksum")
+    return data[:CHECKSUM_OFFSET] + bytes(4) + data[CHECKSUM_OFFSET + 4 :]
+
+
+_CLEARED = Struct(
     "magic" / Const(BLOCK_MAGIC),
     "version" / Const(PROTOCOL_VERSION, Int8ul),
     "kind" / OneOf(Int8ul, list(Kind)),
     "sequence" / Int32ul,
-    "period" / Int64ul,
-    "reserved" / Const(bytes(12)),
-    Check(lambda header: header.kind != Kind.UPDATE_NOW or header.period == 0),
+    "body" / Switch(this.kind, _BODIES),
 )
 
-BLOCK = Struct(
-    "header" / RawCopy(_HEADER),
-    Padding(4),
-    "pulses" / RawCopy(Array(CHANNELS // 2, _PULSE_PAIR)),
-    "checksum"
-    / Pointer(CHECKSUM_OFFSET, Checksum(Int32ul, zlib.crc32, lambda block: block.header.data + block.pulses.data)),
-    Terminated,
-)
-"""An update block, 512 bytes."""
+BLOCK = Struct("block" / Transformed(_CLEARED, _unsealed, BLOCK_BYTES, _sealed, BLOCK_BYTES), Terminated)
+"""A block, 512 bytes. Its checksum is that of the block with 0 in the checksum's place, as its parts see it here."""

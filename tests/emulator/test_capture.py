@@ -55,7 +55,7 @@ def test_one_transducer_at_a_time_appears_on_its_board_processor_and_bit(scrambl
             emulator.run_until(ack.commit_period + 1)
             capture = emulator.capture()
             bits = capture.bits((capture.periods - 1) * 50, capture.periods * 50)
-            board, processor, bit = scrambled.output(transducer)
+            board, processor, bit = scrambled.pin(transducer)
             expected = np.zeros((50, 10), np.uint32)
             expected[:25, board * 2 + processor] = 1 << bit
             np.testing.assert_array_equal(bits, expected, err_msg=f"transducer {transducer}")

@@ -1,0 +1,165 @@
+"""Compiled loops of `frames`: pulses into blocks and back. They see plain arrays and check only what they say.
+
+numba compiles them at their first call and keeps the result on disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numba import njit
+
+from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
+from .codes import (
+    BLOCK_MAGIC,
+    CHECKSUM_OFFSET,
+    HEADER_BYTES,
+    PROTOCOL_VERSION,
+    Flag,
+    Kind,
+    Reason,
+)
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _kernel(function: Function) -> Function:
+    try:
+        return cast(Function, njit(cache=True, nogil=True)(function))
+    except RuntimeError:  # there is no folder that numba's cache could be written to
+        return cast(Function, njit(nogil=True)(function))
+
+
+U8, U16, U32, U64 = np.uint8, np.uint16, np.uint32, np.uint64
+
+MAGIC_LOW, MAGIC_HIGH = BLOCK_MAGIC
+ALL_PHASES = HALF_TICKS_PER_PERIOD - 1
+SEQUENCE_OFFSET, PERIOD_OFFSET, FLAGS_OFFSET = 4, 8, 26
+UPDATE, RESTART = int(Kind.UPDATE), int(Flag.RESTART)
+VERSION_REASON, MAGIC_REASON, CHECKSUM_REASON = int(Reason.VERSION), int(Reason.MAGIC), int(Reason.CHECKSUM)
+KIND_REASON, FIELD_REASON, PULSE_REASON = int(Reason.KIND), int(Reason.FIELD), int(Reason.PULSE)
+
+
+@_kernel
+def pack(phase: Any, width: Any, sequence: int, periods: Any, restart: bool, blocks: Any) -> tuple[Any, Any]:
+    """Write all of k updates but their checksums, which are left 0.
+
+    Parameters
+    ----------
+    phase, width : (k, 320) uint8
+    sequence : int
+        Number of the first; the others follow it, round the wrap.
+    periods : (k,) uint64
+    restart : bool
+        Whether the numbering begins anew with the first.
+    blocks : (k, 512) uint8
+        Written.
+
+    Returns
+    -------
+    (uint8, uint8)
+        Largest phase and width met; where one is too large, the blocks are worth nothing.
+    """
+    largest_phase, largest_width = U8(0), U8(0)
+    for frame in range(phase.shape[0]):
+        block = blocks[frame]
+        block[:HEADER_BYTES] = 0
+        block[0], block[1], block[2], block[3] = MAGIC_LOW, MAGIC_HIGH, PROTOCOL_VERSION, UPDATE
+        number = U32(sequence + frame)
+        for octet in range(4):
+            block[SEQUENCE_OFFSET + octet] = U8(number >> U32(8 * octet))
+        period = periods[frame]
+        for octet in range(8):
+            block[PERIOD_OFFSET + octet] = U8(period >> U64(8 * octet))
+        for pair in range(CHANNELS // 2):
+            even_phase, odd_phase = phase[frame, 2 * pair], phase[frame, 2 * pair + 1]
+            even_width, odd_width = width[frame, 2 * pair], width[frame, 2 * pair + 1]
+            largest_phase = max(largest_phase, even_phase, odd_phase)
+            largest_width = max(largest_width, even_width, odd_width)
+            even = U32(even_phase) | U32(even_width) << U32(7)
+            odd = U32(odd_phase) | U32(odd_width) << U32(7)
+            both = even | odd << U32(12)
+            at = HEADER_BYTES + 3 * pair
+            block[at], block[at + 1], block[at + 2] = U8(both), U8(both >> U32(8)), U8(both >> U32(16))
+    if restart and blocks.shape[0]:
+        blocks[0, FLAGS_OFFSET] = RESTART
+    return largest_phase, largest_width
+
+
+@_kernel
+def unpack(
+    blocks: Any,
+    checksums: Any,
+    columns: Any,
+    reasons: Any,
+    phase: Any,
+    width: Any,
+    sequences: Any,
+    periods: Any,
+    restarts: Any,
+) -> None:
+    """Judge k blocks and read those that are valid updates.
+
+    Parameters
+    ----------
+    blocks : (k, 512) uint8
+    checksums : (k,) uint32
+        CRC-32 of each whole block, its own checksum included.
+    columns : (4, 256) uint32
+        What the four bytes of a checksum contribute to that.
+    reasons : (k,) uint8
+    phase, width : (k, 320) uint8
+    sequences : (k,) uint32
+    periods : (k,) uint64
+    restarts : (k,) bool
+        Written; all but `reasons` only where a block is a valid update.
+    """
+    for frame in range(blocks.shape[0]):
+        block = blocks[frame]
+        reasons[frame] = 0
+        stated, contributed = U32(0), U32(0)
+        for octet in range(4):
+            value = block[CHECKSUM_OFFSET + octet]
+            stated |= U32(value) << U32(8 * octet)
+            contributed ^= columns[octet, value]
+        if checksums[frame] ^ contributed != stated:
+            reasons[frame] = CHECKSUM_REASON
+            continue
+        if block[0] != MAGIC_LOW or block[1] != MAGIC_HIGH:
+            reasons[frame] = MAGIC_REASON
+            continue
+        if block[2] != PROTOCOL_VERSION:
+            reasons[frame] = VERSION_REASON
+            continue
+        if block[3] != UPDATE:
+            reasons[frame] = KIND_REASON
+            continue
+        unused = block[FLAGS_OFFSET] & U8(~RESTART & 0xFF)
+        for at in range(PERIOD_OFFSET + 8, CHECKSUM_OFFSET):
+            if at != FLAGS_OFFSET:
+                unused |= block[at]
+        if unused:
+            reasons[frame] = FIELD_REASON
+            continue
+        largest_phase, largest_width = U8(0), U8(0)
+        for pair in range(CHANNELS // 2):
+            at = HEADER_BYTES + 3 * pair
+            first, middle, last = block[at], block[at + 1], block[at + 2]
+            even_phase, odd_phase = first & U8(0x7F), middle >> U8(4) | (last & U8(0x07)) << U8(4)
+            even_width, odd_width = first >> U8(7) | (middle & U8(0x0F)) << U8(1), last >> U8(3)
+            largest_phase = max(largest_phase, even_phase, odd_phase)
+            largest_width = max(largest_width, even_width, odd_width)
+            phase[frame, 2 * pair], phase[frame, 2 * pair + 1] = even_phase, odd_phase
+            width[frame, 2 * pair], width[frame, 2 * pair + 1] = even_width, odd_width
+        if largest_phase > ALL_PHASES or largest_width > MAX_WIDTH_TICKS:
+            reasons[frame] = PULSE_REASON
+            continue
+        number, period = U32(0), U64(0)
+        for octet in range(4):
+            number |= U32(block[SEQUENCE_OFFSET + octet]) << U32(8 * octet)
+        for octet in range(8):
+            period |= U64(block[PERIOD_OFFSET + octet]) << U64(8 * octet)
+        sequences[frame], periods[frame] = number, period
+        restarts[frame] = block[FLAGS_OFFSET] == RESTART

@@ -1,0 +1,23 @@
+"""Sequence numbers: 32 bits that wrap, compared as in RFC 1982 (SPEC.md, chapter NUM)."""
+
+from __future__ import annotations
+
+__all__ = ["follows", "missing", "successor"]
+
+_MODULUS = 2**32
+_AHEAD = 2**31
+
+
+def successor(number: int) -> int:
+    """The number of the next block (clause NUM-001)."""
+    return (number + 1) % _MODULUS
+
+
+def follows(number: int, last: int) -> bool:
+    """Whether a number comes after another, up to 2³¹ − 1 ahead of it round the wrap (clause NUM-002)."""
+    return 0 < (number - last) % _MODULUS < _AHEAD
+
+
+def missing(number: int, last: int) -> int:
+    """How many numbers were left out between one and another that follows it (clause NUM-003)."""
+    return (number - last) % _MODULUS - 1
