@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire import Circle, Emulator, Pulses, Solver, TransducerArray, open_device, sample_plane, solve
-from phasewire.protocol import Update, pack, unpack
+from phasewire.protocol import Block, Update, pack, unpack
 from phasewire.protocol.layout.blocks import BLOCK
 from phasewire.solver.convolution import PlanePropagator
 
 ARRAY = TransducerArray.grid()
 POINTS = Circle(radius=0.0765).sample()
 SOLUTION = solve(ARRAY, POINTS)
-UPDATE = Update(Pulses.from_drive(SOLUTION.drive), 1)
+UPDATE = Block(Update(Pulses.from_drive(SOLUTION.drive)), 1)
 PACKED = pack(UPDATE)
 
 

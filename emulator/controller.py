@@ -131,6 +131,7 @@ class Controller:
         self._planned = Tail(0, 0)  # behind everything that is queued
         self._certain = Tail(0, 0)  # behind what is on the chain and can no longer be dropped
         self._fed = 0
+        self._armed = 0  # the last time that the watchdog was set; earlier ones count no more
 
     @property
     def now_period(self) -> int:
@@ -285,7 +286,7 @@ class Controller:
         self._state = after(self._state, Event.ENABLE)
         self._watchdog_fired = False
         self._log("outputs enabled")
-        self._scheduler.at(self._watchdog_due, partial(self._watch, self._era))
+        self._arm_watchdog()
 
     def disable(self, event: Event = Event.DISABLE) -> None:
         """Silence all outputs as soon as the chain can, and drop what is queued."""
@@ -301,13 +302,10 @@ class Controller:
         self._planned = self._certain = self._tail(start, period)
         self._scheduler.at(start, partial(self._forward, Pulses.silent(CHANNELS), period))
 
-    @property
-    def _watchdog_due(self) -> int:
-        return self._fed + self._watchdog_ms * CORE_HZ // 1000
-
     def set_watchdog(self, milliseconds: int) -> None:
         """Choose after how long a silence of the host the outputs go off."""
         self._watchdog_ms = milliseconds
+        self._arm_watchdog()
 
     def set_limit(self, transducers: int) -> bool:
         """Choose the most power that an update may ask for; only while the outputs are off."""
@@ -330,11 +328,16 @@ class Controller:
         """The host is alive."""
         self._fed = self._scheduler.now
 
-    def _watch(self, era: int) -> None:
-        if era != self._era:
+    def _arm_watchdog(self) -> None:
+        self._armed += 1
+        due = max(self._scheduler.now, self._fed + self._watchdog_ms * CORE_HZ // 1000)
+        self._scheduler.at(due, partial(self._watch, self._fed, self._armed))
+
+    def _watch(self, fed: int, armed: int) -> None:
+        if armed != self._armed or self._state not in ENABLED:
             return
-        if self._scheduler.now < self._watchdog_due:
-            self._scheduler.at(self._watchdog_due, partial(self._watch, era))
+        if self._fed > fed:
+            self._arm_watchdog()
             return
         self._log(f"watchdog: no word from the host for {self._watchdog_ms} ms")
         self._watchdog_fired = True

@@ -107,7 +107,7 @@ class UsbDevice:
         is_vendor_request = setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT)
         takes_value = is_vendor_request and Request(setup.request) in WITH_VALUE
         if is_vendor_request and (setup.index or not self.configuration or (setup.value and not takes_value)):
-            raise Stall("a vendor request has index 0 and, with few exceptions, value 0, and needs a configured device")
+            raise Stall("a vendor request has index 0, value 0 unless it takes one, and needs a configured device")
         return handler(setup)[: setup.length]
 
     def _descriptor(self, setup: Setup) -> bytes:

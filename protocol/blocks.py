@@ -60,6 +60,7 @@ __all__ = [
 
 _HEADER = struct.Struct("<2sBBIQ5HBBI")
 _ENTRY = struct.Struct("<HH")
+_NO_FLAGS = Flag(0)
 
 
 @dataclass(frozen=True)
@@ -406,7 +407,7 @@ def unpack(data: bytes) -> Block:
         raise BlockError(f"unknown kind {kind}; known are {[known.value for known in Kind]}", Reason.KIND)
     fields = _Fields(*rest)
     try:
-        body = _READERS[kind](replace(fields, flags=fields.flags & ~Flag.RESTART), data[HEADER_BYTES:])
+        body = _READERS[kind](replace(fields, flags=fields.flags & ~Flag.RESTART.value), data[HEADER_BYTES:])
     except BlockError:
         raise
     except ValueError as error:
@@ -414,9 +415,9 @@ def unpack(data: bytes) -> Block:
     return Block(body, sequence, bool(fields.flags & Flag.RESTART))
 
 
-def _check_unused(fields: _Fields, *used: str, flags: int = 0) -> None:
+def _check_unused(fields: _Fields, *used: str, flags: Flag = _NO_FLAGS) -> None:
     for name, value in asdict(fields).items():
-        if name not in used and (unused := value & ~flags if name == "flags" else value):
+        if name not in used and (unused := value & ~flags.value if name == "flags" else value):
             raise ValueError(f"{name} {unused} should be 0: a block of this kind does not use it")
 
 

@@ -93,6 +93,8 @@ def pack_updates(
     if out is None:
         out = np.empty((count, BLOCK_BYTES), np.uint8)
     _check_blocks("out", out)
+    if not out.flags.writeable:
+        raise ValueError("out is read-only")
     if len(out) != count:
         raise ValueError(f"{count} updates do not fit {len(out)} blocks exactly")
 

@@ -1,4 +1,4 @@
-"""Hypothesis strategies that several tests share."""
+"""Hypothesis strategies and the makings of blocks that several tests share."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from phasewire import ControlPoints, TransducerArray
-from phasewire.protocol import Pulses
+from phasewire.protocol import NOW, Block, Pulses, Update, pack
 
 CHANNELS = 320
+
+
+def update(pulses: Pulses, sequence: int, period: int = NOW) -> bytes:
+    """The block of an update."""
+    return pack(Block(Update(pulses, period), sequence))
 
 
 def pulses(n: int = CHANNELS) -> st.SearchStrategy[Pulses]:

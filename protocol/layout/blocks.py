@@ -23,6 +23,7 @@ from construct import (
     Int64ul,
     OneOf,
     Pass,
+    Pointer,
     Struct,
     Switch,
     Terminated,
@@ -76,7 +77,7 @@ def _size(size: Any, context: Any) -> int:
 
 def _only(flags: Flag) -> Construct:
     """A byte in which only these flags may be set."""
-    return Default(ExprValidator(Int8ul, lambda obj, _: obj & ~flags == 0), 0)
+    return Default(ExprValidator(Int8ul, lambda obj, _: obj | flags.value == flags.value), 0)
 
 
 def _body(*payload: Any, rule: Callable[[Any], bool] | None = None, **used: Construct) -> Struct:
@@ -171,5 +172,8 @@ _CLEARED = Struct(
     "body" / Switch(this.kind, _BODIES),
 )
 
-BLOCK = Struct("block" / Transformed(_CLEARED, _unsealed, BLOCK_BYTES, _sealed, BLOCK_BYTES), Terminated)
+BLOCK = Struct(
+    Pointer(BLOCK_BYTES, Terminated),  # the length is judged before anything else
+    "block" / Transformed(_CLEARED, _unsealed, BLOCK_BYTES, _sealed, BLOCK_BYTES),
+)
 """A block, 512 bytes. Its checksum is that of the block with 0 in the checksum's place, as its parts see it here."""

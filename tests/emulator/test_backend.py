@@ -7,7 +7,8 @@ import usb.core
 from phasewire import Emulator, Pulses
 from phasewire.emulator.backend import EmulatorBackend, open_backend
 from phasewire.errors import DeviceNotFoundError
-from phasewire.protocol import Update, pack
+
+from tests.strategies import update
 
 
 @pytest.fixture
@@ -30,9 +31,10 @@ def test_reading_when_nothing_comes_times_out_in_the_device_s_time(plain: tuple[
 def test_a_long_write_is_cut_in_packets(plain: tuple[Emulator, usb.core.Device]) -> None:
     _, device = plain
     device.set_configuration()
-    blocks = b"".join(pack(Update(Pulses.silent(320), n)) for n in range(5))
+    blocks = b"".join(update(Pulses.silent(320), n) for n in range(5))
     assert device.write(0x01, blocks) == 5 * 512
-    sequences = [int.from_bytes(bytes(device.read(0x81, 64))[4:8], "little") for _ in range(5)]
+    packet = bytes(device.read(0x81, 512))
+    sequences = [int.from_bytes(packet[at + 4 : at + 8], "little") for at in range(0, len(packet), 32)]
     assert sequences == [0, 1, 2, 3, 4]
 
 
@@ -87,7 +89,7 @@ def test_the_link_can_be_chosen() -> None:
     (emulator,) = open_backend("emulator:?link=2wire").enumerate_devices()
     device = usb.core.find(backend=EmulatorBackend([emulator]))
     device.set_configuration()
-    assert bytes(device.ctrl_transfer(0xC1, 1, 0, 0, 32))[14] == 2
+    assert bytes(device.ctrl_transfer(0xC1, 1, 0, 0, 64))[31] == 2
 
 
 def test_a_time_out_comes_before_later_events(plain: tuple[Emulator, usb.core.Device]) -> None:
@@ -106,7 +108,7 @@ def test_a_long_write_that_times_out_says_how_much_was_taken(plain: tuple[Emulat
     _, device = plain
     device.set_configuration()
     device.ctrl_transfer(0x41, 4, 0, 0, None)
-    blocks = b"".join(pack(Update(Pulses.silent(320), n, period=10**6)) for n in range(10))
+    blocks = b"".join(update(Pulses.silent(320), n, period=10**6) for n in range(10))
     assert device.write(0x01, blocks, timeout=10) == 8 * 512
     with pytest.raises(usb.core.USBTimeoutError):
         device.write(0x01, blocks[8 * 512 :], timeout=10)
@@ -116,7 +118,7 @@ def test_a_bus_reset_turns_off_and_unconfigures(plain: tuple[Emulator, usb.core.
     emulator, device = plain
     device.set_configuration()
     device.ctrl_transfer(0x41, 4, 0, 0, None)
-    device.write(0x01, pack(Update(Pulses([25] * 320, [25] * 320), 0)))
+    device.write(0x01, update(Pulses([25] * 320, [25] * 320), 0))
     emulator.run(5)
     assert emulator.capture().bits(emulator.capture().end_tick - 50, emulator.capture().end_tick).any()
     device.reset()

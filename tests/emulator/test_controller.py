@@ -9,10 +9,14 @@ from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
 from phasewire.emulator import Event
 from phasewire.emulator.processor import Processor
-from phasewire.emulator.usb_device import Handshake, Setup
-from phasewire.protocol import Ack, Reason, Status, Update, pack
+from phasewire.emulator.usb_device import Handshake, Setup, Stall
+from phasewire.protocol import Ack, Clock, NoOp, Output, Reason, Slot, State, Status, pack
+from phasewire.protocol.blocks import Block
 from phasewire.protocol.chain import FIVE_WIRE, TWO_WIRE, ChannelEnd, Link
-from phasewire.protocol.codes import Request
+from phasewire.protocol.codes import AckFlag, Action, Request
+from phasewire.protocol.replies import ClockReading, decode_reports, records
+
+from tests.strategies import update
 
 FULL = Pulses(np.full(320, 25), np.full(320, 25))
 PERIOD = 10_000
@@ -39,10 +43,20 @@ def send_in_time(emulator: Emulator, block: bytes) -> None:
         emulator.scheduler.run_until(upcoming)
 
 
-def read_ack(emulator: Emulator) -> Ack:
+def read_records(emulator: Emulator) -> list[Ack | Status]:
     answer = emulator.usb.bulk_in(0x81)
     assert isinstance(answer, bytes)
-    return Ack.decode(answer)
+    return records(answer)
+
+
+def read_acks(emulator: Emulator) -> list[Ack]:
+    return [record for record in read_records(emulator) if isinstance(record, Ack)]
+
+
+def read_ack(emulator: Emulator) -> Ack:
+    """The only acknowledgement that waits."""
+    (ack,) = read_acks(emulator)
+    return ack
 
 
 def ready(link: Link = FIVE_WIRE) -> Emulator:
@@ -61,7 +75,7 @@ def loudness(emulator: Emulator) -> np.ndarray:
 def test_updates_are_refused_until_enabled() -> None:
     emulator = Emulator()
     emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
-    ack = send(emulator, pack(Update(FULL, 5)))
+    ack = send(emulator, update(FULL, 5))
     assert (ack.reason, ack.sequence) == (Reason.DISABLED, 5)
     emulator.run(10)
     assert not loudness(emulator).any()
@@ -70,9 +84,9 @@ def test_updates_are_refused_until_enabled() -> None:
 
 def test_a_refused_block_leaves_what_plays() -> None:
     emulator = ready()
-    send(emulator, pack(Update(FULL, 1)))
+    send(emulator, update(FULL, 1))
     emulator.run(5)
-    broken = bytearray(pack(Update(Pulses.silent(320), 2)))
+    broken = bytearray(update(Pulses.silent(320), 2))
     broken[100] ^= 1
     assert send(emulator, bytes(broken)).reason is Reason.CHECKSUM
     emulator.run(5)
@@ -82,7 +96,7 @@ def test_a_refused_block_leaves_what_plays() -> None:
 
 def test_an_update_begins_at_the_period_it_names() -> None:
     emulator = ready()
-    ack = send(emulator, pack(Update(FULL, 1, period=100)))
+    ack = send(emulator, update(FULL, 1, period=100))
     assert (ack.commit_period, ack.late) == (100, False)
     emulator.run(110)
     assert int(np.argmax(loudness(emulator) > 0)) == 100 * 50
@@ -91,7 +105,7 @@ def test_an_update_begins_at_the_period_it_names() -> None:
 def test_an_update_for_the_past_is_late_and_begins_as_soon_as_possible() -> None:
     emulator = ready()
     emulator.run(50)
-    ack = send(emulator, pack(Update(FULL, 1, period=3)))
+    ack = send(emulator, update(FULL, 1, period=3))
     assert ack.late
     assert 51 <= ack.commit_period <= 53
     emulator.run(10)
@@ -106,7 +120,7 @@ def test_a_fresh_update_plays_in_every_period_that_the_links_can_hold(link: Link
         period = 10 + n * periods_apart
         emulator.scheduler.run_until((period - 6) * PERIOD)
         width = np.full(320, 1 + n % 25)
-        ack = send(emulator, pack(Update(Pulses(width % 100, width), n, period)))
+        ack = send(emulator, update(Pulses(width % 100, width), n, period))
         assert (ack.reason, ack.commit_period, ack.late) == (Reason.ACCEPTED, period, False)
     emulator.run(10)
     per_period = loudness(emulator)[: 50 * (emulator.capture().periods)].reshape(-1, 50).sum(axis=1) // 320
@@ -114,32 +128,42 @@ def test_a_fresh_update_plays_in_every_period_that_the_links_can_hold(link: Link
     assert (status(emulator).late, status(emulator).missed_commits) == (0, 0)
 
 
-def test_a_stream_faster_than_the_links_is_late_but_whole() -> None:
-    """Twice what two-wire links hold: nothing is lost or torn, and everything is counted."""
-    emulator, count = ready(TWO_WIRE), 30
-    for n in range(count):
+def test_a_stream_that_the_links_cannot_carry_is_refused() -> None:
+    """Twice what two-wire links hold: every second block is refused, the others play on time."""
+    emulator = ready(TWO_WIRE)
+    for n in range(30):
         emulator.scheduler.run_until((10 + n - 6) * PERIOD)
-        send_in_time(emulator, pack(Update(FULL, n, period=10 + n)))
-    commits = []
-    while not isinstance(answer := emulator.usb.bulk_in(0x81), Handshake):
-        commits.append(Ack.decode(answer).commit_period)
+        ack = send(emulator, update(FULL, n, period=10 + n))
+        assert (ack.reason, ack.commit_period) == ((Reason.RATE, 0) if n % 2 else (Reason.ACCEPTED, 10 + n))
+    emulator.run(20)
+    assert (status(emulator).missed_commits, status(emulator).late) == (0, 0)
+    for starts in emulator.capture().starts:
+        assert starts[1:].tolist() == [50 * (10 + n) for n in range(0, 30, 2)]
+
+
+def test_updates_for_as_soon_as_possible_play_in_order_at_the_rate_of_the_links() -> None:
+    emulator, count = ready(TWO_WIRE), 15
+    for n in range(count):
+        send_in_time(emulator, update(FULL, n))
+    commits = [ack.commit_period for ack in read_acks(emulator)]
     assert len(commits) == count
-    assert commits == sorted(set(commits))
+    apart = np.diff(commits)
+    assert set(apart) == {1, 2}  # 34 µs each
+    assert apart.sum() >= (count - 1) * 34 / 25 - 1
     emulator.run(200)
-    assert status(emulator).missed_commits == 0
-    assert status(emulator).late > 0
+    assert (status(emulator).missed_commits, status(emulator).late) == (0, 0)
     for starts in emulator.capture().starts:
         assert starts[1:].tolist() == [50 * period for period in commits]
 
 
 def test_a_full_queue_answers_nak_until_a_block_has_left() -> None:
     emulator = ready()
-    block = pack(Update(FULL, 0, period=1000))
-    handshakes = [emulator.usb.bulk_out(0x01, block) for _ in range(9)]
+    blocks = [update(FULL, n, period=1000 + n) for n in range(9)]
+    handshakes = [emulator.usb.bulk_out(0x01, block) for block in blocks]
     assert handshakes == [Handshake.ACK] * 8 + [Handshake.NAK]
-    assert [read_ack(emulator).free for _ in range(8)] == [7, 6, 5, 4, 3, 2, 1, 0]
+    assert [(ack.sequence, ack.free) for ack in read_acks(emulator)] == [(n, 7 - n) for n in range(8)]
     emulator.run(1000)
-    assert emulator.usb.bulk_out(0x01, block) is Handshake.ACK
+    assert emulator.usb.bulk_out(0x01, blocks[8]) is Handshake.ACK
 
 
 def test_unread_acknowledgements_hold_the_endpoint() -> None:
@@ -147,16 +171,17 @@ def test_unread_acknowledgements_hold_the_endpoint() -> None:
     for _ in range(64):
         assert emulator.usb.bulk_out(0x01, b"junk") is Handshake.ACK
     assert emulator.usb.bulk_out(0x01, b"junk") is Handshake.NAK
-    assert read_ack(emulator).reason is Reason.LENGTH
-    assert emulator.usb.bulk_out(0x01, b"junk") is Handshake.ACK
+    assert [ack.reason for ack in read_acks(emulator)] == [Reason.LENGTH] * 16
+    handshakes = [emulator.usb.bulk_out(0x01, b"junk") for _ in range(17)]
+    assert handshakes == [Handshake.ACK] * 16 + [Handshake.NAK]
 
 
 @pytest.mark.parametrize("wait", range(0, 100_000, 3_700))
 def test_nothing_plays_once_the_outputs_are_off(wait: int) -> None:
     """Whenever the order comes, also while updates are on the chain or queued for the far end of time."""
     emulator = ready()
-    for n, period in enumerate((None, 8, 9, 2**32)):
-        send(emulator, pack(Update(FULL, n, period)))
+    for n, period in enumerate((0, 8, 9, 2**32)):
+        send(emulator, update(FULL, n, period))
     emulator.scheduler.run_until(wait)
     order(emulator, Request.DISABLE)
     emulator.run(100)
@@ -168,10 +193,10 @@ def test_nothing_plays_once_the_outputs_are_off(wait: int) -> None:
 
 def test_it_plays_again_after_it_was_off() -> None:
     emulator = ready()
-    send(emulator, pack(Update(FULL, 0, period=2**32)))
+    send(emulator, update(FULL, 0, period=2**32))
     order(emulator, Request.DISABLE)
     order(emulator, Request.ENABLE)
-    ack = send(emulator, pack(Update(FULL, 1)))
+    ack = send(emulator, update(FULL, 1))
     assert ack.commit_period < 10
     emulator.run(10)
     assert loudness(emulator)[-50:].sum() == 320 * 25
@@ -180,17 +205,17 @@ def test_it_plays_again_after_it_was_off() -> None:
 def test_updates_that_were_dropped_free_the_queue() -> None:
     emulator = ready()
     for n in range(8):
-        send(emulator, pack(Update(FULL, n, period=2**31 + n)))
+        send(emulator, update(FULL, n, period=2**31 + n))
     order(emulator, Request.DISABLE)
     order(emulator, Request.ENABLE)
-    assert send(emulator, pack(Update(FULL, 8))).free == 7
+    assert send(emulator, update(FULL, 8)).free == 7
 
 
 def test_the_horizon_is_2_to_the_32_periods() -> None:
     emulator = ready()
     emulator.run(100)
-    assert send(emulator, pack(Update(FULL, 0, period=100 + 2**32))).reason is Reason.ACCEPTED
-    assert send(emulator, pack(Update(FULL, 1, period=101 + 2**32))).reason is Reason.HORIZON
+    assert send(emulator, update(FULL, 0, period=100 + 2**32)).reason is Reason.ACCEPTED
+    assert send(emulator, update(FULL, 1, period=101 + 2**32)).reason is Reason.HORIZON
 
 
 def test_blocks_that_are_refused_are_no_sign_of_life() -> None:
@@ -219,8 +244,8 @@ def test_all_processors_play_the_same_whatever_the_moments(link: Link, waits: li
             off_at = -1
         else:
             width = np.full(320, 1 + n)
-            period = None if what == "now" else emulator.scheduler.now // PERIOD + 5
-            send_in_time(emulator, pack(Update(Pulses(width, width), n, period)))
+            period = 0 if what == "now" else emulator.scheduler.now // PERIOD + 5
+            send_in_time(emulator, update(Pulses(width, width), n, period))
     emulator.run(30)
     capture = emulator.capture()
     assert {tuple(starts) for starts in capture.starts} == {tuple(capture.starts[0])}
@@ -232,7 +257,7 @@ def test_all_processors_play_the_same_whatever_the_moments(link: Link, waits: li
 
 def test_the_watchdog_silences_a_device_whose_host_fell_silent() -> None:
     emulator = ready()
-    send(emulator, pack(Update(FULL, 0)))
+    send(emulator, update(FULL, 0))
     emulator.run(3990)
     assert loudness(emulator)[-50:].any()
     emulator.run(20)
@@ -244,7 +269,7 @@ def test_the_watchdog_silences_a_device_whose_host_fell_silent() -> None:
 
 def test_a_sign_of_life_keeps_it_playing() -> None:
     emulator = ready()
-    send(emulator, pack(Update(FULL, 0)))
+    send(emulator, update(FULL, 0))
     for _ in range(10):
         emulator.run(3900)
         assert status(emulator).enabled
@@ -261,7 +286,7 @@ def test_enabling_twice_arms_one_watchdog() -> None:
 
 def test_configuring_again_turns_off_and_forgets() -> None:
     emulator = ready()
-    emulator.usb.bulk_out(0x01, pack(Update(FULL, 0)))
+    emulator.usb.bulk_out(0x01, update(FULL, 0))
     emulator.run(5)
     emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
     assert emulator.usb.bulk_in(0x81) is Handshake.NAK
@@ -274,7 +299,7 @@ def test_the_same_calls_give_the_same_capture_and_log() -> None:
     def session() -> tuple[bytes, list[Event]]:
         emulator = ready()
         for n in range(5):
-            send(emulator, pack(Update(FULL, n, period=10 + 2 * n)))
+            send(emulator, update(FULL, n, period=10 + 2 * n))
         emulator.run(30)
         capture = emulator.capture()
         return capture.bits(0, capture.end_tick).tobytes(), list(emulator.events)
@@ -286,7 +311,7 @@ def test_blocks_that_are_accepted_are_a_sign_of_life() -> None:
     emulator = ready()
     for n in range(10):
         emulator.run(3900)
-        assert send(emulator, pack(Update(FULL, n))).reason is Reason.ACCEPTED
+        assert send(emulator, update(FULL, n)).reason is Reason.ACCEPTED
 
 
 def test_enabling_again_is_a_sign_of_life() -> None:
@@ -300,7 +325,7 @@ def test_enabling_again_is_a_sign_of_life() -> None:
 def test_a_refusal_names_the_block_and_the_moment() -> None:
     emulator = ready()
     emulator.run(50)
-    broken = bytearray(pack(Update(FULL, 0x01020304)))
+    broken = bytearray(update(FULL, 0x01020304))
     broken[-1] ^= 1
     ack = send(emulator, bytes(broken))
     assert (ack.sequence, ack.now_period, ack.commit_period) == (0x01020304, 50, 0)
@@ -321,9 +346,95 @@ def test_messages_arrive_when_the_links_can_have_carried_them(
 
     monkeypatch.setattr(Processor, "receive", noting)
     emulator = ready(link)
-    send(emulator, pack(Update(FULL, 0)))
+    send(emulator, update(FULL, 0))
     emulator.run(10)
     start = 15 * 400
     slices = [(start + 52 * (n + 1) * cycles_per_token + (n + 1) * 40, 1, 48) for n in range(10)]
     commits = [(start + (520 + 16 * (n + 1)) * cycles_per_token + (n + 1) * 40, 2, 12) for n in range(10)]
     assert sorted(arrivals) == sorted(slices + commits)
+
+
+def test_numbers_must_follow_and_gaps_are_counted() -> None:
+    emulator = ready()
+    assert send(emulator, update(FULL, 2**32 - 2)).reason is Reason.ACCEPTED
+    for number in (2**32 - 2, 2**32 - 3, 2**31 - 2):
+        assert send(emulator, update(FULL, number)).reason is Reason.SEQUENCE
+    ack = send(emulator, update(FULL, 1))  # 2³² − 1 and 0 are missing
+    assert (ack.reason, ack.flags) == (Reason.ACCEPTED, AckFlag.GAP)
+    assert status(emulator).lost == 2
+    assert send(emulator, pack(Block(NoOp(), 0, restart=True))).flags == AckFlag(0)
+    assert send(emulator, update(FULL, 1)).reason is Reason.ACCEPTED
+
+
+def test_the_total_drive_is_limited() -> None:
+    emulator = ready()
+    order(emulator, Request.DISABLE)
+    emulator.usb.control(Setup(0x41, Request.LIMIT, 100, 0, 0))
+    order(emulator, Request.ENABLE)
+    width = np.where(np.arange(320) < 101, 25, 0)
+    assert send(emulator, update(Pulses(width, width), 0)).reason is Reason.DRIVE
+    width[0] = 0
+    assert send(emulator, update(Pulses(width, width), 1)).reason is Reason.ACCEPTED
+    with pytest.raises(Stall, match="while the outputs are off"):
+        emulator.usb.control(Setup(0x41, Request.LIMIT, 320, 0, 0))
+    assert status(emulator).drive_limit == 100
+
+
+@pytest.mark.parametrize(("action", "state"), [(Action.SILENCE, State.READY), (Action.DISABLE, State.OFF)])
+def test_an_output_block_ends_what_plays_at_its_period(action: Action, state: State) -> None:
+    emulator = ready()
+    send(emulator, update(FULL, 0, period=20))
+    assert send(emulator, pack(Block(Output(action, 40), 1))).commit_period == 40
+    emulator.run_until(30)
+    assert (status(emulator).state, status(emulator).since_period) == (State.PLAYING, 20)
+    emulator.run(40)
+    loud = np.flatnonzero(loudness(emulator))
+    assert (loud[0] // 50, loud[-1] // 50) == (20, 39)
+    assert (status(emulator).state, status(emulator).since_period) == (state, 0)
+
+
+def test_what_follows_an_output_block_that_disables_is_dropped() -> None:
+    emulator = ready()
+    send(emulator, pack(Block(Output(Action.DISABLE, 20), 0)))
+    for n in range(1, 4):
+        send(emulator, update(FULL, n, period=20 + n))
+    emulator.run(60)
+    assert not loudness(emulator)[24 * 50 :].any()
+    assert status(emulator).state is State.OFF
+
+
+def test_clock_and_no_op_are_answered_whatever_the_state() -> None:
+    emulator = ready()
+    order(emulator, Request.DISABLE)
+    emulator.run_until(5000)
+    ack = send(emulator, pack(Block(Clock(), 0)))
+    assert (ack.reason, ack.commit_period, ack.now) == (Reason.ACCEPTED, 4096, 5000 * 50)
+    reading = ClockReading.decode(emulator.usb.control(Setup(0xC1, Request.CLOCK, 0, 0, 24)))
+    assert reading == ClockReading(5000 * 50, 4096, 1)
+    assert send(emulator, pack(Block(NoOp(), 1))).commit_period == 0
+
+
+def test_a_feature_that_is_lacking_is_refused() -> None:
+    assert send(ready(), pack(Block(Slot(3, FULL), 0))).reason is Reason.UNSUPPORTED
+
+
+def test_the_watchdog_tells_by_itself_and_its_time_can_be_set() -> None:
+    emulator = ready()
+    emulator.usb.control(Setup(0x41, Request.WATCHDOG, 20, 0, 0))
+    emulator.run(900)
+    (told,) = read_records(emulator)
+    assert isinstance(told, Status)
+    assert (told.state, told.watchdog_fired, told.watchdog_ms) == (State.OFF, True, 20)
+    for wrong in (9, 60_001):
+        with pytest.raises(Stall, match="outside 10 to 60000"):
+            emulator.usb.control(Setup(0x41, Request.WATCHDOG, wrong, 0, 0))
+
+
+def test_boards_blink_and_processors_report() -> None:
+    emulator = ready()
+    emulator.usb.control(Setup(0x41, Request.IDENTIFY, 4, 0, 0))
+    assert "board 4 blinks" in emulator.events[-1].what
+    with pytest.raises(Stall, match="no board 5"):
+        emulator.usb.control(Setup(0x41, Request.IDENTIFY, 5, 0, 0))
+    reports = decode_reports(emulator.usb.control(Setup(0xC1, Request.PROCESSORS, 0, 0, 160)))
+    assert [report.missed_commits for report in reports] == [0] * 10

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, Wiring, open_device
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceTimeoutError
-from phasewire.protocol import Ack, Info, Reason, Request
+from phasewire.protocol import Ack, Info, Reason, Request, State
+from phasewire.protocol.codes import AckFlag
 
 FULL = Pulses(np.full(320, 25), np.full(320, 25))
 
@@ -53,13 +54,13 @@ def test_an_update_can_name_its_period(emulator: Emulator) -> None:
         now = device.status().period
         ack = device.show(FULL, period=now + 40)
         assert (ack.commit_period, ack.late) == (now + 40, False)
-        assert device.show(FULL, period=0).late
+        assert device.show(FULL, period=1).late
 
 
 def test_sequence_numbers_count_and_wrap(emulator: Emulator) -> None:
     with open_device(emulator.url) as device:
         assert [device.show(FULL).sequence for _ in range(3)] == [0, 1, 2]
-        device._sequence = 2**32 - 1
+        device._sequence, device._restart = 2**32 - 1, True
         assert [device.show(FULL).sequence for _ in range(2)] == [2**32 - 1, 0]
 
 
@@ -115,7 +116,7 @@ def test_a_late_acknowledgement_is_not_taken_for_the_next_block_s(
     with open_device(emulator.url) as device:
         device.show(FULL)
         with monkeypatch.context() as patch:
-            patch.setattr(device._transport, "read_ack", raise_timeout)
+            patch.setattr(device._transport, "read_records", raise_timeout)
             with pytest.raises(DeviceTimeoutError):
                 device.show(FULL, period=500)
         ack = device.show(FULL, period=1000)
@@ -189,22 +190,23 @@ def test_a_device_that_does_not_acknowledge_times_out(emulator: Emulator, monkey
     ("answer", "message"),
     [
         (b"junk", "breaks the protocol"),
-        (Ack(Reason.ACCEPTED, 77, 1, 1, False, 8).encode(), "acknowledges block 77, not 0"),
+        (Ack(Reason.ACCEPTED, 77, 1, 1, AckFlag(0), 8, State.READY).encode(), "acknowledges block 77, not 0"),
     ],
 )
 def test_an_acknowledgement_that_makes_no_sense_is_an_error(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch, answer: bytes, message: str
 ) -> None:
     with open_device(emulator.url) as device:
-        monkeypatch.setattr(device._transport, "read_ack", lambda: answer)
+        monkeypatch.setattr(device._transport, "read_records", lambda: answer)
         with pytest.raises(DeviceError, match=message):
             device.show(FULL)
 
 
 def test_another_version_of_the_protocol_is_refused(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     genuine = Info.encode
-    monkeypatch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, protocol_version=2)))
-    with pytest.raises(DeviceError, match="speaks version 2 of the protocol, this is version 1; update the older"):
+    newer = {"oldest_version": 2, "newest_version": 3}
+    monkeypatch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, **newer)))
+    with pytest.raises(DeviceError, match="speaks versions 2 to 3 of the protocol, this is version 1; update"):
         open_device(emulator.url)
 
 

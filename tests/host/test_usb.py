@@ -109,8 +109,8 @@ def test_a_device_that_is_open_elsewhere_is_not_disturbed(emulator: Emulator) ->
 def test_a_device_that_cannot_be_opened_whole_is_let_go(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     genuine = Info.encode
     with monkeypatch.context() as patch:
-        patch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, protocol_version=9)))
-        with pytest.raises(DeviceError, match="version 9") as raised:
+        patch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, oldest_version=9)))
+        with pytest.raises(DeviceError, match="versions 9 to 1") as raised:
             open_device(emulator.url)
     assert emulator.claimed_by is None, raised  # while the error, and with it every frame, is still alive
 

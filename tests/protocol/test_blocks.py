@@ -1,134 +1,247 @@
 from __future__ import annotations
 
-import struct
-import zlib
 from typing import Any
 
 import numpy as np
 import pytest
-from construct import ConstructError
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import BlockError
-from phasewire.protocol import Pulses, Reason, Update, pack, unpack
+from phasewire.protocol import (
+    Action,
+    Block,
+    Clock,
+    Entry,
+    Kind,
+    Modulation,
+    ModulationStart,
+    NoOp,
+    Output,
+    Pulses,
+    Reason,
+    Sequence,
+    SequenceStart,
+    Slot,
+    Update,
+    pack,
+    unpack,
+)
 from phasewire.protocol.layout.blocks import BLOCK
 
-from tests.strategies import pulses
+from tests.protocol.blocks import blocks, by_construct, reason_by_construct, resealed
+from tests.strategies import update
 
-SEQUENCES = st.integers(0, 2**32 - 1)
-PERIODS = st.none() | st.integers(0, 2**64 - 1)
-
-
-def by_construct(update: Update) -> bytes:
-    """The block as the normative definition builds it."""
-    phase, width = update.pulses.phase.tolist(), update.pulses.width.tolist()
-    pairs = [
-        {"even_phase": phase[i], "even_width": width[i], "odd_phase": phase[i + 1], "odd_width": width[i + 1]}
-        for i in range(0, len(phase), 2)
-    ]
-    header = {
-        "kind": 1 if update.period is None else 2,
-        "sequence": update.sequence,
-        "period": update.period or 0,
-    }
-    return bytes(BLOCK.build({"header": {"value": header}, "pulses": {"value": pairs}}))
+SILENT = Pulses.silent(320)
+EXAMPLES = {
+    Kind.UPDATE: Block(Update(SILENT, 5), 1),
+    Kind.SLOT: Block(Slot(3, SILENT), 1),
+    Kind.SEQUENCE: Block(Sequence((Entry(0, 100), Entry(1, 100)), 0, SequenceStart(2, 77, 3, unattended=True)), 1),
+    Kind.MODULATION: Block(Modulation(bytes(range(200)), 7, ModulationStart(207, 10, 88)), 1),
+    Kind.OUTPUT: Block(Output(Action.SILENCE, 99), 1),
+    Kind.CLOCK: Block(Clock(), 1),
+    Kind.NO_OP: Block(NoOp(), 1),
+}
 
 
-def resealed(block: bytes | bytearray) -> bytes:
-    """The block with its CRC-32 made right again, computed here from the specification's sentence."""
-    checksum = zlib.crc32(bytes(block[:28]) + bytes(block[32:]))
-    return bytes(block[:28]) + struct.pack("<I", checksum) + bytes(block[32:])
+def reason_of(data: bytes) -> Reason:
+    """Why `unpack` refuses bytes."""
+    try:
+        unpack(data)
+    except BlockError as error:
+        return Reason(error.reason)
+    return Reason.ACCEPTED
 
 
-@given(pulses(), SEQUENCES, PERIODS)
-def test_numpy_and_construct_build_the_same_bytes(made: Pulses, sequence: int, period: int | None) -> None:
-    update = Update(made, sequence, period)
-    assert pack(update) == by_construct(update)
+@given(blocks())
+def test_struct_and_construct_build_the_same_bytes_and_read_them_back(block: Block) -> None:
+    data = pack(block)
+    assert len(data) == 512
+    assert data == by_construct(block)
+    assert unpack(data) == block
+    assert reason_by_construct(data) is Reason.ACCEPTED
 
 
-@given(pulses(), SEQUENCES, PERIODS)
-def test_both_read_back_what_was_packed(made: Pulses, sequence: int, period: int | None) -> None:
-    block = pack(Update(made, sequence, period))
-    assert len(block) == 512
-    assert unpack(block) == Update(made, sequence, period)
-    parsed: Any = BLOCK.parse(block)
-    assert parsed.header.value.sequence == sequence
-    assert parsed.header.value.period == (period or 0)
-    assert [pair.odd_phase for pair in parsed.pulses.value] == made.phase[1::2].tolist()
-    assert [pair.even_width for pair in parsed.pulses.value] == made.width[0::2].tolist()
+@given(blocks())
+def test_what_construct_reads_is_what_was_meant(block: Block) -> None:
+    parsed: Any = BLOCK.parse(pack(block)).block
+    assert (parsed.kind, parsed.sequence, parsed.body.flags & 1) == (block.body.KIND, block.sequence, block.restart)
+    if isinstance(block.body, Update | Slot):
+        assert [pair.odd_phase for pair in parsed.body.pulses] == block.body.pulses.phase[1::2].tolist()
+        assert [pair.even_width for pair in parsed.body.pulses] == block.body.pulses.width[0::2].tolist()
 
 
-def test_the_layout_by_hand() -> None:
+def test_an_update_by_hand() -> None:
     """Bytes worked out on paper: phase in the low 7 bits, width in the high 5, two pulses in three bytes."""
     phase, width = np.zeros(320, int), np.zeros(320, int)
     phase[:2], width[:2] = (99, 1), (25, 2)  # 25·128 + 99 = 0xce3 and 2·128 + 1 = 0x101, so 0x101ce3
-    block = pack(Update(Pulses(phase, width), sequence=0x04030201, period=0x0102030405060708))
-    assert block[:16] == b"PW" + bytes([1, 2]) + bytes([1, 2, 3, 4]) + bytes([8, 7, 6, 5, 4, 3, 2, 1])
+    block = pack(Block(Update(Pulses(phase, width), 0x0102030405060708), 0x04030201))
+    assert block[:16] == b"PW" + bytes([1, 1]) + bytes([1, 2, 3, 4]) + bytes([8, 7, 6, 5, 4, 3, 2, 1])
     assert block[16:28] == bytes(12)
     assert block[32:35] == bytes([0xE3, 0x1C, 0x10])
     assert block[35:] == bytes(477)
 
 
-def test_every_single_bit_flip_is_refused(sphere_solution: Any) -> None:
-    block = pack(Update(Pulses.from_drive(sphere_solution.drive), 7, 99))
+def test_the_other_kinds_by_hand() -> None:
+    def variable(block: Block) -> tuple[int, bytes, bytes]:
+        data = pack(block)
+        return data[3], data[8:28], data[32:].rstrip(b"\0")
+
+    assert variable(Block(Slot(0xAB, SILENT), 1)) == (2, bytes(8) + bytes([0xAB]) + bytes(11), b"")
+    start = SequenceStart(0x203, 0x99, 0x405, unattended=True)
+    listed = Block(Sequence((Entry(7, 0x1234), Entry(8, 1)), 0x102, start), 1, restart=True)
+    fields = bytes([0x99, 0, 0, 0, 0, 0, 0, 0, 2, 1, 2, 0, 3, 2, 0, 0, 5, 4, 7, 0])
+    assert variable(listed) == (3, fields, bytes([7, 0, 0x34, 0x12, 8, 0, 1]))
+    sampled = Block(Modulation(b"\x11\x22\x33", 0x304, ModulationStart(0x307, 0x506, 0x98)), 1)
+    fields = bytes([0x98, 0, 0, 0, 0, 0, 0, 0, 4, 3, 3, 0, 7, 3, 6, 5, 0, 0, 2, 0])
+    assert variable(sampled) == (4, fields, b"\x11\x22\x33")
+    assert variable(Block(Output(Action.DISABLE, 0x97), 1)) == (5, bytes([0x97]) + bytes(18) + b"\x02", b"")
+    assert variable(Block(Clock(), 1)) == (6, bytes(20), b"")
+    assert variable(Block(NoOp(), 1)) == (7, bytes(20), b"")
+
+
+@pytest.mark.parametrize("kind", EXAMPLES)
+def test_every_single_bit_flip_is_refused(kind: Kind, sphere_solution: Any) -> None:
+    example = EXAMPLES[kind]
+    if kind is Kind.UPDATE:
+        example = Block(Update(Pulses.from_drive(sphere_solution.drive), 99), 7)
+    block = pack(example)
     for bit in range(len(block) * 8):
         flipped = bytearray(block)
         flipped[bit // 8] ^= 1 << bit % 8
-        with pytest.raises(BlockError):
-            unpack(bytes(flipped))
+        assert reason_of(bytes(flipped)) is Reason.CHECKSUM
 
 
-def patched(offset: int, data: bytes, *, period: int | None = 5) -> bytes:
-    block = bytearray(pack(Update(Pulses.silent(320), 1, period)))
+def patched(kind: Kind, offset: int, data: bytes) -> bytes:
+    block = bytearray(pack(EXAMPLES[kind]))
     block[offset : offset + len(data)] = data
     return resealed(block)
 
 
-MALFORMED = {
-    Reason.LENGTH: [b"", bytes(511), bytes(513)],
-    Reason.MAGIC: [patched(0, b"XW")],
-    Reason.VERSION: [patched(2, b"\x02"), patched(2, b"\x00")],
-    Reason.CHECKSUM: [pack(Update(Pulses.silent(320), 1))[:-1] + b"\x01"],
-    Reason.KIND: [patched(3, b"\x00"), patched(3, b"\x03"), patched(3, b"\xff")],
-    Reason.RESERVED: [patched(16, b"\x01"), patched(27, b"\x80"), patched(8, b"\x01", period=None)],
-    Reason.PHASE: [patched(32, b"\x64"), patched(32, b"\x7f"), patched(509, b"\x00\x40\x06")],
-    Reason.WIDTH: [patched(33, b"\x0d"), patched(511, b"\xd0")],
-}
+def stored(kind: Kind, offset: int, data: bytes) -> bytes:
+    """A list that is stored and not started, with something changed."""
+    body = Sequence((Entry(0, 1),)) if kind is Kind.SEQUENCE else Modulation(b"\x01")
+    block = bytearray(pack(Block(body, 1)))
+    block[offset : offset + len(data)] = data
+    return resealed(block)
 
 
-@pytest.mark.parametrize(("reason", "block"), [(reason, block) for reason in MALFORMED for block in MALFORMED[reason]])
+PERIOD, FIRST, COUNT, LENGTH, HOLD, REPEATS, FLAGS, ACTION, PAYLOAD = 8, 16, 18, 20, 22, 24, 26, 27, 32
+UNUSED = [
+    (kind, at)
+    for kind, used in {
+        Kind.UPDATE: {PERIOD},
+        Kind.SLOT: {FIRST},
+        Kind.SEQUENCE: {PERIOD, FIRST, COUNT, LENGTH, REPEATS},
+        Kind.MODULATION: {PERIOD, FIRST, COUNT, LENGTH, HOLD},
+        Kind.OUTPUT: {PERIOD, ACTION},
+        Kind.CLOCK: set(),
+        Kind.NO_OP: set(),
+    }.items()
+    for at in {PERIOD, FIRST, COUNT, LENGTH, HOLD, REPEATS, ACTION} - used
+]
+MALFORMED: list[tuple[Reason, bytes]] = [
+    *((Reason.LENGTH, data) for data in (b"", bytes(511), bytes(513), pack(EXAMPLES[Kind.CLOCK]) + b"\0")),
+    (Reason.CHECKSUM, update(SILENT, 1)[:-1] + b"\x01"),
+    (Reason.MAGIC, patched(Kind.UPDATE, 0, b"XW")),
+    (Reason.MAGIC, patched(Kind.CLOCK, 1, b"X")),
+    (Reason.VERSION, patched(Kind.UPDATE, 2, b"\x02")),
+    (Reason.VERSION, patched(Kind.UPDATE, 2, b"\x00")),
+    *((Reason.KIND, patched(Kind.UPDATE, 3, bytes([kind]))) for kind in (0, 8, 255)),
+    *((Reason.FIELD, patched(kind, at, b"\x01")) for kind, at in UNUSED),
+    *((Reason.FIELD, patched(kind, FLAGS, bytes([flag]))) for kind in EXAMPLES for flag in (8, 16, 32, 64, 128)),
+    *((Reason.FIELD, patched(kind, FLAGS, bytes([2]))) for kind in set(EXAMPLES) - {Kind.SEQUENCE, Kind.MODULATION}),
+    *((Reason.FIELD, patched(kind, FLAGS, bytes([4]))) for kind in set(EXAMPLES) - {Kind.SEQUENCE}),
+    (Reason.FIELD, patched(Kind.MODULATION, FLAGS, bytes([6]))),
+    *((Reason.FIELD, patched(Kind.OUTPUT, ACTION, bytes([action]))) for action in (0, 3, 255)),
+    *((Reason.FIELD, patched(kind, 511, b"\x01")) for kind in set(EXAMPLES) - {Kind.UPDATE, Kind.SLOT}),
+    (Reason.FIELD, patched(Kind.SLOT, FIRST, b"\x00\x01")),
+    (Reason.FIELD, patched(Kind.SEQUENCE, PAYLOAD, b"\x00\x01")),  # slot 256
+    (Reason.FIELD, patched(Kind.SEQUENCE, PAYLOAD + 2, b"\x00\x00")),  # for no period
+    (Reason.FIELD, patched(Kind.SEQUENCE, COUNT, b"\x01")),  # an entry more than is said
+    (Reason.FIELD, patched(Kind.SEQUENCE, COUNT, b"\x79")),  # 121 entries
+    (Reason.FIELD, patched(Kind.SEQUENCE, FIRST, b"\xff\x03")),  # 1023 + 2 entries
+    (Reason.FIELD, patched(Kind.SEQUENCE, LENGTH, b"\x00\x00")),
+    (Reason.FIELD, patched(Kind.SEQUENCE, LENGTH, b"\x01\x04")),  # 1025
+    (Reason.FIELD, patched(Kind.MODULATION, COUNT, b"\xe1\x01")),  # 481 samples
+    (Reason.FIELD, patched(Kind.MODULATION, FIRST, b"\x39\x0f")),  # 3897 + 200 samples
+    (Reason.FIELD, patched(Kind.MODULATION, LENGTH, b"\x01\x10")),  # 4097
+    (Reason.FIELD, patched(Kind.MODULATION, LENGTH, b"\x00\x00")),  # which no hold goes with
+    (Reason.FIELD, patched(Kind.MODULATION, HOLD, b"\x00\x00")),
+    *((Reason.FIELD, stored(Kind.SEQUENCE, at, b"\x01")) for at in (PERIOD, LENGTH, REPEATS, HOLD, ACTION)),
+    (Reason.FIELD, stored(Kind.SEQUENCE, FLAGS, b"\x04")),
+    *((Reason.FIELD, stored(Kind.MODULATION, at, b"\x01")) for at in (PERIOD, LENGTH, HOLD, REPEATS, ACTION)),
+    (Reason.FIELD, resealed(pack(Block(Modulation(b"\0"), 1))[:COUNT] + bytes(494))),  # nothing stored or started
+    (Reason.PULSE, patched(Kind.UPDATE, PAYLOAD, b"\x64")),
+    (Reason.PULSE, patched(Kind.UPDATE, PAYLOAD, b"\x7f")),
+    (Reason.PULSE, patched(Kind.UPDATE, 509, b"\x00\x40\x06")),
+    (Reason.PULSE, patched(Kind.SLOT, PAYLOAD + 1, b"\x0d")),
+    (Reason.PULSE, patched(Kind.UPDATE, 511, b"\xd0")),
+]
+
+
+@pytest.mark.parametrize(("reason", "block"), MALFORMED)
 def test_malformed_blocks_are_refused_with_their_reason_by_both(reason: Reason, block: bytes) -> None:
-    with pytest.raises(BlockError) as refused:
-        unpack(block)
-    assert refused.value.reason == reason
-    with pytest.raises(ConstructError):
-        BLOCK.parse(block)
+    assert (reason_of(block), reason_by_construct(block)) == (reason, reason)
 
 
-@given(st.binary(min_size=480, max_size=480), st.binary(max_size=28))
-def test_any_payload_reads_back_to_the_same_bytes_or_is_refused_by_both(payload: bytes, head: bytes) -> None:
-    block = bytearray(pack(Update(Pulses.silent(320), 1)))
-    block[: len(head)] = head
-    block = bytearray(resealed(bytes(block[:32]) + payload))
-    try:
-        update = unpack(bytes(block))
-    except BlockError:
-        with pytest.raises(ConstructError):
-            BLOCK.parse(bytes(block))
-    else:
-        assert pack(update) == block == by_construct(update)
+@given(blocks(), st.integers(0, 511), st.binary(min_size=1, max_size=24))
+def test_any_change_reads_back_to_the_same_bytes_or_is_refused_for_the_same_reason(
+    block: Block, at: int, junk: bytes
+) -> None:
+    data = bytearray(pack(block))
+    data[at : at + len(junk)] = junk
+    data = bytearray(resealed(data[:512]))
+    reason = reason_of(bytes(data))
+    assert reason is reason_by_construct(bytes(data))
+    if reason is Reason.ACCEPTED:
+        assert pack(unpack(bytes(data))) == data
+
+
+@given(st.binary(max_size=600))
+def test_any_bytes_are_refused_for_the_same_reason(data: bytes) -> None:
+    assert reason_of(data) is reason_by_construct(data) is not Reason.ACCEPTED
+
+
+@given(st.binary(min_size=32, max_size=32), st.binary(min_size=480, max_size=480))
+def test_any_bytes_under_a_right_checksum_are_judged_alike(head: bytes, payload: bytes) -> None:
+    for prefix in (head[:2], b"PW", b"PW\x01", b"PW\x01" + bytes([1 + head[3] % 7])):
+        data = resealed(prefix + head[len(prefix) :] + payload)
+        assert reason_of(data) is reason_by_construct(data)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("make", "message"),
     [
-        ((Pulses.silent(319), 0), "an update carries 320 pulses, not 319"),
-        ((Pulses.silent(320), 2**32), "sequence number 4294967296 does not fit"),
-        ((Pulses.silent(320), -1), "sequence number -1"),
-        ((Pulses.silent(320), 0, 2**64), "period 18446744073709551616 does not fit"),
-        ((Pulses.silent(320), 0, -1), "period -1"),
+        (lambda: Update(Pulses.silent(319)), "a block carries 320 pulses, not 319"),
+        (lambda: Update(SILENT, 2**64), "period 18446744073709551616 is outside"),
+        (lambda: Update(SILENT, -1), "period -1"),
+        (lambda: Slot(256, SILENT), "slot 256 is outside 0 to 255"),
+        (lambda: Slot(0, Pulses.silent(1)), "320 pulses, not 1"),
+        (lambda: Sequence((Entry(256, 1),)), "slot 256"),
+        (lambda: Sequence((Entry(0, 0),)), "number of periods 0 is outside 1 to 65535"),
+        (lambda: Sequence((Entry(0, 2**16),)), "number of periods 65536"),
+        (lambda: Sequence((Entry(0, 1),) * 121), "number of entries 121 is outside 1 to 120"),
+        (lambda: Sequence(()), "number of entries 0 is outside 1 to 120"),
+        (lambda: Sequence((Entry(0, 1),) * 2, 1023), "first place 1023 is outside 0 to 1022"),
+        (lambda: Sequence((), 0, SequenceStart(0)), "length 0 is outside 1 to 1024"),
+        (lambda: Sequence((), 0, SequenceStart(1, repeats=2**16)), "number of repeats 65536"),
+        (lambda: Modulation(bytes(481)), "number of samples 481 is outside 1 to 480"),
+        (lambda: Modulation(bytes(2), 4095), "first place 4095 is outside 0 to 4094"),
+        (lambda: Modulation(b"", 0, ModulationStart(4097, 1)), "length 4097 is outside 0 to 4096"),
+        (lambda: Modulation(b"", 0, ModulationStart(1, 0)), "a sample holds 0 is outside 1 to 65535"),
+        (lambda: Modulation(b"", 0, ModulationStart(0, 1)), "a sample holds 1 is outside 0 to 0"),
+        (lambda: Output(3), "3 is not a valid Action"),  # type: ignore[arg-type]  # the wrong value is the point
+        (lambda: pack(Block(Clock(), 2**32)), "sequence number 4294967296 is outside"),
+        (lambda: pack(Block(Clock(), -1)), "sequence number -1"),
     ],
 )
-def test_updates_that_cannot_travel_are_named(arguments: Any, message: str) -> None:
+def test_what_cannot_travel_is_named(make: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Update(*arguments)
+        make()
+
+
+@pytest.mark.parametrize("wrong", [1.5, "soon", None])
+def test_numbers_are_whole(wrong: Any) -> None:
+    for make in (lambda: Update(SILENT, wrong), lambda: Slot(wrong, SILENT), lambda: pack(Block(Clock(), wrong))):
+        with pytest.raises(TypeError):
+            make()

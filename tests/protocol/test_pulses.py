@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from phasewire.protocol import Pulses
+from phasewire.protocol.pulses import MODULATED_WIDTH, POWER
 
 from tests.oracles import quantisation_bound
 from tests.strategies import drives, pulses
@@ -130,3 +133,31 @@ def test_equality_compares_values() -> None:
     assert Pulses.silent(3) == Pulses([0, 0, 0], [0, 0, 0])
     assert Pulses.silent(3) != Pulses([0, 0, 1], [0, 0, 0])
     assert Pulses.silent(3) != "silence"
+
+
+def test_the_power_of_every_width_in_thousandths() -> None:
+    """sin²(πw/50) by the half-angle formula, and nowhere near a tie."""
+    exact = [500 * (1 - math.cos(2 * math.pi * width / 50)) for width in range(26)]
+    assert POWER.tolist() == [round(value) for value in exact]
+    assert min(abs(value % 1 - 0.5) for value in exact) > 1e-3
+    assert Pulses([0] * 320, [25] * 320).total_drive == 320_000
+    assert Pulses([0, 0, 0], [0, 10, 25]).total_drive == 345 + 1000
+
+
+def test_modulated_widths_are_the_nearest_to_the_amplitude_asked_for() -> None:
+    """Against a search: of all widths the one whose half-angle is nearest, and nowhere near a tie."""
+    for sample in range(256):
+        for width in range(26):
+            angle = math.asin(min(1.0, sample / 255 * math.sin(math.pi * width / 50)))
+            distances = [abs(math.pi * candidate / 50 - angle) for candidate in range(26)]
+            nearest = sorted(range(26), key=distances.__getitem__)[:2]
+            assert MODULATED_WIDTH[sample, width] == nearest[0]
+            assert distances[nearest[1]] - distances[nearest[0]] > 1e-6
+    assert MODULATED_WIDTH[255].tolist() == list(range(26))
+    assert not MODULATED_WIDTH[0].any()
+
+
+def test_modulation_keeps_the_phase() -> None:
+    modulated = Pulses([7, 50, 99], [25, 10, 0]).modulated(128)
+    assert modulated.phase.tolist() == [7, 50, 99]
+    assert modulated.width.tolist() == MODULATED_WIDTH[128, [25, 10, 0]].tolist()

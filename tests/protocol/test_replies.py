@@ -1,38 +1,65 @@
 from __future__ import annotations
 
-import dataclasses
 import zlib
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import ReplyError
-from phasewire.protocol import Ack, Info, Reason, Status, Wiring
-from phasewire.protocol.replies import decode_wiring, encode_wiring
+from phasewire.protocol import Ack, Info, Reason, State, Status, Wiring
+from phasewire.protocol.codes import AckFlag, Fault, Feature, StatusFlag
+from phasewire.protocol.replies import (
+    ClockReading,
+    Playing,
+    ProcessorReport,
+    decode_reports,
+    decode_wiring,
+    encode_reports,
+    encode_wiring,
+    records,
+)
+
+from tests.strategies import pulses
 
 U8, U16, U32, U64 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32, 64))
-ACKS = st.builds(Ack, st.sampled_from(Reason), U32, U64, U64, st.booleans(), U8)
-STATUSES = st.builds(Status, st.booleans(), st.booleans(), st.sampled_from(Reason), U64, U32, U32, U32, U32)
-INFO = Info(1, (0, 1, 0), 320, 20, 16, 10.3e-3, 5, 2, 50, 25, 5, 8, 40_000, 40_000, 0.1)
+S8 = st.integers(-128, 127)
+FIRMWARE = st.tuples(U8, U8, U8)
+FAULTS = st.integers(0, 127).map(Fault)
+ACKS = st.builds(
+    Ack, st.sampled_from(Reason), U32, U64, U64, st.integers(0, 3).map(AckFlag), U8, st.sampled_from(State)
+)
+STATUSES = st.builds(
+    Status,
+    *(st.sampled_from(State), FAULTS, st.sampled_from(Reason), st.integers(0, 7).map(StatusFlag), U64, U64),
+    *(U32, U32, U32, U32, U32, U32, U8, S8, U16, U16),
+)
+INFOS = st.builds(
+    Info,
+    *(U8, U8, U16, FIRMWARE, U8, st.binary(min_size=8, max_size=8), U32, U16.map(Feature), U16, U8, U8, U16),
+    *(U8, U8, U8, st.sampled_from([2, 5]), U8, U8, U16, U16, U16, U16, U16, U16, U16),
+    st.binary(min_size=16, max_size=16),
+)
+CLOCKS = st.builds(ClockReading, U64, U64, U32)
+PLAYING = st.builds(Playing, U64, U64, pulses())
+REPORTS = st.lists(st.builds(ProcessorReport, FAULTS, S8, U8, U32, U32, FIRMWARE), min_size=10, max_size=10)
+SIZES = {Ack: 32, Status: 64, Info: 64, ClockReading: 24, Playing: 496}
 
 
-@given(ACKS)
-def test_acks_survive_the_way(ack: Ack) -> None:
-    data = ack.encode()
-    assert len(data) == 32
-    assert Ack.decode(data) == ack
-    assert int.from_bytes(data[28:], "little") == zlib.crc32(data[:28])
+@given(ACKS | STATUSES | INFOS | CLOCKS | PLAYING)
+def test_replies_survive_the_way(reply: Any) -> None:
+    data = reply.encode()
+    assert len(data) == SIZES[type(reply)] == reply.BYTES
+    assert type(reply).decode(data) == reply
+    if isinstance(reply, Ack | Status):
+        assert int.from_bytes(data[-4:], "little") == zlib.crc32(data[:-4])
 
 
-@given(STATUSES)
-def test_statuses_survive_the_way(status: Status) -> None:
-    assert len(status.encode()) == 28
-    assert Status.decode(status.encode()) == status
-
-
-def test_info_survives_the_way() -> None:
-    assert len(INFO.encode()) == 32
-    assert Info.decode(INFO.encode()) == INFO
+@given(REPORTS)
+def test_reports_survive_the_way(reports: list[ProcessorReport]) -> None:
+    data = encode_reports(reports)
+    assert len(data) == 160
+    assert decode_reports(data) == reports
 
 
 def test_the_wiring_table_survives_the_way(scrambled: Wiring) -> None:
@@ -42,56 +69,93 @@ def test_the_wiring_table_survives_the_way(scrambled: Wiring) -> None:
     assert decode_wiring(data).channels.tolist() == scrambled.channels.tolist()
 
 
+def test_a_table_that_names_an_output_twice_is_refused() -> None:
+    with pytest.raises(ReplyError, match="exactly once"):
+        decode_wiring(bytes(640))
+
+
+def octets(*fields: tuple[int, int]) -> bytes:
+    """Values and their sizes, least significant byte first."""
+    return b"".join(value.to_bytes(size, "little") for value, size in fields)
+
+
 def test_an_ack_by_hand() -> None:
-    data = Ack(Reason.PHASE, 0x01020304, 5, 6, True, 7).encode()
-    assert data[:8] == b"PA" + bytes([1, 7]) + bytes([4, 3, 2, 1])
-    assert data[8:28] == bytes([5, 0, 0, 0, 0, 0, 0, 0, 6, 0, 0, 0, 0, 0, 0, 0, 1, 7, 0, 0])
+    data = Ack(Reason.PULSE, 0x01020304, 5, 6, AckFlag.GAP, 7, State.READY).encode()
+    fields = octets((Reason.PULSE, 1), (0x01020304, 4), (5, 8), (6, 8), (2, 1), (7, 1), (1, 1), (0, 1))
+    assert data[:28] == b"PA\x01" + fields
 
 
 def test_a_status_by_hand() -> None:
-    data = Status(True, False, Reason.WIDTH, 0x0807060504030201, 10, 11, 12, 13).encode()
-    assert data == bytes([1, 0, 8, 0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 0, 0, 0, 11, 0, 0, 0, 12, 0, 0, 0, 13, 0, 0, 0])
+    faults, flags = Fault.SYNC | Fault.CHAIN, StatusFlag.MODULATION | StatusFlag.WATCHDOG_FIRED
+    data = Status(
+        *(State.FAULT, faults, Reason.IN_USE, flags, 0x0807060504030201, 9, 10, 11, 12, 13, 14, 15, 16, -5, 100, 320)
+    ).encode()
+    counters = [(value, 4) for value in (10, 11, 12, 13, 14, 15)]
+    fields = octets((4, 1), (5, 2), (16, 1), (5, 1), (0x0807060504030201, 8), (9, 8), *counters)
+    assert data[:60] == b"PS\x01" + fields + octets((16, 1), (251, 1), (100, 2), (320, 2), (0, 6))
 
 
 def test_an_information_record_by_hand() -> None:
     """Field by field as clause REQ-002 lists them."""
-    fields = [
-        (1, 1),  # protocol version
-        (0, 1),  # firmware
-        (1, 1),
-        (0, 1),
-        (320, 2),  # channels
-        (20, 1),  # columns
-        (16, 1),  # rows
-        (10_300, 2),  # pitch in µm
-        (5, 1),  # boards
-        (2, 1),  # processors per board
-        (50, 1),  # ticks per period
-        (25, 1),  # largest width
-        (5, 1),  # wires per link
-        (8, 1),  # blocks that can be queued
-        (40_000, 4),  # carrier in Hz
-        (39_999, 4),  # most updates per second
-        (100, 2),  # watchdog in ms
-        (0, 6),  # reserved
-    ]
-    expected = b"".join(value.to_bytes(size, "little") for value, size in fields)
-    assert dataclasses.replace(INFO, max_updates_per_second=39_999).encode() == expected
+    info = Info(
+        *(1, 2, 0x304, (5, 6, 7), 8, bytes(range(16, 24)), 40_000, Feature(3), 320, 20, 16, 10_300, 2, 50, 25, 5, 9),
+        *(10, 11, 12, 256, 1024, 4096, 319, 100, bytes(range(32, 48))),
+    )
+    fields = octets((1, 1), (2, 1), (0x304, 2), (5, 1), (6, 1), (7, 1), (8, 1)) + bytes(range(16, 24))
+    fields += octets((40_000, 4), (3, 2), (320, 2), (20, 1), (16, 1), (10_300, 2), (2, 1), (50, 1), (25, 1), (5, 1))
+    fields += octets((9, 1), (10, 1), (11, 2), (12, 2), (256, 2), (1024, 2), (4096, 2), (319, 2), (100, 2))
+    assert info.encode() == fields + bytes(range(32, 48))
+    assert (info.pitch, info.watchdog) == (10.3e-3, 0.1)
+    assert [version for version in range(5) if info.speaks(version)] == [1, 2]
 
 
-@given(ACKS, st.integers(0, 32 * 8 - 1))
-def test_every_flipped_bit_of_an_ack_is_refused(ack: Ack, bit: int) -> None:
-    data = bytearray(ack.encode())
-    data[bit // 8] ^= 1 << bit % 8
+def test_a_clock_reading_and_a_report_by_hand() -> None:
+    assert ClockReading(1, 2, 3).encode() == octets((1, 8), (2, 8), (3, 4), (0, 4))
+    report = ProcessorReport(Fault.OVERRUN, -1, 2, 3, 4, (5, 6, 7))
+    fields = octets((32, 2), (255, 1), (2, 1), (3, 4), (4, 4), (5, 1), (6, 1), (7, 1), (0, 1))
+    assert encode_reports([report] * 10) == fields * 10
+
+
+@given(st.lists(ACKS | STATUSES, max_size=12))
+def test_records_are_told_apart(sent: list[Ack | Status]) -> None:
+    assert records(b"".join(record.encode() for record in sent)) == sent
+
+
+@given(ACKS, STATUSES, st.integers(1, 63))
+def test_a_record_that_is_cut_off_is_refused(ack: Ack, status: Status, cut: int) -> None:
+    whole = ack.encode() + status.encode()
     with pytest.raises(ReplyError):
-        Ack.decode(bytes(data))
+        records(whole[:-cut] if cut != 64 else whole[:-1])
 
 
-@pytest.mark.parametrize("kind", [Ack, Status, Info])
-@given(data=st.binary(max_size=64))
-def test_any_bytes_are_read_or_refused(kind: type[Ack] | type[Status] | type[Info], data: bytes) -> None:
+@given(ACKS | STATUSES, st.data())
+def test_every_flipped_bit_of_a_record_is_refused(record: Ack | Status, data: st.DataObject) -> None:
+    encoded = bytearray(record.encode())
+    bit = data.draw(st.integers(0, len(encoded) * 8 - 1))
+    encoded[bit // 8] ^= 1 << bit % 8
+    with pytest.raises(ReplyError):
+        type(record).decode(bytes(encoded))
+
+
+def reencoded(kind: type, data: bytes) -> bytes:
+    if kind is Wiring:
+        return encode_wiring(decode_wiring(data))
+    if kind is ProcessorReport:
+        return encode_reports(decode_reports(data))
+    return bytes(kind.decode(data).encode())  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"), [*SIZES.items(), (Wiring, 640), (ProcessorReport, 160)], ids=lambda value: str(value)
+)
+@given(data=st.data())
+def test_any_bytes_are_read_or_refused(kind: type, size: int, data: st.DataObject) -> None:
+    body = data.draw(st.binary(min_size=size, max_size=size) | st.binary(max_size=700))
+    if kind in (Ack, Status) and data.draw(st.booleans()):
+        body = (b"PA\x01" if kind is Ack else b"PS\x01") + body[3:-4]
+        body += zlib.crc32(body).to_bytes(4, "little")
     try:
-        reply = kind.decode(data)
+        back = reencoded(kind, body)
     except ReplyError:
         return
-    assert reply.encode() == data
+    assert back == body

@@ -1,0 +1,171 @@
+"""The compiled way for many updates, held against the readable way for one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from phasewire.errors import BlockError
+from phasewire.protocol import Block, Pulses, Reason, Update, pack, pack_updates, unpack, unpack_updates
+
+from tests.protocol.blocks import PERIODS, SEQUENCES, blocks, reason_by_construct, resealed
+
+PHASES = hnp.arrays(np.uint8, st.tuples(st.integers(0, 9), st.just(320)), elements=st.integers(0, 99))
+JUNK = np.random.default_rng(5)
+
+
+def as_rows(data: list[bytes]) -> np.ndarray:
+    return np.frombuffer(b"".join(data), np.uint8).reshape(-1, 512)
+
+
+def judged(data: bytes) -> Reason:
+    """What `unpack_updates` must say of a block: as `unpack`, and `KIND` where it is valid and no update."""
+    try:
+        block = unpack(data)
+    except BlockError as error:
+        return Reason(error.reason)
+    return Reason.ACCEPTED if isinstance(block.body, Update) else Reason.KIND
+
+
+@given(PHASES, st.integers(0, 2**32 - 1), SEQUENCES, st.data(), st.booleans())
+def test_the_same_blocks_as_one_by_one(
+    phase: np.ndarray, seed: int, first: int, data: st.DataObject, restart: bool
+) -> None:
+    k = len(phase)
+    width = np.random.default_rng(seed).integers(0, 26, (k, 320), dtype=np.uint8)
+    periods = np.array(data.draw(st.lists(PERIODS, min_size=k, max_size=k)), np.uint64)
+    packed = pack_updates(phase, width, first, periods, restart=restart)
+    assert packed.shape == (k, 512)
+    for n in range(k):
+        body = Update(Pulses(phase[n], width[n]), int(periods[n]))
+        assert packed[n].tobytes() == pack(Block(body, (first + n) % 2**32, restart and n == 0))
+    updates = unpack_updates(packed)
+    assert not updates.reason.any()
+    assert np.array_equal(updates.phase, phase)
+    assert np.array_equal(updates.width, width)
+    assert np.array_equal(updates.period, periods)
+    assert updates.sequence.tolist() == [(first + n) % 2**32 for n in range(k)]
+    assert updates.restart.tolist() == [restart and n == 0 for n in range(k)]
+
+
+@given(blocks(), st.integers(0, 511), st.binary(max_size=16), st.booleans())
+def test_the_same_is_refused_for_the_same_reason(block: Block, at: int, junk: bytes, seal: bool) -> None:
+    data = bytearray(pack(block))
+    data[at : at + len(junk)] = junk
+    changed = bytes(data[:512])
+    changed = resealed(changed) if seal else changed
+    good = pack(Block(Update(Pulses.silent(320)), 1))
+    reasons = unpack_updates(as_rows([good, changed, good])).reason
+    assert reasons.tolist() == [Reason.ACCEPTED, judged(changed), Reason.ACCEPTED]
+    if isinstance(block.body, Update) and reasons[1] != Reason.KIND:
+        assert reasons[1] == reason_by_construct(changed)
+
+
+@given(st.binary(min_size=512, max_size=512))
+def test_any_bytes_are_judged_alike(data: bytes) -> None:
+    for header in (b"", b"PW\x01\x01"):
+        for sealed in (data, resealed(header + data[len(header) :])):
+            assert unpack_updates(as_rows([sealed])).reason.tolist() == [judged(sealed)]
+
+
+@given(st.integers(0, 479), st.integers(0, 2**32 - 1))
+def test_reserved_pulses_are_refused_wherever_they_are(at: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    block = bytearray(pack(Block(Update(Pulses(rng.integers(0, 100, 320), rng.integers(0, 26, 320))), 1)))
+    block[32 + at] = rng.integers(256)
+    data = resealed(block)
+    assert unpack_updates(as_rows([data])).reason.tolist() == [judged(data)]
+
+
+def test_every_single_bit_flip_is_refused() -> None:
+    block = pack_updates(
+        JUNK.integers(0, 100, (1, 320), dtype=np.uint8), JUNK.integers(0, 26, (1, 320), dtype=np.uint8), 7
+    )[0]
+    flipped = np.repeat(block[None], 4096, axis=0)
+    bits = np.arange(4096)
+    flipped[bits, bits // 8] ^= (1 << bits % 8).astype(np.uint8)
+    assert (unpack_updates(flipped).reason == Reason.CHECKSUM).all()
+
+
+def test_one_period_serves_all() -> None:
+    silent = np.zeros((3, 320), np.uint8)
+    assert unpack_updates(pack_updates(silent, silent, 0, 2**64 - 1)).period.tolist() == [2**64 - 1] * 3
+    assert unpack_updates(pack_updates(silent, silent, 0)).period.tolist() == [0] * 3
+
+
+def test_blocks_are_written_where_they_are_wanted() -> None:
+    silent = np.zeros((2, 320), np.uint8)
+    room = np.full((4, 512), 0xAA, np.uint8)
+    assert pack_updates(silent, silent, 0, out=room[1:3]).base is room
+    assert (room[[0, 3]] == 0xAA).all()
+    assert np.array_equal(room[1:3], pack_updates(silent, silent, 0))
+
+
+def test_rows_may_lie_anywhere() -> None:
+    phase = JUNK.integers(0, 100, (6, 640), dtype=np.uint8)[::2, ::2]
+    width = np.asfortranarray(JUNK.integers(0, 26, (3, 320), dtype=np.uint8))
+    expected = pack_updates(np.ascontiguousarray(phase), np.ascontiguousarray(width), 0)
+    assert np.array_equal(pack_updates(phase, width, 0), expected)
+
+
+GOOD = np.zeros((2, 320), np.uint8)
+BAD_PHASE, BAD_WIDTH = GOOD.copy(), GOOD.copy()
+BAD_PHASE[1, 7], BAD_WIDTH[1, 319] = 100, 26
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((BAD_PHASE, GOOD, 0), "phase 100 of transducer 7 in frame 1 is above 99"),
+        ((GOOD, BAD_WIDTH, 0), "width 26 of transducer 319 in frame 1 is above 25"),
+        ((GOOD[:, :319], GOOD, 0), r"phase must be \(k, 320\) uint8, not \(2, 319\) uint8"),
+        ((GOOD, GOOD.astype(int), 0), r"width must be \(k, 320\) uint8, not \(2, 320\) int64"),
+        ((GOOD[0], GOOD, 0), "phase must be"),
+        ((GOOD, GOOD[:1], 0), "2 rows of phases but 1 of widths"),
+        ((GOOD, GOOD, 2**32), "sequence number 4294967296 is outside"),
+        ((GOOD, GOOD, -1), "sequence number -1"),
+        ((GOOD, GOOD, 0, -1), "periods must be whole numbers from 0"),
+        ((GOOD, GOOD, 0, [1.0, 2.0]), "not float64"),
+        ((GOOD, GOOD, 0, [1, 2, 3]), r"\(2,\) of them are needed, not \(3,\)"),
+    ],
+)
+def test_what_cannot_travel_is_named(arguments: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        pack_updates(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        (np.empty((3, 512), np.uint8), "2 updates do not fit 3 blocks"),
+        (np.empty((2, 511), np.uint8), "out must be contiguous"),
+        (np.empty((2, 512)), "not .* float64"),
+        (np.empty((2, 1024), np.uint8)[:, ::2], "contiguous"),
+    ],
+)
+def test_room_that_does_not_fit_is_named(out: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        pack_updates(GOOD, GOOD, 0, out=out)
+
+
+def test_read_only_room_is_refused() -> None:
+    room = np.empty((2, 512), np.uint8)
+    room.setflags(write=False)
+    with pytest.raises(ValueError, match="out is read-only"):
+        pack_updates(GOOD, GOOD, 0, out=room)
+
+
+@pytest.mark.parametrize("blocks", [np.zeros(512, np.uint8), np.zeros((1, 511), np.uint8), np.zeros((1, 512))])
+def test_what_is_no_array_of_blocks_is_named(blocks: np.ndarray) -> None:
+    with pytest.raises(ValueError, match=r"blocks must be contiguous \(k, 512\) uint8"):
+        unpack_updates(blocks)
+
+
+def test_what_was_received_can_be_read_where_it_is() -> None:
+    """A read-only buffer, as bytes from a transfer are."""
+    received = pack_updates(GOOD, GOOD, 9).tobytes()
+    assert unpack_updates(np.frombuffer(received, np.uint8).reshape(-1, 512)).sequence.tolist() == [9, 10]
