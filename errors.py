@@ -6,6 +6,8 @@
     ├── InputFileError        a file is not what it should be       "points.csv, line 3: …"
     ├── BlockError            bytes that are no valid block         a flipped bit, a wrong length
     ├── ReplyError            bytes that are no valid answer        an acknowledgement with a wrong checksum
+    ├── FrameError            bytes that are no valid frame         a serial line that lost a byte
+    ├── CommandError          a line that is no console command     "limit 400"
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
         ├── DeviceAccessError     it is there, but not for us       no permission, open elsewhere
@@ -13,8 +15,8 @@
         ├── DeviceTimeoutError    it did not answer in time         a stuck endpoint
         └── DeviceLostError       it went away                      unplugged in mid-stream
 
-``InputFileError``, ``BlockError`` and ``ReplyError`` are also ``ValueError``: they speak of a value, wherever it came
-from.
+``InputFileError``, ``BlockError``, ``ReplyError``, ``FrameError`` and ``CommandError`` are also ``ValueError``: they
+speak of a value, wherever it came from.
 This module stands below every other one and may import none of them.
 """
 
@@ -22,12 +24,14 @@ from __future__ import annotations
 
 __all__ = [
     "BlockError",
+    "CommandError",
     "DeviceAccessError",
     "DeviceError",
     "DeviceLostError",
     "DeviceNotFoundError",
     "DeviceRefusedError",
     "DeviceTimeoutError",
+    "FrameError",
     "InputFileError",
     "PhasewireError",
     "ReplyError",
@@ -48,7 +52,7 @@ class _Refusal(PhasewireError):
     Attributes
     ----------
     reason : int
-        The reason code of the specification (``phasewire.protocol.Reason``).
+        The code of the specification: a ``phasewire.protocol.Reason`` for a block, a ``ConsoleCode`` for a command.
     """
 
     def __init__(self, message: str, reason: int) -> None:
@@ -62,6 +66,14 @@ class BlockError(_Refusal, ValueError):
 
 class ReplyError(PhasewireError, ValueError):
     """Bytes that are no valid answer of a device."""
+
+
+class FrameError(PhasewireError, ValueError):
+    """Bytes on a serial line that are no valid frame."""
+
+
+class CommandError(_Refusal, ValueError):
+    """A line that is no valid command of the console; `reason` says why."""
 
 
 class DeviceError(PhasewireError):

@@ -31,10 +31,13 @@ __all__ = [
     "WATCHDOG_MS_RANGE",
     "AckFlag",
     "Action",
+    "ConsoleCode",
     "Fault",
     "Feature",
     "Flag",
+    "FrameKind",
     "Kind",
+    "Outcome",
     "Reason",
     "Request",
     "State",
@@ -233,3 +236,34 @@ class Feature(IntFlag):
     READ_BACK = 1 << 3
     CONSOLE = 1 << 4
     DFU = 1 << 5
+
+
+# Serial lines (chapters SER and CON)
+
+
+class FrameKind(IntEnum):
+    """What a frame on a serial line carries (clause SER-004)."""
+
+    BLOCK = 1
+    RECORD = 2
+    REQUEST = 3
+    REPLY = 4
+    CONSOLE = 5
+
+
+class Outcome(IntEnum):
+    """What became of a request on a serial line (clause SER-008)."""
+
+    DONE = 0
+    STALL = 1
+
+
+class ConsoleCode(IntEnum):
+    """Why the console did not do as told (clause CON-006). The first in this order is the one reported."""
+
+    LENGTH = 1
+    CHARACTER = 2
+    COMMAND = 3
+    ARGUMENTS = 4
+    RANGE = 5
+    REFUSED = 6
