@@ -363,6 +363,7 @@ class Controller:
             temperature_c=TEMPERATURE_C,
             watchdog_ms=self._watchdog_ms,
             drive_limit=self._drive_limit,
+            dropped_frames=0,
         )
 
     def clock(self) -> ClockReading:

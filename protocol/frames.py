@@ -25,8 +25,8 @@ class Updates(NamedTuple):
     Parameters
     ----------
     reason : (k,) uint8
-        `Reason.ACCEPTED` for a valid update, else the first reason that applies; a valid block of another kind counts
-        as `Reason.KIND`.
+        `Reason.ACCEPTED` for a valid update, else the first reason that applies; to a block of another kind, whatever
+        else may be wrong with it, that is `Reason.KIND`.
     phase, width : (k, 320) uint8
         Pulses in array order, in half ticks and ticks.
     sequence : (k,) uint32

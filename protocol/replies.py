@@ -153,6 +153,8 @@ class Status:
         After how long a silence of the host the outputs go off, in ms.
     drive_limit : int
         Most power that a block may ask for, in fully driven transducers.
+    dropped_frames : int
+        Frames on a serial line that were damaged or came too soon.
     """
 
     state: State
@@ -171,6 +173,7 @@ class Status:
     temperature_c: int
     watchdog_ms: int
     drive_limit: int
+    dropped_frames: int
 
     BYTES: ClassVar = 2 * RECORD_BYTES
 

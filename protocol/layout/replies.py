@@ -80,7 +80,8 @@ STATUS = _record(
     "temperature_c" / Int8sl,
     "watchdog_ms" / Int16ul,
     "drive_limit" / Int16ul,
-    "reserved" / Const(bytes(6)),
+    "dropped_frames" / Int32ul,
+    "reserved" / Const(bytes(2)),
 )
 """What a device is doing, 64 bytes: the answer to STATUS, and sent unasked on bulk IN."""
 

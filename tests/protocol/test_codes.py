@@ -1,38 +1,42 @@
 from __future__ import annotations
 
 import re
+from enum import IntEnum, IntFlag
 from pathlib import Path
 
 import pytest
-from phasewire.protocol import Kind, Reason, Request
+from phasewire.protocol.codes import AckFlag, Action, Feature, Flag, Kind, Reason, Request, State, StatusFlag
 
-SPEC = (Path(__file__).parents[2] / "protocol" / "SPEC.md").read_text(encoding="utf-8")
+from tests.specification import clauses, codes, table
+
+ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("codes", [Kind, Reason, Request])
-def test_the_tables_of_the_specification_are_these_codes(codes: type[Kind] | type[Reason] | type[Request]) -> None:
-    section = SPEC.split(f"<!-- table: {codes.__name__} -->")[1].split("\n\n", 2)[1]
-    rows = re.findall(r"^\| (\d+) \| `(\w+)` \|", section, re.MULTILINE)
-    assert [(int(value), name) for value, name in rows] == [(code.value, code.name) for code in codes]
+@pytest.mark.parametrize("code", [Kind, Action, Reason, Request, State, Flag, AckFlag, StatusFlag, Feature])
+def test_the_tables_of_the_specification_are_these_codes(code: type[IntEnum] | type[IntFlag]) -> None:
+    assert codes(code.__name__) == {str(member.name): member.value for member in code}
 
 
 def test_clause_identifiers_are_unique() -> None:
-    clauses = re.findall(r"^\*\*([A-Z]{3}-\d{3})\*\*", SPEC, re.MULTILINE)
-    assert len(clauses) == len(set(clauses)) > 30
+    assert len(clauses()) == len(set(clauses())) > 100
 
 
-def test_code_cites_only_clauses_that_exist() -> None:
-    clauses = set(re.findall(r"^\*\*([A-Z]{3}-\d{3})\*\*", SPEC, re.MULTILINE))
-    root = Path(__file__).parents[2]
+def test_code_and_tests_cite_only_clauses_that_exist() -> None:
     cited = {
         clause
-        for room in ("protocol", "emulator", "host", "hil")
-        for file in (root / room).glob("*.py")
-        for clause in re.findall(r"clause ([A-Z]{3}-\d{3})", file.read_text(encoding="utf-8"))
+        for room in ("protocol", "emulator", "host", "hil", "tests")
+        for file in (ROOT / room).rglob("*.py")
+        for clause in re.findall(r"clauses? ([A-Z]{3}-\d{3})", file.read_text(encoding="utf-8"))
     }
-    assert cited
-    assert cited <= clauses
+    assert len(cited) > 50
+    assert cited <= set(clauses())
 
 
-def test_every_reason_has_words() -> None:
-    assert all(reason.text for reason in Reason)
+def test_reasons_name_the_clause_that_is_broken() -> None:
+    listed = {row[1].strip("`"): row[2] for row in table("table: Reason")}
+    assert listed == {reason.name: reason.clause for reason in Reason}
+    assert {reason.clause for reason in Reason} <= set(clauses())
+
+
+def test_every_reason_has_words_of_its_own() -> None:
+    assert len({reason.text for reason in Reason}) == len(Reason)

@@ -32,7 +32,7 @@ ACKS = st.builds(
 STATUSES = st.builds(
     Status,
     *(st.sampled_from(State), FAULTS, st.sampled_from(Reason), st.integers(0, 7).map(StatusFlag), U64, U64),
-    *(U32, U32, U32, U32, U32, U32, U8, S8, U16, U16),
+    *(U32, U32, U32, U32, U32, U32, U8, S8, U16, U16, U32),
 )
 INFOS = st.builds(
     Info,
@@ -88,11 +88,29 @@ def test_an_ack_by_hand() -> None:
 def test_a_status_by_hand() -> None:
     faults, flags = Fault.SYNC | Fault.CHAIN, StatusFlag.MODULATION | StatusFlag.WATCHDOG_FIRED
     data = Status(
-        *(State.FAULT, faults, Reason.IN_USE, flags, 0x0807060504030201, 9, 10, 11, 12, 13, 14, 15, 16, -5, 100, 320)
+        *(
+            State.FAULT,
+            faults,
+            Reason.IN_USE,
+            flags,
+            0x0807060504030201,
+            9,
+            10,
+            11,
+            12,
+            13,
+            14,
+            15,
+            16,
+            -5,
+            100,
+            320,
+            17,
+        )
     ).encode()
     counters = [(value, 4) for value in (10, 11, 12, 13, 14, 15)]
     fields = octets((4, 1), (5, 2), (16, 1), (5, 1), (0x0807060504030201, 8), (9, 8), *counters)
-    assert data[:60] == b"PS\x01" + fields + octets((16, 1), (251, 1), (100, 2), (320, 2), (0, 6))
+    assert data[:60] == b"PS\x01" + fields + octets((16, 1), (251, 1), (100, 2), (320, 2), (17, 4), (0, 2))
 
 
 def test_an_information_record_by_hand() -> None:
