@@ -168,7 +168,7 @@ class Controller:
     def _judge(self, block: Block) -> None:
         """Refuse what cannot be done now, with the first reason in the order of the specification."""
         body, sequence, restart = block
-        if not isinstance(body, Update | Output | Clock | NoOp):
+        if not isinstance(body, Update | Output | Clock | NoOp) or body == Output(Action.END_MODULATION):
             raise BlockError(f"{body.KIND.name} is a feature that this device lacks", Reason.UNSUPPORTED)
         changes = isinstance(body, Update | Output)
         if changes and self._state not in ENABLED:

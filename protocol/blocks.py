@@ -41,14 +41,15 @@ from .pulses import Pulses
 __all__ = [
     "Block",
     "Body",
+    "Change",
     "Clock",
+    "Entries",
     "Entry",
     "Modulation",
-    "ModulationStart",
     "NoOp",
     "Output",
+    "Samples",
     "Sequence",
-    "SequenceStart",
     "Slot",
     "Update",
     "checksum",
@@ -60,19 +61,18 @@ __all__ = [
 
 _HEADER = struct.Struct("<2sBBIQ5HBBI")
 _ENTRY = struct.Struct("<HH")
-_NO_FLAGS = Flag(0)
 
 
 @dataclass(frozen=True)
 class _Fields:
-    """The fields of a header whose use depends on the kind."""
+    """The fields of a header whose use depends on the kind, as they follow each other."""
 
     period: int = 0
     first: int = 0
     count: int = 0
-    length: int = 0
     hold: int = 0
     repeats: int = 0
+    reserved: int = 0
     flags: int = 0
     action: int = 0
 
@@ -152,46 +152,22 @@ class Entry(NamedTuple):
     periods: int
 
 
-class SequenceStart(NamedTuple):
-    """When and how a sequence plays (clause BLK-014).
-
-    Parameters
-    ----------
-    length : int
-        How many entries of the table play, from the first on.
-    period : int
-        Carrier period at which it begins; `NOW` for as soon as possible.
-    repeats : int
-        How many times it plays; 0 for as long as nothing else follows.
-    unattended : bool
-        Whether it may go on when the host falls silent.
-    """
-
-    length: int
-    period: int = NOW
-    repeats: int = 0
-    unattended: bool = False
-
-
 @dataclass(frozen=True)
-class Sequence:
-    """Store entries in the table of the sequence, and start it if asked to (clause BLK-014).
+class Entries:
+    """Keep these steps in the table of 1024, for sequences to play (clause BLK-014).
 
     Parameters
     ----------
     entries : sequence of Entry
-        At most 120.
+        1 to 120.
     first : int
-        Place of the first of them in the table of 1024.
-    start : SequenceStart or None
-        None only stores the entries.
+        Place of the first of them in the table.
     """
 
-    entries: tuple[Entry, ...] = ()
+    entries: tuple[Entry, ...]
     first: int = 0
-    start: SequenceStart | None = None
 
-    KIND: ClassVar = Kind.SEQUENCE
+    KIND: ClassVar = Kind.ENTRIES
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -199,89 +175,122 @@ class Sequence:
             Entry(_whole(slot, "slot", 0, SLOTS - 1), _whole(periods, "number of periods", 1, 2**16 - 1))
             for slot, periods in self.entries
         )
-        first = _place("entries", len(entries), self.first, ENTRIES_PER_BLOCK, SEQUENCE_ENTRIES, self.start)
+        _whole(len(entries), "number of entries", 1, ENTRIES_PER_BLOCK)
+        first = _whole(self.first, "first entry", 0, SEQUENCE_ENTRIES - len(entries))
         _set(self, entries=entries, first=first)
-        if self.start is not None:
-            length, period, repeats, unattended = self.start
-            length = _whole(length, "length", 1, SEQUENCE_ENTRIES)
-            repeats = _whole(repeats, "number of repeats", 0, 2**16 - 1)
-            _set(self, start=SequenceStart(length, _period(period), repeats, bool(unattended)))
 
     def _parts(self) -> tuple[_Fields, bytes]:
         fields = _Fields(first=self.first, count=len(self.entries))
-        if self.start is not None:
-            length, period, repeats, unattended = self.start
-            flags = Flag.START | (Flag.UNATTENDED if unattended else 0)
-            fields = replace(fields, period=period, length=length, repeats=repeats, flags=flags)
         return fields, b"".join(_ENTRY.pack(*entry) for entry in self.entries)
 
 
-class ModulationStart(NamedTuple):
-    """When and how a modulation plays (clause BLK-015).
+@dataclass(frozen=True)
+class Sequence:
+    """Play steps of the table one after the other, again and again (clause BLK-015).
 
     Parameters
     ----------
-    length : int
-        How many samples of the buffer play in a loop, from the first on; 0 ends the modulation.
-    hold : int
-        For how many carrier periods each sample holds; 0 only where the length is.
+    first, count : int
+        Which steps of the table.
     period : int
-        Carrier period at which it begins; `NOW` for as soon as possible.
+        Carrier period at which the first begins; `NOW` for as soon as possible.
+    repeats : int
+        How many times they play; 0 for as long as nothing else follows.
+    unattended : bool
+        Whether they may go on when the host falls silent.
     """
 
-    length: int
-    hold: int
+    first: int
+    count: int
     period: int = NOW
+    repeats: int = 0
+    unattended: bool = False
+
+    KIND: ClassVar = Kind.SEQUENCE
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        count = _whole(self.count, "number of entries", 1, SEQUENCE_ENTRIES)
+        _set(
+            self,
+            first=_whole(self.first, "first entry", 0, SEQUENCE_ENTRIES - count),
+            count=count,
+            period=_period(self.period),
+            repeats=_whole(self.repeats, "number of repeats", 0, 2**16 - 1),
+            unattended=bool(self.unattended),
+        )
+
+    def _parts(self) -> tuple[_Fields, bytes]:
+        flags = Flag.UNATTENDED if self.unattended else 0
+        return _Fields(self.period, self.first, self.count, repeats=self.repeats, flags=flags), b""
 
 
 @dataclass(frozen=True)
-class Modulation:
-    """Store samples of an envelope, and start it if asked to (clause BLK-015).
+class Samples:
+    """Keep these amplitudes in the buffer of 4096, for modulations to play (clause BLK-016).
 
     Parameters
     ----------
     samples : bytes
-        At most 480 amplitudes, 0 to 255, where 255 leaves pulses as they are.
+        1 to 480 amplitudes, 0 to 255, where 255 leaves pulses as they are.
     first : int
-        Place of the first of them in the buffer of 4096.
-    start : ModulationStart or None
-        None only stores the samples.
+        Place of the first of them in the buffer.
     """
 
-    samples: bytes = b""
+    samples: bytes
     first: int = 0
-    start: ModulationStart | None = None
+
+    KIND: ClassVar = Kind.SAMPLES
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        samples = bytes(self.samples)
+        _whole(len(samples), "number of samples", 1, SAMPLES_PER_BLOCK)
+        _set(self, samples=samples, first=_whole(self.first, "first sample", 0, MODULATION_SAMPLES - len(samples)))
+
+    def _parts(self) -> tuple[_Fields, bytes]:
+        return _Fields(first=self.first, count=len(self.samples)), self.samples
+
+
+@dataclass(frozen=True)
+class Modulation:
+    """Let amplitudes of the buffer, in a loop, modulate whatever plays (clause BLK-017).
+
+    Parameters
+    ----------
+    first, count : int
+        Which samples of the buffer.
+    hold : int
+        For how many carrier periods each sample holds.
+    period : int
+        Carrier period at which the first begins; `NOW` for as soon as possible.
+    """
+
+    first: int
+    count: int
+    hold: int
+    period: int = NOW
 
     KIND: ClassVar = Kind.MODULATION
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        samples = bytes(self.samples)
-        first = _place("samples", len(samples), self.first, SAMPLES_PER_BLOCK, MODULATION_SAMPLES, self.start)
-        _set(self, samples=samples, first=first)
-        if self.start is not None:
-            length, hold, period = self.start
-            length = _whole(length, "length", 0, MODULATION_SAMPLES)
-            hold = _whole(hold, "number of periods that a sample holds", min(length, 1), (2**16 - 1) * min(length, 1))
-            _set(self, start=ModulationStart(length, hold, _period(period)))
+        count = _whole(self.count, "number of samples", 1, MODULATION_SAMPLES)
+        _set(
+            self,
+            first=_whole(self.first, "first sample", 0, MODULATION_SAMPLES - count),
+            count=count,
+            hold=_whole(self.hold, "number of periods that a sample holds", 1, 2**16 - 1),
+            period=_period(self.period),
+        )
 
     def _parts(self) -> tuple[_Fields, bytes]:
-        fields = _Fields(first=self.first, count=len(self.samples))
-        if self.start is not None:
-            length, hold, period = self.start
-            fields = replace(fields, period=period, length=length, hold=hold, flags=Flag.START)
-        return fields, self.samples
-
-
-def _place(what: str, count: int, first: Any, most: int, room: int, start: object) -> int:
-    """Check that a list fits a block and its table; the place of its first item."""
-    _whole(count, f"number of {what}", 0 if start else 1, most)
-    return _whole(first, "first place", 0, room - count)
+        return _Fields(self.period, self.first, self.count, self.hold), b""
 
 
 @dataclass(frozen=True)
 class Output:
-    """End what plays, at a period (clause BLK-016)."""
+    """End what plays, or its modulation, at a period (clause BLK-018)."""
 
     action: Action
     period: int = NOW
@@ -298,7 +307,7 @@ class Output:
 
 @dataclass(frozen=True)
 class Clock:
-    """Ask for the device's time, in the acknowledgement (clause BLK-017)."""
+    """Ask for the device's time, in the acknowledgement (clause BLK-019)."""
 
     KIND: ClassVar = Kind.CLOCK
 
@@ -308,7 +317,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class NoOp:
-    """A sign of life (clause BLK-017)."""
+    """A sign of life (clause BLK-020)."""
 
     KIND: ClassVar = Kind.NO_OP
 
@@ -316,7 +325,10 @@ class NoOp:
         return _Fields(), b""
 
 
-Body = Update | Slot | Sequence | Modulation | Output | Clock | NoOp
+Change = Update | Sequence | Modulation | Output
+"""What takes effect at a period (clause BLK-005)."""
+
+Body = Change | Slot | Entries | Samples | Clock | NoOp
 
 
 class Block(NamedTuple):
@@ -406,23 +418,24 @@ def unpack(data: bytes) -> Block:
     if kind not in _READERS:
         raise BlockError(f"unknown kind {kind}; known are {[known.value for known in Kind]}", Reason.KIND)
     fields = _Fields(*rest)
+    restart = fields.flags & Flag.RESTART
     try:
-        body = _READERS[kind](replace(fields, flags=fields.flags & ~Flag.RESTART.value), data[HEADER_BYTES:])
+        body = _READERS[kind](replace(fields, flags=fields.flags - restart), data[HEADER_BYTES:])
     except BlockError:
         raise
     except ValueError as error:
         raise BlockError(str(error), Reason.FIELD) from None
-    return Block(body, sequence, bool(fields.flags & Flag.RESTART))
+    return Block(body, sequence, bool(restart))
 
 
-def _check_unused(fields: _Fields, *used: str, flags: Flag = _NO_FLAGS) -> None:
+def _check_unused(fields: _Fields, *used: str) -> None:
     for name, value in asdict(fields).items():
-        if name not in used and (unused := value & ~flags.value if name == "flags" else value):
-            raise ValueError(f"{name} {unused} should be 0: a block of this kind does not use it")
+        if value and name not in used:
+            raise ValueError(f"{name} {value} should be 0: a block of this kind does not use it")
 
 
-def _listed(payload: bytes, count: int, size: int) -> bytes:
-    """The items of a list at the head of a payload, after which only zeros may follow."""
+def _items(payload: bytes, count: int, size: int = 1) -> bytes:
+    """The items at the head of a payload, behind which only zeros may follow."""
     if any(payload[count * size :]):
         raise ValueError(f"bytes behind the {count} items of the payload should be 0")
     return payload[: count * size]
@@ -435,49 +448,54 @@ def _read_update(fields: _Fields, payload: bytes) -> Update:
 
 def _read_slot(fields: _Fields, payload: bytes) -> Slot:
     _check_unused(fields, "first")
-    _whole(fields.first, "slot", 0, SLOTS - 1)  # before the pulses, as a header comes before a payload
+    _whole(fields.first, "slot", 0, SLOTS - 1)  # before the pulses, as a header comes before its payload
     return Slot(fields.first, unpack_pulses(payload))
 
 
+def _read_entries(fields: _Fields, payload: bytes) -> Entries:
+    _check_unused(fields, "first", "count")
+    _whole(fields.count, "number of entries", 1, ENTRIES_PER_BLOCK)
+    items = _ENTRY.iter_unpack(_items(payload, fields.count, _ENTRY.size))
+    return Entries(tuple(Entry(*item) for item in items), fields.first)
+
+
 def _read_sequence(fields: _Fields, payload: bytes) -> Sequence:
-    start = None
-    if fields.flags & Flag.START:
-        _check_unused(fields, "period", "first", "count", "length", "repeats", flags=Flag.START | Flag.UNATTENDED)
-        start = SequenceStart(fields.length, fields.period, fields.repeats, bool(fields.flags & Flag.UNATTENDED))
-    else:
-        _check_unused(fields, "first", "count")
-    _whole(fields.count, "number of entries", 0, ENTRIES_PER_BLOCK)
-    entries = _ENTRY.iter_unpack(_listed(payload, fields.count, _ENTRY.size))
-    return Sequence(tuple(Entry(*entry) for entry in entries), fields.first, start)
+    unattended = fields.flags & Flag.UNATTENDED
+    _check_unused(replace(fields, flags=fields.flags - unattended), "period", "first", "count", "repeats")
+    _items(payload, 0)
+    return Sequence(fields.first, fields.count, fields.period, fields.repeats, bool(unattended))
+
+
+def _read_samples(fields: _Fields, payload: bytes) -> Samples:
+    _check_unused(fields, "first", "count")
+    _whole(fields.count, "number of samples", 1, SAMPLES_PER_BLOCK)
+    return Samples(_items(payload, fields.count), fields.first)
 
 
 def _read_modulation(fields: _Fields, payload: bytes) -> Modulation:
-    start = None
-    if fields.flags & Flag.START:
-        _check_unused(fields, "period", "first", "count", "length", "hold", flags=Flag.START)
-        start = ModulationStart(fields.length, fields.hold, fields.period)
-    else:
-        _check_unused(fields, "first", "count")
-    _whole(fields.count, "number of samples", 0, SAMPLES_PER_BLOCK)
-    return Modulation(_listed(payload, fields.count, 1), fields.first, start)
+    _check_unused(fields, "period", "first", "count", "hold")
+    _items(payload, 0)
+    return Modulation(fields.first, fields.count, fields.hold, fields.period)
 
 
 def _read_output(fields: _Fields, payload: bytes) -> Output:
     _check_unused(fields, "period", "action")
-    _listed(payload, 0, 1)
+    _items(payload, 0)
     return Output(Action(fields.action), fields.period)
 
 
 def _read_nothing(body: type[Clock | NoOp], fields: _Fields, payload: bytes) -> Clock | NoOp:
     _check_unused(fields)
-    _listed(payload, 0, 1)
+    _items(payload, 0)
     return body()
 
 
 _READERS: dict[int, Callable[[_Fields, bytes], Body]] = {
     Kind.UPDATE: _read_update,
     Kind.SLOT: _read_slot,
+    Kind.ENTRIES: _read_entries,
     Kind.SEQUENCE: _read_sequence,
+    Kind.SAMPLES: _read_samples,
     Kind.MODULATION: _read_modulation,
     Kind.OUTPUT: _read_output,
     Kind.CLOCK: partial(_read_nothing, Clock),

@@ -79,26 +79,28 @@ class Kind(IntEnum):
 
     UPDATE = 1
     SLOT = 2
-    SEQUENCE = 3
-    MODULATION = 4
-    OUTPUT = 5
-    CLOCK = 6
-    NO_OP = 7
+    ENTRIES = 3
+    SEQUENCE = 4
+    SAMPLES = 5
+    MODULATION = 6
+    OUTPUT = 7
+    CLOCK = 8
+    NO_OP = 9
 
 
 class Flag(IntFlag):
     """Flags of a block (clause BLK-011)."""
 
     RESTART = 1
-    START = 2
-    UNATTENDED = 4
+    UNATTENDED = 2
 
 
 class Action(IntEnum):
-    """What an OUTPUT block does (clause BLK-016)."""
+    """What an OUTPUT block does (clause BLK-018)."""
 
-    SILENCE = 1
-    DISABLE = 2
+    END_MODULATION = 1
+    SILENCE = 2
+    DISABLE = 3
 
 
 class Reason(IntEnum):
@@ -147,10 +149,10 @@ _REASONS = {
     Reason.DISABLED: ("SAF-002", "the outputs are not enabled"),
     Reason.SEQUENCE: ("NUM-002", "the sequence number does not follow the last accepted one"),
     Reason.HORIZON: ("BLK-010", "the period is more than 2**32 ahead"),
-    Reason.RATE: ("BLK-018", "the chain cannot carry updates that follow each other so closely"),
+    Reason.RATE: ("BLK-023", "the chain cannot carry updates that follow each other so closely"),
     Reason.DRIVE: ("SAF-006", "the total drive is above the limit"),
-    Reason.EMPTY: ("BLK-014", "it would play what was never stored"),
-    Reason.IN_USE: ("BLK-019", "it would overwrite what plays"),
+    Reason.EMPTY: ("BLK-021", "it would play what was never stored"),
+    Reason.IN_USE: ("BLK-022", "it would overwrite what plays"),
 }
 
 

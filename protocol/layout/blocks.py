@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
 from typing import Any
 
 from construct import (
@@ -12,7 +11,6 @@ from construct import (
     BitStruct,
     Bytes,
     ByteSwapped,
-    Check,
     Const,
     Construct,
     Default,
@@ -22,7 +20,6 @@ from construct import (
     Int32ul,
     Int64ul,
     OneOf,
-    Pass,
     Pointer,
     Struct,
     Switch,
@@ -80,72 +77,63 @@ def _only(flags: Flag) -> Construct:
     return Default(ExprValidator(Int8ul, lambda obj, _: obj | flags.value == flags.value), 0)
 
 
-def _body(*payload: Any, rule: Callable[[Any], bool] | None = None, **used: Construct) -> Struct:
+def _within(room: int) -> Construct:
+    """A count of items that, from `first` on, lie within a store."""
+    return ExprValidator(Int16ul, lambda count, block: 1 <= count <= room - block.first)
+
+
+def _body(*payload: Any, **used: Construct) -> Struct:
     """Bytes 8 to 511 of a block. A field that is not named here is not used by the kind, and 0."""
     header = (
         ("period", Int64ul),
         ("first", Int16ul),
         ("count", Int16ul),
-        ("length", Int16ul),
         ("hold", Int16ul),
         ("repeats", Int16ul),
+        ("reserved", Int16ul),
         ("flags", Int8ul),
         ("action", Int8ul),
+        ("checksum", Int32ul),
     )
     used.setdefault("flags", _only(Flag.RESTART))
-    fields = [name / used.get(name, Const(0, integer)) for name, integer in header]
-    return Struct(*fields, Check(rule) if rule else Pass, "checksum" / Const(0, Int32ul), *payload)
+    return Struct(*(name / used.get(name, Const(0, integer)) for name, integer in header), *payload)
 
 
-def _sequence_rule(block: Any) -> bool:
-    if not block.count <= ENTRIES_PER_BLOCK or not block.first + block.count <= SEQUENCE_ENTRIES:
-        return False
-    if block.flags & Flag.START:
-        return bool(1 <= block.length <= SEQUENCE_ENTRIES)
-    unused = block.period or block.length or block.repeats or block.flags & Flag.UNATTENDED
-    return not unused and bool(block.count)
-
-
-def _modulation_rule(block: Any) -> bool:
-    if not block.count <= SAMPLES_PER_BLOCK or not block.first + block.count <= MODULATION_SAMPLES:
-        return False
-    if block.flags & Flag.START:
-        return bool(block.length <= MODULATION_SAMPLES and (block.hold >= 1) == (block.length >= 1))
-    return not (block.period or block.length or block.hold) and bool(block.count)
-
+_NOTHING = "rest" / _zeros(PAYLOAD_BYTES)
 
 _BODIES = {
     Kind.UPDATE: _body("pulses" / PULSES, period=Int64ul),
     Kind.SLOT: _body("pulses" / PULSES, first=_SLOT_NUMBER),
-    Kind.SEQUENCE: _body(
+    Kind.ENTRIES: _body(
         "entries" / Array(this.count, _ENTRY),
         "rest" / _zeros(PAYLOAD_BYTES - this.count * _ENTRY.sizeof()),
-        rule=_sequence_rule,
+        first=Int16ul,
+        count=ExprValidator(_within(SEQUENCE_ENTRIES), obj_ <= ENTRIES_PER_BLOCK),
+    ),
+    Kind.SEQUENCE: _body(
+        _NOTHING,
         period=Int64ul,
         first=Int16ul,
-        count=Int16ul,
-        length=Int16ul,
+        count=_within(SEQUENCE_ENTRIES),
         repeats=Int16ul,
-        flags=_only(Flag.RESTART | Flag.START | Flag.UNATTENDED),
+        flags=_only(Flag.RESTART | Flag.UNATTENDED),
     ),
-    Kind.MODULATION: _body(
+    Kind.SAMPLES: _body(
         "samples" / Bytes(this.count),
         "rest" / _zeros(PAYLOAD_BYTES - this.count),
-        rule=_modulation_rule,
+        first=Int16ul,
+        count=ExprValidator(_within(MODULATION_SAMPLES), obj_ <= SAMPLES_PER_BLOCK),
+    ),
+    Kind.MODULATION: _body(
+        _NOTHING,
         period=Int64ul,
         first=Int16ul,
-        count=Int16ul,
-        length=Int16ul,
-        hold=Int16ul,
-        flags=_only(Flag.RESTART | Flag.START),
+        count=_within(MODULATION_SAMPLES),
+        hold=ExprValidator(Int16ul, obj_ >= 1),
     ),
-    Kind.OUTPUT: _body(
-        "rest" / _zeros(PAYLOAD_BYTES),
-        period=Int64ul,
-        action=OneOf(Int8ul, list(Action)),
-    ),
-    Kind.CLOCK: _body("rest" / _zeros(PAYLOAD_BYTES)),
-    Kind.NO_OP: _body("rest" / _zeros(PAYLOAD_BYTES)),
+    Kind.OUTPUT: _body(_NOTHING, period=Int64ul, action=OneOf(Int8ul, list(Action))),
+    Kind.CLOCK: _body(_NOTHING),
+    Kind.NO_OP: _body(_NOTHING),
 }
 
 

@@ -12,15 +12,15 @@ from phasewire.protocol import (
     Action,
     Block,
     Clock,
+    Entries,
     Entry,
     Modulation,
-    ModulationStart,
     NoOp,
     Output,
     Pulses,
     Reason,
+    Samples,
     Sequence,
-    SequenceStart,
     Slot,
     Update,
 )
@@ -33,37 +33,38 @@ PERIODS = st.just(0) | st.integers(2**64 - 3, 2**64 - 1) | U64
 SEQUENCES = st.integers(2**32 - 3, 2**32 - 1) | U32
 
 
-def _listed(
-    start: st.SearchStrategy[Any], most: int, room: int, item: st.SearchStrategy[Any]
-) -> st.SearchStrategy[Any]:
-    """Items, their place and perhaps a start, that fit."""
-    lists = st.lists(item, min_size=1, max_size=most) | st.lists(item, min_size=most, max_size=most)
-    placed = lists.flatmap(
-        lambda items: st.tuples(
-            st.just(items), st.integers(0, room - len(items)) | st.just(room - len(items)), st.none() | start
-        )
-    )
-    return placed | st.tuples(st.just([]), st.integers(0, room), start)
-
-
 def bodies() -> st.SearchStrategy[Any]:
     """Any body that a block can have."""
     entries = st.builds(Entry, st.integers(0, 255), st.integers(1, 2**16 - 1))
-    sequence_start = st.builds(SequenceStart, st.integers(1, 1024), PERIODS, U16, st.booleans())
-    modulation_start = st.builds(ModulationStart, st.integers(1, 4096), st.integers(1, 2**16 - 1), PERIODS) | st.builds(
-        ModulationStart, st.just(0), st.just(0), PERIODS
-    )
+    holds = st.integers(1, 2**16 - 1)
     return st.one_of(
         st.builds(Update, pulses(), PERIODS),
         st.builds(Slot, st.integers(0, 255), pulses()),
-        _listed(sequence_start, 120, 1024, entries).map(lambda parts: Sequence(tuple(parts[0]), *parts[1:])),
-        _listed(modulation_start, 480, 4096, st.integers(0, 255)).map(
-            lambda parts: Modulation(bytes(parts[0]), *parts[1:])
+        _lists(entries, 120).flatmap(
+            lambda items: st.builds(Entries, st.just(tuple(items)), _places(len(items), 1024))
         ),
+        _counts(1024).flatmap(lambda n: st.builds(Sequence, _places(n, 1024), st.just(n), PERIODS, U16, st.booleans())),
+        _lists(st.integers(0, 255), 480).flatmap(
+            lambda items: st.builds(Samples, st.just(bytes(items)), _places(len(items), 4096))
+        ),
+        _counts(4096).flatmap(lambda n: st.builds(Modulation, _places(n, 4096), st.just(n), holds, PERIODS)),
         st.builds(Output, st.sampled_from(Action), PERIODS),
         st.just(Clock()),
         st.just(NoOp()),
     )
+
+
+def _lists(item: st.SearchStrategy[Any], most: int) -> st.SearchStrategy[list[Any]]:
+    return st.lists(item, min_size=1, max_size=most) | st.lists(item, min_size=most, max_size=most)
+
+
+def _counts(room: int) -> st.SearchStrategy[int]:
+    return st.integers(1, room) | st.just(room)
+
+
+def _places(count: int, room: int) -> st.SearchStrategy[int]:
+    """Where so many items may begin; the last place often."""
+    return st.integers(0, room - count) | st.just(room - count)
 
 
 def blocks() -> st.SearchStrategy[Block]:
@@ -83,19 +84,16 @@ def by_construct(block: Block) -> bytes:
         fields["first"] = body.number
     if isinstance(body, Output):
         fields["action"] = int(body.action)
-    if isinstance(body, Sequence | Modulation):
-        items = body.entries if isinstance(body, Sequence) else body.samples
-        fields |= {"first": body.first, "count": len(items), "length": 0, "period": 0}
-        if body.start:
-            fields["flags"] += 2
-            fields |= {"length": body.start.length, "period": body.start.period}
+    if isinstance(body, Entries):
+        listed = [{"slot": entry.slot, "periods": entry.periods} for entry in body.entries]
+        fields |= {"first": body.first, "count": len(listed), "entries": listed}
+    if isinstance(body, Samples):
+        fields |= {"first": body.first, "count": len(body.samples), "samples": body.samples}
     if isinstance(body, Sequence):
-        fields["repeats"] = body.start.repeats if body.start else 0
-        fields["flags"] += 4 if body.start and body.start.unattended else 0
-        fields["entries"] = [{"slot": entry.slot, "periods": entry.periods} for entry in body.entries]
+        fields |= {"first": body.first, "count": body.count, "period": body.period, "repeats": body.repeats}
+        fields["flags"] += 2 * body.unattended
     if isinstance(body, Modulation):
-        fields["hold"] = body.start.hold if body.start else 0
-        fields["samples"] = body.samples
+        fields |= {"first": body.first, "count": body.count, "period": body.period, "hold": body.hold}
     return bytes(BLOCK.build({"block": {"kind": int(body.KIND), "sequence": sequence, "body": fields}}))
 
 

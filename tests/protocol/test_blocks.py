@@ -11,16 +11,16 @@ from phasewire.protocol import (
     Action,
     Block,
     Clock,
+    Entries,
     Entry,
     Kind,
     Modulation,
-    ModulationStart,
     NoOp,
     Output,
     Pulses,
     Reason,
+    Samples,
     Sequence,
-    SequenceStart,
     Slot,
     Update,
     pack,
@@ -35,8 +35,10 @@ SILENT = Pulses.silent(320)
 EXAMPLES = {
     Kind.UPDATE: Block(Update(SILENT, 5), 1),
     Kind.SLOT: Block(Slot(3, SILENT), 1),
-    Kind.SEQUENCE: Block(Sequence((Entry(0, 100), Entry(1, 100)), 0, SequenceStart(2, 77, 3, unattended=True)), 1),
-    Kind.MODULATION: Block(Modulation(bytes(range(200)), 7, ModulationStart(207, 10, 88)), 1),
+    Kind.ENTRIES: Block(Entries((Entry(0, 100), Entry(1, 100))), 1),
+    Kind.SEQUENCE: Block(Sequence(0, 2, 77, 3, unattended=True), 1),
+    Kind.SAMPLES: Block(Samples(bytes(range(200)), 7), 1),
+    Kind.MODULATION: Block(Modulation(7, 200, 10, 88), 1),
     Kind.OUTPUT: Block(Output(Action.SILENCE, 99), 1),
     Kind.CLOCK: Block(Clock(), 1),
     Kind.NO_OP: Block(NoOp(), 1),
@@ -87,16 +89,18 @@ def test_the_other_kinds_by_hand() -> None:
         return data[3], data[8:28], data[32:].rstrip(b"\0")
 
     assert variable(Block(Slot(0xAB, SILENT), 1)) == (2, bytes(8) + bytes([0xAB]) + bytes(11), b"")
-    start = SequenceStart(0x203, 0x99, 0x405, unattended=True)
-    listed = Block(Sequence((Entry(7, 0x1234), Entry(8, 1)), 0x102, start), 1, restart=True)
-    fields = bytes([0x99, 0, 0, 0, 0, 0, 0, 0, 2, 1, 2, 0, 3, 2, 0, 0, 5, 4, 7, 0])
-    assert variable(listed) == (3, fields, bytes([7, 0, 0x34, 0x12, 8, 0, 1]))
-    sampled = Block(Modulation(b"\x11\x22\x33", 0x304, ModulationStart(0x307, 0x506, 0x98)), 1)
-    fields = bytes([0x98, 0, 0, 0, 0, 0, 0, 0, 4, 3, 3, 0, 7, 3, 6, 5, 0, 0, 2, 0])
-    assert variable(sampled) == (4, fields, b"\x11\x22\x33")
-    assert variable(Block(Output(Action.DISABLE, 0x97), 1)) == (5, bytes([0x97]) + bytes(18) + b"\x02", b"")
-    assert variable(Block(Clock(), 1)) == (6, bytes(20), b"")
-    assert variable(Block(NoOp(), 1)) == (7, bytes(20), b"")
+    fields = bytes([0, 0, 0, 0, 0, 0, 0, 0, 2, 1, 2, 0, 0, 0, 0, 0, 0, 0, 1, 0])
+    entries = Block(Entries((Entry(7, 0x1234), Entry(8, 1)), 0x102), 1, restart=True)
+    assert variable(entries) == (3, fields, bytes([7, 0, 0x34, 0x12, 8, 0, 1]))
+    fields = bytes([0x99, 0, 0, 0, 0, 0, 0, 0, 2, 1, 3, 2, 0, 0, 5, 4, 0, 0, 3, 0])
+    assert variable(Block(Sequence(0x102, 0x203, 0x99, 0x405, True), 1, restart=True)) == (4, fields, b"")
+    fields = bytes([0, 0, 0, 0, 0, 0, 0, 0, 4, 3, 3, 0, 0, 0, 0, 0, 0, 0, 0, 0])
+    assert variable(Block(Samples(b"\x11\x22\x33", 0x304), 1)) == (5, fields, b"\x11\x22\x33")
+    fields = bytes([0x98, 0, 0, 0, 0, 0, 0, 0, 4, 3, 7, 3, 6, 5, 0, 0, 0, 0, 0, 0])
+    assert variable(Block(Modulation(0x304, 0x307, 0x506, 0x98), 1)) == (6, fields, b"")
+    assert variable(Block(Output(Action.DISABLE, 0x97), 1)) == (7, bytes([0x97]) + bytes(18) + b"\x03", b"")
+    assert variable(Block(Clock(), 1)) == (8, bytes(20), b"")
+    assert variable(Block(NoOp(), 1)) == (9, bytes(20), b"")
 
 
 @pytest.mark.parametrize("kind", EXAMPLES)
@@ -117,28 +121,19 @@ def patched(kind: Kind, offset: int, data: bytes) -> bytes:
     return resealed(block)
 
 
-def stored(kind: Kind, offset: int, data: bytes) -> bytes:
-    """A list that is stored and not started, with something changed."""
-    body = Sequence((Entry(0, 1),)) if kind is Kind.SEQUENCE else Modulation(b"\x01")
-    block = bytearray(pack(Block(body, 1)))
-    block[offset : offset + len(data)] = data
-    return resealed(block)
-
-
-PERIOD, FIRST, COUNT, LENGTH, HOLD, REPEATS, FLAGS, ACTION, PAYLOAD = 8, 16, 18, 20, 22, 24, 26, 27, 32
-UNUSED = [
-    (kind, at)
-    for kind, used in {
-        Kind.UPDATE: {PERIOD},
-        Kind.SLOT: {FIRST},
-        Kind.SEQUENCE: {PERIOD, FIRST, COUNT, LENGTH, REPEATS},
-        Kind.MODULATION: {PERIOD, FIRST, COUNT, LENGTH, HOLD},
-        Kind.OUTPUT: {PERIOD, ACTION},
-        Kind.CLOCK: set(),
-        Kind.NO_OP: set(),
-    }.items()
-    for at in {PERIOD, FIRST, COUNT, LENGTH, HOLD, REPEATS, ACTION} - used
-]
+PERIOD, FIRST, COUNT, HOLD, REPEATS, RESERVED, FLAGS, ACTION, PAYLOAD = 8, 16, 18, 20, 22, 24, 26, 27, 32
+USED = {
+    Kind.UPDATE: {PERIOD},
+    Kind.SLOT: {FIRST},
+    Kind.ENTRIES: {FIRST, COUNT},
+    Kind.SEQUENCE: {PERIOD, FIRST, COUNT, REPEATS},
+    Kind.SAMPLES: {FIRST, COUNT},
+    Kind.MODULATION: {PERIOD, FIRST, COUNT, HOLD},
+    Kind.OUTPUT: {PERIOD, ACTION},
+    Kind.CLOCK: set(),
+    Kind.NO_OP: set(),
+}
+FIELDS = {PERIOD, FIRST, COUNT, HOLD, REPEATS, RESERVED, ACTION}
 MALFORMED: list[tuple[Reason, bytes]] = [
     *((Reason.LENGTH, data) for data in (b"", bytes(511), bytes(513), pack(EXAMPLES[Kind.CLOCK]) + b"\0")),
     (Reason.CHECKSUM, update(SILENT, 1)[:-1] + b"\x01"),
@@ -146,31 +141,30 @@ MALFORMED: list[tuple[Reason, bytes]] = [
     (Reason.MAGIC, patched(Kind.CLOCK, 1, b"X")),
     (Reason.VERSION, patched(Kind.UPDATE, 2, b"\x02")),
     (Reason.VERSION, patched(Kind.UPDATE, 2, b"\x00")),
-    *((Reason.KIND, patched(Kind.UPDATE, 3, bytes([kind]))) for kind in (0, 8, 255)),
-    *((Reason.FIELD, patched(kind, at, b"\x01")) for kind, at in UNUSED),
-    *((Reason.FIELD, patched(kind, FLAGS, bytes([flag]))) for kind in EXAMPLES for flag in (8, 16, 32, 64, 128)),
-    *((Reason.FIELD, patched(kind, FLAGS, bytes([2]))) for kind in set(EXAMPLES) - {Kind.SEQUENCE, Kind.MODULATION}),
-    *((Reason.FIELD, patched(kind, FLAGS, bytes([4]))) for kind in set(EXAMPLES) - {Kind.SEQUENCE}),
-    (Reason.FIELD, patched(Kind.MODULATION, FLAGS, bytes([6]))),
-    *((Reason.FIELD, patched(Kind.OUTPUT, ACTION, bytes([action]))) for action in (0, 3, 255)),
-    *((Reason.FIELD, patched(kind, 511, b"\x01")) for kind in set(EXAMPLES) - {Kind.UPDATE, Kind.SLOT}),
+    *((Reason.KIND, patched(Kind.UPDATE, 3, bytes([kind]))) for kind in (0, 10, 255)),
+    *((Reason.FIELD, patched(kind, at, b"\x01")) for kind, used in USED.items() for at in sorted(FIELDS - used)),
+    *((Reason.FIELD, patched(kind, FLAGS, bytes([flag]))) for kind in EXAMPLES for flag in (4, 8, 16, 32, 64, 128)),
+    *((Reason.FIELD, patched(kind, FLAGS, bytes([2]))) for kind in EXAMPLES if kind is not Kind.SEQUENCE),
+    *((Reason.FIELD, patched(Kind.OUTPUT, ACTION, bytes([action]))) for action in (0, 4, 255)),
+    *((Reason.FIELD, patched(kind, 511, b"\x01")) for kind in EXAMPLES if kind not in (Kind.UPDATE, Kind.SLOT)),
     (Reason.FIELD, patched(Kind.SLOT, FIRST, b"\x00\x01")),
-    (Reason.FIELD, patched(Kind.SEQUENCE, PAYLOAD, b"\x00\x01")),  # slot 256
-    (Reason.FIELD, patched(Kind.SEQUENCE, PAYLOAD + 2, b"\x00\x00")),  # for no period
-    (Reason.FIELD, patched(Kind.SEQUENCE, COUNT, b"\x01")),  # an entry more than is said
-    (Reason.FIELD, patched(Kind.SEQUENCE, COUNT, b"\x79")),  # 121 entries
+    (Reason.FIELD, patched(Kind.ENTRIES, PAYLOAD, b"\x00\x01")),  # slot 256
+    (Reason.FIELD, patched(Kind.ENTRIES, PAYLOAD + 2, b"\x00\x00")),  # for no period
+    (Reason.FIELD, patched(Kind.ENTRIES, COUNT, b"\x00")),
+    (Reason.FIELD, patched(Kind.ENTRIES, COUNT, b"\x01")),  # an entry more than is said
+    (Reason.FIELD, patched(Kind.ENTRIES, COUNT, b"\x79")),  # 121 entries
+    (Reason.FIELD, patched(Kind.ENTRIES, FIRST, b"\xff\x03")),  # 1023 + 2 entries
+    (Reason.FIELD, patched(Kind.SEQUENCE, COUNT, b"\x00\x00")),
+    (Reason.FIELD, patched(Kind.SEQUENCE, COUNT, b"\x01\x04")),  # 1025
     (Reason.FIELD, patched(Kind.SEQUENCE, FIRST, b"\xff\x03")),  # 1023 + 2 entries
-    (Reason.FIELD, patched(Kind.SEQUENCE, LENGTH, b"\x00\x00")),
-    (Reason.FIELD, patched(Kind.SEQUENCE, LENGTH, b"\x01\x04")),  # 1025
-    (Reason.FIELD, patched(Kind.MODULATION, COUNT, b"\xe1\x01")),  # 481 samples
-    (Reason.FIELD, patched(Kind.MODULATION, FIRST, b"\x39\x0f")),  # 3897 + 200 samples
-    (Reason.FIELD, patched(Kind.MODULATION, LENGTH, b"\x01\x10")),  # 4097
-    (Reason.FIELD, patched(Kind.MODULATION, LENGTH, b"\x00\x00")),  # which no hold goes with
+    (Reason.FIELD, patched(Kind.SEQUENCE, FIRST, b"\xff\xff")),
+    (Reason.FIELD, patched(Kind.SAMPLES, COUNT, b"\x00")),
+    (Reason.FIELD, patched(Kind.SAMPLES, COUNT, b"\xe1\x01")),  # 481
+    (Reason.FIELD, patched(Kind.SAMPLES, FIRST, b"\x39\x0f")),  # 3897 + 200 samples
+    (Reason.FIELD, patched(Kind.MODULATION, COUNT, b"\x00\x00")),
+    (Reason.FIELD, patched(Kind.MODULATION, COUNT, b"\x01\x10")),  # 4097
+    (Reason.FIELD, patched(Kind.MODULATION, FIRST, b"\x39\x0f")),
     (Reason.FIELD, patched(Kind.MODULATION, HOLD, b"\x00\x00")),
-    *((Reason.FIELD, stored(Kind.SEQUENCE, at, b"\x01")) for at in (PERIOD, LENGTH, REPEATS, HOLD, ACTION)),
-    (Reason.FIELD, stored(Kind.SEQUENCE, FLAGS, b"\x04")),
-    *((Reason.FIELD, stored(Kind.MODULATION, at, b"\x01")) for at in (PERIOD, LENGTH, HOLD, REPEATS, ACTION)),
-    (Reason.FIELD, resealed(pack(Block(Modulation(b"\0"), 1))[:COUNT] + bytes(494))),  # nothing stored or started
     (Reason.PULSE, patched(Kind.UPDATE, PAYLOAD, b"\x64")),
     (Reason.PULSE, patched(Kind.UPDATE, PAYLOAD, b"\x7f")),
     (Reason.PULSE, patched(Kind.UPDATE, 509, b"\x00\x40\x06")),
@@ -217,20 +211,20 @@ def test_any_bytes_under_a_right_checksum_are_judged_alike(head: bytes, payload:
         (lambda: Update(SILENT, -1), "period -1"),
         (lambda: Slot(256, SILENT), "slot 256 is outside 0 to 255"),
         (lambda: Slot(0, Pulses.silent(1)), "320 pulses, not 1"),
-        (lambda: Sequence((Entry(256, 1),)), "slot 256"),
-        (lambda: Sequence((Entry(0, 0),)), "number of periods 0 is outside 1 to 65535"),
-        (lambda: Sequence((Entry(0, 2**16),)), "number of periods 65536"),
-        (lambda: Sequence((Entry(0, 1),) * 121), "number of entries 121 is outside 1 to 120"),
-        (lambda: Sequence(()), "number of entries 0 is outside 1 to 120"),
-        (lambda: Sequence((Entry(0, 1),) * 2, 1023), "first place 1023 is outside 0 to 1022"),
-        (lambda: Sequence((), 0, SequenceStart(0)), "length 0 is outside 1 to 1024"),
-        (lambda: Sequence((), 0, SequenceStart(1, repeats=2**16)), "number of repeats 65536"),
-        (lambda: Modulation(bytes(481)), "number of samples 481 is outside 1 to 480"),
-        (lambda: Modulation(bytes(2), 4095), "first place 4095 is outside 0 to 4094"),
-        (lambda: Modulation(b"", 0, ModulationStart(4097, 1)), "length 4097 is outside 0 to 4096"),
-        (lambda: Modulation(b"", 0, ModulationStart(1, 0)), "a sample holds 0 is outside 1 to 65535"),
-        (lambda: Modulation(b"", 0, ModulationStart(0, 1)), "a sample holds 1 is outside 0 to 0"),
-        (lambda: Output(3), "3 is not a valid Action"),  # type: ignore[arg-type]  # the wrong value is the point
+        (lambda: Entries((Entry(256, 1),)), "slot 256"),
+        (lambda: Entries((Entry(0, 0),)), "number of periods 0 is outside 1 to 65535"),
+        (lambda: Entries((Entry(0, 2**16),)), "number of periods 65536"),
+        (lambda: Entries((Entry(0, 1),) * 121), "number of entries 121 is outside 1 to 120"),
+        (lambda: Entries(()), "number of entries 0 is outside 1 to 120"),
+        (lambda: Entries((Entry(0, 1),) * 2, 1023), "first entry 1023 is outside 0 to 1022"),
+        (lambda: Sequence(0, 0), "number of entries 0 is outside 1 to 1024"),
+        (lambda: Sequence(1000, 25), "first entry 1000 is outside 0 to 999"),
+        (lambda: Sequence(0, 1, repeats=2**16), "number of repeats 65536"),
+        (lambda: Samples(bytes(481)), "number of samples 481 is outside 1 to 480"),
+        (lambda: Samples(bytes(2), 4095), "first sample 4095 is outside 0 to 4094"),
+        (lambda: Modulation(0, 4097, 1), "number of samples 4097 is outside 1 to 4096"),
+        (lambda: Modulation(0, 1, 0), "a sample holds 0 is outside 1 to 65535"),
+        (lambda: Output(4), "4 is not a valid Action"),  # type: ignore[arg-type]  # the wrong value is the point
         (lambda: pack(Block(Clock(), 2**32)), "sequence number 4294967296 is outside"),
         (lambda: pack(Block(Clock(), -1)), "sequence number -1"),
     ],
