@@ -20,18 +20,10 @@ from usb.core import USBError, USBTimeoutError
 from ..errors import DeviceNotFoundError
 from ..protocol.board import CORE_HZ
 from ..protocol.chain import FIVE_WIRE, TWO_WIRE
-from ..protocol.codes import BLOCK_BYTES
-from ..protocol.descriptors import (
-    CONFIGURATION,
-    DEVICE,
-    ENDPOINT,
-    INTERFACE,
-    configuration_descriptor,
-    device_descriptor,
-)
-from .controller import FIRMWARE
+from ..protocol.codes import BLOCK_BYTES, DescriptorType, StandardRequest
+from ..protocol.descriptors import Configuration, Descriptor, Endpoint, Interface, descriptors
 from .machine import Emulator, plugged
-from .usb_device import SET_CONFIGURATION, Handshake, Setup, Stall
+from .usb_device import Handshake, Setup, Stall
 
 __all__ = ["EmulatorBackend", "open_backend"]
 
@@ -104,20 +96,21 @@ class EmulatorBackend(usb.backend.IBackend):
         """The device descriptor, with its place on the bus."""
         address = self._emulators.index(dev) + 1
         place = {"bus": 0, "address": address, "port_number": address, "port_numbers": (address,), "speed": HIGH_SPEED}
-        return SimpleNamespace(**DEVICE.unpack(device_descriptor(FIRMWARE)), **place)
+        return SimpleNamespace(**vars(_parsed(dev.usb.enumeration.device)), **place)
 
     def get_configuration_descriptor(self, dev: Emulator, config: int) -> SimpleNamespace:
         """The configuration descriptor."""
-        return _parsed(CONFIGURATION.find_all(configuration_descriptor())[config])
+        return [fields for fields in _tree(dev) if fields.bDescriptorType == DescriptorType.CONFIGURATION][config]
 
     def get_interface_descriptor(self, dev: Emulator, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The descriptor of an interface's setting."""
-        interfaces = INTERFACE.find_all(configuration_descriptor())
-        return _parsed([fields for fields in interfaces if fields["bInterfaceNumber"] == intf][alt])
+        return _settings(_tree(dev), intf)[alt]
 
     def get_endpoint_descriptor(self, dev: Emulator, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The descriptor of an interface's endpoint."""
-        return _parsed(ENDPOINT.find_all(configuration_descriptor())[ep] | {"bRefresh": 0, "bSynchAddress": 0})
+        tree = _tree(dev)
+        endpoint = tree[tree.index(_settings(tree, intf)[alt]) + 1 + ep]
+        return SimpleNamespace(**vars(endpoint), bRefresh=0, bSynchAddress=0)
 
     def open_device(self, dev: Emulator) -> Handle:
         """A handle of one's own."""
@@ -130,7 +123,7 @@ class EmulatorBackend(usb.backend.IBackend):
     def set_configuration(self, dev_handle: Handle, config_value: int) -> None:
         """Choose a configuration."""
         dev_handle.check_free()
-        self.ctrl_transfer(dev_handle, 0x00, SET_CONFIGURATION, config_value, 0, b"", 1000)
+        self.ctrl_transfer(dev_handle, 0x00, StandardRequest.SET_CONFIGURATION, config_value, 0, b"", 1000)
 
     def get_configuration(self, dev_handle: Handle) -> int:
         """The configuration chosen, 0 for none."""
@@ -177,6 +170,8 @@ class EmulatorBackend(usb.backend.IBackend):
         buff[: len(answer)] = array("B", answer)
         return len(answer)
 
+    intr_read = bulk_read
+
     def ctrl_transfer(
         self,
         dev_handle: Handle,
@@ -192,7 +187,7 @@ class EmulatorBackend(usb.backend.IBackend):
         incoming = bool(bmRequestType & 0x80)
         setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(data))
         try:
-            answer = dev_handle.emulator.usb.control(setup)
+            answer = dev_handle.emulator.usb.control(setup, b"" if incoming else bytes(data))
         except Stall as stall:
             _stalled(str(stall))
         if not incoming:
@@ -206,7 +201,8 @@ class EmulatorBackend(usb.backend.IBackend):
         dev_handle.emulator.usb.reset()
 
     def clear_halt(self, dev_handle: Handle, ep: int) -> None:
-        """No endpoint halts on its own so far."""
+        """End the halt of an endpoint."""
+        self.ctrl_transfer(dev_handle, 0x02, StandardRequest.CLEAR_FEATURE, 0, ep, b"", 1000)
 
     def _pass(self, emulator: Emulator, cycles: int) -> None:
         if emulator.unplugged:
@@ -231,6 +227,26 @@ def _stalled(what: str) -> NoReturn:
     raise USBError(f"Pipe error: {what}", None, errno.EPIPE)
 
 
-def _parsed(fields: dict[str, int]) -> SimpleNamespace:
+def _tree(dev: Emulator) -> list[SimpleNamespace]:
+    """Configuration, interfaces and endpoints as pyusb wants them, each with the bytes of what else follows it."""
+    tree: list[SimpleNamespace] = []
+    for descriptor in descriptors(dev.usb.enumeration.configuration):
+        if isinstance(descriptor, Configuration | Interface | Endpoint):
+            tree.append(_parsed(descriptor))
+        else:
+            tree[-1].extra_descriptors.extend(descriptor.encode())
+    return tree
+
+
+def _settings(tree: list[SimpleNamespace], interface: int) -> list[SimpleNamespace]:
+    return [
+        fields
+        for fields in tree
+        if fields.bDescriptorType == DescriptorType.INTERFACE and fields.bInterfaceNumber == interface
+    ]
+
+
+def _parsed(descriptor: Descriptor) -> SimpleNamespace:
     """A descriptor as pyusb wants it."""
-    return SimpleNamespace(**fields, extra_descriptors=array("B"))
+    size, kind = descriptor.encode()[:2]
+    return SimpleNamespace(bLength=size, bDescriptorType=kind, **vars(descriptor), extra_descriptors=array("B"))

@@ -1,5 +1,8 @@
 """The device as a USB host sees it: control requests, endpoints and their handshakes. It knows no transport.
 
+It runs at high speed. Of the console and of DFU there is as much as enumeration needs: no text comes or is taken, and
+the device cannot be detached.
+
 Every door (an in-process backend, a network protocol, a simulated kernel) speaks to the device through this class.
 """
 
@@ -10,22 +13,34 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ..protocol.board import BOARDS, CHANNELS
-from ..protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, WATCHDOG_MS_RANGE, Request
-from ..protocol.descriptors import (
-    CONFIGURATION,
+from ..protocol.codes import (
+    BLOCK_BYTES,
+    REQUEST_TYPE_IN,
+    REQUEST_TYPE_OUT,
+    WATCHDOG_MS_RANGE,
+    Request,
+    StandardRequest,
+)
+from ..protocol.enumeration import (
+    ARRAY_INTERFACE,
     CONFIGURATION_VALUE,
-    DEVICE,
+    CONSOLE_DATA_INTERFACE,
+    CONSOLE_ENDPOINT_IN,
+    CONSOLE_ENDPOINT_NOTIFICATION,
+    CONSOLE_ENDPOINT_OUT,
+    CONSOLE_INTERFACE,
+    DFU_INTERFACE,
     ENDPOINT_IN,
     ENDPOINT_OUT,
-    STRING_TYPE,
-    configuration_descriptor,
-    device_descriptor,
-    string_descriptor,
+    MS_OS_INDEX,
+    MS_OS_VENDOR_CODE,
+    run_time,
 )
+from ..protocol.layout.usb import LINE_CODING
 from ..protocol.replies import encode_reports, encode_wiring
 from .controller import FIRMWARE, Controller
 
-__all__ = ["SET_CONFIGURATION", "Handshake", "Setup", "Stall", "UsbDevice"]
+__all__ = ["Handshake", "Setup", "Stall", "UsbDevice"]
 
 
 class Handshake(Enum):
@@ -53,9 +68,28 @@ class Setup:
 
 _STANDARD_IN_DEVICE, _STANDARD_OUT_DEVICE = 0x80, 0x00
 _STANDARD_IN_INTERFACE, _STANDARD_OUT_INTERFACE = 0x81, 0x01
-_GET_STATUS = 0
-WITH_VALUE = (Request.WATCHDOG, Request.LIMIT, Request.IDENTIFY)
-_GET_DESCRIPTOR, _GET_CONFIGURATION, SET_CONFIGURATION, _GET_INTERFACE, _SET_INTERFACE = 6, 8, 9, 10, 11
+_WITH_VALUE = (Request.WATCHDOG, Request.LIMIT, Request.IDENTIFY)
+_STANDARD_IN_ENDPOINT, _STANDARD_OUT_ENDPOINT = 0x82, 0x02
+_VENDOR_IN_DEVICE = 0xC0
+_CLASS_IN_INTERFACE, _CLASS_OUT_INTERFACE = 0xA1, 0x21
+
+_ENDPOINT_HALT = 0
+_ENDPOINTS = {
+    ARRAY_INTERFACE: {ENDPOINT_OUT, ENDPOINT_IN},
+    CONSOLE_INTERFACE: {CONSOLE_ENDPOINT_NOTIFICATION},
+    CONSOLE_DATA_INTERFACE: {CONSOLE_ENDPOINT_OUT, CONSOLE_ENDPOINT_IN},
+    DFU_INTERFACE: set[int](),
+}
+
+# Class requests, by interface, type and number.
+_SET_LINE_CODING = (CONSOLE_INTERFACE, _CLASS_OUT_INTERFACE, 0x20)
+_GET_LINE_CODING = (CONSOLE_INTERFACE, _CLASS_IN_INTERFACE, 0x21)
+_SET_CONTROL_LINE_STATE = (CONSOLE_INTERFACE, _CLASS_OUT_INTERFACE, 0x22)
+_DFU_GETSTATUS = (DFU_INTERFACE, _CLASS_IN_INTERFACE, 3)
+_DFU_GETSTATE = (DFU_INTERFACE, _CLASS_IN_INTERFACE, 5)
+_115200_8N1 = {"dwDTERate": 115_200, "bCharFormat": 0, "bParityType": 0, "bDataBits": 8}
+_DFU_OK_IN_APP_IDLE = bytes(6)
+_DFU_APP_IDLE = bytes(1)
 
 
 class UsbDevice:
@@ -71,15 +105,22 @@ class UsbDevice:
 
     def __init__(self, controller: Controller, serial: str) -> None:
         self._controller = controller
-        self._strings = [None, "phasewire", "phasewire five-board array (emulated)", serial]
+        self.enumeration = run_time(FIRMWARE, "phasewire five-board array (emulated)", serial)
         self.configuration = 0
+        self._halted: set[int] = set()
+        self._line_coding = bytes(LINE_CODING.build(_115200_8N1))
         self._handlers: dict[tuple[int, int], Callable[[Setup], bytes]] = {
-            (_STANDARD_IN_DEVICE, _GET_STATUS): lambda _: b"\x01\x00",  # self-powered
-            (_STANDARD_IN_DEVICE, _GET_DESCRIPTOR): self._descriptor,
-            (_STANDARD_IN_DEVICE, _GET_CONFIGURATION): lambda _: bytes([self.configuration]),
-            (_STANDARD_OUT_DEVICE, SET_CONFIGURATION): self._set_configuration,
-            (_STANDARD_IN_INTERFACE, _GET_INTERFACE): lambda _: b"\x00",
-            (_STANDARD_OUT_INTERFACE, _SET_INTERFACE): self._set_interface,
+            (_STANDARD_IN_DEVICE, StandardRequest.GET_STATUS): lambda _: b"\x01\x00",  # self-powered
+            (_STANDARD_IN_DEVICE, StandardRequest.GET_DESCRIPTOR): self._descriptor,
+            (_STANDARD_IN_DEVICE, StandardRequest.GET_CONFIGURATION): lambda _: bytes([self.configuration]),
+            (_STANDARD_OUT_DEVICE, StandardRequest.SET_CONFIGURATION): self._set_configuration,
+            (_STANDARD_IN_INTERFACE, StandardRequest.GET_STATUS): self._interface_status,
+            (_STANDARD_IN_INTERFACE, StandardRequest.GET_INTERFACE): self._interface_setting,
+            (_STANDARD_OUT_INTERFACE, StandardRequest.SET_INTERFACE): self._set_interface,
+            (_STANDARD_IN_ENDPOINT, StandardRequest.GET_STATUS): self._endpoint_status,
+            (_STANDARD_OUT_ENDPOINT, StandardRequest.SET_FEATURE): self._halt,
+            (_STANDARD_OUT_ENDPOINT, StandardRequest.CLEAR_FEATURE): self._clear_halt,
+            (_VENDOR_IN_DEVICE, MS_OS_VENDOR_CODE): self._ms_os_descriptors,
             (REQUEST_TYPE_IN, Request.INFO): lambda _: controller.info().encode(),
             (REQUEST_TYPE_IN, Request.STATUS): self._status,
             (REQUEST_TYPE_IN, Request.WIRING): lambda _: encode_wiring(controller.wiring),
@@ -93,44 +134,101 @@ class UsbDevice:
             (REQUEST_TYPE_OUT, Request.IDENTIFY): self._identify,
         }
 
-    def control(self, setup: Setup) -> bytes:
-        """Carry out a control transfer and return its IN data stage. No request so far has an OUT data stage.
+    def control(self, setup: Setup, data: bytes = b"") -> bytes:
+        """Carry out a control transfer with its OUT data stage and return its IN data stage.
 
         Raises
         ------
         Stall
             Where the device does not know the request.
         """
+        if setup.request_type in (_CLASS_IN_INTERFACE, _CLASS_OUT_INTERFACE):
+            return self._class_request(setup, data)[: setup.length]
         handler = self._handlers.get((setup.request_type, setup.request))
         if handler is None:
             raise Stall(f"request 0x{setup.request:02x} of type 0x{setup.request_type:02x} is unknown")
         is_vendor_request = setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT)
-        takes_value = is_vendor_request and Request(setup.request) in WITH_VALUE
+        takes_value = is_vendor_request and Request(setup.request) in _WITH_VALUE
         if is_vendor_request and (setup.index or not self.configuration or (setup.value and not takes_value)):
             raise Stall("a vendor request has index 0, value 0 unless it takes one, and needs a configured device")
         return handler(setup)[: setup.length]
 
     def _descriptor(self, setup: Setup) -> bytes:
         kind, index = divmod(setup.value, 256)
-        if kind == DEVICE.kind and index == 0:
-            return device_descriptor(FIRMWARE)
-        if kind == CONFIGURATION.kind and index == 0:
-            return configuration_descriptor()
-        if kind == STRING_TYPE and index < len(self._strings):
-            return string_descriptor(self._strings[index])
-        raise Stall(f"there is no descriptor {kind}/{index}")
+        descriptor = self.enumeration.find(kind, index, language=setup.index)
+        if descriptor is None:
+            raise Stall(f"there is no descriptor {kind}/{index}")
+        return descriptor
+
+    def _ms_os_descriptors(self, setup: Setup) -> bytes:
+        if (setup.value, setup.index) != (0, MS_OS_INDEX):
+            raise Stall(f"Microsoft's descriptors have value 0 and index {MS_OS_INDEX}")
+        return self.enumeration.ms_os
 
     def _set_configuration(self, setup: Setup) -> bytes:
         if setup.value not in (0, CONFIGURATION_VALUE):
             raise Stall(f"there is no configuration {setup.value}")
         self.configuration = setup.value
-        self._controller.reset_endpoints()
+        self._reset_endpoints()
         return b""
 
+    def _interface_status(self, setup: Setup) -> bytes:
+        self._check_interface(setup)
+        return b"\x00\x00"
+
+    def _interface_setting(self, setup: Setup) -> bytes:
+        self._check_interface(setup)
+        return b"\x00"
+
     def _set_interface(self, setup: Setup) -> bytes:
-        if setup.index != 0 or setup.value != 0:
-            raise Stall(f"there is no interface {setup.index} with setting {setup.value}")
+        self._check_interface(setup)
+        if setup.value != 0:
+            raise Stall(f"interface {setup.index} has no setting {setup.value}")
+        self._halted -= _ENDPOINTS[setup.index]
+        if setup.index == ARRAY_INTERFACE:
+            self._controller.reset_endpoints()
         return b""
+
+    def _check_interface(self, setup: Setup) -> None:
+        if not self.configuration or setup.index not in _ENDPOINTS:
+            raise Stall(f"there is no interface {setup.index}, or the device is not configured")
+
+    def _endpoint_status(self, setup: Setup) -> bytes:
+        if setup.index & 0x7F:  # the control endpoint is always there, and never halted
+            self._check_endpoint(setup)
+        return bytes([setup.index in self._halted, 0])
+
+    def _halt(self, setup: Setup) -> bytes:
+        self._check_endpoint(setup)
+        self._halted.add(setup.index)
+        return b""
+
+    def _clear_halt(self, setup: Setup) -> bytes:
+        self._check_endpoint(setup)
+        self._halted.discard(setup.index)
+        return b""
+
+    def _check_endpoint(self, setup: Setup) -> None:
+        there = self.configuration and any(setup.index in endpoints for endpoints in _ENDPOINTS.values())
+        if not there or setup.value != _ENDPOINT_HALT:
+            raise Stall(f"there is no endpoint 0x{setup.index:02x} with feature {setup.value}, or no configuration")
+
+    def _class_request(self, setup: Setup, data: bytes) -> bytes:
+        """Carry out a request of the console or of DFU, as far as these are emulated."""
+        self._check_interface(setup)
+        request = (setup.index, setup.request_type, setup.request)
+        if request == _SET_LINE_CODING and len(data) == len(self._line_coding):
+            self._line_coding = data
+            return b""
+        answers = {
+            _GET_LINE_CODING: self._line_coding,
+            _SET_CONTROL_LINE_STATE: b"",
+            _DFU_GETSTATUS: _DFU_OK_IN_APP_IDLE,
+            _DFU_GETSTATE: _DFU_APP_IDLE,
+        }
+        if request not in answers:
+            raise Stall(f"interface {setup.index} does not know request 0x{setup.request:02x}, or not like this")
+        return answers[request]
 
     def _status(self, _: Setup) -> bytes:
         self._controller.feed_watchdog()
@@ -162,20 +260,30 @@ class UsbDevice:
     def reset(self) -> None:
         """The bus was reset: not configured any more, and the outputs off."""
         self.configuration = 0
+        self._reset_endpoints()
+
+    def _reset_endpoints(self) -> None:
+        self._halted.clear()
         self._controller.reset_endpoints()
 
     def bulk_out(self, endpoint: int, packet: bytes) -> Handshake:
         """Take one packet of at most 512 bytes."""
-        if not self.configuration or endpoint != ENDPOINT_OUT:
+        if endpoint not in (ENDPOINT_OUT, CONSOLE_ENDPOINT_OUT) or not self._runs(endpoint):
             return Handshake.STALL
-        if not self._controller.can_accept:
+        if endpoint == CONSOLE_ENDPOINT_OUT or not self._controller.can_accept:
             return Handshake.NAK
         if packet:  # an empty packet carries no block
             self._controller.accept(packet)
         return Handshake.ACK
 
     def bulk_in(self, endpoint: int) -> bytes | Handshake:
-        """Give one packet, or say why there is none."""
-        if not self.configuration or endpoint != ENDPOINT_IN:
+        """Give one packet of a bulk or interrupt endpoint, or say why there is none."""
+        known = (ENDPOINT_IN, CONSOLE_ENDPOINT_NOTIFICATION, CONSOLE_ENDPOINT_IN)
+        if endpoint not in known or not self._runs(endpoint):
             return Handshake.STALL
+        if endpoint != ENDPOINT_IN:
+            return Handshake.NAK
         return self._controller.take_records(BLOCK_BYTES) or Handshake.NAK
+
+    def _runs(self, endpoint: int) -> bool:
+        return bool(self.configuration) and endpoint not in self._halted

@@ -20,7 +20,7 @@ from ..errors import (
     DeviceTimeoutError,
 )
 from ..protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request
-from ..protocol.descriptors import ENDPOINT_IN, ENDPOINT_OUT, PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
+from ..protocol.enumeration import ARRAY_CLASS, ENDPOINT_IN, ENDPOINT_OUT, PRODUCT_ID, VENDOR_ID
 from .transport import load_by_scheme
 
 __all__ = ["UsbTransport", "open_usb"]
@@ -64,7 +64,7 @@ def open_usb(url: str) -> UsbTransport:
     backend = load_by_scheme("phasewire.usb_backends", url)(url)
     with _translated(f"looking for {url!r}"):
         candidates = usb.core.find(find_all=True, backend=backend, idVendor=VENDOR_ID, idProduct=PRODUCT_ID)
-        found = [device for device in candidates if _has_our_endpoints(device)]
+        found = [device for device in candidates if _is_ours(device)]
     serials = [_serial(device) for device in found]
     matching = [index for index, serial in enumerate(serials) if wanted in ("", serial)]
     if len(matching) > 1:
@@ -78,10 +78,17 @@ def open_usb(url: str) -> UsbTransport:
     raise DeviceNotFoundError(f"no device at {url!r}: {there}")
 
 
-def _has_our_endpoints(device: usb.core.Device) -> bool:
-    """Whether a device is one of ours, by its descriptors: others may bear the same test numbers."""
-    interface = usb.util.find_descriptor(device[0], bInterfaceNumber=INTERFACE, bInterfaceClass=VENDOR_CLASS)
-    return interface is not None and {ENDPOINT_OUT, ENDPOINT_IN} <= {end.bEndpointAddress for end in interface}
+def _is_ours(device: usb.core.Device) -> bool:
+    """Whether a device is one of ours, by the class of its interface: others may bear the same test numbers."""
+    kind, subclass, version = ARRAY_CLASS
+    interface = usb.util.find_descriptor(
+        device[0],
+        bInterfaceNumber=INTERFACE,
+        bInterfaceClass=kind,
+        bInterfaceSubClass=subclass,
+        bInterfaceProtocol=version,
+    )
+    return interface is not None
 
 
 def _serial(device: usb.core.Device) -> str | None:

@@ -32,6 +32,7 @@ __all__ = [
     "AckFlag",
     "Action",
     "ConsoleCode",
+    "DescriptorType",
     "Fault",
     "Feature",
     "Flag",
@@ -40,6 +41,7 @@ __all__ = [
     "Outcome",
     "Reason",
     "Request",
+    "StandardRequest",
     "State",
     "StatusFlag",
 ]
@@ -269,3 +271,37 @@ class ConsoleCode(IntEnum):
     ARGUMENTS = 4
     RANGE = 5
     REFUSED = 6
+
+
+# USB (chapter USB)
+
+
+class StandardRequest(IntEnum):
+    """Standard requests that the device answers (SPEC.md, clause USB-014; USB 2.0, table 9-4)."""
+
+    GET_STATUS = 0
+    CLEAR_FEATURE = 1
+    SET_FEATURE = 3
+    SET_ADDRESS = 5
+    GET_DESCRIPTOR = 6
+    GET_CONFIGURATION = 8
+    SET_CONFIGURATION = 9
+    GET_INTERFACE = 10
+    SET_INTERFACE = 11
+
+
+class DescriptorType(IntEnum):
+    """Types of the descriptors that the device has (SPEC.md, clause USB-006)."""
+
+    DEVICE = 0x01
+    CONFIGURATION = 0x02
+    STRING = 0x03
+    INTERFACE = 0x04
+    ENDPOINT = 0x05
+    DEVICE_QUALIFIER = 0x06
+    OTHER_SPEED_CONFIGURATION = 0x07
+    INTERFACE_ASSOCIATION = 0x0B
+    BOS = 0x0F
+    DEVICE_CAPABILITY = 0x10
+    DFU_FUNCTIONAL = 0x21
+    CS_INTERFACE = 0x24

@@ -17,7 +17,6 @@ from phasewire.errors import (
     DeviceTimeoutError,
 )
 from phasewire.protocol import Info
-from phasewire.protocol.descriptors import configuration_descriptor
 
 
 def test_a_device_is_chosen_by_its_serial_number() -> None:
@@ -116,11 +115,11 @@ def test_a_device_that_cannot_be_opened_whole_is_let_go(emulator: Emulator, monk
 
 
 def test_others_with_the_same_test_numbers_are_left_alone(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    """1209:0001 is anybody's test pair: a device without our endpoints is not ours."""
-    genuine = configuration_descriptor()
-    foreign = genuine.replace(bytes([7, 5, 0x81]), bytes([7, 5, 0x82]))
-    assert foreign != genuine
-    monkeypatch.setattr("phasewire.emulator.backend.configuration_descriptor", lambda: foreign)
+    """1209:0001 is anybody's test pair: a device without our interface is not ours (clause USB-005)."""
+    genuine = emulator.usb.enumeration
+    foreign = genuine.configuration.replace(bytes([0xFF, 0x50, 0x01]), bytes([0xFF, 0x50, 0x02]))
+    assert foreign != genuine.configuration
+    monkeypatch.setattr(emulator.usb, "enumeration", dataclasses.replace(genuine, configuration=foreign))
     with pytest.raises(DeviceNotFoundError, match="nothing is plugged in"):
         open_device(emulator.url)
     assert emulator.usb.configuration == 0

@@ -1,42 +1,541 @@
+"""Descriptors, against the standards: worked bytes, every length, and pyusb's own reading of them."""
+
 from __future__ import annotations
 
+import dataclasses
+import struct
+
+import pytest
+import usb.control
 import usb.core
 import usb.util
+from hypothesis import given
+from hypothesis import strategies as st
 from phasewire.emulator import Emulator
 from phasewire.emulator.backend import EmulatorBackend
-from phasewire.protocol.descriptors import configuration_descriptor, device_descriptor, string_descriptor
+from phasewire.errors import ReplyError
+from phasewire.protocol.codes import DescriptorType, StandardRequest
+from phasewire.protocol.descriptors import (
+    CdcAbstractControl,
+    CdcCallManagement,
+    CdcHeader,
+    CdcUnion,
+    Configuration,
+    Descriptor,
+    Device,
+    DfuFunctional,
+    Endpoint,
+    Interface,
+    InterfaceAssociation,
+    Languages,
+    MsOsCompatibleId,
+    MsOsPlatform,
+    MsOsRegistryProperty,
+    OtherSpeedConfiguration,
+    String,
+    descriptors,
+    encode,
+    ms_os_descriptors,
+)
+from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed, dfu_mode, run_time
+from phasewire.protocol.layout import usb as layout
+
+from tests.specification import codes, hex_examples, layout_rows, table
+
+RUN_TIME = run_time((1, 2, 3), "array", "S-1")
+FULL = run_time((1, 2, 3), "array", "S-1", FULL_SPEED)
+DFU = dfu_mode((1, 2, 3), "array", "S-1")
+CHAINS = [
+    RUN_TIME.device.encode(),
+    RUN_TIME.qualifier.encode(),
+    RUN_TIME.configuration,
+    RUN_TIME.other_speed,
+    RUN_TIME.bos,
+    DFU.device.encode(),
+    DFU.configuration,
+    DFU.other_speed,
+    String("aµ𝄞").encode(),
+]
+SETS = [RUN_TIME.ms_os, DFU.ms_os]
 
 
-def test_pyusb_reads_the_descriptors() -> None:
-    """Enumeration as any pyusb program would do it, in the words of USB 2.0, chapter 9."""
-    device = usb.core.find(backend=EmulatorBackend([Emulator(serial="S-1")]), idVendor=0x1209, idProduct=0x0001)
-    assert (device.manufacturer, device.serial_number) == ("phasewire", "S-1")
-    assert device.bcdUSB == 0x0200
-    assert device.speed == usb.util.SPEED_HIGH
+# What the specification and the standards say.
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("USB_DEVICE", RUN_TIME.device.encode()),
+        ("USB_CONFIGURATION", RUN_TIME.configuration),
+        ("USB_QUALIFIER", RUN_TIME.qualifier.encode()),
+        ("USB_BOS", RUN_TIME.bos),
+        ("USB_MS_OS", RUN_TIME.ms_os),
+        ("USB_DFU_CONFIGURATION", DFU.configuration),
+    ],
+)
+def test_the_worked_examples_of_the_specification(name: str, data: bytes) -> None:
+    assert data.hex(" ") == hex_examples()[name].hex(" ")
+
+
+@pytest.mark.parametrize("enum", [DescriptorType, StandardRequest])
+def test_the_tables_of_the_specification_are_these_codes(enum: type[DescriptorType] | type[StandardRequest]) -> None:
+    assert codes(enum.__name__) == {code.name: code.value for code in enum}
+
+
+Row = tuple[int, tuple[int, ...], int | None, str, int | None]
+
+
+def endpoints_in(chain: bytes) -> list[Row]:
+    """Interface, its class, endpoint, type and packet; one row without endpoint for an interface that has none."""
+    rows: list[Row] = []
+    number, triple = -1, (0, 0, 0)
+    for each in descriptors(chain):
+        if isinstance(each, Interface):
+            number = each.bInterfaceNumber
+            triple = (each.bInterfaceClass, each.bInterfaceSubClass, each.bInterfaceProtocol)
+            if not each.bNumEndpoints:
+                rows.append((number, triple, None, "", None))
+        elif isinstance(each, Endpoint):
+            kind = {2: "bulk", 3: "interrupt"}[each.bmAttributes]
+            rows.append((number, triple, each.bEndpointAddress, kind, each.wMaxPacketSize))
+    return rows
+
+
+def endpoints_specified(column: int) -> list[Row]:
+    """The same from the table of clause USB-005."""
+    rows: list[Row] = []
+    for row in table("endpoints: run time"):
+        endpoint = None if row[2] == "none" else int(row[2].split()[0], 16)
+        assert endpoint is None or row[2].endswith("IN" if endpoint & 0x80 else "OUT")
+        packet = int(row[column]) if row[column] else None
+        rows.append((int(row[0]), tuple(bytes.fromhex(row[1])), endpoint, row[3].split(",")[0], packet))
+    return rows
+
+
+def test_interfaces_and_endpoints_are_those_of_the_specification() -> None:
+    assert endpoints_in(RUN_TIME.configuration) == endpoints_specified(4)
+    assert endpoints_in(RUN_TIME.other_speed) == endpoints_specified(5)
+
+
+def test_strings_are_those_of_the_specification() -> None:
+    told = {"name of the product": "array", "serial number": "S-1"}
+    for row in table("strings"):
+        for cell, enumeration in zip(row[1:], (RUN_TIME, DFU), strict=True):
+            if cell:
+                wanted = told.get(cell, cell.split(" (")[0])
+                found = enumeration.find(DescriptorType.STRING, int(row[0]), 0x0409)
+                assert found is not None
+                assert String.decode(found).bString == wanted
+    assert RUN_TIME.find(DescriptorType.STRING, 7, 0x0409) is None
+    assert DFU.find(DescriptorType.STRING, 5, 0x0409) is None
+
+
+def test_the_platform_capability_has_microsoft_s_bytes() -> None:
+    """D8DD60DF-4589-4CC7-9CD2-659D9E648A9F: its first three groups are sent least significant byte first."""
+    wanted = bytes.fromhex("1c 10 05 00 df60ddd8 8945 c74c 9cd2 659d9e648a9f 00000306 b200 20 00")
+    assert MsOsPlatform(0x06030000, 178, 0x20, 0).encode() == wanted
+
+
+def test_a_set_for_one_function_has_178_bytes() -> None:
+    """The B2 that is known from so many devices with one WinUSB function: 10 + 8 + 8 + 20 + 132."""
+    kinds = [type(each) for each in ms_os_descriptors(RUN_TIME.ms_os)]
+    sizes = [len(each.encode()) for each in ms_os_descriptors(RUN_TIME.ms_os)]
+    assert sizes == [10, 8, 8, 20, 132, 8, 20, 132]
+    assert sum(sizes[:5]) == 0xB2
+    assert kinds[3:5] == kinds[6:8] == [MsOsCompatibleId, MsOsRegistryProperty]
+
+
+def test_a_registry_property_ends_its_texts_as_windows_wants() -> None:
+    """A name ends with one NUL; a REG_MULTI_SZ, type 7, with one NUL for its text and one for the list."""
+    properties = [each for each in ms_os_descriptors(RUN_TIME.ms_os) if isinstance(each, MsOsRegistryProperty)]
+    data = properties[0].encode()
+    assert struct.unpack_from("<HHHH", data) == (132, 4, 7, 42)
+    assert data[8:50].decode("utf-16-le") == "DeviceInterfaceGUIDs\0"
+    assert struct.unpack_from("<H", data, 50) == (80,)
+    assert data[52:].decode("utf-16-le") == "{1C743641-BE8D-477D-86BE-36371610DF1E}\0\0"
+    assert properties[0] != properties[1]
+
+
+def test_class_descriptors_by_hand() -> None:
+    """CDC 1.2, tables 15 and 16; PSTN 1.2, tables 3 and 4; DFU 1.1, table 4.2."""
+    chain = (
+        CdcHeader(0x0110),
+        CdcCallManagement(3, 1),
+        CdcAbstractControl(6),
+        CdcUnion(0, 1),
+        DfuFunctional(0x0D, 255, 64, 0x0101),
+    )
+    wanted = "05 24 00 10 01 05 24 01 03 01 04 24 02 06 05 24 06 00 01 09 21 0d ff 00 40 00 01 01"
+    assert encode(*chain) == bytes.fromhex(wanted)
+    assert descriptors(bytes.fromhex(wanted)) == chain
+
+
+def test_strings_by_hand() -> None:
+    assert RUN_TIME.find(DescriptorType.STRING, 0, 0) == bytes([4, 3, 0x09, 0x04])
+    assert Languages.decode(bytes([6, 3, 9, 4, 7, 4])) == Languages((0x0409, 0x0407))
+    assert String("aµ").encode() == bytes([6, 3, ord("a"), 0, 0xB5, 0])
+    with pytest.raises(ReplyError, match="no table of languages"):
+        Languages.decode(bytes([5, 3, 9, 4, 7]))
+
+
+def test_a_line_coding_by_hand() -> None:
+    """PSTN 1.2, table 17: 9600 baud, 2 stop bits, even parity, 7 data bits."""
+    coding = layout.LINE_CODING.parse(bytes([0x80, 0x25, 0, 0, 2, 2, 7]))
+    assert (coding.dwDTERate, coding.bCharFormat, coding.bParityType, coding.bDataBits) == (9600, 2, 2, 7)
+
+
+def test_a_line_coding_is_laid_out_as_the_specification_says() -> None:
+    for offset, size, field in layout_rows("LINE_CODING"):
+        data = bytearray(7)
+        data[offset : offset + size] = b"\x05" * size
+        assert layout.LINE_CODING.parse(bytes(data))[field] == int("05" * size, 16)
+    assert sum(size for _, size, _ in layout_rows("LINE_CODING")) == 7
+
+
+@pytest.mark.parametrize(
+    ("release", "bcd"), [((0, 1, 0), 0x0010), ((1, 2, 3), 0x0123), ((12, 3, 4), 0x1234), ((99, 9, 9), 0x9999)]
+)
+def test_the_release_is_binary_coded_decimal(release: tuple[int, int, int], bcd: int) -> None:
+    assert run_time(release, "", "").device.bcdDevice == dfu_mode(release, "", "").device.bcdDevice == bcd
+
+
+@pytest.mark.parametrize("release", [(1, 10, 0), (1, 0, 10), (100, 0, 0), (0, -1, 0)])
+def test_a_release_that_does_not_fit_is_refused(release: tuple[int, int, int]) -> None:
+    with pytest.raises(ValueError, match=r"does not fit bcdDevice: at most 99\.9\.9"):
+        run_time(release, "", "")
+
+
+# Lengths, walked without the code under test.
+
+
+def walk(chain: bytes) -> list[bytes]:
+    pieces = []
+    while chain:
+        pieces.append(chain[: chain[0]])
+        chain = chain[chain[0] :]
+    return pieces
+
+
+STANDARD_LENGTHS = {1: 18, 2: 9, 4: 9, 5: 7, 6: 10, 7: 9, 11: 8, 15: 5, 0x21: 9}  # of types of one length
+
+
+@pytest.mark.parametrize("enumeration", [RUN_TIME, FULL, DFU], ids=["high", "full", "dfu"])
+def test_lengths_and_counts_are_true(enumeration: Enumeration) -> None:
+    for chain, kind in ((enumeration.configuration, 2), (enumeration.other_speed, 7)):
+        pieces = walk(chain)
+        assert (chain[1], int.from_bytes(chain[2:4], "little")) == (kind, len(chain))
+        assert all(len(piece) == STANDARD_LENGTHS.get(piece[1], len(piece)) for piece in pieces)
+        interfaces = [piece for piece in pieces if piece[1] == 4]
+        assert chain[4] == len({piece[2] for piece in interfaces})
+        assert sum(piece[4] for piece in interfaces) == sum(piece[1] == 5 for piece in pieces)
+        addresses = [piece[2] for piece in pieces if piece[1] == 5]
+        assert len(addresses) == len(set(addresses))
+        assert max(piece[-1] for piece in interfaces) == len(enumeration.strings)
+    assert len(enumeration.device.encode()) == STANDARD_LENGTHS[1]
+    assert len(enumeration.qualifier.encode()) == STANDARD_LENGTHS[6]
+
+    pieces = walk(enumeration.bos)
+    assert int.from_bytes(enumeration.bos[2:4], "little") == len(enumeration.bos)
+    assert [piece[1:3] for piece in pieces[1:]] == [b"\x10\x02", b"\x10\x05"]
+    assert enumeration.bos[4] == 2
+    assert int.from_bytes(pieces[2][24:26], "little") == len(enumeration.ms_os)
+
+
+@pytest.mark.parametrize(("ms_os", "shape"), [(RUN_TIME.ms_os, [0, 1, 2, 3, 4, 2, 3, 4]), (DFU.ms_os, [0, 3, 4])])
+def test_each_subset_of_microsoft_s_set_ends_where_it_says(ms_os: bytes, shape: list[int]) -> None:
+    kinds, ends, at = [], [len(ms_os)], 0
+    while at < len(ms_os):
+        while at == ends[-1]:
+            ends.pop()
+        size, kind = struct.unpack_from("<HH", ms_os, at)
+        kinds.append(kind)
+        assert at + size <= ends[-1]
+        if kind <= 2:  # a head; the total length is its last field
+            (total,) = struct.unpack_from("<H", ms_os, at + size - 2)
+            assert at + total <= ends[-1]
+            ends.append(at + total)
+        at += size
+    assert set(ends) == {len(ms_os)}
+    assert kinds == shape
+
+
+def test_the_other_speed_differs_in_packets_and_intervals_only() -> None:
+    def without_speed(chain: bytes) -> list[Descriptor]:
+        return [
+            dataclasses.replace(each, wMaxPacketSize=0, bInterval=0) if isinstance(each, Endpoint) else each
+            for each in descriptors(chain)[1:]
+        ]
+
+    assert without_speed(RUN_TIME.configuration) == without_speed(RUN_TIME.other_speed)
+    assert RUN_TIME.configuration[2:] == FULL.other_speed[2:]
+    assert RUN_TIME.other_speed[2:] == FULL.configuration[2:]
+
+
+@pytest.mark.parametrize(("speed", "unit_ms"), [(HIGH_SPEED, 1 / 8), (FULL_SPEED, 1)])
+def test_notifications_are_asked_for_every_32_ms(speed: Speed, unit_ms: float) -> None:
+    """USB 2.0, table 9-13: 2^(bInterval - 1) microframes at high speed, bInterval frames at full speed."""
+    chain = descriptors(run_time((1, 0, 0), "", "", speed).configuration)
+    (interval,) = [each.bInterval for each in chain if isinstance(each, Endpoint) and each.bmAttributes == 3]
+    assert unit_ms * (2 ** (interval - 1) if speed == HIGH_SPEED else interval) == 32
+
+
+def test_console_functions_point_at_each_other() -> None:
+    chain = descriptors(RUN_TIME.configuration)
+    at = next(at for at, each in enumerate(chain) if isinstance(each, InterfaceAssociation))
+    association, control = chain[at], chain[at + 1]
+    assert isinstance(association, InterfaceAssociation)
+    assert isinstance(control, Interface)
+    assert association.bFirstInterface == control.bInterfaceNumber
+    numbers = [each.bInterfaceNumber for each in chain if isinstance(each, Interface)]
+    assert numbers == [0, 1, 2, 3]
+    assert set(range(1, 1 + association.bInterfaceCount)) == {1, 2}
+    assert chain[at + 2 : at + 6] == (CdcHeader(0x0120), CdcCallManagement(0, 2), CdcAbstractControl(2), CdcUnion(1, 2))
+
+
+# pyusb's reading.
+
+
+def on_the_bus(enumeration: Enumeration) -> usb.core.Device:
+    emulator = Emulator()
+    emulator.usb.enumeration = enumeration
+    return usb.core.find(backend=EmulatorBackend([emulator]))
+
+
+def fields_of(thing: object, names: str) -> tuple[int, ...]:
+    return tuple(getattr(thing, name) for name in names.split())
+
+
+DEVICE_FIELDS = (
+    "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 "
+    "idVendor idProduct bcdDevice iManufacturer iProduct iSerialNumber bNumConfigurations"
+)
+CONFIGURATION_FIELDS = (
+    "bLength bDescriptorType wTotalLength bNumInterfaces bConfigurationValue iConfiguration bmAttributes bMaxPower"
+)
+INTERFACE_FIELDS = (
+    "bLength bDescriptorType bInterfaceNumber bAlternateSetting bNumEndpoints "
+    "bInterfaceClass bInterfaceSubClass bInterfaceProtocol iInterface"
+)
+ENDPOINT_FIELDS = "bLength bDescriptorType bEndpointAddress bmAttributes wMaxPacketSize bInterval"
+
+
+@pytest.mark.parametrize(("enumeration", "bulk", "interval"), [(RUN_TIME, 512, 9), (FULL, 64, 32)])
+def test_pyusb_reads_the_device_at_run_time(enumeration: Enumeration, bulk: int, interval: int) -> None:
+    device = on_the_bus(enumeration)
+    assert fields_of(device, DEVICE_FIELDS) == (*(18, 1, 0x0201, 0xEF, 2, 1, 64, 0x1209, 0x0001, 0x0123, 1, 2, 3, 1),)
     (configuration,) = device.configurations()
-    assert configuration.bmAttributes == 0xC0  # self-powered
-    (interface,) = configuration.interfaces()
-    assert interface.bInterfaceClass == 0xFF
-    endpoints = {endpoint.bEndpointAddress: endpoint for endpoint in interface}
-    assert set(endpoints) == {0x01, 0x81}
-    for endpoint in endpoints.values():
-        assert usb.util.endpoint_type(endpoint.bmAttributes) == usb.util.ENDPOINT_TYPE_BULK
-        assert endpoint.wMaxPacketSize == 512
+    assert fields_of(configuration, CONFIGURATION_FIELDS) == (9, 2, 116, 4, 1, 0, 0xC0, 50)
+    array, control, data, dfu = configuration.interfaces()
+    assert fields_of(array, INTERFACE_FIELDS) == (9, 4, 0, 0, 2, 0xFF, 0x50, 1, 4)
+    assert fields_of(control, INTERFACE_FIELDS) == (9, 4, 1, 0, 1, 2, 2, 0, 5)
+    assert fields_of(data, INTERFACE_FIELDS) == (9, 4, 2, 0, 2, 10, 0, 0, 0)
+    assert fields_of(dfu, INTERFACE_FIELDS) == (9, 4, 3, 0, 0, 0xFE, 1, 1, 6)
+    found = [fields_of(endpoint, ENDPOINT_FIELDS) for interface in configuration for endpoint in interface]
+    assert found == [
+        (7, 5, 0x01, 2, bulk, 1),
+        (7, 5, 0x81, 2, bulk, 1),
+        (7, 5, 0x82, 3, 16, interval),
+        (7, 5, 0x03, 2, bulk, 1),
+        (7, 5, 0x83, 2, bulk, 1),
+    ]
+    assert bytes(control.extra_descriptors).hex() == "05240020010524010002042402020524060102"
+    assert bytes(array[1].extra_descriptors).hex() == "080b010202020005"  # what follows an endpoint, as libusb has it
+    assert bytes(dfu.extra_descriptors).hex() == "09210fe80300081001"
+    assert not [*configuration.extra_descriptors, *array.extra_descriptors, *data.extra_descriptors]
 
 
-def test_lengths_are_what_the_descriptors_say() -> None:
-    device = device_descriptor((1, 2, 3))
-    assert device[0] == len(device) == 18
-    assert device[12:14] == bytes([0x23, 0x01])
-    configuration = configuration_descriptor()
-    assert int.from_bytes(configuration[2:4], "little") == len(configuration)
-    lengths, at = [], 0
-    while at < len(configuration):
-        lengths.append(configuration[at])
-        at += configuration[at]
-    assert lengths == [9, 9, 7, 7]
+def test_pyusb_reads_the_device_in_dfu_mode() -> None:
+    device = on_the_bus(DFU)
+    assert fields_of(device, DEVICE_FIELDS) == (18, 1, 0x0201, 0, 0, 0, 64, 0x1209, 0x0002, 0x0123, 1, 2, 3, 1)
+    (configuration,) = device.configurations()
+    assert fields_of(configuration, CONFIGURATION_FIELDS) == (9, 2, 27, 1, 1, 0, 0xC0, 50)
+    (setting,) = configuration.interfaces()
+    assert fields_of(setting, INTERFACE_FIELDS) == (9, 4, 0, 0, 0, 0xFE, 1, 2, 4)
+    assert usb.util.get_string(device, setting.iInterface) == "firmware"
+    assert bytes(setting.extra_descriptors).hex() == "09210fe80300081001"
 
 
-def test_strings_are_utf_16() -> None:
-    assert string_descriptor(None) == bytes([4, 3, 0x09, 0x04])
-    assert string_descriptor("aµ") == bytes([6, 3, ord("a"), 0, 0xB5, 0])
+def test_pyusb_reads_the_strings() -> None:
+    device = on_the_bus(RUN_TIME)
+    assert (device.manufacturer, device.product, device.serial_number) == ("phasewire", "array", "S-1")
+    assert device.langids == (0x0409,)
+    names = [usb.util.get_string(device, interface.iInterface) for interface in device[0]]
+    assert names == ["phasewire array", "phasewire console", None, "phasewire firmware update"]
+
+
+@pytest.mark.parametrize("enumeration", [RUN_TIME, DFU], ids=["run time", "dfu"])
+def test_get_descriptor_answers_all_of_them(enumeration: Enumeration) -> None:
+    device = on_the_bus(enumeration)
+    wanted = {
+        1: enumeration.device.encode(),
+        2: enumeration.configuration,
+        6: enumeration.qualifier.encode(),
+        7: enumeration.other_speed,
+        15: enumeration.bos,
+    }
+    for kind, data in wanted.items():
+        assert bytes(usb.control.get_descriptor(device, 1024, kind, 0)) == data
+        assert bytes(usb.control.get_descriptor(device, 5, kind, 0)) == data[:5]
+        assert enumeration.find(kind, 1, 0) is None
+    for kind in {*range(256)} - {*wanted, DescriptorType.STRING}:
+        assert enumeration.find(kind, 0, 0) is None
+    assert bytes(device.ctrl_transfer(0xC0, 0x20, 0, 7, 1024)) == enumeration.ms_os
+    assert wanted[6][2:8] == wanted[1][2:8]  # the qualifier repeats the device
+
+
+def test_every_endpoint_that_is_described_is_there() -> None:
+    device = on_the_bus(RUN_TIME)
+    device.set_configuration()
+    for interface in device[0]:
+        for endpoint in interface:
+            status = device.ctrl_transfer(0x82, StandardRequest.GET_STATUS, 0, endpoint.bEndpointAddress, 2)
+            assert bytes(status) == b"\0\0"
+            if endpoint.bEndpointAddress != 0x01:
+                with pytest.raises(usb.core.USBTimeoutError):
+                    endpoint.read(512, 5) if endpoint.bEndpointAddress & 0x80 else endpoint.write(b"?", 5)
+
+
+def test_pyusb_sets_the_line_coding() -> None:
+    device = on_the_bus(RUN_TIME)
+    device.set_configuration()
+    coding = bytes([0x80, 0x25, 0, 0, 2, 2, 7])
+    assert device.ctrl_transfer(0x21, 0x20, 0, 1, coding) == 7
+    assert bytes(device.ctrl_transfer(0xA1, 0x21, 0, 1, 7)) == coding
+
+
+def test_pyusb_ends_a_halt() -> None:
+    device = on_the_bus(RUN_TIME)
+    device.set_configuration()
+    usb.control.set_feature(device, usb.control.ENDPOINT_HALT, device[0][(0, 0)][0])
+    with pytest.raises(usb.core.USBError, match="Pipe error"):
+        device.write(0x01, bytes(512))
+    device.clear_halt(0x01)
+    assert device.write(0x01, bytes(512)) == 512
+
+
+# Any bytes.
+
+
+@pytest.mark.parametrize("chain", CHAINS)
+def test_chains_decode_and_encode_identically(chain: bytes) -> None:
+    assert encode(*descriptors(chain)) == chain
+
+
+@pytest.mark.parametrize("chain", SETS)
+def test_microsoft_s_sets_decode_and_encode_identically(chain: bytes) -> None:
+    assert encode(*ms_os_descriptors(chain)) == chain
+
+
+def test_kinds_are_told_apart() -> None:
+    assert type(descriptors(RUN_TIME.configuration)[0]) is Configuration
+    assert type(descriptors(RUN_TIME.other_speed)[0]) is OtherSpeedConfiguration
+    assert descriptors(b"") == ()
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("00", "at byte 0: its length 0 is less than 2"),
+        ("00 05", "its length 0 is less than 2"),
+        ("01 05", "its length 1 is less than 2"),
+        ("07 05 81 02 00 02", "its length 7 is less than 2 or goes beyond the end, 6 bytes away"),
+        ("07 05 81 02 00 02 00 07", "at byte 7: its length 7"),
+        ("06 05 81 02 00 02", "no Endpoint descriptor"),
+        ("08 05 81 02 00 02 00 00", "no Endpoint descriptor"),
+        ("03 2a 00", "2a00 is of no kind"),
+        ("05 24 03 00 00", "of no kind"),
+        ("02 24", "of no kind"),
+        ("0a 06 01 02 ef 02 01 40 01 07", "no DeviceQualifier descriptor"),
+        ("05 03 41 00 42", "no String descriptor"),
+        ("04 03 00 d8", "no String descriptor"),
+        ("1c 10 05 00" + "00" * 24, "of no kind"),
+    ],
+)
+def test_malformed_chains_are_refused(data: str, message: str) -> None:
+    with pytest.raises(ReplyError, match=message):
+        descriptors(bytes.fromhex(data))
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("0a", "at byte 0: its length 10 is less than 4 or goes beyond the end, 1 bytes away"),
+        ("03 00 00", "its length 3 is less than 4"),
+        ("00 00 00 00", "its length 0"),
+        ("04 00 09 00", "of no kind"),
+        ("08 00 02 00 00 01 a0 00", "no MsOsFunctionSubset descriptor"),
+        ("0a 00 04 00 07 00 04 00 41 00", "no MsOsRegistryProperty descriptor"),
+        ("0b 00 04 00 07 00 00 00 00 00 00", "no MsOsRegistryProperty descriptor"),
+    ],
+)
+def test_malformed_sets_are_refused(data: str, message: str) -> None:
+    with pytest.raises(ReplyError, match=message):
+        ms_os_descriptors(bytes.fromhex(data))
+
+
+@given(st.binary(max_size=64))
+def test_any_bytes_are_read_or_refused(data: bytes) -> None:
+    for read in (descriptors, ms_os_descriptors):
+        try:
+            chain = read(data)
+        except ReplyError:
+            continue
+        assert encode(*chain) == data
+
+
+@given(st.sampled_from([*CHAINS, *SETS]), st.data())
+def test_damaged_chains_are_read_or_refused(genuine: bytes, data: st.DataObject) -> None:
+    damaged = bytearray(genuine)
+    for at in data.draw(st.lists(st.integers(0, len(genuine) - 1), min_size=1, max_size=4)):
+        damaged[at] = data.draw(st.integers(0, 255))
+    cut = bytes(damaged[: data.draw(st.integers(0, len(damaged)))])
+    read = ms_os_descriptors if genuine in SETS else descriptors
+    try:
+        chain = read(cut)
+    except ReplyError:
+        return
+    assert encode(*chain) == cut
+
+
+U8, U16 = st.integers(0, 255), st.integers(0, 65535)
+TEXTS = st.text(st.characters(codec="utf-16-le"), max_size=63)
+ANY = st.one_of(
+    st.builds(Endpoint, U8, U8, U16, U8),
+    st.builds(Interface, U8, U8, U8, U8, U8, U8, U8),
+    st.builds(Configuration, U16, U8, U8, U8, U8, U8),
+    st.builds(Device, U16, U8, U8, U8, U8, U16, U16, U16, U8, U8, U8, U8),
+    st.builds(DfuFunctional, U8, U16, U16, U16),
+    st.builds(CdcUnion, U8, U8),
+    st.builds(String, TEXTS),
+)
+
+
+@given(st.lists(ANY, max_size=5))
+def test_values_survive_the_way(chain: list[Descriptor]) -> None:
+    data = encode(*chain)
+    assert list(descriptors(data)) == chain
+    assert sum(piece[0] for piece in walk(data)) == len(data)
+
+
+@given(st.builds(MsOsRegistryProperty, U16, TEXTS, TEXTS))
+def test_registry_properties_survive_the_way(entry: MsOsRegistryProperty) -> None:
+    assert ms_os_descriptors(entry.encode()) == (entry,)
+
+
+@given(st.builds(Endpoint, U8, U8, U16, U8))
+def test_an_endpoint_is_what_struct_makes_of_it(endpoint: Endpoint) -> None:
+    assert endpoint.encode() == struct.pack("<BBBBHB", 7, 5, *dataclasses.astuple(endpoint))
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(ValueError, match="bEndpointAddress=256"):
+        Endpoint(256, 2, 512, 0)
+    with pytest.raises(ValueError, match="does not fit its layout"):
+        Endpoint(1, 2, -1, 0)
+    with pytest.raises(ValueError, match="does not fit its layout"):
+        MsOsCompatibleId(b"WINUSB")
+    assert len(String("x" * 126).encode()) == 254
+    with pytest.raises(ValueError, match="does not fit its layout"):
+        String("x" * 127)
+    with pytest.raises(ValueError, match="does not fit its layout"):
+        String("\ud800")
