@@ -8,6 +8,7 @@
     ├── ReplyError            bytes that are no valid answer        an acknowledgement with a wrong checksum
     ├── FrameError            bytes that are no valid frame         a serial line that lost a byte
     ├── CommandError          a line that is no console command     "limit 400"
+    ├── ImageError            bytes that are no valid firmware      a flipped bit, a signature that is wrong
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
         ├── DeviceAccessError     it is there, but not for us       no permission, open elsewhere
@@ -15,8 +16,8 @@
         ├── DeviceTimeoutError    it did not answer in time         a stuck endpoint
         └── DeviceLostError       it went away                      unplugged in mid-stream
 
-``InputFileError``, ``BlockError``, ``ReplyError``, ``FrameError`` and ``CommandError`` are also ``ValueError``: they
-speak of a value, wherever it came from.
+``InputFileError``, ``BlockError``, ``ReplyError``, ``FrameError``, ``CommandError`` and ``ImageError`` are also
+``ValueError``: they speak of a value, wherever it came from.
 This module stands below every other one and may import none of them.
 """
 
@@ -32,6 +33,7 @@ __all__ = [
     "DeviceRefusedError",
     "DeviceTimeoutError",
     "FrameError",
+    "ImageError",
     "InputFileError",
     "PhasewireError",
     "ReplyError",
@@ -52,7 +54,8 @@ class _Refusal(PhasewireError):
     Attributes
     ----------
     reason : int
-        The code of the specification: a ``phasewire.protocol.Reason`` for a block, a ``ConsoleCode`` for a command.
+        The code of the specification: a ``phasewire.protocol.Reason`` for a block, a ``ConsoleCode`` for a command, an
+        ``ImageReason`` for a firmware image.
     """
 
     def __init__(self, message: str, reason: int) -> None:
@@ -74,6 +77,10 @@ class FrameError(PhasewireError, ValueError):
 
 class CommandError(_Refusal, ValueError):
     """A line that is no valid command of the console; `reason` says why."""
+
+
+class ImageError(_Refusal, ValueError):
+    """Bytes that are no valid firmware image; `reason` says why."""
 
 
 class DeviceError(PhasewireError):

@@ -7,36 +7,62 @@ from __future__ import annotations
 
 from enum import IntEnum, IntFlag
 
+from .board import PROCESSORS
+
 __all__ = [
     "ACK_MAGIC",
     "AMPLITUDES",
     "BLOCK_BYTES",
     "BLOCK_MAGIC",
     "CHECKSUM_OFFSET",
+    "DFU_ATTRIBUTES",
+    "DFU_DETACH_TIMEOUT_MS",
+    "DFU_FIRST_STRING",
+    "DFU_REQUEST_TYPE_IN",
+    "DFU_REQUEST_TYPE_OUT",
+    "DFU_TRANSFER_BYTES",
+    "DFU_VERSION",
     "ENTRIES_PER_BLOCK",
+    "FLASH_BANK_BYTES",
+    "FLASH_SECTOR_BYTES",
     "HEADER_BYTES",
     "HORIZON_PERIODS",
+    "IMAGE_ENTRY_BYTES",
+    "IMAGE_HEADER_BYTES",
+    "IMAGE_MAGIC",
+    "IMAGE_MAX_BYTES",
+    "IMAGE_VERSION",
+    "KEY_ID_BYTES",
     "MODULATION_SAMPLES",
     "NOW",
     "PAYLOAD_BYTES",
     "PROTOCOL_VERSION",
     "RECORD_BYTES",
+    "RECORD_MAGIC",
     "REQUEST_TYPE_IN",
     "REQUEST_TYPE_OUT",
     "SAMPLES_PER_BLOCK",
+    "SEGMENT_MAX_BYTES",
     "SEQUENCE_ENTRIES",
+    "SIGNATURE_BYTES",
     "SILENCING_FAULTS",
     "SLOTS",
     "STATUS_MAGIC",
     "WATCHDOG_MS_RANGE",
     "AckFlag",
     "Action",
+    "Bank",
     "ConsoleCode",
     "DescriptorType",
+    "DfuRequest",
+    "DfuState",
+    "DfuStatus",
     "Fault",
     "Feature",
     "Flag",
     "FrameKind",
+    "Hardware",
+    "ImageReason",
     "Kind",
     "Outcome",
     "Reason",
@@ -44,6 +70,7 @@ __all__ = [
     "StandardRequest",
     "State",
     "StatusFlag",
+    "Target",
 ]
 
 PROTOCOL_VERSION = 1
@@ -305,3 +332,166 @@ class DescriptorType(IntEnum):
     DEVICE_CAPABILITY = 0x10
     DFU_FUNCTIONAL = 0x21
     CS_INTERFACE = 0x24
+
+
+# Firmware images, flash and DFU (SPEC.md, chapters FWU and DFU).
+
+IMAGE_MAGIC = b"PWFW"
+IMAGE_VERSION = 1
+IMAGE_HEADER_BYTES = 32
+IMAGE_ENTRY_BYTES = 48
+KEY_ID_BYTES = 8
+SIGNATURE_BYTES = 64
+SEGMENT_MAX_BYTES = 64 * 1024
+IMAGE_MAX_BYTES = IMAGE_HEADER_BYTES + (1 + PROCESSORS) * (IMAGE_ENTRY_BYTES + SEGMENT_MAX_BYTES) + SIGNATURE_BYTES
+
+FLASH_SECTOR_BYTES = 4096
+FLASH_BANK_BYTES = 1024 * 1024
+RECORD_MAGIC = b"PWBR"
+
+DFU_VERSION = 0x0110
+DFU_ATTRIBUTES = 0x0F
+DFU_TRANSFER_BYTES = 2048
+DFU_DETACH_TIMEOUT_MS = 1000
+DFU_REQUEST_TYPE_OUT = 0x21
+DFU_REQUEST_TYPE_IN = 0xA1
+DFU_FIRST_STRING = 16
+
+
+class Hardware(IntEnum):
+    """What an image is for (SPEC.md, clause FWU-005)."""
+
+    FIVE_BOARDS = 1
+
+
+class Target(IntEnum):
+    """Who runs a segment of an image (SPEC.md, clause FWU-007)."""
+
+    PROCESSOR_0 = 0
+    PROCESSOR_1 = 1
+    PROCESSOR_2 = 2
+    PROCESSOR_3 = 3
+    PROCESSOR_4 = 4
+    PROCESSOR_5 = 5
+    PROCESSOR_6 = 6
+    PROCESSOR_7 = 7
+    PROCESSOR_8 = 8
+    PROCESSOR_9 = 9
+    ALL_PROCESSORS = 10
+    CONTROLLER = 11
+
+
+class Bank(IntEnum):
+    """Where an image lies in flash: the number is that of its MiB (SPEC.md, clause FWU-016)."""
+
+    FACTORY = 1
+    A = 2
+    B = 3
+
+    @property
+    def record_address(self) -> int:
+        """Where the boot record lies, in bytes from the beginning of the flash."""
+        return self * FLASH_BANK_BYTES
+
+    @property
+    def image_address(self) -> int:
+        """Where the image begins, in bytes from the beginning of the flash."""
+        return self.record_address + FLASH_SECTOR_BYTES
+
+
+class ImageReason(IntEnum):
+    """Outcome of a firmware image (SPEC.md, clause FWU-015). The first failure in this order is the one reported."""
+
+    ACCEPTED = 0
+    SUFFIX = 1
+    LENGTH = 2
+    MAGIC = 3
+    VERSION = 4
+    CHECKSUM = 5
+    RESERVED = 6
+    HARDWARE = 7
+    TARGETS = 8
+    SIZE = 9
+    OFFSET = 10
+    TOTAL = 11
+    PADDING = 12
+    HASH = 13
+    SIGNATURE = 14
+
+    @property
+    def text(self) -> str:
+        """What it means, for people."""
+        return _IMAGE_TEXTS[self][0]
+
+    @property
+    def clause(self) -> str:
+        """The clause that the image breaks."""
+        return _IMAGE_TEXTS[self][1]
+
+
+_IMAGE_TEXTS = {
+    ImageReason.ACCEPTED: ("accepted", "FWU-015"),
+    ImageReason.SUFFIX: ("the file does not end with a DFU suffix that is right", "FWU-014"),
+    ImageReason.LENGTH: ("there is less than the header and the table that it announces", "FWU-001"),
+    ImageReason.MAGIC: ("this is no firmware image", "FWU-002"),
+    ImageReason.VERSION: ("the image is of another container version", "FWU-002"),
+    ImageReason.CHECKSUM: ("the CRC-32 of header and table does not match", "FWU-003"),
+    ImageReason.RESERVED: ("a reserved byte is not zero, or a version has a reserved value", "FWU-004"),
+    ImageReason.HARDWARE: ("the image is for other hardware", "FWU-005"),
+    ImageReason.TARGETS: ("the segments are not one for the controller and one for each processor", "FWU-007"),
+    ImageReason.SIZE: ("a segment is empty or larger than a processor's memory", "FWU-008"),
+    ImageReason.OFFSET: ("the segments do not follow each other without gap or overlap", "FWU-009"),
+    ImageReason.TOTAL: ("the image has more or fewer bytes than it says", "FWU-009"),
+    ImageReason.PADDING: ("bytes between segments are not zero", "FWU-009"),
+    ImageReason.HASH: ("a segment's CRC-32 or SHA-256 does not match", "FWU-010"),
+    ImageReason.SIGNATURE: ("the signature is wrong, or the device does not trust who signed", "FWU-012"),
+}
+
+
+class DfuRequest(IntEnum):
+    """Class requests of USB DFU 1.1 (SPEC.md, clause DFU-003)."""
+
+    DETACH = 0
+    DNLOAD = 1
+    UPLOAD = 2
+    GETSTATUS = 3
+    CLRSTATUS = 4
+    GETSTATE = 5
+    ABORT = 6
+
+
+class DfuState(IntEnum):
+    """States of USB DFU 1.1 (SPEC.md, clause DFU-004)."""
+
+    APP_IDLE = 0
+    APP_DETACH = 1
+    DFU_IDLE = 2
+    DNLOAD_SYNC = 3
+    DNBUSY = 4
+    DNLOAD_IDLE = 5
+    MANIFEST_SYNC = 6
+    MANIFEST = 7
+    MANIFEST_WAIT_RESET = 8
+    UPLOAD_IDLE = 9
+    ERROR = 10
+
+
+class DfuStatus(IntEnum):
+    """Statuses of USB DFU 1.1 (SPEC.md, clause DFU-005)."""
+
+    OK = 0
+    TARGET = 1
+    FILE = 2
+    WRITE = 3
+    ERASE = 4
+    CHECK_ERASED = 5
+    PROG = 6
+    VERIFY = 7
+    ADDRESS = 8
+    NOTDONE = 9
+    FIRMWARE = 10
+    VENDOR = 11
+    USBR = 12
+    POR = 13
+    UNKNOWN = 14
+    STALLEDPKT = 15
