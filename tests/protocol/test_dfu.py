@@ -1,0 +1,280 @@
+from __future__ import annotations
+
+import re
+from itertools import product
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire.errors import ReplyError
+from phasewire.protocol.codes import (
+    DFU_ATTRIBUTES,
+    DFU_DETACH_TIMEOUT_MS,
+    DFU_REQUEST_TYPE_IN,
+    DFU_REQUEST_TYPE_OUT,
+    DFU_TRANSFER_BYTES,
+    DFU_VERSION,
+    IMAGE_MAX_BYTES,
+    DfuRequest,
+    DfuState,
+    DfuStatus,
+    ImageReason,
+)
+from phasewire.protocol.dfu import (
+    BUSY_LONGEST_MS,
+    MANIFEST_MS,
+    TRANSITIONS,
+    DfuEvent,
+    DfuReply,
+    check_block,
+    program_ms,
+    reason_string,
+    status_of,
+)
+from phasewire.protocol.layout.firmware import DFU_STATUS
+
+from tests.specification import SPEC, codes, hex_examples, layout_rows
+
+# The tables of DFU 1.1, appendix A.2, for a device that can download and upload, tolerates manifestation, detaches by
+# itself and is never corrupt. One entry for a row of a table: event, action, next state. "stall" is a STALL of the
+# control pipe; "any other" is every other request of the class. A.2.9 does not occur in a tolerant device.
+STANDARD = """
+appIDLE: DETACH, ok, appDETACH; GETSTATUS, ok, appIDLE; GETSTATE, ok, appIDLE; any other, stall, appIDLE
+appIDLE: reset, ok, appIDLE
+appDETACH: GETSTATUS, ok, appDETACH; GETSTATE, ok, appDETACH; any other, stall, appIDLE; reset, ok, dfuIDLE
+appDETACH: detaches by itself, ok, dfuIDLE
+dfuIDLE: DNLOAD with data, ok, dfuDNLOAD-SYNC; UPLOAD, ok, dfuUPLOAD-IDLE; UPLOAD short, ok, dfuUPLOAD-IDLE
+dfuIDLE: ABORT, ok, dfuIDLE; GETSTATUS, ok, dfuIDLE; GETSTATE, ok, dfuIDLE; any other, stall, dfuERROR
+dfuDNLOAD-SYNC: GETSTATUS in progress, ok, dfuDNBUSY; GETSTATUS, ok, dfuDNLOAD-IDLE; GETSTATE, ok, dfuDNLOAD-SYNC
+dfuDNLOAD-SYNC: any other, stall, dfuERROR
+dfuDNBUSY: poll timeout, ok, dfuDNLOAD-SYNC; any other, stall, dfuERROR
+dfuDNLOAD-IDLE: DNLOAD with data, ok, dfuDNLOAD-SYNC; DNLOAD empty and agreed, ok, dfuMANIFEST-SYNC
+dfuDNLOAD-IDLE: ABORT, ok, dfuIDLE; GETSTATUS, ok, dfuDNLOAD-IDLE; GETSTATE, ok, dfuDNLOAD-IDLE
+dfuDNLOAD-IDLE: any other, stall, dfuERROR
+dfuMANIFEST-SYNC: GETSTATUS in progress, ok, dfuMANIFEST; GETSTATUS, ok, dfuIDLE; GETSTATE, ok, dfuMANIFEST-SYNC
+dfuMANIFEST-SYNC: any other, stall, dfuERROR
+dfuMANIFEST: poll timeout, ok, dfuMANIFEST-SYNC; any other, stall, dfuERROR
+dfuUPLOAD-IDLE: UPLOAD, ok, dfuUPLOAD-IDLE; UPLOAD short, ok, dfuIDLE; ABORT, ok, dfuIDLE
+dfuUPLOAD-IDLE: GETSTATUS, ok, dfuUPLOAD-IDLE; GETSTATE, ok, dfuUPLOAD-IDLE; any other, stall, dfuERROR
+dfuERROR: GETSTATUS, ok, dfuERROR; GETSTATE, ok, dfuERROR; CLRSTATUS, ok, dfuIDLE; any other, stall, dfuERROR
+"""
+STATES = (
+    *("appIDLE", "appDETACH", "dfuIDLE", "dfuDNLOAD-SYNC", "dfuDNBUSY", "dfuDNLOAD-IDLE", "dfuMANIFEST-SYNC"),
+    *("dfuMANIFEST", "dfuMANIFEST-WAIT-RESET", "dfuUPLOAD-IDLE", "dfuERROR"),
+)
+STATUSES = (
+    *("OK", "errTARGET", "errFILE", "errWRITE", "errERASE", "errCHECK_ERASED", "errPROG", "errVERIFY", "errADDRESS"),
+    *("errNOTDONE", "errFIRMWARE", "errVENDOR", "errUSBR", "errPOR", "errUNKNOWN", "errSTALLEDPKT"),
+)
+EVENTS = {
+    "DETACH": DfuEvent.DETACH,
+    "DNLOAD with data": DfuEvent.DNLOAD,
+    "DNLOAD empty and agreed": DfuEvent.DNLOAD_END,
+    "UPLOAD": DfuEvent.UPLOAD,
+    "UPLOAD short": DfuEvent.UPLOAD_END,
+    "GETSTATUS": DfuEvent.GETSTATUS,
+    "GETSTATUS in progress": DfuEvent.GETSTATUS_BUSY,
+    "CLRSTATUS": DfuEvent.CLRSTATUS,
+    "GETSTATE": DfuEvent.GETSTATE,
+    "ABORT": DfuEvent.ABORT,
+    "unknown": DfuEvent.REFUSED,
+    "poll timeout": DfuEvent.POLL_TIMEOUT,
+    "detaches by itself": DfuEvent.REATTACHED,
+    "reset": DfuEvent.BUS_RESET,
+}
+HAPPENINGS = {"poll timeout", "detaches by itself", "reset"}
+
+
+def standard() -> dict[tuple[str, str], tuple[str, str]]:
+    rows: dict[tuple[str, str], tuple[str, str]] = {}
+    for line in STANDARD.strip().splitlines():
+        state, entries = line.split(": ")
+        for entry in entries.split("; "):
+            event, action, following = entry.split(", ")
+            rows[state, event] = (action, following)
+    for state in {state for state, _ in rows}:
+        other = rows.pop((state, "any other"))
+        for event in EVENTS.keys() - HAPPENINGS:
+            # Where the tables do not tell a busy device apart, it answers as any other.
+            plain = rows.get((state, "GETSTATUS"), other) if event == "GETSTATUS in progress" else other
+            rows.setdefault((state, event), plain)
+        if state.startswith("dfu"):
+            rows[state, "reset"] = ("ok", "appIDLE")
+    return rows
+
+
+def test_transitions_are_those_of_the_standard() -> None:
+    expected = standard()
+    assert len(expected) == 10 * (11 + 1) + 3
+    for (state, event), (action, following) in expected.items():
+        step = TRANSITIONS[DfuState(STATES.index(state)), EVENTS[event]]
+        assert (step.stalls, STATES[step.state]) == (action == "stall", following), (state, event)
+
+
+def test_every_state_has_an_answer_to_every_event() -> None:
+    assert set(TRANSITIONS) == set(product(DfuState, DfuEvent))
+
+
+def test_failures_lead_to_the_error_state_in_dfu_mode_only() -> None:
+    """Figure A.1: any status but OK, from any state but appIDLE and appDETACH."""
+    for state in DfuState:
+        step = TRANSITIONS[state, DfuEvent.FAILURE]
+        assert step == (state if state <= DfuState.APP_DETACH else DfuState.ERROR, False)
+
+
+def test_what_happens_at_the_wrong_time_changes_nothing() -> None:
+    for state, event in product(DfuState, (DfuEvent.POLL_TIMEOUT, DfuEvent.REATTACHED)):
+        if (
+            STATES[state],
+            "poll timeout" if event is DfuEvent.POLL_TIMEOUT else "detaches by itself",
+        ) not in standard():
+            assert TRANSITIONS[state, event] == (state, False)
+
+
+def test_a_tolerant_device_never_waits_for_a_reset() -> None:
+    assert DFU_ATTRIBUTES & 4
+    reached = {DfuState.APP_IDLE}
+    while more := {TRANSITIONS[state, event].state for state in reached for event in DfuEvent} - reached:
+        reached |= more
+    assert set(DfuState) - reached == {DfuState.MANIFEST_WAIT_RESET}
+
+
+def test_clrstatus_outside_the_error_state_stalls() -> None:
+    for state in DfuState:
+        assert TRANSITIONS[state, DfuEvent.CLRSTATUS].stalls == (state is not DfuState.ERROR)
+
+
+def test_the_diagram_shows_these_transitions() -> None:
+    diagram = re.search(r"```mermaid\nstateDiagram-v2\n(.*?)```", SPEC.split("**DFU-006**")[1], re.DOTALL)
+    assert diagram
+    inside = re.search(r"as WORKING \{\n(.*?)\n  \}", diagram[1], re.DOTALL)
+    assert inside
+    working = set(re.findall(r"^ +([A-Z_]+)", inside[1], re.MULTILINE))
+    drawn = set()
+    for source, target, event in re.findall(r"(\w+) --> (\w+): (\w+)", diagram[1]):
+        drawn |= {(state, event, target) for state in (working if source == "WORKING" else {source})}
+    own = {DfuEvent.REATTACHED, DfuEvent.POLL_TIMEOUT, DfuEvent.FAILURE, DfuEvent.BUS_RESET}
+    questions = {DfuEvent.GETSTATUS, DfuEvent.GETSTATUS_BUSY, DfuEvent.GETSTATE}
+    assert drawn == {
+        (state.name, event.name, step.state.name)
+        for (state, event), step in TRANSITIONS.items()
+        if not step.stalls and (step.state is not state or event not in own | questions)
+    }
+
+
+# Names and numbers
+
+
+@pytest.mark.parametrize("enum", [DfuRequest, DfuState, DfuStatus])
+def test_the_tables_of_the_specification_are_these_codes(
+    enum: type[DfuRequest] | type[DfuState] | type[DfuStatus],
+) -> None:
+    assert codes(enum.__name__) == {code.name: code.value for code in enum}
+
+
+def test_the_names_are_those_of_the_standard() -> None:
+    plain = [re.sub("^(dfu(?!IDLE|ERROR)|err)", "", name).upper().replace("-", "_") for name in STATES]
+    renamed = {"APPIDLE": "APP_IDLE", "APPDETACH": "APP_DETACH", "DFUIDLE": "DFU_IDLE", "DFUERROR": "ERROR"}
+    assert [state.name for state in DfuState] == [renamed.get(name, name) for name in plain]
+    assert [status.name for status in DfuStatus] == [name.removeprefix("err") for name in STATUSES]
+    requests = ["DETACH", "DNLOAD", "UPLOAD", "GETSTATUS", "CLRSTATUS", "GETSTATE", "ABORT"]
+    assert [request.name for request in DfuRequest] == requests
+
+
+def test_the_numbers_of_the_functional_descriptor() -> None:
+    """Clause DFU-001; the request types are those of DFU 1.1, table 3.2."""
+    assert (DFU_VERSION, DFU_TRANSFER_BYTES, DFU_DETACH_TIMEOUT_MS, DFU_ATTRIBUTES) == (0x0110, 2048, 1000, 0b1111)
+    assert (DFU_REQUEST_TYPE_OUT, DFU_REQUEST_TYPE_IN) == (0b00100001, 0b10100001)
+
+
+# GETSTATUS
+
+REPLIES = st.builds(
+    DfuReply, st.sampled_from(DfuStatus), st.integers(0, 2**24 - 1), st.sampled_from(DfuState), st.integers(0, 255)
+)
+
+
+@given(REPLIES)
+def test_replies_survive_the_way(reply: DfuReply) -> None:
+    data = reply.encode()
+    assert data[:1] + data[4:] == bytes([reply.status, reply.state, reply.string])
+    assert int.from_bytes(data[1:4], "little") == reply.poll_ms
+    assert DfuReply.decode(data) == reply
+
+
+@given(st.binary(max_size=8))
+def test_any_bytes_are_read_or_refused(data: bytes) -> None:
+    try:
+        reply = DfuReply.decode(data)
+    except ReplyError:
+        assert len(data) != 6 or data[0] > 15 or data[4] > 10
+    else:
+        assert reply.encode() == data
+
+
+def test_the_layout_of_the_specification_is_this_one() -> None:
+    sizes = [(field.sizeof(), field.name) for field in DFU_STATUS.subcons if field.name is not None]
+    assert [(size, name) for _, size, name in layout_rows("DFU_STATUS")] == sizes
+    assert [offset for offset, _, _ in layout_rows("DFU_STATUS")] == [0, 1, 4, 5]
+
+
+def test_the_worked_reply() -> None:
+    reply = DfuReply(DfuStatus.OK, program_ms(0), DfuState.DNBUSY)
+    assert reply.encode() == hex_examples()["DFU_STATUS"]
+
+
+# Time and blocks
+
+
+def test_busy_times_by_hand() -> None:
+    """Two sectors and eight pages, no sector and eight pages, one sector and eight pages."""
+    assert [program_ms(number) for number in range(4)] == [128, 8, 68, 8]
+    assert all(0 < program_ms(number) < BUSY_LONGEST_MS for number in range(353))
+    assert 0 < MANIFEST_MS < BUSY_LONGEST_MS
+
+
+@given(st.integers(1, IMAGE_MAX_BYTES))
+def test_a_download_in_turn_is_taken(total: int) -> None:
+    received = 0
+    while received < total:
+        assert check_block(received // 2048, 0, received, total) is DfuStatus.NOTDONE
+        length = min(2048, total - received)
+        assert check_block(received // 2048, length, received, total) is DfuStatus.OK
+        received += length
+    assert check_block(0, 0, total, total) is DfuStatus.OK
+    assert check_block(-(-total // 2048), 1, total, total) is DfuStatus.ADDRESS
+
+
+@pytest.mark.parametrize(
+    ("number", "length", "received"),
+    [
+        (1, 2048, 0),
+        (0, 2048, 2048),
+        (2, 2048, 2048),
+        (1, 2047, 2048),
+        (1, 2049, 2048),
+        (2, 905, 4096),
+        (2, 903, 4096),
+        (0, 2048, 5000),
+        (2, 1, 5000),
+        (3, 1, 5000),
+    ],
+)
+def test_a_block_out_of_turn_is_refused(number: int, length: int, received: int) -> None:
+    assert DFU_TRANSFER_BYTES == 2048
+    assert check_block(number, length, received, 5000) is DfuStatus.ADDRESS
+
+
+# Refused images
+
+
+def test_what_a_bad_image_answers() -> None:
+    assert status_of(ImageReason.ACCEPTED) is DfuStatus.OK
+    assert [reason for reason in ImageReason if status_of(reason) is DfuStatus.TARGET] == [
+        ImageReason.MAGIC,
+        ImageReason.HARDWARE,
+    ]
+    assert {status_of(reason) for reason in list(ImageReason)[1:]} == {DfuStatus.TARGET, DfuStatus.FILE}
+    assert reason_string(ImageReason.ACCEPTED) == 0
+    assert reason_string(ImageReason.HASH) == 16 + 13
+    assert len({reason_string(reason) for reason in ImageReason}) == len(ImageReason)
