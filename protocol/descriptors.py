@@ -39,7 +39,6 @@ __all__ = [
     "MsOsSetHeader",
     "OtherSpeedConfiguration",
     "String",
-    "Usb20Extension",
     "descriptors",
     "encode",
     "ms_os_descriptors",
@@ -209,15 +208,6 @@ class Bos(Descriptor):
 
     wTotalLength: int
     bNumDeviceCaps: int
-
-
-@dataclass(frozen=True)
-class Usb20Extension(Descriptor):
-    """Whether the device supports link power management."""
-
-    LAYOUT = layout.USB_2_0_EXTENSION
-
-    bmAttributes: int
 
 
 @dataclass(frozen=True)
@@ -400,7 +390,6 @@ _STANDARD = {
         OtherSpeedConfiguration,
         InterfaceAssociation,
         Bos,
-        Usb20Extension,
         MsOsPlatform,
         DfuFunctional,
         CdcHeader,

@@ -6,11 +6,19 @@ GET_DESCRIPTOR with what `Enumeration.find` finds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from .codes import BLOCK_BYTES, DescriptorType
+from .codes import (
+    BLOCK_BYTES,
+    DFU_ATTRIBUTES,
+    DFU_DETACH_TIMEOUT_MS,
+    DFU_TRANSFER_BYTES,
+    DFU_VERSION,
+    DescriptorType,
+    ImageReason,
+)
 from .descriptors import (
     Bos,
     CdcAbstractControl,
@@ -34,9 +42,9 @@ from .descriptors import (
     MsOsSetHeader,
     OtherSpeedConfiguration,
     String,
-    Usb20Extension,
     encode,
 )
+from .dfu import reason_string
 
 __all__ = [
     "ARRAY_CLASS",
@@ -47,10 +55,8 @@ __all__ = [
     "CONSOLE_ENDPOINT_NOTIFICATION",
     "CONSOLE_ENDPOINT_OUT",
     "CONSOLE_INTERFACE",
-    "DFU_DETACH_MS",
     "DFU_INTERFACE",
     "DFU_PRODUCT_ID",
-    "DFU_TRANSFER_BYTES",
     "ENDPOINT_IN",
     "ENDPOINT_OUT",
     "FULL_SPEED",
@@ -88,9 +94,6 @@ LANGUAGE = 0x0409  # English (United States)
 MS_OS_VENDOR_CODE = 0x20
 MS_OS_INDEX = 7
 
-DFU_TRANSFER_BYTES = 2048
-DFU_DETACH_MS = 1000
-
 _USB_2_0_WITH_BOS = 0x0201
 _CONTROL_PACKET_BYTES = 64
 _SELF_POWERED = 0xC0
@@ -106,8 +109,6 @@ _CONSOLE = (0x02, 0x02, 0x00)
 _CONSOLE_DATA = (0x0A, 0x00, 0x00)
 _DFU_RUN_TIME = (0xFE, 0x01, 0x01)
 _DFU_MODE = (0xFE, 0x01, 0x02)
-
-_DFU_CAN_DOWNLOAD, _DFU_CAN_UPLOAD, _DFU_MANIFESTATION_TOLERANT, _DFU_WILL_DETACH = 1, 2, 4, 8
 
 _WINDOWS_8_1 = 0x0603_0000
 _REG_MULTI_SZ = 7
@@ -142,15 +143,15 @@ class Enumeration:
         The same at the other speed.
     ms_os : bytes
         The Microsoft OS 2.0 descriptor set, which a vendor request asks for.
-    strings : tuple of str
-        The strings from index 1 on.
+    strings : dict of int to str
+        The strings by their index.
     """
 
     device: Device
     configuration: bytes
     other_speed: bytes
     ms_os: bytes
-    strings: tuple[str, ...]
+    strings: Mapping[int, str]
 
     @property
     def qualifier(self) -> DeviceQualifier:
@@ -167,12 +168,9 @@ class Enumeration:
 
     @property
     def bos(self) -> bytes:
-        """The capabilities: no link power management; Microsoft's descriptor set."""
-        capabilities = encode(
-            Usb20Extension(bmAttributes=0),
-            MsOsPlatform(_WINDOWS_8_1, len(self.ms_os), MS_OS_VENDOR_CODE, bAltEnumCode=0),
-        )
-        return encode(Bos(5 + len(capabilities), bNumDeviceCaps=2)) + capabilities
+        """The one capability: Microsoft's descriptor set."""
+        capability = encode(MsOsPlatform(_WINDOWS_8_1, len(self.ms_os), MS_OS_VENDOR_CODE, bAltEnumCode=0))
+        return encode(Bos(5 + len(capability), bNumDeviceCaps=1)) + capability
 
     def find(self, kind: int, index: int, language: int) -> bytes | None:
         """The answer to GET_DESCRIPTOR, or None where there is no such descriptor (clauses USB-006 and USB-007)."""
@@ -189,8 +187,8 @@ class Enumeration:
                 return self.bos
             case DescriptorType.STRING, 0:
                 return Languages((LANGUAGE,)).encode()
-            case DescriptorType.STRING, _ if index <= len(self.strings) and language == LANGUAGE:
-                return String(self.strings[index - 1]).encode()
+            case DescriptorType.STRING, _ if index in self.strings and language == LANGUAGE:
+                return String(self.strings[index]).encode()
         return None
 
 
@@ -206,7 +204,6 @@ def run_time(release: tuple[int, int, int], product: str, serial: str, speed: Sp
     speed : Speed
         Speed of the bus.
     """
-    strings = ("phasewire", product, serial, "phasewire array", "phasewire console", "phasewire firmware update")
     ms_os = _ms_os_set(
         _ms_os_configuration(
             _ms_os_function(ARRAY_INTERFACE, _winusb(_ARRAY_GUID)),
@@ -218,7 +215,9 @@ def run_time(release: tuple[int, int, int], product: str, serial: str, speed: Sp
         configuration=_configuration(Configuration, _run_time_interfaces(speed)),
         other_speed=_configuration(OtherSpeedConfiguration, _run_time_interfaces(_other(speed))),
         ms_os=ms_os,
-        strings=strings,
+        strings=_numbered(
+            "phasewire", product, serial, "phasewire array", "phasewire console", "phasewire firmware update"
+        ),
     )
 
 
@@ -233,16 +232,18 @@ def dfu_mode(release: tuple[int, int, int], product: str, serial: str) -> Enumer
         configuration=_configuration(Configuration, interfaces),
         other_speed=_configuration(OtherSpeedConfiguration, interfaces),
         ms_os=_ms_os_set(_winusb(_DFU_GUID)),
-        strings=("phasewire", product, serial, "firmware"),
+        strings=_numbered("phasewire", product, serial, "firmware") | _REFUSALS,
     )
 
 
-_DFU_FUNCTIONAL = DfuFunctional(
-    _DFU_CAN_DOWNLOAD | _DFU_CAN_UPLOAD | _DFU_MANIFESTATION_TOLERANT | _DFU_WILL_DETACH,
-    wDetachTimeOut=DFU_DETACH_MS,
-    wTransferSize=DFU_TRANSFER_BYTES,
-    bcdDFUVersion=0x0110,
-)
+def _numbered(*strings: str) -> dict[int, str]:
+    return dict(enumerate(strings, start=1))
+
+
+_REFUSALS = {reason_string(reason): reason.text for reason in ImageReason if reason}
+"""Why an image was refused, as the DFU status points to it (clause DFU-012)."""
+
+_DFU_FUNCTIONAL = DfuFunctional(DFU_ATTRIBUTES, DFU_DETACH_TIMEOUT_MS, DFU_TRANSFER_BYTES, DFU_VERSION)
 
 
 def _other(speed: Speed) -> Speed:

@@ -22,13 +22,13 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from ..errors import ImageError
 from .board import PROCESSORS
 from .codes import (
+    BOOT_RECORD_MAGIC,
     IMAGE_ENTRY_BYTES,
     IMAGE_HEADER_BYTES,
     IMAGE_MAGIC,
     IMAGE_VERSION,
     KEY_ID_BYTES,
     PROTOCOL_VERSION,
-    RECORD_MAGIC,
     SEGMENT_MAX_BYTES,
     SIGNATURE_BYTES,
     Bank,
@@ -36,7 +36,7 @@ from .codes import (
     ImageReason,
     Target,
 )
-from .descriptors import PRODUCT_ID, VENDOR_ID
+from .enumeration import PRODUCT_ID, VENDOR_ID
 from .layout.firmware import BOOT_RECORD, DFU_SUFFIX
 
 __all__ = [
@@ -434,7 +434,7 @@ class BootRecord:
     def encode(self) -> bytes:
         """Encode as 56 bytes."""
         fields = asdict(self)
-        return bytes(BOOT_RECORD.build(fields | {"body": {"value": fields | {"magic": RECORD_MAGIC}}}))
+        return bytes(BOOT_RECORD.build(fields | {"body": {"value": fields | {"magic": BOOT_RECORD_MAGIC}}}))
 
     @classmethod
     def decode(cls, data: bytes) -> BootRecord | None:

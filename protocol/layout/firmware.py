@@ -30,12 +30,12 @@ from construct import (
 
 from ..board import PROCESSORS
 from ..codes import (
+    BOOT_RECORD_MAGIC,
     IMAGE_HEADER_BYTES,
     IMAGE_MAGIC,
     IMAGE_MAX_BYTES,
     IMAGE_VERSION,
     KEY_ID_BYTES,
-    RECORD_MAGIC,
     SEGMENT_MAX_BYTES,
     SIGNATURE_BYTES,
     DfuState,
@@ -125,7 +125,7 @@ DFU_SUFFIX = Struct(
 """What follows the image in a file, 16 bytes (DFU 1.1, appendix B)."""
 
 _RECORD_BODY = Struct(
-    "magic" / Const(RECORD_MAGIC),
+    "magic" / Const(BOOT_RECORD_MAGIC),
     "generation" / Int32ul,
     "size" / ExprValidator(Int32ul, (obj_ > 0) & (obj_ <= IMAGE_MAX_BYTES)),
     "digest" / Bytes(32),

@@ -48,7 +48,6 @@ __all__ = [
     "MS_OS_SET_HEADER",
     "OTHER_SPEED_CONFIGURATION",
     "STRING",
-    "USB_2_0_EXTENSION",
 ]
 
 _MS_OS_PLATFORM_UUID = UUID("d8dd60df-4589-4cc7-9cd2-659d9e648a9f")
@@ -145,8 +144,6 @@ STRING = _descriptor(DescriptorType.STRING, "bString" / GreedyString("utf-16-le"
 """Every other string descriptor."""
 
 BOS = _descriptor(DescriptorType.BOS, "wTotalLength" / Int16ul, "bNumDeviceCaps" / Int8ul)
-
-USB_2_0_EXTENSION = _capability(0x02, "bmAttributes" / Int32ul)
 
 MS_OS_PLATFORM = _capability(
     0x05,

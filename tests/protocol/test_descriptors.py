@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from phasewire.emulator import Emulator
 from phasewire.emulator.backend import EmulatorBackend
 from phasewire.errors import ReplyError
-from phasewire.protocol.codes import DescriptorType, StandardRequest
+from phasewire.protocol.codes import DescriptorType, ImageReason, StandardRequest
 from phasewire.protocol.descriptors import (
     CdcAbstractControl,
     CdcCallManagement,
@@ -130,6 +130,14 @@ def test_strings_are_those_of_the_specification() -> None:
     assert DFU.find(DescriptorType.STRING, 5, 0x0409) is None
 
 
+def test_every_refusal_of_an_image_has_a_string() -> None:
+    for reason in set(ImageReason) - {ImageReason.ACCEPTED}:
+        found = DFU.find(DescriptorType.STRING, 16 + reason, 0x0409)
+        assert found is not None
+        assert String.decode(found).bString == reason.text
+    assert DFU.find(DescriptorType.STRING, 16, 0x0409) is None
+
+
 def test_the_platform_capability_has_microsoft_s_bytes() -> None:
     """D8DD60DF-4589-4CC7-9CD2-659D9E648A9F: its first three groups are sent least significant byte first."""
     wanted = bytes.fromhex("1c 10 05 00 df60ddd8 8945 c74c 9cd2 659d9e648a9f 00000306 b200 20 00")
@@ -230,15 +238,15 @@ def test_lengths_and_counts_are_true(enumeration: Enumeration) -> None:
         assert sum(piece[4] for piece in interfaces) == sum(piece[1] == 5 for piece in pieces)
         addresses = [piece[2] for piece in pieces if piece[1] == 5]
         assert len(addresses) == len(set(addresses))
-        assert max(piece[-1] for piece in interfaces) == len(enumeration.strings)
+        assert max(piece[-1] for piece in interfaces) == max(index for index in enumeration.strings if index < 16)
     assert len(enumeration.device.encode()) == STANDARD_LENGTHS[1]
     assert len(enumeration.qualifier.encode()) == STANDARD_LENGTHS[6]
 
     pieces = walk(enumeration.bos)
     assert int.from_bytes(enumeration.bos[2:4], "little") == len(enumeration.bos)
-    assert [piece[1:3] for piece in pieces[1:]] == [b"\x10\x02", b"\x10\x05"]
-    assert enumeration.bos[4] == 2
-    assert int.from_bytes(pieces[2][24:26], "little") == len(enumeration.ms_os)
+    assert [piece[1:3] for piece in pieces[1:]] == [b"\x10\x05"]
+    assert enumeration.bos[4] == 1
+    assert int.from_bytes(pieces[1][24:26], "little") == len(enumeration.ms_os)
 
 
 @pytest.mark.parametrize(("ms_os", "shape"), [(RUN_TIME.ms_os, [0, 1, 2, 3, 4, 2, 3, 4]), (DFU.ms_os, [0, 3, 4])])
