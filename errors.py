@@ -8,6 +8,7 @@
     ├── ReplyError            bytes that are no valid answer        an acknowledgement with a wrong checksum
     ├── FrameError            bytes that are no valid frame         a serial line that lost a byte
     ├── CommandError          a line that is no console command     "limit 400"
+    ├── ChainError            bytes that are no valid message       a slice that ends too early
     ├── ImageError            bytes that are no valid firmware      a flipped bit, a signature that is wrong
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
@@ -16,8 +17,8 @@
         ├── DeviceTimeoutError    it did not answer in time         a stuck endpoint
         └── DeviceLostError       it went away                      unplugged in mid-stream
 
-``InputFileError``, ``BlockError``, ``ReplyError``, ``FrameError``, ``CommandError`` and ``ImageError`` are also
-``ValueError``: they speak of a value, wherever it came from.
+``InputFileError``, ``BlockError``, ``ReplyError``, ``FrameError``, ``CommandError``, ``ChainError`` and ``ImageError``
+are also ``ValueError``: they speak of a value, wherever it came from.
 This module stands below every other one and may import none of them.
 """
 
@@ -25,6 +26,7 @@ from __future__ import annotations
 
 __all__ = [
     "BlockError",
+    "ChainError",
     "CommandError",
     "DeviceAccessError",
     "DeviceError",
@@ -81,6 +83,10 @@ class CommandError(_Refusal, ValueError):
 
 class ImageError(_Refusal, ValueError):
     """Bytes that are no valid firmware image; `reason` says why."""
+
+
+class ChainError(PhasewireError, ValueError):
+    """Bytes that are no valid message between the controller and its processors."""
 
 
 class DeviceError(PhasewireError):

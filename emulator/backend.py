@@ -19,18 +19,15 @@ from usb.core import USBError, USBTimeoutError
 
 from ..errors import DeviceNotFoundError
 from ..protocol.board import CORE_HZ
-from ..protocol.chain import FIVE_WIRE, TWO_WIRE
 from ..protocol.codes import BLOCK_BYTES, DescriptorType, StandardRequest
 from ..protocol.descriptors import Configuration, Descriptor, Endpoint, Interface, descriptors
+from ..protocol.timing import FIVE_WIRE, LINKS, MICROFRAME_CYCLES, PACKET_CYCLES
 from .machine import Emulator, plugged
 from .usb_device import Handshake, Setup, Stall
 
 __all__ = ["EmulatorBackend", "open_backend"]
 
-MICROFRAME_CYCLES = CORE_HZ // 8000
-PACKET_CYCLES = MICROFRAME_CYCLES // 13
 RESET_CYCLES = CORE_HZ // 20  # 50 ms, USB 2.0, 7.1.7.5
-LINKS = {link.name: link for link in (FIVE_WIRE, TWO_WIRE)}
 HIGH_SPEED = 3
 
 Answer = TypeVar("Answer")

@@ -22,24 +22,15 @@ from ..protocol.board import (
     PROCESSORS,
     PROCESSORS_PER_BOARD,
     ROWS,
-    SYNC_PERIODS,
     TICKS_PER_PERIOD,
     WATCHDOG_MS,
 )
-from ..protocol.chain import (
-    SLICE_BYTES,
-    ChannelEnd,
-    Commit,
-    Link,
-    Message,
-    periods_per_update,
-    slices_cycles,
-    update_cycles,
-)
+from ..protocol.chain import SLICE_BYTES, Commit, Message, Slice
 from ..protocol.codes import (
     HORIZON_PERIODS,
     NOW,
     PROTOCOL_VERSION,
+    SYNC_PERIODS,
     AckFlag,
     Action,
     Fault,
@@ -52,17 +43,21 @@ from ..protocol.numbering import follows, missing
 from ..protocol.pulses import Pulses
 from ..protocol.replies import ENABLED, Ack, ClockReading, Info, ProcessorReport, Status
 from ..protocol.states import Event, after
+from ..protocol.timing import (
+    HOP_CYCLES,
+    RASTERISE_CYCLES,
+    SORT_CYCLES,
+    Budget,
+    Link,
+    slices_cycles,
+    update_cycles,
+)
 from ..protocol.wiring import Wiring
-from .processor import RASTERISE_CYCLES, Processor
+from .processor import Processor
 from .scheduler import Scheduler
 
 __all__ = ["Controller"]
 
-# CRC, validation and sorting of 320 pulses, split over the controller's free threads. An estimate, as RASTERISE_CYCLES;
-# less than the period that lies between two updates on the chain, so that sorting never holds up the next.
-SORT_CYCLES = 6_000
-# Switch latency per hop is not published; 100 ns is assumed.
-HOP_CYCLES = 40
 QUEUE_BLOCKS = 8
 RECORDS = 64
 FIRMWARE = (0, 1, 0)
@@ -114,6 +109,7 @@ class Controller:
         self.wiring = wiring
         self._link = link
         self._unique_id = unique_id
+        self._periods_per_update = Budget.of(link).periods_per_update
         self._log = log
         self._records: deque[bytes] = deque()
         self._state = State.OFF
@@ -178,7 +174,7 @@ class Controller:
         if isinstance(body, Update | Output) and body.period > self.now_period + HORIZON_PERIODS:
             raise BlockError(f"period {body.period} is too far ahead", Reason.HORIZON)
         if isinstance(body, Update):
-            if body.period and 0 < body.period - self._last_named < periods_per_update(self._link):
+            if body.period and 0 < body.period - self._last_named < self._periods_per_update:
                 raise BlockError(
                     f"period {body.period} follows {self._last_named} more closely than the chain can", Reason.RATE
                 )
@@ -266,16 +262,13 @@ class Controller:
     def _forward(self, pulses: Pulses, period: int) -> None:
         by_channel = Pulses(self.wiring.sort(pulses.phase), self.wiring.sort(pulses.width))
         packed = pack_pulses(by_channel)
-        slices = [packed[first : first + SLICE_BYTES] for first in range(0, len(packed), SLICE_BYTES)]
+        slices = [Slice(node, packed[node * SLICE_BYTES :][:SLICE_BYTES]) for node in range(PROCESSORS)]
         self._log(f"sorted into {len(slices)} slices of {SLICE_BYTES} bytes, sent for period {period}")
-        messages = [Message(node, ChannelEnd.MAILBOX, piece) for node, piece in enumerate(slices)]
-        messages += [
-            Message(node, ChannelEnd.COMMIT, Commit.of(period, piece).encode()) for node, piece in enumerate(slices)
-        ]
+        messages: list[Message] = [*slices, *(Commit.of(period, piece) for piece in slices)]
         leaves = self._scheduler.now
         for message in messages:
-            leaves += message.tokens * self._link.cycles_per_token
-            deliver = partial(self._processors[message.node].receive, message.channel_end, message.payload)
+            leaves += message.TOKENS * self._link.cycles_per_token
+            deliver = partial(self._processors[message.node].receive, message.encode())
             self._scheduler.at(leaves + (message.node + 1) * HOP_CYCLES, deliver)
 
     def enable(self) -> None:
@@ -368,8 +361,8 @@ class Controller:
 
     def clock(self) -> ClockReading:
         """Answer the CLOCK request."""
-        pulses = self.now_period // SYNC_PERIODS
-        return ClockReading(self._now, pulses * SYNC_PERIODS, pulses)
+        pulses = self.now_period // SYNC_PERIODS  # besides the first, at period 0
+        return ClockReading(self._now, pulses * SYNC_PERIODS, pulses + 1)
 
     def reports(self) -> list[ProcessorReport]:
         """Answer the PROCESSORS request."""
@@ -399,7 +392,7 @@ class Controller:
             link_wires=self._link.wires,
             cycles_per_symbol=self._link.cycles_per_symbol,
             queue_blocks=QUEUE_BLOCKS,
-            periods_per_update=periods_per_update(self._link),
+            periods_per_update=self._periods_per_update,
             queue_records=RECORDS,
             slots=0,
             sequence_entries=0,

@@ -24,7 +24,7 @@ from ..protocol.board import (
     PROCESSORS,
     PROCESSORS_PER_BOARD,
 )
-from ..protocol.chain import FIVE_WIRE, Link
+from ..protocol.timing import FIVE_WIRE, Link
 from ..protocol.wiring import Wiring
 from .capture import Capture
 from .controller import Controller

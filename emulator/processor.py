@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable
 
 import numpy as np
@@ -10,15 +9,12 @@ from numpy.typing import NDArray
 
 from ..protocol.blocks import unpack_pulses
 from ..protocol.board import CHANNELS_PER_PROCESSOR, CYCLES_PER_PERIOD, TICKS_PER_PERIOD
-from ..protocol.chain import ChannelEnd, Commit
+from ..protocol.chain import Commit, Slice, decode
 from ..protocol.pulses import Pulses
+from ..protocol.timing import RASTERISE_CYCLES
 from .scheduler import Scheduler
 
-__all__ = ["RASTERISE_CYCLES", "Processor", "rasterise"]
-
-# 32 transducers, two edges each, and a running exclusive-or over 50 words: 32·(12 + 2·6) + 50·6 instructions are about
-# 1 100, at 100 million a second. An estimate of what such a firmware would need, not a measurement.
-RASTERISE_CYCLES = 4_400
+__all__ = ["Processor", "rasterise"]
 
 _BITS = np.uint32(1) << np.arange(CHANNELS_PER_PROCESSOR, dtype=np.uint32)
 
@@ -53,16 +49,17 @@ class Processor:
         self.starts: list[int] = [0]
         self.tables: list[NDArray[np.uint32]] = [np.zeros(TICKS_PER_PERIOD, np.uint32)]
 
-    def receive(self, channel_end: ChannelEnd, payload: bytes) -> None:
+    def receive(self, tokens: bytes) -> None:
         """Take a message from the chain, complete at this moment."""
-        if channel_end == ChannelEnd.MAILBOX:
-            self._mailbox = payload
-        else:
-            self._commit(Commit.decode(payload))
+        message = decode(tokens)
+        if isinstance(message, Slice):
+            self._mailbox = message.packed
+        elif isinstance(message, Commit):
+            self._commit(message)
 
     def _commit(self, commit: Commit) -> None:
         problem = None
-        if zlib.crc32(self._mailbox) != commit.checksum:
+        if not commit.guards(self._mailbox):
             problem = "the slice in the mailbox is another"
         elif self._waiting:
             problem = "another table waits"

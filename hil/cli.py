@@ -1,4 +1,4 @@
-"""Commands that prove: ``demo``."""
+"""Commands that prove: ``demo`` and ``budget``."""
 
 from __future__ import annotations
 
@@ -19,12 +19,14 @@ from ..protocol.codes import BLOCK_BYTES
 from ..solver import Solver, Sphere, TransducerArray
 from ..solver.picture import check_picture_path
 from ..storage import check_outputs
+from .budget_cli import commands as budget_commands
 from .end_to_end import EndToEnd, run_end_to_end
 from .picture import save_end_to_end_picture
 
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
+commands.add_typer(budget_commands)
 
 
 @commands.command()

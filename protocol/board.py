@@ -27,5 +27,3 @@ CYCLES_PER_TICK = CORE_HZ // TICK_HZ
 CYCLES_PER_PERIOD = CYCLES_PER_TICK * TICKS_PER_PERIOD
 
 WATCHDOG_MS = 100
-SYNC_PERIODS = 4096
-"""Periods between two pulses of the sync line."""

@@ -1,7 +1,11 @@
-"""Chain messages: what the controller tells the processors, and what that costs on the links (SPEC.md, chapter CHN).
+"""What the controller and the processors behind it tell each other, as values and as tokens (SPEC.md, chapter CHN).
 
-A message is a route header (node, channel end), its payload and an END token. Loading and committing are apart: slices
-fill the processors' mailboxes, then commits name the period at which all of them begin to play.
+A message is a route header (node, channel end), its payload and the control token END. `encode` gives its tokens as
+bytes, END as the byte of its code; `decode` makes the value again or refuses. These are the fast twins of
+`layout.chain`: same bytes, and the same input refused.
+
+Loading and committing are apart: slices fill the processors' mailboxes, then commits name the period at which all of
+them begin to play.
 """
 
 from __future__ import annotations
@@ -9,105 +13,565 @@ from __future__ import annotations
 import struct
 import zlib
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, ClassVar, Self
 
-from .board import CHANNELS_PER_PROCESSOR, CYCLES_PER_PERIOD, PROCESSORS
+from ..errors import ChainError
+from .board import CHANNELS_PER_PROCESSOR, PROCESSORS
+from .codes import (
+    CONTROLLER_NODE,
+    END_TOKEN,
+    MODULATION_SAMPLES,
+    SEQUENCE_ENTRIES,
+    SLOTS,
+    UNNUMBERED_NODE,
+    ChannelEnd,
+    Memory,
+)
 
 __all__ = [
-    "FIVE_WIRE",
+    "LOAD_BYTES",
+    "MEMORIES",
     "SLICE_BYTES",
-    "TWO_WIRE",
-    "ChannelEnd",
+    "Collect",
     "Commit",
-    "Link",
+    "Identity",
+    "Load",
+    "MemoryLayout",
     "Message",
-    "periods_per_update",
-    "slices_cycles",
-    "update_cycles",
+    "Number",
+    "Playing",
+    "Program",
+    "Report",
+    "Slice",
+    "decode",
+    "loads",
 ]
 
 SLICE_BYTES = CHANNELS_PER_PROCESSOR * 12 // 8
-COMMIT = struct.Struct("<QI")
-ROUTE_HEADER_TOKENS = 3
-END_TOKENS = 1
+LOAD_BYTES = SLICE_BYTES
+ROUTE = struct.Struct(">HB")  # the switches read the high byte first
+CHECKSUM = struct.Struct("<I")
+END = bytes([END_TOKEN])
 
 
-class ChannelEnd(IntEnum):
-    """Where on a processor a message arrives."""
+def _check_number(name: str, value: int, limit: int, low: int = 0) -> None:
+    if not low <= value < limit:
+        raise ValueError(f"{name} {value} is outside {low} to {limit - 1}")
 
-    MAILBOX = 1
-    COMMIT = 2
+
+def _check_processor(processor: int) -> None:
+    _check_number("processor", processor, PROCESSORS)
+
+
+def _check_packed(packed: bytes) -> None:
+    if len(packed) != SLICE_BYTES:
+        raise ValueError(f"the pulses of a processor take {SLICE_BYTES} bytes, not {len(packed)}")
+
+
+class Message:
+    """One message of the chain; each kind is a frozen dataclass.
+
+    Attributes
+    ----------
+    CHANNEL_END : ChannelEnd
+        Where it arrives.
+    TOKENS : int
+        Tokens on a link: route header, payload with its CRC-32, and END.
+    """
+
+    CHANNEL_END: ClassVar[ChannelEnd]
+    PAYLOAD: ClassVar[struct.Struct]
+    GUARDED: ClassVar[bool] = True
+    TOKENS: ClassVar[int]
+
+    def __init_subclass__(cls) -> None:
+        checksum = CHECKSUM.size if cls.GUARDED else 0
+        cls.TOKENS = ROUTE.size + cls.PAYLOAD.size + checksum + len(END)
+
+    @property
+    def node(self) -> int:
+        """The node that it goes to."""
+        return CONTROLLER_NODE
+
+    def _fields(self) -> tuple[Any, ...]:
+        """What the payload packs."""
+        raise NotImplementedError
+
+    @classmethod
+    def _of(cls, fields: tuple[Any, ...]) -> Self:
+        """The message with these fields; raise `ValueError` where it is none."""
+        return cls(*fields)
+
+    @classmethod
+    def _read(cls, _node: int, payload: bytes) -> Self:
+        return cls._of(cls.PAYLOAD.unpack(payload))
+
+    def encode(self) -> bytes:
+        """The tokens on the links, END as the byte of its code."""
+        tokens = ROUTE.pack(self.node, self.CHANNEL_END) + self.PAYLOAD.pack(*self._fields())
+        if self.GUARDED:
+            tokens += CHECKSUM.pack(zlib.crc32(tokens))
+        return tokens + END
+
+    @classmethod
+    def _decode(cls, tokens: bytes) -> Self:
+        if len(tokens) != cls.TOKENS:
+            raise ChainError(f"a {cls.__name__.lower()} has {cls.TOKENS} tokens, not {len(tokens)}")
+        node, _ = ROUTE.unpack_from(tokens)
+        payload_end = ROUTE.size + cls.PAYLOAD.size
+        if cls.GUARDED and tokens[payload_end:-1] != CHECKSUM.pack(zlib.crc32(tokens[:payload_end])):
+            raise ChainError(f"the CRC-32 of a {cls.__name__.lower()} does not match its tokens")
+        try:
+            message = cls._read(node, tokens[ROUTE.size : payload_end])
+        except ValueError as error:
+            raise ChainError(f"a {cls.__name__.lower()} is damaged: {error}") from error
+        if message.node != node:
+            raise ChainError(f"a {cls.__name__.lower()} goes to node {message.node:#06x}, not {node:#06x}")
+        return message
+
+
+def decode(tokens: bytes) -> Message:
+    """The message that tokens are (clause CHN-010).
+
+    Parameters
+    ----------
+    tokens : bytes
+        As `Message.encode` gives them: the last is the control token END.
+
+    Raises
+    ------
+    ChainError
+        Where the tokens are no message of this protocol.
+    """
+    if len(tokens) <= ROUTE.size or tokens[-1] != END_TOKEN:
+        raise ChainError(f"{len(tokens)} tokens are no message: a route header comes first and END last")
+    _, channel_end = ROUTE.unpack_from(tokens)
+    if channel_end not in _KINDS:
+        raise ChainError(f"nothing is received at channel end {channel_end}; 1 to {len(_KINDS)} are in use")
+    return _KINDS[channel_end]._decode(tokens)
+
+
+class _ToProcessor(Message):
+    """A message for one processor."""
+
+    PAYLOAD = struct.Struct("")
+    processor: int
+
+    @property
+    def node(self) -> int:
+        """The processor's number is its node."""
+        return self.processor
+
+    @classmethod
+    def _read(cls, node: int, payload: bytes) -> Self:
+        return cls._of((node, *cls.PAYLOAD.unpack(payload)))
 
 
 @dataclass(frozen=True)
-class Link:
-    """How fast a link carries tokens (one token is one byte); times in core cycles of 2.5 ns."""
+class Slice(_ToProcessor):
+    """The pulses of one processor (clause CHN-003). It has no CRC-32 of its own: its commit guards it.
 
-    name: str
-    wires: int
-    symbols_per_token: int
-    cycles_per_symbol: int = 2
+    Parameters
+    ----------
+    processor : int
+        Place in the chain, 0 to 9.
+    packed : bytes
+        48 bytes: 32 pulses in the order of the port's bits.
+    """
 
-    @property
-    def cycles_per_token(self) -> int:
-        """Core cycles that one token occupies the link."""
-        return self.symbols_per_token * self.cycles_per_symbol
+    processor: int
+    packed: bytes
 
+    CHANNEL_END = ChannelEnd.SLICE
+    PAYLOAD = struct.Struct(f"{SLICE_BYTES}s")
+    GUARDED = False
 
-FIVE_WIRE = Link("5wire", wires=5, symbols_per_token=4)
-TWO_WIRE = Link("2wire", wires=2, symbols_per_token=10)
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_processor(self.processor)
+        _check_packed(self.packed)
 
-
-def message_tokens(payload_bytes: int) -> int:
-    """Tokens on the wire of a message: route header, payload and END."""
-    return ROUTE_HEADER_TOKENS + payload_bytes + END_TOKENS
-
-
-class Message(NamedTuple):
-    """One routed message."""
-
-    node: int
-    channel_end: ChannelEnd
-    payload: bytes
-
-    @property
-    def tokens(self) -> int:
-        """Tokens on the wire."""
-        return message_tokens(len(self.payload))
+    def _fields(self) -> tuple[Any, ...]:
+        return (self.packed,)
 
 
-class Commit(NamedTuple):
-    """Play the slice with this checksum from this period on."""
+@dataclass(frozen=True)
+class Commit(_ToProcessor):
+    """Play a slice from a period on (clause CHN-004). Its checksum guards slice and period (clause CHN-011).
 
+    Parameters
+    ----------
+    processor : int
+        Place in the chain, 0 to 9.
+    period : int
+        Carrier period, 64 bits.
+    checksum : int
+        CRC-32 of the slice's 48 bytes and the period's 8.
+    """
+
+    processor: int
     period: int
     checksum: int
 
+    CHANNEL_END = ChannelEnd.COMMIT
+    PAYLOAD = struct.Struct("<QI")
+    GUARDED = False
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_processor(self.processor)
+        _check_number("period", self.period, 2**64)
+        _check_number("checksum", self.checksum, 2**32)
+
     @classmethod
-    def of(cls, period: int, piece: bytes) -> Commit:
+    def of(cls, period: int, piece: Slice) -> Commit:
         """The commit that goes with a slice."""
-        return cls(period, zlib.crc32(piece))
+        _check_number("period", period, 2**64)
+        return cls(piece.processor, period, _commit_checksum(period, piece.packed))
 
-    def encode(self) -> bytes:
-        """Encode as 12 bytes."""
-        return COMMIT.pack(*self)
+    def guards(self, packed: bytes) -> bool:
+        """Whether both this commit and the slice that a mailbox holds are undamaged and belong together."""
+        return self.checksum == _commit_checksum(self.period, packed)
+
+    def _fields(self) -> tuple[Any, ...]:
+        return self.period, self.checksum
+
+
+def _commit_checksum(period: int, packed: bytes) -> int:
+    return zlib.crc32(period.to_bytes(8, "little"), zlib.crc32(packed))
+
+
+@dataclass(frozen=True)
+class MemoryLayout:
+    """How a memory of a processor is divided: ``items`` of ``item_bytes`` each."""
+
+    items: int
+    item_bytes: int
+
+    @property
+    def size(self) -> int:
+        """All of it, in bytes."""
+        return self.items * self.item_bytes
+
+    @property
+    def per_load(self) -> int:
+        """Items that one load carries at most."""
+        return LOAD_BYTES // self.item_bytes
+
+
+MEMORIES = {
+    Memory.SLOTS: MemoryLayout(SLOTS, SLICE_BYTES),
+    Memory.SEQUENCE: MemoryLayout(SEQUENCE_ENTRIES, 4),
+    Memory.MODULATION: MemoryLayout(MODULATION_SAMPLES, 1),
+}
+
+
+@dataclass(frozen=True)
+class Load(_ToProcessor):
+    """Store items of a memory: one slot, up to 12 entries of the sequence or up to 48 samples (clause CHN-012).
+
+    Parameters
+    ----------
+    processor : int
+        Place in the chain, 0 to 9.
+    memory : Memory
+        Which memory.
+    first : int
+        First item that is replaced.
+    data : bytes
+        One or more whole items, at most 48 bytes; on the links the rest of the 48 is 0.
+    """
+
+    processor: int
+    memory: Memory
+    first: int
+    data: bytes
+
+    CHANNEL_END = ChannelEnd.LOAD
+    PAYLOAD = struct.Struct(f"<BHB{LOAD_BYTES}s")
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_processor(self.processor)
+        layout = MEMORIES[self.memory]
+        if len(self.data) % layout.item_bytes or not 0 < len(self.data) <= LOAD_BYTES:
+            raise ValueError(
+                f"{len(self.data)} bytes are not 1 to {layout.per_load} items of {layout.item_bytes} bytes"
+            )
+        _check_number("first", self.first, layout.items - self.count + 1)
+
+    @property
+    def count(self) -> int:
+        """Items that are replaced."""
+        return len(self.data) // MEMORIES[self.memory].item_bytes
+
+    def _fields(self) -> tuple[Any, ...]:
+        return self.memory, self.first, self.count, self.data
 
     @classmethod
-    def decode(cls, payload: bytes) -> Commit:
-        """Decode 12 bytes."""
-        return cls(*COMMIT.unpack(payload))
+    def _of(cls, fields: tuple[Any, ...]) -> Self:
+        processor, code, first, count, data = fields
+        memory = Memory(code)
+        size = count * MEMORIES[memory].item_bytes
+        if any(data[size:]):
+            raise ValueError(f"bytes behind its {count} items are not 0")
+        if size > LOAD_BYTES:
+            raise ValueError(f"{count} items are more than {LOAD_BYTES} bytes hold")
+        return cls(processor, memory, first, data[:size])
 
 
-def slices_cycles(link: Link) -> int:
-    """Core cycles that the ten slices of an update occupy the first link."""
-    return PROCESSORS * message_tokens(SLICE_BYTES) * link.cycles_per_token
+def loads(processor: int, memory: Memory, first: int, data: bytes) -> list[Load]:
+    """The loads that bring whole items to a processor, as few as possible and in ascending order."""
+    layout = MEMORIES[memory]
+    step = layout.per_load * layout.item_bytes
+    return [
+        Load(processor, memory, first + begin // layout.item_bytes, data[begin : begin + step])
+        for begin in range(0, len(data), step)
+    ]
 
 
-def update_cycles(link: Link) -> int:
-    """Core cycles that one update, ten slices and ten commits, occupies the first link."""
-    return slices_cycles(link) + PROCESSORS * message_tokens(COMMIT.size) * link.cycles_per_token
+@dataclass(frozen=True)
+class Program(_ToProcessor):
+    """Start or stop the sequence or the modulation at a period (clause CHN-014).
+
+    Parameters
+    ----------
+    processor : int
+        Place in the chain, 0 to 9.
+    what : Memory
+        `Memory.SEQUENCE` or `Memory.MODULATION`.
+    period : int
+        Carrier period at which it takes effect, 64 bits.
+    length : int
+        Items that are played, from the first on; 0 stops it.
+    hold : int
+        Periods that each sample of a modulation lasts, at least 1; 0 for a sequence and where it stops.
+    repeats : int
+        Times that a sequence is played, 0 for without end; 0 for a modulation and where it stops.
+    """
+
+    processor: int
+    what: Memory
+    period: int
+    length: int
+    hold: int = 0
+    repeats: int = 0
+
+    CHANNEL_END = ChannelEnd.PROGRAM
+    PAYLOAD = struct.Struct("<BBHHHQ")
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_processor(self.processor)
+        if self.what not in (Memory.SEQUENCE, Memory.MODULATION):
+            raise ValueError(f"{self.what!r} cannot be started; a sequence or a modulation can")
+        _check_number("period", self.period, 2**64)
+        _check_number("length", self.length, MEMORIES[self.what].items + 1)
+        started = self.what if self.length else None
+        _check_number("hold", self.hold, *((2**16, 1) if started is Memory.MODULATION else (1, 0)))
+        _check_number("repeats", self.repeats, 2**16 if started is Memory.SEQUENCE else 1)
+
+    def _fields(self) -> tuple[Any, ...]:
+        return self.what, 0, self.length, self.hold, self.repeats, self.period
+
+    @classmethod
+    def _of(cls, fields: tuple[Any, ...]) -> Self:
+        processor, what, reserved, length, hold, repeats, period = fields
+        _check_number("reserved byte", reserved, 1)
+        return cls(processor, Memory(what), period, length, hold, repeats)
 
 
-def periods_per_update(link: Link) -> int:
-    """Carrier periods between updates that a chain of this link can hold."""
-    return -(-update_cycles(link) // CYCLES_PER_PERIOD)
+@dataclass(frozen=True)
+class Collect(_ToProcessor):
+    """Ask a processor for a report or for what it plays (clause CHN-016).
+
+    Parameters
+    ----------
+    processor : int
+        Place in the chain, 0 to 9.
+    answer : ChannelEnd
+        The message wanted: `ChannelEnd.REPORT` or `ChannelEnd.PLAYING`.
+    """
+
+    processor: int
+    answer: ChannelEnd
+
+    CHANNEL_END = ChannelEnd.COLLECT
+    PAYLOAD = struct.Struct("<B")
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_processor(self.processor)
+        if self.answer not in (ChannelEnd.REPORT, ChannelEnd.PLAYING):
+            raise ValueError(f"{self.answer!r} cannot be asked for; REPORT and PLAYING can")
+
+    def _fields(self) -> tuple[Any, ...]:
+        return (self.answer,)
+
+    @classmethod
+    def _of(cls, fields: tuple[Any, ...]) -> Self:
+        processor, answer = fields
+        return cls(processor, ChannelEnd(answer))
+
+
+@dataclass(frozen=True)
+class Number(Message):
+    """The number that the next processor without one takes (clause CHN-022).
+
+    Parameters
+    ----------
+    processor : int
+        Place in the chain, 0 to 9.
+    """
+
+    processor: int
+
+    CHANNEL_END = ChannelEnd.NUMBER
+    PAYLOAD = struct.Struct("<B")
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        _check_processor(self.processor)
+
+    @property
+    def node(self) -> int:
+        """Whoever has no number."""
+        return UNNUMBERED_NODE
+
+    def _fields(self) -> tuple[Any, ...]:
+        return (self.processor,)
+
+
+@dataclass(frozen=True)
+class Report(Message):
+    """How a processor is (clause CHN-016). Counts are since power-up and wrap to 0.
+
+    Parameters
+    ----------
+    processor : int
+        Place in the chain, 0 to 9.
+    temperature : int
+        Of the board, °C.
+    faults : int
+        Bits of the faults that the processor sees, 16 bits.
+    firmware : (int, int, int)
+        Version.
+    drift : int
+        Ticks by which the last pulse of the sync line came late (negative: early), at most 127 either way.
+    carried_out, missed : int
+        Commits.
+    damaged : int
+        Messages that were dropped.
+    """
+
+    processor: int
+    temperature: int
+    faults: int
+    firmware: tuple[int, int, int]
+    drift: int
+    carried_out: int
+    missed: int
+    damaged: int
+
+    CHANNEL_END = ChannelEnd.REPORT
+    PAYLOAD = struct.Struct("<BbH3BbIII")
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_processor(self.processor)
+        _check_number("temperature", self.temperature, 128, -128)
+        _check_number("faults", self.faults, 2**16)
+        _check_firmware(self.firmware)
+        _check_number("drift", self.drift, 128, -128)
+        for name in ("carried_out", "missed", "damaged"):
+            _check_number(name, getattr(self, name), 2**32)
+
+    def _fields(self) -> tuple[Any, ...]:
+        counts = (self.carried_out, self.missed, self.damaged)
+        return self.processor, self.temperature, self.faults, *self.firmware, self.drift, *counts
+
+    @classmethod
+    def _of(cls, fields: tuple[Any, ...]) -> Self:
+        processor, temperature, faults, major, minor, patch, *rest = fields
+        return cls(processor, temperature, faults, (major, minor, patch), *rest)
+
+
+@dataclass(frozen=True)
+class Playing(Message):
+    """What a processor plays and since when (clause CHN-016).
+
+    Parameters
+    ----------
+    processor : int
+        Place in the chain, 0 to 9.
+    period : int
+        Carrier period at which these pulses began, 64 bits.
+    packed : bytes
+        48 bytes: 32 pulses in the order of the port's bits.
+    """
+
+    processor: int
+    period: int
+    packed: bytes
+
+    CHANNEL_END = ChannelEnd.PLAYING
+    PAYLOAD = struct.Struct(f"<BQ{SLICE_BYTES}s")
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_processor(self.processor)
+        _check_number("period", self.period, 2**64)
+        _check_packed(self.packed)
+
+    def _fields(self) -> tuple[Any, ...]:
+        return self.processor, self.period, self.packed
+
+
+@dataclass(frozen=True)
+class Identity(Message):
+    """Who took a number (clause CHN-022).
+
+    Parameters
+    ----------
+    processor : int
+        The number taken, 0 to 9.
+    last : bool
+        Whether nothing answers on the link behind.
+    firmware : (int, int, int)
+        Version.
+    unique_id : int
+        Of the processor's package, 64 bits.
+    """
+
+    processor: int
+    last: bool
+    firmware: tuple[int, int, int]
+    unique_id: int
+
+    CHANNEL_END = ChannelEnd.IDENTITY
+    PAYLOAD = struct.Struct("<BB3BQ")
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        _check_processor(self.processor)
+        _check_firmware(self.firmware)
+        _check_number("unique_id", self.unique_id, 2**64)
+
+    def _fields(self) -> tuple[Any, ...]:
+        return self.processor, self.last, *self.firmware, self.unique_id
+
+    @classmethod
+    def _of(cls, fields: tuple[Any, ...]) -> Self:
+        processor, last, major, minor, patch, unique_id = fields
+        _check_number("last", last, 2)
+        return cls(processor, bool(last), (major, minor, patch), unique_id)
+
+
+def _check_firmware(firmware: tuple[int, int, int]) -> None:
+    if len(firmware) != 3 or not all(0 <= part < 256 for part in firmware):
+        raise ValueError(f"firmware version {firmware} is not three numbers of 0 to 255")
+
+
+_KINDS: dict[int, type[Message]] = {
+    kind.CHANNEL_END: kind for kind in (Slice, Commit, Load, Program, Collect, Number, Report, Playing, Identity)
+}

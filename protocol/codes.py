@@ -16,6 +16,10 @@ __all__ = [
     "BLOCK_MAGIC",
     "BOOT_RECORD_MAGIC",
     "CHECKSUM_OFFSET",
+    "COLLECTIONS_MISSED",
+    "COLLECT_MS",
+    "CONTROLLER_NODE",
+    "DEAF_MS",
     "DFU_ATTRIBUTES",
     "DFU_DETACH_TIMEOUT_MS",
     "DFU_FIRST_STRING",
@@ -23,6 +27,7 @@ __all__ = [
     "DFU_REQUEST_TYPE_OUT",
     "DFU_TRANSFER_BYTES",
     "DFU_VERSION",
+    "END_TOKEN",
     "ENTRIES_PER_BLOCK",
     "FLASH_BANK_BYTES",
     "FLASH_SECTOR_BYTES",
@@ -34,8 +39,10 @@ __all__ = [
     "IMAGE_MAX_BYTES",
     "IMAGE_VERSION",
     "KEY_ID_BYTES",
+    "LINK_MS",
     "MODULATION_SAMPLES",
     "NOW",
+    "NUMBER_MS",
     "PAYLOAD_BYTES",
     "PROTOCOL_VERSION",
     "RECORD_BYTES",
@@ -47,11 +54,16 @@ __all__ = [
     "SIGNATURE_BYTES",
     "SILENCING_FAULTS",
     "SLOTS",
+    "STALL_MS",
     "STATUS_MAGIC",
+    "SYNC_PERIODS",
+    "SYNC_TOLERANCE_TICKS",
+    "UNNUMBERED_NODE",
     "WATCHDOG_MS_RANGE",
     "AckFlag",
     "Action",
     "Bank",
+    "ChannelEnd",
     "ConsoleCode",
     "DescriptorType",
     "DfuRequest",
@@ -64,6 +76,7 @@ __all__ = [
     "Hardware",
     "ImageReason",
     "Kind",
+    "Memory",
     "Outcome",
     "Reason",
     "Request",
@@ -495,3 +508,41 @@ class DfuStatus(IntEnum):
     POR = 13
     UNKNOWN = 14
     STALLEDPKT = 15
+
+
+# The chain behind the controller (SPEC.md, chapter CHN).
+
+CONTROLLER_NODE = 0x00FF
+UNNUMBERED_NODE = 0xFFFF
+END_TOKEN = 0x01
+
+COLLECT_MS = 10
+COLLECTIONS_MISSED = 2
+DEAF_MS = 50
+STALL_MS = 1
+LINK_MS = 1000
+NUMBER_MS = 2000
+SYNC_PERIODS = 4096
+SYNC_TOLERANCE_TICKS = 1
+
+
+class ChannelEnd(IntEnum):
+    """Where a message arrives, and thereby what it is (SPEC.md, clause CHN-009)."""
+
+    SLICE = 1
+    COMMIT = 2
+    LOAD = 3
+    PROGRAM = 4
+    COLLECT = 5
+    NUMBER = 6
+    REPORT = 7
+    PLAYING = 8
+    IDENTITY = 9
+
+
+class Memory(IntEnum):
+    """What a processor stores besides what it plays (SPEC.md, clause CHN-012)."""
+
+    SLOTS = 1
+    SEQUENCE = 2
+    MODULATION = 3

@@ -331,7 +331,7 @@ class ClockReading:
     now : int
         Tick since power-up.
     sync_period : int
-        Carrier period that began with the last pulse on the sync line; 0 before the first.
+        Carrier period that began with the last pulse on the sync line.
     sync_pulses : int
         Pulses on the sync line since power-up.
     """

@@ -20,7 +20,7 @@ from phasewire.__main__ import app, main
 from phasewire.solver import METHODS, Star
 from phasewire.solver.files import load_field, load_solution, save_solution
 
-COMMANDS = ("demo", "solve", "field", "focus", "reproduce", "show", "stop", "info")
+COMMANDS = ("demo", "budget", "solve", "field", "focus", "reproduce", "show", "stop", "info")
 
 
 class Outcome(NamedTuple):
@@ -263,7 +263,9 @@ def test_every_command_and_option_is_explained(phasewire: Run) -> None:
             assert explanation, f"{name} {parameter.name}"
             assert explanation.endswith("."), f"{name} {parameter.name}"
             if isinstance(getattr(parameter, "default", None), float):
-                assert any(unit in explanation for unit in (" m.", " m;", "°C", " s.")), f"{name} {parameter.name}"
+                assert any(unit in explanation for unit in (" m.", " m;", "°C", " s.", " ns")), (
+                    f"{name} {parameter.name}"
+                )
     assert "Exit codes" in phasewire("--help").out
 
 

@@ -12,9 +12,9 @@ from phasewire.emulator.processor import Processor
 from phasewire.emulator.usb_device import Handshake, Setup, Stall
 from phasewire.protocol import Ack, Clock, NoOp, Output, Reason, Slot, State, Status, pack
 from phasewire.protocol.blocks import Block
-from phasewire.protocol.chain import FIVE_WIRE, TWO_WIRE, ChannelEnd, Link
 from phasewire.protocol.codes import AckFlag, Action, Request
 from phasewire.protocol.replies import ClockReading, decode_reports, records
+from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
 
 from tests.strategies import update
 
@@ -340,17 +340,17 @@ def test_messages_arrive_when_the_links_can_have_carried_them(
     arrivals: list[tuple[int, int, int]] = []
     genuine = Processor.receive
 
-    def noting(self: Processor, end: ChannelEnd, payload: bytes) -> None:
-        arrivals.append((emulator.scheduler.now, int(end), len(payload)))
-        genuine(self, end, payload)
+    def noting(self: Processor, tokens: bytes) -> None:
+        arrivals.append((emulator.scheduler.now, tokens[2], len(tokens)))
+        genuine(self, tokens)
 
     monkeypatch.setattr(Processor, "receive", noting)
     emulator = ready(link)
     send(emulator, update(FULL, 0))
     emulator.run(10)
     start = 15 * 400
-    slices = [(start + 52 * (n + 1) * cycles_per_token + (n + 1) * 40, 1, 48) for n in range(10)]
-    commits = [(start + (520 + 16 * (n + 1)) * cycles_per_token + (n + 1) * 40, 2, 12) for n in range(10)]
+    slices = [(start + 52 * (n + 1) * cycles_per_token + (n + 1) * 40, 1, 52) for n in range(10)]
+    commits = [(start + (520 + 16 * (n + 1)) * cycles_per_token + (n + 1) * 40, 2, 16) for n in range(10)]
     assert sorted(arrivals) == sorted(slices + commits)
 
 
@@ -410,7 +410,7 @@ def test_clock_and_no_op_are_answered_whatever_the_state() -> None:
     ack = send(emulator, pack(Block(Clock(), 0)))
     assert (ack.reason, ack.commit_period, ack.now) == (Reason.ACCEPTED, 4096, 5000 * 50)
     reading = ClockReading.decode(emulator.usb.control(Setup(0xC1, Request.CLOCK, 0, 0, 24)))
-    assert reading == ClockReading(5000 * 50, 4096, 1)
+    assert reading == ClockReading(5000 * 50, 4096, 2)
     assert send(emulator, pack(Block(NoOp(), 1))).commit_period == 0
 
 

@@ -2,11 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 from hypothesis import given
-from phasewire.emulator.processor import RASTERISE_CYCLES, Processor, rasterise
+from phasewire.emulator.processor import Processor, rasterise
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.protocol import Pulses
 from phasewire.protocol.blocks import pack_pulses
-from phasewire.protocol.chain import ChannelEnd, Commit
+from phasewire.protocol.chain import Commit, Slice
+from phasewire.protocol.timing import RASTERISE_CYCLES
 
 from tests.strategies import pulses
 
@@ -33,13 +34,14 @@ def processor() -> tuple[Scheduler, Processor]:
     return scheduler, Processor(scheduler, 0, lambda line: None)
 
 
-SLICE = pack_pulses(Pulses(np.full(32, 25), np.full(32, 25)))
+SLICE = Slice(0, pack_pulses(Pulses(np.full(32, 25), np.full(32, 25))))
+SILENCE = Slice(0, bytes(48))
 
 
 def test_a_committed_slice_plays_from_its_period() -> None:
     scheduler, tested = processor()
-    tested.receive(ChannelEnd.MAILBOX, SLICE)
-    tested.receive(ChannelEnd.COMMIT, Commit.of(3, SLICE).encode())
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(3, SLICE).encode())
     scheduler.run_until(3 * PERIOD - 1)
     assert tested.starts == [0]
     scheduler.run_until(3 * PERIOD)
@@ -49,36 +51,35 @@ def test_a_committed_slice_plays_from_its_period() -> None:
 
 def test_a_commit_for_another_slice_is_missed() -> None:
     scheduler, tested = processor()
-    tested.receive(ChannelEnd.MAILBOX, SLICE)
-    tested.receive(ChannelEnd.COMMIT, Commit.of(3, bytes(48)).encode())
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(3, SILENCE).encode())
     scheduler.run_until(5 * PERIOD)
     assert (tested.missed_commits, tested.starts) == (1, [0])
 
 
 def test_a_commit_that_leaves_just_enough_time_is_carried_out() -> None:
     scheduler, tested = processor()
-    tested.receive(ChannelEnd.MAILBOX, SLICE)
+    tested.receive(SLICE.encode())
     scheduler.run_until(3 * PERIOD - RASTERISE_CYCLES)
-    tested.receive(ChannelEnd.COMMIT, Commit.of(3, SLICE).encode())
+    tested.receive(Commit.of(3, SLICE).encode())
     scheduler.run_until(5 * PERIOD)
     assert (tested.missed_commits, tested.starts) == (0, [0, 150])
 
 
 def test_a_commit_that_leaves_no_time_to_rasterise_is_missed() -> None:
     scheduler, tested = processor()
-    tested.receive(ChannelEnd.MAILBOX, SLICE)
+    tested.receive(SLICE.encode())
     scheduler.run_until(3 * PERIOD - RASTERISE_CYCLES + 1)
-    tested.receive(ChannelEnd.COMMIT, Commit.of(3, SLICE).encode())
+    tested.receive(Commit.of(3, SLICE).encode())
     scheduler.run_until(5 * PERIOD)
     assert (tested.missed_commits, tested.starts) == (1, [0])
 
 
 def test_a_commit_while_another_table_waits_is_missed() -> None:
     scheduler, tested = processor()
-    silence = bytes(48)
-    for piece, period in ((SLICE, 3), (silence, 4)):
-        tested.receive(ChannelEnd.MAILBOX, piece)
-        tested.receive(ChannelEnd.COMMIT, Commit.of(period, piece).encode())
+    for piece, period in ((SLICE, 3), (SILENCE, 4)):
+        tested.receive(piece.encode())
+        tested.receive(Commit.of(period, piece).encode())
     scheduler.run_until(6 * PERIOD)
     assert (tested.missed_commits, tested.starts) == (1, [0, 150])
     assert tested.tables[1].any()

@@ -1,0 +1,116 @@
+"""``phasewire budget``: what it prints, what it writes, and how it says no."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from phasewire.__main__ import main
+
+
+class Outcome(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def budget(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Outcome]:
+    """Run the command in a new folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> Outcome:
+        with pytest.raises(SystemExit) as exited:
+            main(["budget", *arguments])
+        captured = capsys.readouterr()
+        return Outcome(int(exited.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.mark.parametrize(
+    ("options", "bottleneck", "rate"),
+    [
+        ((), "boundary", "40,000 updates/s, one every period"),
+        (("--link", "2wire"), "links", "20,000 updates/s, one every 2 periods"),
+        (("--token-delay", "7"), "links", "20,000 updates/s, one every 2 periods"),
+        (("--cycles-per-symbol", "4"), "links", "20,000 updates/s, one every 2 periods"),
+        (("--hop-ns", "1082.5"), "boundary", "20,000 updates/s, one every 2 periods"),
+        (("--baud", "115200"), "serial", "22.0994 updates/s, one every 1,810 periods"),
+    ],
+)
+def test_it_names_the_bottleneck_and_the_rate(
+    budget: Run, options: tuple[str, ...], bottleneck: str, rate: str
+) -> None:
+    outcome = budget(*options)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"Bottleneck: {bottleneck}.\nRate that holds: {rate}.\n" in outcome.out
+    assert max(len(line) for line in outcome.out.splitlines()) <= 80
+
+
+def test_the_time_line_is_drawn_in_characters(budget: Run) -> None:
+    lines = budget().out.splitlines()
+    rows = {line.split()[0]: line for line in lines if re.match(r"\w+ +[\d.]+ +[\d.]+ +[\d.]+ +[\d,]+ ", line)}
+    assert list(rows) == ["USB", "sort", "links", "hops", "rasterise", "boundary"]
+    assert rows["links"].split()[1:5] == ["24.61", "38.22", "13.60", "73,529"]
+    bars = [re.search(r" ([#.]+) *$", row) for row in rows.values()]
+    spans = [bar.span(1) for bar in bars if bar is not None]
+    assert len(spans) == 6
+    for (begin, end), (later_begin, later_end) in pairwise(spans):
+        assert (begin, end) < (later_begin, later_end)
+        assert later_begin <= end
+    assert "." in rows["boundary"].split()[-1]
+    assert "50.22 µs at best; 75.21 µs just missing a boundary" in "\n".join(lines)
+
+
+def test_the_record(budget: Run, tmp_path: Path) -> None:
+    outcome = budget("--link", "2wire", "--json", "-")
+    record = json.loads(outcome.out)
+    assert "Rate that holds" in outcome.err
+    assert record["format"] == "phasewire-budget-1"
+    assert record["link"]["seconds_per_token"] == pytest.approx(50e-9)
+    links = record["stages"][2]
+    assert links["name"] == "links"
+    assert links["ends_s"] - links["begins_s"] == pytest.approx(34e-6)
+    assert (record["best_s"], record["worst_s"]) == (pytest.approx(70.615e-6), pytest.approx(95.6125e-6))
+    assert (record["bottleneck"], record["periods_per_update"], record["updates_per_second"]) == ("links", 2, 20_000)
+    assert record["blocks"]["SEQUENCE"] == {"loads": 100, "periods": 40}
+    budget("--json", "b.json")
+    assert json.loads((tmp_path / "b.json").read_text())["updates_per_second"] == 40_000
+
+
+@pytest.mark.parametrize(("name", "begin"), [("b.png", b"\x89PNG"), ("b.svg", b"<?xml")])
+def test_the_picture(budget: Run, tmp_path: Path, name: str, begin: bytes) -> None:
+    assert budget("--plot", name).code == 0
+    assert (tmp_path / name).read_bytes().startswith(begin)
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--link", "3wire"), "unknown link '3wire'; known are 5wire, 2wire"),
+        (("--cycles-per-symbol", "1"), "2 to 2047"),
+        (("--token-delay", "-1"), "0 to 2047"),
+        (("--hop-ns", "-1"), "0 to 1000000"),
+        (("--hop-ns", "nan"), "0 to 1000000"),
+        (("--baud", "0"), "a serial line of 0 baud"),
+        (("--plot", "b.txt"), "a picture's name ends in"),
+        (("--plot", "nowhere/b.png"), "no folder nowhere"),
+        (("--plot", "b.png", "--json", "b.png"), "to be written twice"),
+    ],
+)
+def test_it_says_no(budget: Run, tmp_path: Path, options: tuple[str, ...], complaint: str) -> None:
+    outcome = budget(*options)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert complaint in " ".join(outcome.err.split())
+    assert list(tmp_path.iterdir()) == []
