@@ -45,7 +45,7 @@ Run = Callable[..., Outcome]
         (("--link", "2wire"), "links", "20,000 updates/s, one every 2 periods"),
         (("--token-delay", "7"), "links", "20,000 updates/s, one every 2 periods"),
         (("--cycles-per-symbol", "4"), "links", "20,000 updates/s, one every 2 periods"),
-        (("--hop-ns", "1082.5"), "boundary", "20,000 updates/s, one every 2 periods"),
+        (("--hop-ns", "1081"), "boundary", "20,000 updates/s, one every 2 periods"),
         (("--baud", "115200"), "serial", "22.0994 updates/s, one every 1,810 periods"),
     ],
 )

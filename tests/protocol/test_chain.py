@@ -200,6 +200,61 @@ def test_what_construct_refuses_is_refused_and_nothing_else(data: st.DataObject)
     assert taken(tokens) == parses(tokens)
 
 
+def resealed(tokens: bytes, changes: dict[int, int]) -> bytes:
+    """A message with some of its bytes changed and a CRC-32 that is right again."""
+    changed = bytearray(tokens)
+    for position, octet in changes.items():
+        changed[position] = octet
+    body = bytes(changed[:-5])
+    return body + zlib.crc32(body).to_bytes(4, "little") + b"\x01"
+
+
+@given(messages.filter(lambda message: message.GUARDED), st.data())
+def test_a_value_that_construct_refuses_is_refused_and_no_other(message: Message, data: st.DataObject) -> None:
+    positions = st.sampled_from(sorted({0, 1, 3, 4, 5, 6, 7, 8, 9, 10, message.TOKENS - 6} - {message.TOKENS - 5}))
+    changes = data.draw(st.dictionaries(positions.filter(lambda n: n < message.TOKENS - 5), st.integers(0, 255)))
+    tokens = resealed(message.encode(), changes)
+    assert taken(tokens) == parses(tokens)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("LOAD", {0: 1}),  # node 259
+        ("LOAD", {1: 10}),  # node 10
+        ("LOAD", {3: 0}),  # no such memory
+        ("LOAD", {3: 4}),
+        ("LOAD", {4: 0xFF, 5: 3}),  # entries 1023 and 1024
+        ("LOAD", {6: 0}),  # no entries
+        ("LOAD", {6: 1}),  # one entry, and bytes behind it
+        ("LOAD", {6: 13}),  # 52 bytes of entries
+        ("LOAD", {54: 1}),  # a byte behind the entries
+        ("PROGRAM", {3: 1}),  # slots cannot be started
+        ("PROGRAM", {4: 1}),  # reserved
+        ("PROGRAM", {5: 1, 6: 4}),  # 1025 entries
+        ("PROGRAM", {7: 1}),  # a sequence with a hold
+        ("PROGRAM", {3: 3}),  # a modulation without
+        ("PROGRAM", {3: 3, 7: 1, 9: 1}),  # a modulation that is repeated
+        ("PROGRAM", {5: 0, 9: 1}),  # a stop that is repeated
+        ("PROGRAM", {3: 3, 5: 0, 7: 1}),  # a stop with a hold
+        ("COLLECT", {3: 6}),
+        ("COLLECT", {3: 9}),
+        ("NUMBER", {0: 0, 1: 3}),  # not to node FFFF
+        ("NUMBER", {3: 10}),
+        ("REPORT", {1: 3}),  # not to the controller
+        ("REPORT", {3: 10}),
+        ("PLAYING", {0: 0xFF}),
+        ("PLAYING", {3: 10}),
+        ("IDENTITY", {3: 10}),
+        ("IDENTITY", {4: 2}),  # neither the last nor not
+    ],
+)
+def test_what_no_message_may_say_is_refused(name: str, changes: dict[int, int]) -> None:
+    tokens = resealed(EXAMPLES[name].encode(), changes)
+    assert not taken(tokens)
+    assert not parses(tokens)
+
+
 @given(st.binary(max_size=80))
 def test_any_tokens_are_a_message_or_refused(tokens: bytes) -> None:
     taken(tokens)
