@@ -37,7 +37,7 @@ commands = typer.Typer(rich_markup_mode=None)
 CYCLES_PER_MICROSECOND = CORE_HZ // 10**6
 BAR = 20  # characters
 LONGEST_HOP_NS = 1e6
-BLOCKS = {"SLOT": (1, Memory.SLOTS), "SEQUENCE": (120, Memory.SEQUENCE), "MODULATION": (480, Memory.MODULATION)}
+BLOCKS = {"SLOT": (1, Memory.SLOTS), "ENTRIES": (120, Memory.SEQUENCE), "SAMPLES": (480, Memory.MODULATION)}
 """What a full block of each kind stores: a number of items of a memory."""
 
 

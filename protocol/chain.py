@@ -342,8 +342,8 @@ class Program(_ToProcessor):
         `Memory.SEQUENCE` or `Memory.MODULATION`.
     period : int
         Carrier period at which it takes effect, 64 bits.
-    length : int
-        Items that are played, from the first on; 0 stops it.
+    first, count : int
+        Items that are played; a count of 0 stops it.
     hold : int
         Periods that each sample of a modulation lasts, at least 1; 0 for a sequence and where it stops.
     repeats : int
@@ -353,12 +353,13 @@ class Program(_ToProcessor):
     processor: int
     what: Memory
     period: int
-    length: int
+    first: int
+    count: int
     hold: int = 0
     repeats: int = 0
 
     CHANNEL_END = ChannelEnd.PROGRAM
-    PAYLOAD = struct.Struct("<BBHHHQ")
+    PAYLOAD = struct.Struct("<BHHHHQ")
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -366,19 +367,20 @@ class Program(_ToProcessor):
         if self.what not in (Memory.SEQUENCE, Memory.MODULATION):
             raise ValueError(f"{self.what!r} cannot be started; a sequence or a modulation can")
         _check_number("period", self.period, 2**64)
-        _check_number("length", self.length, MEMORIES[self.what].items + 1)
-        started = self.what if self.length else None
+        room = MEMORIES[self.what].items
+        _check_number("count", self.count, room + 1)
+        _check_number("first", self.first, room - self.count + 1 if self.count else 1)
+        started = self.what if self.count else None
         _check_number("hold", self.hold, *((2**16, 1) if started is Memory.MODULATION else (1, 0)))
         _check_number("repeats", self.repeats, 2**16 if started is Memory.SEQUENCE else 1)
 
     def _fields(self) -> tuple[Any, ...]:
-        return self.what, 0, self.length, self.hold, self.repeats, self.period
+        return self.what, self.first, self.count, self.hold, self.repeats, self.period
 
     @classmethod
     def _of(cls, fields: tuple[Any, ...]) -> Self:
-        processor, what, reserved, length, hold, repeats, period = fields
-        _check_number("reserved byte", reserved, 1)
-        return cls(processor, Memory(what), period, length, hold, repeats)
+        processor, what, first, count, hold, repeats, period = fields
+        return cls(processor, Memory(what), period, first, count, hold, repeats)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from .codes import (
     State,
     StatusFlag,
 )
-from .layout.replies import ACK, CLOCK, INFO, PLAYING, PROCESSOR_REPORTS, STATUS, WIRING
+from .layout.replies import ACK, CLOCK, INFO, PROCESSOR_REPORTS, READ_BACK, STATUS, WIRING
 from .pulses import Pulses
 from .wiring import Wiring
 
@@ -33,8 +33,8 @@ __all__ = [
     "Ack",
     "ClockReading",
     "Info",
-    "Playing",
     "ProcessorReport",
+    "ReadBack",
     "Status",
     "decode_reports",
     "decode_wiring",
@@ -354,7 +354,7 @@ class ClockReading:
 
 
 @dataclass(frozen=True)
-class Playing:
+class ReadBack:
     """The pulses that a device plays, read back from its processors (clause REQ-007).
 
     Parameters
@@ -379,9 +379,9 @@ class Playing:
         return b"".join([*heads, pack_pulses(self.pulses)])
 
     @classmethod
-    def decode(cls, data: bytes) -> Playing:
+    def decode(cls, data: bytes) -> ReadBack:
         """Decode 496 bytes; raise `ReplyError` where they break the layout."""
-        fields = _parse(PLAYING, data, "a reading of pulses", cls.BYTES)
+        fields = _parse(READ_BACK, data, "a reading of pulses", cls.BYTES)
         phase = [pair[name] for pair in fields.pulses for name in ("even_phase", "odd_phase")]
         width = [pair[name] for pair in fields.pulses for name in ("even_width", "odd_width")]
         return cls(fields.since_period, fields.read_period, Pulses(phase, width))

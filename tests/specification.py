@@ -7,8 +7,7 @@ from pathlib import Path
 
 __all__ = ["SPEC", "clauses", "codes", "hex_examples", "layout_rows", "table"]
 
-_ROOM = Path(__file__).parents[1] / "protocol"
-SPEC = "\n".join(path.read_text(encoding="utf-8") for path in sorted(_ROOM.glob("*.md")))
+SPEC = (Path(__file__).parents[1] / "protocol" / "SPEC.md").read_text(encoding="utf-8")
 
 
 def clauses() -> list[str]:

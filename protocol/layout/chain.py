@@ -99,16 +99,17 @@ PROGRAM = _guarded(
     _TO_PROCESSOR,
     ChannelEnd.PROGRAM,
     "what" / OneOf(Int8ul, [Memory.SEQUENCE, Memory.MODULATION]),
-    "reserved" / Const(b"\0"),
-    "length" / Int16ul,
+    "first" / Int16ul,
+    "count" / Int16ul,
     "hold" / Int16ul,
     "repeats" / Int16ul,
     "period" / Int64ul,
-    Check(lambda program: program.length <= _ITEMS[program.what]),
-    Check(lambda program: (program.hold > 0) == (program.length > 0 and program.what == Memory.MODULATION)),
-    Check(lambda program: program.repeats == 0 or (program.length > 0 and program.what == Memory.SEQUENCE)),
+    Check(lambda program: program.first + program.count <= _ITEMS[program.what]),
+    Check(lambda program: program.first == 0 or program.count > 0),
+    Check(lambda program: (program.hold > 0) == (program.count > 0 and program.what == Memory.MODULATION)),
+    Check(lambda program: program.repeats == 0 or (program.count > 0 and program.what == Memory.SEQUENCE)),
 )
-"""Start or stop the sequence or the modulation at a period, 24 tokens."""
+"""Start or stop the sequence or the modulation at a period, 25 tokens."""
 
 COLLECT = _guarded(_TO_PROCESSOR, ChannelEnd.COLLECT, "answer" / OneOf(Int8ul, [ChannelEnd.REPORT, ChannelEnd.PLAYING]))
 """Ask a processor how it is, or what it plays, 9 tokens."""

@@ -29,7 +29,7 @@ from ..board import CHANNELS, PROCESSORS
 from ..codes import ACK_MAGIC, PROTOCOL_VERSION, STATUS_MAGIC, AckFlag, Fault, Reason, State, StatusFlag
 from .blocks import PULSES
 
-__all__ = ["ACK", "CLOCK", "INFO", "PLAYING", "PROCESSOR_REPORTS", "STATUS", "WIRING"]
+__all__ = ["ACK", "CLOCK", "INFO", "PROCESSOR_REPORTS", "READ_BACK", "STATUS", "WIRING"]
 
 
 def _only(integer: Construct, flags: type[IntFlag]) -> Construct:
@@ -128,7 +128,7 @@ CLOCK = Struct(
 )
 """Answer to CLOCK, 24 bytes."""
 
-PLAYING = Struct("since_period" / Int64ul, "read_period" / Int64ul, "pulses" / PULSES, Terminated)
+READ_BACK = Struct("since_period" / Int64ul, "read_period" / Int64ul, "pulses" / PULSES, Terminated)
 """Answer to PULSES, 496 bytes."""
 
 _PROCESSOR_REPORT = Struct(

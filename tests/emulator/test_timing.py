@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
 from phasewire.emulator.backend import EmulatorBackend
 from phasewire.emulator.usb_device import Setup
-from phasewire.protocol import Info, Update, pack
+from phasewire.protocol import Info
 from phasewire.protocol.codes import Request
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Budget, Link
 
-BLOCK = pack(Update(Pulses(np.full(320, 25), np.full(320, 25)), 1))
+from tests.strategies import update
+
+BLOCK = update(Pulses(np.full(320, 25), np.full(320, 25)), 1)
 
 
 def ready(link: Link) -> Emulator:

@@ -84,7 +84,7 @@ def test_the_record(budget: Run, tmp_path: Path) -> None:
     assert links["ends_s"] - links["begins_s"] == pytest.approx(34e-6)
     assert (record["best_s"], record["worst_s"]) == (pytest.approx(70.615e-6), pytest.approx(95.6125e-6))
     assert (record["bottleneck"], record["periods_per_update"], record["updates_per_second"]) == ("links", 2, 20_000)
-    assert record["blocks"]["SEQUENCE"] == {"loads": 100, "periods": 40}
+    assert record["blocks"]["ENTRIES"] == {"loads": 100, "periods": 40}
     budget("--json", "b.json")
     assert json.loads((tmp_path / "b.json").read_text())["updates_per_second"] == 40_000
 

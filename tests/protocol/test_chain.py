@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from dataclasses import astuple
 from typing import Any
 
 import pytest
@@ -41,7 +42,7 @@ EXAMPLES: dict[str, Message] = {
     "SLICE": Slice(3, STRIPES),
     "COMMIT": Commit.of(1000, Slice(3, STRIPES)),
     "LOAD": Load(3, Memory.SEQUENCE, 12, struct.pack("<4H", 0, 100, 1, 100)),
-    "PROGRAM": Program(3, Memory.SEQUENCE, 1000, 2),
+    "PROGRAM": Program(3, Memory.SEQUENCE, 1000, 0, 2),
     "COLLECT": Collect(3, ChannelEnd.REPORT),
     "NUMBER": Number(3),
     "REPORT": Report(3, 31, 0, (1, 0, 0), -1, 250_000, 2, 1),
@@ -65,10 +66,19 @@ def any_loads(draw: st.DrawFn) -> Load:
     return Load(draw(processors), memory, draw(st.integers(0, items - count)), data)
 
 
+@st.composite
+def started(draw: st.DrawFn) -> Program:
+    what = draw(st.sampled_from([Memory.SEQUENCE, Memory.MODULATION]))
+    room = {Memory.SEQUENCE: 1024, Memory.MODULATION: 4096}[what]
+    count = draw(st.integers(1, room) | st.just(room))
+    first = draw(st.integers(0, room - count) | st.just(room - count))
+    hold, repeats = (0, draw(u16)) if what is Memory.SEQUENCE else (draw(st.integers(1, 2**16 - 1)), 0)
+    return Program(draw(processors), what, draw(u64), first, count, hold, repeats)
+
+
 programs = st.one_of(
-    st.builds(Program, processors, st.just(Memory.SEQUENCE), u64, st.integers(1, 1024), st.just(0), u16),
-    st.builds(Program, processors, st.just(Memory.MODULATION), u64, st.integers(1, 4096), st.integers(1, 2**16 - 1)),
-    st.builds(Program, processors, st.sampled_from([Memory.SEQUENCE, Memory.MODULATION]), u64, st.just(0)),
+    started(),
+    st.builds(Program, processors, st.sampled_from([Memory.SEQUENCE, Memory.MODULATION]), u64, st.just(0), st.just(0)),
 )
 
 messages: st.SearchStrategy[Message] = st.one_of(
@@ -167,8 +177,8 @@ def test_construct_reads_the_same_fields_of_a_load(load: Load) -> None:
 @given(programs)
 def test_construct_reads_the_same_fields_of_a_program(program: Program) -> None:
     fields: Any = layouts.PROGRAM.parse(program.encode()).checked.value
-    read = (fields.node, fields.what, fields.period, fields.length, fields.hold, fields.repeats)
-    assert read == (program.processor, program.what, program.period, program.length, program.hold, program.repeats)
+    read = (fields.node, fields.what, fields.period, fields.first, fields.count, fields.hold, fields.repeats)
+    assert read == astuple(program)
 
 
 @given(st.builds(Report, processors, signed, u16, versions, signed, u32, u32, u32))
@@ -230,13 +240,14 @@ def test_a_value_that_construct_refuses_is_refused_and_no_other(message: Message
         ("LOAD", {6: 13}),  # 52 bytes of entries
         ("LOAD", {54: 1}),  # a byte behind the entries
         ("PROGRAM", {3: 1}),  # slots cannot be started
-        ("PROGRAM", {4: 1}),  # reserved
-        ("PROGRAM", {5: 1, 6: 4}),  # 1025 entries
-        ("PROGRAM", {7: 1}),  # a sequence with a hold
+        ("PROGRAM", {6: 1, 7: 4}),  # 1025 entries
+        ("PROGRAM", {4: 0xFF, 5: 3}),  # entries 1023 and 1024
+        ("PROGRAM", {4: 1, 6: 0}),  # a stop with a first entry
+        ("PROGRAM", {8: 1}),  # a sequence with a hold
         ("PROGRAM", {3: 3}),  # a modulation without
-        ("PROGRAM", {3: 3, 7: 1, 9: 1}),  # a modulation that is repeated
-        ("PROGRAM", {5: 0, 9: 1}),  # a stop that is repeated
-        ("PROGRAM", {3: 3, 5: 0, 7: 1}),  # a stop with a hold
+        ("PROGRAM", {3: 3, 8: 1, 10: 1}),  # a modulation that is repeated
+        ("PROGRAM", {6: 0, 10: 1}),  # a stop that is repeated
+        ("PROGRAM", {3: 3, 6: 0, 8: 1}),  # a stop with a hold
         ("COLLECT", {3: 6}),
         ("COLLECT", {3: 9}),
         ("NUMBER", {0: 0, 1: 3}),  # not to node FFFF
@@ -321,12 +332,14 @@ def test_items_go_in_loads_of_48_bytes(memory: Memory, size: int, first: int, pa
         (lambda: Load(0, Memory.SEQUENCE, 0, bytes(6)), "6 bytes are not 1 to 12 items of 4 bytes"),
         (lambda: Load(0, Memory.MODULATION, 0, b""), "0 bytes are not 1 to 48 items"),
         (lambda: Load(0, Memory.MODULATION, 0, bytes(49)), "49 bytes are not 1 to 48 items"),
-        (lambda: Program(0, Memory.SLOTS, 0, 1), "cannot be started"),
-        (lambda: Program(0, Memory.SEQUENCE, 0, 1025), "length 1025 is outside 0 to 1024"),
-        (lambda: Program(0, Memory.SEQUENCE, 0, 1, hold=1), "hold 1 is outside 0 to 0"),
-        (lambda: Program(0, Memory.MODULATION, 0, 1), "hold 0 is outside 1 to 65535"),
-        (lambda: Program(0, Memory.MODULATION, 0, 1, hold=1, repeats=1), "repeats 1 is outside 0 to 0"),
-        (lambda: Program(0, Memory.SEQUENCE, 0, 0, repeats=1), "repeats 1 is outside 0 to 0"),
+        (lambda: Program(0, Memory.SLOTS, 0, 0, 1), "cannot be started"),
+        (lambda: Program(0, Memory.SEQUENCE, 0, 0, 1025), "count 1025 is outside 0 to 1024"),
+        (lambda: Program(0, Memory.SEQUENCE, 0, 0, 1, hold=1), "hold 1 is outside 0 to 0"),
+        (lambda: Program(0, Memory.MODULATION, 0, 4095, 1), "hold 0 is outside 1 to 65535"),
+        (lambda: Program(0, Memory.MODULATION, 0, 0, 1, hold=1, repeats=1), "repeats 1 is outside 0 to 0"),
+        (lambda: Program(0, Memory.SEQUENCE, 0, 1024, 1), "first 1024 is outside 0 to 1023"),
+        (lambda: Program(0, Memory.SEQUENCE, 0, 1, 0), "first 1 is outside 0 to 0"),
+        (lambda: Program(0, Memory.SEQUENCE, 0, 0, 0, repeats=1), "repeats 1 is outside 0 to 0"),
         (lambda: Collect(0, ChannelEnd.SLICE), "cannot be asked for"),
         (lambda: Number(10), "processor 10"),
         (lambda: Report(0, 128, 0, (0, 0, 0), 0, 0, 0, 0), "temperature 128 is outside -128 to 127"),

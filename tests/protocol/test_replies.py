@@ -11,8 +11,8 @@ from phasewire.protocol import Ack, Info, Reason, State, Status, Wiring
 from phasewire.protocol.codes import AckFlag, Fault, Feature, StatusFlag
 from phasewire.protocol.replies import (
     ClockReading,
-    Playing,
     ProcessorReport,
+    ReadBack,
     decode_reports,
     decode_wiring,
     encode_reports,
@@ -41,12 +41,12 @@ INFOS = st.builds(
     st.binary(min_size=16, max_size=16),
 )
 CLOCKS = st.builds(ClockReading, U64, U64, U32)
-PLAYING = st.builds(Playing, U64, U64, pulses())
+READ_BACK = st.builds(ReadBack, U64, U64, pulses())
 REPORTS = st.lists(st.builds(ProcessorReport, FAULTS, S8, U8, U32, U32, FIRMWARE), min_size=10, max_size=10)
-SIZES = {Ack: 32, Status: 64, Info: 64, ClockReading: 24, Playing: 496}
+SIZES = {Ack: 32, Status: 64, Info: 64, ClockReading: 24, ReadBack: 496}
 
 
-@given(ACKS | STATUSES | INFOS | CLOCKS | PLAYING)
+@given(ACKS | STATUSES | INFOS | CLOCKS | READ_BACK)
 def test_replies_survive_the_way(reply: Any) -> None:
     data = reply.encode()
     assert len(data) == SIZES[type(reply)] == reply.BYTES

@@ -141,7 +141,7 @@ def test_a_frame_of_a_block() -> None:
 
 
 def test_block_costs_are_the_specification_s() -> None:
-    blocks = {"SLOT": (1, Memory.SLOTS), "SEQUENCE": (120, Memory.SEQUENCE), "MODULATION": (480, Memory.MODULATION)}
+    blocks = {"SLOT": (1, Memory.SLOTS), "ENTRIES": (120, Memory.SEQUENCE), "SAMPLES": (480, Memory.MODULATION)}
     rows = table("table: block costs")
     assert [row[1].strip("`") for row in rows] == list(blocks)
     for loads, name, tokens, *times in rows:
