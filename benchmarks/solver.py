@@ -11,13 +11,13 @@ import argparse
 import json
 import os
 import platform
-import statistics
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from medians import median
 from numba import njit
 from phasewire import ControlPoints, Solver, TransducerArray, pressure
 from phasewire.solver import METHODS, PlanePropagator, kernels, solve_frames
@@ -27,20 +27,7 @@ from phasewire.solver.simd import LANES, load, spread, total
 
 COUNTS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512)
 ARRAYS = {320: (20, 16), 1024: (32, 32), 4096: (64, 64)}
-PATIENCE = 0.4  # seconds for one median
 FRAMES = 4000
-
-
-def median(call: Callable[[], object]) -> float:
-    """Median time of a call in seconds."""
-    call()
-    times: list[float] = []
-    end = perf_counter() + PATIENCE
-    while perf_counter() < end or len(times) < 3:
-        before = perf_counter()
-        call()
-        times.append(perf_counter() - before)
-    return statistics.median(times)
 
 
 def cloud(m: int, seed: int = 1) -> ControlPoints:

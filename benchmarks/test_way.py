@@ -10,15 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire import Circle, Emulator, Pulses, Solver, TransducerArray, open_device, sample_plane, solve
-from phasewire.protocol import Block, Update, pack, unpack
-from phasewire.protocol.layout.blocks import BLOCK
 from phasewire.solver.convolution import PlanePropagator
 
 ARRAY = TransducerArray.grid()
 POINTS = Circle(radius=0.0765).sample()
 SOLUTION = solve(ARRAY, POINTS)
-UPDATE = Block(Update(Pulses.from_drive(SOLUTION.drive)), 1)
-PACKED = pack(UPDATE)
+PULSES = Pulses.from_drive(SOLUTION.drive)
 
 
 @pytest.mark.benchmark(group="the next frame, 32 points and 320 transducers")
@@ -45,29 +42,6 @@ class TestField:
         benchmark(sample_plane, ARRAY, SOLUTION.drive, 0.2, step=1.03e-3)
 
 
-@pytest.mark.benchmark(group="pack one update")
-class TestPack:
-    def test_numpy(self, benchmark: Any) -> None:
-        benchmark(pack, UPDATE)
-
-    def test_peer_construct(self, benchmark: Any) -> None:
-        parsed = BLOCK.parse(PACKED)
-        fields = {
-            "header": {"value": {name: parsed.header.value[name] for name in ("kind", "sequence", "period")}},
-            "pulses": {"value": [dict(pair) for pair in parsed.pulses.value]},
-        }
-        assert benchmark(BLOCK.build, fields) == PACKED
-
-
-@pytest.mark.benchmark(group="unpack and validate one update")
-class TestUnpack:
-    def test_numpy(self, benchmark: Any) -> None:
-        assert benchmark(unpack, PACKED) == UPDATE
-
-    def test_peer_construct(self, benchmark: Any) -> None:
-        benchmark(BLOCK.parse, PACKED)
-
-
 @pytest.mark.benchmark(group="the emulated device")
 class TestEmulator:
     def test_a_second_of_a_steady_field(self, benchmark: Any) -> None:
@@ -75,15 +49,15 @@ class TestEmulator:
 
         def second() -> np.ndarray:
             with Emulator() as emulator, open_device(emulator.url) as device:
-                device.show(UPDATE.pulses)
+                device.show(PULSES)
                 for _ in range(20):
                     emulator.run(2000)
                     device.status()
                 capture = emulator.capture()
             return capture.drive(capture.periods - 1)
 
-        np.testing.assert_allclose(benchmark(second), UPDATE.pulses.to_drive(), atol=1e-12)
+        np.testing.assert_allclose(benchmark(second), PULSES.to_drive(), atol=1e-12)
 
     def test_one_update_from_pulses_to_acknowledgement(self, benchmark: Any) -> None:
         with Emulator() as emulator, open_device(emulator.url) as device:
-            benchmark.pedantic(device.show, (UPDATE.pulses,), rounds=200, warmup_rounds=5)
+            benchmark.pedantic(device.show, (PULSES,), rounds=200, warmup_rounds=5)
