@@ -25,6 +25,7 @@ __all__ = [
     "DELIMITER",
     "MAX_DATA_BYTES",
     "MAX_FRAME_BYTES",
+    "UART_BITS_PER_BYTE",
     "Frame",
     "FrameReader",
     "Line",

@@ -22,6 +22,7 @@ from .board import (
 )
 from .chain import MEMORIES, SLICE_BYTES, Commit, Load, Slice
 from .codes import BLOCK_BYTES, Memory
+from .framing import UART_BITS_PER_BYTE, frame_bytes
 
 __all__ = [
     "FIVE_WIRE",
@@ -41,7 +42,6 @@ __all__ = [
     "Stage",
     "Threads",
     "block_loads",
-    "frame_bytes",
     "slices_cycles",
     "update_cycles",
 ]
@@ -54,7 +54,6 @@ PACKET_CYCLES = MICROFRAME_CYCLES // PACKETS_PER_MICROFRAME
 
 LEAST_CYCLES_PER_SYMBOL = 2
 MOST_DELAY = 2**11 - 1  # the fields of the links' registers have 11 bits
-SERIAL_BITS_PER_BYTE = 10  # start, eight bits, stop
 
 # An instruction of a thread takes as many cycles as threads run, and never fewer than four. The thread that speaks USB
 # needs 80 million instructions a second, so no more than five run on the controller; four are enough on a processor.
@@ -167,12 +166,6 @@ def update_cycles(link: Link) -> int:
     return UPDATE_TOKENS * link.cycles_per_token
 
 
-def frame_bytes(payload: int = BLOCK_BYTES) -> int:
-    """Bytes on a serial line of a block at most: type, block and CRC-32, stuffed by COBS, and the delimiter."""
-    unstuffed = 1 + payload + 4
-    return unstuffed - (-unstuffed // 254) + 1
-
-
 def block_loads(items: int, memory: Memory) -> int:
     """Loads that a block's items cost on the chain (clause BUD-007): its slices, or all items to each processor."""
     return PROCESSORS * -(-items // MEMORIES[memory].per_load)
@@ -247,7 +240,7 @@ class Budget:
         if baud is None:
             arrival = ("USB", PACKET_CYCLES, Fraction(PACKETS_PER_MICROFRAME * MICROFRAMES_PER_SECOND))
         else:
-            bits = frame_bytes() * SERIAL_BITS_PER_BYTE
+            bits = frame_bytes(BLOCK_BYTES) * UART_BITS_PER_BYTE
             arrival = ("serial", -(-bits * CORE_HZ // baud), Fraction(baud, bits))
         return cls(
             link,

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-__all__ = ["SPEC", "clauses", "codes", "hex_examples", "layout_rows", "table"]
+from construct import Construct, RawCopy, Renamed, SizeofError
+
+__all__ = ["SPEC", "clauses", "codes", "fields", "hex_examples", "layout_rows", "table"]
 
 SPEC = (Path(__file__).parents[1] / "protocol" / "SPEC.md").read_text(encoding="utf-8")
 
@@ -30,6 +32,23 @@ def codes(name: str) -> dict[str, int]:
 def layout_rows(name: str) -> list[tuple[int, int, str]]:
     """A table of a layout, offset | bytes | field | …, as (offset, size, field)."""
     return [(int(row[0]), int(row[1]), row[2].strip("`")) for row in table(f"layout: {name}")]
+
+
+def fields(layout: Construct, offset: int = 0) -> list[tuple[int, int, str]]:
+    """The same of a construct layout: its fields of a fixed size, down into those that carry a checksum."""
+    found: list[tuple[int, int, str]] = []
+    for part in layout.subcons:
+        if isinstance(part, Renamed) and isinstance(part.subcon, RawCopy):
+            found += fields(part.subcon.subcon, offset)
+        elif part.name is not None:
+            try:
+                found.append((offset, part.sizeof(), part.name))
+            except SizeofError:
+                break
+        else:
+            continue
+        offset = found[-1][0] + found[-1][1]
+    return found
 
 
 def hex_examples() -> dict[str, bytes]:

@@ -30,7 +30,7 @@ from phasewire.protocol.chain import (
 from phasewire.protocol.codes import ChannelEnd, Memory
 from phasewire.protocol.layout import chain as layouts
 
-from tests.specification import codes, hex_examples, layout_rows
+from tests.specification import codes, fields, hex_examples, layout_rows
 
 LAYOUTS: dict[ChannelEnd, Construct] = {end: getattr(layouts, end.name) for end in ChannelEnd}
 UNGUARDED = (ChannelEnd.SLICE, ChannelEnd.COMMIT)
@@ -130,22 +130,9 @@ def test_the_limits_of_the_specification_are_these() -> None:
     assert {name: getattr(limits, name) for name in table} == table
 
 
-def rows(layout: Construct, offset: int = 0) -> list[tuple[int, int, str]]:
-    found: list[tuple[int, int, str]] = []
-    for part in layout.subcons:
-        if part.name == "checked":
-            found += rows(part.subcon.subcon, offset)
-        elif part.name is not None:
-            found.append((offset, part.sizeof(), part.name))
-        else:
-            continue
-        offset = found[-1][0] + found[-1][1]
-    return found
-
-
 @pytest.mark.parametrize("end", ChannelEnd)
 def test_the_layouts_of_the_specification_are_construct_s(end: ChannelEnd) -> None:
-    assert layout_rows(end.name) == rows(LAYOUTS[end])
+    assert layout_rows(end.name) == fields(LAYOUTS[end])
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -197,7 +184,9 @@ def test_construct_reads_the_same_fields_of_a_report(report: Report) -> None:
 def test_what_construct_refuses_is_refused_and_nothing_else(data: st.DataObject) -> None:
     """Any payload under a right header, checksum and END; small numbers make allowed ones likely."""
     end = data.draw(st.sampled_from(ChannelEnd))
-    size = LAYOUTS[end].subcons[0].subcon.subcon.sizeof() - 3 if end not in UNGUARDED else rows(LAYOUTS[end])[-1][0] - 3
+    size = (
+        LAYOUTS[end].subcons[0].subcon.subcon.sizeof() - 3 if end not in UNGUARDED else fields(LAYOUTS[end])[-1][0] - 3
+    )
     node = data.draw(st.sampled_from([0, 3, 9, 10, 0x00FF, 0x0300, 0xFFFF]))
     octets = st.one_of(st.integers(0, 9), st.integers(0, 255))
     payload = bytes(data.draw(st.lists(octets, min_size=size, max_size=size)))

@@ -31,7 +31,7 @@ from phasewire.protocol.framing import (
 )
 from phasewire.protocol.layout.serial import FRAME, SERIAL_REPLY, SERIAL_REQUEST
 
-from tests.specification import codes, hex_examples, layout_rows, table
+from tests.specification import codes, fields, hex_examples, layout_rows, table
 
 STATUS = SerialRequest(tag=0x2A, request_type=0xC1, request=2, length=64)
 STATUS_FRAME = Frame(FrameKind.REQUEST, STATUS.encode())
@@ -113,14 +113,7 @@ def test_the_tables_of_codes(kind: type[FrameKind] | type[Outcome]) -> None:
 
 @pytest.mark.parametrize(("name", "layout"), [("SERIAL_REQUEST", SERIAL_REQUEST), ("SERIAL_REPLY", SERIAL_REPLY)])
 def test_the_tables_of_layouts(name: str, layout: Construct) -> None:
-    fields, offset = [], 0
-    for field in layout.subcons:
-        if field.name == "data":
-            break
-        if field.name:
-            fields.append((offset, field.sizeof(), field.name))
-            offset += field.sizeof()
-    assert layout_rows(name) == fields
+    assert layout_rows(name) == fields(layout)
 
 
 def test_the_table_of_sizes() -> None:
@@ -432,3 +425,9 @@ def test_a_host_that_knows_nothing_reaches_frames(device_mode: Mode, host_mode: 
     host.feed(answers)
     assert device.mode is host.mode is Mode.FRAMES
     assert host.feed(encode(STATUS_FRAME)) == [STATUS_FRAME]
+
+
+def test_no_frame_is_longer_than_is_said() -> None:
+    """Bytes without a zero are the worst for COBS."""
+    longest = [len(cobs.encode(bytes([1]) * (1 + payload + 4)) + b"\0") for payload in range(600)]
+    assert [frame_bytes(payload) for payload in range(600)] == longest

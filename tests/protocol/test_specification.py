@@ -16,31 +16,17 @@ from phasewire.protocol.layout.blocks import BLOCK
 from phasewire.protocol.pulses import POWER
 
 from tests.protocol.test_blocks import ACTION, COUNT, FIRST, HOLD, PERIOD, REPEATS, USED
-from tests.specification import SPEC, hex_examples, layout_rows, table
-
-
-def rows(layout: Construct, offset: int = 0) -> list[tuple[int, int, str]]:
-    """Offset, size and name of each field of a layout."""
-    found: list[tuple[int, int, str]] = []
-    for part in layout.subcons:
-        if part.name == "body":
-            found += rows(part.subcon.subcon, offset)
-        elif part.name is not None:
-            found.append((offset, part.sizeof(), part.name))
-        else:
-            continue
-        offset = found[-1][0] + found[-1][1]
-    return found
+from tests.specification import SPEC, fields, hex_examples, layout_rows, table
 
 
 @pytest.mark.parametrize("name", ["ACK", "STATUS", "INFO", "CLOCK", "READ_BACK"])
 def test_the_layouts_of_answers_are_construct_s(name: str) -> None:
-    assert layout_rows(name) == rows(getattr(replies, name))
+    assert layout_rows(name) == fields(getattr(replies, name))
 
 
 def test_the_layout_of_a_report_is_construct_s() -> None:
     (reports, _) = replies.PROCESSOR_REPORTS.subcons
-    assert layout_rows("PROCESSOR_REPORT") == rows(reports.subcon.subcon)
+    assert layout_rows("PROCESSOR_REPORT") == fields(reports.subcon.subcon)
 
 
 def test_the_layout_of_a_block_is_construct_s() -> None:
@@ -51,7 +37,7 @@ def test_the_layout_of_a_block_is_construct_s() -> None:
     assert [(part.sizeof(), part.name) for part in cleared.subcons[:-1]] == [row[1:] for row in head]
     assert listed[: len(head)] == head
     for body in cleared.subcons[-1].subcon.cases.values():
-        assert listed[len(head) : -1] == rows(Header(body), offset=8)
+        assert listed[len(head) : -1] == fields(Header(body), offset=8)
     assert listed[-1] == (32, 480, "payload")
 
 

@@ -6,7 +6,6 @@ from fractions import Fraction
 from itertools import pairwise
 
 import pytest
-from cobs import cobs
 from phasewire.protocol import chain
 from phasewire.protocol.chain import Message
 from phasewire.protocol.codes import ChannelEnd, Memory
@@ -21,7 +20,6 @@ from phasewire.protocol.timing import (
     Budget,
     Link,
     block_loads,
-    frame_bytes,
     slices_cycles,
     update_cycles,
 )
@@ -128,16 +126,6 @@ def test_serial_rates_are_the_specification_s(baud: int) -> None:
     assert found.bottleneck.name == found.stages[0].name == "serial"
     assert 0 <= found.stages[0].cycles - 5210 * 400e6 / baud < 1
     assert found.best_cycles - Budget.of(FIVE_WIRE).best_cycles == found.stages[0].cycles - 3846
-
-
-def test_no_frame_is_longer_than_the_model_says() -> None:
-    """Bytes without a zero are the worst for COBS."""
-    longest = [len(cobs.encode(bytes([1]) * (1 + payload + 4)) + b"\0") for payload in range(600)]
-    assert [frame_bytes(payload) for payload in range(600)] == longest
-
-
-def test_a_frame_of_a_block() -> None:
-    assert frame_bytes() == len(cobs.encode(bytes([1]) * 517)) + 1 == 521
 
 
 def test_block_costs_are_the_specification_s() -> None:
