@@ -33,6 +33,7 @@ from ..protocol.codes import (
     SYNC_PERIODS,
     AckFlag,
     Action,
+    Bank,
     Fault,
     Feature,
     Reason,
@@ -367,7 +368,7 @@ class Controller:
     def reports(self) -> list[ProcessorReport]:
         """Answer the PROCESSORS request."""
         return [
-            ProcessorReport(Fault(0), TEMPERATURE_C, 0, processor.missed_commits % 2**32, 0, FIRMWARE)
+            ProcessorReport(Fault(0), TEMPERATURE_C, Bank.FACTORY, processor.missed_commits % 2**32, 0, FIRMWARE)
             for processor in self._processors
         ]
 

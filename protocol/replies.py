@@ -18,6 +18,7 @@ from .codes import (
     RECORD_BYTES,
     STATUS_MAGIC,
     AckFlag,
+    Bank,
     Fault,
     Feature,
     Reason,
@@ -396,8 +397,8 @@ class ProcessorReport:
     faults : Fault
     temperature_c : int
         Of its board, in °C.
-    bank : int
-        Bank of the flash that its firmware came from, as `Bank`.
+    bank : Bank
+        Where its firmware came from.
     missed_commits, damaged_messages : int
         Since power-up.
     firmware : (int, int, int)
@@ -406,7 +407,7 @@ class ProcessorReport:
 
     faults: Fault
     temperature_c: int
-    bank: int
+    bank: Bank
     missed_commits: int
     damaged_messages: int
     firmware: tuple[int, int, int]
@@ -426,7 +427,7 @@ def decode_reports(data: bytes) -> list[ProcessorReport]:
         ProcessorReport(
             Fault(fields.faults),
             fields.temperature_c,
-            fields.bank,
+            Bank(fields.bank),
             fields.missed_commits,
             fields.damaged_messages,
             tuple(fields.firmware),

@@ -26,7 +26,7 @@ from construct import (
 )
 
 from ..board import CHANNELS, PROCESSORS
-from ..codes import ACK_MAGIC, PROTOCOL_VERSION, STATUS_MAGIC, AckFlag, Fault, Reason, State, StatusFlag
+from ..codes import ACK_MAGIC, PROTOCOL_VERSION, STATUS_MAGIC, AckFlag, Bank, Fault, Reason, State, StatusFlag
 from .blocks import PULSES
 
 __all__ = ["ACK", "CLOCK", "INFO", "PROCESSOR_REPORTS", "READ_BACK", "STATUS", "WIRING"]
@@ -134,7 +134,7 @@ READ_BACK = Struct("since_period" / Int64ul, "read_period" / Int64ul, "pulses" /
 _PROCESSOR_REPORT = Struct(
     "faults" / _only(Int16ul, Fault),
     "temperature_c" / Int8sl,
-    "bank" / Int8ul,
+    "bank" / OneOf(Int8ul, list(Bank)),
     "missed_commits" / Int32ul,
     "damaged_messages" / Int32ul,
     "firmware" / Array(3, Int8ul),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import ReplyError
 from phasewire.protocol import Ack, Info, Reason, State, Status, Wiring
-from phasewire.protocol.codes import AckFlag, Fault, Feature, StatusFlag
+from phasewire.protocol.codes import AckFlag, Bank, Fault, Feature, StatusFlag
 from phasewire.protocol.replies import (
     ClockReading,
     ProcessorReport,
@@ -42,7 +42,9 @@ INFOS = st.builds(
 )
 CLOCKS = st.builds(ClockReading, U64, U64, U32)
 READ_BACK = st.builds(ReadBack, U64, U64, pulses())
-REPORTS = st.lists(st.builds(ProcessorReport, FAULTS, S8, U8, U32, U32, FIRMWARE), min_size=10, max_size=10)
+REPORTS = st.lists(
+    st.builds(ProcessorReport, FAULTS, S8, st.sampled_from(Bank), U32, U32, FIRMWARE), min_size=10, max_size=10
+)
 SIZES = {Ack: 32, Status: 64, Info: 64, ClockReading: 24, ReadBack: 496}
 
 
@@ -129,7 +131,7 @@ def test_an_information_record_by_hand() -> None:
 
 def test_a_clock_reading_and_a_report_by_hand() -> None:
     assert ClockReading(1, 2, 3).encode() == octets((1, 8), (2, 8), (3, 4), (0, 4))
-    report = ProcessorReport(Fault.OVERRUN, -1, 2, 3, 4, (5, 6, 7))
+    report = ProcessorReport(Fault.OVERRUN, -1, Bank.A, 3, 4, (5, 6, 7))
     fields = octets((32, 2), (255, 1), (2, 1), (3, 4), (4, 4), (5, 1), (6, 1), (7, 1), (0, 1))
     assert encode_reports([report] * 10) == fields * 10
 
