@@ -1,0 +1,390 @@
+"""Captures of a USB bus: what Linux's usbmon saw, from a pcap or pcapng file, as pieces of traffic.
+
+A capture is read in steps, each a generator over the one before, so that its size does not matter: packets from the
+container, events from packets, transfers from a submission and its completion, pieces from transfers.
+
+The records of the containers are dpkt's. Its readers are not used: they give every packet the link type of the first
+interface, hide the byte order, which usbmon's header shares, and believe every length. (python-pcapng, the other
+candidate, knows interfaces, but decodes every option and fails on valid ones, takes six times as long, and reads no
+classic pcap.)
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from typing import BinaryIO, NamedTuple
+
+import dpkt
+from construct import Bytes, Construct, FormatField, Int8ub, Struct
+from dpkt import pcap, pcapng
+
+from ..errors import InputFileError
+from ..protocol.codes import BLOCK_MAGIC, DescriptorType
+from ..protocol.enumeration import (
+    CONSOLE_ENDPOINT_IN,
+    CONSOLE_ENDPOINT_OUT,
+    DFU_PRODUCT_ID,
+    ENDPOINT_IN,
+    ENDPOINT_OUT,
+    PRODUCT_ID,
+    VENDOR_ID,
+)
+from .traffic import RECORD_SIZES, Channel, Direction, LineCutter, Piece, cut
+
+__all__ = ["MAGICS", "UsbAddress", "read_usbmon"]
+
+LARGEST_PACKET_BYTES = 2**25
+"""A longer one is a corrupt length: a URB carries some 16 MiB at most."""
+
+MOST_PENDING = 4096
+"""Submissions that wait for their completion at once; in a corrupt capture they might all wait."""
+
+HEADER_BYTES = {189: 48, 220: 64}
+"""Size of usbmon's header by link type: LINKTYPE_USB_LINUX and LINKTYPE_USB_LINUX_MMAPPED."""
+
+CONTROL = 2
+DIRECTION_IN = 0x80
+CHANNELS = {
+    ENDPOINT_OUT: Channel.BLOCK,
+    ENDPOINT_IN: Channel.RECORD,
+}
+OUR_IDS = [struct.pack("<HH", VENDOR_ID, product) for product in (PRODUCT_ID, DFU_PRODUCT_ID)]
+DEVICE_DESCRIPTOR = bytes([18, DescriptorType.DEVICE])
+
+STALL = -32
+SHORT_READ = -121
+TAKEN_BACK = (-2, -19, -104, -108)
+STATUSES = {
+    -2: "cancelled by the host",
+    -19: "the device is gone",
+    -32: "the endpoint is halted",
+    -62: "no answer",
+    -71: "no answer, or a bit error on the bus",
+    -75: "the device sent more than was asked for",
+    -84: "no answer, or a CRC error on the bus",
+    -104: "cancelled by the host",
+    -108: "the device is gone",
+    -110: "no answer in time",
+}
+"""What an error number of Linux means for a transfer."""
+
+
+class UsbAddress(NamedTuple):
+    """Where a device sits: the number of its bus, and its own on that bus."""
+
+    bus: int
+    device: int
+
+    @classmethod
+    def parse(cls, text: str) -> UsbAddress:
+        """Read an address such as ``1.5``; raise `ValueError` where it is none."""
+        bus, _, device = text.partition(".")
+        if not all(part.isascii() and part.isdigit() for part in (bus, device)):
+            raise ValueError(f"USB address {text!r} should be the numbers of a bus and a device, such as 1.5")
+        return cls(int(bus), int(device))
+
+    def __str__(self) -> str:
+        """As people write it."""
+        return f"{self.bus}.{self.device}"
+
+
+class _Packet(NamedTuple):
+    number: int  # from 1, as Wireshark counts
+    link: int
+    order: str  # of bytes, "<" or ">"
+    data: bytes
+
+
+class _Source:
+    """A stream from which wholes are taken, and no corrupt length is."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+
+    def take(self, size: int) -> bytes:
+        """Exactly so many bytes."""
+        if data := self.take_or_end(size):
+            return data
+        raise ValueError("the file ends within it")
+
+    def take_or_end(self, size: int) -> bytes:
+        """Exactly so many bytes, or none at the end."""
+        if not 0 < size <= LARGEST_PACKET_BYTES:
+            raise ValueError(f"a length of {size} bytes is corrupt")
+        data = self._stream.read(size)
+        if 0 < len(data) < size:
+            raise ValueError("the file ends within it")
+        return data
+
+
+_SECTION = struct.pack("<I", pcapng.PCAPNG_BT_SHB)  # reads the same both ways
+_SECTION_ORDERS = {struct.pack(order + "I", pcapng.BYTE_ORDER_MAGIC): order for order in "<>"}
+_INTERFACE, _PACKET, _OLD_PACKET = pcapng.PCAPNG_BT_IDB, pcapng.PCAPNG_BT_EPB, pcapng.PCAPNG_BT_PB
+_BLOCKS = {
+    ("<", _INTERFACE): pcapng.InterfaceDescriptionBlockLE,
+    (">", _INTERFACE): pcapng.InterfaceDescriptionBlock,
+    ("<", _PACKET): pcapng.EnhancedPacketBlockLE,
+    (">", _PACKET): pcapng.EnhancedPacketBlock,
+    ("<", _OLD_PACKET): pcapng.PacketBlockLE,
+    (">", _OLD_PACKET): pcapng.PacketBlock,
+}
+_RECORDS = {struct.pack(">I", magic): record for magic, record in pcap.MAGIC_TO_PKT_HDR.items()}
+
+MAGICS = (_SECTION, *_RECORDS)
+"""How the files begin that `read_usbmon` reads."""
+
+
+def _packets(stream: BinaryIO, name: str) -> Iterator[_Packet]:
+    """Every packet of a capture, with its number, link type and byte order."""
+    source, number = _Source(stream), 1
+    try:
+        magic = source.take(4)
+        for link, order, data in (_pcapng_packets if magic == _SECTION else _pcap_packets)(magic, source):
+            yield _Packet(number, link, order, data)
+            number += 1
+    except (dpkt.Error, ValueError, struct.error) as error:
+        raise InputFileError(f"{name}, packet {number}: {str(error) or 'it is corrupt'}") from error
+
+
+def _pcap_packets(magic: bytes, source: _Source) -> Iterator[tuple[int, str, bytes]]:
+    if magic not in _RECORDS:
+        raise ValueError(f"{magic.hex()} begins neither a pcap nor a pcapng file")
+    order = ">" if magic[0] == 0xA1 else "<"
+    head_type = pcap.FileHdr if order == ">" else pcap.LEFileHdr
+    link = head_type(magic + source.take(head_type.__hdr_len__ - len(magic))).linktype
+    while head := source.take_or_end(_RECORDS[magic].__hdr_len__):
+        yield link, order, source.take(_RECORDS[magic](head).caplen)
+
+
+def _pcapng_packets(magic: bytes, source: _Source) -> Iterator[tuple[int, str, bytes]]:
+    order, interfaces = "<", list[int]()
+    head = magic + source.take(4)
+    while head:
+        if head.startswith(_SECTION):
+            head += source.take(4)
+            if head[8:] not in _SECTION_ORDERS:
+                raise ValueError(f"{head[8:].hex()} is no byte-order magic of a section")
+            order, interfaces = _SECTION_ORDERS[head[8:]], []
+        kind, size = struct.unpack_from(order + "II", head)
+        if size % 4:
+            raise ValueError(f"a block's length of {size} bytes is corrupt")
+        data = head + source.take(size - len(head))
+        if (order, kind) in _BLOCKS:
+            block = _BLOCKS[order, kind](data)
+            if kind == _INTERFACE:
+                interfaces.append(block.linktype)
+            elif block.iface_id >= len(interfaces) or block.caplen > size - block.__hdr_len__:
+                raise ValueError(f"it claims {block.caplen} bytes of interface {block.iface_id}, which are not there")
+            else:
+                yield interfaces[block.iface_id], order, block.pkt_data
+        head = source.take_or_end(8)
+
+
+def _header(order: str) -> Construct:
+    """Header of an event of usbmon, as far as every capture has it (the kernel's Documentation/usb/usbmon.rst)."""
+    return Struct(
+        "urb" / FormatField(order, "Q"),
+        "event" / Bytes(1),
+        "transfer" / Int8ub,
+        "endpoint" / Int8ub,
+        "device" / Int8ub,
+        "bus" / FormatField(order, "H"),
+        "setup_flag" / Int8ub,
+        "data_flag" / Int8ub,
+        "seconds" / FormatField(order, "q"),
+        "microseconds" / FormatField(order, "l"),
+        "status" / FormatField(order, "l"),
+        "length" / FormatField(order, "L"),
+        "captured" / FormatField(order, "L"),
+        "setup" / Bytes(8),
+    ).compile()
+
+
+_HEADERS = {order: _header(order) for order in "<>"}
+
+
+class _Event(NamedTuple):
+    """A submission ("S"), its completion ("C") or the refusal of it ("E")."""
+
+    packet: int
+    kind: bytes
+    transfer: int
+    endpoint: int
+    address: UsbAddress
+    urb: int
+    microseconds: int
+    status: int
+    length: int
+    setup: bytes
+    data: bytes
+
+
+def _events(stream: BinaryIO, name: str) -> Iterator[_Event]:
+    """Every event of a capture; packets of other interfaces are none."""
+    stream.seek(0)
+    for packet in _packets(stream, name):
+        if packet.link not in HEADER_BYTES:
+            continue
+        begin = HEADER_BYTES[packet.link]
+        if len(packet.data) < begin:
+            raise InputFileError(
+                f"{name}, packet {packet.number}: it has {len(packet.data)} bytes, and usbmon's header alone {begin}"
+            )
+        header = _HEADERS[packet.order].parse(packet.data)
+        has_setup = header["event"] == b"S" and header["transfer"] == CONTROL and header["setup_flag"] == 0
+        yield _Event(
+            packet.number,
+            header["event"],
+            header["transfer"],
+            header["endpoint"],
+            UsbAddress(header["bus"], header["device"]),
+            header["urb"],
+            header["seconds"] * 1_000_000 + header["microseconds"],
+            header["status"],
+            header["length"],
+            header["setup"] if has_setup else b"",
+            packet.data[begin : begin + header["captured"]],
+        )
+
+
+class _Transfer(NamedTuple):
+    """A submission and its completion, as far as the capture holds both."""
+
+    submitted: _Event | None
+    completed: _Event | None
+    lost: bool = False  # whether the completion should be there, and is not
+
+
+def _transfers(events: Iterable[_Event]) -> Iterator[_Transfer]:
+    """Pair submissions with completions, in the order of the completions."""
+    pending: dict[tuple[int, int], _Event] = {}
+    for event in events:
+        key = event.address.bus, event.urb
+        if event.kind == b"S":
+            forgotten = key if key in pending else next(iter(pending)) if len(pending) == MOST_PENDING else None
+            if forgotten:
+                yield _Transfer(pending.pop(forgotten), None, lost=True)
+            pending[key] = event
+        elif event.kind in (b"C", b"E"):
+            yield _Transfer(pending.pop(key, None), event)
+    for event in pending.values():
+        yield _Transfer(event, None)
+
+
+class _Survey(NamedTuple):
+    """What a first look at a capture finds: when it begins, who is in it, and whom of them to follow."""
+
+    start: int
+    seen: set[UsbAddress]
+    followed: set[UsbAddress]
+
+
+def _survey(events: Iterable[_Event], address: UsbAddress | None) -> _Survey:
+    """Look through a capture, as far as it is whole."""
+    start, seen, followed = 0, set[UsbAddress](), set[UsbAddress]()
+    try:
+        for event in events:
+            start = start if seen else event.microseconds
+            seen.add(event.address)
+            if event.address == address or (address is None and event.address.device and _is_an_array(event)):
+                followed.add(event.address)
+    except InputFileError:
+        if not followed:
+            raise  # otherwise there is something to read before it breaks off
+    return _Survey(start, seen, followed)
+
+
+def _is_an_array(event: _Event) -> bool:
+    if event.transfer == CONTROL:
+        return event.data.startswith(DEVICE_DESCRIPTOR) and event.data[8:12] in OUR_IDS
+    begin = event.data[:2]
+    return (event.endpoint == ENDPOINT_OUT and begin == BLOCK_MAGIC) or (
+        event.endpoint == ENDPOINT_IN and begin in RECORD_SIZES
+    )
+
+
+def read_usbmon(stream: BinaryIO, name: str, address: UsbAddress | None = None) -> Iterator[Piece]:
+    """Read the traffic of an array from a capture.
+
+    Pieces come in the order in which their transfers were completed, and their times are those of the completions.
+
+    Parameters
+    ----------
+    stream : binary file
+        The capture. It is read twice, so it must be able to seek.
+    name : str
+        What errors call it.
+    address : UsbAddress or None
+        The device to follow; None follows every address at which a device descriptor says that it is ours, or at which
+        blocks or records travel: a device has another address whenever it has been away.
+
+    Raises
+    ------
+    InputFileError
+        Where the capture is corrupt, or has no such device.
+    """
+    start, seen, followed = _survey(_events(stream, name), address)
+    if not seen:
+        raise InputFileError(f"{name}: no packet in it is of Linux's usbmon (link type 189 or 220)")
+    if not followed:
+        who = "array" if address is None else f"device {address}"
+        there = ", ".join(map(str, sorted(seen)[:20]))
+        raise InputFileError(
+            f"{name}: no {who} shows itself in it; it has traffic of {there}; choose one by its address"
+        )
+    lines = {CONSOLE_ENDPOINT_OUT: LineCutter(), CONSOLE_ENDPOINT_IN: LineCutter()}
+    for transfer in _transfers(event for event in _events(stream, name) if event.address in followed):
+        yield from _pieces(transfer, start, lines)
+    for endpoint, line in lines.items():
+        for _, channel, part in line.rest():
+            yield Piece("the end", channel, _direction(endpoint), part)
+
+
+def _pieces(transfer: _Transfer, start: int, lines: Mapping[int, LineCutter]) -> Iterator[Piece]:
+    """The pieces that one transfer carried, and what went wrong with it."""
+    submitted, completed, _ = transfer
+    event = completed or submitted
+    assert event is not None
+    direction, problem = _direction(event.endpoint), _problem(transfer)
+    time = (event.microseconds - start) / 1e6
+    carrier = completed if direction == "in" else submitted
+    data = carrier.data[: event.length] if carrier else b""
+    if event.transfer == CONTROL:
+        if submitted and submitted.setup:
+            missing = event.length - len(data) if completed else 0
+            where, stalled = f"packet {submitted.packet}", event.status == STALL
+            yield Piece(where, Channel.REQUEST, direction, data, time, submitted.setup, missing, stalled, problem)
+        return
+    if carrier is None:
+        return  # the capture began after its submission, or ended before its completion
+    where, channel = f"packet {carrier.packet}", CHANNELS.get(event.endpoint, Channel.OTHER)
+    if event.endpoint in lines:
+        for _, channel, part in lines[event.endpoint].feed(data):
+            yield Piece(where, channel, direction, part, time)
+    elif channel is Channel.OTHER:
+        if event.length:
+            yield Piece(where, channel, direction, data, time, missing=event.length - len(data))
+    else:
+        for at, part, missing in cut(channel, data, event.length):
+            yield Piece(f"{where} +{at}" if at else where, channel, direction, part, time, missing=missing)
+    if problem:
+        yield Piece(where, channel, direction, b"", time, problem=problem)
+
+
+def _direction(endpoint: int) -> Direction:
+    return "in" if endpoint & DIRECTION_IN else "out"
+
+
+def _problem(transfer: _Transfer) -> str:
+    """What went wrong with a transfer, in words; empty if nothing did."""
+    submitted, completed, lost = transfer
+    if completed is None:
+        return "its completion was not recorded" if lost else ""
+    status, is_in = completed.status, _direction(completed.endpoint) == "in"
+    harmless = (STALL,) if completed.transfer == CONTROL else (SHORT_READ, *TAKEN_BACK) if is_in else ()
+    if status and status not in harmless:
+        return STATUSES.get(status, f"the host reports error {-status}")
+    if submitted and not is_in and completed.length < submitted.length and status != STALL:
+        return f"only {completed.length} of {submitted.length} bytes were taken"
+    return ""

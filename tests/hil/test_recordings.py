@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import io
+import os
+import threading
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire.errors import InputFileError
+from phasewire.hil.recordings import FORMATS, open_recording, read_recording
+from phasewire.hil.traffic import LARGEST_WHOLE_BYTES, Channel, Piece
+from phasewire.hil.usbmon import UsbAddress
+from phasewire.protocol import framing
+from phasewire.protocol.codes import FrameKind
+
+from tests.captures import bulk_out, pcap, pcapng
+
+BLOCK = b"PW" + bytes(510)
+ACK = b"PA" + bytes(30)
+FRAME = framing.encode(framing.Frame(FrameKind.RECORD, ACK))
+
+
+def read(data: bytes, form: str = "auto", address: UsbAddress | None = None) -> list[Piece]:
+    return list(read_recording(io.BytesIO(data), "r", form, address))
+
+
+@pytest.mark.parametrize(
+    ("data", "form", "channel"),
+    [
+        (pcapng(bulk_out(1, BLOCK)), "pcap", Channel.BLOCK),
+        (pcap(bulk_out(1, BLOCK, order=">"), order=">"), "pcap", Channel.BLOCK),
+        (BLOCK, "blocks", Channel.BLOCK),
+        (ACK, "blocks", Channel.RECORD),
+        (b"PS" + bytes(62), "blocks", Channel.RECORD),
+        (BLOCK.hex(" ").encode(), "hex", Channel.BLOCK),
+        (b"\n# a comment\n" + BLOCK.hex("\n").encode(), "hex", Channel.BLOCK),
+        (b"# an update\n50 57\n00 \xc3\x97 510 # the rest\n", "hex", Channel.BLOCK),
+        (FRAME.hex().encode(), "hex", Channel.FRAME),
+        (b"\0" + FRAME, "serial", Channel.FRAME),
+        (b"> info\r\n\0" + FRAME, "serial", Channel.TEXT),
+        (b"PWFW" + bytes(100), "firmware", Channel.FIRMWARE),
+    ],
+)
+def test_formats_are_told_by_the_content(data: bytes, form: str, channel: Channel) -> None:
+    assert read(data)[0].channel is channel
+    assert read(data) == read(data, form)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "r is empty"),
+        (b"# nothing\n", "r begins like no recording that is known"),
+        (b"\x89PNG\r\n\x1a\n\0\0", "r begins like no recording that is known"),
+        (b"> info\r\n", "r begins like no recording that is known"),
+        (b"50 57\nPW", "r: line 2: 'pw' is not bytes of two hex digits each"),
+    ],
+)
+def test_what_is_no_recording_is_refused(data: bytes, message: str) -> None:
+    with pytest.raises(InputFileError) as refused:
+        read(data)
+    assert str(refused.value).startswith(message)
+
+
+def test_a_stated_format_is_believed() -> None:
+    assert [piece.channel for piece in read(b"whatever", "serial")] == [Channel.TEXT]
+    assert [piece.channel for piece in read(b"whatever", "chain")] == [Channel.MESSAGE]
+    with pytest.raises(InputFileError, match="begins neither a pcap nor a pcapng file"):
+        read(b"whatever", "pcap")
+    with pytest.raises(ValueError, match="unknown format 'elf'; known are auto, blocks, hex"):
+        read(b"whatever", "elf")
+    with pytest.raises(ValueError, match="an address chooses a device in a capture of a bus"):
+        read(BLOCK, "auto", UsbAddress(1, 2))
+
+
+def test_a_whole_is_not_read_without_end() -> None:
+    with pytest.raises(InputFileError, match=f"at most {LARGEST_WHOLE_BYTES} bytes"):
+        read(bytes(LARGEST_WHOLE_BYTES + 1), "firmware")
+
+
+@given(st.binary(max_size=300) | st.binary(max_size=100).map(lambda rest: FRAME + rest), st.sampled_from(list(FORMATS)))
+def test_no_recording_crashes_a_reader(data: bytes, form: str) -> None:
+    for chosen in ("auto", form):
+        try:
+            read(data, chosen)
+        except InputFileError:
+            assert chosen in ("auto", "hex", "pcap")
+
+
+def test_a_pipe_is_copied_so_that_it_can_be_read_twice(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    capture = pcapng(bulk_out(1, BLOCK))
+    writer = threading.Thread(target=pipe.write_bytes, args=(capture,))
+    writer.start()
+    with open_recording(str(pipe)) as stream:
+        assert [piece.data for piece in read_recording(stream, "pipe")] == [BLOCK]
+    writer.join()
+
+
+def test_standard_input_is_a_recording_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(BLOCK)))
+    with open_recording("-") as stream:
+        assert [piece.data for piece in read_recording(stream, "-")] == [BLOCK]
