@@ -1,4 +1,4 @@
-"""Commands that prove: ``demo`` and ``budget``."""
+"""Commands that prove: ``demo``, ``budget`` and ``decode``."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from ..solver import Solver, Sphere, TransducerArray
 from ..solver.picture import check_picture_path
 from ..storage import check_outputs
 from .budget_cli import commands as budget_commands
+from .decode_cli import commands as decode_commands
 from .end_to_end import EndToEnd, run_end_to_end
 from .picture import save_end_to_end_picture
 
@@ -27,6 +28,7 @@ __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
 commands.add_typer(budget_commands)
+commands.add_typer(decode_commands)
 
 
 @commands.command()
