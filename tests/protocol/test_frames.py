@@ -13,6 +13,7 @@ from phasewire.errors import BlockError
 from phasewire.protocol import Block, Kind, Pulses, Reason, Update, pack, pack_updates, unpack, unpack_updates
 
 from tests.protocol.blocks import PERIODS, SEQUENCES, blocks, reason_by_construct, resealed
+from tests.protocol.test_blocks import EXAMPLES, MALFORMED
 
 PHASES = hnp.arrays(np.uint8, st.tuples(st.integers(0, 9), st.just(320)), elements=st.integers(0, 99))
 JUNK = np.random.default_rng(5)
@@ -65,6 +66,29 @@ def test_the_same_is_refused_for_the_same_reason(block: Block, at: int, junk: by
     assert reasons.tolist() == [Reason.ACCEPTED, judged(changed), Reason.ACCEPTED]
     if isinstance(block.body, Update) and reasons[1] != Reason.KIND:
         assert reasons[1] == reason_by_construct(changed)
+
+
+def test_every_malformed_block_has_its_reason_here_too() -> None:
+    """The same list as for one by one, and every bit of every byte that an update does not use."""
+    cases = [(reason, block) for reason, block in MALFORMED if len(block) == 512]
+    cases = [(reason if block[3] == Kind.UPDATE else min(reason, Reason.KIND), block) for reason, block in cases]
+    for bit in range(16 * 8, 28 * 8):
+        block = bytearray(pack(EXAMPLES[Kind.UPDATE]))
+        block[bit // 8] ^= 1 << bit % 8
+        cases.append((Reason.ACCEPTED if bit == 26 * 8 else Reason.FIELD, resealed(block)))
+    assert unpack_updates(as_rows([block for _, block in cases])).reason.tolist() == [reason for reason, _ in cases]
+
+
+@pytest.mark.parametrize(("name", "wrong"), [("phase", 100), ("phase", 127), ("width", 26), ("width", 31)])
+def test_a_reserved_pulse_is_refused_in_every_place(name: str, wrong: int) -> None:
+    blocks = []
+    for transducer in range(320):
+        words = np.zeros(320, np.uint32)
+        words[transducer] = wrong if name == "phase" else wrong << 7
+        pairs = (words[0::2] | words[1::2] << 12).astype("<u4")
+        payload = pairs.view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
+        blocks.append(resealed(pack(EXAMPLES[Kind.UPDATE])[:32] + payload))
+    assert (unpack_updates(as_rows(blocks)).reason == Reason.PULSE).all()
 
 
 @given(st.binary(min_size=512, max_size=512))
