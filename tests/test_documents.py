@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -41,10 +42,10 @@ def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
     commands = re.findall(r"^\.venv/bin/phasewire (.*?) +#", README, re.MULTILINE)
-    assert len(commands) == 5
+    assert len(commands) == 7
     for command in commands:
         with pytest.raises(SystemExit) as exited:
-            main(command.split())
+            main(shlex.split(command))
         assert not exited.value.code, command
 
 
