@@ -148,6 +148,7 @@ MALFORMED: list[tuple[Reason, bytes]] = [
     *((Reason.FIELD, patched(Kind.OUTPUT, ACTION, bytes([action]))) for action in (0, 4, 255)),
     *((Reason.FIELD, patched(kind, 511, b"\x01")) for kind in EXAMPLES if kind not in (Kind.UPDATE, Kind.SLOT)),
     (Reason.FIELD, patched(Kind.SLOT, FIRST, b"\x00\x01")),
+    (Reason.FIELD, resealed(patched(Kind.SLOT, FIRST, b"\x00\x01")[:PAYLOAD] + b"\xff" * 480)),  # before its pulses
     (Reason.FIELD, patched(Kind.ENTRIES, PAYLOAD, b"\x00\x01")),  # slot 256
     (Reason.FIELD, patched(Kind.ENTRIES, PAYLOAD + 2, b"\x00\x00")),  # for no period
     (Reason.FIELD, patched(Kind.ENTRIES, COUNT, b"\x00")),
