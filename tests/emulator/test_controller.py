@@ -366,6 +366,20 @@ def test_numbers_must_follow_and_gaps_are_counted() -> None:
     assert send(emulator, update(FULL, 1)).reason is Reason.ACCEPTED
 
 
+def test_a_new_configuration_takes_any_number() -> None:
+    emulator = ready()
+    send(emulator, update(FULL, 1000))
+    emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
+    order(emulator, Request.ENABLE)
+    assert send(emulator, update(FULL, 5)).reason is Reason.ACCEPTED
+
+
+def test_an_unnamed_period_between_does_not_hide_a_stream_that_is_too_fast() -> None:
+    emulator = ready(TWO_WIRE)
+    reasons = [send(emulator, update(FULL, n, period)).reason for n, period in enumerate((20, 0, 21, 22))]
+    assert reasons == [Reason.ACCEPTED, Reason.ACCEPTED, Reason.RATE, Reason.ACCEPTED]
+
+
 def test_the_total_drive_is_limited() -> None:
     emulator = ready()
     order(emulator, Request.DISABLE)
@@ -415,7 +429,8 @@ def test_clock_and_no_op_are_answered_whatever_the_state() -> None:
 
 
 def test_a_feature_that_is_lacking_is_refused() -> None:
-    assert send(ready(), pack(Block(Slot(3, FULL), 0))).reason is Reason.UNSUPPORTED
+    for body in (Slot(3, FULL), Output(Action.END_MODULATION)):
+        assert send(ready(), pack(Block(body, 0))).reason is Reason.UNSUPPORTED
 
 
 def test_the_watchdog_tells_by_itself_and_its_time_can_be_set() -> None:
@@ -428,6 +443,21 @@ def test_the_watchdog_tells_by_itself_and_its_time_can_be_set() -> None:
     for wrong in (9, 60_001):
         with pytest.raises(Stall, match="outside 10 to 60000"):
             emulator.usb.control(Setup(0x41, Request.WATCHDOG, wrong, 0, 0))
+
+
+def test_a_longer_watchdog_holds_at_once() -> None:
+    emulator = ready()
+    emulator.usb.control(Setup(0x41, Request.WATCHDOG, 500, 0, 0))
+    emulator.run(15_000)
+    assert status(emulator).enabled
+
+
+def test_a_watchdog_does_not_watch_what_is_off() -> None:
+    emulator = ready()
+    order(emulator, Request.DISABLE)
+    emulator.run(15_000)
+    assert not status(emulator).watchdog_fired
+    assert emulator.usb.bulk_in(0x81) is Handshake.NAK
 
 
 def test_boards_blink_and_processors_report() -> None:

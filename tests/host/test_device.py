@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, Wiring, open_device
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceTimeoutError
-from phasewire.protocol import Ack, Info, Reason, Request, State
+from phasewire.protocol import Ack, Info, Reason, Request, State, unpack
 from phasewire.protocol.codes import AckFlag
 
 FULL = Pulses(np.full(320, 25), np.full(320, 25))
@@ -62,6 +62,16 @@ def test_sequence_numbers_count_and_wrap(emulator: Emulator) -> None:
         assert [device.show(FULL).sequence for _ in range(3)] == [0, 1, 2]
         device._sequence, device._restart = 2**32 - 1, True
         assert [device.show(FULL).sequence for _ in range(2)] == [2**32 - 1, 0]
+
+
+def test_numbering_restarts_once_in_a_session(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_device(emulator.url) as device:
+        sent: list[bytes] = []
+        genuine = device._transport.write_block
+        monkeypatch.setattr(device._transport, "write_block", lambda block: (sent.append(block), genuine(block)))
+        for _ in range(3):
+            device.show(FULL)
+    assert [unpack(block).restart for block in sent] == [True, False, False]
 
 
 def test_info_and_status_tell_the_truth(emulator: Emulator) -> None:

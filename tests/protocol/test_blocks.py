@@ -26,6 +26,7 @@ from phasewire.protocol import (
     pack,
     unpack,
 )
+from phasewire.protocol.blocks import Body
 from phasewire.protocol.layout.blocks import BLOCK
 
 from tests.protocol.blocks import blocks, by_construct, reason_by_construct, resealed
@@ -121,6 +122,13 @@ def patched(kind: Kind, offset: int, data: bytes) -> bytes:
     return resealed(block)
 
 
+def overfull(body: Body) -> bytes:
+    """A block that is full and says that it holds one item more."""
+    block = bytearray(pack(Block(body, 1)))
+    block[18] += 1
+    return resealed(block)
+
+
 PERIOD, FIRST, COUNT, HOLD, REPEATS, RESERVED, FLAGS, ACTION, PAYLOAD = 8, 16, 18, 20, 22, 24, 26, 27, 32
 USED = {
     Kind.UPDATE: {PERIOD},
@@ -155,6 +163,8 @@ MALFORMED: list[tuple[Reason, bytes]] = [
     (Reason.FIELD, patched(Kind.ENTRIES, COUNT, b"\x01")),  # an entry more than is said
     (Reason.FIELD, patched(Kind.ENTRIES, COUNT, b"\x79")),  # 121 entries
     (Reason.FIELD, patched(Kind.ENTRIES, FIRST, b"\xff\x03")),  # 1023 + 2 entries
+    (Reason.FIELD, overfull(Entries((Entry(0, 1),) * 120))),
+    (Reason.FIELD, overfull(Samples(bytes(480)))),
     (Reason.FIELD, patched(Kind.SEQUENCE, COUNT, b"\x00\x00")),
     (Reason.FIELD, patched(Kind.SEQUENCE, COUNT, b"\x01\x04")),  # 1025
     (Reason.FIELD, patched(Kind.SEQUENCE, FIRST, b"\xff\x03")),  # 1023 + 2 entries

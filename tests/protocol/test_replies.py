@@ -179,3 +179,9 @@ def test_any_bytes_are_read_or_refused(kind: type, size: int, data: st.DataObjec
     except ReplyError:
         return
     assert back == body
+
+
+@pytest.mark.parametrize("state", State)
+def test_the_outputs_are_enabled_in_three_states(state: State) -> None:
+    status = Status(state, *(Fault(0), Reason.ACCEPTED, StatusFlag(0)), *range(13))
+    assert status.enabled == (state.name in ("READY", "PLAYING", "UNATTENDED"))
