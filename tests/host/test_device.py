@@ -68,7 +68,12 @@ def test_numbering_restarts_once_in_a_session(emulator: Emulator, monkeypatch: p
     with open_device(emulator.url) as device:
         sent: list[bytes] = []
         genuine = device._transport.write_block
-        monkeypatch.setattr(device._transport, "write_block", lambda block: (sent.append(block), genuine(block)))
+
+        def noting(block: bytes) -> None:
+            sent.append(block)
+            genuine(block)
+
+        monkeypatch.setattr(device._transport, "write_block", noting)
         for _ in range(3):
             device.show(FULL)
     assert [unpack(block).restart for block in sent] == [True, False, False]
