@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?=
 
-.PHONY: help demo test test-slow lint format bench bench-peers clean
+.PHONY: help demo test test-slow lint format vectors fuzz bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -29,6 +29,9 @@ lint: $(VENV)/ready          ## style, types, and the floors of the house
 format: $(VENV)/ready        ## rewrite the code in the house style
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
+
+vectors: $(VENV)/ready       ## write protocol/vectors.json anew
+	@$(BIN)/phasewire vectors --output protocol/vectors.json
 
 bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q benchmarks $(PYTEST_ARGS)

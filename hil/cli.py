@@ -1,4 +1,4 @@
-"""Commands that prove: ``demo``, ``budget`` and ``decode``."""
+"""Commands that prove: ``demo``, ``decode``, ``budget`` and ``vectors``."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ from .budget_cli import commands as budget_commands
 from .decode_cli import commands as decode_commands
 from .end_to_end import EndToEnd, run_end_to_end
 from .picture import save_end_to_end_picture
+from .vectors_cli import commands as vectors_commands
 
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
 commands.add_typer(budget_commands)
 commands.add_typer(decode_commands)
+commands.add_typer(vectors_commands)
 
 
 @commands.command()

@@ -25,8 +25,8 @@ def test_the_wheel_holds_the_package_and_runs_without_the_repository(tmp_path: P
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
         archive.extractall(tmp_path / "site")
     sources = {f"phasewire/{file.name}" for file in ROOT.glob("*.py")}
-    sources |= {f"phasewire/{room}/{file.name}" for room in ROOMS for file in (ROOT / room).glob("*.py")}
-    assert packed == sources | {"phasewire/py.typed", "phasewire/protocol/SPEC.md"}
+    sources |= {f"phasewire/{file.relative_to(ROOT)}" for room in ROOMS for file in (ROOT / room).rglob("*.py")}
+    assert packed == sources | {"phasewire/py.typed", "phasewire/protocol/SPEC.md", "phasewire/protocol/vectors.json"}
 
     program = "import phasewire, phasewire.__main__, sys; sys.exit(phasewire.__file__ != sys.argv[1])"
     where = str(tmp_path / "site" / "phasewire" / "__init__.py")

@@ -1,0 +1,34 @@
+"""The command that writes the golden vectors: ``vectors``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..storage import check_outputs, replacing
+
+__all__ = ["commands"]
+
+commands = typer.Typer(rich_markup_mode=None)
+
+
+@commands.command()
+def vectors(
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The file to write instead.")
+    ] = None,
+) -> None:
+    """Write golden vectors of the protocol to standard output, as JSON: bytes, what they mean, and what is refused.
+
+    They are for whoever builds firmware or a host from the specification; this is protocol/vectors.json.
+    """
+    from ..protocol.vectors import text  # makes keys and pulses while it is imported
+
+    if output is None:
+        typer.echo(text(), nl=False)
+        return
+    check_outputs([output])
+    with replacing(output) as part:
+        part.write_text(text(), encoding="ascii", newline="\n")
