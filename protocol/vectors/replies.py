@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import replace
 
-from ..codes import AckFlag, Fault, Feature, Reason, State, StatusFlag
+from ..codes import AckFlag, Bank, Fault, Feature, Reason, State, StatusFlag
 from ..replies import (
     Ack,
     ClockReading,
@@ -84,7 +84,7 @@ INFO = Info(
     drive_limit=320,
     watchdog_ms=100,
 )
-REPORT = ProcessorReport(Fault(0), 31, 2, 0, 0, (1, 2, 3))
+REPORT = ProcessorReport(Fault(0), 31, Bank.A, 0, 0, (1, 2, 3))
 
 RECORDS: dict[str, tuple[str, Ack | Status]] = {
     "ack-specification": ("the example of ACK-002", ACK),
@@ -241,7 +241,7 @@ def answers() -> Section:
         "pulses-silent": ("nothing has played yet", ReadBack(0, 400, SILENT)),
         "pulses-mixed": ("pulses of every kind", ReadBack(1000, 2**40, MIXED)),
     }
-    worst = ProcessorReport(Fault(0b111_1111), -128, 1, U32_MAX, U32_MAX, (99, 9, 9))
+    worst = ProcessorReport(Fault(0b111_1111), -128, Bank.FACTORY, U32_MAX, U32_MAX, (99, 9, 9))
     reports = {
         "processors": ("all well", [REPORT] * 10),
         "processors-last": (
@@ -301,6 +301,7 @@ def refused_answers() -> Section:
         "pulses-short": ("PULSES", "the last pulse is missing", "REQ-007", pulses[:-3]),
         "processors-nine": ("PROCESSORS", "nine reports", "REQ-008", reports[:-16]),
         "processors-fault": ("PROCESSORS", "a fault that does not exist", "SAF-008", _with(reports, 0, 0x80)),
+        "processors-bank": ("PROCESSORS", "firmware from bank 0", "FWU-016", _with(reports, 3, 0)),
         "processors-reserved": ("PROCESSORS", "a reserved byte is not 0", "REQ-008", _with(reports, 15, 1)),
         "wiring-twice": ("WIRING", "two transducers on one channel", "REQ-004", wiring[:2] + wiring[:2] + wiring[4:]),
         "wiring-beyond": ("WIRING", "channel 320", "REQ-004", _with(wiring, 0, 0x40, 1)),

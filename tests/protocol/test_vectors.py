@@ -190,6 +190,7 @@ CODES = {
     "last_refusal": "Reason",
     "state": "State",
     "memory": "Memory",
+    "bank": "Bank",
     "what": "Memory",
     "answer": "ChannelEnd",
 }
