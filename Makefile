@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?=
+FUZZ_SECONDS ?= 60
 
 .PHONY: help demo test test-slow lint format vectors fuzz bench bench-peers clean
 .DEFAULT_GOAL := help
@@ -18,6 +19,9 @@ test: $(VENV)/ready          ## the unit suite
 
 test-slow: $(VENV)/ready     ## the tests that take seconds each
 	@$(BIN)/pytest -q -m slow $(PYTEST_ARGS)
+
+fuzz: $(VENV)/fuzz           ## throw bytes at every decoder, FUZZ_SECONDS (60) at each group of them
+	@$(BIN)/python -m tests.fuzz $(FUZZ_SECONDS)
 
 lint: $(VENV)/ready          ## style, types, and the floors of the house
 	@$(BIN)/ruff check .
@@ -49,4 +53,9 @@ $(VENV)/ready: pyproject.toml
 	@echo "Setting up $(VENV) (once) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+$(VENV)/fuzz: $(VENV)/ready
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary atheris --editable '.[fuzz]' \
+		|| { echo "make fuzz needs atheris, which has wheels for Linux and Python 3.11 to 3.13"; exit 1; }
 	@touch $@

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import takewhile
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
-from construct import Const, Construct, ConstructError
+from construct import Const, Construct, ConstructError, Sequence, Terminated
 
 from ..errors import ReplyError
 from .layout import usb as layout
@@ -71,11 +71,16 @@ class Descriptor:
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """Decode exactly one descriptor of this kind; raise `ReplyError` where the bytes break its layout."""
+        parsed = cls._parse(data)
+        return cls(**{field.name: parsed[field.name] for field in fields(cls)})
+
+    @classmethod
+    def _parse(cls, data: bytes) -> Any:
+        """What the layout reads; nothing may stand behind it."""
         try:
-            parsed = cls.LAYOUT.parse(data)
+            return Sequence(cls.LAYOUT, Terminated).parse(data)[0]
         except ConstructError as error:
             raise ReplyError(f"{data.hex()} is no {cls.__name__} descriptor: {error}") from error
-        return cls(**{field.name: parsed[field.name] for field in fields(cls)})
 
 
 @dataclass(frozen=True)
@@ -185,10 +190,7 @@ class Languages(Descriptor):
     @classmethod
     def decode(cls, data: bytes) -> Self:
         """Decode; `descriptors` cannot, because only the index tells languages from a string."""
-        try:
-            return cls(tuple(cls.LAYOUT.parse(data).wLANGID))
-        except ConstructError as error:
-            raise ReplyError(f"{data.hex()} is no table of languages: {error}") from error
+        return cls(tuple(cls._parse(data).wLANGID))
 
 
 @dataclass(frozen=True)

@@ -178,11 +178,24 @@ def test_class_descriptors_by_hand() -> None:
     assert descriptors(bytes.fromhex(wanted)) == chain
 
 
+@pytest.mark.parametrize("kind", [Device, String, Languages])
+def test_bytes_behind_a_descriptor_are_no_part_of_it(kind: type[Descriptor]) -> None:
+    """Found by fuzzing: what stood behind was lost."""
+    data = {
+        Device: RUN_TIME.device.encode(),
+        String: String("a").encode(),
+        Languages: Languages((0x0409,)).encode(),
+    }[kind]
+    assert kind.decode(data).encode() == data
+    with pytest.raises(ReplyError, match=f"no {kind.__name__} descriptor"):
+        kind.decode(data + bytes(1))
+
+
 def test_strings_by_hand() -> None:
     assert RUN_TIME.find(DescriptorType.STRING, 0, 0) == bytes([4, 3, 0x09, 0x04])
     assert Languages.decode(bytes([6, 3, 9, 4, 7, 4])) == Languages((0x0409, 0x0407))
     assert String("aµ").encode() == bytes([6, 3, ord("a"), 0, 0xB5, 0])
-    with pytest.raises(ReplyError, match="no table of languages"):
+    with pytest.raises(ReplyError, match="no Languages descriptor"):
         Languages.decode(bytes([5, 3, 9, 4, 7]))
 
 
