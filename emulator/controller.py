@@ -113,6 +113,7 @@ class Controller:
         self._periods_per_update = Budget.of(link).periods_per_update
         self._log = log
         self._records: deque[bytes] = deque()
+        self._unasked = b""  # the newest status that nobody asked for
         self._state = State.OFF
         self._faults = Fault(0)
         self._watchdog_fired = False
@@ -145,6 +146,8 @@ class Controller:
         packet = b""
         while self._records and len(packet) + len(self._records[0]) <= room:
             packet += self._records.popleft()
+        if len(packet) + len(self._unasked) <= room:
+            packet, self._unasked = packet + self._unasked, b""
         return packet
 
     def accept(self, packet: bytes) -> None:
@@ -279,6 +282,7 @@ class Controller:
             return
         self._state = after(self._state, Event.ENABLE)
         self._watchdog_fired = False
+        self._last_named = NOW
         self._log("outputs enabled")
         self._arm_watchdog()
 
@@ -316,6 +320,7 @@ class Controller:
         """Forget what belonged to the last session, as a host that (re)configures the device expects."""
         self.disable(Event.BUS_RESET)
         self._records.clear()
+        self._unasked = b""
         self._last_sequence = None
 
     def feed_watchdog(self) -> None:
@@ -336,7 +341,7 @@ class Controller:
         self._log(f"watchdog: no word from the host for {self._watchdog_ms} ms")
         self._watchdog_fired = True
         self.disable(Event.WATCHDOG)
-        self._records.append(self.status().encode())
+        self._unasked = self.status().encode()
 
     def status(self) -> Status:
         """Answer the STATUS request."""

@@ -148,10 +148,16 @@ class UsbDevice:
         if handler is None:
             raise Stall(f"request 0x{setup.request:02x} of type 0x{setup.request_type:02x} is unknown")
         is_vendor_request = setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT)
-        takes_value = is_vendor_request and Request(setup.request) in _WITH_VALUE
-        if is_vendor_request and (setup.index or not self.configuration or (setup.value and not takes_value)):
-            raise Stall("a vendor request has index 0, value 0 unless it takes one, and needs a configured device")
+        if is_vendor_request:
+            self._check_vendor_request(setup)
         return handler(setup)[: setup.length]
+
+    def _check_vendor_request(self, setup: Setup) -> None:
+        takes_value = Request(setup.request) in _WITH_VALUE
+        if setup.index or not self.configuration or (setup.value and not takes_value):
+            raise Stall("a vendor request has index 0, value 0 unless it takes one, and needs a configured device")
+        if setup.request_type == REQUEST_TYPE_OUT and setup.length:
+            raise Stall(f"no vendor request takes data, and this one is sent with {setup.length} bytes")
 
     def _descriptor(self, setup: Setup) -> bytes:
         kind, index = divmod(setup.value, 256)

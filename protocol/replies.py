@@ -397,8 +397,8 @@ class ProcessorReport:
     faults : Fault
     temperature_c : int
         Of its board, in °C.
-    bank : Bank
-        Where its firmware came from.
+    bank : Bank or None
+        Where its firmware came from; None where no processor is there.
     missed_commits, damaged_messages : int
         Since power-up.
     firmware : (int, int, int)
@@ -407,7 +407,7 @@ class ProcessorReport:
 
     faults: Fault
     temperature_c: int
-    bank: Bank
+    bank: Bank | None
     missed_commits: int
     damaged_messages: int
     firmware: tuple[int, int, int]
@@ -417,7 +417,8 @@ class ProcessorReport:
 
 def encode_reports(reports: Sequence[ProcessorReport]) -> bytes:
     """Encode the reports of the ten processors as the answer to PROCESSORS, 160 bytes."""
-    return bytes(PROCESSOR_REPORTS.build({"reports": [asdict(report) | {"reserved": None} for report in reports]}))
+    fields = [asdict(report) | {"bank": report.bank or 0, "reserved": None} for report in reports]
+    return bytes(PROCESSOR_REPORTS.build({"reports": fields}))
 
 
 def decode_reports(data: bytes) -> list[ProcessorReport]:
@@ -427,7 +428,7 @@ def decode_reports(data: bytes) -> list[ProcessorReport]:
         ProcessorReport(
             Fault(fields.faults),
             fields.temperature_c,
-            Bank(fields.bank),
+            Bank(fields.bank) if fields.bank else None,
             fields.missed_commits,
             fields.damaged_messages,
             tuple(fields.firmware),

@@ -23,10 +23,10 @@ class Event(Enum):
     FAULT = "a silencing fault appears"
     CLEAR = "the CLEAR_FAULTS request, and no silencing fault persists"
     BUS_RESET = "USB bus reset or SET_CONFIGURATION"
-    SUSPEND = "the bus is suspended or the cable unplugged"
+    SUSPEND = "the bus that had configured the device is suspended, or its cable unplugged"
     RESUME = "the bus resumes"
     DETACH = "the DFU interface is asked to detach"
-    RESTART = "power-up, the RESET request, or new firmware is committed"
+    RESTART = "power-up, the RESET request, or a bus reset that ends DFU mode"
 
 
 _ENABLED = {

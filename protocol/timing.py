@@ -93,13 +93,13 @@ PROCESSOR_MEMORY = {
     "sequence": MEMORIES[Memory.SEQUENCE].size,
     "modulation": MEMORIES[Memory.MODULATION].size,
     "tables": 2 * TICKS_PER_PERIOD * 4,
-    "slices": 2 * SLICE_BYTES,
+    "slices": 3 * SLICE_BYTES,
     "widths": (MAX_WIDTH_TICKS + 1) * 256,
     "stacks": PROCESSOR_THREADS * 1024,
     "code": 24 * 1024,
 }
-"""What a processor stores, in bytes (clause CHN-013): slices are the mailbox and what plays, widths are modulated ones;
-stacks and code are estimates."""
+"""What a processor stores, in bytes (clause CHN-013): slices are the mailbox, what waits and what plays, widths are
+modulated ones; stacks and code are estimates."""
 
 
 @dataclass(frozen=True)

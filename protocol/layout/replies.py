@@ -134,7 +134,7 @@ READ_BACK = Struct("since_period" / Int64ul, "read_period" / Int64ul, "pulses" /
 _PROCESSOR_REPORT = Struct(
     "faults" / _only(Int16ul, Fault),
     "temperature_c" / Int8sl,
-    "bank" / OneOf(Int8ul, list(Bank)),
+    "bank" / OneOf(Int8ul, [0, *Bank]),
     "missed_commits" / Int32ul,
     "damaged_messages" / Int32ul,
     "firmware" / Array(3, Int8ul),

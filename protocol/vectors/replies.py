@@ -301,7 +301,7 @@ def refused_answers() -> Section:
         "pulses-short": ("PULSES", "the last pulse is missing", "REQ-007", pulses[:-3]),
         "processors-nine": ("PROCESSORS", "nine reports", "REQ-008", reports[:-16]),
         "processors-fault": ("PROCESSORS", "a fault that does not exist", "SAF-008", _with(reports, 0, 0x80)),
-        "processors-bank": ("PROCESSORS", "firmware from bank 0", "FWU-016", _with(reports, 3, 0)),
+        "processors-bank": ("PROCESSORS", "firmware from bank 4", "FWU-016", _with(reports, 3, 4)),
         "processors-reserved": ("PROCESSORS", "a reserved byte is not 0", "REQ-008", _with(reports, 15, 1)),
         "wiring-twice": ("WIRING", "two transducers on one channel", "REQ-004", wiring[:2] + wiring[:2] + wiring[4:]),
         "wiring-beyond": ("WIRING", "channel 320", "REQ-004", _with(wiring, 0, 0x40, 1)),

@@ -380,6 +380,14 @@ def test_an_unnamed_period_between_does_not_hide_a_stream_that_is_too_fast() -> 
     assert reasons == [Reason.ACCEPTED, Reason.ACCEPTED, Reason.RATE, Reason.ACCEPTED]
 
 
+def test_the_rate_is_judged_anew_once_the_outputs_are_enabled_again() -> None:
+    emulator = ready(TWO_WIRE)
+    send(emulator, update(FULL, 0, 2**31))
+    order(emulator, Request.DISABLE)
+    order(emulator, Request.ENABLE)
+    assert send(emulator, update(FULL, 1, 2**31 + 1)).reason is Reason.ACCEPTED
+
+
 def test_the_total_drive_is_limited() -> None:
     emulator = ready()
     order(emulator, Request.DISABLE)

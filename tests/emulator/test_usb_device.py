@@ -172,6 +172,13 @@ def test_vendor_requests_with_another_value_or_index_stall(setup: Setup) -> None
         usb.control(setup)
 
 
+def test_vendor_requests_with_data_stall() -> None:
+    usb = Emulator().usb
+    usb.control(Setup(0, SET_CONFIGURATION, 1, 0, 0))
+    with pytest.raises(Stall, match="takes data"):
+        usb.control(Setup(0x41, 4, 0, 0, 3), b"abc")
+
+
 def test_vendor_requests_stall_until_configured() -> None:
     with pytest.raises(Stall, match="needs a configured device"):
         Emulator().usb.control(Setup(0x41, 4, 0, 0, 0))

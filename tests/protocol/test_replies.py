@@ -43,7 +43,9 @@ INFOS = st.builds(
 CLOCKS = st.builds(ClockReading, U64, U64, U32)
 READ_BACK = st.builds(ReadBack, U64, U64, pulses())
 REPORTS = st.lists(
-    st.builds(ProcessorReport, FAULTS, S8, st.sampled_from(Bank), U32, U32, FIRMWARE), min_size=10, max_size=10
+    st.builds(ProcessorReport, FAULTS, S8, st.none() | st.sampled_from(Bank), U32, U32, FIRMWARE),
+    min_size=10,
+    max_size=10,
 )
 SIZES = {Ack: 32, Status: 64, Info: 64, ClockReading: 24, ReadBack: 496}
 
