@@ -174,7 +174,7 @@ LAYOUTS = {end.value: getattr(chain_layouts, end.name) for end in ChannelEnd}
 
 def serial(data: bytes) -> None:
     """Frames one by one, in a stream however it is cut, and on a line that text shares."""
-    for frame in (data + b"\0", cobs.encode(sealed(data)) + b"\0"):
+    for frame in (data.removesuffix(b"\0") + b"\0", cobs.encode(sealed(data)) + b"\0"):
         accepted = round_trip(framing.decode, framing.encode, FrameError, frame)
         if len(frame) <= framing.MAX_FRAME_BYTES and frame.index(0) == len(frame) - 1:
             assert accepted == parses(FRAME, frame)
