@@ -28,7 +28,6 @@ from ..protocol.board import (
 from ..protocol.chain import SLICE_BYTES, Commit, Message, Slice
 from ..protocol.codes import (
     HORIZON_PERIODS,
-    NOW,
     PROTOCOL_VERSION,
     SYNC_PERIODS,
     AckFlag,
@@ -121,7 +120,7 @@ class Controller:
         self._drive_limit = CHANNELS
         self._last_refusal = Reason.ACCEPTED
         self._last_sequence: int | None = None
-        self._last_named = NOW
+        self._last_named: int | None = None
         self._since_period = 0
         self._accepted = self._refused = self._late = self._lost = 0
         self._queued = 0
@@ -178,10 +177,9 @@ class Controller:
         if isinstance(body, Update | Output) and body.period > self.now_period + HORIZON_PERIODS:
             raise BlockError(f"period {body.period} is too far ahead", Reason.HORIZON)
         if isinstance(body, Update):
-            if body.period and 0 < body.period - self._last_named < self._periods_per_update:
-                raise BlockError(
-                    f"period {body.period} follows {self._last_named} more closely than the chain can", Reason.RATE
-                )
+            last = self._last_named
+            if body.period and last is not None and 0 < body.period - last < self._periods_per_update:
+                raise BlockError(f"period {body.period} follows {last} more closely than the chain can", Reason.RATE)
             if body.pulses.total_drive > 1000 * self._drive_limit:
                 raise BlockError(
                     f"a total drive of {body.pulses.total_drive / 1000} transducers is above {self._drive_limit}",
@@ -282,7 +280,7 @@ class Controller:
             return
         self._state = after(self._state, Event.ENABLE)
         self._watchdog_fired = False
-        self._last_named = NOW
+        self._last_named = None
         self._log("outputs enabled")
         self._arm_watchdog()
 

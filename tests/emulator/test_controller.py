@@ -380,6 +380,13 @@ def test_an_unnamed_period_between_does_not_hide_a_stream_that_is_too_fast() -> 
     assert reasons == [Reason.ACCEPTED, Reason.ACCEPTED, Reason.RATE, Reason.ACCEPTED]
 
 
+def test_the_first_period_that_is_named_follows_none() -> None:
+    emulator = ready(TWO_WIRE)
+    assert send(emulator, update(FULL, 0)).reason is Reason.ACCEPTED
+    ack = send(emulator, update(FULL, 1, period=1))
+    assert (ack.reason, ack.late) == (Reason.ACCEPTED, True)
+
+
 def test_the_rate_is_judged_anew_once_the_outputs_are_enabled_again() -> None:
     emulator = ready(TWO_WIRE)
     send(emulator, update(FULL, 0, 2**31))
