@@ -35,6 +35,7 @@ from .usb_device import UsbDevice
 __all__ = ["Emulator", "Event", "plugged"]
 
 LOG_EVENTS = 10_000
+MOST_CYCLES_PER_SYMBOL = 255  # a byte of INFO, clause REQ-002
 SERIAL = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 _plugged: dict[str, Emulator] = {}
@@ -71,7 +72,7 @@ class Emulator:
     table : Wiring, optional
         The wiring table that the controller sorts by; the true one by default.
     link : Link
-        Set-up of the chain's links.
+        Set-up of the chain's links; at most 255 core cycles a symbol.
     clock_offset_ticks : mapping of int to int, optional
         For a board, how many ticks its port clocks run late.
     serial : str, optional
@@ -93,6 +94,10 @@ class Emulator:
     ) -> None:
         if serial is not None and not SERIAL.fullmatch(serial):
             raise ValueError(f"serial number {serial!r} must be 1 to 64 letters, digits, dots, hyphens or underscores")
+        if link.cycles_per_symbol > MOST_CYCLES_PER_SYMBOL:
+            raise ValueError(
+                f"links of {link.cycles_per_symbol} core cycles a symbol: INFO tells at most {MOST_CYCLES_PER_SYMBOL}"
+            )
         offsets = {board: operator.index(ticks) for board, ticks in (clock_offset_ticks or {}).items()}
         for board, ticks in offsets.items():
             if board not in range(BOARDS) or ticks < 0:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, open_device
 from phasewire.emulator.machine import plugged
+from phasewire.protocol.timing import Link
 
 
 def test_it_is_plugged_in_for_as_long_as_it_is_used() -> None:
@@ -28,6 +29,13 @@ def test_time_stands_still_between_calls(emulator: Emulator) -> None:
 def test_impossible_clock_offsets_are_named(offsets: dict[int, int]) -> None:
     with pytest.raises(ValueError, match="boards are 0 to 4, offsets not negative"):
         Emulator(clock_offset_ticks=offsets)
+
+
+def test_links_slower_than_info_can_tell_are_refused() -> None:
+    with Emulator(link=Link("slow", 2, 10, cycles_per_symbol=255)) as emulator, open_device(emulator.url) as device:
+        assert device.info.cycles_per_symbol == 255
+    with pytest.raises(ValueError, match="256 core cycles a symbol: INFO tells at most 255"):
+        Emulator(link=Link("slower", 2, 10, cycles_per_symbol=256))
 
 
 def test_time_does_not_run_backwards(emulator: Emulator) -> None:
