@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self
 from construct import Const, Construct, ConstructError, Sequence, Terminated
 
 from ..errors import ReplyError
+from .layout import build
 from .layout import usb as layout
 
 __all__ = [
@@ -63,10 +64,7 @@ class Descriptor:
 
     def encode(self) -> bytes:
         """Encode with its length and type."""
-        try:
-            return bytes(self.LAYOUT.build(vars(self)))
-        except ConstructError as error:
-            raise ValueError(f"{self} does not fit its layout: {error}") from error
+        return build(self.LAYOUT, vars(self), self)
 
     @classmethod
     def decode(cls, data: bytes) -> Self:

@@ -16,6 +16,7 @@ from construct import ConstructError
 
 from ..errors import ReplyError
 from .codes import DFU_FIRST_STRING, DFU_TRANSFER_BYTES, FLASH_SECTOR_BYTES, DfuState, DfuStatus, ImageReason
+from .layout import build
 from .layout.firmware import DFU_STATUS
 
 __all__ = [
@@ -152,8 +153,8 @@ class DfuReply:
     BYTES = 6
 
     def encode(self) -> bytes:
-        """Encode as 6 bytes."""
-        return bytes(DFU_STATUS.build(asdict(self)))
+        """Encode as 6 bytes; raise `ValueError` where a field does not fit."""
+        return build(DFU_STATUS, asdict(self), self)
 
     @classmethod
     def decode(cls, data: bytes) -> DfuReply:

@@ -37,6 +37,7 @@ from .codes import (
     Target,
 )
 from .enumeration import PRODUCT_ID, VENDOR_ID
+from .layout import build as encode_layout
 from .layout.firmware import BOOT_RECORD, DFU_SUFFIX
 
 __all__ = [
@@ -341,7 +342,7 @@ class Suffix(NamedTuple):
 def with_suffix(image: bytes, suffix: Suffix) -> bytes:
     """Put the DFU suffix behind an encoded image; the outcome is a file for dfu-util."""
     fields = suffix._asdict() | {"dfu_version": None, "signature": None, "length": None}
-    body = image + DFU_SUFFIX.build(fields | {"checksum": 0})[:-4]
+    body = image + encode_layout(DFU_SUFFIX, fields | {"checksum": 0}, suffix)[:-4]
     return bytes(body + _suffix_checksum(body).to_bytes(4, "little"))
 
 
@@ -432,9 +433,10 @@ class BootRecord:
         return 0 < (self.generation - other.generation) % 2**32 < 2**31
 
     def encode(self) -> bytes:
-        """Encode as 56 bytes."""
+        """Encode as 56 bytes; raise `ValueError` where a field does not fit."""
         fields = asdict(self)
-        return bytes(BOOT_RECORD.build(fields | {"body": {"value": fields | {"magic": BOOT_RECORD_MAGIC}}}))
+        nested = fields | {"body": {"value": fields | {"magic": BOOT_RECORD_MAGIC}}}
+        return encode_layout(BOOT_RECORD, nested, self)
 
     @classmethod
     def decode(cls, data: bytes) -> BootRecord | None:

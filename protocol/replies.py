@@ -10,7 +10,7 @@ import numpy as np
 from construct import Construct, ConstructError
 
 from ..errors import ReplyError
-from .blocks import pack_pulses
+from .blocks import _whole, pack_pulses
 from .board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
 from .codes import (
     ACK_MAGIC,
@@ -25,6 +25,7 @@ from .codes import (
     State,
     StatusFlag,
 )
+from .layout import build
 from .layout.replies import ACK, CLOCK, INFO, PROCESSOR_REPORTS, READ_BACK, STATUS, WIRING
 from .pulses import Pulses
 from .wiring import Wiring
@@ -57,9 +58,9 @@ def _parse(layout: Construct, data: bytes, what: str, size: int) -> Any:
         raise ReplyError(f"{what} {data.hex()} breaks its layout: {error}") from error
 
 
-def _sealed(layout: Construct, magic: bytes, fields: dict[str, Any]) -> bytes:
-    body = fields | {"magic": magic, "version": PROTOCOL_VERSION, "reserved": None}
-    return bytes(layout.build({"body": {"value": body}}))
+def _sealed(layout: Construct, magic: bytes, record: Ack | Status) -> bytes:
+    body = asdict(record) | {"magic": magic, "version": PROTOCOL_VERSION, "reserved": None}
+    return build(layout, {"body": {"value": body}}, record)
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,8 @@ class Ack:
         return AckFlag.LATE in self.flags
 
     def encode(self) -> bytes:
-        """Encode as 32 bytes."""
-        return _sealed(ACK, ACK_MAGIC, asdict(self))
+        """Encode as 32 bytes; raise `ValueError` where a field does not fit."""
+        return _sealed(ACK, ACK_MAGIC, self)
 
     @classmethod
     def decode(cls, data: bytes) -> Ack:
@@ -194,8 +195,8 @@ class Status:
         return self.now // TICKS_PER_PERIOD
 
     def encode(self) -> bytes:
-        """Encode as 64 bytes."""
-        return _sealed(STATUS, STATUS_MAGIC, asdict(self))
+        """Encode as 64 bytes; raise `ValueError` where a field does not fit."""
+        return _sealed(STATUS, STATUS_MAGIC, self)
 
     @classmethod
     def decode(cls, data: bytes) -> Status:
@@ -312,8 +313,8 @@ class Info:
         return self.oldest_version <= version <= self.newest_version
 
     def encode(self) -> bytes:
-        """Encode as 64 bytes."""
-        return bytes(INFO.build(asdict(self)))
+        """Encode as 64 bytes; raise `ValueError` where a field does not fit."""
+        return build(INFO, asdict(self), self)
 
     @classmethod
     def decode(cls, data: bytes) -> Info:
@@ -344,8 +345,8 @@ class ClockReading:
     BYTES: ClassVar = 24
 
     def encode(self) -> bytes:
-        """Encode as 24 bytes."""
-        return bytes(CLOCK.build(asdict(self) | {"reserved": None}))
+        """Encode as 24 bytes; raise `ValueError` where a field does not fit."""
+        return build(CLOCK, asdict(self) | {"reserved": None}, self)
 
     @classmethod
     def decode(cls, data: bytes) -> ClockReading:
@@ -375,8 +376,13 @@ class ReadBack:
     BYTES: ClassVar = 496
 
     def encode(self) -> bytes:
-        """Encode as 496 bytes."""
-        heads = [self.since_period.to_bytes(8, "little"), self.read_period.to_bytes(8, "little")]
+        """Encode as 496 bytes; raise `ValueError` where a field does not fit."""
+        if len(self.pulses) != CHANNELS:
+            raise ValueError(f"a reading has {CHANNELS} pulses, not {len(self.pulses)}")
+        heads = [
+            _whole(getattr(self, name), name, 0, 2**64 - 1).to_bytes(8, "little")
+            for name in ("since_period", "read_period")
+        ]
         return b"".join([*heads, pack_pulses(self.pulses)])
 
     @classmethod
@@ -418,7 +424,7 @@ class ProcessorReport:
 def encode_reports(reports: Sequence[ProcessorReport]) -> bytes:
     """Encode the reports of the ten processors as the answer to PROCESSORS, 160 bytes."""
     fields = [asdict(report) | {"bank": report.bank or 0, "reserved": None} for report in reports]
-    return bytes(PROCESSOR_REPORTS.build({"reports": fields}))
+    return build(PROCESSOR_REPORTS, {"reports": fields}, f"{len(reports)} reports")
 
 
 def decode_reports(data: bytes) -> list[ProcessorReport]:

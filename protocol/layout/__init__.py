@@ -3,3 +3,19 @@
 Integers are little-endian unless a name says otherwise. These definitions are the reference; where a faster twin
 exists beside them, tests hold the two together.
 """
+
+from __future__ import annotations
+
+from typing import Any
+
+from construct import Construct, ConstructError
+
+__all__ = ["build"]
+
+
+def build(layout: Construct, fields: Any, what: object) -> bytes:
+    """Encode fields; raise `ValueError`, which names what they are of, where one does not fit the layout."""
+    try:
+        return bytes(layout.build(fields))
+    except ConstructError as error:
+        raise ValueError(f"{what} does not fit its layout: {error}") from error

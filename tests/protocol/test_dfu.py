@@ -224,6 +224,12 @@ def test_the_worked_reply() -> None:
 # Time and blocks
 
 
+@pytest.mark.parametrize("poll_ms", [-1, 2**24])
+def test_a_reply_that_does_not_fit_is_a_wrong_argument(poll_ms: int) -> None:
+    with pytest.raises(ValueError, match="poll_ms"):
+        DfuReply(DfuStatus.OK, poll_ms, DfuState.DFU_IDLE).encode()
+
+
 def test_busy_times_by_hand() -> None:
     """Two sectors and eight pages, no sector and eight pages, one sector and eight pages."""
     assert [program_ms(number) for number in range(4)] == [128, 8, 68, 8]

@@ -399,6 +399,15 @@ RECORDS = st.builds(
     st.sampled_from([0xFFFFFFFF, 0, 0xFFFF00FF]),
 )
 EMPTY = b"\xff" * 56
+
+
+def test_what_does_not_fit_is_a_wrong_argument() -> None:
+    with pytest.raises(ValueError, match="generation"):
+        BootRecord(2**32, 204, bytes(32)).encode()
+    with pytest.raises(ValueError, match="vendor"):
+        with_suffix(b"", Suffix(-1, 0, 0))
+
+
 FRESH = BootRecord(5, 204, bytes(32))
 
 

@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import ReplyError
-from phasewire.protocol import Ack, Info, Reason, State, Status, Wiring
+from phasewire.protocol import Ack, Info, Pulses, Reason, State, Status, Wiring
 from phasewire.protocol.codes import AckFlag, Bank, Fault, Feature, StatusFlag
 from phasewire.protocol.replies import (
     ClockReading,
@@ -57,6 +58,37 @@ def test_replies_survive_the_way(reply: Any) -> None:
     assert type(reply).decode(data) == reply
     if isinstance(reply, Ack | Status):
         assert int.from_bytes(data[-4:], "little") == zlib.crc32(data[:-4])
+
+
+@pytest.mark.parametrize(
+    ("reply", "change", "named"),
+    [
+        (ACKS, {"free": 256}, "free"),
+        (ACKS, {"now": -1}, "now"),
+        (ACKS, {"reason": 99}, "reason"),
+        (STATUSES, {"temperature_c": 128}, "temperature_c"),
+        (INFOS, {"slots": 2**16}, "slots"),
+        (CLOCKS, {"sync_pulses": 2**32}, "sync_pulses"),
+        (READ_BACK, {"since_period": -1}, "since_period"),
+        (READ_BACK, {"read_period": 2**64}, "read_period"),
+        (READ_BACK, {"pulses": Pulses.silent(2)}, "320 pulses, not 2"),
+    ],
+)
+@given(data=st.data())
+def test_what_does_not_fit_is_a_wrong_argument(
+    reply: st.SearchStrategy[Any], change: dict[str, Any], named: str, data: st.DataObject
+) -> None:
+    with pytest.raises(ValueError, match=named):
+        replace(data.draw(reply), **change).encode()
+
+
+@given(REPORTS, st.integers(0, 9))
+def test_reports_that_do_not_fit_are_wrong_arguments(reports: list[ProcessorReport], number: int) -> None:
+    with pytest.raises(ValueError, match=f"(?s){number} reports .*expected 10 elements"):
+        encode_reports(reports[:number])
+    reports[number] = replace(reports[number], temperature_c=128)
+    with pytest.raises(ValueError, match="temperature_c"):
+        encode_reports(reports)
 
 
 @given(REPORTS)
