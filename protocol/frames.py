@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import operator
 from functools import cache
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,7 +68,7 @@ def pack_updates(
     restart : bool
         Whether the numbering begins anew with the first of them.
     out : (k, 512) uint8, optional
-        Where to write them, contiguous.
+        Where to write them, contiguous, and apart from `phase` and `width`.
 
     Returns
     -------
@@ -97,6 +98,9 @@ def pack_updates(
         raise ValueError("out is read-only")
     if len(out) != count:
         raise ValueError(f"{count} updates do not fit {len(out)} blocks exactly")
+    for name, pulses in (("phase", phase), ("width", width)):
+        if np.may_share_memory(out, pulses):
+            raise ValueError(f"out lies in the same memory as {name}, which would change while it is read")
 
     largest_phase, largest_width = kernels.pack(phase, width, sequence, _periods(period, count), restart, out)
     if largest_phase >= HALF_TICKS_PER_PERIOD:
@@ -143,11 +147,20 @@ def _check_blocks(name: str, blocks: NDArray[Any]) -> None:
 
 def _periods(period: ArrayLike, count: int) -> NDArray[np.uint64]:
     given = np.asarray(period)
-    if given.dtype.kind not in "iu" or (given.dtype.kind == "i" and np.any(given < 0)):
-        raise ValueError(f"periods must be whole numbers from 0 to 2**64 - 1, not {given.dtype}")
+    if given.dtype.kind in "iu":
+        wrong = given[given < 0].tolist()
+    else:  # perhaps a list of small and large numbers, of which NumPy makes floats
+        given = np.asarray(period, object)
+        wrong = [value for value in given.flat if not _is_period(value)]
+    if wrong:
+        raise ValueError(f"periods must be whole numbers from 0 to 2**64 - 1, not {wrong[0]!r}")
     if given.shape not in ((), (count,)):
         raise ValueError(f"one period for all or ({count},) of them are needed, not {given.shape}")
     return np.broadcast_to(given.astype(np.uint64), count)
+
+
+def _is_period(value: object) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool) and 0 <= int(value) < 2**64
 
 
 def _outside(name: str, values: NDArray[np.uint8], limit: int) -> ValueError:

@@ -123,6 +123,12 @@ def test_one_period_serves_all() -> None:
     assert unpack_updates(pack_updates(silent, silent, 0)).period.tolist() == [0] * 3
 
 
+@pytest.mark.parametrize("periods", [[1, 2**64 - 1], [np.uint64(2**64 - 1), 0], [2**63, np.int8(5)], []])
+def test_periods_may_stand_in_a_list(periods: list[int]) -> None:
+    silent = np.zeros((len(periods), 320), np.uint8)
+    assert unpack_updates(pack_updates(silent, silent, 0, periods)).period.tolist() == periods
+
+
 def test_blocks_are_written_where_they_are_wanted() -> None:
     silent = np.zeros((2, 320), np.uint8)
     room = np.full((4, 512), 0xAA, np.uint8)
@@ -154,8 +160,14 @@ BAD_PHASE[1, 7], BAD_WIDTH[1, 319] = 100, 26
         ((GOOD, GOOD[:1], 0), "2 rows of phases but 1 of widths"),
         ((GOOD, GOOD, 2**32), "sequence number 4294967296 is outside"),
         ((GOOD, GOOD, -1), "sequence number -1"),
-        ((GOOD, GOOD, 0, -1), "periods must be whole numbers from 0"),
-        ((GOOD, GOOD, 0, [1.0, 2.0]), "not float64"),
+        ((GOOD, GOOD, 0, -1), r"periods must be whole numbers from 0 to 2\*\*64 - 1, not -1"),
+        ((GOOD, GOOD, 0, np.array([3, -2])), "not -2"),
+        ((GOOD, GOOD, 0, [1.0, 2.0]), "not 1.0"),
+        ((GOOD, GOOD, 0, np.array([1.0, 2.0])), "not 1.0"),
+        ((GOOD, GOOD, 0, [2, 2**64]), "not 18446744073709551616"),
+        ((GOOD, GOOD, 0, [2**63, -1]), "not -1"),
+        ((GOOD, GOOD, 0, True), "not True"),
+        ((GOOD, GOOD, 0, None), "not None"),
         ((GOOD, GOOD, 0, [1, 2, 3]), r"\(2,\) of them are needed, not \(3,\)"),
     ],
 )
@@ -176,6 +188,14 @@ def test_what_cannot_travel_is_named(arguments: Any, message: str) -> None:
 def test_room_that_does_not_fit_is_named(out: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         pack_updates(GOOD, GOOD, 0, out=out)
+
+
+@pytest.mark.parametrize("name", ["phase", "width"])
+def test_room_that_is_read_at_the_same_time_is_refused(name: str) -> None:
+    room = np.zeros((2, 512), np.uint8)
+    pulses: dict[str, Any] = {"phase": GOOD, "width": GOOD} | {name: room[:, 100:420]}
+    with pytest.raises(ValueError, match=f"out lies in the same memory as {name}"):
+        pack_updates(**pulses, sequence=0, out=room)
 
 
 def test_read_only_room_is_refused() -> None:
