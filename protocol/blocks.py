@@ -19,6 +19,7 @@ import numpy as np
 from ..errors import BlockError
 from .board import CHANNELS
 from .codes import (
+    AMPLITUDES,
     BLOCK_BYTES,
     BLOCK_MAGIC,
     CHECKSUM_OFFSET,
@@ -231,7 +232,7 @@ class Samples:
 
     Parameters
     ----------
-    samples : bytes
+    samples : bytes, or sequence or array of int
         1 to 480 amplitudes, 0 to 255, where 255 leaves pulses as they are.
     first : int
         Place of the first of them in the buffer.
@@ -244,7 +245,11 @@ class Samples:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        samples = bytes(self.samples)
+        samples = self.samples
+        if not isinstance(
+            samples, bytes
+        ):  # bytes() would take an array's memory for its values, and a number for zeros
+            samples = bytes(_whole(sample, "sample", 0, AMPLITUDES - 1) for sample in samples)
         _whole(len(samples), "number of samples", 1, SAMPLES_PER_BLOCK)
         _set(self, samples=samples, first=_whole(self.first, "first sample", 0, MODULATION_SAMPLES - len(samples)))
 

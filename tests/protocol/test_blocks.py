@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -231,6 +232,7 @@ def test_any_bytes_under_a_right_checksum_are_judged_alike(head: bytes, payload:
         (lambda: Sequence(0, 0), "number of entries 0 is outside 1 to 1024"),
         (lambda: Sequence(1000, 25), "first entry 1000 is outside 0 to 999"),
         (lambda: Sequence(0, 1, repeats=2**16), "number of repeats 65536"),
+        (lambda: Samples(np.array([0, 256])), "sample 256 is outside 0 to 255"),  # type: ignore[arg-type]
         (lambda: Samples(bytes(481)), "number of samples 481 is outside 1 to 480"),
         (lambda: Samples(bytes(2), 4095), "first sample 4095 is outside 0 to 4094"),
         (lambda: Modulation(0, 4097, 1), "number of samples 4097 is outside 1 to 4096"),
@@ -243,6 +245,19 @@ def test_any_bytes_under_a_right_checksum_are_judged_alike(head: bytes, payload:
 def test_what_cannot_travel_is_named(make: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    "of", [list, bytearray, memoryview, lambda samples: np.frombuffer(samples, np.uint8).astype(">i8")]
+)
+def test_samples_are_taken_by_their_values(of: Callable[[bytes], Any]) -> None:
+    assert Samples(of(b"\0\1\xff")) == Samples(b"\0\1\xff")
+
+
+@pytest.mark.parametrize("wrong", [3, "loud", np.array([0.5]), None])
+def test_samples_are_numbers(wrong: Any) -> None:
+    with pytest.raises(TypeError):
+        Samples(wrong)
 
 
 @pytest.mark.parametrize("wrong", [1.5, "soon", None])
