@@ -7,6 +7,7 @@ larger phase. A drive of magnitude 1 is the widest pulse, 25 ticks.
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 
 import numpy as np
@@ -139,6 +140,8 @@ class Pulses:
 
     def modulated(self, sample: int) -> Pulses:
         """These pulses under a modulation sample, 0 (silent) to 255 (as they are): the same phases (clause PUL-006)."""
+        if not 0 <= operator.index(sample) < AMPLITUDES:
+            raise ValueError(f"sample {sample} is outside 0 to {AMPLITUDES - 1}")
         return Pulses(self.phase, MODULATED_WIDTH[sample, self.width])
 
     def to_drive(self) -> NDArray[np.complex128]:

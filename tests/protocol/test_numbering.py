@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,6 +27,14 @@ NUMBERS = st.integers(0, 2**32 - 1) | st.integers(2**32 - 5, 2**32 - 1) | st.int
 )
 def test_by_hand(number: int, last: int, expected: bool) -> None:
     assert follows(number, last) is expected
+
+
+@given(NUMBERS, NUMBERS)
+def test_numbers_of_32_bits_as_arrays_hold_them(number: int, last: int) -> None:
+    fixed = np.array([number, last], np.uint32)
+    assert follows(*fixed) is follows(number, last)
+    assert missing(*fixed) == missing(number, last)
+    assert successor(fixed[0]) == successor(number)
 
 
 @given(NUMBERS, st.integers(0, 2**31 - 2))
