@@ -40,7 +40,7 @@ LONGEST_FRAME_BYTES = 4096
 """Where more than this stands on a serial line without a zero, it is cut: it is noise."""
 
 LARGEST_TEXT_BYTES = 64_000_000
-"""How much hex text is read at once."""
+"""How much hex text is read at once, and how many bytes it may stand for."""
 
 LARGEST_WHOLE_BYTES = IMAGE_MAX_BYTES + SUFFIX_BYTES
 """The largest piece that there is: the file of a firmware image."""
@@ -208,7 +208,7 @@ def read_serial(stream: BinaryIO) -> Iterator[Piece]:
 
 
 _XXD_LINE = re.compile(r"([0-9a-f]+): ([0-9a-f ]*?)(?:  .*)?", re.IGNORECASE)
-_HEXDUMP_LINE = re.compile(r"([0-9a-f]{8,})(?:  ([0-9a-f ]*?) *(?:\|.*)?)?", re.IGNORECASE)
+_HEXDUMP_LINE = re.compile(r"([0-9a-f]{8,})(?:  ([0-9a-f ]*)(?:\|.*)?)?", re.IGNORECASE)
 _DUMP_BEGINS = re.compile(r"0+: |0{8,}  ")
 _ZEROS = re.compile(r"00 × ([0-9]{1,6})")
 _PLAIN_TEXT = re.compile(r"(?:\s|,|0x|[0-9a-f]|#.*)*", re.IGNORECASE)
@@ -239,7 +239,12 @@ def hex_bytes(text: str) -> bytes:
     for number, line in lines:
         digits = line.partition("#")[0].strip()
         if zeros := _ZEROS.fullmatch(digits):
-            data += bytes(int(zeros[1]))
+            count = int(zeros[1])
+            if len(data) + count > LARGEST_TEXT_BYTES:
+                raise ValueError(
+                    f"line {number}: with {count} more zeros there are more than {LARGEST_TEXT_BYTES} bytes"
+                )
+            data += bytes(count)
             continue
         for word in digits.replace(",", " ").split():
             data += _pairs(word.lower().removeprefix("0x"), number)

@@ -140,6 +140,8 @@ def test_dumps_by_hand() -> None:
         ("00000000: 505\n", "line 1: "),
         ("00000000: 5057\n*\nffffffff: 00", "line 3: offset 0xffffffff should be 0x2"),
         ("00000000: 50\n00000001\n*\n00000040: 00", "line 4: offset 0x40 should be 0x1"),
+        ("00 × 999999\n" * 65, "line 65: with 999999 more zeros there are more than 64000000 bytes"),
+        ("00000000  00\n00000001  " + " " * 100_000 + "g", "line 2: "),  # in less than minutes
     ],
 )
 def test_bad_hex_is_refused_with_its_line(text: str, message: str) -> None:
