@@ -539,8 +539,8 @@ def describe_frame(data: bytes) -> Description:
 
 def describe_text(data: bytes) -> Description:
     """Describe text of the console (chapter CON)."""
-    text = data.decode("ascii", errors="backslashreplace")
-    return Description("text", repr(text)[1:-1], {"text": text})
+    text = data.decode("latin-1")  # a character stands for one byte, as where it is typed
+    return Description("text", ascii(text)[1:-1], {"text": text})
 
 
 # -------------------------------------------------------------------------------------------------------------- chain

@@ -439,7 +439,9 @@ def test_firmware_images_are_told() -> None:
 
 
 def test_text_is_shown_on_one_line() -> None:
-    assert describe_text(b"info\r\n\x1b[31m\xff").summary == "info\\r\\n\\x1b[31m\\\\xff"
+    assert describe_text(b"info\r\n\x1b[31m\xff").summary == "info\\r\\n\\x1b[31m\\xff"
+    assert describe_text(b"\\xff").summary == "\\\\xff"
+    assert describe_text(bytes(range(256))).fields["text"].encode("latin-1") == bytes(range(256))
 
 
 ANY = st.binary(max_size=700)
