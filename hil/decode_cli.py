@@ -45,7 +45,7 @@ PLURALS = {"status": "statuses", "reply": "replies"}
 
 @commands.command()
 def decode(
-    source: Annotated[str | None, typer.Argument(metavar="[FILE]", help="The recording; - is standard input.")] = None,
+    source: Annotated[str | None, typer.Argument(metavar="FILE", help="The recording; - is standard input.")] = None,
     hex_text: Annotated[
         str | None, typer.Option("--hex", metavar="TEXT", help="Decode these hex digits instead of a file.")
     ] = None,

@@ -86,11 +86,15 @@ def read_recording(
     ValueError
         Where there is no such format, or the format has no addresses.
     InputFileError
-        Where the recording cannot be read as such; pieces before that are given.
+        Where the recording is empty or cannot be read as such; pieces before that are given.
     """
     if form not in ("auto", *FORMATS):
         raise ValueError(f"unknown format {form!r}; known are auto, {', '.join(FORMATS)}")
-    form = _form_of(stream, name) if form == "auto" else form
+    head = stream.read(HEAD_BYTES)
+    stream.seek(0)
+    if not head:
+        raise InputFileError(f"{name} is empty")
+    form = _form_of(head, name) if form == "auto" else form
     if form == "hex":
         return read_recording(BytesIO(read_text(stream, name)), name, address=address)
     if address is not None and form != "pcap":
@@ -102,12 +106,8 @@ def read_recording(
     return read_bytes(stream) if form == "blocks" else read_serial(stream)
 
 
-def _form_of(stream: BinaryIO, name: str) -> str:
+def _form_of(head: bytes, name: str) -> str:
     """The format of a recording, judged by how it begins."""
-    head = stream.read(HEAD_BYTES)
-    stream.seek(0)
-    if not head:
-        raise InputFileError(f"{name} is empty")
     if head.startswith(MAGICS):
         return "pcap"
     if head.startswith(IMAGE_MAGIC):

@@ -75,6 +75,12 @@ def test_a_stated_format_is_believed() -> None:
         read(BLOCK, "auto", UsbAddress(1, 2))
 
 
+@pytest.mark.parametrize("form", FORMATS)
+def test_nothing_is_no_recording_of_any_format(form: str) -> None:
+    with pytest.raises(InputFileError, match=r"^r is empty"):
+        read(b"", form)
+
+
 def test_a_whole_is_not_read_without_end() -> None:
     with pytest.raises(InputFileError, match=f"at most {LARGEST_WHOLE_BYTES} bytes"):
         read(bytes(LARGEST_WHOLE_BYTES + 1), "firmware")
@@ -86,7 +92,7 @@ def test_no_recording_crashes_a_reader(data: bytes, form: str) -> None:
         try:
             read(data, chosen)
         except InputFileError:
-            assert chosen in ("auto", "hex", "pcap")
+            assert not data or chosen in ("auto", "hex", "pcap")
 
 
 def test_a_pipe_is_copied_so_that_it_can_be_read_twice(tmp_path: Path) -> None:
