@@ -24,6 +24,8 @@ def fuzz(group: str, options: list[str]) -> None:
     with atheris.instrument_imports(include=["phasewire", "construct"], exclude=[KERNELS]):
         from .decoders import GROUPS, seeds
 
+    if group not in GROUPS:
+        sys.exit(f"{group!r} is neither a number of seconds, at least 1, nor a group: {', '.join(GROUPS)}")
     corpus = FOUND / group
     corpus.mkdir(parents=True, exist_ok=True)
     for seed in seeds(group):
@@ -52,8 +54,8 @@ def fuzz_all(seconds: int) -> int:
 
 def main() -> None:
     """Fuzz all groups, or one."""
-    first, *options = sys.argv[1:]
-    if first.isdecimal():
+    first, *options = sys.argv[1:] or [""]
+    if first.isdecimal() and int(first):  # libFuzzer takes 0 for without end
         sys.exit(fuzz_all(int(first)))
     fuzz(first, options)
 
