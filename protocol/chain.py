@@ -293,6 +293,10 @@ class Load(_ToProcessor):
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
+        if self.memory not in MEMORIES:
+            raise ValueError(
+                f"{self.memory!r} is no memory of a processor; {', '.join(memory.name for memory in MEMORIES)} are"
+            )
         layout = MEMORIES[self.memory]
         if len(self.data) % layout.item_bytes or not 0 < len(self.data) <= LOAD_BYTES:
             raise ValueError(
@@ -459,7 +463,7 @@ class Report(Message):
     firmware : (int, int, int)
         Version.
     drift : int
-        Ticks by which the last pulse of the sync line came late (negative: early), at most 127 either way.
+        Ticks by which the last pulse of the sync line came late (negative: early), held at -128 and 127.
     carried_out, missed : int
         Commits.
     damaged : int
@@ -556,6 +560,7 @@ class Identity(Message):
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
+        _check_number("last", self.last, 2)
         _check_firmware(self.firmware)
         _check_number("unique_id", self.unique_id, 2**64)
 

@@ -220,6 +220,8 @@ class Image:
             raise ValueError(f"firmware version {self.version} is not between 0.0.0 and 99.9.9")
         if not 0 < self.protocol <= 0xFF:
             raise ValueError(f"protocol version {self.protocol} is not between 1 and 255")
+        if self.hardware not in set(Hardware):
+            raise ValueError(f"hardware {self.hardware}; known are {[known.value for known in Hardware]}")
         targets = tuple(segment.target for segment in self.segments)
         if targets not in TARGETS:
             raise ValueError(

@@ -123,7 +123,7 @@ class SerialReply:
     Raises
     ------
     FrameError
-        Where the tag does not fit, there is too much data, or a stall has some.
+        Where the tag does not fit, there is no such outcome, there is too much data, or a stall has some.
     """
 
     tag: int
@@ -134,6 +134,9 @@ class SerialReply:
         """Check the ranges."""
         if not 0 <= self.tag <= 0xFF:
             raise FrameError(f"tag {self.tag} does not fit 8 bits")
+        if self.outcome not in set(Outcome):
+            raise FrameError(f"unknown outcome {self.outcome}; known are {[known.value for known in Outcome]}")
+        object.__setattr__(self, "outcome", Outcome(self.outcome))
         if len(self.data) > MAX_DATA_BYTES:
             raise FrameError(f"a reply carries at most {MAX_DATA_BYTES} bytes, not {len(self.data)}")
         if self.outcome == Outcome.STALL and self.data:
@@ -149,9 +152,7 @@ class SerialReply:
         if len(body) < REPLY_HEAD.size:
             raise FrameError(f"a reply has at least {REPLY_HEAD.size} bytes, not {len(body)}")
         tag, outcome = REPLY_HEAD.unpack_from(body)
-        if outcome not in set(Outcome):
-            raise FrameError(f"unknown outcome {outcome}; known are {[known.value for known in Outcome]}")
-        return cls(tag, Outcome(outcome), body[REPLY_HEAD.size :])
+        return cls(tag, outcome, body[REPLY_HEAD.size :])
 
 
 def _has_one_of(what: str, *sizes: int) -> Callable[[bytes], None]:
@@ -173,6 +174,12 @@ _CHECKS: Mapping[FrameKind, Callable[[bytes], object]] = MappingProxyType(
 )
 
 
+def _known(kind: int) -> FrameKind:
+    if kind not in set(FrameKind):
+        raise FrameError(f"unknown type of frame {kind}; known are {[known.value for known in FrameKind]}")
+    return FrameKind(kind)
+
+
 @dataclass(frozen=True)
 class Frame:
     """One frame: its type and a body that obeys the layout of that type (clause SER-004).
@@ -182,7 +189,7 @@ class Frame:
     Raises
     ------
     FrameError
-        Where the body breaks the layout.
+        Where there is no such type, or the body breaks its layout.
     """
 
     kind: FrameKind
@@ -190,7 +197,7 @@ class Frame:
 
     def __post_init__(self) -> None:
         """Check the body."""
-        _CHECKS[self.kind](self.body)
+        _CHECKS[_known(self.kind)](self.body)
 
 
 CONSOLE_FRAME = Frame(FrameKind.CONSOLE)
@@ -247,9 +254,7 @@ def decode(data: bytes) -> Frame:
     computed = zlib.crc32(content)
     if checksum != computed:
         raise FrameError(f"a frame of {len(data)} bytes has CRC-32 {checksum:08x}; it should be {computed:08x}")
-    if content[0] not in set(FrameKind):
-        raise FrameError(f"unknown type of frame {content[0]}; known are {[kind.value for kind in FrameKind]}")
-    frame = Frame(FrameKind(content[0]), content[KIND_BYTES:])
+    frame = Frame(_known(content[0]), content[KIND_BYTES:])
     # COBS has two forms where the last group is a full one; two streams of bytes must not mean the same.
     if encode(frame) != data:
         raise FrameError(f"a frame of {len(data)} bytes is not in its shortest COBS form")

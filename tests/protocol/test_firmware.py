@@ -312,6 +312,7 @@ def test_the_largest_image() -> None:
         ({"version": Version(100, 0, 0)}, "100.0.0"),
         ({"version": Version(1, 10, 0)}, "1.10.0"),
         ({"version": Version(1, 0, -1)}, "1.0.-1"),
+        ({"hardware": 99}, "hardware 99"),
         ({"protocol": 0}, "protocol version 0"),
         ({"protocol": 256}, "protocol version 256"),
         ({"segments": (CONTROLLER, PROGRAM)}, "CONTROLLER"),
