@@ -53,8 +53,8 @@ def pulse_pairs() -> Section:
         "odd-and-even": ("phase and width of different parity: half a tick early", (50, 25), (51, 24)),
     }
     return section(
-        "Two pulses in three bytes (PUL-005): phase in half ticks, width in ticks, and the tick at which each begins "
-        "(PUL-004).",
+        "Two pulses in three bytes (PUL-005), here one by one: [phase in half ticks, width in ticks], and the tick at "
+        "which each begins (PUL-004).",
         (
             vector(f"pair-{name}", shows, hex=pack_pulses(pulses), pulses=both, begins=pulses.start.tolist())
             for name, (shows, *both) in pairs.items()
