@@ -17,7 +17,8 @@ commands = typer.Typer(rich_markup_mode=None)
 @commands.command()
 def vectors(
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The file to write instead.")
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="The file to write instead; - is standard output."),
     ] = None,
 ) -> None:
     """Write golden vectors of the protocol to standard output, as JSON: bytes, what they mean, and what is refused.
@@ -26,7 +27,7 @@ def vectors(
     """
     from ..protocol.vectors import text  # makes keys and pulses while it is imported
 
-    if output is None:
+    if output is None or str(output) == "-":
         typer.echo(text(), nl=False)
         return
     check_outputs([output])

@@ -79,10 +79,11 @@ def test_the_file_is_what_the_code_makes() -> None:
 
 
 def test_the_command_writes_the_file(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
-    with pytest.raises(SystemExit) as exited:
-        main(["vectors"])
-    assert not exited.value.code
-    assert capfdbinary.readouterr().out == FILE.read_bytes()
+    for arguments in ([], ["-o", "-"]):
+        with pytest.raises(SystemExit) as exited:
+            main(["vectors", *arguments])
+        assert not exited.value.code
+        assert capfdbinary.readouterr().out == FILE.read_bytes()
     with pytest.raises(SystemExit) as exited:
         main(["vectors", "--output", str(tmp_path / "out.json")])
     assert not exited.value.code
