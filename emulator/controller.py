@@ -35,6 +35,7 @@ from ..protocol.codes import (
     Bank,
     Fault,
     Feature,
+    Hardware,
     Reason,
     State,
     StatusFlag,
@@ -61,7 +62,6 @@ __all__ = ["Controller"]
 QUEUE_BLOCKS = 8
 RECORDS = 64
 FIRMWARE = (0, 1, 0)
-HARDWARE = 1
 FEATURES = Feature(0)
 TEMPERATURE_C = 25
 NO_FLAGS = AckFlag(0)
@@ -380,7 +380,7 @@ class Controller:
         return Info(
             oldest_version=PROTOCOL_VERSION,
             newest_version=PROTOCOL_VERSION,
-            hardware=HARDWARE,
+            hardware=Hardware.FIVE_BOARDS,
             firmware=FIRMWARE,
             boards=BOARDS,
             unique_id=self._unique_id,

@@ -14,7 +14,7 @@ from rich.table import Column, Table
 from ..console import JsonOption, console_for, write_json
 from ..protocol.board import CORE_HZ
 from ..protocol.chain import LOAD_BYTES
-from ..protocol.codes import Memory
+from ..protocol.codes import ENTRIES_PER_BLOCK, SAMPLES_PER_BLOCK, Kind, Memory
 from ..protocol.timing import (
     FIVE_WIRE,
     HOP_CYCLES,
@@ -37,7 +37,11 @@ commands = typer.Typer(rich_markup_mode=None)
 CYCLES_PER_MICROSECOND = CORE_HZ // 10**6
 BAR = 20  # characters
 LONGEST_HOP_NS = 1e6
-BLOCKS = {"SLOT": (1, Memory.SLOTS), "ENTRIES": (120, Memory.SEQUENCE), "SAMPLES": (480, Memory.MODULATION)}
+BLOCKS = {
+    Kind.SLOT.name: (1, Memory.SLOTS),
+    Kind.ENTRIES.name: (ENTRIES_PER_BLOCK, Memory.SEQUENCE),
+    Kind.SAMPLES.name: (SAMPLES_PER_BLOCK, Memory.MODULATION),
+}
 """What a full block of each kind stores: a number of items of a memory."""
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self, TypeVar
 
-from ..errors import DeviceError, DeviceRefusedError
+from ..errors import DeviceError, DeviceRefusedError, ReplyError
 from ..protocol.blocks import Block, Update, pack
 from ..protocol.codes import NOW, PROTOCOL_VERSION, Reason, Request
 from ..protocol.numbering import follows, successor
@@ -183,5 +183,5 @@ class Device:
     def _read(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
         try:
             return decode(data)
-        except ValueError as error:  # ReplyError, or a wiring table that is not one to one
+        except ReplyError as error:
             raise DeviceError(f"{self.name} answers in a way that breaks the protocol: {error}") from error

@@ -22,7 +22,7 @@ __all__ = [
     "DEAF_MS",
     "DFU_ATTRIBUTES",
     "DFU_DETACH_TIMEOUT_MS",
-    "DFU_FIRST_STRING",
+    "DFU_REASON_STRINGS",
     "DFU_REQUEST_TYPE_IN",
     "DFU_REQUEST_TYPE_OUT",
     "DFU_TRANSFER_BYTES",
@@ -317,7 +317,7 @@ class ConsoleCode(IntEnum):
 
 
 class StandardRequest(IntEnum):
-    """Standard requests that the device answers (SPEC.md, clause USB-014; USB 2.0, table 9-4)."""
+    """Standard requests that the device answers (clause USB-014; USB 2.0, table 9-4)."""
 
     GET_STATUS = 0
     CLEAR_FEATURE = 1
@@ -331,7 +331,7 @@ class StandardRequest(IntEnum):
 
 
 class DescriptorType(IntEnum):
-    """Types of the descriptors that the device has (SPEC.md, clause USB-006)."""
+    """Types of the descriptors that the device has (clause USB-006)."""
 
     DEVICE = 0x01
     CONFIGURATION = 0x02
@@ -347,7 +347,7 @@ class DescriptorType(IntEnum):
     CS_INTERFACE = 0x24
 
 
-# Firmware images, flash and DFU (SPEC.md, chapters FWU and DFU).
+# Firmware images, flash and DFU (chapters FWU and DFU)
 
 IMAGE_MAGIC = b"PWFW"
 IMAGE_VERSION = 1
@@ -368,17 +368,18 @@ DFU_TRANSFER_BYTES = 2048
 DFU_DETACH_TIMEOUT_MS = 1000
 DFU_REQUEST_TYPE_OUT = 0x21
 DFU_REQUEST_TYPE_IN = 0xA1
-DFU_FIRST_STRING = 16
+DFU_REASON_STRINGS = 16
+"""Added to an `ImageReason` it is the index of the string that tells it (clause DFU-012)."""
 
 
 class Hardware(IntEnum):
-    """What an image is for (SPEC.md, clause FWU-005)."""
+    """What an image is for (clause FWU-005)."""
 
     FIVE_BOARDS = 1
 
 
 class Target(IntEnum):
-    """Who runs a segment of an image (SPEC.md, clause FWU-007)."""
+    """Who runs a segment of an image (clause FWU-007)."""
 
     PROCESSOR_0 = 0
     PROCESSOR_1 = 1
@@ -395,7 +396,7 @@ class Target(IntEnum):
 
 
 class Bank(IntEnum):
-    """Where an image lies in flash: the number is that of its MiB (SPEC.md, clause FWU-016)."""
+    """Where an image lies in flash: the number is that of its MiB (clause FWU-016)."""
 
     FACTORY = 1
     A = 2
@@ -413,7 +414,7 @@ class Bank(IntEnum):
 
 
 class ImageReason(IntEnum):
-    """Outcome of a firmware image (SPEC.md, clause FWU-015). The first failure in this order is the one reported."""
+    """Outcome of a firmware image (clause FWU-015). The first failure in this order is the one reported."""
 
     ACCEPTED = 0
     SUFFIX = 1
@@ -432,37 +433,37 @@ class ImageReason(IntEnum):
     SIGNATURE = 14
 
     @property
-    def text(self) -> str:
-        """What it means, for people."""
-        return _IMAGE_TEXTS[self][0]
+    def clause(self) -> str:
+        """The clause that an image refused for this reason breaks."""
+        return _IMAGE_REASONS[self][0]
 
     @property
-    def clause(self) -> str:
-        """The clause that the image breaks."""
-        return _IMAGE_TEXTS[self][1]
+    def text(self) -> str:
+        """What it means, for people."""
+        return _IMAGE_REASONS[self][1]
 
 
-_IMAGE_TEXTS = {
-    ImageReason.ACCEPTED: ("accepted", "FWU-015"),
-    ImageReason.SUFFIX: ("the file does not end with a DFU suffix that is right", "FWU-014"),
-    ImageReason.LENGTH: ("there is less than the header and the table that it announces", "FWU-001"),
-    ImageReason.MAGIC: ("this is no firmware image", "FWU-002"),
-    ImageReason.VERSION: ("the image is of another container version", "FWU-002"),
-    ImageReason.CHECKSUM: ("the CRC-32 of header and table does not match", "FWU-003"),
-    ImageReason.RESERVED: ("a reserved byte is not zero, or a version has a reserved value", "FWU-004"),
-    ImageReason.HARDWARE: ("the image is for other hardware", "FWU-005"),
-    ImageReason.TARGETS: ("the segments are not one for the controller and one for each processor", "FWU-007"),
-    ImageReason.SIZE: ("a segment is empty or larger than a processor's memory", "FWU-008"),
-    ImageReason.OFFSET: ("the segments do not follow each other without gap or overlap", "FWU-009"),
-    ImageReason.TOTAL: ("the image has more or fewer bytes than it says", "FWU-009"),
-    ImageReason.PADDING: ("bytes between segments are not zero", "FWU-009"),
-    ImageReason.HASH: ("a segment's CRC-32 or SHA-256 does not match", "FWU-010"),
-    ImageReason.SIGNATURE: ("the signature is wrong, or the device does not trust who signed", "FWU-012"),
+_IMAGE_REASONS = {
+    ImageReason.ACCEPTED: ("FWU-015", "accepted"),
+    ImageReason.SUFFIX: ("FWU-014", "the file does not end with a DFU suffix that is right"),
+    ImageReason.LENGTH: ("FWU-001", "there is less than the header and the table that it announces"),
+    ImageReason.MAGIC: ("FWU-002", "this is no firmware image"),
+    ImageReason.VERSION: ("FWU-002", "the image is of another container version"),
+    ImageReason.CHECKSUM: ("FWU-003", "the CRC-32 of header and table does not match"),
+    ImageReason.RESERVED: ("FWU-004", "a reserved byte is not zero, or a version has a reserved value"),
+    ImageReason.HARDWARE: ("FWU-005", "the image is for other hardware"),
+    ImageReason.TARGETS: ("FWU-007", "the segments are not one for the controller and one for each processor"),
+    ImageReason.SIZE: ("FWU-008", "a segment is empty or larger than a processor's memory"),
+    ImageReason.OFFSET: ("FWU-009", "the segments do not follow each other without gap or overlap"),
+    ImageReason.TOTAL: ("FWU-009", "the image has more or fewer bytes than it says"),
+    ImageReason.PADDING: ("FWU-009", "bytes between segments are not zero"),
+    ImageReason.HASH: ("FWU-010", "a segment's CRC-32 or SHA-256 does not match"),
+    ImageReason.SIGNATURE: ("FWU-011", "the signature is wrong, or the device does not trust who signed"),
 }
 
 
 class DfuRequest(IntEnum):
-    """Class requests of USB DFU 1.1 (SPEC.md, clause DFU-003)."""
+    """Class requests of USB DFU 1.1 (clause DFU-003)."""
 
     DETACH = 0
     DNLOAD = 1
@@ -474,7 +475,7 @@ class DfuRequest(IntEnum):
 
 
 class DfuState(IntEnum):
-    """States of USB DFU 1.1 (SPEC.md, clause DFU-004)."""
+    """States of USB DFU 1.1 (clause DFU-004)."""
 
     APP_IDLE = 0
     APP_DETACH = 1
@@ -490,7 +491,7 @@ class DfuState(IntEnum):
 
 
 class DfuStatus(IntEnum):
-    """Statuses of USB DFU 1.1 (SPEC.md, clause DFU-005)."""
+    """Statuses of USB DFU 1.1 (clause DFU-005)."""
 
     OK = 0
     TARGET = 1
@@ -510,7 +511,7 @@ class DfuStatus(IntEnum):
     STALLEDPKT = 15
 
 
-# The chain behind the controller (SPEC.md, chapter CHN).
+# The chain behind the controller (chapter CHN)
 
 CONTROLLER_NODE = 0x00FF
 UNNUMBERED_NODE = 0xFFFF
@@ -527,7 +528,7 @@ SYNC_TOLERANCE_TICKS = 1
 
 
 class ChannelEnd(IntEnum):
-    """Where a message arrives, and thereby what it is (SPEC.md, clause CHN-009)."""
+    """Where a message arrives, and thereby what it is (clause CHN-009)."""
 
     SLICE = 1
     COMMIT = 2
@@ -541,7 +542,7 @@ class ChannelEnd(IntEnum):
 
 
 class Memory(IntEnum):
-    """What a processor stores besides what it plays (SPEC.md, clause CHN-012)."""
+    """What a processor stores besides what it plays (clause CHN-012)."""
 
     SLOTS = 1
     SEQUENCE = 2

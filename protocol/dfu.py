@@ -15,7 +15,7 @@ from typing import NamedTuple
 from construct import ConstructError
 
 from ..errors import ReplyError
-from .codes import DFU_FIRST_STRING, DFU_TRANSFER_BYTES, FLASH_SECTOR_BYTES, DfuState, DfuStatus, ImageReason
+from .codes import DFU_REASON_STRINGS, DFU_TRANSFER_BYTES, FLASH_SECTOR_BYTES, DfuState, DfuStatus, ImageReason
 from .layout import build
 from .layout.firmware import DFU_STATUS
 
@@ -131,7 +131,7 @@ TRANSITIONS = {(state, event): _step(state, event) for state, event in product(D
 
 @dataclass(frozen=True)
 class DfuReply:
-    """The answer to GETSTATUS (SPEC.md, clause DFU-007).
+    """The answer to GETSTATUS (clause DFU-007).
 
     Parameters
     ----------
@@ -210,4 +210,4 @@ def status_of(reason: ImageReason) -> DfuStatus:
 
 def reason_string(reason: ImageReason) -> int:
     """The string descriptor whose text is that of the reason; 0 where nothing was refused (clause DFU-012)."""
-    return 0 if reason is ImageReason.ACCEPTED else DFU_FIRST_STRING + reason
+    return 0 if reason is ImageReason.ACCEPTED else DFU_REASON_STRINGS + reason

@@ -13,11 +13,9 @@ import zlib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
-from typing import NamedTuple, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from construct import ConstructError
-from cryptography.exceptions import InvalidSignature
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from ..errors import ImageError
 from .board import PROCESSORS
@@ -39,6 +37,10 @@ from .codes import (
 from .enumeration import PRODUCT_ID, VENDOR_ID
 from .layout import build as encode_layout
 from .layout.firmware import BOOT_RECORD, DFU_SUFFIX
+from .numbering import follows, successor
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 __all__ = [
     "BootRecord",
@@ -318,6 +320,8 @@ def trust(image: Image, keys: Iterable[Ed25519PublicKey]) -> Trust:
     ImageError
         Where the image names one of the keys, but was not signed with it.
     """
+    from cryptography.exceptions import InvalidSignature  # few who read images judge who signed them
+
     if image.signature is None:
         return Trust.UNSIGNED
     for key in keys:
@@ -393,7 +397,7 @@ def parse(file: bytes) -> Image:
 
 @dataclass(frozen=True)
 class BootRecord:
-    """What says that a bank holds a whole image (SPEC.md, clause FWU-017).
+    """What says that a bank holds a whole image (clause FWU-017).
 
     Parameters
     ----------
@@ -418,7 +422,7 @@ class BootRecord:
     @classmethod
     def of(cls, image: bytes, other: BootRecord | None) -> BootRecord:
         """The record of an encoded image, one newer than that of the other bank, where it has one."""
-        generation = 0 if other is None else (other.generation + 1) % 2**32
+        generation = 0 if other is None else successor(other.generation)
         return cls(generation, len(image), hashlib.sha256(image).digest())
 
     def describes(self, stored: bytes) -> bool:
@@ -431,8 +435,8 @@ class BootRecord:
         return self.confirmed != ERASED or self.started == ERASED
 
     def newer_than(self, other: BootRecord) -> bool:
-        """Serial arithmetic: less than half of all generations ahead."""
-        return 0 < (self.generation - other.generation) % 2**32 < 2**31
+        """Less than half of all generations ahead, round the wrap (clause FWU-019)."""
+        return follows(self.generation, other.generation)
 
     def encode(self) -> bytes:
         """Encode as 56 bytes; raise `ValueError` where a field does not fit."""

@@ -32,7 +32,7 @@ def _kernel(function: Function) -> Function:
         return cast(Function, njit(nogil=True)(function))
 
 
-U8, U16, U32, U64 = np.uint8, np.uint16, np.uint32, np.uint64
+U8, U32, U64 = np.uint8, np.uint32, np.uint64
 
 MAGIC_LOW, MAGIC_HIGH = BLOCK_MAGIC
 ALL_PHASES = HALF_TICKS_PER_PERIOD - 1

@@ -1,4 +1,4 @@
-"""Sequence numbers: 32 bits that wrap, compared as in RFC 1982 (SPEC.md, chapter NUM)."""
+"""Numbers of 32 bits that wrap, compared as in RFC 1982: of blocks (SPEC.md, chapter NUM) and of boot records."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _AHEAD = 2**31
 
 
 def successor(number: int) -> int:
-    """The number of the next block (clause NUM-001)."""
+    """The next number (clause NUM-001)."""
     return (operator.index(number) + 1) % _MODULUS
 
 

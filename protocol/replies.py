@@ -81,7 +81,7 @@ class Ack:
     flags : AckFlag
         Whether it asked for a period that could no longer be met, and whether blocks before it are missing.
     free : int
-        Blocks that the device can still queue.
+        Changes that the device can still queue.
     state : State
         What the device is doing.
     """
@@ -148,7 +148,7 @@ class Status:
     missed_commits, damaged_messages : int
         What went wrong on the chain since power-up, summed over the ten processors.
     free : int
-        Blocks that the device can still queue.
+        Changes that the device can still queue.
     temperature_c : int
         Of the hottest board, in °C.
     watchdog_ms : int
@@ -251,7 +251,7 @@ class Info:
     link_wires, cycles_per_symbol : int
         Set-up of the links of the chain.
     queue_blocks, queue_records : int
-        How many blocks and how many records on bulk IN it can hold.
+        How many changes and how many records on bulk IN it can hold.
     periods_per_update : int
         Carrier periods that the chain needs for an update.
     slots, sequence_entries, modulation_samples : int

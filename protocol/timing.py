@@ -21,7 +21,7 @@ from .board import (
     TICKS_PER_PERIOD,
 )
 from .chain import MEMORIES, SLICE_BYTES, Commit, Load, Slice
-from .codes import BLOCK_BYTES, Memory
+from .codes import AMPLITUDES, BLOCK_BYTES, Memory
 from .framing import UART_BITS_PER_BYTE, frame_bytes
 
 __all__ = [
@@ -94,7 +94,7 @@ PROCESSOR_MEMORY = {
     "modulation": MEMORIES[Memory.MODULATION].size,
     "tables": 2 * TICKS_PER_PERIOD * 4,
     "slices": 3 * SLICE_BYTES,
-    "widths": (MAX_WIDTH_TICKS + 1) * 256,
+    "widths": (MAX_WIDTH_TICKS + 1) * AMPLITUDES,
     "stacks": PROCESSOR_THREADS * 1024,
     "code": 24 * 1024,
 }

@@ -349,7 +349,7 @@ def test_four_outcomes() -> None:
     assert trust(signed, []) is Trust.UNKNOWN_KEY
     assert trust(IMAGE_123, trusted) is Trust.UNSIGNED
     forged = replace(signed, signature=Signature(key_id(STRANGER.public_key()), signed.signature.value))
-    with pytest.raises(ImageError, match="FWU-012") as refusal:
+    with pytest.raises(ImageError, match="FWU-011") as refusal:
         trust(forged, trusted)
     assert refusal.value.reason == ImageReason.SIGNATURE
 
