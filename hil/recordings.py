@@ -15,7 +15,7 @@ from ..errors import InputFileError
 from ..protocol.codes import BLOCK_MAGIC, IMAGE_MAGIC
 from ..protocol.framing import DELIMITER
 from .traffic import RECORD_SIZES, Channel, Piece, is_frame, is_hex, read_bytes, read_serial, read_text, read_whole
-from .usbmon import MAGICS, UsbAddress, read_usbmon
+from .usbmon import UsbAddress, read_usbmon
 
 __all__ = ["FORMATS", "open_recording", "read_recording"]
 
@@ -108,6 +108,8 @@ def read_recording(
 
 def _form_of(head: bytes, name: str) -> str:
     """The format of a recording, judged by how it begins."""
+    from .packets import MAGICS  # dpkt takes a tenth of the command line's time to import
+
     if head.startswith(MAGICS):
         return "pcap"
     if head.startswith(IMAGE_MAGIC):

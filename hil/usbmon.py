@@ -2,22 +2,16 @@
 
 A capture is read in steps, each a generator over the one before, so that its size does not matter: packets from the
 container, events from packets, transfers from a submission and its completion, pieces from transfers.
-
-The records of the containers are dpkt's. Its readers are not used: they give every packet the link type of the first
-interface, hide the byte order, which usbmon's header shares, and believe every length. (python-pcapng, the other
-candidate, knows interfaces, but decodes every option and fails on valid ones, takes six times as long, and reads no
-classic pcap.)
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from typing import BinaryIO, NamedTuple
 
-import dpkt
 from construct import Bytes, Construct, FormatField, Int8ub, Struct
-from dpkt import pcap, pcapng
 
 from ..errors import InputFileError
 from ..protocol.codes import BLOCK_MAGIC, DescriptorType
@@ -32,10 +26,7 @@ from ..protocol.enumeration import (
 )
 from .traffic import RECORD_SIZES, Channel, Direction, LineCutter, Piece, cut
 
-__all__ = ["MAGICS", "UsbAddress", "read_usbmon"]
-
-LARGEST_PACKET_BYTES = 2**25
-"""A longer one is a corrupt length: a URB carries some 16 MiB at most."""
+__all__ = ["UsbAddress", "read_usbmon"]
 
 MOST_PENDING = 4096
 """Submissions that wait for their completion at once; in a corrupt capture they might all wait."""
@@ -89,98 +80,7 @@ class UsbAddress(NamedTuple):
         return f"{self.bus}.{self.device}"
 
 
-class _Packet(NamedTuple):
-    number: int  # from 1, as Wireshark counts
-    link: int
-    order: str  # of bytes, "<" or ">"
-    data: bytes
-
-
-class _Source:
-    """A stream from which wholes are taken, and no corrupt length is."""
-
-    def __init__(self, stream: BinaryIO) -> None:
-        self._stream = stream
-
-    def take(self, size: int) -> bytes:
-        """Exactly so many bytes."""
-        if data := self.take_or_end(size):
-            return data
-        raise ValueError("the file ends within it")
-
-    def take_or_end(self, size: int) -> bytes:
-        """Exactly so many bytes, or none at the end."""
-        if not 0 < size <= LARGEST_PACKET_BYTES:
-            raise ValueError(f"a length of {size} bytes is corrupt")
-        data = self._stream.read(size)
-        if 0 < len(data) < size:
-            raise ValueError("the file ends within it")
-        return data
-
-
-_SECTION = struct.pack("<I", pcapng.PCAPNG_BT_SHB)  # reads the same both ways
-_SECTION_ORDERS = {struct.pack(order + "I", pcapng.BYTE_ORDER_MAGIC): order for order in "<>"}
-_INTERFACE, _PACKET, _OLD_PACKET = pcapng.PCAPNG_BT_IDB, pcapng.PCAPNG_BT_EPB, pcapng.PCAPNG_BT_PB
-_BLOCKS = {
-    ("<", _INTERFACE): pcapng.InterfaceDescriptionBlockLE,
-    (">", _INTERFACE): pcapng.InterfaceDescriptionBlock,
-    ("<", _PACKET): pcapng.EnhancedPacketBlockLE,
-    (">", _PACKET): pcapng.EnhancedPacketBlock,
-    ("<", _OLD_PACKET): pcapng.PacketBlockLE,
-    (">", _OLD_PACKET): pcapng.PacketBlock,
-}
-_RECORDS = {struct.pack(">I", magic): record for magic, record in pcap.MAGIC_TO_PKT_HDR.items()}
-
-MAGICS = (_SECTION, *_RECORDS)
-"""How the files begin that `read_usbmon` reads."""
-
-
-def _packets(stream: BinaryIO, name: str) -> Iterator[_Packet]:
-    """Every packet of a capture, with its number, link type and byte order."""
-    source, number = _Source(stream), 1
-    try:
-        magic = source.take(4)
-        for link, order, data in (_pcapng_packets if magic == _SECTION else _pcap_packets)(magic, source):
-            yield _Packet(number, link, order, data)
-            number += 1
-    except (dpkt.Error, ValueError, struct.error) as error:
-        raise InputFileError(f"{name}, packet {number}: {str(error) or 'it is corrupt'}") from error
-
-
-def _pcap_packets(magic: bytes, source: _Source) -> Iterator[tuple[int, str, bytes]]:
-    if magic not in _RECORDS:
-        raise ValueError(f"{magic.hex()} begins neither a pcap nor a pcapng file")
-    order = ">" if magic[0] == 0xA1 else "<"
-    head_type = pcap.FileHdr if order == ">" else pcap.LEFileHdr
-    link = head_type(magic + source.take(head_type.__hdr_len__ - len(magic))).linktype
-    while head := source.take_or_end(_RECORDS[magic].__hdr_len__):
-        yield link, order, source.take(_RECORDS[magic](head).caplen)
-
-
-def _pcapng_packets(magic: bytes, source: _Source) -> Iterator[tuple[int, str, bytes]]:
-    order, interfaces = "<", list[int]()
-    head = magic + source.take(4)
-    while head:
-        if head.startswith(_SECTION):
-            head += source.take(4)
-            if head[8:] not in _SECTION_ORDERS:
-                raise ValueError(f"{head[8:].hex()} is no byte-order magic of a section")
-            order, interfaces = _SECTION_ORDERS[head[8:]], []
-        kind, size = struct.unpack_from(order + "II", head)
-        if size % 4:
-            raise ValueError(f"a block's length of {size} bytes is corrupt")
-        data = head + source.take(size - len(head))
-        if (order, kind) in _BLOCKS:
-            block = _BLOCKS[order, kind](data)
-            if kind == _INTERFACE:
-                interfaces.append(block.linktype)
-            elif block.iface_id >= len(interfaces) or block.caplen > size - block.__hdr_len__:
-                raise ValueError(f"it claims {block.caplen} bytes of interface {block.iface_id}, which are not there")
-            else:
-                yield interfaces[block.iface_id], order, block.pkt_data
-        head = source.take_or_end(8)
-
-
+@cache
 def _header(order: str) -> Construct:
     """Header of an event of usbmon, as far as every capture has it (the kernel's Documentation/usb/usbmon.rst)."""
     return Struct(
@@ -201,9 +101,6 @@ def _header(order: str) -> Construct:
     ).compile()
 
 
-_HEADERS = {order: _header(order) for order in "<>"}
-
-
 class _Event(NamedTuple):
     """A submission ("S"), its completion ("C") or the refusal of it ("E")."""
 
@@ -222,8 +119,10 @@ class _Event(NamedTuple):
 
 def _events(stream: BinaryIO, name: str) -> Iterator[_Event]:
     """Every event of a capture; packets of other interfaces are none."""
+    from .packets import packets  # dpkt takes a tenth of the command line's time to import
+
     stream.seek(0)
-    for packet in _packets(stream, name):
+    for packet in packets(stream, name):
         if packet.link not in HEADER_BYTES:
             continue
         begin = HEADER_BYTES[packet.link]
@@ -231,7 +130,7 @@ def _events(stream: BinaryIO, name: str) -> Iterator[_Event]:
             raise InputFileError(
                 f"{name}, packet {packet.number}: it has {len(packet.data)} bytes, and usbmon's header alone {begin}"
             )
-        header = _HEADERS[packet.order].parse(packet.data)
+        header = _header(packet.order).parse(packet.data)
         has_setup = header["event"] == b"S" and header["transfer"] == CONTROL and header["setup_flag"] == 0
         yield _Event(
             packet.number,

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import InputFileError
+from phasewire.hil.packets import MAGICS
 from phasewire.hil.traffic import Channel, Piece
-from phasewire.hil.usbmon import MAGICS, MOST_PENDING, UsbAddress, read_usbmon
+from phasewire.hil.usbmon import MOST_PENDING, UsbAddress, read_usbmon
 
 from tests.captures import COMPLETE, ERROR, SUBMIT, bulk_in, bulk_out, control, event, pcap, pcapng
 
