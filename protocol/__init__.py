@@ -23,9 +23,9 @@ from .blocks import (
     unpack,
 )
 from .codes import NOW, Action, Fault, Kind, Reason, Request, State
-from .frames import pack_updates, unpack_updates
 from .pulses import Pulses
 from .replies import Ack, Info, Status
+from .updates import pack_updates, unpack_updates
 from .wiring import Pin, Wiring
 
 __all__ = [

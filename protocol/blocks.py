@@ -1,12 +1,11 @@
 """Blocks: what a host asks a device to do, one 512-byte packet each, packed and unpacked (SPEC.md, chapter BLK).
 
 A block is a body, which says what to do, under a sequence number. The twin of `layout.blocks.BLOCK`: same bytes, and
-the same input refused for the same reason. Many updates at once are packed in `frames`.
+the same input refused for the same reason. Many updates at once are packed in `updates`.
 """
 
 from __future__ import annotations
 
-import operator
 import struct
 import zlib
 from collections.abc import Callable
@@ -38,6 +37,7 @@ from .codes import (
     Reason,
 )
 from .pulses import Pulses
+from .ranges import whole
 
 __all__ = [
     "Block",
@@ -78,16 +78,8 @@ class _Fields:
     action: int = 0
 
 
-def _whole(value: Any, name: str, least: int, most: int) -> int:
-    """A whole number within limits; its name is for the error."""
-    number = operator.index(value)
-    if not least <= number <= most:
-        raise ValueError(f"{name} {number} is outside {least} to {most}")
-    return number
-
-
 def _period(value: Any) -> int:
-    return _whole(value, "period", 0, 2**64 - 1)
+    return whole("period", value, 0, 2**64 - 1)
 
 
 def _all_pulses(pulses: Pulses) -> Pulses:
@@ -140,7 +132,7 @@ class Slot:
     def __post_init__(self) -> None:
         """Check the ranges."""
         _all_pulses(self.pulses)
-        _set(self, number=_whole(self.number, "slot", 0, SLOTS - 1))
+        _set(self, number=whole("slot", self.number, 0, SLOTS - 1))
 
     def _parts(self) -> tuple[_Fields, bytes]:
         return _Fields(first=self.number), pack_pulses(self.pulses)
@@ -173,11 +165,11 @@ class Entries:
     def __post_init__(self) -> None:
         """Check the ranges."""
         entries = tuple(
-            Entry(_whole(slot, "slot", 0, SLOTS - 1), _whole(periods, "number of periods", 1, 2**16 - 1))
+            Entry(whole("slot", slot, 0, SLOTS - 1), whole("number of periods", periods, 1, 2**16 - 1))
             for slot, periods in self.entries
         )
-        _whole(len(entries), "number of entries", 1, ENTRIES_PER_BLOCK)
-        first = _whole(self.first, "first entry", 0, SEQUENCE_ENTRIES - len(entries))
+        whole("number of entries", len(entries), 1, ENTRIES_PER_BLOCK)
+        first = whole("first entry", self.first, 0, SEQUENCE_ENTRIES - len(entries))
         _set(self, entries=entries, first=first)
 
     def _parts(self) -> tuple[_Fields, bytes]:
@@ -211,13 +203,13 @@ class Sequence:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        count = _whole(self.count, "number of entries", 1, SEQUENCE_ENTRIES)
+        count = whole("number of entries", self.count, 1, SEQUENCE_ENTRIES)
         _set(
             self,
-            first=_whole(self.first, "first entry", 0, SEQUENCE_ENTRIES - count),
+            first=whole("first entry", self.first, 0, SEQUENCE_ENTRIES - count),
             count=count,
             period=_period(self.period),
-            repeats=_whole(self.repeats, "number of repeats", 0, 2**16 - 1),
+            repeats=whole("number of repeats", self.repeats, 0, 2**16 - 1),
             unattended=bool(self.unattended),
         )
 
@@ -246,12 +238,10 @@ class Samples:
     def __post_init__(self) -> None:
         """Check the ranges."""
         samples = self.samples
-        if not isinstance(
-            samples, bytes
-        ):  # bytes() would take an array's memory for its values, and a number for zeros
-            samples = bytes(_whole(sample, "sample", 0, AMPLITUDES - 1) for sample in samples)
-        _whole(len(samples), "number of samples", 1, SAMPLES_PER_BLOCK)
-        _set(self, samples=samples, first=_whole(self.first, "first sample", 0, MODULATION_SAMPLES - len(samples)))
+        if not isinstance(samples, bytes):  # bytes() takes an array's memory for its values, and a number for zeros
+            samples = bytes(whole("sample", sample, 0, AMPLITUDES - 1) for sample in samples)
+        whole("number of samples", len(samples), 1, SAMPLES_PER_BLOCK)
+        _set(self, samples=samples, first=whole("first sample", self.first, 0, MODULATION_SAMPLES - len(samples)))
 
     def _parts(self) -> tuple[_Fields, bytes]:
         return _Fields(first=self.first, count=len(self.samples)), self.samples
@@ -280,12 +270,12 @@ class Modulation:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        count = _whole(self.count, "number of samples", 1, MODULATION_SAMPLES)
+        count = whole("number of samples", self.count, 1, MODULATION_SAMPLES)
         _set(
             self,
-            first=_whole(self.first, "first sample", 0, MODULATION_SAMPLES - count),
+            first=whole("first sample", self.first, 0, MODULATION_SAMPLES - count),
             count=count,
-            hold=_whole(self.hold, "number of periods that a sample holds", 1, 2**16 - 1),
+            hold=whole("number of periods that a sample holds", self.hold, 1, 2**16 - 1),
             period=_period(self.period),
         )
 
@@ -397,7 +387,7 @@ def pack(block: Block) -> bytes:
     body, sequence, restart = block
     fields, payload = body._parts()
     fields = replace(fields, flags=fields.flags | (Flag.RESTART if restart else 0))
-    number = _whole(sequence, "sequence number", 0, 2**32 - 1)
+    number = whole("sequence number", sequence, 0, 2**32 - 1)
     header = (BLOCK_MAGIC, PROTOCOL_VERSION, body.KIND, number, *astuple(fields))
     payload = payload.ljust(PAYLOAD_BYTES, b"\0")
     return _HEADER.pack(*header, checksum(_HEADER.pack(*header, 0) + payload)) + payload
@@ -453,13 +443,13 @@ def _read_update(fields: _Fields, payload: bytes) -> Update:
 
 def _read_slot(fields: _Fields, payload: bytes) -> Slot:
     _check_unused(fields, "first")
-    _whole(fields.first, "slot", 0, SLOTS - 1)  # before the pulses, as a header comes before its payload
+    whole("slot", fields.first, 0, SLOTS - 1)  # before the pulses, as a header comes before its payload
     return Slot(fields.first, unpack_pulses(payload))
 
 
 def _read_entries(fields: _Fields, payload: bytes) -> Entries:
     _check_unused(fields, "first", "count")
-    _whole(fields.count, "number of entries", 1, ENTRIES_PER_BLOCK)
+    whole("number of entries", fields.count, 1, ENTRIES_PER_BLOCK)
     items = _ENTRY.iter_unpack(_items(payload, fields.count, _ENTRY.size))
     return Entries(tuple(Entry(*item) for item in items), fields.first)
 
@@ -473,7 +463,7 @@ def _read_sequence(fields: _Fields, payload: bytes) -> Sequence:
 
 def _read_samples(fields: _Fields, payload: bytes) -> Samples:
     _check_unused(fields, "first", "count")
-    _whole(fields.count, "number of samples", 1, SAMPLES_PER_BLOCK)
+    whole("number of samples", fields.count, 1, SAMPLES_PER_BLOCK)
     return Samples(_items(payload, fields.count), fields.first)
 
 

@@ -27,6 +27,7 @@ from .codes import (
     ChannelEnd,
     Memory,
 )
+from .ranges import whole
 
 __all__ = [
     "LOAD_BYTES",
@@ -54,13 +55,8 @@ CHECKSUM = struct.Struct("<I")
 END = bytes([END_TOKEN])
 
 
-def _check_number(name: str, value: int, limit: int, low: int = 0) -> None:
-    if not low <= value < limit:
-        raise ValueError(f"{name} {value} is outside {low} to {limit - 1}")
-
-
 def _check_processor(processor: int) -> None:
-    _check_number("processor", processor, PROCESSORS)
+    whole("processor", processor, 0, PROCESSORS - 1)
 
 
 def _check_packed(packed: bytes) -> None:
@@ -220,13 +216,13 @@ class Commit(_ToProcessor):
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
-        _check_number("period", self.period, 2**64)
-        _check_number("checksum", self.checksum, 2**32)
+        whole("period", self.period, 0, 2**64 - 1)
+        whole("checksum", self.checksum, 0, 2**32 - 1)
 
     @classmethod
     def of(cls, period: int, piece: Slice) -> Commit:
         """The commit that goes with a slice."""
-        _check_number("period", period, 2**64)
+        whole("period", period, 0, 2**64 - 1)
         return cls(piece.processor, period, _commit_checksum(period, piece.packed))
 
     def guards(self, packed: bytes) -> bool:
@@ -302,7 +298,7 @@ class Load(_ToProcessor):
             raise ValueError(
                 f"{len(self.data)} bytes are not 1 to {layout.per_load} items of {layout.item_bytes} bytes"
             )
-        _check_number("first", self.first, layout.items - self.count + 1)
+        whole("first", self.first, 0, layout.items - self.count)
 
     @property
     def count(self) -> int:
@@ -370,13 +366,13 @@ class Program(_ToProcessor):
         _check_processor(self.processor)
         if self.what not in (Memory.SEQUENCE, Memory.MODULATION):
             raise ValueError(f"{self.what!r} cannot be started; a sequence or a modulation can")
-        _check_number("period", self.period, 2**64)
+        whole("period", self.period, 0, 2**64 - 1)
         room = MEMORIES[self.what].items
-        _check_number("count", self.count, room + 1)
-        _check_number("first", self.first, room - self.count + 1 if self.count else 1)
+        whole("count", self.count, 0, room)
+        whole("first", self.first, 0, room - self.count if self.count else 0)
         started = self.what if self.count else None
-        _check_number("hold", self.hold, *((2**16, 1) if started is Memory.MODULATION else (1, 0)))
-        _check_number("repeats", self.repeats, 2**16 if started is Memory.SEQUENCE else 1)
+        whole("hold", self.hold, *((1, 2**16 - 1) if started is Memory.MODULATION else (0, 0)))
+        whole("repeats", self.repeats, 0, 2**16 - 1 if started is Memory.SEQUENCE else 0)
 
     def _fields(self) -> tuple[Any, ...]:
         return self.what, self.first, self.count, self.hold, self.repeats, self.period
@@ -485,12 +481,12 @@ class Report(Message):
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
-        _check_number("temperature", self.temperature, 128, -128)
-        _check_number("faults", self.faults, 2**16)
+        whole("temperature", self.temperature, -128, 127)
+        whole("faults", self.faults, 0, 2**16 - 1)
         _check_firmware(self.firmware)
-        _check_number("drift", self.drift, 128, -128)
+        whole("drift", self.drift, -128, 127)
         for name in ("carried_out", "missed", "damaged"):
-            _check_number(name, getattr(self, name), 2**32)
+            whole(name, getattr(self, name), 0, 2**32 - 1)
 
     def _fields(self) -> tuple[Any, ...]:
         counts = (self.carried_out, self.missed, self.damaged)
@@ -526,7 +522,7 @@ class Playing(Message):
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
-        _check_number("period", self.period, 2**64)
+        whole("period", self.period, 0, 2**64 - 1)
         _check_packed(self.packed)
 
     def _fields(self) -> tuple[Any, ...]:
@@ -560,9 +556,9 @@ class Identity(Message):
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
-        _check_number("last", self.last, 2)
+        whole("last", self.last, 0, 1)
         _check_firmware(self.firmware)
-        _check_number("unique_id", self.unique_id, 2**64)
+        whole("unique_id", self.unique_id, 0, 2**64 - 1)
 
     def _fields(self) -> tuple[Any, ...]:
         return self.processor, self.last, *self.firmware, self.unique_id
@@ -570,7 +566,7 @@ class Identity(Message):
     @classmethod
     def _of(cls, fields: tuple[Any, ...]) -> Self:
         processor, last, major, minor, patch, unique_id = fields
-        _check_number("last", last, 2)
+        whole("last", last, 0, 1)
         return cls(processor, bool(last), (major, minor, patch), unique_id)
 
 

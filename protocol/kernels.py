@@ -1,4 +1,4 @@
-"""Compiled loops of `frames`: pulses into blocks and back. They see plain arrays and check only what they say.
+"""Compiled loops of `updates`: pulses into blocks and back. They see plain arrays and check only what they say.
 
 numba compiles them at their first call and keeps the result on disk.
 """
@@ -63,19 +63,19 @@ def pack(phase: Any, width: Any, sequence: int, periods: Any, restart: bool, blo
         Largest phase and width met; where one is too large, the blocks are worth nothing.
     """
     largest_phase, largest_width = U8(0), U8(0)
-    for frame in range(phase.shape[0]):
-        block = blocks[frame]
+    for row in range(phase.shape[0]):
+        block = blocks[row]
         block[:HEADER_BYTES] = 0
         block[0], block[1], block[2], block[3] = MAGIC_LOW, MAGIC_HIGH, PROTOCOL_VERSION, UPDATE
-        number = U32(sequence + frame)
+        number = U32(sequence + row)
         for octet in range(4):
             block[SEQUENCE_OFFSET + octet] = U8(number >> U32(8 * octet))
-        period = periods[frame]
+        period = periods[row]
         for octet in range(8):
             block[PERIOD_OFFSET + octet] = U8(period >> U64(8 * octet))
         for pair in range(CHANNELS // 2):
-            even_phase, odd_phase = phase[frame, 2 * pair], phase[frame, 2 * pair + 1]
-            even_width, odd_width = width[frame, 2 * pair], width[frame, 2 * pair + 1]
+            even_phase, odd_phase = phase[row, 2 * pair], phase[row, 2 * pair + 1]
+            even_width, odd_width = width[row, 2 * pair], width[row, 2 * pair + 1]
             largest_phase = max(largest_phase, even_phase, odd_phase)
             largest_width = max(largest_width, even_width, odd_width)
             even = U32(even_phase) | U32(even_width) << U32(7)
@@ -116,32 +116,32 @@ def unpack(
     restarts : (k,) bool
         Written; all but `reasons` only where a block is a valid update.
     """
-    for frame in range(blocks.shape[0]):
-        block = blocks[frame]
-        reasons[frame] = 0
+    for row in range(blocks.shape[0]):
+        block = blocks[row]
+        reasons[row] = 0
         stated, contributed = U32(0), U32(0)
         for octet in range(4):
             value = block[CHECKSUM_OFFSET + octet]
             stated |= U32(value) << U32(8 * octet)
             contributed ^= columns[octet, value]
-        if checksums[frame] ^ contributed != stated:
-            reasons[frame] = CHECKSUM_REASON
+        if checksums[row] ^ contributed != stated:
+            reasons[row] = CHECKSUM_REASON
             continue
         if block[0] != MAGIC_LOW or block[1] != MAGIC_HIGH:
-            reasons[frame] = MAGIC_REASON
+            reasons[row] = MAGIC_REASON
             continue
         if block[2] != PROTOCOL_VERSION:
-            reasons[frame] = VERSION_REASON
+            reasons[row] = VERSION_REASON
             continue
         if block[3] != UPDATE:
-            reasons[frame] = KIND_REASON
+            reasons[row] = KIND_REASON
             continue
         unused = block[FLAGS_OFFSET] & U8(~RESTART & 0xFF)
         for at in range(PERIOD_OFFSET + 8, CHECKSUM_OFFSET):
             if at != FLAGS_OFFSET:
                 unused |= block[at]
         if unused:
-            reasons[frame] = FIELD_REASON
+            reasons[row] = FIELD_REASON
             continue
         largest_phase, largest_width = U8(0), U8(0)
         for pair in range(CHANNELS // 2):
@@ -151,15 +151,15 @@ def unpack(
             even_width, odd_width = first >> U8(7) | (middle & U8(0x0F)) << U8(1), last >> U8(3)
             largest_phase = max(largest_phase, even_phase, odd_phase)
             largest_width = max(largest_width, even_width, odd_width)
-            phase[frame, 2 * pair], phase[frame, 2 * pair + 1] = even_phase, odd_phase
-            width[frame, 2 * pair], width[frame, 2 * pair + 1] = even_width, odd_width
+            phase[row, 2 * pair], phase[row, 2 * pair + 1] = even_phase, odd_phase
+            width[row, 2 * pair], width[row, 2 * pair + 1] = even_width, odd_width
         if largest_phase > ALL_PHASES or largest_width > MAX_WIDTH_TICKS:
-            reasons[frame] = PULSE_REASON
+            reasons[row] = PULSE_REASON
             continue
         number, period = U32(0), U64(0)
         for octet in range(4):
             number |= U32(block[SEQUENCE_OFFSET + octet]) << U32(8 * octet)
         for octet in range(8):
             period |= U64(block[PERIOD_OFFSET + octet]) << U64(8 * octet)
-        sequences[frame], periods[frame] = number, period
-        restarts[frame] = block[FLAGS_OFFSET] == RESTART
+        sequences[row], periods[row] = number, period
+        restarts[row] = block[FLAGS_OFFSET] == RESTART

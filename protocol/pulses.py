@@ -7,7 +7,6 @@ larger phase. A drive of magnitude 1 is the widest pulse, 25 ticks.
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from .codes import AMPLITUDES
+from .ranges import whole
 
 __all__ = ["MODULATED_WIDTH", "POWER", "Pulses"]
 
@@ -140,9 +140,7 @@ class Pulses:
 
     def modulated(self, sample: int) -> Pulses:
         """These pulses under a modulation sample, 0 (silent) to 255 (as they are): the same phases (clause PUL-006)."""
-        if not 0 <= operator.index(sample) < AMPLITUDES:
-            raise ValueError(f"sample {sample} is outside 0 to {AMPLITUDES - 1}")
-        return Pulses(self.phase, MODULATED_WIDTH[sample, self.width])
+        return Pulses(self.phase, MODULATED_WIDTH[whole("sample", sample, 0, AMPLITUDES - 1), self.width])
 
     def to_drive(self) -> NDArray[np.complex128]:
         """The drive that these pulses emit, (n,) complex, from their continuous-time fundamental."""

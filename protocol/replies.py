@@ -10,7 +10,7 @@ import numpy as np
 from construct import Construct, ConstructError
 
 from ..errors import ReplyError
-from .blocks import _whole, pack_pulses
+from .blocks import pack_pulses
 from .board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
 from .codes import (
     ACK_MAGIC,
@@ -28,6 +28,7 @@ from .codes import (
 from .layout import build
 from .layout.replies import ACK, CLOCK, INFO, PROCESSOR_REPORTS, READ_BACK, STATUS, WIRING
 from .pulses import Pulses
+from .ranges import whole
 from .wiring import Wiring
 
 __all__ = [
@@ -380,7 +381,7 @@ class ReadBack:
         if len(self.pulses) != CHANNELS:
             raise ValueError(f"a reading has {CHANNELS} pulses, not {len(self.pulses)}")
         heads = [
-            _whole(getattr(self, name), name, 0, 2**64 - 1).to_bytes(8, "little")
+            whole(name, getattr(self, name), 0, 2**64 - 1).to_bytes(8, "little")
             for name in ("since_period", "read_period")
         ]
         return b"".join([*heads, pack_pulses(self.pulses)])

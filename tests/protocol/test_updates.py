@@ -152,8 +152,8 @@ BAD_PHASE[1, 7], BAD_WIDTH[1, 319] = 100, 26
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((BAD_PHASE, GOOD, 0), "phase 100 of transducer 7 in frame 1 is above 99"),
-        ((GOOD, BAD_WIDTH, 0), "width 26 of transducer 319 in frame 1 is above 25"),
+        ((BAD_PHASE, GOOD, 0), "phase 100 of transducer 7 of update 1 is above 99"),
+        ((GOOD, BAD_WIDTH, 0), "width 26 of transducer 319 of update 1 is above 25"),
         ((GOOD[:, :319], GOOD, 0), r"phase must be \(k, 320\) uint8, not \(2, 319\) uint8"),
         ((GOOD, GOOD.astype(int), 0), r"width must be \(k, 320\) uint8, not \(2, 320\) int64"),
         ((GOOD[0], GOOD, 0), "phase must be"),

@@ -5,7 +5,6 @@ The fast twin of `blocks` for the one kind that streams: same bytes, and the sam
 
 from __future__ import annotations
 
-import operator
 from functools import cache
 from numbers import Integral
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
 from .codes import BLOCK_BYTES, CHECKSUM_OFFSET, NOW
+from .ranges import whole
 
 __all__ = ["Updates", "pack_updates", "unpack_updates"]
 
@@ -88,9 +88,7 @@ def pack_updates(
     count = len(phase)
     if len(width) != count:
         raise ValueError(f"{count} rows of phases but {len(width)} of widths: one of each is needed")
-    sequence = operator.index(sequence)
-    if not 0 <= sequence < 2**32:
-        raise ValueError(f"sequence number {sequence} is outside 0 to {2**32 - 1}")
+    sequence = whole("sequence number", sequence, 0, 2**32 - 1)
     if out is None:
         out = np.empty((count, BLOCK_BYTES), np.uint8)
     _check_blocks("out", out)
@@ -164,9 +162,9 @@ def _is_period(value: object) -> bool:
 
 
 def _outside(name: str, values: NDArray[np.uint8], limit: int) -> ValueError:
-    frame, transducer = np.argwhere(values > limit)[0]
+    update, transducer = np.argwhere(values > limit)[0]
     return ValueError(
-        f"{name} {values[frame, transducer]} of transducer {transducer} in frame {frame} is above {limit}"
+        f"{name} {values[update, transducer]} of transducer {transducer} of update {update} is above {limit}"
     )
 
 
