@@ -9,15 +9,12 @@ Every door (an in-process backend, a network protocol, a simulated kernel) speak
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 
-from ..protocol.board import BOARDS, CHANNELS
 from ..protocol.codes import (
     BLOCK_BYTES,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
-    WATCHDOG_MS_RANGE,
     Request,
     StandardRequest,
 )
@@ -38,9 +35,10 @@ from ..protocol.enumeration import (
 )
 from ..protocol.layout.usb import LINE_CODING
 from ..protocol.replies import encode_reports, encode_wiring
+from ..protocol.requests import VALUES, Setup
 from .controller import FIRMWARE, Controller
 
-__all__ = ["Handshake", "Setup", "Stall", "UsbDevice"]
+__all__ = ["Handshake", "Stall", "UsbDevice"]
 
 
 class Handshake(Enum):
@@ -55,20 +53,8 @@ class Stall(Exception):
     """The device answers a control request with STALL: it does not know it, or not now."""
 
 
-@dataclass(frozen=True)
-class Setup:
-    """The eight bytes that begin a control transfer."""
-
-    request_type: int
-    request: int
-    value: int
-    index: int
-    length: int
-
-
 _STANDARD_IN_DEVICE, _STANDARD_OUT_DEVICE = 0x80, 0x00
 _STANDARD_IN_INTERFACE, _STANDARD_OUT_INTERFACE = 0x81, 0x01
-_WITH_VALUE = (Request.WATCHDOG, Request.LIMIT, Request.IDENTIFY)
 _STANDARD_IN_ENDPOINT, _STANDARD_OUT_ENDPOINT = 0x82, 0x02
 _VENDOR_IN_DEVICE = 0xC0
 _CLASS_IN_INTERFACE, _CLASS_OUT_INTERFACE = 0xA1, 0x21
@@ -153,9 +139,15 @@ class UsbDevice:
         return handler(setup)[: setup.length]
 
     def _check_vendor_request(self, setup: Setup) -> None:
-        takes_value = Request(setup.request) in _WITH_VALUE
-        if setup.index or not self.configuration or (setup.value and not takes_value):
-            raise Stall("a vendor request has index 0, value 0 unless it takes one, and needs a configured device")
+        request = Request(setup.request)
+        values = VALUES.get(request, range(1))
+        if not self.configuration:
+            raise Stall(f"{request.name} needs a configured device")
+        if setup.index or setup.value not in values:
+            raise Stall(
+                f"{request.name} has index 0 and value {values[0]} to {values[-1]}, not index {setup.index} and value "
+                f"{setup.value}"
+            )
         if setup.request_type == REQUEST_TYPE_OUT and setup.length:
             raise Stall(f"no vendor request takes data, and this one is sent with {setup.length} bytes")
 
@@ -241,20 +233,15 @@ class UsbDevice:
         return self._controller.status().encode()
 
     def _set_watchdog(self, setup: Setup) -> bytes:
-        least, most = WATCHDOG_MS_RANGE
-        if not least <= setup.value <= most:
-            raise Stall(f"a watchdog of {setup.value} ms is outside {least} to {most} ms")
         self._controller.set_watchdog(setup.value)
         return b""
 
     def _set_limit(self, setup: Setup) -> bytes:
-        if not setup.value <= CHANNELS or not self._controller.set_limit(setup.value):
-            raise Stall(f"a limit is set while the outputs are off, and is at most {CHANNELS}, not {setup.value}")
+        if not self._controller.set_limit(setup.value):
+            raise Stall("a limit is set while the outputs are off")
         return b""
 
     def _identify(self, setup: Setup) -> bytes:
-        if setup.value >= BOARDS:
-            raise Stall(f"there is no board {setup.value}")
         self._controller.identify(setup.value)
         return b""
 

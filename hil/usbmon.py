@@ -24,6 +24,7 @@ from ..protocol.enumeration import (
     PRODUCT_ID,
     VENDOR_ID,
 )
+from ..protocol.requests import DIRECTION_IN
 from .traffic import RECORD_SIZES, Channel, Direction, LineCutter, Piece, cut
 
 __all__ = ["UsbAddress", "read_usbmon"]
@@ -35,7 +36,6 @@ HEADER_BYTES = {189: 48, 220: 64}
 """Size of usbmon's header by link type: LINKTYPE_USB_LINUX and LINKTYPE_USB_LINUX_MMAPPED."""
 
 CONTROL = 2
-DIRECTION_IN = 0x80
 CHANNELS = {
     ENDPOINT_OUT: Channel.BLOCK,
     ENDPOINT_IN: Channel.RECORD,

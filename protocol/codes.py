@@ -51,6 +51,7 @@ __all__ = [
     "SAMPLES_PER_BLOCK",
     "SEGMENT_MAX_BYTES",
     "SEQUENCE_ENTRIES",
+    "SERIAL_DATA_BYTES",
     "SIGNATURE_BYTES",
     "SILENCING_FAULTS",
     "SLOTS",
@@ -59,7 +60,6 @@ __all__ = [
     "SYNC_PERIODS",
     "SYNC_TOLERANCE_TICKS",
     "UNNUMBERED_NODE",
-    "WATCHDOG_MS_RANGE",
     "AckFlag",
     "Action",
     "Bank",
@@ -113,7 +113,6 @@ RECORD_BYTES = 32
 
 REQUEST_TYPE_IN = 0xC1
 REQUEST_TYPE_OUT = 0x41
-WATCHDOG_MS_RANGE = (10, 60_000)
 
 
 class Kind(IntEnum):
@@ -283,6 +282,9 @@ class Feature(IntFlag):
 
 
 # Serial lines (chapters SER and CON)
+
+SERIAL_DATA_BYTES = 640
+"""Most data of a request or of its answer (clause SER-007)."""
 
 
 class FrameKind(IntEnum):

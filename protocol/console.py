@@ -12,8 +12,9 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..errors import CommandError
-from .board import BOARDS, CHANNELS
-from .codes import WATCHDOG_MS_RANGE, ConsoleCode, Request
+from .board import CHANNELS
+from .codes import ConsoleCode, Request
+from .requests import VALUES
 
 __all__ = [
     "COMMANDS",
@@ -45,14 +46,13 @@ STAND_IN = b"?"
 
 
 class Argument(NamedTuple):
-    """A whole number that a command takes, and its bounds, both allowed."""
+    """A whole number that a command takes."""
 
     name: str
-    lowest: int
-    highest: int
+    values: range
 
     def __str__(self) -> str:
-        return f"{self.name} {self.lowest} to {self.highest}"
+        return f"{self.name} {self.values[0]} to {self.values[-1]}"
 
 
 class CommandForm(NamedTuple):
@@ -83,19 +83,25 @@ COMMANDS: Mapping[str, CommandForm] = MappingProxyType(
         "clock": CommandForm(Request.CLOCK, "its time"),
         "boards": CommandForm(Request.PROCESSORS, "one line for each processor"),
         "pulses": CommandForm(
-            Request.PULSES, "the pulse that a transducer plays", Argument("transducer", 0, CHANNELS - 1)
+            Request.PULSES, "the pulse that a transducer plays", Argument("transducer", range(CHANNELS))
         ),
-        "identify": CommandForm(Request.IDENTIFY, "blink the light of a board", Argument("board", 0, BOARDS - 1)),
+        "identify": CommandForm(
+            Request.IDENTIFY, "blink the light of a board", Argument("board", VALUES[Request.IDENTIFY])
+        ),
         "enable": CommandForm(Request.ENABLE, "enable the outputs"),
         "stop": CommandForm(Request.DISABLE, "silence and disable the outputs; works at any time"),
-        "test": CommandForm(None, "drive one transducer alone, weakly", Argument("transducer", 0, CHANNELS - 1)),
-        "watchdog": CommandForm(Request.WATCHDOG, "set the watchdog time in ms", Argument("ms", *WATCHDOG_MS_RANGE)),
-        "limit": CommandForm(Request.LIMIT, "set the limit on the total drive", Argument("transducers", 0, CHANNELS)),
+        "test": CommandForm(None, "drive one transducer alone, weakly", Argument("transducer", range(CHANNELS))),
+        "watchdog": CommandForm(
+            Request.WATCHDOG, "set the watchdog time in ms", Argument("ms", VALUES[Request.WATCHDOG])
+        ),
+        "limit": CommandForm(
+            Request.LIMIT, "set the limit on the total drive", Argument("transducers", VALUES[Request.LIMIT])
+        ),
         "clear": CommandForm(Request.CLEAR_FAULTS, "clear the faults"),
         "reset": CommandForm(Request.RESET, "start again as from power-up"),
         "dfu": CommandForm(None, "restart in DFU mode"),
         "frames": CommandForm(None, "how to go over to frames"),
-        "echo": CommandForm(None, "send back what is typed", Argument("on", 0, 1)),
+        "echo": CommandForm(None, "send back what is typed", Argument("on", range(2))),
     }
 )
 
@@ -133,7 +139,7 @@ def parse_command(line: str) -> Command | None:
     if len(given) != 1 or not given[0].isdecimal():
         raise CommandError(f"{name} takes one whole number, {wanted}", ConsoleCode.ARGUMENTS)
     value = int(given[0])
-    if not wanted.lowest <= value <= wanted.highest:
+    if value not in wanted.values:
         raise CommandError(f"{name} takes {wanted}, not {value}", ConsoleCode.RANGE)
     return Command(name, value)
 

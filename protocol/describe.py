@@ -6,7 +6,6 @@ the findings, beside what could be read all the same.
 
 from __future__ import annotations
 
-import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
@@ -34,7 +33,7 @@ from .blocks import (
     _Fields,
     unpack,
 )
-from .board import BOARDS, CHANNELS, PROCESSORS
+from .board import PROCESSORS
 from .codes import (
     BLOCK_MAGIC,
     HEADER_BYTES,
@@ -42,7 +41,6 @@ from .codes import (
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
     STATUS_MAGIC,
-    WATCHDOG_MS_RANGE,
     DescriptorType,
     DfuRequest,
     DfuState,
@@ -69,6 +67,7 @@ from .replies import (
     decode_reports,
     decode_wiring,
 )
+from .requests import DIRECTION_IN, VALUES, Setup
 from .wiring import Wiring
 
 __all__ = [
@@ -309,19 +308,7 @@ def _plain(value: Any) -> Any:
 # ----------------------------------------------------------------------------------------------------------- requests
 
 
-@dataclass(frozen=True)
-class Setup:
-    """The setup stage of a control request (USB 2.0, table 9-2)."""
-
-    request_type: int
-    request: int
-    value: int
-    index: int
-    length: int
-
-
-_SETUP = struct.Struct("<BBHHH")
-_DIRECTION_IN, _TYPE_BITS = 0x80, 0x60
+_TYPE_BITS = 0x60
 _VENDOR_DEVICE_IN = 0xC0
 _CLASS_INTERFACE = 0x21
 _CONSOLE_REQUESTS = {
@@ -331,12 +318,7 @@ _CONSOLE_REQUESTS = {
     0x23: "SEND_BREAK",
 }
 
-_VALUES = {
-    Request.WATCHDOG: ("REQ-009", *WATCHDOG_MS_RANGE),
-    Request.LIMIT: ("REQ-010", 0, CHANNELS),
-    Request.IDENTIFY: ("REQ-012", 0, BOARDS - 1),
-}
-"""Clause, least and most of the value of a request; that of all others is 0."""
+_VALUE_CLAUSES = {Request.WATCHDOG: "REQ-009", Request.LIMIT: "REQ-010", Request.IDENTIFY: "REQ-012"}
 
 _ANSWERS: Mapping[Request, tuple[str, Callable[[bytes], Any], int]] = {
     Request.INFO: ("REQ-002", Info.decode, Info.BYTES),
@@ -361,10 +343,10 @@ def describe_request(setup: bytes, data: bytes | None = None, *, stalled: bool =
     stalled : bool
         Whether the device answered STALL.
     """
-    if len(setup) != _SETUP.size:
-        finding = Finding("", "USB-004", f"a setup stage has {_SETUP.size} bytes, not {len(setup)}")
-        return Description("request", _few(setup), {}, (finding,))
-    fields = Setup(*_SETUP.unpack(setup))
+    try:
+        fields = Setup.decode(setup)
+    except ValueError as error:
+        return Description("request", _few(setup), {}, (Finding("", "USB-004", str(error)),))
     description = _describer(fields)(fields, None if stalled else data)
     summary = description.summary + (", answered with STALL" if stalled else "")
     told = asdict(fields) | {"stalled": stalled} | dict(description.fields)
@@ -379,9 +361,9 @@ def _describer(setup: Setup) -> Callable[[Setup, bytes | None], Description]:
         return _describe_ms_os
     if not setup.request_type & _TYPE_BITS and setup.request in set(StandardRequest):
         return _describe_standard
-    if setup.request_type & ~_DIRECTION_IN == _CLASS_INTERFACE and setup.index == CONSOLE_INTERFACE:
+    if setup.request_type & ~DIRECTION_IN == _CLASS_INTERFACE and setup.index == CONSOLE_INTERFACE:
         return _describe_console
-    if setup.request_type & ~_DIRECTION_IN == _CLASS_INTERFACE and setup.request in set(DfuRequest):
+    if setup.request_type & ~DIRECTION_IN == _CLASS_INTERFACE and setup.request in set(DfuRequest):
         return _describe_dfu
     return _describe_other
 
@@ -478,7 +460,7 @@ def _describe_vendor(setup: Setup, data: bytes | None) -> Description:
             "request", name, {"name": name}, (Finding("", "REQ-001", f"unknown request {setup.request}"),)
         )
     request = Request(setup.request)
-    summary = f"{name} {setup.value}" if request in _VALUES else name
+    summary = f"{name} {setup.value}" if request in VALUES else name
     findings = list(_wrong_setup(request, setup))
     if findings or data is None or not request.answered:
         return Description("request", summary, {"name": name}, tuple(findings))
@@ -495,18 +477,19 @@ def _describe_vendor(setup: Setup, data: bytes | None) -> Description:
 
 def _wrong_setup(request: Request, setup: Setup) -> Iterator[Finding]:
     """What is wrong with the setup stage of a request of this protocol."""
-    is_in = bool(setup.request_type & _DIRECTION_IN)
-    clause, least, most = _VALUES.get(request, ("REQ-001", 0, 0))
-    if is_in != request.answered:
-        right = REQUEST_TYPE_OUT if is_in else REQUEST_TYPE_IN
+    values = VALUES.get(request, range(1))
+    if setup.is_in != request.answered:
+        right = REQUEST_TYPE_OUT if setup.is_in else REQUEST_TYPE_IN
         yield Finding(
             "", "REQ-001", f"type {setup.request_type:02x} should be {right:02x}: {request.name} goes that way"
         )
     if setup.index:
         yield Finding("", "REQ-001", f"index {setup.index} should be 0")
-    if not least <= setup.value <= most:
-        yield Finding("", clause, f"value {setup.value} should be {least}" + (f" to {most}" if most > least else ""))
-    if not is_in and setup.length:
+    if setup.value not in values:
+        right_values = f"{values[0]} to {values[-1]}" if len(values) > 1 else f"{values[0]}"
+        clause = _VALUE_CLAUSES.get(request, "REQ-001")
+        yield Finding("", clause, f"value {setup.value} should be {right_values}")
+    if not setup.is_in and setup.length:
         yield Finding("", "REQ-001", f"{setup.length} bytes are announced; {request.name} carries none")
 
 
@@ -526,7 +509,7 @@ def describe_frame(data: bytes) -> Description:
             return describe_record(frame.body)
         case FrameKind.REQUEST:
             request = framing.SerialRequest.decode(frame.body)
-            described = describe_request(frame.body[1 : 1 + _SETUP.size], request.data or None)
+            described = describe_request(request.setup.encode(), request.data or None)
             return replace(described, fields={"tag": request.tag} | dict(described.fields))
         case FrameKind.REPLY:
             reply = framing.SerialReply.decode(frame.body)

@@ -17,13 +17,13 @@ from types import MappingProxyType
 from cobs import cobs
 
 from ..errors import FrameError
-from .codes import BLOCK_BYTES, RECORD_BYTES, FrameKind, Outcome
+from .codes import BLOCK_BYTES, RECORD_BYTES, SERIAL_DATA_BYTES, FrameKind, Outcome
+from .requests import Setup
 
 __all__ = [
     "BAUD",
     "CONSOLE_FRAME",
     "DELIMITER",
-    "MAX_DATA_BYTES",
     "MAX_FRAME_BYTES",
     "UART_BITS_PER_BYTE",
     "Frame",
@@ -42,13 +42,12 @@ __all__ = [
 
 DELIMITER = b"\0"
 BAUD = 115_200
-MAX_DATA_BYTES = 640
 
-DIRECTION_IN = 0x80
 UART_BITS_PER_BYTE = 10
 COBS_GROUP_BYTES = 254
 
-REQUEST_HEAD = struct.Struct("<BBBHHH")
+TAG = struct.Struct("<B")
+REQUEST_HEAD_BYTES = TAG.size + Setup.BYTES
 REPLY_HEAD = struct.Struct("<BB")
 CHECKSUM = struct.Struct("<I")
 KIND_BYTES = 1
@@ -87,24 +86,28 @@ class SerialRequest:
             self.encode()
         except struct.error as error:
             raise FrameError(f"a field of {self} does not fit its bytes: {error}") from error
-        if self.length > MAX_DATA_BYTES:
-            raise FrameError(f"a request on a serial line moves at most {MAX_DATA_BYTES} bytes, not {self.length}")
-        expected = 0 if self.request_type & DIRECTION_IN else self.length
+        if self.length > SERIAL_DATA_BYTES:
+            raise FrameError(f"a request on a serial line moves at most {SERIAL_DATA_BYTES} bytes, not {self.length}")
+        expected = 0 if self.setup.is_in else self.length
         if len(self.data) != expected:
             raise FrameError(f"request {self.request} must carry {expected} bytes, not {len(self.data)}")
 
+    @property
+    def setup(self) -> Setup:
+        """The setup stage of the same request on USB."""
+        return Setup(self.request_type, self.request, self.value, self.index, self.length)
+
     def encode(self) -> bytes:
         """Encode as the body of a frame, 9 bytes and the data."""
-        head = REQUEST_HEAD.pack(self.tag, self.request_type, self.request, self.value, self.index, self.length)
-        return head + self.data
+        return TAG.pack(self.tag) + self.setup.encode() + self.data
 
     @classmethod
     def decode(cls, body: bytes) -> SerialRequest:
         """Decode the body of a frame; raise `FrameError` where it breaks the layout."""
-        if len(body) < REQUEST_HEAD.size:
-            raise FrameError(f"a request has at least {REQUEST_HEAD.size} bytes, not {len(body)}")
-        tag, request_type, request, value, index, length = REQUEST_HEAD.unpack_from(body)
-        return cls(tag, request_type, request, value, index, length, body[REQUEST_HEAD.size :])
+        if len(body) < REQUEST_HEAD_BYTES:
+            raise FrameError(f"a request has at least {REQUEST_HEAD_BYTES} bytes, not {len(body)}")
+        setup = Setup.decode(body[TAG.size : REQUEST_HEAD_BYTES])
+        return cls(body[0], **vars(setup), data=body[REQUEST_HEAD_BYTES:])
 
 
 @dataclass(frozen=True)
@@ -137,8 +140,8 @@ class SerialReply:
         if self.outcome not in set(Outcome):
             raise FrameError(f"unknown outcome {self.outcome}; known are {[known.value for known in Outcome]}")
         object.__setattr__(self, "outcome", Outcome(self.outcome))
-        if len(self.data) > MAX_DATA_BYTES:
-            raise FrameError(f"a reply carries at most {MAX_DATA_BYTES} bytes, not {len(self.data)}")
+        if len(self.data) > SERIAL_DATA_BYTES:
+            raise FrameError(f"a reply carries at most {SERIAL_DATA_BYTES} bytes, not {len(self.data)}")
         if self.outcome == Outcome.STALL and self.data:
             raise FrameError(f"a stalled request is answered without data, not with {len(self.data)} bytes")
 
@@ -212,7 +215,7 @@ def frame_bytes(body_bytes: int) -> int:
     return content + -(-content // COBS_GROUP_BYTES) + len(DELIMITER)
 
 
-MAX_FRAME_BYTES = frame_bytes(REQUEST_HEAD.size + MAX_DATA_BYTES)
+MAX_FRAME_BYTES = frame_bytes(REQUEST_HEAD_BYTES + SERIAL_DATA_BYTES)
 
 
 def uart_bytes_per_second(baud: int) -> float:

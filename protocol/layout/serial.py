@@ -25,12 +25,10 @@ from construct import (
     this,
 )
 
-from ..codes import BLOCK_BYTES, RECORD_BYTES, FrameKind, Outcome
+from ..codes import BLOCK_BYTES, RECORD_BYTES, SERIAL_DATA_BYTES, FrameKind, Outcome
+from ..requests import DIRECTION_IN
 
 __all__ = ["FRAME", "SERIAL_REPLY", "SERIAL_REQUEST"]
-
-_MAX_DATA_BYTES = 640
-_DIRECTION_IN = 0x80
 
 SERIAL_REQUEST = Struct(
     "tag" / Int8ul,
@@ -39,8 +37,8 @@ SERIAL_REQUEST = Struct(
     "value" / Int16ul,
     "index" / Int16ul,
     "length" / Int16ul,
-    Check(this.length <= _MAX_DATA_BYTES),
-    "data" / Bytes(lambda request: 0 if request.request_type & _DIRECTION_IN else request.length),
+    Check(this.length <= SERIAL_DATA_BYTES),
+    "data" / Bytes(lambda request: 0 if request.request_type & DIRECTION_IN else request.length),
     Terminated,
 )
 """A control request in a frame: a tag, the eight bytes of a USB SETUP packet, and what the host sends with it."""
@@ -48,7 +46,7 @@ SERIAL_REQUEST = Struct(
 SERIAL_REPLY = Struct(
     "tag" / Int8ul,
     "outcome" / OneOf(Int8ul, list(Outcome)),
-    "data" / ExprValidator(GreedyBytes, len_(obj_) <= _MAX_DATA_BYTES),
+    "data" / ExprValidator(GreedyBytes, len_(obj_) <= SERIAL_DATA_BYTES),
     Check(lambda reply: reply.outcome == Outcome.DONE or not reply.data),
 )
 """The answer to a control request in a frame."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-
 from ..codes import (
     DFU_REQUEST_TYPE_IN,
     DFU_REQUEST_TYPE_OUT,
@@ -15,11 +13,11 @@ from ..codes import (
     StandardRequest,
 )
 from ..enumeration import DFU_INTERFACE, FULL_SPEED, LANGUAGE, MS_OS_INDEX, MS_OS_VENDOR_CODE, dfu_mode, run_time
+from ..requests import Setup
 from .plain import Section, Vector, section, vector
 
 __all__ = ["descriptors", "refused_requests", "requests"]
 
-SETUP = struct.Struct("<BBHHH")
 SIZES = {
     Request.INFO: 64,
     Request.STATUS: 64,
@@ -32,8 +30,8 @@ VALUES = {Request.WATCHDOG: 5000, Request.LIMIT: 160, Request.IDENTIFY: 4}
 
 
 def _request(name: str, shows: str, setup: tuple[int, int, int, int, int], **rest: object) -> Vector:
-    fields = dict(zip(("request_type", "request", "value", "index", "length"), map(int, setup), strict=True))
-    return vector(f"request-{name}", shows, hex=SETUP.pack(*setup), fields=fields, **rest)
+    encoded = Setup(*setup).encode()
+    return vector(f"request-{name}", shows, hex=encoded, fields=Setup.decode(encoded), **rest)
 
 
 def requests() -> Section:
@@ -120,7 +118,7 @@ def descriptors() -> Section:
             + (f"-{language:04x}" if language else ""),
             f"{kind.name} {index}, {mode}",
             mode=mode,
-            setup=SETUP.pack(0x80, StandardRequest.GET_DESCRIPTOR, kind << 8 | index, language, 0xFFFF),
+            setup=Setup(0x80, StandardRequest.GET_DESCRIPTOR, kind << 8 | index, language, 0xFFFF).encode(),
             hex=answer,
             answer=f"{len(answer)} bytes" if answer is not None else "STALL",
         )
@@ -133,7 +131,7 @@ def descriptors() -> Section:
             f"descriptor-{mode.replace(', ', '-').replace(' ', '-')}-MS-OS",
             f"the Microsoft OS 2.0 descriptor set, {mode}",
             mode=mode,
-            setup=SETUP.pack(0xC0, MS_OS_VENDOR_CODE, 0, MS_OS_INDEX, 0xFFFF),
+            setup=Setup(0xC0, MS_OS_VENDOR_CODE, 0, MS_OS_INDEX, 0xFFFF).encode(),
             hex=enumeration.ms_os,
             answer=f"{len(enumeration.ms_os)} bytes",
         )

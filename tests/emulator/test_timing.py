@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
 from phasewire.emulator.backend import EmulatorBackend
-from phasewire.emulator.usb_device import Setup
 from phasewire.protocol import Info
 from phasewire.protocol.codes import Request
+from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Budget, Link
 
 from tests.strategies import update

@@ -4,9 +4,10 @@ import struct
 
 import pytest
 from phasewire import Emulator
-from phasewire.emulator.usb_device import Handshake, Setup, Stall, UsbDevice
+from phasewire.emulator.usb_device import Handshake, Stall, UsbDevice
 from phasewire.protocol import Info, Wiring
 from phasewire.protocol.replies import decode_wiring
+from phasewire.protocol.requests import Setup
 
 GET_DESCRIPTOR, SET_CONFIGURATION = 6, 9
 
@@ -168,7 +169,7 @@ def test_setting_another_interface_leaves_the_array_alone() -> None:
 def test_vendor_requests_with_another_value_or_index_stall(setup: Setup) -> None:
     usb = Emulator().usb
     usb.control(Setup(0, SET_CONFIGURATION, 1, 0, 0))
-    with pytest.raises(Stall, match="index 0, value 0 unless it takes one"):
+    with pytest.raises(Stall, match="has index 0 and value 0 to 0, not"):
         usb.control(setup)
 
 
