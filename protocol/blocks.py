@@ -10,6 +10,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import fields as dataclass_fields
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -54,6 +55,7 @@ __all__ = [
     "Slot",
     "Update",
     "checksum",
+    "header_fields",
     "pack",
     "pack_pulses",
     "unpack",
@@ -421,6 +423,19 @@ def unpack(data: bytes) -> Block:
     except ValueError as error:
         raise BlockError(str(error), Reason.FIELD) from None
     return Block(body, sequence, bool(restart))
+
+
+def header_fields(data: bytes) -> dict[str, Any]:
+    """The fields of a block's header as they stand, not judged, by their names in clause BLK-002.
+
+    Parameters
+    ----------
+    data : bytes
+        At least the 32 bytes of a header.
+    """
+    by_kind = (field.name for field in dataclass_fields(_Fields))
+    names = ("magic", "version", "kind", "sequence", *by_kind, "checksum")
+    return dict(zip(names, _HEADER.unpack_from(data), strict=True))
 
 
 def _check_unused(fields: _Fields, *used: str) -> None:

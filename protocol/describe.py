@@ -19,7 +19,6 @@ from construct import ConstructError
 from ..errors import BlockError, ChainError, FrameError, ImageError, ReplyError
 from . import chain, framing
 from .blocks import (
-    _HEADER,
     Body,
     Clock,
     Entries,
@@ -30,7 +29,7 @@ from .blocks import (
     Sequence,
     Slot,
     Update,
-    _Fields,
+    header_fields,
     unpack,
 )
 from .board import PROCESSORS
@@ -133,7 +132,6 @@ class Description:
 
 # ------------------------------------------------------------------------------------------------------------- blocks
 
-_HEADER_NAMES = ("magic", "version", "kind", "sequence", *(each.name for each in dataclass_fields(_Fields)), "checksum")
 _TOLD_ANYWAY = ("magic", "version", "kind", "sequence", "checksum")
 _CHECKSUM_BYTES = 4
 
@@ -158,7 +156,7 @@ def _refused_block(data: bytes, finding: Finding) -> Description:
     """What can be read all the same of a block that is refused: its header, if it is one."""
     if not data.startswith(BLOCK_MAGIC) or len(data) < HEADER_BYTES:
         return Description("block", _few(data), {}, (finding,))
-    fields = dict(zip(_HEADER_NAMES, _HEADER.unpack_from(data), strict=True))
+    fields = header_fields(data)
     told = {name: value for name, value in fields.items() if value and name not in _TOLD_ANYWAY}
     name = _name(Kind, fields["kind"])
     summary = ", ".join([f"{name} {fields['sequence']}", *(f"{field} {value}" for field, value in told.items())])
