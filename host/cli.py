@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 import time
 from contextlib import suppress
-from dataclasses import asdict
-from enum import IntEnum, IntFlag
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -17,8 +15,9 @@ from rich.table import Table
 from ..console import JsonOption, console_for, error_console, write_json
 from ..errors import DeviceRefusedError, InputFileError
 from ..protocol.codes import Reason
+from ..protocol.plain import plain
 from ..protocol.pulses import Pulses
-from ..protocol.replies import Info, Status
+from ..protocol.replies import Info
 from ..solver import Solution, TransducerArray
 from ..solver.files import read_arrays, solution_in
 from ..storage import check_outputs
@@ -38,19 +37,6 @@ DeviceOption = Annotated[
         help="emulator: (a fresh emulated device), usb: (the only one plugged in) or usb:SERIAL.",
     ),
 ]
-
-
-def _record(reply: Info | Status) -> dict[str, Any]:
-    """A reply for JSON: codes by their names, bytes in hexadecimal."""
-
-    def readable(value: Any) -> Any:
-        if isinstance(value, IntFlag):
-            return [flag.name for flag in value]
-        if isinstance(value, IntEnum):
-            return value.name
-        return value.hex() if isinstance(value, bytes) else value
-
-    return {name: readable(value) for name, value in asdict(reply).items()}
 
 
 def load_pulses(path: Path) -> tuple[Pulses, Solution | None]:
@@ -114,7 +100,7 @@ def show(
                     )
         status = opened.status()
     console_for(json_target).print("Stopped; the outputs are off.")
-    write_json(json_target, {"device": opened.name, "commit_period": ack.commit_period, "status": _record(status)})
+    write_json(json_target, {"device": opened.name, "commit_period": ack.commit_period, "status": plain(status)})
 
 
 @commands.command()
@@ -125,7 +111,7 @@ def stop(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
         opened.stop()
         status = opened.status()
     console_for(json_target).print(f"{opened.name}: the outputs are off.")
-    write_json(json_target, {"device": opened.name, "status": _record(status)})
+    write_json(json_target, {"device": opened.name, "status": plain(status)})
 
 
 def _versions(what: Info) -> str:
@@ -163,4 +149,4 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
     ):
         table.add_row(label, value)
     console_for(json_target).print(table)
-    write_json(json_target, {"device": opened.name, "info": _record(what), "status": _record(status)})
+    write_json(json_target, {"device": opened.name, "info": plain(what), "status": plain(status)})

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
-from dataclasses import fields as dataclass_fields
-from enum import Enum, Flag
+from dataclasses import asdict, dataclass, field, replace
+from enum import Enum
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,6 +54,7 @@ from .descriptors import Descriptor, Device, Languages, String, descriptors, ms_
 from .dfu import DfuReply
 from .enumeration import CONSOLE_INTERFACE, MS_OS_INDEX, MS_OS_VENDOR_CODE
 from .firmware import parse
+from .plain import plain
 from .pulses import Pulses
 from .replies import (
     WIRING_BYTES,
@@ -272,7 +273,7 @@ def _told(answer: Any) -> str:
             )
         case Info():
             firmware = ".".join(map(str, answer.firmware))
-            features = ", ".join(_plain(answer.features)) or "no features"
+            features = ", ".join(map(str, _plain(answer.features))) or "no features"
             return f"firmware {firmware}, {answer.boards} boards, {answer.channels} transducers, {features}"
         case ClockReading():
             return f"tick {answer.now}, {answer.sync_pulses} sync pulses, the last in period {answer.sync_period}"
@@ -283,24 +284,8 @@ def _told(answer: Any) -> str:
     return ", ".join("fault" if report.faults else "well" for report in answer)
 
 
-def _plain(value: Any) -> Any:
-    """The same in values that JSON knows."""
-    match value:
-        case Flag():
-            return [bit.name or bit.value for bit in value]
-        case Enum():
-            return value.name
-        case bytes():
-            return value.hex()
-        case Pulses():
-            return _amount(value)
-        case np.ndarray():
-            return value.tolist()
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case _ if is_dataclass(value):
-            return {each.name: _plain(getattr(value, each.name)) for each in dataclass_fields(value)}
-    return value
+_plain = partial(plain, pulses=_amount)
+"""The same in values that JSON knows, with no more of pulses than they amount to."""
 
 
 # ----------------------------------------------------------------------------------------------------------- requests

@@ -27,7 +27,7 @@ from ..board import CHANNELS
 from ..codes import CHECKSUM_OFFSET, Action, Reason
 from ..numbering import follows, missing
 from ..pulses import MODULATED_WIDTH, POWER, Pulses
-from .plain import Section, section, vector
+from .cases import Section, section, vector
 
 __all__ = ["MIXED", "SILENT", "block_numbers", "blocks", "modulated_widths", "powers", "pulse_pairs", "refused_blocks"]
 

@@ -11,7 +11,7 @@ from ..blocks import pack_pulses, unpack_pulses
 from ..chain import Collect, Commit, Identity, Load, Message, Number, Playing, Program, Report, Slice
 from ..codes import ChannelEnd, Memory
 from ..pulses import Pulses
-from .plain import Section, section, vector
+from .cases import Section, section, vector
 
 __all__ = ["chain_messages", "refused_chain_messages", "slices_and_commits"]
 

@@ -26,7 +26,8 @@ from ..firmware import (
     trust,
     with_suffix,
 )
-from .plain import Section, plain, section, vector
+from ..plain import plain
+from .cases import Section, section, vector
 
 __all__ = [
     "boot_orders",

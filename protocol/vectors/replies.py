@@ -6,6 +6,7 @@ import zlib
 from dataclasses import replace
 
 from ..codes import AckFlag, Bank, Fault, Feature, Reason, State, StatusFlag
+from ..plain import plain
 from ..replies import (
     Ack,
     ClockReading,
@@ -19,7 +20,7 @@ from ..replies import (
 from ..states import TRANSITIONS
 from ..wiring import Wiring
 from .blocks import MIXED, SILENT
-from .plain import Section, plain, section, vector
+from .cases import Section, section, vector
 
 __all__ = [
     "ACK",

@@ -35,7 +35,7 @@ from ..framing import (
 from ..replies import encode_wiring
 from ..wiring import Wiring
 from .blocks import BLOCKS
-from .plain import Section, section, vector
+from .cases import Section, section, vector
 from .replies import ACK, INFO, STATUS
 
 __all__ = ["commands", "exchanges", "frames", "refused_frames", "streams", "typing"]

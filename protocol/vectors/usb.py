@@ -14,7 +14,7 @@ from ..codes import (
 )
 from ..enumeration import DFU_INTERFACE, FULL_SPEED, LANGUAGE, MS_OS_INDEX, MS_OS_VENDOR_CODE, dfu_mode, run_time
 from ..requests import Setup
-from .plain import Section, Vector, section, vector
+from .cases import Section, Vector, section, vector
 
 __all__ = ["descriptors", "refused_requests", "requests"]
 

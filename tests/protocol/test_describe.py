@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -484,3 +485,10 @@ def test_the_clauses_named_exist() -> None:
     }
     assert len(found) == 11
     assert {finding.clause for finding in found} <= set(clauses())
+
+
+def test_features_of_a_later_version_are_told_by_their_bits() -> None:
+    later = replace(INFO, features=Feature.DFU | Feature(0x100))
+    described = describe_request(setup(0xC1, Request.INFO, length=64), later.encode())
+    assert described.summary.endswith("DFU, 256")
+    assert described.fields["answer"]["features"] == ["DFU", 256]
