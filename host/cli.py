@@ -18,6 +18,7 @@ from ..protocol.codes import Reason
 from ..protocol.plain import plain
 from ..protocol.pulses import Pulses
 from ..protocol.replies import Info
+from ..protocol.versions import Version
 from ..solver import Solution, TransducerArray
 from ..solver.files import read_arrays, solution_in
 from ..storage import check_outputs
@@ -126,11 +127,10 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
     check_outputs([json_target])
     with open_device(device) as opened:
         what, status = opened.info, opened.status()
-    major, minor, patch = what.firmware
     table = Table(title=opened.name, show_header=False, title_justify="left")
     for label, value in (
         ("protocol", _versions(what)),
-        ("firmware", f"{major}.{minor}.{patch}"),
+        ("firmware", str(Version(*what.firmware))),
         ("array", f"{what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart"),
         (
             "chain",

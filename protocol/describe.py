@@ -68,6 +68,7 @@ from .replies import (
     decode_wiring,
 )
 from .requests import DIRECTION_IN, VALUES, Setup
+from .versions import Version
 from .wiring import Wiring
 
 __all__ = [
@@ -272,9 +273,9 @@ def _told(answer: Any) -> str:
                 f"{answer.missed_commits} commits missed"
             )
         case Info():
-            firmware = ".".join(map(str, answer.firmware))
             features = ", ".join(map(str, _plain(answer.features))) or "no features"
-            return f"firmware {firmware}, {answer.boards} boards, {answer.channels} transducers, {features}"
+            version = Version(*answer.firmware)
+            return f"firmware {version}, {answer.boards} boards, {answer.channels} transducers, {features}"
         case ClockReading():
             return f"tick {answer.now}, {answer.sync_pulses} sync pulses, the last in period {answer.sync_period}"
         case ReadBack():

@@ -45,6 +45,7 @@ from .descriptors import (
     encode,
 )
 from .dfu import reason_string
+from .versions import Version
 
 __all__ = [
     "ARRAY_CLASS",
@@ -251,16 +252,16 @@ def _other(speed: Speed) -> Speed:
 
 
 def _device(device_class: tuple[int, int, int], product: int, release: tuple[int, int, int]) -> Device:
-    major, minor, patch = release
-    if not (0 <= major <= 99 and 0 <= minor <= 9 and 0 <= patch <= 9):
-        raise ValueError(f"firmware version {major}.{minor}.{patch} does not fit bcdDevice: at most 99.9.9")
+    version = Version(*release)
+    if not version.valid:
+        raise ValueError(f"firmware version {version} does not fit bcdDevice: at most 99.9.9")
     return Device(
         _USB_2_0_WITH_BOS,
         *device_class,
         _CONTROL_PACKET_BYTES,
         VENDOR_ID,
         product,
-        bcdDevice=major // 10 << 12 | major % 10 << 8 | minor << 4 | patch,
+        bcdDevice=version.bcd,
         iManufacturer=1,
         iProduct=2,
         iSerialNumber=3,

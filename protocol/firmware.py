@@ -38,6 +38,7 @@ from .enumeration import PRODUCT_ID, VENDOR_ID
 from .layout import build as encode_layout
 from .layout.firmware import BOOT_RECORD, DFU_SUFFIX
 from .numbering import follows, successor
+from .versions import Version
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
@@ -50,7 +51,6 @@ __all__ = [
     "Signature",
     "Suffix",
     "Trust",
-    "Version",
     "boot_order",
     "build",
     "idle_bank",
@@ -71,27 +71,6 @@ TARGETS = (
 )
 ERASED = 0xFFFF_FFFF
 SUFFIX_BYTES = 16
-
-
-class Version(NamedTuple):
-    """A firmware version; a newer one is larger."""
-
-    major: int
-    minor: int
-    patch: int
-
-    def __str__(self) -> str:
-        return f"{self.major}.{self.minor}.{self.patch}"
-
-    @property
-    def valid(self) -> bool:
-        """Whether binary-coded decimal holds it: at most 99.9.9 (clause FWU-004)."""
-        return 0 <= self.major <= 99 and 0 <= self.minor <= 9 and 0 <= self.patch <= 9
-
-    @property
-    def bcd(self) -> int:
-        """As USB's bcdDevice, 16 bits."""
-        return int(f"{self.major}{self.minor}{self.patch}", 16)
 
 
 class Segment(NamedTuple):

@@ -18,7 +18,6 @@ from ..firmware import (
     Image,
     Segment,
     Suffix,
-    Version,
     boot_order,
     build,
     key_id,
@@ -27,6 +26,7 @@ from ..firmware import (
     with_suffix,
 )
 from ..plain import plain
+from ..versions import Version
 from .cases import Section, section, vector
 
 __all__ = [

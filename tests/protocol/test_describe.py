@@ -55,9 +55,10 @@ from phasewire.protocol.describe import (
     describe_text,
 )
 from phasewire.protocol.enumeration import run_time
-from phasewire.protocol.firmware import Image, Segment, Version, build
+from phasewire.protocol.firmware import Image, Segment, build
 from phasewire.protocol.framing import CONSOLE_FRAME, Frame, SerialReply, SerialRequest, encode
 from phasewire.protocol.replies import ClockReading, ProcessorReport, ReadBack, encode_reports, encode_wiring
+from phasewire.protocol.versions import Version
 
 from tests.specification import clauses
 from tests.strategies import update

@@ -29,7 +29,6 @@ from phasewire.protocol.firmware import (
     Signature,
     Suffix,
     Trust,
-    Version,
     boot_order,
     build,
     idle_bank,
@@ -41,6 +40,7 @@ from phasewire.protocol.firmware import (
     with_suffix,
 )
 from phasewire.protocol.layout.firmware import BOOT_RECORD, DFU_SUFFIX, IMAGE, IMAGE_HEADER, SEGMENT_ENTRY
+from phasewire.protocol.versions import Version
 
 from tests.specification import clauses, codes, fields, hex_examples, layout_rows, table
 
