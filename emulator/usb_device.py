@@ -15,9 +15,13 @@ from ..protocol.codes import (
     BLOCK_BYTES,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
+    DfuRequest,
+    DfuState,
+    DfuStatus,
     Request,
     StandardRequest,
 )
+from ..protocol.dfu import DfuReply
 from ..protocol.enumeration import (
     ARRAY_INTERFACE,
     CONFIGURATION_VALUE,
@@ -33,9 +37,10 @@ from ..protocol.enumeration import (
     MS_OS_VENDOR_CODE,
     run_time,
 )
+from ..protocol.framing import BAUD
 from ..protocol.layout.usb import LINE_CODING
 from ..protocol.replies import encode_reports, encode_wiring
-from ..protocol.requests import VALUES, Setup
+from ..protocol.requests import VALUES, ConsoleRequest, Setup
 from .controller import FIRMWARE, Controller
 
 __all__ = ["Handshake", "Stall", "UsbDevice"]
@@ -68,14 +73,14 @@ _ENDPOINTS = {
 }
 
 # Class requests, by interface, type and number.
-_SET_LINE_CODING = (CONSOLE_INTERFACE, _CLASS_OUT_INTERFACE, 0x20)
-_GET_LINE_CODING = (CONSOLE_INTERFACE, _CLASS_IN_INTERFACE, 0x21)
-_SET_CONTROL_LINE_STATE = (CONSOLE_INTERFACE, _CLASS_OUT_INTERFACE, 0x22)
-_DFU_GETSTATUS = (DFU_INTERFACE, _CLASS_IN_INTERFACE, 3)
-_DFU_GETSTATE = (DFU_INTERFACE, _CLASS_IN_INTERFACE, 5)
-_115200_8N1 = {"dwDTERate": 115_200, "bCharFormat": 0, "bParityType": 0, "bDataBits": 8}
-_DFU_OK_IN_APP_IDLE = bytes(6)
-_DFU_APP_IDLE = bytes(1)
+_SET_LINE_CODING = (CONSOLE_INTERFACE, _CLASS_OUT_INTERFACE, ConsoleRequest.SET_LINE_CODING)
+_GET_LINE_CODING = (CONSOLE_INTERFACE, _CLASS_IN_INTERFACE, ConsoleRequest.GET_LINE_CODING)
+_SET_CONTROL_LINE_STATE = (CONSOLE_INTERFACE, _CLASS_OUT_INTERFACE, ConsoleRequest.SET_CONTROL_LINE_STATE)
+_DFU_GETSTATUS = (DFU_INTERFACE, _CLASS_IN_INTERFACE, DfuRequest.GETSTATUS)
+_DFU_GETSTATE = (DFU_INTERFACE, _CLASS_IN_INTERFACE, DfuRequest.GETSTATE)
+_115200_8N1 = {"dwDTERate": BAUD, "bCharFormat": 0, "bParityType": 0, "bDataBits": 8}
+_DFU_OK_IN_APP_IDLE = DfuReply(DfuStatus.OK, 0, DfuState.APP_IDLE).encode()
+_DFU_APP_IDLE = bytes([DfuState.APP_IDLE])
 
 
 class UsbDevice:

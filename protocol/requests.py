@@ -5,13 +5,14 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from types import MappingProxyType
 from typing import ClassVar
 
 from .board import BOARDS, CHANNELS
 from .codes import Request
 
-__all__ = ["DIRECTION_IN", "VALUES", "Setup"]
+__all__ = ["DIRECTION_IN", "VALUES", "ConsoleRequest", "Setup"]
 
 DIRECTION_IN = 0x80
 """The bit of a request's type, and of an endpoint's address, that says to the host."""
@@ -46,6 +47,15 @@ class Setup:
         if len(data) != cls.BYTES:
             raise ValueError(f"a setup stage has {cls.BYTES} bytes, not {len(data)}")
         return cls(*_LAYOUT.unpack(data))
+
+
+class ConsoleRequest(IntEnum):
+    """Class requests to the function of the console (CDC 1.2, PSTN subclass, table 13); the last is not answered."""
+
+    SET_LINE_CODING = 0x20
+    GET_LINE_CODING = 0x21
+    SET_CONTROL_LINE_STATE = 0x22
+    SEND_BREAK = 0x23
 
 
 VALUES: Mapping[Request, range] = MappingProxyType(

@@ -13,7 +13,7 @@ from ..descriptors import Descriptor, Device, Languages, String, descriptors, ms
 from ..dfu import DfuReply
 from ..enumeration import CONSOLE_INTERFACE, MS_OS_INDEX, MS_OS_VENDOR_CODE
 from ..replies import WIRING_BYTES, ClockReading, Info, ProcessorReport, ReadBack, Status, decode_reports, decode_wiring
-from ..requests import DIRECTION_IN, VALUES, Setup
+from ..requests import DIRECTION_IN, VALUES, ConsoleRequest, Setup
 from .description import Description, Finding, few, name_of, plainly, shortly
 from .replies import in_words
 
@@ -22,12 +22,6 @@ __all__ = ["describe_request"]
 _TYPE_BITS = 0x60
 _VENDOR_DEVICE_IN = 0xC0
 _CLASS_INTERFACE = 0x21
-_CONSOLE_REQUESTS = {
-    0x20: "SET_LINE_CODING",
-    0x21: "GET_LINE_CODING",
-    0x22: "SET_CONTROL_LINE_STATE",
-    0x23: "SEND_BREAK",
-}
 _VALUE_CLAUSES = {Request.WATCHDOG: "REQ-009", Request.LIMIT: "REQ-010", Request.IDENTIFY: "REQ-012"}
 _ANSWERS: Mapping[Request, tuple[str, Callable[[bytes], Any], int]] = {
     Request.INFO: ("REQ-002", Info.decode, Info.BYTES),
@@ -83,8 +77,8 @@ def _describe_other(setup: Setup, data: bytes | None) -> Description:
 
 
 def _describe_console(setup: Setup, data: bytes | None) -> Description:
-    """A request to the function of the console (CDC 1.2, PSTN subclass, table 13)."""
-    name = _CONSOLE_REQUESTS.get(setup.request, f"{setup.request}?")
+    """A request to the function of the console (clause USB-023)."""
+    name = name_of(ConsoleRequest, setup.request)
     return Description("request", f"{name} {setup.value:#x}" + (f": {data.hex(' ')}" if data else ""), {"name": name})
 
 
