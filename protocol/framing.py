@@ -33,11 +33,9 @@ __all__ = [
     "Mode",
     "SerialReply",
     "SerialRequest",
-    "blocks_per_second",
     "decode",
     "encode",
     "frame_bytes",
-    "uart_bytes_per_second",
 ]
 
 DELIMITER = b"\0"
@@ -216,16 +214,6 @@ def frame_bytes(body_bytes: int) -> int:
 
 
 MAX_FRAME_BYTES = frame_bytes(REQUEST_HEAD_BYTES + SERIAL_DATA_BYTES)
-
-
-def uart_bytes_per_second(baud: int) -> float:
-    """Bytes that a UART carries in a second: eight data bits between a start and a stop bit."""
-    return baud / UART_BITS_PER_BYTE
-
-
-def blocks_per_second(bytes_per_second: float) -> float:
-    """Blocks that a line of this speed carries in a second if each takes the most bytes that it can."""
-    return bytes_per_second / frame_bytes(BLOCK_BYTES)
 
 
 def encode(frame: Frame) -> bytes:

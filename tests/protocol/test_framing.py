@@ -16,6 +16,7 @@ from phasewire.protocol.framing import (
     BAUD,
     CONSOLE_FRAME,
     MAX_FRAME_BYTES,
+    UART_BITS_PER_BYTE,
     Frame,
     FrameReader,
     Line,
@@ -23,11 +24,9 @@ from phasewire.protocol.framing import (
     Mode,
     SerialReply,
     SerialRequest,
-    blocks_per_second,
     decode,
     encode,
     frame_bytes,
-    uart_bytes_per_second,
 )
 from phasewire.protocol.layout.serial import FRAME, SERIAL_REPLY, SERIAL_REQUEST
 
@@ -129,9 +128,9 @@ def test_the_table_of_rates() -> None:
     """Each speed follows from its line's own name, and the rest from the speed."""
     rows = table("rates")
     assert [row[0].split(",")[0] for row in rows] == ["UART", "UART", "UART", "CDC-ACM"]
-    speeds = [uart_bytes_per_second(baud) for baud in (115_200, 1_000_000, 12_000_000)] + [13 * 8000 * 512]
+    speeds = [baud // UART_BITS_PER_BYTE for baud in (115_200, 1_000_000, 12_000_000)] + [13 * 8000 * 512]
     for (_, bytes_per_second, block_ms, blocks), speed in zip(rows, speeds, strict=True):
-        rate = blocks_per_second(speed)
+        rate = speed / frame_bytes(512)
         assert int(bytes_per_second.replace(" ", "")) == speed
         assert float(block_ms.removesuffix(" ms")) == round(1000 / rate, 2)
         assert int(blocks.replace(" ", "")) == int(rate)
