@@ -338,7 +338,7 @@ class Program(_ToProcessor):
     ----------
     processor : int
         Place in the chain, 0 to 9.
-    what : Memory
+    memory : Memory
         `Memory.SEQUENCE` or `Memory.MODULATION`.
     period : int
         Carrier period at which it takes effect, 64 bits.
@@ -351,7 +351,7 @@ class Program(_ToProcessor):
     """
 
     processor: int
-    what: Memory
+    memory: Memory
     period: int
     first: int
     count: int
@@ -364,23 +364,23 @@ class Program(_ToProcessor):
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
-        if self.what not in (Memory.SEQUENCE, Memory.MODULATION):
-            raise ValueError(f"{self.what!r} cannot be started; a sequence or a modulation can")
+        if self.memory not in (Memory.SEQUENCE, Memory.MODULATION):
+            raise ValueError(f"{self.memory!r} cannot be started; a sequence or a modulation can")
         whole("period", self.period, 0, 2**64 - 1)
-        room = MEMORIES[self.what].items
+        room = MEMORIES[self.memory].items
         whole("count", self.count, 0, room)
         whole("first", self.first, 0, room - self.count if self.count else 0)
-        started = self.what if self.count else None
+        started = self.memory if self.count else None
         whole("hold", self.hold, *((1, 2**16 - 1) if started is Memory.MODULATION else (0, 0)))
         whole("repeats", self.repeats, 0, 2**16 - 1 if started is Memory.SEQUENCE else 0)
 
     def _fields(self) -> tuple[Any, ...]:
-        return self.what, self.first, self.count, self.hold, self.repeats, self.period
+        return self.memory, self.first, self.count, self.hold, self.repeats, self.period
 
     @classmethod
     def _of(cls, fields: tuple[Any, ...]) -> Self:
-        processor, what, first, count, hold, repeats, period = fields
-        return cls(processor, Memory(what), period, first, count, hold, repeats)
+        processor, memory, first, count, hold, repeats, period = fields
+        return cls(processor, Memory(memory), period, first, count, hold, repeats)
 
 
 @dataclass(frozen=True)
@@ -452,7 +452,7 @@ class Report(Message):
     ----------
     processor : int
         Place in the chain, 0 to 9.
-    temperature : int
+    temperature_c : int
         Of the board, °C.
     faults : int
         Bits of the faults that the processor sees, 16 bits.
@@ -460,20 +460,20 @@ class Report(Message):
         Version.
     drift : int
         Ticks by which the last pulse of the sync line came late (negative: early), held at -128 and 127.
-    carried_out, missed : int
+    carried_out, missed_commits : int
         Commits.
-    damaged : int
+    damaged_messages : int
         Messages that were dropped.
     """
 
     processor: int
-    temperature: int
+    temperature_c: int
     faults: int
     firmware: tuple[int, int, int]
     drift: int
     carried_out: int
-    missed: int
-    damaged: int
+    missed_commits: int
+    damaged_messages: int
 
     CHANNEL_END = ChannelEnd.REPORT
     PAYLOAD = struct.Struct("<BbH3BbIII")
@@ -481,21 +481,21 @@ class Report(Message):
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
-        whole("temperature", self.temperature, -128, 127)
+        whole("temperature_c", self.temperature_c, -128, 127)
         whole("faults", self.faults, 0, 2**16 - 1)
         _check_firmware(self.firmware)
         whole("drift", self.drift, -128, 127)
-        for name in ("carried_out", "missed", "damaged"):
+        for name in ("carried_out", "missed_commits", "damaged_messages"):
             whole(name, getattr(self, name), 0, 2**32 - 1)
 
     def _fields(self) -> tuple[Any, ...]:
-        counts = (self.carried_out, self.missed, self.damaged)
-        return self.processor, self.temperature, self.faults, *self.firmware, self.drift, *counts
+        counts = (self.carried_out, self.missed_commits, self.damaged_messages)
+        return self.processor, self.temperature_c, self.faults, *self.firmware, self.drift, *counts
 
     @classmethod
     def _of(cls, fields: tuple[Any, ...]) -> Self:
-        processor, temperature, faults, major, minor, patch, *rest = fields
-        return cls(processor, temperature, faults, (major, minor, patch), *rest)
+        processor, temperature_c, faults, major, minor, patch, *rest = fields
+        return cls(processor, temperature_c, faults, (major, minor, patch), *rest)
 
 
 @dataclass(frozen=True)

@@ -530,7 +530,7 @@ MESSAGES: dict[str, tuple[int, int, Layout]] = {
         4,
         25,
         (
-            ("what", 3, 1, "u"),
+            ("memory", 3, 1, "u"),
             ("first", 4, 2, "u"),
             ("count", 6, 2, "u"),
             ("hold", 8, 2, "u"),
@@ -545,13 +545,13 @@ MESSAGES: dict[str, tuple[int, int, Layout]] = {
         28,
         (
             ("processor", 3, 1, "u"),
-            ("temperature", 4, 1, "s"),
+            ("temperature_c", 4, 1, "s"),
             ("faults", 5, 2, "u"),
             ("firmware", 7, 3, "b"),
             ("drift", 10, 1, "s"),
             ("carried_out", 11, 4, "u"),
-            ("missed", 15, 4, "u"),
-            ("damaged", 19, 4, "u"),
+            ("missed_commits", 15, 4, "u"),
+            ("damaged_messages", 19, 4, "u"),
         ),
     ),
     "PLAYING": (8, 65, (("processor", 3, 1, "u"), ("period", 4, 8, "u"), ("pulses", 12, 48, "b"))),
@@ -592,12 +592,12 @@ def load_allowed(load: Fields) -> bool:
 
 def program_allowed(program: Fields) -> bool:
     """What it says of the sequence or of the modulation, or that it stops (CHN-014)."""
-    what, first, count, hold, repeats = (program[name] for name in ("what", "first", "count", "hold", "repeats"))
-    if what not in (SEQUENCE_MEMORY, MODULATION_MEMORY):
+    memory, first, count, hold, repeats = (program[name] for name in ("memory", "first", "count", "hold", "repeats"))
+    if memory not in (SEQUENCE_MEMORY, MODULATION_MEMORY):
         return False
     if count == 0:
         return bool(first == hold == repeats == 0)
-    if what == SEQUENCE_MEMORY:
+    if memory == SEQUENCE_MEMORY:
         return bool(first + count <= 1024 and hold == 0)
     return bool(first + count <= 4096 and hold >= 1 and repeats == 0)
 

@@ -98,16 +98,16 @@ LOAD = _guarded(
 PROGRAM = _guarded(
     _TO_PROCESSOR,
     ChannelEnd.PROGRAM,
-    "what" / OneOf(Int8ul, [Memory.SEQUENCE, Memory.MODULATION]),
+    "memory" / OneOf(Int8ul, [Memory.SEQUENCE, Memory.MODULATION]),
     "first" / Int16ul,
     "count" / Int16ul,
     "hold" / Int16ul,
     "repeats" / Int16ul,
     "period" / Int64ul,
-    Check(lambda program: program.first + program.count <= _ITEMS[program.what]),
+    Check(lambda program: program.first + program.count <= _ITEMS[program.memory]),
     Check(lambda program: program.first == 0 or program.count > 0),
-    Check(lambda program: (program.hold > 0) == (program.count > 0 and program.what == Memory.MODULATION)),
-    Check(lambda program: program.repeats == 0 or (program.count > 0 and program.what == Memory.SEQUENCE)),
+    Check(lambda program: (program.hold > 0) == (program.count > 0 and program.memory == Memory.MODULATION)),
+    Check(lambda program: program.repeats == 0 or (program.count > 0 and program.memory == Memory.SEQUENCE)),
 )
 """Start or stop the sequence or the modulation at a period, 25 tokens."""
 
@@ -121,13 +121,13 @@ REPORT = _guarded(
     _TO_CONTROLLER,
     ChannelEnd.REPORT,
     "processor" / _PROCESSOR,
-    "temperature" / Int8sb,
+    "temperature_c" / Int8sb,
     "faults" / Int16ul,
     "firmware" / Array(3, Int8ul),
     "drift" / Int8sb,
     "carried_out" / Int32ul,
-    "missed" / Int32ul,
-    "damaged" / Int32ul,
+    "missed_commits" / Int32ul,
+    "damaged_messages" / Int32ul,
 )
 """How a processor is, 28 tokens."""
 

@@ -68,12 +68,12 @@ def any_loads(draw: st.DrawFn) -> Load:
 
 @st.composite
 def started(draw: st.DrawFn) -> Program:
-    what = draw(st.sampled_from([Memory.SEQUENCE, Memory.MODULATION]))
-    room = {Memory.SEQUENCE: 1024, Memory.MODULATION: 4096}[what]
+    memory = draw(st.sampled_from([Memory.SEQUENCE, Memory.MODULATION]))
+    room = {Memory.SEQUENCE: 1024, Memory.MODULATION: 4096}[memory]
     count = draw(st.integers(1, room) | st.just(room))
     first = draw(st.integers(0, room - count) | st.just(room - count))
-    hold, repeats = (0, draw(u16)) if what is Memory.SEQUENCE else (draw(st.integers(1, 2**16 - 1)), 0)
-    return Program(draw(processors), what, draw(u64), first, count, hold, repeats)
+    hold, repeats = (0, draw(u16)) if memory is Memory.SEQUENCE else (draw(st.integers(1, 2**16 - 1)), 0)
+    return Program(draw(processors), memory, draw(u64), first, count, hold, repeats)
 
 
 programs = st.one_of(
@@ -164,20 +164,21 @@ def test_construct_reads_the_same_fields_of_a_load(load: Load) -> None:
 @given(programs)
 def test_construct_reads_the_same_fields_of_a_program(program: Program) -> None:
     fields: Any = layouts.PROGRAM.parse(program.encode()).checked.value
-    read = (fields.node, fields.what, fields.period, fields.first, fields.count, fields.hold, fields.repeats)
+    read = (fields.node, fields.memory, fields.period, fields.first, fields.count, fields.hold, fields.repeats)
     assert read == astuple(program)
 
 
 @given(st.builds(Report, processors, signed, u16, versions, signed, u32, u32, u32))
 def test_construct_reads_the_same_fields_of_a_report(report: Report) -> None:
     fields: Any = layouts.REPORT.parse(report.encode()).checked.value
-    assert (fields.processor, fields.temperature, fields.faults) == (
+    assert (fields.processor, fields.temperature_c, fields.faults) == (
         report.processor,
-        report.temperature,
+        report.temperature_c,
         report.faults,
     )
     assert (tuple(fields.firmware), fields.drift) == (report.firmware, report.drift)
-    assert (fields.carried_out, fields.missed, fields.damaged) == (report.carried_out, report.missed, report.damaged)
+    counts = ("carried_out", "missed_commits", "damaged_messages")
+    assert [fields[name] for name in counts] == [getattr(report, name) for name in counts]
 
 
 @given(st.data())
@@ -330,7 +331,7 @@ def test_items_go_in_loads_of_48_bytes(memory: Memory, size: int, first: int, pa
         (lambda: Program(0, Memory.SEQUENCE, 0, 0, 0, repeats=1), "repeats 1 is outside 0 to 0"),
         (lambda: Collect(0, ChannelEnd.SLICE), "cannot be asked for"),
         (lambda: Number(10), "processor 10"),
-        (lambda: Report(0, 128, 0, (0, 0, 0), 0, 0, 0, 0), "temperature 128 is outside -128 to 127"),
+        (lambda: Report(0, 128, 0, (0, 0, 0), 0, 0, 0, 0), "temperature_c 128 is outside -128 to 127"),
         (lambda: Report(0, 0, 0, (0, 0, 256), 0, 0, 0, 0), "three numbers of 0 to 255"),
         (lambda: Playing(0, -1, bytes(48)), "period -1"),
         (lambda: Identity(0, True, (0, 0, 0), 2**64), "unique_id"),

@@ -405,7 +405,7 @@ def messages(draw: st.DrawFn) -> spec.Fields:
             message[field] = draw(record_fields[size])
     if "pulses" in message and draw(st.integers(0, 3)):
         message["pulses"] = spec.pack_pulses(draw(pulse_lists(32)))
-    small = {"memory": 4, "what": 4, "answer": 9, "number": 10, "processor": 10, "last": 2}
+    small = {"memory": 4, "answer": 9, "number": 10, "processor": 10, "last": 2}
     for field in small.keys() & message.keys():
         message[field] %= small[field] + 1
     return message
@@ -423,11 +423,18 @@ def plausible(draw: st.DrawFn) -> spec.Fields:
         data = (item * most)[: min(count * size, 48)].ljust(48, draw(st.sampled_from((b"\x00", b"\x00", b"\x01"))))
         first = draw(st.sampled_from((0, max(items - count, 0), max(items - count, 0) + 1, items)))
         return {"message": "LOAD", "node": node, "memory": memory, "first": first, "count": count, "data": data}
-    what = draw(st.integers(2, 3))
+    memory = draw(st.integers(2, 3))
     count = draw(st.sampled_from((0, 0, 1, 1024, 1025, 4096, 4097)))
     first = draw(st.sampled_from((0, 0, 1, 1023, 1024, 4095, 4096)))
     hold, repeats = draw(st.sampled_from((0, 1, 65535))), draw(st.sampled_from((0, 0, 1)))
-    fields = {"what": what, "first": first, "count": count, "hold": hold, "repeats": repeats, "period": draw(periods)}
+    fields = {
+        "memory": memory,
+        "first": first,
+        "count": count,
+        "hold": hold,
+        "repeats": repeats,
+        "period": draw(periods),
+    }
     return {"message": "PROGRAM", "node": node, **fields}
 
 

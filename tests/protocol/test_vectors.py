@@ -192,10 +192,9 @@ CODES = {
     "state": "State",
     "memory": "Memory",
     "bank": "Bank",
-    "what": "Memory",
     "answer": "ChannelEnd",
 }
-SIGNED = {"temperature_c", "temperature", "drift"}
+SIGNED = {"temperature_c", "drift"}
 
 
 def pulses(packed: bytes) -> list[tuple[int, int]]:
