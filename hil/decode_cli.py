@@ -33,7 +33,7 @@ from ..protocol.describe import (
 from ..protocol.pulses import Pulses
 from ..storage import check_outputs, replacing
 from .recordings import FORMATS, open_recording, read_recording
-from .traffic import Channel, Piece, hex_bytes
+from .traffic import Piece, Traffic, hex_bytes
 from .usbmon import UsbAddress
 
 __all__ = ["commands", "explain"]
@@ -137,26 +137,26 @@ def explain(piece: Piece) -> Description:
 
 
 def _described(piece: Piece) -> Description:
-    if piece.channel is Channel.REQUEST:
+    if piece.traffic is Traffic.REQUEST:
         unknown = piece.stalled or piece.missing or piece.problem
         return describe_request(piece.setup, None if unknown else piece.data, stalled=piece.stalled)
     if piece.problem:
-        return Description("transfer", f"of {piece.channel}s")
-    return DESCRIBERS[piece.channel](piece.data)
+        return Description("transfer", f"of {piece.traffic}s")
+    return DESCRIBERS[piece.traffic](piece.data)
 
 
 def _describe_other(data: bytes) -> Description:
     return Description("transfer", f"{len(data)} bytes of something else")
 
 
-DESCRIBERS: dict[Channel, Callable[[bytes], Description]] = {
-    Channel.BLOCK: describe_block,
-    Channel.RECORD: describe_record,
-    Channel.FRAME: describe_frame,
-    Channel.TEXT: describe_text,
-    Channel.FIRMWARE: describe_image,
-    Channel.MESSAGE: describe_message,
-    Channel.OTHER: _describe_other,
+DESCRIBERS: dict[Traffic, Callable[[bytes], Description]] = {
+    Traffic.BLOCK: describe_block,
+    Traffic.RECORD: describe_record,
+    Traffic.FRAME: describe_frame,
+    Traffic.TEXT: describe_text,
+    Traffic.FIRMWARE: describe_image,
+    Traffic.MESSAGE: describe_message,
+    Traffic.OTHER: _describe_other,
 }
 
 

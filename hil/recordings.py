@@ -14,7 +14,7 @@ from typing import BinaryIO
 from ..errors import InputFileError
 from ..protocol.codes import BLOCK_MAGIC, IMAGE_MAGIC
 from ..protocol.framing import DELIMITER
-from .traffic import RECORD_SIZES, Channel, Piece, is_frame, is_hex, read_bytes, read_serial, read_text, read_whole
+from .traffic import RECORD_SIZES, Piece, Traffic, is_frame, is_hex, read_bytes, read_serial, read_text, read_whole
 from .usbmon import UsbAddress, read_usbmon
 
 __all__ = ["FORMATS", "open_recording", "read_recording"]
@@ -29,7 +29,7 @@ FORMATS = {
 }
 """Formats of recordings, and what is in them."""
 
-WHOLES = {"firmware": Channel.FIRMWARE, "chain": Channel.MESSAGE}
+WHOLES = {"firmware": Traffic.FIRMWARE, "chain": Traffic.MESSAGE}
 """Formats that hold one piece."""
 
 HEAD_BYTES = 4096

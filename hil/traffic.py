@@ -20,10 +20,10 @@ from ..protocol.framing import DELIMITER
 from ..protocol.replies import Ack, Status
 
 __all__ = [
-    "Channel",
     "Direction",
     "LineCutter",
     "Piece",
+    "Traffic",
     "cut",
     "hex_bytes",
     "is_hex",
@@ -51,7 +51,7 @@ _CONSOLE_FRAME = framing.encode(framing.CONSOLE_FRAME)
 Direction = Literal["out", "in"]
 
 
-class Channel(StrEnum):
+class Traffic(StrEnum):
     """What kind of traffic a piece is."""
 
     BLOCK = "block"
@@ -72,7 +72,7 @@ class Piece:
     ----------
     where : str
         Its place in the recording: ``packet 17``, ``offset 512``.
-    channel : Channel
+    traffic : Traffic
         What kind of traffic it is.
     direction : "out", "in" or None
         From the host, to the host, or not known.
@@ -91,7 +91,7 @@ class Piece:
     """
 
     where: str
-    channel: Channel
+    traffic: Traffic
     direction: Direction | None
     data: bytes
     time: float | None = None
@@ -101,13 +101,13 @@ class Piece:
     problem: str = ""
 
 
-def cut(channel: Channel, data: bytes, travelled: int) -> Iterator[tuple[int, bytes, int]]:
+def cut(traffic: Traffic, data: bytes, travelled: int) -> Iterator[tuple[int, bytes, int]]:
     """Cut what one transfer carried into blocks or records.
 
     Parameters
     ----------
-    channel : Channel
-        `Channel.BLOCK` or `Channel.RECORD`.
+    traffic : Traffic
+        `Traffic.BLOCK` or `Traffic.RECORD`.
     data : bytes
         What was recorded of the transfer, from its beginning.
     travelled : int
@@ -120,7 +120,7 @@ def cut(channel: Channel, data: bytes, travelled: int) -> Iterator[tuple[int, by
     """
     at = 0
     while at < len(data):
-        whole = BLOCK_BYTES if channel is Channel.BLOCK else RECORD_SIZES.get(data[at : at + 2], RECORD_BYTES)
+        whole = BLOCK_BYTES if traffic is Traffic.BLOCK else RECORD_SIZES.get(data[at : at + 2], RECORD_BYTES)
         size = min(whole, travelled - at)
         recorded = data[at : at + size]
         yield at, recorded, size - len(recorded)
@@ -135,10 +135,10 @@ def read_bytes(stream: BinaryIO) -> Iterator[Piece]:
     while held := held + stream.read(BLOCK_BYTES - len(held)):
         if (begin := held[:2]) in RECORD_SIZES:
             data, held = held[: RECORD_SIZES[begin]], held[RECORD_SIZES[begin] :]
-            yield Piece(f"offset {offset}", Channel.RECORD, "in", data)
+            yield Piece(f"offset {offset}", Traffic.RECORD, "in", data)
         else:
             data, held = held, b""
-            yield Piece(f"offset {offset}", Channel.BLOCK, "out", data)
+            yield Piece(f"offset {offset}", Traffic.BLOCK, "out", data)
         offset += len(data)
 
 
@@ -153,23 +153,23 @@ class LineCutter:
         self._offset = 0
         self._in_console = True
 
-    def feed(self, data: bytes) -> Iterator[tuple[int, Channel, bytes]]:
+    def feed(self, data: bytes) -> Iterator[tuple[int, Traffic, bytes]]:
         """Take what arrived next; yield offset, kind and bytes of all that is complete by then."""
         *ended, self._held = (self._held + data).split(DELIMITER)
         for part in ended:
             # What was recorded from the middle of a line begins with a frame, not with text.
-            channel = Channel.TEXT if self._in_console and not is_frame(part) else Channel.FRAME
-            self._in_console = channel is Channel.FRAME and part + DELIMITER == _CONSOLE_FRAME
+            traffic = Traffic.TEXT if self._in_console and not is_frame(part) else Traffic.FRAME
+            self._in_console = traffic is Traffic.FRAME and part + DELIMITER == _CONSOLE_FRAME
             if part:
-                yield self._offset, channel, part
+                yield self._offset, traffic, part
             self._offset += len(part) + len(DELIMITER)
         if self._in_console or len(self._held) > LONGEST_FRAME_BYTES:
             yield from self.rest()
 
-    def rest(self) -> Iterator[tuple[int, Channel, bytes]]:
+    def rest(self) -> Iterator[tuple[int, Traffic, bytes]]:
         """Yield what is left at the end of the line, or is too much to be a frame."""
         if self._held:
-            yield self._offset, Channel.TEXT if self._in_console else Channel.FRAME, self._held
+            yield self._offset, Traffic.TEXT if self._in_console else Traffic.FRAME, self._held
         self._offset += len(self._held)
         self._held = b""
 
@@ -183,7 +183,7 @@ def is_frame(data: bytes) -> bool:
     return True
 
 
-def read_whole(stream: BinaryIO, name: str, channel: Channel) -> Iterator[Piece]:
+def read_whole(stream: BinaryIO, name: str, traffic: Traffic) -> Iterator[Piece]:
     """Read all of a recording as one piece: a firmware image, or a message of the chain.
 
     Raises
@@ -193,18 +193,18 @@ def read_whole(stream: BinaryIO, name: str, channel: Channel) -> Iterator[Piece]
     """
     data = stream.read(LARGEST_WHOLE_BYTES + 1)
     if len(data) > LARGEST_WHOLE_BYTES:
-        raise InputFileError(f"{name}: a {channel} has at most {LARGEST_WHOLE_BYTES} bytes")
-    yield Piece("offset 0", channel, None, data)
+        raise InputFileError(f"{name}: a {traffic} has at most {LARGEST_WHOLE_BYTES} bytes")
+    yield Piece("offset 0", traffic, None, data)
 
 
 def read_serial(stream: BinaryIO) -> Iterator[Piece]:
     """Read one direction of a serial line."""
     cutter = LineCutter()
     while data := stream.read(SERIAL_CHUNK_BYTES):
-        for offset, channel, part in cutter.feed(data):
-            yield Piece(f"offset {offset}", channel, None, part)
-    for offset, channel, part in cutter.rest():
-        yield Piece(f"offset {offset}", channel, None, part)
+        for offset, traffic, part in cutter.feed(data):
+            yield Piece(f"offset {offset}", traffic, None, part)
+    for offset, traffic, part in cutter.rest():
+        yield Piece(f"offset {offset}", traffic, None, part)
 
 
 _XXD_LINE = re.compile(r"([0-9a-f]+): ([0-9a-f ]*?)(?:  .*)?", re.IGNORECASE)

@@ -25,7 +25,7 @@ from ..protocol.enumeration import (
     VENDOR_ID,
 )
 from ..protocol.requests import DIRECTION_IN
-from .traffic import RECORD_SIZES, Channel, Direction, LineCutter, Piece, cut
+from .traffic import RECORD_SIZES, Direction, LineCutter, Piece, Traffic, cut
 
 __all__ = ["UsbAddress", "read_usbmon"]
 
@@ -36,9 +36,9 @@ HEADER_BYTES = {189: 48, 220: 64}
 """Size of usbmon's header by link type: LINKTYPE_USB_LINUX and LINKTYPE_USB_LINUX_MMAPPED."""
 
 CONTROL = 2
-CHANNELS = {
-    ENDPOINT_OUT: Channel.BLOCK,
-    ENDPOINT_IN: Channel.RECORD,
+TRAFFIC = {
+    ENDPOINT_OUT: Traffic.BLOCK,
+    ENDPOINT_IN: Traffic.RECORD,
 }
 OUR_IDS = [struct.pack("<HH", VENDOR_ID, product) for product in (PRODUCT_ID, DFU_PRODUCT_ID)]
 DEVICE_DESCRIPTOR = bytes([18, DescriptorType.DEVICE])
@@ -236,8 +236,8 @@ def read_usbmon(stream: BinaryIO, name: str, address: UsbAddress | None = None) 
     for transfer in _transfers(event for event in _events(stream, name) if event.address in followed):
         yield from _pieces(transfer, start, lines)
     for endpoint, line in lines.items():
-        for _, channel, part in line.rest():
-            yield Piece("the end", channel, _direction(endpoint), part)
+        for _, traffic, part in line.rest():
+            yield Piece("the end", traffic, _direction(endpoint), part)
 
 
 def _pieces(transfer: _Transfer, start: int, lines: Mapping[int, LineCutter]) -> Iterator[Piece]:
@@ -253,22 +253,22 @@ def _pieces(transfer: _Transfer, start: int, lines: Mapping[int, LineCutter]) ->
         if submitted and submitted.setup:
             missing = event.length - len(data) if completed else 0
             where, stalled = f"packet {submitted.packet}", event.status == STALL
-            yield Piece(where, Channel.REQUEST, direction, data, time, submitted.setup, missing, stalled, problem)
+            yield Piece(where, Traffic.REQUEST, direction, data, time, submitted.setup, missing, stalled, problem)
         return
     if carrier is None:
         return  # the capture began after its submission, or ended before its completion
-    where, channel = f"packet {carrier.packet}", CHANNELS.get(event.endpoint, Channel.OTHER)
+    where, traffic = f"packet {carrier.packet}", TRAFFIC.get(event.endpoint, Traffic.OTHER)
     if event.endpoint in lines:
-        for _, channel, part in lines[event.endpoint].feed(data):
-            yield Piece(where, channel, direction, part, time)
-    elif channel is Channel.OTHER:
+        for _, traffic, part in lines[event.endpoint].feed(data):
+            yield Piece(where, traffic, direction, part, time)
+    elif traffic is Traffic.OTHER:
         if event.length:
-            yield Piece(where, channel, direction, data, time, missing=event.length - len(data))
+            yield Piece(where, traffic, direction, data, time, missing=event.length - len(data))
     else:
-        for at, part, missing in cut(channel, data, event.length):
-            yield Piece(f"{where} +{at}" if at else where, channel, direction, part, time, missing=missing)
+        for at, part, missing in cut(traffic, data, event.length):
+            yield Piece(f"{where} +{at}" if at else where, traffic, direction, part, time, missing=missing)
     if problem:
-        yield Piece(where, channel, direction, b"", time, problem=problem)
+        yield Piece(where, traffic, direction, b"", time, problem=problem)
 
 
 def _direction(endpoint: int) -> Direction:

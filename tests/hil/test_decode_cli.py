@@ -13,7 +13,7 @@ from phasewire import Emulator, Solution, open_device
 from phasewire.__main__ import main
 from phasewire.emulator.backend import EmulatorBackend
 from phasewire.hil.decode_cli import explain
-from phasewire.hil.traffic import Channel, Piece
+from phasewire.hil.traffic import Piece, Traffic
 from phasewire.protocol import Pulses
 from phasewire.protocol.codes import AckFlag, FrameKind, Reason, State
 from phasewire.protocol.framing import Frame, encode
@@ -90,10 +90,10 @@ def test_a_capture_is_explained_line_by_line(decode: Run, capture: Path) -> None
 def test_an_answer_that_was_not_recorded_whole_is_not_judged() -> None:
     for piece, text in (
         (
-            Piece("here", Channel.REQUEST, "in", bytes(10), setup=GET_INFO, missing=54),
+            Piece("here", Traffic.REQUEST, "in", bytes(10), setup=GET_INFO, missing=54),
             "54 of its bytes were not recorded",
         ),
-        (Piece("here", Channel.REQUEST, "in", b"", setup=GET_INFO, problem="no answer"), "no answer"),
+        (Piece("here", Traffic.REQUEST, "in", b"", setup=GET_INFO, problem="no answer"), "no answer"),
     ):
         described = explain(piece)
         assert described.summary == "INFO"

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import InputFileError
 from phasewire.hil.recordings import FORMATS, open_recording, read_recording
-from phasewire.hil.traffic import LARGEST_WHOLE_BYTES, Channel, Piece
+from phasewire.hil.traffic import LARGEST_WHOLE_BYTES, Piece, Traffic
 from phasewire.hil.usbmon import UsbAddress
 from phasewire.protocol import framing
 from phasewire.protocol.codes import FrameKind
@@ -27,24 +27,24 @@ def read(data: bytes, form: str = "auto", address: UsbAddress | None = None) -> 
 
 
 @pytest.mark.parametrize(
-    ("data", "form", "channel"),
+    ("data", "form", "traffic"),
     [
-        (pcapng(bulk_out(1, BLOCK)), "pcap", Channel.BLOCK),
-        (pcap(bulk_out(1, BLOCK, order=">"), order=">"), "pcap", Channel.BLOCK),
-        (BLOCK, "blocks", Channel.BLOCK),
-        (ACK, "blocks", Channel.RECORD),
-        (b"PS" + bytes(62), "blocks", Channel.RECORD),
-        (BLOCK.hex(" ").encode(), "hex", Channel.BLOCK),
-        (b"\n# a comment\n" + BLOCK.hex("\n").encode(), "hex", Channel.BLOCK),
-        (b"# an update\n50 57\n00 \xc3\x97 510 # the rest\n", "hex", Channel.BLOCK),
-        (FRAME.hex().encode(), "hex", Channel.FRAME),
-        (b"\0" + FRAME, "serial", Channel.FRAME),
-        (b"> info\r\n\0" + FRAME, "serial", Channel.TEXT),
-        (b"PWFW" + bytes(100), "firmware", Channel.FIRMWARE),
+        (pcapng(bulk_out(1, BLOCK)), "pcap", Traffic.BLOCK),
+        (pcap(bulk_out(1, BLOCK, order=">"), order=">"), "pcap", Traffic.BLOCK),
+        (BLOCK, "blocks", Traffic.BLOCK),
+        (ACK, "blocks", Traffic.RECORD),
+        (b"PS" + bytes(62), "blocks", Traffic.RECORD),
+        (BLOCK.hex(" ").encode(), "hex", Traffic.BLOCK),
+        (b"\n# a comment\n" + BLOCK.hex("\n").encode(), "hex", Traffic.BLOCK),
+        (b"# an update\n50 57\n00 \xc3\x97 510 # the rest\n", "hex", Traffic.BLOCK),
+        (FRAME.hex().encode(), "hex", Traffic.FRAME),
+        (b"\0" + FRAME, "serial", Traffic.FRAME),
+        (b"> info\r\n\0" + FRAME, "serial", Traffic.TEXT),
+        (b"PWFW" + bytes(100), "firmware", Traffic.FIRMWARE),
     ],
 )
-def test_formats_are_told_by_the_content(data: bytes, form: str, channel: Channel) -> None:
-    assert read(data)[0].channel is channel
+def test_formats_are_told_by_the_content(data: bytes, form: str, traffic: Traffic) -> None:
+    assert read(data)[0].traffic is traffic
     assert read(data) == read(data, form)
 
 
@@ -65,8 +65,8 @@ def test_what_is_no_recording_is_refused(data: bytes, message: str) -> None:
 
 
 def test_a_stated_format_is_believed() -> None:
-    assert [piece.channel for piece in read(b"whatever", "serial")] == [Channel.TEXT]
-    assert [piece.channel for piece in read(b"whatever", "chain")] == [Channel.MESSAGE]
+    assert [piece.traffic for piece in read(b"whatever", "serial")] == [Traffic.TEXT]
+    assert [piece.traffic for piece in read(b"whatever", "chain")] == [Traffic.MESSAGE]
     with pytest.raises(InputFileError, match="begins neither a pcap nor a pcapng file"):
         read(b"whatever", "pcap")
     with pytest.raises(ValueError, match="unknown format 'elf'; known are auto, blocks, hex"):

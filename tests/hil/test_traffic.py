@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from phasewire.errors import InputFileError
 from phasewire.hil.traffic import (
     LONGEST_FRAME_BYTES,
-    Channel,
     LineCutter,
     Piece,
+    Traffic,
     hex_bytes,
     is_hex,
     read_bytes,
@@ -31,12 +31,12 @@ def test_plain_bytes_are_blocks_and_records_by_how_they_begin() -> None:
     unknown = b"??" + bytes(510)
     stream = io.BytesIO(BLOCK + ACK + STATUS + unknown + BLOCK + b"PW")
     assert list(read_bytes(stream)) == [
-        Piece("offset 0", Channel.BLOCK, "out", BLOCK),
-        Piece("offset 512", Channel.RECORD, "in", ACK),
-        Piece("offset 544", Channel.RECORD, "in", STATUS),
-        Piece("offset 608", Channel.BLOCK, "out", unknown),
-        Piece("offset 1120", Channel.BLOCK, "out", BLOCK),
-        Piece("offset 1632", Channel.BLOCK, "out", b"PW"),
+        Piece("offset 0", Traffic.BLOCK, "out", BLOCK),
+        Piece("offset 512", Traffic.RECORD, "in", ACK),
+        Piece("offset 544", Traffic.RECORD, "in", STATUS),
+        Piece("offset 608", Traffic.BLOCK, "out", unknown),
+        Piece("offset 1120", Traffic.BLOCK, "out", BLOCK),
+        Piece("offset 1632", Traffic.BLOCK, "out", b"PW"),
     ]
 
 
@@ -53,10 +53,10 @@ def test_a_serial_line_is_text_until_a_zero_and_after_a_console_frame() -> None:
     line = b"> info\r\n\0\0" + NO_OP + b"damaged\0" + CONSOLE + b"> \0" + NO_OP[:9]
     at = [line.index(part) for part in (b"> info", NO_OP, b"damaged", CONSOLE)] + [len(line) - 12, len(line) - 9]
     assert list(read_serial(io.BytesIO(line))) == [
-        Piece(f"offset {offset}", channel, None, data)
-        for offset, channel, data in zip(
+        Piece(f"offset {offset}", traffic, None, data)
+        for offset, traffic, data in zip(
             at,
-            [Channel.TEXT, Channel.FRAME, Channel.FRAME, Channel.FRAME, Channel.TEXT, Channel.FRAME],
+            [Traffic.TEXT, Traffic.FRAME, Traffic.FRAME, Traffic.FRAME, Traffic.TEXT, Traffic.FRAME],
             [b"> info\r\n", NO_OP[:-1], b"damaged", CONSOLE[:-1], b"> ", NO_OP[:9]],
             strict=True,
         )
@@ -65,7 +65,7 @@ def test_a_serial_line_is_text_until_a_zero_and_after_a_console_frame() -> None:
 
 def test_a_recording_may_begin_with_a_frame() -> None:
     (piece,) = read_serial(io.BytesIO(NO_OP))
-    assert (piece.channel, piece.data) == (Channel.FRAME, NO_OP[:-1])
+    assert (piece.traffic, piece.data) == (Traffic.FRAME, NO_OP[:-1])
 
 
 @given(
@@ -77,8 +77,8 @@ def test_how_a_line_arrives_changes_no_frame(parts: list[bytes]) -> None:
     line = b"\0" + b"".join(parts)
     cutter, whole = LineCutter(), LineCutter()
     found = [each for part in [b"\0", *parts] for each in cutter.feed(part)] + list(cutter.rest())
-    frames = [each for each in found if each[1] is Channel.FRAME]
-    assert frames == [each for each in [*whole.feed(line), *whole.rest()] if each[1] is Channel.FRAME]
+    frames = [each for each in found if each[1] is Traffic.FRAME]
+    assert frames == [each for each in [*whole.feed(line), *whole.rest()] if each[1] is Traffic.FRAME]
     assert b"".join(data for _, _, data in found) == line.replace(b"\0", b"")
     assert all(line[at : at + len(data)] == data for at, _, data in found)
 

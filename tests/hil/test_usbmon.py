@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import InputFileError
 from phasewire.hil.packets import MAGICS
-from phasewire.hil.traffic import Channel, Piece
+from phasewire.hil.traffic import Piece, Traffic
 from phasewire.hil.usbmon import MOST_PENDING, UsbAddress, read_usbmon
 
 from tests.captures import COMPLETE, ERROR, SUBMIT, bulk_in, bulk_out, control, event, pcap, pcapng
@@ -30,7 +30,7 @@ def read(capture: bytes, address: UsbAddress | None = None) -> list[Piece]:
 
 
 def block(where: str, time: float, data: bytes = BLOCK, **settings: Any) -> Piece:
-    return Piece(where, Channel.BLOCK, "out", data, time, **settings)
+    return Piece(where, Traffic.BLOCK, "out", data, time, **settings)
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -46,12 +46,12 @@ def test_every_container_header_and_byte_order_tells_the_same(write: Any, link: 
     capture = write(packets, order=order, **({"link": link} if write is pcap else {"links": [link]}))
     assert capture.startswith(MAGICS)
     assert read(capture) == [
-        Piece("packet 1", Channel.REQUEST, "in", DEVICE_DESCRIPTOR, 60e-6, GET_DEVICE_DESCRIPTOR),
+        Piece("packet 1", Traffic.REQUEST, "in", DEVICE_DESCRIPTOR, 60e-6, GET_DEVICE_DESCRIPTOR),
         block("packet 3", 530e-6),
         block("packet 3 +512", 530e-6, OTHER_BLOCK),
-        Piece("packet 6", Channel.RECORD, "in", ACK, 690e-6),
-        Piece("packet 6 +32", Channel.RECORD, "in", STATUS, 690e-6),
-        Piece("packet 6 +96", Channel.RECORD, "in", ACK, 690e-6),
+        Piece("packet 6", Traffic.RECORD, "in", ACK, 690e-6),
+        Piece("packet 6 +32", Traffic.RECORD, "in", STATUS, 690e-6),
+        Piece("packet 6 +96", Traffic.RECORD, "in", ACK, 690e-6),
     ]
 
 
@@ -114,9 +114,9 @@ def test_what_the_beginning_or_the_end_of_a_capture_cut_off_is_read_as_far_as_it
     waiting = bulk_in(3, ACK)[:1]
     not_completed = bulk_out(4, BLOCK, at=9)[:1]
     pieces = read(pcapng(completion_alone + answer_alone + waiting + not_completed))
-    assert [(piece.where, piece.channel) for piece in pieces] == [
-        ("packet 2", Channel.RECORD),
-        ("packet 4", Channel.BLOCK),
+    assert [(piece.where, piece.traffic) for piece in pieces] == [
+        ("packet 2", Traffic.RECORD),
+        ("packet 4", Traffic.BLOCK),
     ]
     assert not any(piece.problem for piece in pieces)
 
@@ -211,18 +211,18 @@ def test_the_console_is_read_wherever_it_was_cut() -> None:
     texts = bulk_in(1, b"> ", endpoint=0x83) + bulk_out(2, b"info\r\0\1", endpoint=0x03)
     frames = bulk_out(3, b"\2\0\3\0\4", endpoint=0x03)
     pieces = read(pcapng(texts + frames), UsbAddress(2, 5))
-    assert [(piece.where, piece.channel, piece.direction, piece.data) for piece in pieces] == [
-        ("packet 2", Channel.TEXT, "in", b"> "),
-        ("packet 3", Channel.TEXT, "out", b"info\r"),
-        ("packet 5", Channel.FRAME, "out", b"\1\2"),
-        ("packet 5", Channel.FRAME, "out", b"\3"),
-        ("the end", Channel.FRAME, "out", b"\4"),
+    assert [(piece.where, piece.traffic, piece.direction, piece.data) for piece in pieces] == [
+        ("packet 2", Traffic.TEXT, "in", b"> "),
+        ("packet 3", Traffic.TEXT, "out", b"info\r"),
+        ("packet 5", Traffic.FRAME, "out", b"\1\2"),
+        ("packet 5", Traffic.FRAME, "out", b"\3"),
+        ("the end", Traffic.FRAME, "out", b"\4"),
     ]
 
 
 def test_other_endpoints_are_passed_on_whole() -> None:
     packets = bulk_in(1, b"note", endpoint=0x82, transfer=1)
-    assert read(pcapng(packets), UsbAddress(2, 5)) == [Piece("packet 2", Channel.OTHER, "in", b"note", 100e-6)]
+    assert read(pcapng(packets), UsbAddress(2, 5)) == [Piece("packet 2", Traffic.OTHER, "in", b"note", 100e-6)]
 
 
 def test_addresses_are_read_as_they_are_written() -> None:
