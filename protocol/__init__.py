@@ -1,8 +1,10 @@
 """What travels between host, controller and processors, byte for byte.
 
 This room holds the specification (SPEC.md) and its implementation: the board's numbers, pulses and their relation to
-drives, blocks, acknowledgements, control requests, descriptors, the wiring table and the chain's own messages. It does
-no I/O, keeps no time and knows no physics; host and emulator both stand on it and meet nowhere else.
+drives, the wiring table; blocks, records and control requests; descriptors, serial frames and the console; the chain's
+messages and times; firmware images and DFU. `layout` has the normative bytes, `describe` says what bytes mean, and
+`vectors` makes the golden vectors. It does no I/O, keeps no time and knows no physics; host and emulator both stand on
+it and meet nowhere else.
 """
 
 from __future__ import annotations

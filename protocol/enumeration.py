@@ -6,6 +6,7 @@ GET_DESCRIPTOR with what `Enumeration.find` finds.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -90,6 +91,7 @@ CONSOLE_ENDPOINT_OUT = 0x03
 CONSOLE_ENDPOINT_IN = 0x83
 
 ARRAY_CLASS = (0xFF, 0x50, 0x01)  # class, subclass, protocol
+_SERIAL_NUMBER = re.compile(r"[A-Za-z0-9._-]{1,64}")
 LANGUAGE = 0x0409  # English (United States)
 
 MS_OS_VENDOR_CODE = 0x20
@@ -200,10 +202,17 @@ def run_time(release: tuple[int, int, int], product: str, serial: str, speed: Sp
     ----------
     release : (int, int, int)
         Firmware version; minor and patch have one digit each in bcdDevice.
-    product, serial : str
-        Name of the product and serial number, each at most 126 UTF-16 code units.
+    product : str
+        Name of the product, at most 126 UTF-16 code units.
+    serial : str
+        Serial number: 1 to 64 letters, digits, dots, hyphens and underscores (clause USB-001).
     speed : Speed
         Speed of the bus.
+
+    Raises
+    ------
+    ValueError
+        Where one of these is otherwise.
     """
     ms_os = _ms_os_set(
         _ms_os_configuration(
@@ -216,9 +225,7 @@ def run_time(release: tuple[int, int, int], product: str, serial: str, speed: Sp
         configuration=_configuration(Configuration, _run_time_interfaces(speed)),
         other_speed=_configuration(OtherSpeedConfiguration, _run_time_interfaces(_other(speed))),
         ms_os=ms_os,
-        strings=_numbered(
-            "phasewire", product, serial, "phasewire array", "phasewire console", "phasewire firmware update"
-        ),
+        strings=_strings(product, serial, "phasewire array", "phasewire console", "phasewire firmware update"),
     )
 
 
@@ -233,12 +240,15 @@ def dfu_mode(release: tuple[int, int, int], product: str, serial: str) -> Enumer
         configuration=_configuration(Configuration, interfaces),
         other_speed=_configuration(OtherSpeedConfiguration, interfaces),
         ms_os=_ms_os_set(_winusb(_DFU_GUID)),
-        strings=_numbered("phasewire", product, serial, "firmware") | _REFUSALS,
+        strings=_strings(product, serial, "firmware") | _REFUSALS,
     )
 
 
-def _numbered(*strings: str) -> dict[int, str]:
-    return dict(enumerate(strings, start=1))
+def _strings(product: str, serial: str, *interfaces: str) -> dict[int, str]:
+    """Strings by their index (clause USB-007)."""
+    if not _SERIAL_NUMBER.fullmatch(serial):
+        raise ValueError(f"serial number {serial!r} must be 1 to 64 letters, digits, dots, hyphens or underscores")
+    return dict(enumerate(("phasewire", product, serial, *interfaces), start=1))
 
 
 _REFUSALS = {reason_string(reason): reason.text for reason in ImageReason if reason}

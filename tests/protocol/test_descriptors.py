@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import struct
+from collections.abc import Callable
 
 import pytest
 import usb.control
@@ -217,13 +219,21 @@ def test_a_line_coding_is_laid_out_as_the_specification_says() -> None:
     ("release", "bcd"), [((0, 1, 0), 0x0010), ((1, 2, 3), 0x0123), ((12, 3, 4), 0x1234), ((99, 9, 9), 0x9999)]
 )
 def test_the_release_is_binary_coded_decimal(release: tuple[int, int, int], bcd: int) -> None:
-    assert run_time(release, "", "").device.bcdDevice == dfu_mode(release, "", "").device.bcdDevice == bcd
+    assert run_time(release, "", "S-1").device.bcdDevice == dfu_mode(release, "", "S-1").device.bcdDevice == bcd
 
 
 @pytest.mark.parametrize("release", [(1, 10, 0), (1, 0, 10), (100, 0, 0), (0, -1, 0)])
 def test_a_release_that_does_not_fit_is_refused(release: tuple[int, int, int]) -> None:
     with pytest.raises(ValueError, match=r"does not fit bcdDevice: at most 99\.9\.9"):
-        run_time(release, "", "")
+        run_time(release, "", "S-1")
+
+
+@pytest.mark.parametrize("serial", ["", "x" * 65, "a b", "ü", "S-1\n"])
+@pytest.mark.parametrize("mode", [run_time, dfu_mode])
+def test_a_serial_number_can_stand_in_a_url(mode: Callable[..., Enumeration], serial: str) -> None:
+    with pytest.raises(ValueError, match=f"serial number {re.escape(repr(serial))} must be"):
+        mode((1, 0, 0), "array", serial)
+    assert mode((1, 0, 0), "array", "aZ0._-" + 58 * "9").strings[3] == "aZ0._-" + 58 * "9"
 
 
 # Lengths, walked without the code under test.
@@ -295,7 +305,7 @@ def test_the_other_speed_differs_in_packets_and_intervals_only() -> None:
 @pytest.mark.parametrize(("speed", "unit_ms"), [(HIGH_SPEED, 1 / 8), (FULL_SPEED, 1)])
 def test_notifications_are_asked_for_every_32_ms(speed: Speed, unit_ms: float) -> None:
     """USB 2.0, table 9-13: 2^(bInterval - 1) microframes at high speed, bInterval frames at full speed."""
-    chain = descriptors(run_time((1, 0, 0), "", "", speed).configuration)
+    chain = descriptors(run_time((1, 0, 0), "", "S-1", speed).configuration)
     (interval,) = [each.bInterval for each in chain if isinstance(each, Endpoint) and each.bmAttributes == 3]
     assert unit_ms * (2 ** (interval - 1) if speed == HIGH_SPEED else interval) == 32
 
