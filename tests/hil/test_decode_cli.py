@@ -93,6 +93,10 @@ def test_an_answer_that_was_not_recorded_whole_is_not_judged() -> None:
             Piece("here", Traffic.REQUEST, "in", bytes(10), setup=GET_INFO, missing=54),
             "54 of its bytes were not recorded",
         ),
+        (
+            Piece("here", Traffic.REQUEST, "in", bytes(63), setup=GET_INFO, missing=1),
+            "1 of its bytes were not recorded",
+        ),
         (Piece("here", Traffic.REQUEST, "in", b"", setup=GET_INFO, problem="no answer"), "no answer"),
     ):
         described = explain(piece)

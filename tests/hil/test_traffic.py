@@ -90,6 +90,12 @@ def test_a_line_without_zero_bytes_is_not_kept() -> None:
     assert sizes == [2 * LONGEST_FRAME_BYTES] * 5
 
 
+def test_the_longest_frame_is_kept_whole_until_its_zero_comes() -> None:
+    cutter, longest = LineCutter(), b"x" * (framing.MAX_FRAME_BYTES - 1)
+    assert [*cutter.feed(b"\0"), *cutter.feed(longest)] == []
+    assert [data for _, _, data in cutter.feed(b"\0")] == [longest]
+
+
 @given(st.binary(max_size=200), st.sampled_from(["", " ", ", ", "\n", " 0x", ",0X"]))
 def test_hex_digits_come_in_many_dresses(data: bytes, separator: str) -> None:
     lead = separator.strip(", \n")

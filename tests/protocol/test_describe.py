@@ -60,7 +60,7 @@ from phasewire.protocol.framing import CONSOLE_FRAME, Frame, SerialReply, Serial
 from phasewire.protocol.replies import ClockReading, ProcessorReport, ReadBack, encode_reports, encode_wiring
 from phasewire.protocol.versions import Version
 
-from tests.specification import clauses
+from tests.specification import SPEC, clauses
 from tests.strategies import update
 
 # One pulse of the full width, one of 30 degrees: sin²(30°) = 1/4. Together 1.25 fully driven transducers.
@@ -294,7 +294,18 @@ def test_requests_are_told_with_their_answer(request_: Request, answer: bytes, s
     assert cut.summary == f"{request_.name}: the first 10 of {len(answer)} bytes"
     assert cut.valid
     (finding,) = describe_request(setup(0xC1, request_, length=len(answer)), answer[:10]).findings
-    assert finding.clause.startswith("REQ-00")
+    assert f"**{finding.clause}** {request_.name} answers" in SPEC
+
+
+@pytest.mark.parametrize(("request_", "value"), [("WATCHDOG", 9), ("LIMIT", 321), ("IDENTIFY", 5)])
+def test_a_wrong_value_breaks_the_clause_of_its_request(request_: str, value: int) -> None:
+    (finding,) = describe_request(setup(0x41, Request[request_], value)).findings
+    assert f"**{finding.clause}** {request_} " in SPEC
+
+
+def test_a_broken_status_breaks_the_clause_of_statuses() -> None:
+    (finding,) = describe_record(STATUS.encode()[:-1]).findings
+    assert f"**{finding.clause}** STATUS answers" in SPEC
 
 
 def test_a_status_is_told_alike_as_record_and_as_answer() -> None:
