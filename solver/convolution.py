@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from numbers import Integral
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft
 
 from .array import TransducerArray
 from .field import PlaneField
@@ -77,7 +77,7 @@ class PlanePropagator:
         grid = Grid.horizontal(height, extent, pitch / per_pitch)
         columns, rows = (int(count) + 1 for count in cells.max(axis=0))
         blocks = -(-grid.counts[0] // per_pitch)
-        sizes = [fft.next_fast_len(blocks + count - 1) for count in (rows, columns)]
+        sizes = [scipy.fft.next_fast_len(blocks + count - 1) for count in (rows, columns)]
         if sizes[0] * sizes[1] * per_pitch**2 > MAX_SAMPLES:
             raise ValueError(
                 f"a step of {grid.step:g} m over {extent:g} m with an array of {columns} × {rows} places needs more "
@@ -100,7 +100,7 @@ class PlanePropagator:
         object.__setattr__(self, "_cells", cells)
         object.__setattr__(self, "_response", array.response)
         object.__setattr__(self, "_cell_shape", (rows, columns))
-        object.__setattr__(self, "_spectrum", frozen(fft.fft2(kernel, axes=(0, 2)).astype(np.complex64)))
+        object.__setattr__(self, "_spectrum", frozen(scipy.fft.fft2(kernel, axes=(0, 2)).astype(np.complex64)))
 
     def __call__(self, drive: ArrayLike) -> PlaneField:
         """The field of a drive.
@@ -131,9 +131,9 @@ class PlanePropagator:
         blocks = -(-side // phases)
         cells = np.zeros((high, wide), dtype=np.complex64)
         np.add.at(cells, (self._cells[:, 1], self._cells[:, 0]), drive * self._response)
-        product = self._spectrum * fft.fft2(cells)[:, None, :, None]
-        product = fft.ifft(product, axis=0, overwrite_x=True)[rows - 1 : rows - 1 + blocks]
-        product = fft.ifft(product, axis=2, overwrite_x=True)[:, :, columns - 1 : columns - 1 + blocks]
+        product = self._spectrum * scipy.fft.fft2(cells)[:, None, :, None]
+        product = scipy.fft.ifft(product, axis=0, overwrite_x=True)[rows - 1 : rows - 1 + blocks]
+        product = scipy.fft.ifft(product, axis=2, overwrite_x=True)[:, :, columns - 1 : columns - 1 + blocks]
         values = product.reshape(blocks * phases, blocks * phases)[:side, :side]
         return PlaneField(self.grid, frozen(values.astype(np.complex128)), self.medium)
 

@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import eval_legendre
 
 from .aperture import Aperture
 
@@ -101,9 +101,9 @@ def image_rings(aperture: Aperture, wavenumber: float) -> tuple[NDArray[np.float
     used = aperture.image != 0
     at = 2 * np.add.outer(rows**2, columns**2)[used] / reach**2 - 1
     amplitude = aperture.image[used] / aperture.image.sum()
-    moments = np.array([amplitude @ eval_legendre(order, at) for order in range(count)])
+    moments = np.array([amplitude @ scipy.special.eval_legendre(order, at) for order in range(count)])
     orders = np.arange(count)
-    basis = (2 * orders + 1) / 2 * eval_legendre(orders, node[:, None])
+    basis = (2 * orders + 1) / 2 * scipy.special.eval_legendre(orders, node[:, None])
     return reach * np.sqrt((node + 1) / 2), weight * (basis @ moments)
 
 

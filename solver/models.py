@@ -9,8 +9,8 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import j1
 
 from .diffraction import KERNELS, Kernel, face_rings, integrate
 from .medium import Medium
@@ -69,7 +69,7 @@ def directivity(sine: ArrayLike, radius: float, medium: Medium) -> NDArray[np.fl
     argument = medium.wavenumber * radius * np.asarray(sine, dtype=np.float64)
     small = np.abs(argument) < 1e-8
     safe = np.where(small, 1.0, argument)
-    return np.asarray(np.where(small, 1.0, 2 * j1(safe) / safe))
+    return np.asarray(np.where(small, 1.0, 2 * scipy.special.j1(safe) / safe))
 
 
 def _monopole(

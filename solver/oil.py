@@ -15,8 +15,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft
 
 from .field import PlaneField
 from .quantities import check_reflection, radiation_pressure
@@ -85,7 +85,7 @@ class Oil:
         push = np.asarray(push, dtype=np.float64)
         y, x = (np.pi * np.arange(count) / (count * step) for count in push.shape)
         stiffness = self.density * GRAVITY + self.surface_tension * (x**2 + y[:, None] ** 2)
-        return np.asarray(fft.idctn(-fft.dctn(push) / stiffness))
+        return np.asarray(scipy.fft.idctn(-scipy.fft.dctn(push) / stiffness))
 
 
 def oil_surface(field: PlaneField, oil: Oil | None = None) -> NDArray[np.float64]:

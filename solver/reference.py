@@ -12,8 +12,8 @@ from time import perf_counter
 from typing import Any, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, lstsq
 
 from .array import TransducerArray
 from .medium import Medium
@@ -124,7 +124,7 @@ def multiplex(transfer: Complex, wanted: Real) -> Complex:
 
 def min_norm(transfer: Complex, wanted: Real, phases: Complex) -> Complex:
     """The smallest drive that makes the points exactly, or as nearly as least squares can, (6)–(8)."""
-    return np.asarray(lstsq(transfer, wanted * phases, cond=RANK_TOLERANCE, lapack_driver="gelsy")[0])
+    return np.asarray(scipy.linalg.lstsq(transfer, wanted * phases, cond=RANK_TOLERANCE, lapack_driver="gelsy")[0])
 
 
 def augmented(transfer: Complex, wanted: Real, phases: Complex, gamma: float) -> Complex:
@@ -132,7 +132,9 @@ def augmented(transfer: Complex, wanted: Real, phases: Complex, gamma: float) ->
     n = transfer.shape[1]
     sigma = np.sqrt(wanted @ np.abs(transfer) / len(wanted))
     matrix = np.vstack([transfer, np.diag(sigma**gamma)])
-    return np.asarray(lstsq(matrix, np.concatenate([wanted * phases, np.zeros(n)]), cond=RANK_TOLERANCE)[0])
+    return np.asarray(
+        scipy.linalg.lstsq(matrix, np.concatenate([wanted * phases, np.zeros(n)]), cond=RANK_TOLERANCE)[0]
+    )
 
 
 class Regularised:
@@ -168,11 +170,11 @@ class Regularised:
         self._back = weight[:, None] * transfer.conj().T
         self.gram = transfer @ self._back
         ridge = mu * np.trace(self.gram).real / len(wanted)
-        self._factor = cho_factor(self.gram + ridge * np.eye(len(wanted)))
+        self._factor = scipy.linalg.cho_factor(self.gram + ridge * np.eye(len(wanted)))
 
     def solve(self, b: Complex) -> Complex:
         """Drive (n,) for the complex pressures b (m,)."""
-        return np.asarray(self._back @ cho_solve(self._factor, b))
+        return np.asarray(self._back @ scipy.linalg.cho_solve(self._factor, b))
 
 
 def misfit(pressure: Complex, wanted: Real) -> tuple[float, float]:

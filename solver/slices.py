@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import fft2, ifft2, next_fast_len
 
 from .aperture import Aperture
 from .diffraction import KERNELS
@@ -71,8 +71,8 @@ def slice_field(
     y, x = ((np.arange(span) - (span - 1) / 2) * aperture.pixel for span in spans)
     distance = np.sqrt(y[:, None] ** 2 + x[None, :] ** 2 + z**2)
     wave = KERNELS[kernel].wave(z, distance, (medium or Medium()).wavenumber)
-    lengths = [next_fast_len(span + side - 1) for span, side in zip(spans, aperture.image.shape, strict=True)]
-    product = fft2(wave, lengths) * fft2(aperture.image, lengths)
+    lengths = [scipy.fft.next_fast_len(span + side - 1) for span, side in zip(spans, aperture.image.shape, strict=True)]
+    product = scipy.fft.fft2(wave, lengths) * scipy.fft.fft2(aperture.image, lengths)
     rows, columns = aperture.image.shape
-    field = ifft2(product)[rows - 1 : rows - 1 + count, columns - 1 : columns - 1 + count]
+    field = scipy.fft.ifft2(product)[rows - 1 : rows - 1 + count, columns - 1 : columns - 1 + count]
     return frozen(axis), frozen(np.ascontiguousarray(field / aperture.image.sum()))
