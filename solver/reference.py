@@ -132,9 +132,8 @@ def augmented(transfer: Complex, wanted: Real, phases: Complex, gamma: float) ->
     n = transfer.shape[1]
     sigma = np.sqrt(wanted @ np.abs(transfer) / len(wanted))
     matrix = np.vstack([transfer, np.diag(sigma**gamma)])
-    return np.asarray(
-        scipy.linalg.lstsq(matrix, np.concatenate([wanted * phases, np.zeros(n)]), cond=RANK_TOLERANCE)[0]
-    )
+    target = np.concatenate([wanted * phases, np.zeros(n)])
+    return np.asarray(scipy.linalg.lstsq(matrix, target, cond=RANK_TOLERANCE)[0])
 
 
 class Regularised:
