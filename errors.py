@@ -86,7 +86,17 @@ class ImageError(_Refusal, ValueError):
 
 
 class ChainError(PhasewireError, ValueError):
-    """Bytes that are no valid message between the controller and its processors."""
+    """Bytes that are no valid message between the controller and its processors.
+
+    Attributes
+    ----------
+    clause : str
+        The clause of the specification that they break.
+    """
+
+    def __init__(self, message: str, clause: str) -> None:
+        super().__init__(message)
+        self.clause = clause
 
 
 class DeviceError(PhasewireError):

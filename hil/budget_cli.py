@@ -39,8 +39,8 @@ BAR = 20  # characters
 LONGEST_HOP_NS = 1e6
 BLOCKS = {
     Kind.SLOT.name: (1, Memory.SLOTS),
-    Kind.ENTRIES.name: (ENTRIES_PER_BLOCK, Memory.SEQUENCE),
-    Kind.SAMPLES.name: (SAMPLES_PER_BLOCK, Memory.MODULATION),
+    Kind.ENTRIES.name: (ENTRIES_PER_BLOCK, Memory.ENTRIES),
+    Kind.SAMPLES.name: (SAMPLES_PER_BLOCK, Memory.SAMPLES),
 }
 """What a full block of each kind stores: a number of items of a memory."""
 

@@ -60,9 +60,7 @@ def decode(
         typer.Option("--usb-address", metavar="B.D", help="Bus and device to follow in a capture, such as 1.5."),
     ] = None,
     pulses: Annotated[bool, typer.Option("--pulses", help="List the pulses, phase/width, in array order.")] = False,
-    only: Annotated[
-        str | None, typer.Option("--only", metavar="WHICH", help="Show only what is invalid; WHICH is invalid.")
-    ] = None,
+    only_invalid: Annotated[bool, typer.Option("--only-invalid", help="Show only what is invalid.")] = False,
     json_target: JsonOption = None,
 ) -> None:
     """Explain recorded traffic, and say which clause of the specification it breaks.
@@ -74,8 +72,6 @@ def decode(
     """
     if (source is None) == (hex_text is None):
         raise ValueError("what to decode is named once: a file, - for standard input, or --hex")
-    if only not in (None, "invalid"):
-        raise ValueError(f"--only {only!r} is unknown; invalid is what can be asked for")
     address = None if usb_address is None else UsbAddress.parse(usb_address)
     check_outputs([json_target], [] if source in (None, "-") else [Path(str(source))])
     name = {None: "--hex", "-": "standard input"}.get(source, str(source))
@@ -89,7 +85,7 @@ def decode(
         for piece in read_recording(stream, name, form, address):
             description = explain(piece)
             totals.count(description)
-            if only is None or not description.valid:
+            if not (only_invalid and description.valid):
                 _print_piece(out, piece, description, pulses)
                 report(_record(piece, description, pulses))
     out.print(totals.text, style="bold green" if totals.all_valid else "bold red")

@@ -71,11 +71,14 @@ class Message:
     ----------
     CHANNEL_END : ChannelEnd
         Where it arrives.
+    CLAUSE : str
+        The clause that says what its fields may be.
     TOKENS : int
         Tokens on a link: route header, payload with its CRC-32, and END.
     """
 
     CHANNEL_END: ClassVar[ChannelEnd]
+    CLAUSE: ClassVar[str]
     PAYLOAD: ClassVar[struct.Struct]
     GUARDED: ClassVar[bool] = True
     TOKENS: ClassVar[int]
@@ -111,18 +114,19 @@ class Message:
 
     @classmethod
     def _decode(cls, tokens: bytes) -> Self:
+        name = cls.CHANNEL_END.name
         if len(tokens) != cls.TOKENS:
-            raise ChainError(f"a {cls.__name__.lower()} has {cls.TOKENS} tokens, not {len(tokens)}")
+            raise ChainError(f"{name} has {cls.TOKENS} tokens, not {len(tokens)}", "CHN-010")
         node, _ = ROUTE.unpack_from(tokens)
         payload_end = ROUTE.size + cls.PAYLOAD.size
         if cls.GUARDED and tokens[payload_end:-1] != CHECKSUM.pack(zlib.crc32(tokens[:payload_end])):
-            raise ChainError(f"the CRC-32 of a {cls.__name__.lower()} does not match its tokens")
+            raise ChainError(f"the CRC-32 of {name} does not match its tokens", "CHN-010")
         try:
             message = cls._read(node, tokens[ROUTE.size : payload_end])
         except ValueError as error:
-            raise ChainError(f"a {cls.__name__.lower()} is damaged: {error}") from error
+            raise ChainError(f"{name} is damaged: {error}", cls.CLAUSE) from error
         if message.node != node:
-            raise ChainError(f"a {cls.__name__.lower()} goes to node {message.node:#06x}, not {node:#06x}")
+            raise ChainError(f"{name} goes to node {message.node:#06x}, not {node:#06x}", cls.CLAUSE)
         return message
 
 
@@ -140,10 +144,10 @@ def decode(tokens: bytes) -> Message:
         Where the tokens are no message of this protocol.
     """
     if len(tokens) <= ROUTE.size or tokens[-1] != END_TOKEN:
-        raise ChainError(f"{len(tokens)} tokens are no message: a route header comes first and END last")
+        raise ChainError(f"{len(tokens)} tokens are no message: a route header comes first and END last", "CHN-002")
     _, channel_end = ROUTE.unpack_from(tokens)
     if channel_end not in _KINDS:
-        raise ChainError(f"nothing is received at channel end {channel_end}; 1 to {len(_KINDS)} are in use")
+        raise ChainError(f"nothing is received at channel end {channel_end}; 1 to {len(_KINDS)} are in use", "CHN-009")
     return _KINDS[channel_end]._decode(tokens)
 
 
@@ -179,6 +183,7 @@ class Slice(_ToProcessor):
     packed: bytes
 
     CHANNEL_END = ChannelEnd.SLICE
+    CLAUSE = "CHN-011"
     PAYLOAD = struct.Struct(f"{SLICE_BYTES}s")
     GUARDED = False
 
@@ -210,6 +215,7 @@ class Commit(_ToProcessor):
     checksum: int
 
     CHANNEL_END = ChannelEnd.COMMIT
+    CLAUSE = "CHN-011"
     PAYLOAD = struct.Struct("<QI")
     GUARDED = False
 
@@ -257,8 +263,8 @@ class MemoryLayout:
 
 MEMORIES = {
     Memory.SLOTS: MemoryLayout(SLOTS, SLICE_BYTES),
-    Memory.SEQUENCE: MemoryLayout(SEQUENCE_ENTRIES, 4),
-    Memory.MODULATION: MemoryLayout(MODULATION_SAMPLES, 1),
+    Memory.ENTRIES: MemoryLayout(SEQUENCE_ENTRIES, 4),
+    Memory.SAMPLES: MemoryLayout(MODULATION_SAMPLES, 1),
 }
 
 
@@ -284,6 +290,7 @@ class Load(_ToProcessor):
     data: bytes
 
     CHANNEL_END = ChannelEnd.LOAD
+    CLAUSE = "CHN-012"
     PAYLOAD = struct.Struct(f"<BHB{LOAD_BYTES}s")
 
     def __post_init__(self) -> None:
@@ -339,7 +346,7 @@ class Program(_ToProcessor):
     processor : int
         Place in the chain, 0 to 9.
     memory : Memory
-        `Memory.SEQUENCE` or `Memory.MODULATION`.
+        `Memory.ENTRIES` or `Memory.SAMPLES`.
     period : int
         Carrier period at which it takes effect, 64 bits.
     first, count : int
@@ -359,20 +366,21 @@ class Program(_ToProcessor):
     repeats: int = 0
 
     CHANNEL_END = ChannelEnd.PROGRAM
+    CLAUSE = "CHN-014"
     PAYLOAD = struct.Struct("<BHHHHQ")
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         _check_processor(self.processor)
-        if self.memory not in (Memory.SEQUENCE, Memory.MODULATION):
+        if self.memory not in (Memory.ENTRIES, Memory.SAMPLES):
             raise ValueError(f"{self.memory!r} cannot be started; a sequence or a modulation can")
         whole("period", self.period, 0, 2**64 - 1)
         room = MEMORIES[self.memory].items
         whole("count", self.count, 0, room)
         whole("first", self.first, 0, room - self.count if self.count else 0)
         started = self.memory if self.count else None
-        whole("hold", self.hold, *((1, 2**16 - 1) if started is Memory.MODULATION else (0, 0)))
-        whole("repeats", self.repeats, 0, 2**16 - 1 if started is Memory.SEQUENCE else 0)
+        whole("hold", self.hold, *((1, 2**16 - 1) if started is Memory.SAMPLES else (0, 0)))
+        whole("repeats", self.repeats, 0, 2**16 - 1 if started is Memory.ENTRIES else 0)
 
     def _fields(self) -> tuple[Any, ...]:
         return self.memory, self.first, self.count, self.hold, self.repeats, self.period
@@ -399,6 +407,7 @@ class Collect(_ToProcessor):
     answer: ChannelEnd
 
     CHANNEL_END = ChannelEnd.COLLECT
+    CLAUSE = "CHN-016"
     PAYLOAD = struct.Struct("<B")
 
     def __post_init__(self) -> None:
@@ -422,18 +431,19 @@ class Number(Message):
 
     Parameters
     ----------
-    processor : int
+    number : int
         Place in the chain, 0 to 9.
     """
 
-    processor: int
+    number: int
 
     CHANNEL_END = ChannelEnd.NUMBER
+    CLAUSE = "CHN-022"
     PAYLOAD = struct.Struct("<B")
 
     def __post_init__(self) -> None:
         """Check the range."""
-        _check_processor(self.processor)
+        _check_processor(self.number)
 
     @property
     def node(self) -> int:
@@ -441,7 +451,7 @@ class Number(Message):
         return UNNUMBERED_NODE
 
     def _fields(self) -> tuple[Any, ...]:
-        return (self.processor,)
+        return (self.number,)
 
 
 @dataclass(frozen=True)
@@ -476,6 +486,7 @@ class Report(Message):
     damaged_messages: int
 
     CHANNEL_END = ChannelEnd.REPORT
+    CLAUSE = "CHN-016"
     PAYLOAD = struct.Struct("<BbH3BbIII")
 
     def __post_init__(self) -> None:
@@ -517,6 +528,7 @@ class Playing(Message):
     packed: bytes
 
     CHANNEL_END = ChannelEnd.PLAYING
+    CLAUSE = "CHN-016"
     PAYLOAD = struct.Struct(f"<BQ{SLICE_BYTES}s")
 
     def __post_init__(self) -> None:
@@ -551,6 +563,7 @@ class Identity(Message):
     unique_id: int
 
     CHANNEL_END = ChannelEnd.IDENTITY
+    CLAUSE = "CHN-022"
     PAYLOAD = struct.Struct("<BB3BQ")
 
     def __post_init__(self) -> None:

@@ -547,5 +547,5 @@ class Memory(IntEnum):
     """What a processor stores besides what it plays (clause CHN-012)."""
 
     SLOTS = 1
-    SEQUENCE = 2
-    MODULATION = 3
+    ENTRIES = 2
+    SAMPLES = 3

@@ -348,7 +348,7 @@ def split_suffix(file: bytes) -> tuple[bytes, Suffix]:
         suffix = DFU_SUFFIX.parse(file[-SUFFIX_BYTES:])
     except ConstructError as error:
         raise ImageError(
-            f"{ImageReason.SUFFIX.text} (clause {ImageReason.SUFFIX.clause}): {file[-SUFFIX_BYTES:].hex()}",
+            f"{ImageReason.SUFFIX.text} (clause {ImageReason.SUFFIX.clause}): {file[-SUFFIX_BYTES:].hex() or 'no bytes'}",
             ImageReason.SUFFIX,
         ) from error
     computed = _suffix_checksum(file[:-4])

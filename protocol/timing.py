@@ -90,8 +90,8 @@ HOP_CYCLES = 40  # the delay of a switch is not published; 100 ns is assumed
 PROCESSOR_MEMORY_BYTES = 65_536
 PROCESSOR_MEMORY = {
     "slots": MEMORIES[Memory.SLOTS].size,
-    "sequence": MEMORIES[Memory.SEQUENCE].size,
-    "modulation": MEMORIES[Memory.MODULATION].size,
+    "entries": MEMORIES[Memory.ENTRIES].size,
+    "samples": MEMORIES[Memory.SAMPLES].size,
     "tables": 2 * TICKS_PER_PERIOD * 4,
     "slices": 3 * SLICE_BYTES,
     "widths": (MAX_WIDTH_TICKS + 1) * AMPLITUDES,

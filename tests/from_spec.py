@@ -520,7 +520,7 @@ def after(state: str, event: str) -> str:
 # Chapter CHN
 
 CONTROLLER_NODE, UNNUMBERED_NODE, END_TOKEN = 0x00FF, 0xFFFF, 1
-SLOTS_MEMORY, SEQUENCE_MEMORY, MODULATION_MEMORY = 1, 2, 3
+SLOTS_MEMORY, ENTRIES_MEMORY, SAMPLES_MEMORY = 1, 2, 3
 
 MESSAGES: dict[str, tuple[int, int, Layout]] = {
     "SLICE": (1, 52, (("pulses", 3, 48, "b"),)),
@@ -584,7 +584,7 @@ def node_allowed(name: str, node: int) -> bool:
 def load_allowed(load: Fields) -> bool:
     """The items lie in the memory, and 0 follows them (CHN-012, CHN-028)."""
     memory, first, count, data = load["memory"], load["first"], load["count"], load["data"]
-    if memory not in (SLOTS_MEMORY, SEQUENCE_MEMORY, MODULATION_MEMORY):
+    if memory not in (SLOTS_MEMORY, ENTRIES_MEMORY, SAMPLES_MEMORY):
         return False
     items, most, size = {1: (256, 1, 48), 2: (1024, 12, 4), 3: (4096, 48, 1)}[memory]
     return 1 <= count <= most and first + count <= items and not any(data[count * size :])
@@ -593,11 +593,11 @@ def load_allowed(load: Fields) -> bool:
 def program_allowed(program: Fields) -> bool:
     """What it says of the sequence or of the modulation, or that it stops (CHN-014)."""
     memory, first, count, hold, repeats = (program[name] for name in ("memory", "first", "count", "hold", "repeats"))
-    if memory not in (SEQUENCE_MEMORY, MODULATION_MEMORY):
+    if memory not in (ENTRIES_MEMORY, SAMPLES_MEMORY):
         return False
     if count == 0:
         return bool(first == hold == repeats == 0)
-    if memory == SEQUENCE_MEMORY:
+    if memory == ENTRIES_MEMORY:
         return bool(first + count <= 1024 and hold == 0)
     return bool(first + count <= 4096 and hold >= 1 and repeats == 0)
 

@@ -14,7 +14,7 @@ def describe_message(tokens: bytes) -> Description:
     try:
         message = chain.decode(tokens)
     except ChainError as error:
-        return Description("message", few(tokens), {}, (Finding("", "CHN-010", str(error)),))
+        return Description("message", few(tokens), {}, (Finding("", error.clause, str(error)),))
     name, fields = message.CHANNEL_END.name, plainly(message)
     told = [
         f"{field} {few(value) if isinstance(value, bytes) else fields[field]}" for field, value in vars(message).items()

@@ -49,8 +49,8 @@ _TO_CONTROLLER = Const(CONTROLLER_NODE, Int16ub)
 _TO_UNNUMBERED = Const(UNNUMBERED_NODE, Int16ub)
 _END = Const(END_TOKEN, Int8ul)
 
-_ITEMS = {Memory.SLOTS: SLOTS, Memory.SEQUENCE: SEQUENCE_ENTRIES, Memory.MODULATION: MODULATION_SAMPLES}
-_ITEM_BYTES = {Memory.SLOTS: 48, Memory.SEQUENCE: 4, Memory.MODULATION: 1}
+_ITEMS = {Memory.SLOTS: SLOTS, Memory.ENTRIES: SEQUENCE_ENTRIES, Memory.SAMPLES: MODULATION_SAMPLES}
+_ITEM_BYTES = {Memory.SLOTS: 48, Memory.ENTRIES: 4, Memory.SAMPLES: 1}
 
 
 def _guarded(node: Construct, end: ChannelEnd, *payload: Construct) -> Construct:
@@ -98,7 +98,7 @@ LOAD = _guarded(
 PROGRAM = _guarded(
     _TO_PROCESSOR,
     ChannelEnd.PROGRAM,
-    "memory" / OneOf(Int8ul, [Memory.SEQUENCE, Memory.MODULATION]),
+    "memory" / OneOf(Int8ul, [Memory.ENTRIES, Memory.SAMPLES]),
     "first" / Int16ul,
     "count" / Int16ul,
     "hold" / Int16ul,
@@ -106,8 +106,8 @@ PROGRAM = _guarded(
     "period" / Int64ul,
     Check(lambda program: program.first + program.count <= _ITEMS[program.memory]),
     Check(lambda program: program.first == 0 or program.count > 0),
-    Check(lambda program: (program.hold > 0) == (program.count > 0 and program.memory == Memory.MODULATION)),
-    Check(lambda program: program.repeats == 0 or (program.count > 0 and program.memory == Memory.SEQUENCE)),
+    Check(lambda program: (program.hold > 0) == (program.count > 0 and program.memory == Memory.SAMPLES)),
+    Check(lambda program: program.repeats == 0 or (program.count > 0 and program.memory == Memory.ENTRIES)),
 )
 """Start or stop the sequence or the modulation at a period, 25 tokens."""
 

@@ -27,22 +27,22 @@ MESSAGES: dict[str, tuple[str, Message]] = {
     "slice-last": ("the last processor, silent", Slice(9, bytes(48))),
     "commit-specification": ("the example of CHN-011", Commit.of(1000, SLICE)),
     "commit-last": ("the last processor and the last period", Commit.of(LAST_PERIOD, Slice(9, bytes(48)))),
-    "load-specification": ("the example of CHN-012", Load(3, Memory.SEQUENCE, 12, TWO_ENTRIES)),
+    "load-specification": ("the example of CHN-012", Load(3, Memory.ENTRIES, 12, TWO_ENTRIES)),
     "load-slot": ("slot 255", Load(0, Memory.SLOTS, 255, MIXED)),
     "load-entries": (
         "twelve entries, as many as a load holds, up to the end",
-        Load(9, Memory.SEQUENCE, 1012, TWO_ENTRIES * 6),
+        Load(9, Memory.ENTRIES, 1012, TWO_ENTRIES * 6),
     ),
-    "load-sample": ("one sample in the last place; it may be 0", Load(1, Memory.MODULATION, 4095, bytes(1))),
-    "load-samples": ("48 samples up to the end", Load(1, Memory.MODULATION, 4048, bytes(range(208, 256)))),
-    "program-specification": ("the example of CHN-014", Program(3, Memory.SEQUENCE, 1000, 0, 2)),
+    "load-sample": ("one sample in the last place; it may be 0", Load(1, Memory.SAMPLES, 4095, bytes(1))),
+    "load-samples": ("48 samples up to the end", Load(1, Memory.SAMPLES, 4048, bytes(range(208, 256)))),
+    "program-specification": ("the example of CHN-014", Program(3, Memory.ENTRIES, 1000, 0, 2)),
     "program-sequence": (
         "the whole table, as often as can be said, in the last period",
-        Program(9, Memory.SEQUENCE, LAST_PERIOD, 0, 1024, repeats=65535),
+        Program(9, Memory.ENTRIES, LAST_PERIOD, 0, 1024, repeats=65535),
     ),
-    "program-modulation": ("the last sample", Program(0, Memory.MODULATION, 1000, 4095, 1, hold=65535)),
-    "program-stop-sequence": ("a count of 0 stops", Program(0, Memory.SEQUENCE, 2000, 0, 0)),
-    "program-stop-modulation": ("so it does here", Program(0, Memory.MODULATION, 2000, 0, 0)),
+    "program-modulation": ("the last sample", Program(0, Memory.SAMPLES, 1000, 4095, 1, hold=65535)),
+    "program-stop-sequence": ("a count of 0 stops", Program(0, Memory.ENTRIES, 2000, 0, 0)),
+    "program-stop-modulation": ("so it does here", Program(0, Memory.SAMPLES, 2000, 0, 0)),
     "collect-specification": ("the example of CHN-016", Collect(3, ChannelEnd.REPORT)),
     "collect-playing": ("asks for what plays", Collect(9, ChannelEnd.PLAYING)),
     "number-specification": ("the example of CHN-022", Number(3)),
@@ -65,9 +65,7 @@ def _fields(message: Message) -> dict[str, Any]:
     fields = {"node": message.node} | vars(message)
     if "packed" in fields:
         fields["pulses"] = unpack_pulses(fields.pop("packed"))
-    if isinstance(message, Number):
-        fields["number"] = fields.pop("processor")
-    elif fields["node"] == fields["processor"]:
+    if fields["node"] == fields.get("processor"):
         del fields["processor"]
     if isinstance(message, Load):
         fields["count"] = message.count

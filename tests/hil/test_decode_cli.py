@@ -105,7 +105,7 @@ def test_an_answer_that_was_not_recorded_whole_is_not_judged() -> None:
 
 
 def test_only_what_is_invalid_can_be_shown(decode: Run, capture: Path) -> None:
-    outcome = decode(capture.name, "--only", "invalid", "--json", "-")
+    outcome = decode(capture.name, "--only-invalid", "--json", "-")
     record = json.loads(outcome.out)
     assert record["format"] == "phasewire-decode-1"
     assert (record["file"], record["invalid"], record["kinds"]["block"]) == ("c.pcapng", 3, 5)
@@ -132,7 +132,7 @@ def test_json_holds_what_the_lines_say_and_more(decode: Run, tmp_path: Path) -> 
 
 def test_json_without_pieces_is_whole(decode: Run, tmp_path: Path) -> None:
     (tmp_path / "b.bin").write_bytes(GOOD)
-    assert json.loads(decode("b.bin", "--only", "invalid", "--json", "-").out)["pieces"] == []
+    assert json.loads(decode("b.bin", "--only-invalid", "--json", "-").out)["pieces"] == []
 
 
 def test_pulses_are_listed_row_by_row(decode: Run) -> None:
@@ -173,7 +173,6 @@ def test_a_device_can_be_chosen(decode: Run, capture: Path) -> None:
         (("noise.bin",), "noise.bin begins like no recording that is known"),
         (("cut.pcapng",), "cut.pcapng, packet 13: the file ends within it"),
         (("b.bin", "--format", "elf"), "unknown format 'elf'; known are auto, blocks,"),
-        (("b.bin", "--only", "good"), "--only 'good' is unknown"),
         (("b.bin", "--usb-address", "1"), "USB address '1' should be the numbers"),
         (("b.bin", "--usb-address", "1.2"), "an address chooses a device in a capture"),
         (("b.bin", "--json", "b.bin"), "b.bin cannot be written: it is also what is read"),

@@ -41,8 +41,8 @@ STRIPES = bytes.fromhex("990c00") * 16
 EXAMPLES: dict[str, Message] = {
     "SLICE": Slice(3, STRIPES),
     "COMMIT": Commit.of(1000, Slice(3, STRIPES)),
-    "LOAD": Load(3, Memory.SEQUENCE, 12, struct.pack("<4H", 0, 100, 1, 100)),
-    "PROGRAM": Program(3, Memory.SEQUENCE, 1000, 0, 2),
+    "LOAD": Load(3, Memory.ENTRIES, 12, struct.pack("<4H", 0, 100, 1, 100)),
+    "PROGRAM": Program(3, Memory.ENTRIES, 1000, 0, 2),
     "COLLECT": Collect(3, ChannelEnd.REPORT),
     "NUMBER": Number(3),
     "REPORT": Report(3, 31, 0, (1, 0, 0), -1, 250_000, 2, 1),
@@ -60,7 +60,7 @@ versions = st.tuples(*[st.integers(0, 255)] * 3)
 @st.composite
 def any_loads(draw: st.DrawFn) -> Load:
     memory = draw(st.sampled_from(Memory))
-    items, size = {Memory.SLOTS: (256, 48), Memory.SEQUENCE: (1024, 4), Memory.MODULATION: (4096, 1)}[memory]
+    items, size = {Memory.SLOTS: (256, 48), Memory.ENTRIES: (1024, 4), Memory.SAMPLES: (4096, 1)}[memory]
     count = draw(st.integers(1, 48 // size))
     data = draw(st.binary(min_size=count * size, max_size=count * size))
     return Load(draw(processors), memory, draw(st.integers(0, items - count)), data)
@@ -68,17 +68,17 @@ def any_loads(draw: st.DrawFn) -> Load:
 
 @st.composite
 def started(draw: st.DrawFn) -> Program:
-    memory = draw(st.sampled_from([Memory.SEQUENCE, Memory.MODULATION]))
-    room = {Memory.SEQUENCE: 1024, Memory.MODULATION: 4096}[memory]
+    memory = draw(st.sampled_from([Memory.ENTRIES, Memory.SAMPLES]))
+    room = {Memory.ENTRIES: 1024, Memory.SAMPLES: 4096}[memory]
     count = draw(st.integers(1, room) | st.just(room))
     first = draw(st.integers(0, room - count) | st.just(room - count))
-    hold, repeats = (0, draw(u16)) if memory is Memory.SEQUENCE else (draw(st.integers(1, 2**16 - 1)), 0)
+    hold, repeats = (0, draw(u16)) if memory is Memory.ENTRIES else (draw(st.integers(1, 2**16 - 1)), 0)
     return Program(draw(processors), memory, draw(u64), first, count, hold, repeats)
 
 
 programs = st.one_of(
     started(),
-    st.builds(Program, processors, st.sampled_from([Memory.SEQUENCE, Memory.MODULATION]), u64, st.just(0), st.just(0)),
+    st.builds(Program, processors, st.sampled_from([Memory.ENTRIES, Memory.SAMPLES]), u64, st.just(0), st.just(0)),
 )
 
 messages: st.SearchStrategy[Message] = st.one_of(
@@ -294,10 +294,10 @@ def test_a_commit_s_checksum_is_of_slice_and_period() -> None:
     ("memory", "size", "first", "parts"),
     [
         (Memory.SLOTS, 48, 255, [(255, 48)]),
-        (Memory.SEQUENCE, 120 * 4, 904, [(904 + 12 * n, 48) for n in range(10)]),
-        (Memory.SEQUENCE, 13 * 4, 0, [(0, 48), (12, 4)]),
-        (Memory.MODULATION, 480, 3616, [(3616 + 48 * n, 48) for n in range(10)]),
-        (Memory.MODULATION, 0, 0, []),
+        (Memory.ENTRIES, 120 * 4, 904, [(904 + 12 * n, 48) for n in range(10)]),
+        (Memory.ENTRIES, 13 * 4, 0, [(0, 48), (12, 4)]),
+        (Memory.SAMPLES, 480, 3616, [(3616 + 48 * n, 48) for n in range(10)]),
+        (Memory.SAMPLES, 0, 0, []),
     ],
 )
 def test_items_go_in_loads_of_48_bytes(memory: Memory, size: int, first: int, parts: list[tuple[int, int]]) -> None:
@@ -315,20 +315,20 @@ def test_items_go_in_loads_of_48_bytes(memory: Memory, size: int, first: int, pa
         (lambda: Slice(0, bytes(47)), "take 48 bytes, not 47"),
         (lambda: Commit.of(2**64, Slice(0, bytes(48))), "period 18446744073709551616 is outside"),
         (lambda: Commit(0, 0, -1), "checksum -1 is outside"),
-        (lambda: Load(0, 4, 0, bytes(4)), "4 is no memory of a processor; SLOTS, SEQ"),  # type: ignore[arg-type]
+        (lambda: Load(0, 4, 0, bytes(4)), "4 is no memory of a processor; SLOTS, ENT"),  # type: ignore[arg-type]
         (lambda: Load(0, Memory.SLOTS, 256, bytes(48)), "first 256 is outside 0 to 255"),
-        (lambda: Load(0, Memory.SEQUENCE, 1023, bytes(8)), "first 1023 is outside 0 to 1022"),
-        (lambda: Load(0, Memory.SEQUENCE, 0, bytes(6)), "6 bytes are not 1 to 12 items of 4 bytes"),
-        (lambda: Load(0, Memory.MODULATION, 0, b""), "0 bytes are not 1 to 48 items"),
-        (lambda: Load(0, Memory.MODULATION, 0, bytes(49)), "49 bytes are not 1 to 48 items"),
+        (lambda: Load(0, Memory.ENTRIES, 1023, bytes(8)), "first 1023 is outside 0 to 1022"),
+        (lambda: Load(0, Memory.ENTRIES, 0, bytes(6)), "6 bytes are not 1 to 12 items of 4 bytes"),
+        (lambda: Load(0, Memory.SAMPLES, 0, b""), "0 bytes are not 1 to 48 items"),
+        (lambda: Load(0, Memory.SAMPLES, 0, bytes(49)), "49 bytes are not 1 to 48 items"),
         (lambda: Program(0, Memory.SLOTS, 0, 0, 1), "cannot be started"),
-        (lambda: Program(0, Memory.SEQUENCE, 0, 0, 1025), "count 1025 is outside 0 to 1024"),
-        (lambda: Program(0, Memory.SEQUENCE, 0, 0, 1, hold=1), "hold 1 is outside 0 to 0"),
-        (lambda: Program(0, Memory.MODULATION, 0, 4095, 1), "hold 0 is outside 1 to 65535"),
-        (lambda: Program(0, Memory.MODULATION, 0, 0, 1, hold=1, repeats=1), "repeats 1 is outside 0 to 0"),
-        (lambda: Program(0, Memory.SEQUENCE, 0, 1024, 1), "first 1024 is outside 0 to 1023"),
-        (lambda: Program(0, Memory.SEQUENCE, 0, 1, 0), "first 1 is outside 0 to 0"),
-        (lambda: Program(0, Memory.SEQUENCE, 0, 0, 0, repeats=1), "repeats 1 is outside 0 to 0"),
+        (lambda: Program(0, Memory.ENTRIES, 0, 0, 1025), "count 1025 is outside 0 to 1024"),
+        (lambda: Program(0, Memory.ENTRIES, 0, 0, 1, hold=1), "hold 1 is outside 0 to 0"),
+        (lambda: Program(0, Memory.SAMPLES, 0, 4095, 1), "hold 0 is outside 1 to 65535"),
+        (lambda: Program(0, Memory.SAMPLES, 0, 0, 1, hold=1, repeats=1), "repeats 1 is outside 0 to 0"),
+        (lambda: Program(0, Memory.ENTRIES, 0, 1024, 1), "first 1024 is outside 0 to 1023"),
+        (lambda: Program(0, Memory.ENTRIES, 0, 1, 0), "first 1 is outside 0 to 0"),
+        (lambda: Program(0, Memory.ENTRIES, 0, 0, 0, repeats=1), "repeats 1 is outside 0 to 0"),
         (lambda: Collect(0, ChannelEnd.SLICE), "cannot be asked for"),
         (lambda: Number(10), "processor 10"),
         (lambda: Report(0, 128, 0, (0, 0, 0), 0, 0, 0, 0), "temperature_c 128 is outside -128 to 127"),
@@ -349,9 +349,9 @@ def test_values_that_cannot_travel_are_named(make: Any, complaint: str) -> None:
         (b"", "0 tokens are no message"),
         (b"\x00\x00\x01\x02", "END last"),
         (b"\x00\x00\x0a\x01", "nothing is received at channel end 10"),
-        (b"\x00\x00\x01\x01", "a slice has 52 tokens, not 4"),
+        (b"\x00\x00\x01\x01", "SLICE has 52 tokens, not 4"),
         (b"\x00\x0a\x02" + bytes(12) + b"\x01", "processor 10"),
-        (b"\x00\x00\x05\x07\x00\x00\x00\x00\x01", "CRC-32 of a collect"),
+        (b"\x00\x00\x05\x07\x00\x00\x00\x00\x01", "CRC-32 of COLLECT"),
     ],
 )
 def test_a_refusal_says_what_is_wrong(tokens: bytes, complaint: str) -> None:

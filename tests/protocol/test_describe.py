@@ -431,8 +431,8 @@ def test_messages_of_the_chain_are_told() -> None:
     assert described.fields == {"name": "COMMIT", "node": 3, "processor": 3, "period": 90, "checksum": 4660}
     assert describe_message(Collect(1, ChannelEnd.REPORT).encode()).summary == "COLLECT: processor 1, answer REPORT"
     assert "packed 48 bytes: 00" in describe_message(Slice(0, bytes(48)).encode()).summary
-    (finding,) = describe_message(Commit(3, 90, 0x1234).encode()[1:]).findings
-    assert finding.clause == "CHN-010"
+    (finding,) = describe_message(Commit(3, 90, 0x1234).encode()[1:]).findings  # to channel end 90
+    assert finding.clause == "CHN-009"
 
 
 def test_firmware_images_are_told() -> None:

@@ -460,7 +460,7 @@ def compare_message(tokens: bytes) -> None:
     assert type(message).__name__.upper() == expected["message"]
     assert message.encode() == tokens == spec.encode_message(expected)
     assert message.node == expected["node"]
-    names = {"pulses": "packed", "number": "processor", "data": ""}
+    names = {"pulses": "packed", "data": ""}
     for field, value in expected.items():
         attribute = names.get(field, field)
         if attribute in ("", "message", "node"):

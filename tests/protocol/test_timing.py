@@ -129,7 +129,7 @@ def test_serial_rates_are_the_specification_s(baud: int) -> None:
 
 
 def test_block_costs_are_the_specification_s() -> None:
-    blocks = {"SLOT": (1, Memory.SLOTS), "ENTRIES": (120, Memory.SEQUENCE), "SAMPLES": (480, Memory.MODULATION)}
+    blocks = {"SLOT": (1, Memory.SLOTS), "ENTRIES": (120, Memory.ENTRIES), "SAMPLES": (480, Memory.SAMPLES)}
     rows = table("table: block costs")
     assert [row[1].strip("`") for row in rows] == list(blocks)
     for loads, name, tokens, *times in rows:
@@ -138,8 +138,8 @@ def test_block_costs_are_the_specification_s() -> None:
         assert [microseconds(cell) for cell in times[:2]] == [Fraction(int(tokens), 50), Fraction(int(tokens), 20)]
         periods = [Budget.of(link).periods_for(int(loads)) for link in (FIVE_WIRE, TWO_WIRE)]
         assert [f"{count} periods" for count in periods] == times[2:]
-    assert block_loads(1, Memory.MODULATION) == block_loads(48, Memory.MODULATION) == 10
-    assert block_loads(49, Memory.MODULATION) == 20
+    assert block_loads(1, Memory.SAMPLES) == block_loads(48, Memory.SAMPLES) == 10
+    assert block_loads(49, Memory.SAMPLES) == 20
 
 
 def test_loads_that_fit_beside_updates() -> None:

@@ -23,8 +23,9 @@ from construct import ConstructError
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from phasewire.__main__ import main
-from phasewire.errors import ImageError
+from phasewire.errors import ChainError, ImageError
 from phasewire.protocol import Action, Fault, Kind, Reason, Request, State
+from phasewire.protocol.chain import decode as decode_message
 from phasewire.protocol.codes import (
     AckFlag,
     Bank,
@@ -552,6 +553,9 @@ def test_refused_chain_messages(case: Case) -> None:
     for layout in LAYOUTS.values():
         with pytest.raises(ConstructError):
             layout.parse(data + b"\1")
+    with pytest.raises(ChainError) as refused:
+        decode_message(data + b"\1")
+    assert refused.value.clause == case["clause"]
     if re.match(r"refused-(load|program|collect|number|report|playing|identity)", case["name"]):
         assert sealed(data) is not any(word in case["name"] for word in ("checksum", "elsewhere"))
 
