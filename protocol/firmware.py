@@ -347,9 +347,9 @@ def split_suffix(file: bytes) -> tuple[bytes, Suffix]:
     try:
         suffix = DFU_SUFFIX.parse(file[-SUFFIX_BYTES:])
     except ConstructError as error:
+        ending = file[-SUFFIX_BYTES:].hex() or "nothing"
         raise ImageError(
-            f"{ImageReason.SUFFIX.text} (clause {ImageReason.SUFFIX.clause}): {file[-SUFFIX_BYTES:].hex() or 'no bytes'}",
-            ImageReason.SUFFIX,
+            f"{ImageReason.SUFFIX.text} (clause {ImageReason.SUFFIX.clause}): {ending}", ImageReason.SUFFIX
         ) from error
     computed = _suffix_checksum(file[:-4])
     if suffix.checksum != computed:
