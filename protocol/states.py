@@ -22,7 +22,7 @@ class Event(Enum):
     WATCHDOG = "the watchdog's time is over without a sign of life"
     FAULT = "a silencing fault appears"
     CLEAR = "the CLEAR_FAULTS request, and no silencing fault persists"
-    BUS_RESET = "USB bus reset or SET_CONFIGURATION"
+    BUS_RESET = "USB bus reset, SET_CONFIGURATION, or SET_INTERFACE of interface 0"
     SUSPEND = "the bus that had configured the device is suspended, or its cable unplugged"
     RESUME = "the bus resumes"
     DETACH = "the DFU interface is asked to detach"

@@ -103,6 +103,20 @@ def test_an_update_begins_at_the_period_it_names() -> None:
     assert int(np.argmax(loudness(emulator) > 0)) == 100 * 50
 
 
+@pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE])
+@given(arrival=st.integers(0, 3 * PERIOD))
+def test_the_fifth_period_after_arrival_is_always_in_time(link: Link, arrival: int) -> None:
+    """Clause BLK-005; and no sooner than the hardware can, which the first period never is."""
+    emulator = ready(link)
+    emulator.scheduler.run_until(arrival)
+    fifth = arrival // PERIOD + 5
+    ack = send(emulator, update(FULL, 0, fifth))
+    assert (ack.commit_period, ack.late) == (fifth, False)
+    emulator = ready(link)
+    emulator.scheduler.run_until(arrival)
+    assert send(emulator, update(FULL, 0, arrival // PERIOD + 1)).late
+
+
 def test_an_update_for_the_past_is_late_and_begins_as_soon_as_possible() -> None:
     emulator = ready()
     emulator.run(50)
