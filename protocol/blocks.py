@@ -85,6 +85,8 @@ def _period(value: Any) -> int:
 
 
 def _all_pulses(pulses: Pulses) -> Pulses:
+    if not isinstance(pulses, Pulses):
+        raise TypeError(f"a block carries Pulses, not {type(pulses).__name__}")
     if len(pulses) != CHANNELS:
         raise ValueError(f"a block carries {CHANNELS} pulses, not {len(pulses)}")
     return pulses
@@ -347,7 +349,15 @@ class Block(NamedTuple):
 
 
 def pack_pulses(pulses: Pulses) -> bytes:
-    """Pack an even number of pulses at 12 bits each: phase in the low 7 bits, width in the high 5 (clause PUL-005)."""
+    """Pack an even number of pulses at 12 bits each: phase in the low 7 bits, width in the high 5 (clause PUL-005).
+
+    Raises
+    ------
+    ValueError
+        Where the number of pulses is odd.
+    """
+    if len(pulses) % 2:
+        raise ValueError(f"{len(pulses)} pulses are no pairs: two share three bytes")
     words = pulses.phase.astype(np.uint16) | pulses.width.astype(np.uint16) << 7
     even, odd = words[0::2], words[1::2]
     packed = np.empty((even.size, 3), np.uint8)

@@ -82,6 +82,7 @@ def pack_updates(
     """
     from . import kernels  # numba takes longer to import than everything else together
 
+    phase, width = np.asarray(phase), np.asarray(width)
     for name, pulses in (("phase", phase), ("width", width)):
         if pulses.dtype != np.uint8 or pulses.ndim != 2 or pulses.shape[1] != CHANNELS:
             raise ValueError(f"{name} must be (k, {CHANNELS}) uint8, not {pulses.shape} {pulses.dtype}")

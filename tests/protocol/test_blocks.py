@@ -27,7 +27,7 @@ from phasewire.protocol import (
     pack,
     unpack,
 )
-from phasewire.protocol.blocks import Body
+from phasewire.protocol.blocks import Body, pack_pulses
 from phasewire.protocol.layout.blocks import BLOCK
 
 from tests.protocol.blocks import blocks, by_construct, reason_by_construct, resealed
@@ -258,6 +258,17 @@ def test_samples_are_taken_by_their_values(of: Callable[[bytes], Any]) -> None:
 def test_samples_are_numbers(wrong: Any) -> None:
     with pytest.raises(TypeError):
         Samples(wrong)
+
+
+def test_half_a_pair_of_pulses_is_refused() -> None:
+    with pytest.raises(ValueError, match="3 pulses are no pairs"):
+        pack_pulses(Pulses.silent(3))
+
+
+def test_only_pulses_are_pulses() -> None:
+    for make in (lambda: Update([1] * 320), lambda: Slot(0, bytes(320))):  # type: ignore[arg-type]  # the point
+        with pytest.raises(TypeError, match="a block carries Pulses, not"):
+            make()
 
 
 @pytest.mark.parametrize("wrong", [1.5, "soon", None])

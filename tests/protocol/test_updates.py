@@ -157,6 +157,7 @@ BAD_PHASE[1, 7], BAD_WIDTH[1, 319] = 100, 26
         ((GOOD[:, :319], GOOD, 0), r"phase must be \(k, 320\) uint8, not \(2, 319\) uint8"),
         ((GOOD, GOOD.astype(int), 0), r"width must be \(k, 320\) uint8, not \(2, 320\) int64"),
         ((GOOD[0], GOOD, 0), "phase must be"),
+        (([[0] * 320], GOOD, 0), r"phase must be \(k, 320\) uint8, not \(1, 320\) int64"),
         ((GOOD, GOOD[:1], 0), "2 rows of phases but 1 of widths"),
         ((GOOD, GOOD, 2**32), "sequence number 4294967296 is outside"),
         ((GOOD, GOOD, -1), "sequence number -1"),
