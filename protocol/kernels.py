@@ -5,12 +5,11 @@ numba compiles them at their first call and keeps the result on disk.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ..compiling import kernel
 from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
 from .codes import (
     BLOCK_MAGIC,
@@ -22,16 +21,6 @@ from .codes import (
     Reason,
 )
 
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def _kernel(function: Function) -> Function:
-    try:
-        return cast(Function, njit(cache=True, nogil=True)(function))
-    except RuntimeError:  # there is no folder that numba's cache could be written to
-        return cast(Function, njit(nogil=True)(function))
-
-
 U8, U32, U64 = np.uint8, np.uint32, np.uint64
 
 MAGIC_LOW, MAGIC_HIGH = BLOCK_MAGIC
@@ -42,7 +31,7 @@ VERSION_REASON, MAGIC_REASON, CHECKSUM_REASON = int(Reason.VERSION), int(Reason.
 KIND_REASON, FIELD_REASON, PULSE_REASON = int(Reason.KIND), int(Reason.FIELD), int(Reason.PULSE)
 
 
-@_kernel
+@kernel
 def pack(phase: Any, width: Any, sequence: int, periods: Any, restart: bool, blocks: Any) -> tuple[Any, Any]:
     """Write all of k updates but their checksums, which are left 0.
 
@@ -88,7 +77,7 @@ def pack(phase: Any, width: Any, sequence: int, periods: Any, restart: bool, blo
     return largest_phase, largest_width
 
 
-@_kernel
+@kernel
 def unpack(
     blocks: Any,
     checksums: Any,

@@ -20,6 +20,7 @@ from numba.extending import register_jitable
 from numpy.polynomial.chebyshev import Chebyshev
 from numpy.polynomial.polynomial import Polynomial
 
+from ..compiling import kernel
 from .simd import LANES, load, nearest, spread, store, total
 
 ROWS = 4
@@ -52,10 +53,7 @@ def _kernel(function: Function) -> Function:
     A kernel may call nothing but parts: numba would link another kernel to it, and a process that compiled both would
     run another copy of that, with other roundings, than one that loads them from the cache.
     """
-    try:
-        return cast(Function, njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)(function))
-    except RuntimeError:  # there is no folder that numba's cache could be written to
-        return cast(Function, njit(nogil=True, error_model="numpy", fastmath=FAST)(function))
+    return kernel(function, error_model="numpy", fastmath=FAST)
 
 
 def _part(function: Function) -> Function:
