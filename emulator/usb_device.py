@@ -13,6 +13,8 @@ from enum import Enum
 
 from ..protocol.codes import (
     BLOCK_BYTES,
+    CLASS_REQUEST_TYPE_IN,
+    CLASS_REQUEST_TYPE_OUT,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
     DfuRequest,
@@ -62,7 +64,6 @@ _STANDARD_IN_DEVICE, _STANDARD_OUT_DEVICE = 0x80, 0x00
 _STANDARD_IN_INTERFACE, _STANDARD_OUT_INTERFACE = 0x81, 0x01
 _STANDARD_IN_ENDPOINT, _STANDARD_OUT_ENDPOINT = 0x82, 0x02
 _VENDOR_IN_DEVICE = 0xC0
-_CLASS_IN_INTERFACE, _CLASS_OUT_INTERFACE = 0xA1, 0x21
 
 _ENDPOINT_HALT = 0
 _ENDPOINTS = {
@@ -73,11 +74,11 @@ _ENDPOINTS = {
 }
 
 # Class requests, by interface, type and number.
-_SET_LINE_CODING = (CONSOLE_INTERFACE, _CLASS_OUT_INTERFACE, ConsoleRequest.SET_LINE_CODING)
-_GET_LINE_CODING = (CONSOLE_INTERFACE, _CLASS_IN_INTERFACE, ConsoleRequest.GET_LINE_CODING)
-_SET_CONTROL_LINE_STATE = (CONSOLE_INTERFACE, _CLASS_OUT_INTERFACE, ConsoleRequest.SET_CONTROL_LINE_STATE)
-_DFU_GETSTATUS = (DFU_INTERFACE, _CLASS_IN_INTERFACE, DfuRequest.GETSTATUS)
-_DFU_GETSTATE = (DFU_INTERFACE, _CLASS_IN_INTERFACE, DfuRequest.GETSTATE)
+_SET_LINE_CODING = (CONSOLE_INTERFACE, CLASS_REQUEST_TYPE_OUT, ConsoleRequest.SET_LINE_CODING)
+_GET_LINE_CODING = (CONSOLE_INTERFACE, CLASS_REQUEST_TYPE_IN, ConsoleRequest.GET_LINE_CODING)
+_SET_CONTROL_LINE_STATE = (CONSOLE_INTERFACE, CLASS_REQUEST_TYPE_OUT, ConsoleRequest.SET_CONTROL_LINE_STATE)
+_DFU_GETSTATUS = (DFU_INTERFACE, CLASS_REQUEST_TYPE_IN, DfuRequest.GETSTATUS)
+_DFU_GETSTATE = (DFU_INTERFACE, CLASS_REQUEST_TYPE_IN, DfuRequest.GETSTATE)
 _115200_8N1 = {"dwDTERate": BAUD, "bCharFormat": 0, "bParityType": 0, "bDataBits": 8}
 _DFU_OK_IN_APP_IDLE = DfuReply(DfuStatus.OK, 0, DfuState.APP_IDLE).encode()
 _DFU_APP_IDLE = bytes([DfuState.APP_IDLE])
@@ -133,7 +134,7 @@ class UsbDevice:
         Stall
             Where the device does not know the request.
         """
-        if setup.request_type in (_CLASS_IN_INTERFACE, _CLASS_OUT_INTERFACE):
+        if setup.request_type in (CLASS_REQUEST_TYPE_IN, CLASS_REQUEST_TYPE_OUT):
             return self._class_request(setup, data)[: setup.length]
         handler = self._handlers.get((setup.request_type, setup.request))
         if handler is None:

@@ -8,7 +8,16 @@ from typing import Any
 
 from ...errors import ReplyError
 from ..board import PROCESSORS
-from ..codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, DescriptorType, DfuRequest, DfuState, Request, StandardRequest
+from ..codes import (
+    CLASS_REQUEST_TYPE_OUT,
+    REQUEST_TYPE_IN,
+    REQUEST_TYPE_OUT,
+    DescriptorType,
+    DfuRequest,
+    DfuState,
+    Request,
+    StandardRequest,
+)
 from ..descriptors import Descriptor, Device, Languages, String, descriptors, ms_os_descriptors
 from ..dfu import DfuReply
 from ..enumeration import CONSOLE_INTERFACE, MS_OS_INDEX, MS_OS_VENDOR_CODE
@@ -21,7 +30,6 @@ __all__ = ["describe_request"]
 
 _TYPE_BITS = 0x60
 _VENDOR_DEVICE_IN = 0xC0
-_CLASS_INTERFACE = 0x21
 _VALUE_CLAUSES = {Request.WATCHDOG: "REQ-009", Request.LIMIT: "REQ-010", Request.IDENTIFY: "REQ-012"}
 _ANSWERS: Mapping[Request, tuple[str, Callable[[bytes], Any], int]] = {
     Request.INFO: ("REQ-002", Info.decode, Info.BYTES),
@@ -64,9 +72,9 @@ def _describer(setup: Setup) -> Callable[[Setup, bytes | None], Description]:
         return _describe_ms_os
     if not setup.request_type & _TYPE_BITS and setup.request in set(StandardRequest):
         return _describe_standard
-    if setup.request_type & ~DIRECTION_IN == _CLASS_INTERFACE and setup.index == CONSOLE_INTERFACE:
+    if setup.request_type & ~DIRECTION_IN == CLASS_REQUEST_TYPE_OUT and setup.index == CONSOLE_INTERFACE:
         return _describe_console
-    if setup.request_type & ~DIRECTION_IN == _CLASS_INTERFACE and setup.request in set(DfuRequest):
+    if setup.request_type & ~DIRECTION_IN == CLASS_REQUEST_TYPE_OUT and setup.request in set(DfuRequest):
         return _describe_dfu
     return _describe_other
 

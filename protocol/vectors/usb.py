@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..codes import (
-    DFU_REQUEST_TYPE_IN,
-    DFU_REQUEST_TYPE_OUT,
+    CLASS_REQUEST_TYPE_IN,
+    CLASS_REQUEST_TYPE_OUT,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
     DescriptorType,
@@ -55,10 +55,10 @@ def requests() -> Section:
         "SET-CONFIGURATION": ("configures", (0x00, StandardRequest.SET_CONFIGURATION, 1, 0, 0), "nothing"),
         "GET-STATUS": ("of the device", (0x80, StandardRequest.GET_STATUS, 0, 0, 2), "2 bytes"),
         "MS-OS": ("the Microsoft OS 2.0 set", (0xC0, MS_OS_VENDOR_CODE, 0, MS_OS_INDEX, 338), "338 bytes"),
-        "DFU-DETACH": ("to DFU mode", (DFU_REQUEST_TYPE_OUT, DfuRequest.DETACH, 1000, DFU_INTERFACE, 0), "nothing"),
+        "DFU-DETACH": ("to DFU mode", (CLASS_REQUEST_TYPE_OUT, DfuRequest.DETACH, 1000, DFU_INTERFACE, 0), "nothing"),
         "DFU-GETSTATUS": (
             "of the DFU interface",
-            (DFU_REQUEST_TYPE_IN, DfuRequest.GETSTATUS, 0, DFU_INTERFACE, 6),
+            (CLASS_REQUEST_TYPE_IN, DfuRequest.GETSTATUS, 0, DFU_INTERFACE, 6),
             "6 bytes",
         ),
     }

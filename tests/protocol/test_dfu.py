@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import ReplyError
 from phasewire.protocol.codes import (
+    CLASS_REQUEST_TYPE_IN,
+    CLASS_REQUEST_TYPE_OUT,
     DFU_ATTRIBUTES,
     DFU_DETACH_TIMEOUT_MS,
-    DFU_REQUEST_TYPE_IN,
-    DFU_REQUEST_TYPE_OUT,
     DFU_TRANSFER_BYTES,
     DFU_VERSION,
     IMAGE_MAX_BYTES,
@@ -184,7 +184,7 @@ def test_the_names_are_those_of_the_standard() -> None:
 def test_the_numbers_of_the_functional_descriptor() -> None:
     """Clause DFU-001; the request types are those of DFU 1.1, table 3.2."""
     assert (DFU_VERSION, DFU_TRANSFER_BYTES, DFU_DETACH_TIMEOUT_MS, DFU_ATTRIBUTES) == (0x0110, 2048, 1000, 0b1111)
-    assert (DFU_REQUEST_TYPE_OUT, DFU_REQUEST_TYPE_IN) == (0b00100001, 0b10100001)
+    assert (CLASS_REQUEST_TYPE_OUT, CLASS_REQUEST_TYPE_IN) == (0b00100001, 0b10100001)
 
 
 # GETSTATUS
