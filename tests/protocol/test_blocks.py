@@ -232,7 +232,7 @@ def test_any_bytes_under_a_right_checksum_are_judged_alike(head: bytes, payload:
         (lambda: Sequence(0, 0), "number of entries 0 is outside 1 to 1024"),
         (lambda: Sequence(1000, 25), "first entry 1000 is outside 0 to 999"),
         (lambda: Sequence(0, 1, repeats=2**16), "number of repeats 65536"),
-        (lambda: Samples(np.array([0, 256])), "sample 256 is outside 0 to 255"),  # type: ignore[arg-type]
+        (lambda: Samples(np.array([0, 256])), "sample 256 is outside 0 to 255"),  # type: ignore[arg-type]  # no bytes
         (lambda: Samples(bytes(481)), "number of samples 481 is outside 1 to 480"),
         (lambda: Samples(bytes(2), 4095), "first sample 4095 is outside 0 to 4094"),
         (lambda: Modulation(0, 4097, 1), "number of samples 4097 is outside 1 to 4096"),

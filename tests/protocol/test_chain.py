@@ -315,7 +315,7 @@ def test_items_go_in_loads_of_48_bytes(memory: Memory, size: int, first: int, pa
         (lambda: Slice(0, bytes(47)), "take 48 bytes, not 47"),
         (lambda: Commit.of(2**64, Slice(0, bytes(48))), "period 18446744073709551616 is outside"),
         (lambda: Commit(0, 0, -1), "checksum -1 is outside"),
-        (lambda: Load(0, 4, 0, bytes(4)), "4 is no memory of a processor; SLOTS, ENT"),  # type: ignore[arg-type]
+        (lambda: Load(0, 4, 0, bytes(4)), "4 is no memory of a processor; SLOTS, ENT"),  # type: ignore[arg-type]  # meant
         (lambda: Load(0, Memory.SLOTS, 256, bytes(48)), "first 256 is outside 0 to 255"),
         (lambda: Load(0, Memory.ENTRIES, 1023, bytes(8)), "first 1023 is outside 0 to 1022"),
         (lambda: Load(0, Memory.ENTRIES, 0, bytes(6)), "6 bytes are not 1 to 12 items of 4 bytes"),
@@ -335,7 +335,7 @@ def test_items_go_in_loads_of_48_bytes(memory: Memory, size: int, first: int, pa
         (lambda: Report(0, 0, 0, (0, 0, 256), 0, 0, 0, 0), "three numbers of 0 to 255"),
         (lambda: Playing(0, -1, bytes(48)), "period -1"),
         (lambda: Identity(0, True, (0, 0, 0), 2**64), "unique_id"),
-        (lambda: Identity(0, 2, (0, 0, 0), 0), "last 2 is outside 0 to 1"),  # type: ignore[arg-type]
+        (lambda: Identity(0, 2, (0, 0, 0), 0), "last 2 is outside 0 to 1"),  # type: ignore[arg-type]  # meant
     ],
 )
 def test_values_that_cannot_travel_are_named(make: Any, complaint: str) -> None:

@@ -264,8 +264,8 @@ def test_a_content_has_one_encoding_only() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Frame(6, b""), "unknown type of frame 6"),  # type: ignore[arg-type]
-        (lambda: SerialReply(0, 2), "unknown outcome 2"),  # type: ignore[arg-type]
+        (lambda: Frame(6, b""), "unknown type of frame 6"),  # type: ignore[arg-type]  # the wrong value is the point
+        (lambda: SerialReply(0, 2), "unknown outcome 2"),  # type: ignore[arg-type]  # the wrong value is the point
         (lambda: SerialRequest(256, 0xC1, 2), "does not fit"),
         (lambda: SerialRequest(0, 0xC1, 2, value=-1), "does not fit"),
         (lambda: SerialRequest(0, 0x41, 2, length=1), "request 2 must carry 1 bytes, not 0"),
