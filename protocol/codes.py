@@ -231,18 +231,6 @@ class Request(IntEnum):
     IDENTIFY = 12
     RESET = 13
 
-    @property
-    def answered(self) -> bool:
-        """Whether the device answers with data; the others are only carried out."""
-        return self in (
-            Request.INFO,
-            Request.STATUS,
-            Request.WIRING,
-            Request.CLOCK,
-            Request.PULSES,
-            Request.PROCESSORS,
-        )
-
 
 class State(IntEnum):
     """States of the device (clause STA-001)."""

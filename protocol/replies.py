@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,6 +23,7 @@ from .codes import (
     Fault,
     Feature,
     Reason,
+    Request,
     State,
     StatusFlag,
 )
@@ -32,6 +34,7 @@ from .ranges import whole
 from .wiring import Wiring
 
 __all__ = [
+    "ANSWER_BYTES",
     "WIRING_BYTES",
     "Ack",
     "ClockReading",
@@ -462,3 +465,16 @@ def decode_wiring(data: bytes) -> Wiring:
         return Wiring(channels)
     except ValueError as error:
         raise ReplyError(str(error)) from error
+
+
+ANSWER_BYTES: Mapping[Request, int] = MappingProxyType(
+    {
+        Request.INFO: Info.BYTES,
+        Request.STATUS: Status.BYTES,
+        Request.WIRING: WIRING_BYTES,
+        Request.CLOCK: ClockReading.BYTES,
+        Request.PULSES: ReadBack.BYTES,
+        Request.PROCESSORS: PROCESSORS * ProcessorReport.BYTES,
+    }
+)
+"""Size of the answer to each request that has one (chapter REQ)."""

@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from ...errors import ReplyError
-from ..board import PROCESSORS
 from ..codes import (
     CLASS_REQUEST_TYPE_OUT,
     REQUEST_TYPE_IN,
@@ -21,7 +20,7 @@ from ..codes import (
 from ..descriptors import Descriptor, Device, Languages, String, descriptors, ms_os_descriptors
 from ..dfu import DfuReply
 from ..enumeration import CONSOLE_INTERFACE, MS_OS_INDEX, MS_OS_VENDOR_CODE
-from ..replies import WIRING_BYTES, ClockReading, Info, ProcessorReport, ReadBack, Status, decode_reports, decode_wiring
+from ..replies import ANSWER_BYTES, ClockReading, Info, ReadBack, Status, decode_reports, decode_wiring
 from ..requests import DIRECTION_IN, VALUES, ConsoleRequest, Setup
 from .description import Description, Finding, few, name_of, plainly, shortly
 from .replies import in_words
@@ -31,15 +30,15 @@ __all__ = ["describe_request"]
 _TYPE_BITS = 0x60
 _VENDOR_DEVICE_IN = 0xC0
 _VALUE_CLAUSES = {Request.WATCHDOG: "REQ-009", Request.LIMIT: "REQ-010", Request.IDENTIFY: "REQ-012"}
-_ANSWERS: Mapping[Request, tuple[str, Callable[[bytes], Any], int]] = {
-    Request.INFO: ("REQ-002", Info.decode, Info.BYTES),
-    Request.STATUS: ("REQ-003", Status.decode, Status.BYTES),
-    Request.WIRING: ("REQ-004", decode_wiring, WIRING_BYTES),
-    Request.CLOCK: ("REQ-006", ClockReading.decode, ClockReading.BYTES),
-    Request.PULSES: ("REQ-007", ReadBack.decode, ReadBack.BYTES),
-    Request.PROCESSORS: ("REQ-008", decode_reports, PROCESSORS * ProcessorReport.BYTES),
+_ANSWERS: Mapping[Request, tuple[str, Callable[[bytes], Any]]] = {
+    Request.INFO: ("REQ-002", Info.decode),
+    Request.STATUS: ("REQ-003", Status.decode),
+    Request.WIRING: ("REQ-004", decode_wiring),
+    Request.CLOCK: ("REQ-006", ClockReading.decode),
+    Request.PULSES: ("REQ-007", ReadBack.decode),
+    Request.PROCESSORS: ("REQ-008", decode_reports),
 }
-"""Clause, reader and size of the answer to a request."""
+"""Clause and reader of the answer to a request."""
 
 
 def describe_request(setup: bytes, data: bytes | None = None, *, stalled: bool = False) -> Description:
@@ -173,9 +172,10 @@ def _describe_vendor(setup: Setup, data: bytes | None) -> Description:
     request = Request(setup.request)
     summary = f"{name} {setup.value}" if request in VALUES else name
     findings = list(_wrong_setup(request, setup))
-    if findings or data is None or not request.answered:
+    if findings or data is None or request not in ANSWER_BYTES:
         return Description("request", summary, {"name": name}, tuple(findings))
-    clause, decode, size = _ANSWERS[request]
+    clause, decode = _ANSWERS[request]
+    size = ANSWER_BYTES[request]
     if len(data) == setup.length < size:
         return Description("request", f"{name}: the first {len(data)} of {size} bytes", {"name": name})
     try:
@@ -189,7 +189,7 @@ def _describe_vendor(setup: Setup, data: bytes | None) -> Description:
 def _wrong_setup(request: Request, setup: Setup) -> Iterator[Finding]:
     """What is wrong with the setup stage of a request of this protocol."""
     values = VALUES.get(request, range(1))
-    if setup.is_in != request.answered:
+    if setup.is_in != (request in ANSWER_BYTES):
         right = REQUEST_TYPE_OUT if setup.is_in else REQUEST_TYPE_IN
         yield Finding(
             "", "REQ-001", f"type {setup.request_type:02x} should be {right:02x}: {request.name} goes that way"

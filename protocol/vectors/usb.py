@@ -13,19 +13,12 @@ from ..codes import (
     StandardRequest,
 )
 from ..enumeration import DFU_INTERFACE, FULL_SPEED, LANGUAGE, MS_OS_INDEX, MS_OS_VENDOR_CODE, dfu_mode, run_time
+from ..replies import ANSWER_BYTES
 from ..requests import Setup
 from .cases import Section, Vector, section, vector
 
 __all__ = ["descriptors", "refused_requests", "requests"]
 
-SIZES = {
-    Request.INFO: 64,
-    Request.STATUS: 64,
-    Request.WIRING: 640,
-    Request.CLOCK: 24,
-    Request.PULSES: 496,
-    Request.PROCESSORS: 160,
-}
 VALUES = {Request.WATCHDOG: 5000, Request.LIMIT: 160, Request.IDENTIFY: 4}
 
 
@@ -40,11 +33,17 @@ def requests() -> Section:
         _request(
             request.name,
             f"the request {request.name}",
-            (REQUEST_TYPE_IN if request.answered else REQUEST_TYPE_OUT, request, VALUES.get(request, 0), 0, size),
+            (
+                REQUEST_TYPE_IN if request in ANSWER_BYTES else REQUEST_TYPE_OUT,
+                request,
+                VALUES.get(request, 0),
+                0,
+                size,
+            ),
             answer=f"{size} bytes" if size else "nothing",
         )
         for request in Request
-        for size in [SIZES.get(request, 0)]
+        for size in [ANSWER_BYTES.get(request, 0)]
     ]
     others = {
         "INFO-16": ("only the first bytes are asked for", (REQUEST_TYPE_IN, Request.INFO, 0, 0, 16), "16 bytes"),

@@ -48,6 +48,7 @@ from phasewire.protocol.firmware import Trust, parse
 from phasewire.protocol.layout import chain, firmware, replies
 from phasewire.protocol.layout.blocks import BLOCK
 from phasewire.protocol.layout.serial import FRAME
+from phasewire.protocol.replies import ANSWER_BYTES
 from phasewire.protocol.states import Event
 from phasewire.protocol.vectors import text
 
@@ -146,7 +147,7 @@ def names(parts: Iterable[str], key: str) -> set[Any]:
         (
             ["answers"],
             "request",
-            [request for request in Request if request.answered and request is not Request.STATUS],
+            [request for request in Request if request in ANSWER_BYTES and request is not Request.STATUS],
         ),
         (["chain_messages"], "kind", ChannelEnd),
         (["chain_messages"], "memory", Memory),
