@@ -55,6 +55,23 @@ def test_the_same_blocks_as_one_by_one(
     assert updates.restart.tolist() == [restart and n == 0 for n in range(k)]
 
 
+def test_a_long_batch_is_the_same_blocks_round_the_wrap() -> None:
+    k, first = 600, 2**32 - 300
+    phase = JUNK.integers(0, 100, (k, 320), dtype=np.uint8)
+    width = JUNK.integers(0, 26, (k, 320), dtype=np.uint8)
+    periods = JUNK.integers(0, 2**64, k, dtype=np.uint64)
+    packed = pack_updates(phase, width, first, periods)
+    for n in range(k):
+        body = Update(Pulses(phase[n], width[n]), int(periods[n]))
+        assert packed[n].tobytes() == pack(Block(body, (first + n) % 2**32))
+    updates = unpack_updates(packed)
+    assert not updates.reason.any()
+    assert np.array_equal(updates.phase, phase)
+    assert np.array_equal(updates.width, width)
+    assert np.array_equal(updates.period, periods)
+    assert updates.sequence.tolist() == [(first + n) % 2**32 for n in range(k)]
+
+
 @given(blocks(), st.integers(0, 511), st.binary(max_size=16), st.booleans())
 def test_the_same_is_refused_for_the_same_reason(block: Block, at: int, junk: bytes, seal: bool) -> None:
     data = bytearray(pack(block))
