@@ -23,8 +23,8 @@ from ..protocol.codes import BLOCK_BYTES, DescriptorType, StandardRequest
 from ..protocol.descriptors import Configuration, Descriptor, Endpoint, Interface, descriptors
 from ..protocol.requests import Setup
 from ..protocol.timing import FIVE_WIRE, LINKS, MICROFRAME_CYCLES, PACKET_CYCLES
+from .door import Handshake, Stall
 from .machine import Emulator, plugged
-from .usb_device import Handshake, Stall
 
 __all__ = ["EmulatorBackend", "open_backend"]
 

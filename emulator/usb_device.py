@@ -9,7 +9,6 @@ Every door (an in-process backend, a network protocol, a simulated kernel) speak
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import Enum
 
 from ..protocol.codes import (
     BLOCK_BYTES,
@@ -44,20 +43,9 @@ from ..protocol.layout.usb import LINE_CODING
 from ..protocol.replies import encode_reports, encode_wiring
 from ..protocol.requests import VALUES, ConsoleRequest, Setup
 from .controller import FIRMWARE, Controller
+from .door import Handshake, Stall
 
-__all__ = ["Handshake", "Stall", "UsbDevice"]
-
-
-class Handshake(Enum):
-    """How a device answers a bulk transaction."""
-
-    ACK = "ack"
-    NAK = "nak"
-    STALL = "stall"
-
-
-class Stall(Exception):
-    """The device answers a control request with STALL: it does not know it, or not now."""
+__all__ = ["UsbDevice"]
 
 
 _STANDARD_IN_DEVICE, _STANDARD_OUT_DEVICE = 0x80, 0x00

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
 from phasewire.emulator import Event
+from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.processor import Processor
-from phasewire.emulator.usb_device import Handshake, Stall
 from phasewire.protocol import Ack, Clock, NoOp, Output, Reason, Slot, State, Status, pack
 from phasewire.protocol.blocks import Block
 from phasewire.protocol.codes import AckFlag, Action, Request
