@@ -4,7 +4,8 @@ import struct
 
 import pytest
 from phasewire import Emulator
-from phasewire.emulator.door import Handshake, Stall, UsbDevice
+from phasewire.emulator.door import Handshake, Stall
+from phasewire.emulator.usb_device import UsbDevice
 from phasewire.protocol import Info, Wiring
 from phasewire.protocol.replies import decode_wiring
 from phasewire.protocol.requests import Setup
