@@ -1,0 +1,504 @@
+"""Tokens on the links: sums done by hand, and a simulation that moves every token, place and credit by itself."""
+
+from __future__ import annotations
+
+import heapq
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from itertools import pairwise
+from typing import NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire.emulator.links import Links, Passage, Span
+from phasewire.emulator.switches import Direction
+from phasewire.protocol.board import CORE_HZ
+from phasewire.protocol.timing import FIVE_WIRE, LINKS, TWO_WIRE, Link
+
+from tests.specification import table
+
+SLICE, COMMIT, COLLECT = 52, 16, 9
+BUFFER = 8
+
+
+Make = Callable[[Link], Links]
+
+
+def chain(link: Link = FIVE_WIRE) -> Links:
+    return Links([link] * 10)
+
+
+def slow(cycles: int) -> Link:
+    """A link of so many cycles a token."""
+    return Link("slow", wires=5, symbols_per_token=4, token_delay=cycles - 8)
+
+
+def followed(link: Link = FIVE_WIRE) -> Links:
+    """The same chain as `chain`, its tokens followed one by one."""
+    links = chain(link)
+    links.set_link(0, link)
+    return links
+
+
+# Clauses BUD-002, CHN-006 and BUD-003
+
+
+@pytest.mark.parametrize("make", [chain, followed])
+@pytest.mark.parametrize(("name", "column"), [("5wire", 2), ("2wire", 3)])
+def test_messages_hold_a_link_and_arrive_as_the_specification_says(make: Make, name: str, column: int) -> None:
+    for row in table("table: message times"):
+        cycles = int(Fraction(row[column].removesuffix(" µs")) * CORE_HZ / 1_000_000)
+        for processor in range(10):
+            links = make(LINKS[name])
+            passage = links.down(processor, int(row[0]), 1000)
+            assert passage == (processor, 1000, 1000 + cycles, 1000 + cycles + (processor + 1) * 40)
+            assert links.up(processor, int(row[0]), 1000) == passage
+            for direction in (Direction.DOWN, Direction.UP):
+                for span in links.spans(direction):
+                    assert span.begins is not None
+                    assert span.ends is not None
+                    assert span.ends - span.begins == cycles
+            assert links.free_at() == 1000 + cycles
+
+
+@pytest.mark.parametrize("make", [chain, followed])
+@pytest.mark.parametrize(("link", "microseconds"), [(FIVE_WIRE, 13.6), (TWO_WIRE, 34)])
+def test_ten_slices_and_ten_commits(make: Make, link: Link, microseconds: float) -> None:
+    links = make(link)
+    passages = [links.down(processor, tokens, 0) for tokens in (SLICE, COMMIT) for processor in range(10)]
+    assert passages[-1].leaves == microseconds * 400
+    assert passages[-1].arrives == microseconds * 400 + 400
+    assert all(before.leaves == after.begins for before, after in pairwise(passages))
+
+
+def test_spans_come_one_delay_after_another() -> None:
+    links = chain()
+    links.down(2, COLLECT, 100)
+    assert links.spans(Direction.DOWN) == [Span(0, 100, 172), Span(1, 140, 212), Span(2, 180, 252)]
+    links.up(1, COLLECT, 100)
+    assert links.spans(Direction.UP) == [Span(1, 100, 172), Span(0, 140, 212)]
+
+
+def test_directions_have_wires_of_their_own() -> None:
+    links = chain()
+    links.down(9, SLICE, 0)
+    assert links.up(9, SLICE, 0) == (9, 0, 416, 816)
+
+
+def test_answers_meet_at_a_switch() -> None:
+    """Processor 0 holds link 0 from 0 to 520; what comes from processor 2 waits at its switch from 80 on."""
+    links = chain()
+    assert links.up(0, 65, 0) == (0, 0, 520, 560)
+    # 28 tokens follow END on link 0. Ahead of it wait 8 behind link 1 and 8 behind link 2; the rest has not begun. The
+    # first leaves link 1's buffer at 528; the one that then may follow begins on link 1 at 536, and from there frees a
+    # place behind link 2 at 544, whose credit is with the sender at 552. Its 17th to 28th token take 12 · 8 from there.
+    assert links.up(2, 28, 0) == (2, 0, 552 + 96, 520 + 28 * 8 + 40)
+
+
+# Places and credits
+
+
+def test_a_slow_link_fills_the_buffer_before_it() -> None:
+    """Link 1 takes 80 cycles a token, ten times as long as the others.
+
+    A token is there 8 cycles after it began and goes on at 40, of which link 1 needs 80: the first ends there at 120,
+    and the others 80 after each other. Eight tokens leave at full rate; the ninth waits for the place of the first,
+    whose credit is back at 128, and so ends on link 0 at 136; the others again 80 after each other.
+    """
+    links = chain()
+    links.set_link(1, slow(80))
+    assert links.down(1, 20, 0) == (1, 0, 136 + 11 * 80, 120 + 19 * 80 + 40)
+    assert links.spans(Direction.DOWN) == [Span(0, 0, 1016), Span(1, 40, 1640)]
+    # What follows for processor 0 begins with the place of the 13th token, whose credit is back at 120 + 12·80 + 8, and
+    # stands in the same buffer until END has left it at 1640; then tokens go by at the rate of link 0. The 9th takes
+    # the place of the 1st, which is left at 1648.
+    assert links.down(0, COLLECT, 0) == (0, 1088, 1648 + 8 + 8, 1640 + 9 * 8)
+
+
+def test_a_fast_link_behind_a_slow_one_is_held_as_long() -> None:
+    """It cannot send what has not come; of each token the last symbol is there 40 cycles after it came."""
+    links = chain()
+    links.set_link(0, slow(80))
+    assert links.down(1, 20, 0) == (1, 0, 1600, 1680)
+    assert links.spans(Direction.DOWN) == [Span(0, 0, 1600), Span(1, 80 + 40 - 8, 1640)]
+
+
+def test_credits_that_are_slow_to_return_halve_the_rate() -> None:
+    """Eight tokens go in 64 cycles; the place of the first is left at 48, and its credit there at 128."""
+    links = Links([FIVE_WIRE] * 10, credit_cycles=80)
+    assert links.down(0, 16, 0).leaves == 128 + 64
+
+
+@pytest.mark.parametrize("hop", [40, 48])
+def test_eight_places_outlast_the_delay_of_a_switch(hop: int) -> None:
+    """Up to 48 cycles, with 8 for the credit, 5-wire links run at their full rate."""
+    assert Links([FIVE_WIRE] * 10, hop).down(9, SLICE, 0) == (9, 0, 416, 416 + 10 * hop)
+
+
+def test_a_slower_switch_slows_the_links() -> None:
+    """At 49 the ninth token, and every eighth after it, waits a cycle: 52 tokens wait six times."""
+    assert Links([FIVE_WIRE] * 10, 49).down(0, SLICE, 0) == (0, 0, 416 + 6, 416 + 6 + 49)
+
+
+# What holds everything up
+
+
+def test_what_a_blocked_processor_leaves_room_for() -> None:
+    """The switch takes 3 tokens off, the channel end holds 8, and so does the buffer before it: 19 leave, no more."""
+    for tokens in (19, 20):
+        links = chain()
+        links.block(0)
+        leaves = tokens * 8 if tokens == 19 else None
+        assert links.down(0, tokens, 0) == (0, 0, leaves, None)
+        assert links.free_at() == leaves
+
+
+def test_a_blocked_processor_holds_up_others() -> None:
+    """11 tokens at processor 9 and 8 behind each of ten links: 91 have room, and whoever comes next waits for ever."""
+    links = chain()
+    links.block(9)
+    assert links.down(9, SLICE, 0).leaves == 416
+    assert links.down(9, 39, 0) == (9, 416, 416 + 312, None)
+    assert links.free_at() == 728
+    assert links.down(3, COLLECT, 0) == (3, None, None, None)
+    assert links.free_at() is None
+    assert links.up(9, COLLECT, 0).arrives == 72 + 400
+
+
+def test_a_message_that_fits_into_the_buffer_of_a_blocked_processor_leaves_the_route_free() -> None:
+    """9 tokens are 6 without the header; after 2 more the buffer is full."""
+    links = chain()
+    links.block(4)
+    assert links.down(4, COLLECT, 0) == (4, 0, 72, None)
+    assert links.down(9, COLLECT, 0) == (9, 72, 144, 544)
+    assert links.down(4, 3 + 2 + 5 * BUFFER, 144).leaves == 144 + 45 * 8
+    assert links.down(9, COLLECT, 144) == (9, None, None, None)
+
+
+def test_a_cut_link_swallows_what_it_has_credit_for() -> None:
+    links = chain()
+    links.cut(5)
+    assert links.down(4, SLICE, 0) == (4, 0, 416, 416 + 200)
+    assert links.down(5, BUFFER * 6, 416) == (5, 416, 416 + 48 * 8, None)
+    assert links.down(0, COLLECT, 0) == (0, None, None, None)
+    assert links.up(4, COLLECT, 0) == (4, 0, 72, 72 + 200)
+    assert links.up(7, BUFFER * 3 + 1, 0) == (7, 0, None, None)
+    assert links.spans(Direction.UP) == [
+        Span(7, 0, None),
+        Span(6, 40, None),
+        Span(5, 80, None),
+        *[Span(link, None, None) for link in (4, 3, 2, 1, 0)],
+    ]
+    assert links.up(4, COLLECT, 72).arrives == 144 + 200
+
+
+def test_a_message_for_nobody_stays_in_the_last_switch() -> None:
+    """Clause CHN-023: eighty tokens have room, and the next message none."""
+    links = chain()
+    assert links.down(9, COLLECT, 0, reached=False) == (9, 0, 72, None)
+    assert links.down(0, COLLECT, 0) == (0, 72, 144, 144 + 40)
+    assert links.down(9, 80, 144) == (9, 144, None, None)
+
+
+# Routes without END
+
+
+@pytest.mark.parametrize("make", [chain, followed])
+def test_an_open_route_swallows_the_next_message_up_to_its_end(make: Make) -> None:
+    links = make(FIVE_WIRE)
+    assert links.down(2, SLICE - 1, 0, ends=False) == (2, 0, 408, 408 + 120)
+    assert links.down(7, SLICE, 0) == (2, 408, 824, 824 + 120)
+    assert links.down(7, SLICE, 0) == (7, 824, 1240, 1240 + 320)
+
+
+def test_what_runs_into_an_open_route_keeps_its_header() -> None:
+    """8 places, of which the first message takes 5 and the second all 3 others: none is for its fourth token."""
+    links = chain()
+    links.block(0)
+    links.down(0, 3 + 5, 0, ends=False)
+    assert links.down(1, 3 + BUFFER, 0) == (0, 64, 64 + 88, None)
+    assert links.down(1, 1, 0) == (1, None, None, None)
+
+
+def test_an_open_route_to_the_controller_is_its_sender_s() -> None:
+    links = chain()
+    links.up(3, COLLECT - 1, 0, ends=False)
+    assert links.up(5, COLLECT, 0) == (5, None, None, None)
+    assert links.up(3, COLLECT, 0) == (3, 64, 136, 136 + 160)
+    assert links.up(5, COLLECT, 1000) == (5, 1000, 1072, 1072 + 240)
+
+
+# Wrong arguments
+
+
+def test_wrong_arguments_are_refused_by_name() -> None:
+    links = chain()
+    with pytest.raises(ValueError, match="as many links, not 9"):
+        Links([FIVE_WIRE] * 9)
+    with pytest.raises(ValueError, match="hop_cycles -1 is negative"):
+        Links([FIVE_WIRE] * 10, -1)
+    with pytest.raises(ValueError, match="credit_cycles -1 is negative"):
+        Links([FIVE_WIRE] * 10, credit_cycles=-1)
+    with pytest.raises(ValueError, match="processor 10 is outside"):
+        links.down(10, 1, 0)
+    with pytest.raises(ValueError, match="tokens 0 is outside"):
+        links.up(0, 0, 0)
+    with pytest.raises(ValueError, match="at -1 is outside"):
+        links.up(0, 1, -1)
+    with pytest.raises(ValueError, match="link 10 is outside"):
+        links.set_link(10, FIVE_WIRE)
+    with pytest.raises(ValueError, match="link -1 is outside"):
+        links.cut(-1)
+    with pytest.raises(ValueError, match="processor -1 is outside"):
+        links.block(-1)
+
+
+def test_nothing_slow_is_imported_while_nothing_is_held_up() -> None:
+    code = (
+        "import sys; from phasewire.emulator.links import Links; from phasewire.protocol.timing import FIVE_WIRE;"
+        "Links([FIVE_WIRE] * 10).down(9, 52, 0); print('numba' in sys.modules)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert ended.stdout.strip() == "False"
+
+
+# The simulation. Switches, buffers and credits are moved one token at a time, in the order of time; it knows nothing of
+# recurrences. An input is a buffer behind a link or a sender, an output is a link or a channel end.
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A message, and the chain as it was when it was handed over."""
+
+    processor: int
+    tokens: int
+    at: int
+    ends: bool
+    reached: bool
+    cycles: tuple[int, ...]
+    cut: frozenset[int]
+    blocked: frozenset[int]
+
+
+class Token(NamedTuple):
+    number: int  # of its message
+    place: int
+    began: int  # on the link that it came by; of a sender's: when it may leave
+    ended: int
+
+
+@dataclass
+class Input:
+    link: int | None
+    tokens: deque[Token] = field(default_factory=deque)
+    output: Output | None = None
+    clear: int = 0
+
+
+@dataclass
+class Output:
+    link: int | None
+    credits: list[int] = field(default_factory=lambda: [0] * BUFFER)  # when each may be used
+    free: int = 0
+    turns: deque[int] | None = None
+    header: int = 0
+    holder: Input | None = None
+
+
+class Simulation:
+    def __init__(self, sent: list[Sent], upward: bool, hop: int, credit: int) -> None:
+        self.sent, self.upward, self.hop, self.credit = sent, upward, hop, credit
+        self.buffers = [Input(link) for link in range(10)]
+        self.links = [Output(link) for link in range(10)]
+        self.channel_ends = [Output(None) for _ in range(10)]
+        self.senders = [Input(None) for _ in range(10 if upward else 1)]
+        for number, message in enumerate(sent):
+            queue = self.senders[message.processor if upward else 0].tokens
+            queue += [Token(number, index, message.at - hop, message.at - hop) for index in range(message.tokens)]
+        if upward:  # messages take turns in the order in which they were handed over, but for those lost before
+            for index, link in enumerate(self.links):
+                link.turns = deque(
+                    number
+                    for number, message in enumerate(sent)
+                    if message.processor >= index
+                    and message.cut.isdisjoint(range(index + 1, message.processor + 1))
+                    and (number == 0 or sent[number - 1].ends)
+                )
+        self.begins: dict[tuple[int, int | None], int] = {}
+        self.ends: dict[tuple[int, int | None], int] = {}
+        self.taken: dict[int, int] = {}
+        self.times = [message.at for message in sent]
+        heapq.heapify(self.times)
+        while self.times:
+            now = heapq.heappop(self.times)
+            while self.times and self.times[0] == now:
+                heapq.heappop(self.times)
+            while sum(self.move(source, now) for source in (*self.senders, *self.buffers)):
+                pass
+
+    def wanted(self, source: Input, message: Sent) -> Output | None:
+        """Where a header leads; None: to nobody."""
+        if self.upward:
+            here = message.processor + 1 if source.link is None else source.link
+            return self.links[here - 1] if here else self.channel_ends[0]
+        here = -1 if source.link is None else source.link
+        if here != message.processor:
+            return self.links[here + 1]
+        return self.channel_ends[here] if message.reached else None
+
+    def move(self, source: Input, now: int) -> bool:
+        """Let the first token of an input begin to pass, if it can."""
+        if not source.tokens:
+            return False
+        token = source.tokens[0]
+        message = self.sent[token.number]
+        output = source.output
+        if output is None:
+            output = self.wanted(source, message)
+            if (
+                output is None
+                or output.holder is not None
+                or (output.turns is not None and output.turns[0] != token.number)
+            ):
+                return False
+        # Its first symbol may go on one delay after it came, and its last too.
+        cycles = token.ended - token.began if output.link is None else message.cycles[output.link]
+        ready = max(token.began + self.hop, token.ended + self.hop - cycles, source.clear, output.free)
+        opens_end = output.link is None and source.output is None
+        needs_place = not (opens_end or output.header)
+        if needs_place:
+            if not output.credits:
+                return False
+            ready = max(ready, output.credits[0])
+        if ready > now:
+            heapq.heappush(self.times, ready)
+            return False
+        if source.output is None:
+            source.output, output.holder = output, source
+            output.header = 3 if output.link is None else 0
+            if output.turns is not None:
+                output.turns.popleft()
+        self.pass_on(source.tokens.popleft(), source, output, now, now + cycles)
+        return True
+
+    def pass_on(self, token: Token, source: Input, output: Output, now: int, end: int) -> None:
+        message = self.sent[token.number]
+        is_last = token.place == message.tokens - 1
+        source.clear = output.free = end
+        if source.link is not None:
+            self.links[source.link].credits.append(end + self.credit)
+        if token.place == 0:
+            self.begins[token.number, output.link] = now
+        if is_last:
+            self.ends[token.number, output.link] = end
+        if output.link is not None:
+            output.credits.pop(0)
+            if output.link not in message.cut:
+                self.buffers[output.link].tokens.append(Token(token.number, token.place, now, end))
+        else:
+            receiver = -1 if self.upward else self.channel_ends.index(output)
+            takes = receiver not in message.blocked
+            if output.header:
+                output.header -= 1
+            else:
+                output.credits.pop(0)
+                if takes:
+                    output.credits.append(end + self.credit)
+            if is_last and takes:
+                self.taken[token.number] = end
+        if is_last and message.ends:
+            source.output = output.holder = None
+        for time in (now + self.hop, end, end + self.credit):
+            heapq.heappush(self.times, time)
+
+    def passage(self, number: int, processor: int, links: Sequence[int]) -> tuple[Passage, list[Span]]:
+        spans = [Span(link, self.begins.get((number, link)), self.ends.get((number, link))) for link in links]
+        return Passage(processor, spans[0].begins, spans[0].ends, self.taken.get(number)), spans
+
+
+def way(processor: int, upward: bool) -> list[int]:
+    return list(range(processor, -1, -1)) if upward else list(range(processor + 1))
+
+
+PLACES_IN_CHAIN = st.integers(0, 9)
+CYCLES = st.integers(8, 30) | st.sampled_from([8, 100])
+DELAYS = st.integers(0, 24) | st.integers(0, 120)
+
+
+@st.composite
+def messages(draw: st.DrawFn, upward: bool) -> tuple[list[Sent], list[int]]:
+    """Messages, some without END, between faults that come at any time; and who gets or sends each."""
+    alike = draw(st.booleans())
+    cycles = [draw(CYCLES)] * 10 if alike else draw(st.lists(CYCLES, min_size=10, max_size=10))
+    cut: set[int] = set()
+    blocked: set[int] = set()
+    faults = draw(st.lists(st.sampled_from(["slow", "cut", "block", *[None] * 5]), min_size=1, max_size=6))
+    sent, ways = [], []
+    at = 0
+    opened: int | None = None
+    for fault in faults:
+        if opened is None or not upward:
+            where = draw(PLACES_IN_CHAIN)
+            if fault == "slow":
+                cycles[where] = draw(CYCLES)
+            elif fault == "cut":
+                cut.add(where)
+            elif fault == "block" and not upward:
+                blocked.add(where)
+        at += draw(st.integers(0, 30) | st.integers(0, 1500))
+        ends = draw(st.integers(0, 5)) > 0
+        tokens = draw(st.integers(1 if ends else 3, 26))
+        processor = draw(PLACES_IN_CHAIN)
+        if upward and opened is not None:
+            processor = opened
+        ways.append(processor if opened is None else opened)
+        opened = None if ends else ways[-1]
+        reached = upward or draw(st.integers(0, 9)) > 0
+        sent.append(Sent(processor, tokens, at, ends, reached, tuple(cycles), frozenset(cut), frozenset(blocked)))
+    return sent, ways
+
+
+def carried(links: Links, sent: list[Sent], upward: bool) -> Iterator[tuple[Passage, list[Span]]]:
+    """What the model says of each message, with the faults set when they come."""
+    before = sent[0]
+    for message in sent:
+        for index, (old, new) in enumerate(zip(before.cycles, message.cycles, strict=True)):
+            if old != new:
+                links.set_link(index, slow(new))
+        for index in message.cut - (before.cut if message is not sent[0] else frozenset()):
+            links.cut(index)
+        for processor in message.blocked - (before.blocked if message is not sent[0] else frozenset()):
+            links.block(processor)
+        before = message
+        if upward:
+            passage = links.up(message.processor, message.tokens, message.at, ends=message.ends)
+        else:
+            passage = links.down(
+                message.processor, message.tokens, message.at, ends=message.ends, reached=message.reached
+            )
+        yield passage, links.spans(Direction.UP if upward else Direction.DOWN)
+
+
+def compare(sent: list[Sent], ways: list[int], upward: bool, hop: int, credit: int) -> None:
+    simulated = Simulation(sent, upward, hop, credit)
+    expected = [simulated.passage(number, processor, way(processor, upward)) for number, processor in enumerate(ways)]
+    links = Links([slow(cycles) for cycles in sent[0].cycles], hop, credit)
+    assert list(carried(links, sent, upward)) == expected
+    followed = Links([slow(cycles) for cycles in sent[0].cycles], hop, credit)
+    followed.set_link(0, slow(sent[0].cycles[0]))
+    assert list(carried(followed, sent, upward)) == expected
+
+
+@given(messages(upward=False), DELAYS, DELAYS)
+def test_messages_pass_down_as_token_by_token(made: tuple[list[Sent], list[int]], hop: int, credit: int) -> None:
+    compare(*made, upward=False, hop=hop, credit=credit)
+
+
+@given(messages(upward=True), DELAYS, DELAYS)
+def test_messages_pass_up_as_token_by_token(made: tuple[list[Sent], list[int]], hop: int, credit: int) -> None:
+    compare(*made, upward=True, hop=hop, credit=credit)
