@@ -1,22 +1,51 @@
-"""Captures: what the 320 outputs did, bit by bit, as a logic analyser on all ten ports would see it."""
+"""Captures: what the 320 outputs did, as a logic analyser on all ten ports would see it.
+
+Nothing is kept bit by bit: a capture holds segments, and expands the stretch that is asked for.
+"""
 
 from __future__ import annotations
 
 import operator
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, TICKS_PER_PERIOD
+from ..protocol.pulses import MODULATED_WIDTH
 from ..protocol.wiring import Wiring
+from .clock import BoardClock
+from .reel import Segments
 
-__all__ = ["Capture"]
+__all__ = ["Capture", "Forced", "Track"]
+
+CHUNK_PERIODS = 256  # 512 KB of bits: what fits a cache
+ALL_HIGH = 2**CHANNELS_PER_PROCESSOR - 1
+
+
+class Forced(NamedTuple):
+    """What holds a port's outputs from a tick on, whatever is played; the newest counts."""
+
+    tick: int
+    high: int = 0
+    """Bits that are stuck high."""
+    low: int = 0
+    """Bits that are stuck low."""
+
+
+class Track(NamedTuple):
+    """What one port did."""
+
+    segments: Segments
+    clock: BoardClock
+    forced: tuple[Forced, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """The outputs from power-up to the moment of capture. Ticks are 0.5 µs, periods 50 ticks.
+    """The outputs from period 0 to the moment of capture. Ticks are 0.5 µs, periods 50 ticks.
 
     Parameters
     ----------
@@ -24,21 +53,29 @@ class Capture:
         How the transducers really are connected, whatever the controller's table says.
     end_tick : int
         Number of ticks captured.
-    starts : sequence of (s,) int
-        For each processor, the ticks at which its tables begin to play, ascending from 0.
-    tables : sequence of (s, 50) uint32
-        For each processor, those tables; each repeats until the next begins.
+    tracks : tuple of Track
+        One for each processor in the order of the chain.
+    open_transducers : frozenset of int
+        Transducers that are not connected: their outputs switch, and they emit nothing.
     """
 
     wiring: Wiring
     end_tick: int
-    starts: tuple[NDArray[np.int64], ...]
-    tables: tuple[NDArray[np.uint32], ...]
+    tracks: tuple[Track, ...]
+    open_transducers: frozenset[int] = frozenset()
 
     @property
     def periods(self) -> int:
         """Whole carrier periods captured."""
         return self.end_tick // TICKS_PER_PERIOD
+
+    @property
+    def latches(self) -> list[list[int]]:
+        """For each processor the ticks at which it began to play something else: an update, a sequence, silence."""
+        return [
+            [track.clock.tick_of(own) for own in (track.segments.starts[1:] * TICKS_PER_PERIOD).tolist()]
+            for track in self.tracks
+        ]
 
     def bits(self, start: int, stop: int) -> NDArray[np.uint32]:
         """The port words of a stretch of time.
@@ -46,7 +83,7 @@ class Capture:
         Parameters
         ----------
         start, stop : int
-            Ticks since power-up; stop is not included.
+            Ticks since period 0; stop is not included.
 
         Returns
         -------
@@ -61,11 +98,12 @@ class Capture:
         start, stop = operator.index(start), operator.index(stop)
         if not 0 <= start <= stop <= self.end_tick:
             raise ValueError(f"ticks {start} to {stop} are not within the captured 0 to {self.end_tick}")
-        ticks = np.arange(start, stop)
-        words = np.empty((ticks.size, PROCESSORS), np.uint32)
-        for processor, (starts, tables) in enumerate(zip(self.starts, self.tables, strict=True)):
-            segment = np.searchsorted(starts, ticks, side="right") - 1
-            words[:, processor] = tables[segment, ticks % TICKS_PER_PERIOD]
+        words = np.empty((stop - start, PROCESSORS), np.uint32)
+        step = CHUNK_PERIODS * TICKS_PER_PERIOD
+        for begin in range(start, stop, step):
+            end = min(begin + step, stop)
+            for processor, track in enumerate(self.tracks):
+                words[begin - start : end - start, processor] = _words(track, begin, end)
         return words
 
     def channels(self, start: int, stop: int) -> NDArray[np.uint8]:
@@ -73,27 +111,79 @@ class Capture:
         bits = self.bits(start, stop)[:, :, None] >> np.arange(CHANNELS_PER_PROCESSOR, dtype=np.uint32) & 1
         return bits.reshape(stop - start, CHANNELS).astype(np.uint8)
 
-    def drive(self, period: int) -> NDArray[np.complex128]:
-        """The drive emitted in one carrier period, demodulated from the bits.
+    def drives(self, first: int, last: int, dtype: Any = np.complex64) -> NDArray[Any]:
+        """The drive emitted in each of successive carrier periods, demodulated from the bits.
 
         Parameters
         ----------
-        period : int
-            Carrier period since power-up.
+        first, last : int
+            Carrier periods; last is not included.
+        dtype : complex type
+            Of the result.
 
         Returns
         -------
-        (320,) complex
-            In array order; the continuous-time fundamental of each square wave, where the widest pulse (25 ticks) has
-            magnitude 1.
+        (last - first, 320) complex
+            In array order; the continuous-time fundamental of each square wave (not a sum over samples, which would be
+            half a tick off), where the widest pulse (25 ticks) has magnitude 1.
 
-        Notes
-        -----
-        A bit lasts a whole tick, so its contribution to (2/T)·∫ s(t)·e^{iωt} dt is centred half a tick after its start
-        and weighted by sinc. A plain DFT of the samples would be off by half a tick, 3.6°.
+        Raises
+        ------
+        ValueError
+            Where the periods were not captured.
         """
-        first = operator.index(period) * TICKS_PER_PERIOD
-        bits = self.channels(first, first + TICKS_PER_PERIOD)
-        centres = np.exp(2j * np.pi * (np.arange(TICKS_PER_PERIOD) + 0.5) / TICKS_PER_PERIOD)
-        # (2/T)·(tick integral) over the 2/π of the widest pulse: sin(π/50) per tick.
-        return self.wiring.unsort(np.sin(np.pi / TICKS_PER_PERIOD) * (centres @ bits))
+        first, last = operator.index(first), operator.index(last)
+        if not 0 <= first <= last <= self.periods:
+            raise ValueError(f"periods {first} to {last} are not within the captured 0 to {self.periods}")
+        from .raster import demodulate
+
+        turn = (np.exp(2j * np.pi * np.arange(TICKS_PER_PERIOD) / TICKS_PER_PERIOD) / 2j).astype(dtype)
+        transducer = np.argsort(self.wiring.channels).reshape(PROCESSORS, CHANNELS_PER_PROCESSOR)
+        drives = np.empty((last - first, CHANNELS), dtype)
+        for begin in range(first, last, CHUNK_PERIODS):
+            end = min(begin + CHUNK_PERIODS, last)
+            for track, columns in zip(self.tracks, transducer, strict=True):
+                words = _words(track, begin * TICKS_PER_PERIOD, end * TICKS_PER_PERIOD)
+                periods = words.reshape(-1, TICKS_PER_PERIOD)
+                alike = np.zeros(len(periods), bool)
+                alike[1:] = (periods[1:] == periods[:-1]).all(axis=1)
+                demodulate(words, alike, turn, columns, drives[begin - first : end - first])
+        drives[:, list(self.open_transducers)] = 0
+        return drives
+
+    def drive(self, period: int) -> NDArray[np.complex128]:
+        """The drive emitted in one carrier period, (320,) complex; see `drives`."""
+        period = operator.index(period)
+        return np.asarray(self.drives(period, period + 1, np.complex128)[0])
+
+
+def _words(track: Track, start: int, stop: int) -> NDArray[np.uint32]:
+    """The words of one port at ticks of the device, (stop - start,)."""
+    if track.clock.exact:
+        words = _played(track.segments, start, stop)
+    else:
+        own = track.clock.own_ticks(start, stop)
+        first, last = int(own[0]) if own.size else 0, int(own[-1]) + 1 if own.size else 0
+        words = _played(track.segments, first, last)[own - first]
+    for number, (tick, high, low) in enumerate(track.forced):
+        until = track.forced[number + 1].tick if number + 1 < len(track.forced) else stop
+        held = slice(max(tick - start, 0), max(until - start, 0))
+        words[held] = words[held] & np.uint32(~low & ALL_HIGH) | np.uint32(high)
+    return words
+
+
+def _played(segments: Segments, start: int, stop: int) -> NDArray[np.uint32]:
+    """The words that a port plays at its own ticks, (stop - start,)."""
+    from .raster import expand
+
+    first, last = start // TICKS_PER_PERIOD, -(-stop // TICKS_PER_PERIOD)
+    rows, samples = segments.rows(first, last)
+    words = np.empty((last - first) * TICKS_PER_PERIOD, np.uint32)
+    expand(segments.slices, rows, samples, _widths(), words)
+    skipped = start - first * TICKS_PER_PERIOD
+    return words[skipped : skipped + stop - start]
+
+
+@lru_cache(maxsize=1)
+def _widths() -> NDArray[np.uint8]:
+    return np.ascontiguousarray(MODULATED_WIDTH, np.uint8)

@@ -1,21 +1,44 @@
-"""The USB controller: validates blocks, sorts them by the wiring table and sends each processor its slice."""
+"""The USB controller: judges blocks, plans when each takes effect, and keeps the device's state.
+
+It knows no packets and no lines: whoever carries blocks is a `Door`. Plans stand in the `Agenda`, what was stored in
+the `Stores`, the way to the processors is the `Chain`, the watch over them the `Supervisor`.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from collections.abc import Sequence as Seq
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..errors import BlockError
-from ..protocol.blocks import Block, Clock, NoOp, Output, Update, pack_pulses, unpack
+from ..protocol.blocks import (
+    Block,
+    Body,
+    Clock,
+    Entries,
+    Modulation,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+    pack_entries,
+    pack_pulses,
+    unpack,
+    unpack_pulses,
+)
 from ..protocol.board import (
     BOARDS,
     CARRIER_HZ,
     CHANNELS,
     COLUMNS,
     CORE_HZ,
-    CYCLES_PER_PERIOD,
     CYCLES_PER_TICK,
     MAX_WIDTH_TICKS,
     PITCH_M,
@@ -25,10 +48,17 @@ from ..protocol.board import (
     TICKS_PER_PERIOD,
     WATCHDOG_MS,
 )
-from ..protocol.chain import SLICE_BYTES, Commit, Message, Slice
+from ..protocol.chain import SLICE_BYTES, Identity, Load, Program, loads
 from ..protocol.codes import (
+    HEADER_BYTES,
     HORIZON_PERIODS,
+    MODULATION_SAMPLES,
     PROTOCOL_VERSION,
+    REQUEST_TYPE_IN,
+    REQUEST_TYPE_OUT,
+    SEQUENCE_ENTRIES,
+    SILENCING_FAULTS,
+    SLOTS,
     SYNC_PERIODS,
     AckFlag,
     Action,
@@ -36,85 +66,158 @@ from ..protocol.codes import (
     Fault,
     Feature,
     Hardware,
+    Memory,
     Reason,
+    Request,
     State,
     StatusFlag,
 )
+from ..protocol.console import TEST_WIDTH_TICKS
 from ..protocol.numbering import follows, missing
-from ..protocol.pulses import Pulses
-from ..protocol.replies import ENABLED, Ack, ClockReading, Info, ProcessorReport, Status
-from ..protocol.states import Event, after
-from ..protocol.timing import (
-    HOP_CYCLES,
-    RASTERISE_CYCLES,
-    SORT_CYCLES,
-    Budget,
-    Link,
-    slices_cycles,
-    update_cycles,
+from ..protocol.pulses import POWER, Pulses
+from ..protocol.replies import (
+    ENABLED,
+    Ack,
+    ClockReading,
+    Info,
+    ReadBack,
+    Status,
+    encode_ack,
+    encode_reports,
+    encode_wiring,
 )
+from ..protocol.requests import VALUES, Setup
+from ..protocol.states import Event, after
+from ..protocol.timing import PACKET_CYCLES, SORT_CYCLES, Budget
+from ..protocol.updates import Updates, unpack_updates
 from ..protocol.wiring import Wiring
-from .processor import Processor
+from .agenda import QUEUE_BLOCKS, Agenda, Change, Stream
+from .chain import Chain
+from .clock import Timebase
+from .door import Door, QueueFull, Stall
 from .scheduler import Scheduler
+from .stores import Stores
+from .supervisor import Supervisor
 
-__all__ = ["Controller"]
+__all__ = ["FEATURES", "QUEUE_BLOCKS", "RECORDS", "Controller", "Identification"]
 
-QUEUE_BLOCKS = 8
-RECORDS = 64
-FIRMWARE = (0, 1, 0)
-FEATURES = Feature(0)
-TEMPERATURE_C = 25
+RECORDS = 256
+STORES = 16
+"""Stores that may wait to go onto the chain before the device answers NAK."""
+FEATURES = ~Feature(0)
 NO_FLAGS = AckFlag(0)
+MILLISECOND = CORE_HZ // 1000
+RESET_DELAY_CYCLES = MILLISECOND // 10
+READ_TIMEOUT_CYCLES = 10 * MILLISECOND
+IDENTIFY_CYCLES = 5 * CORE_HZ
+CLEARED_BELOW_C = 80
+ATTEMPTS_TO_READ = 3
+UNSURE = 2**64 - 1
+SPOKEN = (Event.WATCHDOG, Event.FAULT, Event.SUSPEND, Event.RESUME)
+"""Events after which the device says its state unasked (clause ACK-006)."""
+WATCHED = (State.READY, State.PLAYING)
+SILENCE = bytes(PROCESSORS * SLICE_BYTES)
+STOP_MODULATION = Program(0, Memory.SAMPLES, 0, 0, 0)
+PLACES = range(PROCESSORS)
+CHANGES = (Update, Sequence, Modulation, Output)
+STORED = (Slot, Entries, Samples)
+Stored = Slot | Entries | Samples
 
 
-class Tail(NamedTuple):
-    """Where the last update on the chain ends."""
+class PendingLoad(NamedTuple):
+    """A load that waits to go onto the chain."""
 
-    sent: int
-    """Cycle at which its last token has left."""
-    period: int
-    """Period at which it begins to play."""
+    ready: int
+    """Core cycle from which on it can be sent."""
+    load: Load
+    last: bool = False
+    """Whether it is the last of its block."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A sequence that plays."""
+
+    duration: int | None
+    """Periods, None for without end."""
+    unattended: bool
+
+
+class Identification(NamedTuple):
+    """What does not change while the device is powered."""
+
+    unique_id: bytes
+    """Eight bytes that no other device has."""
+    firmware: tuple[int, int, int]
+    bank: Bank
+    """Where the firmware came from."""
+    wiring: Wiring
+    """The table by which pulses are sorted."""
 
 
 class Controller:
-    """Judges blocks, plans when each can take effect, and drives the chain.
+    """The device behind its doors.
 
     Parameters
     ----------
     scheduler : Scheduler
         The clock of the machine.
-    processors : sequence of Processor
-        The ten processors in the order of the chain.
-    wiring : Wiring
-        The table by which pulses are sorted.
-    link : Link
-        Set-up of the chain's links.
-    unique_id : bytes
-        Eight bytes that no other device has.
+    time : Timebase
+        The device's periods.
+    chain : Chain
+        The way to the processors.
+    identities : sequence of Identity
+        What the processors answered when they were numbered.
+    identification : Identification
     log : callable
         Takes a line about each thing that happens.
+    restart : callable
+        Starts the device anew, as at power-up.
+    confirm : callable
+        Told once that the firmware has come up (clause FWU-020).
+    faults : Fault
+        That are known from the beginning.
     """
 
     def __init__(
         self,
         scheduler: Scheduler,
-        processors: Sequence[Processor],
-        wiring: Wiring,
-        link: Link,
-        unique_id: bytes,
+        time: Timebase,
+        chain: Chain,
+        identities: Seq[Identity],
+        identification: Identification,
+        *,
         log: Callable[[str], None],
+        restart: Callable[[], None],
+        confirm: Callable[[], None],
+        faults: Fault,
     ) -> None:
         self._scheduler = scheduler
-        self._processors = processors
-        self.wiring = wiring
-        self._link = link
-        self._unique_id = unique_id
-        self._periods_per_update = Budget.of(link).periods_per_update
+        self.time = time
+        self._chain = chain
+        self._identification = identification
         self._log = log
-        self._records: deque[bytes] = deque()
-        self._unasked = b""  # the newest status that nobody asked for
+        self._restart = restart
+        self._confirm = confirm
+        self._confirmed = False
+        self._agenda = Agenda(time, chain.link)
+        self._stores = Stores()
+        self._supervisor = Supervisor(
+            scheduler,
+            time,
+            chain,
+            identities,
+            identification.bank,
+            self.raise_fault,
+            self._question_time,
+            lambda: self._commits_due,
+        )
+        self._periods_per_update = Budget.of(chain.link).periods_per_update
+        self._transducers = np.argsort(identification.wiring.channels)
+        self._doors: list[Door] = []
         self._state = State.OFF
-        self._faults = Fault(0)
+        self.faults = Fault(0)
+        self.dropped_frames = 0
         self._watchdog_fired = False
         self._watchdog_ms = WATCHDOG_MS
         self._drive_limit = CHANNELS
@@ -122,258 +225,688 @@ class Controller:
         self._last_sequence: int | None = None
         self._last_named: int | None = None
         self._since_period = 0
+        self._runs: Run | None = None
+        self._modulation_plays = False
+        self._bus_suspended = False
         self._accepted = self._refused = self._late = self._lost = 0
-        self._queued = 0
-        self._era = 0  # advanced whenever the outputs go off; updates of an earlier era are dropped
-        self._planned = Tail(0, 0)  # behind everything that is queued
-        self._certain = Tail(0, 0)  # behind what is on the chain and can no longer be dropped
-        self._fed = 0
+        self._commits_due = 0
+        self._loads: deque[PendingLoad] = deque()
+        self._stores_waiting = 0
+        self._pumping = False
+        self._lights: dict[int, int] = {}
+        self._fed = time.origin
         self._armed = 0  # the last time that the watchdog was set; earlier ones count no more
+        self.room_waiters: list[Callable[[], None]] = []
+        """Called, once, when there is room again for a block."""
+        found = faults if self._supervisor.complete else faults | Fault.PROCESSOR
+        if found:
+            self.raise_fault(found, "found at start")
+
+    def attach(self, door: Door) -> None:
+        """From now on tell a door what nobody asked for."""
+        self._doors.append(door)
+
+    # Time
 
     @property
-    def now_period(self) -> int:
-        """Carrier period since power-up."""
-        return self._scheduler.now // CYCLES_PER_PERIOD
+    def _now(self) -> int:
+        return self._scheduler.now
+
+    @property
+    def now_tick(self) -> int:
+        """Ticks since period 0."""
+        return self.time.tick(self._now)
+
+    @property
+    def state(self) -> State:
+        """The state of the device."""
+        self.settle()
+        return self._state
+
+    def settle(self) -> None:
+        """Let everything that is planned up to now have taken effect."""
+        for item in self._agenda.due(self._now):
+            if isinstance(item, Change):
+                if item.folded:
+                    self._chain.apply(item)
+                self._commits_due += item.packed is not None
+                if item.effect is not None:
+                    item.effect(item.period)
+            else:
+                stream, begun = item
+                self._chain.apply(stream, begun)
+                self._commits_due += stream.next - begun
+                if stream.effect is not None:
+                    stream.effect(int(stream.periods[stream.next - 1]))
+
+    # Blocks
 
     @property
     def can_accept(self) -> bool:
-        """Whether the OUT endpoint takes another block; it answers NAK otherwise."""
-        return self._queued < QUEUE_BLOCKS and len(self._records) < RECORDS
+        """Whether there is room for another block; the OUT endpoint answers NAK otherwise (clause BLK-009)."""
+        return self._agenda.room_at <= self._now and self._stores_waiting < STORES
 
-    def take_records(self, room: int) -> bytes:
-        """The records that wait for the host, as many as fit."""
-        packet = b""
-        while self._records and len(packet) + len(self._records[0]) <= room:
-            packet += self._records.popleft()
-        if len(packet) + len(self._unasked) <= room:
-            packet, self._unasked = packet + self._unasked, b""
-        return packet
-
-    def accept(self, packet: bytes) -> None:
-        """Judge a packet from the OUT endpoint and queue the acknowledgement."""
+    def accept(self, packet: bytes, door: Door) -> None:
+        """Judge a block and give its acknowledgement to the door that it came by."""
+        self.settle()
         try:
             block = unpack(packet)
             self._judge(block)
         except BlockError as error:
             sequence = int.from_bytes(packet[4:8], "little")
-            self._refused += 1
-            self._last_refusal = Reason(error.reason)
-            self._log(f"refuses block {sequence}: {error}")
-            self._acknowledge(self._last_refusal, sequence, commit_period=0)
+            self._refuse(error, f"block {sequence}")
+            door.acknowledge(self._ack(self._last_refusal, sequence).encode())
             return
-        self.feed_watchdog()
-        self._carry_out(block)
+        state, gap = self._state, self._count(block)
+        change = self._carry_out(block.body)
+        flags, commit_period = (AckFlag.GAP if gap else NO_FLAGS), 0
+        if change is not None:
+            commit_period = change.period
+            flags |= AckFlag.LATE if _is_late(block.body, change.period) else NO_FLAGS
+        elif isinstance(block.body, Clock):
+            commit_period = self.clock().sync_period
+        door.acknowledge(self._ack(Reason.ACCEPTED, block.sequence, commit_period, flags, state).encode())
+        self._promise_room()
+
+    def _ack(
+        self,
+        reason: Reason,
+        sequence: int,
+        commit_period: int = 0,
+        flags: AckFlag = NO_FLAGS,
+        state: State | None = None,
+    ) -> Ack:
+        free = QUEUE_BLOCKS - self._agenda.queued(self._now)
+        return Ack(reason, sequence, commit_period, self.now_tick, flags, free, self._state if state is None else state)
+
+    def _refuse(self, error: BlockError, what: str) -> None:
+        self._refused += 1
+        self._last_refusal = Reason(error.reason)
+        self._log(f"refuses {what}: {error}")
+
+    def _count(self, block: Block) -> int:
+        """Count an accepted block; how many numbers were left out before it (clause NUM-003)."""
+        gap = 0
+        if not block.restart and self._last_sequence is not None:
+            gap = missing(block.sequence, self._last_sequence)
+        self._last_sequence = block.sequence
+        self._lost += gap
+        return gap
 
     def _judge(self, block: Block) -> None:
-        """Refuse what cannot be done now, with the first reason in the order of the specification."""
+        """Refuse what cannot be done now, with the first reason in the order of clause ACK-003."""
         body, sequence, restart = block
-        if not isinstance(body, Update | Output | Clock | NoOp) or body == Output(Action.END_MODULATION):
-            raise BlockError(f"{body.KIND.name} is a feature that this device lacks", Reason.UNSUPPORTED)
-        changes = isinstance(body, Update | Output)
-        if changes and self._state not in ENABLED:
-            raise BlockError("the outputs are not enabled", Reason.DISABLED)
+        self._judge_state(body)
         if not restart and self._last_sequence is not None and not follows(sequence, self._last_sequence):
             raise BlockError(f"number {sequence} does not follow {self._last_sequence}", Reason.SEQUENCE)
-        if isinstance(body, Update | Output) and body.period > self.now_period + HORIZON_PERIODS:
+        if isinstance(body, CHANGES) and body.period > self.time.period(self._now) + HORIZON_PERIODS:
             raise BlockError(f"period {body.period} is too far ahead", Reason.HORIZON)
-        if isinstance(body, Update):
-            last = self._last_named
-            if body.period and last is not None and 0 < body.period - last < self._periods_per_update:
-                raise BlockError(f"period {body.period} follows {last} more closely than the chain can", Reason.RATE)
-            if body.pulses.total_drive > 1000 * self._drive_limit:
+        self._judge_content(body)
+
+    def _judge_state(self, body: Body) -> None:
+        if isinstance(body, CHANGES + STORED) and self.faults & SILENCING_FAULTS:
+            raise BlockError(f"{self.faults.name} is not cleared", Reason.FAULT)
+        if isinstance(body, CHANGES) and self._state not in ENABLED:
+            raise BlockError("the outputs are not enabled", Reason.DISABLED)
+
+    def _judge_content(self, body: Body) -> None:
+        limit = 1000 * self._drive_limit
+        if isinstance(body, Update) and body.period and self._last_named is not None:
+            ahead = body.period - self._last_named
+            if 0 < ahead < self._periods_per_update:
                 raise BlockError(
-                    f"a total drive of {body.pulses.total_drive / 1000} transducers is above {self._drive_limit}",
-                    Reason.DRIVE,
+                    f"period {body.period} follows {self._last_named} more closely than the chain can", Reason.RATE
                 )
+        if isinstance(body, Update | Slot) and (power := body.pulses.total_drive) > limit:
+            raise BlockError(f"a total drive of {power / 1000} transducers is above {self._drive_limit}", Reason.DRIVE)
+        if isinstance(body, Sequence):
+            self._stores.check_power(body, limit)
+        if isinstance(body, Sequence | Modulation):
+            self._stores.check_there(body)
+        if isinstance(body, STORED):
+            self._stores.check_free(body, self.time.period(self._now))
 
-    def _carry_out(self, block: Block) -> None:
-        body, sequence, restart = block
-        gap = 0 if restart or self._last_sequence is None else missing(sequence, self._last_sequence)
-        self._last_sequence = sequence
+    def _carry_out(self, body: Body) -> Change | None:
+        """Do what a block that was judged asks for; the change that it plans."""
+        self._fed = self._now
         self._accepted += 1
-        self._lost += gap
-        flags = AckFlag.GAP if gap else NO_FLAGS
-        if isinstance(body, Update):
-            self._last_named = body.period or self._last_named
-            commit_period = self._plan(body.pulses, body.period, Event.PLAY)
-        elif isinstance(body, Output):
-            ends = Event.DISABLE if body.action is Action.DISABLE else Event.END
-            commit_period = self._plan(Pulses.silent(CHANNELS), body.period, ends)
-        else:
-            commit_period = self.clock().sync_period if isinstance(body, Clock) else 0
-        if isinstance(body, Update | Output):
-            self._log(f"accepts block {sequence} for period {commit_period}")
-            if body.period and body.period < commit_period:
-                self._late += 1
-                flags |= AckFlag.LATE
-        self._acknowledge(Reason.ACCEPTED, sequence, commit_period, flags)
+        match body:
+            case Update():
+                self._last_named = body.period or self._last_named
+                return self._plan(body.period, self._sorted(body.pulses), (), self._begin_update, sequences=True)
+            case Sequence():
+                duration = self._stores.duration(body)
+                start = Program(0, Memory.ENTRIES, 0, body.first, body.count, repeats=body.repeats)
+                run = Run(duration, body.unattended)
+                change = self._plan(body.period, None, (start,), partial(self._begin_sequence, run), sequences=True)
+                use = self._stores.use(body)
+                if duration is not None:
+                    use.ends(change.period + duration)
+                return change
+            case Modulation():
+                start = Program(0, Memory.SAMPLES, 0, body.first, body.count, hold=body.hold)
+                change = self._plan(body.period, None, (start,), self._begin_modulation, modulations=True)
+                self._stores.use(body)
+                return change
+            case Output(action=Action.END_MODULATION):
+                return self._plan(body.period, None, (STOP_MODULATION,), self._end_modulation, modulations=True)
+            case Output():
+                effect = self._disable_as_planned if body.action is Action.DISABLE else self._fall_silent
+                stops = (STOP_MODULATION,) if self._agenda.tail.modulated else ()
+                return self._plan(body.period, SILENCE, stops, effect, sequences=True, modulations=True)
+            case Slot() | Entries() | Samples():
+                self._store(body)
+        return None
 
-    def _acknowledge(self, reason: Reason, sequence: int, commit_period: int, flags: AckFlag = NO_FLAGS) -> None:
-        ack = Ack(reason, sequence, commit_period, self._now, flags, QUEUE_BLOCKS - self._queued, self._state)
-        self._records.append(ack.encode())
+    def _sorted(self, pulses: Pulses) -> bytes:
+        wiring = self._identification.wiring
+        return pack_pulses(Pulses(wiring.sort(pulses.phase), wiring.sort(pulses.width)))
 
-    @property
-    def _now(self) -> int:
-        return self._scheduler.now // CYCLES_PER_TICK
+    def _plan(
+        self,
+        requested: int,
+        packed: bytes | None,
+        programs: tuple[Program, ...],
+        effect: Callable[[int], None],
+        *,
+        sequences: bool = False,
+        modulations: bool = False,
+    ) -> Change:
+        """Plan a change, which ends what plays of these sorts."""
+        ready = self._now + SORT_CYCLES
+        if programs and self._loads:
+            ready = max(ready, self._agenda.loads_gone(ready, len(self._loads)))
+        change = self._agenda.add(ready, requested, packed, programs, effect, folded=self._chain.folded)
+        self._stores.end(change.period, sequences=sequences, modulations=modulations)
+        self._dispatch(change)
+        if requested and requested < change.period:
+            self._late += 1
+        self._log(f"sorted, planned for period {change.period}")
+        return change
 
-    def _plan(self, pulses: Pulses, period: int, event: Event) -> int:
-        """Let pulses begin to play at a period, or as soon after as can be; at which they do."""
-        start = self._first_start(self._scheduler.now + SORT_CYCLES, self._planned)
-        commit_period = max(self._first_boundary(start), period)
-        # A processor holds no more than one update that waits, so a distant one waits here.
-        start = max(start, (commit_period - 1) * CYCLES_PER_PERIOD - self._forward_cycles())
-        self._planned = self._tail(start, commit_period)
-        self._queued += 1
-        self._scheduler.at(start, partial(self._forward_queued, pulses, commit_period, event, self._era))
-        return commit_period
+    def _dispatch(self, change: Change) -> None:
+        if not change.folded:
+            self._scheduler.at(change.start, lambda: self._send(change))
+        self._scheduler.at(self.time.boundary(change.period), self.settle)
 
-    def _first_start(self, ready: int, tail: Tail) -> int:
-        """First cycle at which an update that is ready may go onto the chain behind others.
+    def _send(self, change: Change) -> None:
+        if any(item is change for item in self._agenda):
+            self._chain.send(change)
 
-        Its commits come after its slices, and may arrive only once no other table waits in the processors.
+    def stream(self, packets: NDArray[np.uint8], deadline: int, door: Door) -> int:
+        """Accept a stream of updates that arrive back to back over USB, as far as nothing else comes between.
+
+        Parameters
+        ----------
+        packets : (k, 512) uint8
+            Whole blocks.
+        deadline : int
+            Core cycle by which the last must have arrived.
+        door : Door
+            Takes the acknowledgements.
+
+        Returns
+        -------
+        int
+            How many were taken; each exactly as `accept` would have, with time having passed to the arrival of the
+            last. The next one may be no update, be refused, or have to wait for something.
         """
-        return max(ready, tail.sent, tail.period * CYCLES_PER_PERIOD - slices_cycles(self._link))
+        self.settle()
+        quiet = self._chain.folded and not self._loads and self._runs is None and self._agenda.only_streams
+        if not quiet or self._state not in WATCHED or self._last_sequence is None:
+            return 0
+        from .streams import plan_stream, sort_pulses
 
-    def _first_boundary(self, start: int) -> int:
-        """First period for which an update that goes onto the chain at a cycle is ready everywhere."""
-        return -(-(start + self._forward_cycles()) // CYCLES_PER_PERIOD)
+        upcoming = self._scheduler.next_time()
+        end = deadline if upcoming is None else min(deadline, upcoming - 1)
+        updates, tail, cost = unpack_updates(packets), self._agenda.tail, self._agenda.update_cost
+        named = -1 if self._last_named is None else self._last_named
+        numbers = np.array(
+            [self._last_sequence, named, 1000 * self._drive_limit, self._periods_per_update, HORIZON_PERIODS, 0]
+        )
+        times = np.array(
+            [self.time.origin, self._now, PACKET_CYCLES, SORT_CYCLES, end, tail.sent, tail.period, tail.table, *cost]
+        )
+        arrivals, starts, periods, free = np.empty((4, len(packets)), np.int64)
+        requested = np.minimum(updates.period, 2**62).astype(np.int64)
+        taken = plan_stream(
+            len(packets),
+            updates.reason,
+            updates.restart,
+            updates.sequence.astype(np.int64),
+            requested,
+            POWER[updates.width].sum(axis=1),
+            self._agenda.recent,
+            numbers,
+            times,
+            arrivals,
+            starts,
+            periods,
+            free,
+        )
+        if not taken:
+            return 0
+        packed = np.empty((taken, PROCESSORS * SLICE_BYTES), np.uint8)
+        sort_pulses(packets[:taken, HEADER_BYTES:], self._transducers, packed)
+        self._agenda.add_stream(Stream(starts[:taken], periods[:taken], packed, cost, tail, self._begin_update))
+        self._stores.end(int(periods[0]), sequences=True, modulations=False)
+        self._acknowledge_stream(door, updates, arrivals[:taken], periods[:taken], requested[:taken], free[:taken])
+        self._last_sequence, self._last_named = int(numbers[0]), None if numbers[1] < 0 else int(numbers[1])
+        self._accepted += taken
+        self._lost += int(numbers[5])
+        self._scheduler.run_until(int(arrivals[taken - 1]))
+        self._fed = self._now
+        self._promise_room()
+        return taken
 
-    def _tail(self, start: int, period: int) -> Tail:
-        return Tail(start + update_cycles(self._link), period)
+    def _acknowledge_stream(
+        self,
+        door: Door,
+        updates: Updates,
+        arrivals: NDArray[np.int64],
+        periods: NDArray[np.int64],
+        requested: NDArray[np.int64],
+        free: NDArray[np.int64],
+    ) -> None:
+        first_effect = self.time.boundary(self._agenda.first_period)
+        assert self._last_sequence is not None
+        sequences = updates.sequence[: len(arrivals)].astype(np.int64)
+        gaps = np.diff(sequences, prepend=self._last_sequence) % 2**32 - 1
+        late = (requested != 0) & (requested < periods)
+        self._late += int(late.sum())
+        playing = (arrivals >= first_effect) | (self._state is State.PLAYING)
+        flags = np.where(late, AckFlag.LATE, 0) | np.where(gaps > 0, AckFlag.GAP, 0)
+        ticks = (arrivals - self.time.origin) // CYCLES_PER_TICK
+        for ack in zip(
+            sequences.tolist(),
+            periods.tolist(),
+            ticks.tolist(),
+            flags.tolist(),
+            free.tolist(),
+            np.where(playing, State.PLAYING, State.READY).tolist(),
+            strict=True,
+        ):
+            door.acknowledge(encode_ack(Reason.ACCEPTED, *ack))
 
-    def _forward_cycles(self) -> int:
-        """Worst time from the first token of an update to the last rasterised table."""
-        return update_cycles(self._link) + PROCESSORS * HOP_CYCLES + RASTERISE_CYCLES
+    def _promise_room(self) -> None:
+        """Where there is no room now, wake who waits once there is."""
+        if self._agenda.room_at > self._now:
+            self._scheduler.at(self._agenda.room_at, self._announce_room)
 
-    def _forward_queued(self, pulses: Pulses, period: int, event: Event, era: int) -> None:
-        if era == self._era:
-            self._queued -= 1
-            self._certain = self._tail(self._scheduler.now, period)
-            self._forward(pulses, period)
-            self._scheduler.at(period * CYCLES_PER_PERIOD, partial(self._take_effect, period, event, era))
+    def _announce_room(self) -> None:
+        if self.can_accept:
+            waiters, self.room_waiters[:] = list(self.room_waiters), []
+            for waiter in waiters:
+                waiter()
 
-    def _take_effect(self, period: int, event: Event, era: int) -> None:
-        if era != self._era:
+    def test_transducer(self, transducer: int) -> None:
+        """Drive one transducer alone, weakly (clause CON-008).
+
+        Raises
+        ------
+        BlockError
+            Where an update would be refused.
+        QueueFull
+            Where the queue has no room.
+        """
+        self.settle()
+        if not self.can_accept:
+            raise QueueFull("the queue has no room; try again")
+        width = np.zeros(CHANNELS, np.uint8)
+        width[transducer] = TEST_WIDTH_TICKS
+        update = Update(Pulses(np.zeros(CHANNELS, np.uint8), width))
+        try:
+            self._judge_state(update)
+            self._judge_content(update)
+        except BlockError as error:
+            self._refuse(error, f"a test of transducer {transducer}")
+            raise
+        self._carry_out(update)
+        self._promise_room()
+
+    # Stores
+
+    def _store(self, body: Stored) -> None:
+        """Keep what a store brings, and let it go to the processors between changes."""
+        self._stores.keep(body)
+        match body:
+            case Slot():
+                packed = self._sorted(body.pulses)
+                pieces = [(Memory.SLOTS, body.number, packed[place * SLICE_BYTES :][:SLICE_BYTES]) for place in PLACES]
+            case Entries():
+                pieces = [(Memory.ENTRIES, body.first, pack_entries(body.entries))] * PROCESSORS
+            case Samples():
+                pieces = [(Memory.SAMPLES, body.first, body.samples)] * PROCESSORS
+        ready = self._now + SORT_CYCLES
+        for place, (memory, first, data) in zip(PLACES, pieces, strict=True):
+            self._loads += [PendingLoad(ready, load) for load in loads(place, memory, first, data)]
+        self._loads[-1] = self._loads[-1]._replace(last=True)
+        self._stores_waiting += 1
+        if not self._pumping:
+            self._pumping = True
+            self._scheduler.at(ready, self._pump)
+
+    def _pump(self) -> None:
+        """Send the next load, if it will have left before the next change is due (clause CHN-019)."""
+        if not self._loads:
+            self._pumping = False
             return
-        if event is Event.DISABLE:
-            self.disable()
+        self.settle()
+        ready, load, last = self._loads[0]
+        at = max(self._now, ready, self._agenda.gap(self._now, self._agenda.load_cycles), self._chain.free_at)
+        if at > self._now:
+            self._scheduler.at(at, self._pump)
             return
-        self._state = after(self._state, event)
-        self._since_period = period if event is Event.PLAY else 0
+        self._loads.popleft()
+        self._chain.load(load)
+        if last:
+            self._stores_waiting -= 1
+            self._announce_room()
+        self._scheduler.at(self._now + self._agenda.load_cycles, self._pump)
 
-    def _forward(self, pulses: Pulses, period: int) -> None:
-        by_channel = Pulses(self.wiring.sort(pulses.phase), self.wiring.sort(pulses.width))
-        packed = pack_pulses(by_channel)
-        slices = [Slice(node, packed[node * SLICE_BYTES :][:SLICE_BYTES]) for node in range(PROCESSORS)]
-        self._log(f"sorted into {len(slices)} slices of {SLICE_BYTES} bytes, sent for period {period}")
-        messages: list[Message] = [*slices, *(Commit.of(period, piece) for piece in slices)]
-        leaves = self._scheduler.now
-        for message in messages:
-            leaves += message.TOKENS * self._link.cycles_per_token
-            deliver = partial(self._processors[message.node].receive, message.encode())
-            self._scheduler.at(leaves + (message.node + 1) * HOP_CYCLES, deliver)
+    def _question_time(self) -> int:
+        """When a question to a processor can go without holding up a change."""
+        self.settle()
+        now = max(self._now, self._chain.free_at)
+        return self._agenda.gap(now, self._agenda.question_cycles)
 
-    def enable(self) -> None:
-        """Let updates through."""
-        self.feed_watchdog()
-        if self._state is not State.OFF:
+    # What changes mean
+
+    def _begin_update(self, period: int) -> None:
+        self._runs = None
+        self._since_period = period
+        self._happen(Event.PLAY, self.time.boundary(period))
+
+    def _begin_sequence(self, run: Run, period: int) -> None:
+        self._runs = run
+        self._since_period = period
+        self._happen(Event.PLAY_UNATTENDED if run.unattended else Event.PLAY, self.time.boundary(period))
+        if run.duration is not None:
+            self._scheduler.at(self.time.boundary(period + run.duration), lambda: self._end_sequence(run))
+
+    def _end_sequence(self, run: Run) -> None:
+        self.settle()
+        if self._runs is run:
+            self._runs = None
+            self._since_period = 0
+            self._happen(Event.END, self._now)
+            self._speak()
+
+    def _begin_modulation(self, _: int) -> None:
+        self._modulation_plays = True
+
+    def _end_modulation(self, _: int) -> None:
+        self._modulation_plays = False
+
+    def _fall_silent(self, period: int) -> None:
+        self._runs, self._modulation_plays, self._since_period = None, False, 0
+        self._happen(Event.END, self.time.boundary(period))
+
+    def _disable_as_planned(self, period: int) -> None:
+        self._happen(Event.DISABLE, self.time.boundary(period))
+
+    # State
+
+    def _happen(self, event: Event, at: int) -> None:
+        """Something happened at a core cycle: follow clause STA-003."""
+        was, self._state = self._state, after(self._state, event)
+        if self._state is was:
             return
-        self._state = after(self._state, Event.ENABLE)
-        self._watchdog_fired = False
-        self._last_named = None
-        self._log("outputs enabled")
-        self._arm_watchdog()
+        self._log(f"{event.name}: {was.name} to {self._state.name}")
+        if was in ENABLED and self._state not in ENABLED:
+            self._silence_all()
+        if self._state in WATCHED and was not in WATCHED:
+            self._fed = max(self._fed, at)
+            self._arm_watchdog()
+        if self._bus_suspended and after(self._state, Event.SUSPEND) is not self._state:
+            self._happen(Event.SUSPEND, at)  # clause STA-004
+        elif event in SPOKEN:
+            self._speak()
 
-    def disable(self, event: Event = Event.DISABLE) -> None:
-        """Silence all outputs as soon as the chain can, and drop what is queued."""
-        if self._state not in ENABLED:
-            return
-        self._state = after(self._state, event)
-        self._since_period = 0
-        self._era += 1
-        self._queued = 0
+    def _silence_all(self) -> None:
+        """Silence all outputs as soon as the chain can, and drop what is queued (clause SAF-004)."""
+        self._agenda.drop_queued(self._now)
+        self._agenda.mute()
+        self._runs, self._modulation_plays, self._since_period = None, False, 0
+        stops = (STOP_MODULATION,) if self._agenda.tail.modulated else ()
+        change = self._agenda.add(self._now, 0, SILENCE, stops, None, folded=self._chain.folded, asked=False)
+        self._stores.end(change.period, sequences=True, modulations=True)
+        self._dispatch(change)
         self._log("outputs disabled")
-        start = self._first_start(self._scheduler.now, self._certain)
-        period = self._first_boundary(start)
-        self._planned = self._certain = self._tail(start, period)
-        self._scheduler.at(start, partial(self._forward, Pulses.silent(CHANNELS), period))
+        self._announce_room()
 
-    def set_watchdog(self, milliseconds: int) -> None:
-        """Choose after how long a silence of the host the outputs go off."""
-        self._watchdog_ms = milliseconds
-        self._arm_watchdog()
+    def _speak(self) -> None:
+        """Say the state unasked (clause ACK-006)."""
+        status = self.status().encode()
+        for door in self._doors:
+            door.notify(status)
 
-    def set_limit(self, transducers: int) -> bool:
-        """Choose the most power that an update may ask for; only while the outputs are off."""
-        if self._state is not State.OFF:
-            return False
-        self._drive_limit = transducers
-        return True
+    def raise_fault(self, fault: Fault, what: str) -> None:
+        """Something is wrong (clause SAF-008)."""
+        self.settle()
+        new = fault & ~self.faults
+        if not new:
+            return
+        self.faults |= fault
+        self._log(f"fault {new.name}: {what}")
+        was = self._state
+        if new & SILENCING_FAULTS:
+            self._happen(Event.FAULT, self._now)
+        if self._state is was:
+            self._speak()
 
-    def identify(self, board: int) -> None:
-        """Let a board's light blink."""
-        self._log(f"board {board} blinks")
+    def _clear_faults(self) -> None:
+        supervisor, kept = self._supervisor, self.faults & (Fault.SYNC | Fault.FLASH)
+        if self._chain.broken:
+            kept |= self.faults & Fault.CHAIN
+        if not supervisor.all_answer:
+            kept |= self.faults & Fault.PROCESSOR
+        if supervisor.temperature_c >= CLEARED_BELOW_C:
+            kept |= self.faults & Fault.TEMPERATURE
+        if supervisor.persists(Fault.SUPPLY):
+            kept |= self.faults & Fault.SUPPLY
+        cleared, self.faults = self.faults & ~kept, kept
+        supervisor.forget(cleared)
+        if not kept & SILENCING_FAULTS:
+            self._happen(Event.CLEAR, self._now)
+        if cleared:
+            self._speak()
 
-    def reset_endpoints(self) -> None:
-        """Forget what belonged to the last session, as a host that (re)configures the device expects."""
-        self.disable(Event.BUS_RESET)
-        self._records.clear()
-        self._unasked = b""
+    def new_session(self) -> None:
+        """The bus was reset, or the host (re)configured the device (clauses USB-003 and NUM-004)."""
+        self.settle()
+        self._happen(Event.BUS_RESET, self._now)
         self._last_sequence = None
 
-    def feed_watchdog(self) -> None:
-        """The host is alive."""
-        self._fed = self._scheduler.now
+    def suspend(self) -> None:
+        """The bus that had configured the device is suspended."""
+        self.settle()
+        self._bus_suspended = True
+        self._happen(Event.SUSPEND, self._now)
+
+    def resume(self) -> None:
+        """The bus resumes, or is gone for good."""
+        self.settle()
+        self._bus_suspended = False
+        self._happen(Event.RESUME, self._now)
+
+    def detach(self) -> bool:
+        """The DFU interface is asked to detach; whether the device does, in its state."""
+        self.settle()
+        if after(self._state, Event.DETACH) is self._state:
+            return False
+        self._happen(Event.DETACH, self._now)
+        return True
+
+    def host_arrived(self) -> None:
+        """A host configured the device, or something was answered on a serial line: the firmware has come up."""
+        if not self._confirmed and self._supervisor.complete:
+            self._confirmed = True
+            self._confirm()
+
+    def unfold(self) -> None:
+        """From now on let every message travel: something may go wrong, or somebody looks on."""
+        self.settle()
+        if not self._chain.folded:
+            return
+        self._chain.folded = False
+        for item in self._agenda:  # what is under way arrives as it would have
+            self._scheduler.at(self.time.boundary(item.tail.period), self.settle)
+        for change in self._agenda.unfold(self._now):
+            self._dispatch(change)
+        self._supervisor.unfold()
+
+    @property
+    def supervisor(self) -> Supervisor:
+        """The watch over the processors."""
+        return self._supervisor
+
+    # Watchdog
 
     def _arm_watchdog(self) -> None:
         self._armed += 1
-        due = max(self._scheduler.now, self._fed + self._watchdog_ms * CORE_HZ // 1000)
-        self._scheduler.at(due, partial(self._watch, self._fed, self._armed))
+        due = max(self._now, self._fed + self._watchdog_ms * MILLISECOND)
+        self._scheduler.at(due, partial(self._watch, self._armed))
 
-    def _watch(self, fed: int, armed: int) -> None:
-        if armed != self._armed or self._state not in ENABLED:
+    def _watch(self, armed: int) -> None:
+        self.settle()
+        if armed != self._armed or self._state not in WATCHED:
             return
-        if self._fed > fed:
+        if self._now < self._fed + self._watchdog_ms * MILLISECOND:
             self._arm_watchdog()
             return
         self._log(f"watchdog: no word from the host for {self._watchdog_ms} ms")
         self._watchdog_fired = True
-        self.disable(Event.WATCHDOG)
-        self._unasked = self.status().encode()
+        self._happen(Event.WATCHDOG, self._now)
+
+    # Requests
+
+    def request(self, setup: Setup, data: bytes = b"") -> bytes:
+        """Carry out a vendor request, whichever door it came by (chapter REQ).
+
+        Raises
+        ------
+        Stall
+            Where the device does not know the request, or not in this state.
+        """
+        self.settle()
+        answers: dict[tuple[int, int], Callable[[int], bytes]] = {
+            (REQUEST_TYPE_IN, Request.INFO): lambda _: self.info().encode(),
+            (REQUEST_TYPE_IN, Request.STATUS): self._answer_status,
+            (REQUEST_TYPE_IN, Request.WIRING): lambda _: encode_wiring(self._identification.wiring),
+            (REQUEST_TYPE_IN, Request.CLOCK): lambda _: self.clock().encode(),
+            (REQUEST_TYPE_IN, Request.PULSES): lambda _: self._read_back().encode(),
+            (REQUEST_TYPE_IN, Request.PROCESSORS): lambda _: encode_reports(self._supervisor.reports()),
+        }
+        orders: dict[tuple[int, int], Callable[[int], None]] = {
+            (REQUEST_TYPE_OUT, Request.ENABLE): self._enable,
+            (REQUEST_TYPE_OUT, Request.DISABLE): lambda _: self._happen(Event.DISABLE, self._now),
+            (REQUEST_TYPE_OUT, Request.WATCHDOG): self._set_watchdog,
+            (REQUEST_TYPE_OUT, Request.LIMIT): self._set_limit,
+            (REQUEST_TYPE_OUT, Request.CLEAR_FAULTS): lambda _: self._clear_faults(),
+            (REQUEST_TYPE_OUT, Request.IDENTIFY): self._identify,
+            (REQUEST_TYPE_OUT, Request.RESET): lambda _: self._scheduler.at(
+                self._now + RESET_DELAY_CYCLES, self._restart
+            ),
+        }
+        key = setup.request_type, setup.request
+        if key not in answers and key not in orders:
+            raise Stall(f"request 0x{setup.request:02x} of type 0x{setup.request_type:02x} is unknown")
+        request = Request(setup.request)
+        values = VALUES.get(request, range(1))
+        if setup.index or setup.value not in values:
+            raise Stall(
+                f"{request.name} has index 0 and value {values[0]} to {values[-1]}, not index {setup.index} and value "
+                f"{setup.value}"
+            )
+        if key in answers:
+            return answers[key](setup.value)[: setup.length]
+        if setup.length or data:
+            raise Stall(f"no vendor request takes data, and this one is sent with {setup.length} bytes")
+        orders[key](setup.value)
+        return b""
+
+    def _enable(self, _: int) -> None:
+        if self._state in ENABLED:
+            self._fed = self._now
+            return
+        if after(self._state, Event.ENABLE) is self._state:
+            raise Stall(f"the outputs cannot be enabled in state {self._state.name}")
+        self._watchdog_fired = False
+        self._last_named = None
+        self._fed = self._now
+        self._happen(Event.ENABLE, self._now)
+
+    def _set_watchdog(self, milliseconds: int) -> None:
+        self._watchdog_ms = milliseconds
+        self._arm_watchdog()
+
+    def _set_limit(self, transducers: int) -> None:
+        if self._state in ENABLED:
+            raise Stall("a limit is set while the outputs are off")
+        self._drive_limit = transducers
+
+    def _identify(self, board: int) -> None:
+        self._lights[board] = self._now + IDENTIFY_CYCLES
+        self._log(f"board {board} blinks")
+
+    @property
+    def blinking(self) -> list[int]:
+        """Boards whose light blinks now (clause REQ-012)."""
+        return [board for board, until in sorted(self._lights.items()) if until > self._now]
+
+    def _answer_status(self, _: int) -> bytes:
+        self._fed = self._now
+        return self.status().encode()
 
     def status(self) -> Status:
-        """Answer the STATUS request."""
+        """What the device is doing (clause REQ-003)."""
+        flags = StatusFlag.WATCHDOG_FIRED if self._watchdog_fired else StatusFlag(0)
+        flags |= StatusFlag.SEQUENCE if self._runs is not None else StatusFlag(0)
+        flags |= StatusFlag.MODULATION if self._modulation_plays else StatusFlag(0)
         return Status(
             state=self._state,
-            faults=self._faults,
+            faults=self.faults,
             last_refusal=self._last_refusal,
-            flags=StatusFlag.WATCHDOG_FIRED if self._watchdog_fired else StatusFlag(0),
-            now=self._now,
+            flags=flags,
+            now=self.now_tick,
             since_period=self._since_period,
             accepted=self._accepted % 2**32,
             refused=self._refused % 2**32,
             late=self._late % 2**32,
             lost=self._lost % 2**32,
-            missed_commits=sum(processor.missed_commits for processor in self._processors) % 2**32,
-            damaged_messages=0,
-            free=QUEUE_BLOCKS - self._queued,
-            temperature_c=TEMPERATURE_C,
+            missed_commits=self._supervisor.missed_commits % 2**32,
+            damaged_messages=self._supervisor.damaged_messages % 2**32,
+            free=QUEUE_BLOCKS - self._agenda.queued(self._now),
+            temperature_c=self._supervisor.temperature_c,
             watchdog_ms=self._watchdog_ms,
             drive_limit=self._drive_limit,
-            dropped_frames=0,
+            dropped_frames=self.dropped_frames % 2**32,
         )
 
     def clock(self) -> ClockReading:
         """Answer the CLOCK request."""
-        pulses = self.now_period // SYNC_PERIODS  # besides the first, at period 0
-        return ClockReading(self._now, pulses * SYNC_PERIODS, pulses + 1)
+        pulses = self.time.period(self._now) // SYNC_PERIODS  # besides the first, at period 0
+        return ClockReading(self.now_tick, pulses * SYNC_PERIODS, pulses + 1)
 
-    def reports(self) -> list[ProcessorReport]:
-        """Answer the PROCESSORS request."""
-        return [
-            ProcessorReport(Fault(0), TEMPERATURE_C, Bank.FACTORY, processor.missed_commits % 2**32, 0, FIRMWARE)
-            for processor in self._processors
-        ]
+    def _read_back(self) -> ReadBack:
+        """Collect what plays from the processors (clause REQ-007)."""
+        silent = ReadBack(0, 0, Pulses.silent(CHANNELS))
+        for _ in range(ATTEMPTS_TO_READ):
+            begun = self.time.period(self._now)
+            found = self._supervisor.collect_playing(READ_TIMEOUT_CYCLES)
+            read_period = self.time.period(self._now)
+            if len(found) < PROCESSORS:
+                raise Stall("a processor does not say what it plays")
+            since = {playing.period for playing in found}
+            if len(since) == 1 and max(since) <= begun:
+                break
+        if self._state not in (State.PLAYING, State.UNATTENDED):
+            return replace(silent, read_period=read_period)
+        packed = b"".join(playing.packed for playing in found)
+        by_channel, wiring = unpack_pulses(packed), self._identification.wiring
+        pulses = Pulses(wiring.unsort(by_channel.phase), wiring.unsort(by_channel.width))
+        return ReadBack(since.pop() if len(since) == 1 else UNSURE, read_period, pulses)
 
     def info(self) -> Info:
         """Answer the INFO request."""
@@ -381,9 +914,9 @@ class Controller:
             oldest_version=PROTOCOL_VERSION,
             newest_version=PROTOCOL_VERSION,
             hardware=Hardware.FIVE_BOARDS,
-            firmware=FIRMWARE,
+            firmware=self._identification.firmware,
             boards=BOARDS,
-            unique_id=self._unique_id,
+            unique_id=self._identification.unique_id,
             carrier_hz=CARRIER_HZ,
             features=FEATURES,
             channels=CHANNELS,
@@ -393,14 +926,18 @@ class Controller:
             processors_per_board=PROCESSORS_PER_BOARD,
             ticks_per_period=TICKS_PER_PERIOD,
             max_width_ticks=MAX_WIDTH_TICKS,
-            link_wires=self._link.wires,
-            cycles_per_symbol=self._link.cycles_per_symbol,
+            link_wires=self._chain.link.wires,
+            cycles_per_symbol=self._chain.link.cycles_per_symbol,
             queue_blocks=QUEUE_BLOCKS,
             periods_per_update=self._periods_per_update,
             queue_records=RECORDS,
-            slots=0,
-            sequence_entries=0,
-            modulation_samples=0,
+            slots=SLOTS,
+            sequence_entries=SEQUENCE_ENTRIES,
+            modulation_samples=MODULATION_SAMPLES,
             drive_limit=CHANNELS,
             watchdog_ms=WATCHDOG_MS,
         )
+
+
+def _is_late(body: Body, period: int) -> bool:
+    return isinstance(body, CHANGES) and 0 < body.period < period

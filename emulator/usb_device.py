@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..protocol.codes import (
-    BLOCK_BYTES,
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,
     REQUEST_TYPE_IN,
@@ -40,9 +39,12 @@ from ..protocol.enumeration import (
 )
 from ..protocol.framing import BAUD
 from ..protocol.layout.usb import LINE_CODING
-from ..protocol.replies import encode_reports, encode_wiring
 from ..protocol.requests import VALUES, ConsoleRequest, Setup
-from .controller import FIRMWARE, Controller
+from .controller import RECORDS, Controller
+
+FIRMWARE = (0, 1, 0)
+from collections import deque
+
 from .door import Handshake, Stall
 
 __all__ = ["UsbDevice"]
@@ -88,6 +90,9 @@ class UsbDevice:
         self.enumeration = run_time(FIRMWARE, "phasewire five-board array (emulated)", serial)
         self.configuration = 0
         self._halted: set[int] = set()
+        self._records = deque()
+        self._unasked = b""
+        controller.attach(self)
         self._line_coding = bytes(LINE_CODING.build(_115200_8N1))
         self._handlers: dict[tuple[int, int], Callable[[Setup], bytes]] = {
             (_STANDARD_IN_DEVICE, StandardRequest.GET_STATUS): lambda _: b"\x01\x00",  # self-powered
@@ -101,17 +106,6 @@ class UsbDevice:
             (_STANDARD_OUT_ENDPOINT, StandardRequest.SET_FEATURE): self._halt,
             (_STANDARD_OUT_ENDPOINT, StandardRequest.CLEAR_FEATURE): self._clear_halt,
             (_VENDOR_IN_DEVICE, MS_OS_VENDOR_CODE): self._ms_os_descriptors,
-            (REQUEST_TYPE_IN, Request.INFO): lambda _: controller.info().encode(),
-            (REQUEST_TYPE_IN, Request.STATUS): self._status,
-            (REQUEST_TYPE_IN, Request.WIRING): lambda _: encode_wiring(controller.wiring),
-            (REQUEST_TYPE_IN, Request.CLOCK): lambda _: controller.clock().encode(),
-            (REQUEST_TYPE_IN, Request.PROCESSORS): lambda _: encode_reports(controller.reports()),
-            (REQUEST_TYPE_OUT, Request.ENABLE): lambda _: self._order(controller.enable),
-            (REQUEST_TYPE_OUT, Request.DISABLE): lambda _: self._order(controller.disable),
-            (REQUEST_TYPE_OUT, Request.CLEAR_FAULTS): lambda _: b"",
-            (REQUEST_TYPE_OUT, Request.WATCHDOG): self._set_watchdog,
-            (REQUEST_TYPE_OUT, Request.LIMIT): self._set_limit,
-            (REQUEST_TYPE_OUT, Request.IDENTIFY): self._identify,
         }
 
     def control(self, setup: Setup, data: bytes = b"") -> bytes:
@@ -124,6 +118,10 @@ class UsbDevice:
         """
         if setup.request_type in (CLASS_REQUEST_TYPE_IN, CLASS_REQUEST_TYPE_OUT):
             return self._class_request(setup, data)[: setup.length]
+        if setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT):
+            if not self.configuration:
+                raise Stall("not configured")
+            return self._controller.request(setup, data)
         handler = self._handlers.get((setup.request_type, setup.request))
         if handler is None:
             raise Stall(f"request 0x{setup.request:02x} of type 0x{setup.request_type:02x} is unknown")
@@ -178,7 +176,9 @@ class UsbDevice:
             raise Stall(f"interface {setup.index} has no setting {setup.value}")
         self._halted -= _ENDPOINTS[setup.index]
         if setup.index == ARRAY_INTERFACE:
-            self._controller.reset_endpoints()
+            self._controller.new_session()
+            self._records.clear()
+            self._unasked = b""
         return b""
 
     def _check_interface(self, setup: Setup) -> None:
@@ -251,16 +251,18 @@ class UsbDevice:
 
     def _reset_endpoints(self) -> None:
         self._halted.clear()
-        self._controller.reset_endpoints()
+        self._controller.new_session()
+        self._records.clear()
+        self._unasked = b""
 
     def bulk_out(self, endpoint: int, packet: bytes) -> Handshake:
         """Take one packet of at most 512 bytes."""
         if endpoint not in (ENDPOINT_OUT, CONSOLE_ENDPOINT_OUT) or not self._runs(endpoint):
             return Handshake.STALL
-        if endpoint == CONSOLE_ENDPOINT_OUT or not self._controller.can_accept:
+        if endpoint == CONSOLE_ENDPOINT_OUT or not self._controller.can_accept or len(self._records) >= RECORDS:
             return Handshake.NAK
         if packet:  # an empty packet carries no block
-            self._controller.accept(packet)
+            self._controller.accept(packet, self)
         return Handshake.ACK
 
     def bulk_in(self, endpoint: int) -> bytes | Handshake:
@@ -270,7 +272,19 @@ class UsbDevice:
             return Handshake.STALL
         if endpoint != ENDPOINT_IN:
             return Handshake.NAK
-        return self._controller.take_records(BLOCK_BYTES) or Handshake.NAK
+        packet = b""
+        while self._records and len(packet) + 32 <= 512:
+            packet += self._records.popleft()
+        if len(packet) + len(self._unasked) <= 512:
+            packet += self._unasked
+            self._unasked = b""
+        return packet or Handshake.NAK
+
+    def acknowledge(self, record):
+        self._records.append(record)
+
+    def notify(self, record):
+        self._unasked = record
 
     def _runs(self, endpoint: int) -> bool:
         return bool(self.configuration) and endpoint not in self._halted

@@ -69,7 +69,7 @@ class EndToEnd:
     @property
     def latch_ticks(self) -> list[int]:
         """Tick at which each of the ten processors began to play."""
-        return [int(starts[-1]) for starts in self.capture.starts]
+        return [latches[-1] if latches else 0 for latches in self.capture.latches]
 
     @cached_property
     def rebuilt(self) -> NDArray[np.complex128]:

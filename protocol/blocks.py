@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, astuple, dataclass, replace
 from dataclasses import fields as dataclass_fields
 from functools import partial
@@ -149,6 +149,11 @@ class Entry(NamedTuple):
     periods: int
 
 
+def pack_entries(entries: Iterable[Entry]) -> bytes:
+    """Entries as blocks and the chain carry them, 4 bytes each (clause BLK-014)."""
+    return b"".join(_ENTRY.pack(*entry) for entry in entries)
+
+
 @dataclass(frozen=True)
 class Entries:
     """Keep these steps in the table of 1024, for sequences to play (clause BLK-014).
@@ -178,7 +183,7 @@ class Entries:
 
     def _parts(self) -> tuple[_Fields, bytes]:
         fields = _Fields(first=self.first, count=len(self.entries))
-        return fields, b"".join(_ENTRY.pack(*entry) for entry in self.entries)
+        return fields, pack_entries(self.entries)
 
 
 @dataclass(frozen=True)

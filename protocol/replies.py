@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
@@ -44,6 +46,7 @@ __all__ = [
     "Status",
     "decode_reports",
     "decode_wiring",
+    "encode_ack",
     "encode_reports",
     "encode_wiring",
     "records",
@@ -62,9 +65,23 @@ def _parse(layout: Construct, data: bytes, what: str, size: int) -> Any:
         raise ReplyError(f"{what} {data.hex()} breaks its layout: {error}") from error
 
 
-def _sealed(layout: Construct, magic: bytes, record: Ack | Status) -> bytes:
+def _sealed(layout: Construct, magic: bytes, record: Status) -> bytes:
     body = asdict(record) | {"magic": magic, "version": PROTOCOL_VERSION, "reserved": None}
     return build(layout, {"body": {"value": body}}, record)
+
+
+_ACK = struct.Struct("<2sBBIQQBBBx")
+
+
+def encode_ack(reason: int, sequence: int, commit_period: int, now: int, flags: int, free: int, state: int) -> bytes:
+    """Encode an acknowledgement from its fields; see `Ack`. The fast twin of the layout."""
+    try:
+        body = _ACK.pack(
+            ACK_MAGIC, PROTOCOL_VERSION, Reason(reason), sequence, commit_period, now, flags, free, State(state)
+        )
+    except struct.error as error:
+        raise ValueError(f"a field of the acknowledgement of block {sequence} does not fit: {error}") from error
+    return body + zlib.crc32(body).to_bytes(4, "little")
 
 
 @dataclass(frozen=True)
@@ -112,7 +129,7 @@ class Ack:
 
     def encode(self) -> bytes:
         """Encode as 32 bytes; raise `ValueError` where a field does not fit."""
-        return _sealed(ACK, ACK_MAGIC, self)
+        return encode_ack(self.reason, self.sequence, self.commit_period, self.now, self.flags, self.free, self.state)
 
     @classmethod
     def decode(cls, data: bytes) -> Ack:

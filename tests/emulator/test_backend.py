@@ -8,6 +8,7 @@ from phasewire import Emulator, Pulses
 from phasewire.emulator.backend import EmulatorBackend, open_backend
 from phasewire.errors import DeviceNotFoundError
 
+from tests.emulator.passing import now
 from tests.strategies import update
 
 
@@ -21,11 +22,11 @@ def plain() -> tuple[Emulator, usb.core.Device]:
 def test_reading_when_nothing_comes_times_out_in_the_device_s_time(plain: tuple[Emulator, usb.core.Device]) -> None:
     emulator, device = plain
     device.set_configuration()
-    before = emulator.scheduler.now
+    before = now(emulator)
     with pytest.raises(usb.core.USBTimeoutError) as timed_out:
         device.read(0x81, 64, timeout=20)
     assert timed_out.value.errno == errno.ETIMEDOUT
-    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(20e-3)
+    assert (now(emulator) - before) / 400e6 == pytest.approx(20e-3)
 
 
 def test_a_long_write_is_cut_in_packets(plain: tuple[Emulator, usb.core.Device]) -> None:
@@ -42,9 +43,9 @@ def test_transfers_take_bus_time(plain: tuple[Emulator, usb.core.Device]) -> Non
     """At best 13 bulk packets of 512 bytes fit a microframe of 125 µs."""
     emulator, device = plain
     device.set_configuration()
-    before = emulator.scheduler.now
+    before = now(emulator)
     device.write(0x01, bytes(512 * 26))
-    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(250e-6, rel=1e-3)
+    assert (now(emulator) - before) / 400e6 == pytest.approx(250e-6, rel=1e-3)
 
 
 def test_an_unknown_request_is_a_pipe_error(plain: tuple[Emulator, usb.core.Device]) -> None:
@@ -97,10 +98,10 @@ def test_a_time_out_comes_before_later_events(plain: tuple[Emulator, usb.core.De
     emulator, device = plain
     device.set_configuration()
     device.ctrl_transfer(0x41, 4, 0, 0, None)
-    before = emulator.scheduler.now
+    before = now(emulator)
     with pytest.raises(usb.core.USBTimeoutError):
         device.read(0x81, 64, timeout=20)
-    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(20e-3)
+    assert (now(emulator) - before) / 400e6 == pytest.approx(20e-3)
 
 
 def test_a_long_write_that_times_out_says_how_much_was_taken(plain: tuple[Emulator, usb.core.Device]) -> None:

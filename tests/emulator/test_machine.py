@@ -6,6 +6,8 @@ from phasewire import Emulator, Pulses, open_device
 from phasewire.emulator.machine import plugged
 from phasewire.protocol.timing import Link
 
+from tests.emulator.passing import now, pass_until
+
 
 def test_it_is_plugged_in_for_as_long_as_it_is_used() -> None:
     with Emulator(serial="A") as first, Emulator(serial="B") as second:
@@ -66,13 +68,13 @@ def test_the_log_is_bounded(emulator: Emulator) -> None:
 
 
 def test_periods_run_to_their_end(emulator: Emulator) -> None:
-    emulator.scheduler.run_until(10_001)
+    pass_until(emulator, 10_001)
     emulator.run(1)
-    assert emulator.scheduler.now == 30_000
+    assert now(emulator) == 30_000
     emulator.run_until(2)
-    assert emulator.scheduler.now == 30_000
+    assert now(emulator) == 30_000
     emulator.run_until(5)
-    assert emulator.scheduler.now == 50_000
+    assert now(emulator) == 50_000
 
 
 def test_an_emulator_that_was_unplugged_has_lost_its_power() -> None:

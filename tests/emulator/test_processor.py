@@ -2,16 +2,27 @@ from __future__ import annotations
 
 import numpy as np
 from hypothesis import given
-from phasewire.emulator.processor import Processor, rasterise
+from phasewire.emulator.capture import Capture, Track
+from phasewire.emulator.clock import BoardClock, Timebase
+from phasewire.emulator.processor import Processor
+from phasewire.emulator.reel import Reel
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.protocol import Pulses
-from phasewire.protocol.blocks import pack_pulses
-from phasewire.protocol.chain import Commit, Slice
+from phasewire.protocol.blocks import Entry, pack_entries, pack_pulses
+from phasewire.protocol.chain import Collect, Commit, Load, Number, Program, Report, Slice
+from phasewire.protocol.codes import ChannelEnd, Fault, Memory
 from phasewire.protocol.timing import RASTERISE_CYCLES
+from phasewire.protocol.wiring import Wiring
 
 from tests.strategies import pulses
 
 PERIOD = 10_000
+
+
+def played(track: Track, period: int) -> list[int]:
+    """The port's words in a period."""
+    capture = Capture(Wiring.strips(), (period + 1) * 50, (track,) * 10)
+    return capture.bits(period * 50, period * 50 + 50)[:, 0].tolist()
 
 
 def literally(made: Pulses) -> list[int]:
@@ -26,16 +37,31 @@ def literally(made: Pulses) -> list[int]:
 
 @given(pulses(32))
 def test_the_rasteriser_is_the_specification_s_sentence(made: Pulses) -> None:
-    assert rasterise(made).tolist() == literally(made)
-
-
-def processor() -> tuple[Scheduler, Processor]:
-    scheduler = Scheduler()
-    return scheduler, Processor(scheduler, 0, lambda line: None)
+    reel = Reel()
+    reel.play(np.array([0]), np.frombuffer(pack_pulses(made), np.uint8)[None])
+    assert played(Track(reel.segments(), BoardClock()), 0) == literally(made)
 
 
 SLICE = Slice(0, pack_pulses(Pulses(np.full(32, 25), np.full(32, 25))))
 SILENCE = Slice(0, bytes(48))
+
+
+def processor(offset_ticks: int = 0) -> tuple[Scheduler, Processor]:
+    scheduler = Scheduler()
+    made = Processor(scheduler, 0, BoardClock(offset_ticks), (1, 2, 3), 7, lambda _: None)
+    made.receive(Number(0).encode())
+    made.start(Timebase(0))
+    return scheduler, made
+
+
+def starts(tested: Processor) -> list[int]:
+    return tested.track().segments.starts[1:].tolist()
+
+
+def report(tested: Processor) -> Report:
+    answer = tested.receive(Collect(0, ChannelEnd.REPORT).encode())
+    assert isinstance(answer, Report)
+    return answer
 
 
 def test_a_committed_slice_plays_from_its_period() -> None:
@@ -43,18 +69,21 @@ def test_a_committed_slice_plays_from_its_period() -> None:
     tested.receive(SLICE.encode())
     tested.receive(Commit.of(3, SLICE).encode())
     scheduler.run_until(3 * PERIOD - 1)
-    assert tested.starts == [0]
+    assert starts(tested) == []
     scheduler.run_until(3 * PERIOD)
-    assert tested.starts == [0, 150]
-    assert tested.tables[1].tolist() == [0xFFFFFFFF] * 25 + [0] * 25
+    assert starts(tested) == [3]
+    assert played(tested.track(), 3) == [0xFFFFFFFF] * 25 + [0] * 25
+    assert played(tested.track(), 2) == [0] * 50
+    assert report(tested).carried_out == 1
 
 
-def test_a_commit_for_another_slice_is_missed() -> None:
+def test_a_commit_for_another_slice_is_missed_and_takes_the_slice_out() -> None:
     scheduler, tested = processor()
     tested.receive(SLICE.encode())
     tested.receive(Commit.of(3, SILENCE).encode())
+    tested.receive(Commit.of(4, SLICE).encode())
     scheduler.run_until(5 * PERIOD)
-    assert (tested.missed_commits, tested.starts) == (1, [0])
+    assert (tested.missed_commits, starts(tested)) == (2, [])
 
 
 def test_a_commit_that_leaves_just_enough_time_is_carried_out() -> None:
@@ -63,7 +92,7 @@ def test_a_commit_that_leaves_just_enough_time_is_carried_out() -> None:
     scheduler.run_until(3 * PERIOD - RASTERISE_CYCLES)
     tested.receive(Commit.of(3, SLICE).encode())
     scheduler.run_until(5 * PERIOD)
-    assert (tested.missed_commits, tested.starts) == (0, [0, 150])
+    assert (tested.missed_commits, starts(tested)) == (0, [3])
 
 
 def test_a_commit_that_leaves_no_time_to_rasterise_is_missed() -> None:
@@ -72,7 +101,7 @@ def test_a_commit_that_leaves_no_time_to_rasterise_is_missed() -> None:
     scheduler.run_until(3 * PERIOD - RASTERISE_CYCLES + 1)
     tested.receive(Commit.of(3, SLICE).encode())
     scheduler.run_until(5 * PERIOD)
-    assert (tested.missed_commits, tested.starts) == (1, [0])
+    assert (tested.missed_commits, starts(tested)) == (1, [])
 
 
 def test_a_commit_while_another_table_waits_is_missed() -> None:
@@ -81,5 +110,108 @@ def test_a_commit_while_another_table_waits_is_missed() -> None:
         tested.receive(piece.encode())
         tested.receive(Commit.of(period, piece).encode())
     scheduler.run_until(6 * PERIOD)
-    assert (tested.missed_commits, tested.starts) == (1, [0, 150])
-    assert tested.tables[1].any()
+    assert (tested.missed_commits, starts(tested)) == (1, [3])
+    assert any(played(tested.track(), 5))
+
+
+def test_a_message_for_somebody_else_is_damaged_and_said_once() -> None:
+    _, tested = processor()
+    tested.receive(Slice(1, SLICE.packed).encode())
+    assert (report(tested).damaged_messages, Fault(report(tested).faults)) == (1, Fault(0))
+    tested.receive(b"")
+    first = report(tested)
+    assert (first.damaged_messages, Fault(first.faults)) == (2, Fault.CHAIN)
+
+
+def test_a_sequence_steps_by_itself_and_ends_in_silence() -> None:
+    scheduler, tested = processor()
+    tested.receive(Load(0, Memory.SLOTS, 9, SLICE.packed).encode())
+    tested.receive(Load(0, Memory.ENTRIES, 5, pack_entries([Entry(9, 2), Entry(8, 1)])).encode())
+    tested.receive(Program(0, Memory.ENTRIES, 10, first=5, count=2, repeats=2).encode())
+    scheduler.run_until(20 * PERIOD)
+    heard = [any(played(tested.track(), period)) for period in range(8, 20)]
+    assert heard == [False, False, True, True, False, True, True] + [False] * 5
+    assert [tested.playing(period).period for period in (10, 12, 13, 15, 17)] == [10, 12, 13, 15, 16]
+
+
+def test_a_modulation_widens_and_narrows_pulses() -> None:
+    """Sample 128 of 255 makes 25 ticks 8.36, so 8, centred where they were: half tick 25, so from tick 8 on."""
+    scheduler, tested = processor()
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(3, SLICE).encode())
+    tested.receive(Load(0, Memory.SAMPLES, 0, bytes([255, 128, 0])).encode())
+    tested.receive(Program(0, Memory.SAMPLES, 4, first=0, count=3, hold=2).encode())
+    scheduler.run_until(20 * PERIOD)
+    counts = [sum(map(bool, played(tested.track(), period))) for period in range(3, 11)]
+    assert counts == [25, 25, 25, 8, 8, 0, 0, 25]
+    assert played(tested.track(), 6).index(0xFFFFFFFF) == 8
+
+
+def test_the_sync_pulse_is_compared_round_the_wrap_of_the_counter() -> None:
+    """204 800 ticks between two pulses, 8192 modulo 65 536."""
+    _, tested = processor(offset_ticks=3)
+    for pulse in range(1, 20):
+        tested.feel_pulse(204_800 * pulse)
+    assert (tested.drift, tested.faults) == (0, Fault(0))
+    tested.feel_pulse(204_800 * 20 + 1)
+    assert (tested.drift, tested.faults) == (1, Fault(0))
+    tested.feel_pulse(204_800 * 21 - 2)
+    assert (tested.drift, tested.faults) == (-2, Fault.SYNC)
+
+
+def test_a_clock_that_runs_fast_is_found_out_by_its_second_tick() -> None:
+    """At 6 parts per million 1.2288 ticks come too many between two pulses: 1, then 2."""
+    _, tested = processor()
+    tested.clock.set_rate(0, 6000)
+    tested.feel_pulse(204_800)
+    assert (tested.drift, tested.faults) == (1, Fault(0))
+    tested.feel_pulse(2 * 204_800)
+    assert (tested.drift, tested.faults) == (2, Fault.SYNC)
+
+
+def test_too_hot_is_silent_from_the_next_boundary_on() -> None:
+    scheduler, tested = processor()
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(3, SLICE).encode())
+    scheduler.run_until(4 * PERIOD + 1)
+    tested.set_temperature(85)
+    assert tested.faults == Fault(0)
+    tested.set_temperature(86)
+    scheduler.run_until(8 * PERIOD)
+    assert [any(played(tested.track(), period)) for period in range(3, 7)] == [True, True, False, False]
+    assert [Fault(report(tested).faults) for _ in range(2)] == [Fault.TEMPERATURE] * 2
+
+
+def test_a_slow_rasteriser_comes_late_and_says_so() -> None:
+    scheduler, tested = processor()
+    tested.slowness = 3  # 13 200 cycles: more than a period
+    tested.receive(Load(0, Memory.SLOTS, 0, SLICE.packed).encode())
+    tested.receive(Load(0, Memory.ENTRIES, 0, pack_entries([Entry(0, 5)])).encode())
+    tested.receive(Program(0, Memory.ENTRIES, 4, first=0, count=1, repeats=1).encode())
+    scheduler.run_until(12 * PERIOD)
+    assert starts(tested) == [5]
+    assert Fault.OVERRUN in Fault(report(tested).faults)
+
+
+def test_who_hears_no_question_falls_silent() -> None:
+    scheduler, tested = processor()
+    tested.listen(0)
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(3, SLICE).encode())
+    scheduler.run_until(30 * 400_000)
+    report(tested)
+    scheduler.run_until(100 * 400_000)
+    assert starts(tested) == [3, 80 * 40]
+    assert Fault(report(tested).faults) == Fault.CHAIN
+
+
+def test_a_forced_bit_stays_as_it_is_whatever_plays() -> None:
+    scheduler, tested = processor()
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(3, SLICE).encode())
+    scheduler.run_until(4 * PERIOD)
+    tested.force(high=1, low=2)
+    scheduler.run_until(6 * PERIOD)
+    words = played(tested.track(), 4)
+    assert words == [0xFFFFFFFD] * 25 + [1] * 25
+    assert played(tested.track(), 3) == [0xFFFFFFFF] * 25 + [0] * 25

@@ -13,6 +13,7 @@ from phasewire.protocol.codes import Request
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Budget, Link
 
+from tests.emulator.passing import pass_until
 from tests.strategies import update
 
 BLOCK = update(Pulses(np.full(320, 25), np.full(320, 25)), 1)
@@ -28,7 +29,7 @@ def ready(link: Link) -> Emulator:
 def first_tick(link: Link, begins: int) -> int:
     """The tick at which an update is heard whose first bit is sent at a core cycle."""
     emulator = ready(link)
-    emulator.scheduler.run_until(begins)
+    pass_until(emulator, begins)
     bus = EmulatorBackend([emulator])
     bus.bulk_write(bus.open_device(emulator), 0x01, 0, BLOCK, 1000)
     emulator.run(12)

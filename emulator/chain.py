@@ -1,0 +1,215 @@
+"""The chain: how messages get from the controller to the processors and back (SPEC.md, chapter CHN).
+
+While nothing is wrong and nobody watches, the outcome of every message is known beforehand, and the chain is *folded*:
+changes reach the processors at their period without a message. Once a fault is armed or a tracer looks on, it is
+*unfolded*: each message travels token by token, may be damaged on its way, and may get stuck. What outputs and records
+say is the same either way, and the tests hold one against the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..protocol.board import CORE_HZ, PROCESSORS
+from ..protocol.chain import SLICE_BYTES, Commit, Identity, Load, Message, Number, Program, Slice
+from ..protocol.codes import END_TOKEN, LINK_MS, NUMBER_MS, STALL_MS, UNNUMBERED_NODE
+from ..protocol.timing import Link
+from .agenda import Change, Stream
+from .links import Links
+from .processor import Processor
+from .scheduler import Scheduler
+from .switches import Direction, destination
+from .trace import Tracer
+
+__all__ = ["ANSWER_CYCLES", "Chain", "Passing"]
+
+END = bytes([END_TOKEN])
+NEVER = 2**62
+STALL_CYCLES = STALL_MS * CORE_HZ // 1000
+LINK_CYCLES = LINK_MS * CORE_HZ // 1000
+NUMBER_CYCLES = NUMBER_MS * CORE_HZ // 1000
+ANSWER_CYCLES = 400
+"""From a question to the first token of the answer: a microsecond, an estimate; clause CHN-016 allows 0.5 ms."""
+
+
+class Passing(NamedTuple):
+    """A message that is about to go onto the chain."""
+
+    cycle: int
+    node: int
+    """Whom it goes to or comes from."""
+    down: bool
+    """Whether it goes to the processor."""
+    tokens: bytes
+
+
+class Chain:
+    """Ten processors behind one controller.
+
+    Parameters
+    ----------
+    scheduler : Scheduler
+        The clock of the machine.
+    processors : sequence of Processor
+        In the order of the chain.
+    link : Link
+        Set-up of all links.
+    tracer : Tracer
+        Is told of every message.
+    """
+
+    def __init__(self, scheduler: Scheduler, processors: Sequence[Processor], link: Link, tracer: Tracer) -> None:
+        self._scheduler = scheduler
+        self.processors = processors
+        self.link = link
+        self._tracer = tracer
+        self.links = Links([link] * PROCESSORS)
+        self.folded = True
+        self.broken = False
+        self.tampers: list[Callable[[Passing], bytes]] = []
+        """What is done to messages, one after the other; each takes a message and gives its tokens as they arrive."""
+        self._begun = [b""] * PROCESSORS
+        self.hear: Callable[[bytes], None] = lambda _: None
+        self.stuck: Callable[[], None] = lambda: None
+
+    # Folded
+
+    def apply(self, item: Change | Stream, begun: int = 0) -> None:
+        """Let a change take effect on all processors; of a stream the updates from `begun` up to its `next`."""
+        if isinstance(item, Stream):
+            part = slice(begun, item.next)
+            for processor in self.processors:
+                at = processor.place * SLICE_BYTES
+                processor.play(item.periods[part], item.packed[part, at : at + SLICE_BYTES])
+            return
+        for processor in self.processors:
+            if item.packed is not None:
+                piece = np.frombuffer(_piece(item.packed, processor.place), np.uint8)[None]
+                processor.play(np.array([item.period]), piece)
+            for program in item.programs:
+                processor.carry_out(program)
+
+    # Unfolded
+
+    def send(self, change: Change) -> None:
+        """Send the messages of a change (clause CHN-029)."""
+        messages: list[Message] = []
+        if change.packed is not None:
+            slices = [Slice(place, _piece(change.packed, place)) for place in range(PROCESSORS)]
+            messages += [*slices, *(Commit.of(change.period, piece) for piece in slices)]
+        for program in change.programs:
+            fields = (program.memory, program.period, program.first, program.count, program.hold, program.repeats)
+            messages += [Program(place, *fields) for place in range(PROCESSORS)]
+        for message in messages:
+            self.pass_down(message)
+
+    def load(self, load: Load) -> None:
+        """Store items of a memory of a processor."""
+        if self.folded:
+            self.processors[load.processor].load(load.memory, load.first, load.data)
+        else:
+            self.pass_down(load)
+
+    @property
+    def free_at(self) -> int:
+        """Core cycle from which on the first link takes another message."""
+        if self.folded:
+            return 0
+        free = self.links.free_at()
+        return NEVER if free is None else free
+
+    def pass_down(self, message: Message) -> None:
+        """Let a message go to whomever its header names."""
+        if self.broken:
+            return
+        now = self._scheduler.now
+        tokens = self._tampered(Passing(now, message.node, True, message.encode()))
+        nodes = [UNNUMBERED_NODE if processor.number is None else processor.number for processor in self.processors]
+        processor, reached = destination(nodes, int.from_bytes(tokens[:2], "big"))
+        passage = self.links.down(processor, len(tokens), now, ends=tokens[-1:] == END, reached=reached)
+        self._tracer.passed(message, self.links.spans(Direction.DOWN))
+        if passage.leaves is None or passage.leaves > now + STALL_CYCLES:
+            self._scheduler.at(now + STALL_CYCLES, self._break)
+        if passage.arrives is not None:
+            self._scheduler.at(passage.arrives, lambda: self._arrive(passage.processor, tokens))
+
+    def _break(self) -> None:
+        if not self.broken:
+            self.broken = True
+            self.stuck()
+
+    def _arrive(self, place: int, tokens: bytes) -> None:
+        tokens, self._begun[place] = self._begun[place] + tokens, b""
+        if tokens[-1:] != END:  # its route is still open: what follows runs into the same channel end
+            self._begun[place] = tokens
+            return
+        answer = self.processors[place].receive(tokens)
+        if answer is None:
+            return
+        wait = ANSWER_CYCLES
+        if isinstance(answer, Identity) and answer.last and place < PROCESSORS - 1:
+            wait = max(wait, LINK_CYCLES)  # it waits in vain for the link behind it
+        self._scheduler.at(self._scheduler.now + wait, lambda: self._pass_up(place, answer))
+
+    def _pass_up(self, place: int, answer: Message) -> None:
+        now = self._scheduler.now
+        tokens = self._tampered(Passing(now, place, False, answer.encode()))
+        passage = self.links.up(place, len(tokens), now, ends=tokens[-1:] == END)
+        self._tracer.passed(answer, self.links.spans(Direction.UP))
+        if passage.arrives is not None:
+            self._scheduler.at(passage.arrives, lambda: self.hear(tokens))
+
+    def _tampered(self, passing: Passing) -> bytes:
+        for tamper in self.tampers:
+            passing = passing._replace(tokens=tamper(passing))
+        return passing.tokens
+
+
+def _piece(packed: bytes, place: int) -> bytes:
+    return packed[place * SLICE_BYTES : (place + 1) * SLICE_BYTES]
+
+
+class Numbering:
+    """Numbers the processors from 0 up, each after the answer of the one before (clause CHN-023).
+
+    Parameters
+    ----------
+    scheduler : Scheduler
+        The clock of the machine.
+    chain : Chain
+        Whose `hear` it takes over meanwhile.
+    done : callable
+        Takes the identities, in the order of the chain; the chain is complete with ten.
+    """
+
+    def __init__(self, scheduler: Scheduler, chain: Chain, done: Callable[[list[Identity]], None]) -> None:
+        self._scheduler = scheduler
+        self._chain = chain
+        self._done = done
+        self._identities: list[Identity] = []
+        chain.hear = self._hear
+        self._ask()
+
+    def _ask(self) -> None:
+        number = len(self._identities)
+        self._chain.pass_down(Number(number))
+        self._scheduler.at(self._scheduler.now + NUMBER_CYCLES, lambda: self._give_up(number))
+
+    def _hear(self, tokens: bytes) -> None:
+        identity = Identity._decode(tokens)
+        self._identities.append(identity)
+        if identity.last:
+            self._finish()
+        else:
+            self._ask()
+
+    def _give_up(self, number: int) -> None:
+        if len(self._identities) == number:
+            self._finish()
+
+    def _finish(self) -> None:
+        self._chain.hear = lambda _: None
+        self._done(self._identities)
