@@ -120,6 +120,24 @@ def test_a_slow_link_fills_the_buffer_before_it() -> None:
     assert links.down(0, COLLECT, 0) == (0, 1088, 1648 + 8 + 8, 1640 + 9 * 8)
 
 
+def test_what_waited_goes_into_a_channel_end_as_fast_as_it_came() -> None:
+    """On 2-wire links, 20 cycles a token: the last of 20 tokens leaves link 0's buffer at 40 + 20·80."""
+    links = chain(TWO_WIRE)
+    links.set_link(1, slow(80))
+    links.down(1, 20, 0)
+    assert links.spans(Direction.DOWN)[1] == Span(1, 40, 1640)
+    assert links.down(0, COLLECT, 0).arrives == 1640 + 9 * 20
+
+
+def test_places_that_were_taken_before_a_fault_are_still_taken() -> None:
+    """Eight messages of a token each end on link 0 every 30 cycles; each place is the sender's again 150 + 60 later."""
+    links = Links([slow(30)] * 10, 150, 60)
+    for _ in range(8):
+        links.down(0, 1, 0)
+    links.set_link(0, FIVE_WIRE)
+    assert links.down(0, 3, 0) == (0, 240, 90 + 210 + 8, 308 + 150)
+
+
 def test_a_fast_link_behind_a_slow_one_is_held_as_long() -> None:
     """It cannot send what has not come; of each token the last symbol is there 40 cycles after it came."""
     links = chain()
