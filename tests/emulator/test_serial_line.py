@@ -1,0 +1,558 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire.emulator.door import Stall
+from phasewire.emulator.serial_line import SerialLine
+from phasewire.protocol.codes import State
+from phasewire.protocol.requests import Setup
+
+from tests.emulator.model_controller import ModelController, no_op, update
+from tests.from_spec import (
+    BLOCK_FRAME,
+    RECORD_FRAME,
+    REPLY_FRAME,
+    REQUEST_FRAME,
+    TO_DEVICE,
+    TO_HOST,
+    build_status,
+    encode_frame,
+    read_ack,
+    read_line,
+    read_status,
+)
+from tests.specification import hex_examples
+
+ENOUGH = 10**9
+EXAMPLES = hex_examples()
+STATUS_REQUEST = EXAMPLES["SERIAL_STATUS_REQUEST"]
+CONSOLE = bytes.fromhex("06 05 02 1b 68 a2 00")  # the vector frame-console
+TO_FRAMES = b"\0" + CONSOLE + b"\0"
+
+
+def line_of(
+    controller: ModelController, detach: Callable[[], None] = lambda: None, *, needs_dtr: bool = False
+) -> SerialLine:
+    return SerialLine(controller, detach=detach, needs_dtr=needs_dtr)
+
+
+def among_frames(controller: ModelController, detach: Callable[[], None] = lambda: None) -> SerialLine:
+    line = line_of(controller, detach)
+    assert said(line, b"\0") == b"\0"
+    return line
+
+
+def said(line: SerialLine, data: bytes = b"") -> bytes:
+    """All that the line says once it has received some bytes."""
+    line.receive(data)
+    return line.take(ENOUGH)
+
+
+def request(tag: int, code: int, value: int = 0, length: int = 0, kind: int = 0xC1, data: bytes = b"") -> bytes:
+    numbers = b"".join(number.to_bytes(2, "little") for number in (value, 0, length))
+    return encode_frame(REQUEST_FRAME, bytes([tag, kind, code]) + numbers + data)
+
+
+def block(packet: bytes) -> bytes:
+    return encode_frame(BLOCK_FRAME, packet)
+
+
+RESET = request(0x77, 13, kind=0x41)
+RESET_REPLY = encode_frame(REPLY_FRAME, b"\x77\x00")
+
+
+def heard(stream: bytes) -> list[str]:
+    """What a host makes of a stream that begins among frames: each reply by its tag, each record by its number."""
+    return [in_short(*event) for event in read_line(b"\0" + stream, TO_HOST)[1:]]
+
+
+def in_short(event: str, data: bytes) -> str:
+    if event != "frame":
+        return data.decode() or event
+    kind, body = data[0], data[1:]
+    if kind == REPLY_FRAME:
+        return f"reply {body[0]:02x}" + (" stalled" if body[1] else "")
+    if len(body) == 64:
+        return f"status {read_status(body)['now']}"
+    assert kind == RECORD_FRAME
+    return f"ack {read_ack(body)['sequence']}"
+
+
+def status(now: int) -> bytes:
+    return build_status({"now": now})
+
+
+# Requests
+
+
+def test_the_worked_example_is_answered_under_its_tag() -> None:
+    controller = ModelController()
+    line = among_frames(controller)
+    assert said(line, STATUS_REQUEST) == encode_frame(REPLY_FRAME, b"\x2a\x00" + controller.status_record())
+    assert controller.asked == [Setup(0xC1, 2, 0, 0, 64)]
+
+
+def test_a_request_that_nobody_knows_is_stalled_as_in_the_worked_example() -> None:
+    line = among_frames(ModelController())
+    assert said(line, request(0x2A, 0x77)) == EXAMPLES["SERIAL_STALL_REPLY"]
+
+
+@pytest.mark.parametrize("kind", [0x80, 0x00, 0xC0, 0x40, 0xA1, 0x21, 0xC2])
+def test_other_types_of_requests_are_stalled_and_have_no_effect(kind: int) -> None:
+    controller = ModelController()
+    assert heard(said(among_frames(controller), request(1, 4, kind=kind))) == ["reply 01 stalled"]
+    assert not controller.asked
+    assert controller.dropped_frames == 0
+
+
+def test_data_go_with_a_request_and_no_more_comes_back_than_was_asked_for() -> None:
+    controller = ModelController()
+    line = among_frames(controller)
+    assert heard(said(line, request(1, 4, length=3, kind=0x41, data=b"abc"))) == ["reply 01 stalled"]
+    short = encode_frame(REPLY_FRAME, b"\x02\x00" + controller.status_record()[:5])
+    assert said(line, request(2, 2, length=5)) == short
+    assert said(line, request(3, 2)) == encode_frame(REPLY_FRAME, b"\x03\x00")
+
+
+def test_answers_come_in_order() -> None:
+    line = among_frames(ModelController())
+    sent = block(no_op(7)) + request(1, 2, length=64) + request(2, 0x77) + block(no_op(8)) + request(3, 9, length=24)
+    assert heard(said(line, sent)) == ["ack 7", "reply 01", "reply 02 stalled", "ack 8", "reply 03"]
+
+
+def test_whoever_is_answered_has_arrived() -> None:
+    controller = ModelController()
+    line = among_frames(controller)
+    said(line, b"noise\0" + block(no_op(1)))
+    assert controller.arrivals == 0
+    said(line, request(1, 0x77))
+    assert controller.arrivals == 1
+
+
+# Damage
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        STATUS_REQUEST[:-2] + b"\xff\0",
+        STATUS_REQUEST[3:],
+        b"\x01\0",
+        b"\x02" * 700 + b"\0",
+        encode_frame(RECORD_FRAME, bytes(32)),
+        encode_frame(REPLY_FRAME, bytes(2)),
+    ],
+    ids=["checksum", "cut", "short", "long", "record", "reply"],
+)
+def test_damaged_frames_are_dropped_and_counted(damaged: bytes) -> None:
+    controller = ModelController()
+    line = among_frames(controller)
+    assert said(line, damaged) == b""
+    assert controller.dropped_frames == 1
+    assert heard(said(line, b"\0\0" + STATUS_REQUEST)) == ["reply 2a"]
+    assert controller.dropped_frames == 1
+
+
+def test_a_block_is_judged_as_on_usb() -> None:
+    controller = ModelController()
+    (event,) = read_line(b"\0" + said(among_frames(controller), block(bytes(512))), TO_HOST)[1:]
+    assert read_ack(event[1][1:])["reason"] == 2
+    assert controller.dropped_frames == 0
+
+
+# Modes
+
+
+def test_a_line_begins_with_a_console_that_says_nothing() -> None:
+    line = line_of(ModelController())
+    assert said(line) == b""
+    assert said(line, b"faults\r") == b"faults\r\nfaults: none\r\nok\r\n> "
+
+
+def test_a_zero_begins_frames_and_a_frame_ends_them() -> None:
+    line = line_of(ModelController())
+    assert said(line, b"\0") == b"\0"
+    assert said(line, b"\0\0") == b""
+    assert said(line, CONSOLE) == CONSOLE + b"> "
+    assert said(line, b"stop\r") == b"stop\r\nok\r\n> "
+
+
+@pytest.mark.parametrize("before", [b"", b"sto", b"\0", b"\0junk", b"\0" + STATUS_REQUEST[:5]])
+def test_a_host_that_does_not_know_the_modes_finds_frames(before: bytes) -> None:
+    line = line_of(ModelController())
+    said(line, before)
+    answer = said(line, TO_FRAMES + STATUS_REQUEST)
+    assert answer.startswith(CONSOLE + b"> \0" if before[:1] == b"\0" else b"\0" + CONSOLE + b"> \0")
+    assert heard(answer.rpartition(b"> \0")[2]) == ["reply 2a"]
+
+
+def test_a_line_of_text_that_was_not_finished_is_dropped() -> None:
+    controller = ModelController()
+    line = line_of(controller)
+    said(line, b"enab" + TO_FRAMES + CONSOLE + b"le\r")
+    assert controller.state is State.OFF
+    said(line, b"enab")
+    line.hang_up()
+    said(line, b"le\r")
+    assert controller.state is State.OFF
+
+
+def test_text_that_waits_is_sent_before_frames_begin() -> None:
+    line = line_of(ModelController())
+    line.receive(b"stop\r")
+    assert said(line, b"\0") == b"stop\r\nok\r\n> \0"
+
+
+def test_the_echo_is_on_again_for_the_next_one_and_not_after_frames() -> None:
+    line = line_of(ModelController())
+    said(line, b"echo 0\r\0" + CONSOLE)
+    assert said(line, b"stop\r") == b"ok\r\n> "
+    line.hang_up()
+    assert said(line, b"stop\r") == b"stop\r\nok\r\n> "
+
+
+def test_answers_that_were_not_sent_are_dropped_with_the_frames() -> None:
+    line = among_frames(ModelController())
+    line.receive(request(1, 2, length=64) + block(no_op(1)))
+    line.notify(status(1))
+    assert said(line, CONSOLE) == CONSOLE + b"> "
+
+
+def test_a_frame_that_was_begun_is_sent_to_its_end() -> None:
+    line = among_frames(ModelController())
+    line.receive(request(1, 2, length=64) + request(2, 2, length=64))
+    begun = line.take(1)
+    assert heard(begun + said(line, CONSOLE)) == ["reply 01", "console", "> "]
+
+
+def test_hanging_up_drops_all_that_waits_and_counts_what_was_begun() -> None:
+    controller = ModelController()
+    line = among_frames(controller)
+    line.receive(STATUS_REQUEST + STATUS_REQUEST[:4])
+    line.take(3)
+    line.hang_up()
+    assert controller.dropped_frames == 1
+    assert line.pending == 0
+    assert said(line, b"stop\r") == b"stop\r\nok\r\n> "
+    line.hang_up()
+    assert controller.dropped_frames == 1
+
+
+# Blocks that wait
+
+
+def test_one_block_waits_for_room_and_requests_are_answered_meanwhile() -> None:
+    controller = ModelController(room=0)
+    line = among_frames(controller)
+    assert said(line, block(update(1))) == b""
+    assert said(line, block(no_op(2))) == b""
+    assert controller.dropped_frames == 1
+    assert heard(said(line, STATUS_REQUEST)) == ["reply 2a"]
+    controller.make_room()
+    assert heard(line.take(ENOUGH)) == ["ack 1"]
+    assert controller.accepted == [update(1)]
+    controller.make_room()
+    assert heard(said(line, block(no_op(3)))) == ["ack 3"]
+    assert controller.dropped_frames == 1
+
+
+def test_where_another_line_took_the_room_a_block_waits_on() -> None:
+    controller = ModelController(room=0)
+    controller.state = State.READY
+    first, second = among_frames(controller), among_frames(controller)
+    said(first, block(update(1)))
+    said(second, block(update(2)))
+    controller.make_room()
+    assert heard(first.take(ENOUGH)) == ["ack 1"]
+    assert second.pending == 0
+    controller.make_room()
+    assert heard(second.take(ENOUGH)) == ["ack 2"]
+    controller.make_room()
+    assert first.pending == second.pending == 0
+
+
+@pytest.mark.parametrize("leaves", [lambda line: line.receive(CONSOLE), SerialLine.hang_up])
+def test_nobody_is_told_of_a_block_that_waited_across_modes(leaves: Callable[[SerialLine], None]) -> None:
+    controller = ModelController(room=0)
+    line = among_frames(controller)
+    said(line, block(update(1)))
+    leaves(line)
+    said(line, b"\0" + block(update(2)))
+    assert controller.dropped_frames == 1, "the one that waits stays"
+    controller.make_room()
+    assert controller.accepted == [update(1)]
+    assert line.pending == 0
+    assert heard(said(line, block(no_op(3)))) == ["ack 3"]
+
+
+# Records that nobody asked for
+
+
+def test_the_line_lets_itself_be_notified() -> None:
+    controller = ModelController()
+    line = line_of(controller)
+    assert controller.doors == [line]
+
+
+def test_unasked_records_come_only_among_frames() -> None:
+    line = line_of(ModelController())
+    line.notify(status(1))
+    assert said(line, b"\0") == b"\0"
+    line.notify(status(2))
+    assert heard(line.take(ENOUGH)) == ["status 2"]
+    said(line, CONSOLE)
+    line.notify(status(3))
+    assert line.pending == 0
+
+
+def test_the_newest_unasked_record_is_sent_behind_the_answers() -> None:
+    line = among_frames(ModelController())
+    line.notify(status(1))
+    line.receive(block(no_op(1)))
+    line.notify(status(2))
+    assert heard(said(line, STATUS_REQUEST)) == ["ack 1", "reply 2a", "status 2"]
+
+
+def test_an_unasked_record_that_was_begun_is_not_replaced() -> None:
+    line = among_frames(ModelController())
+    line.notify(status(1))
+    begun = line.take(2)
+    line.notify(status(2))
+    assert heard(begun + line.take(ENOUGH)) == ["status 1", "status 2"]
+
+
+# Leaving
+
+
+def restarts(controller: ModelController) -> bool:
+    return Setup(0x41, 13, 0, 0, 0) in controller.asked
+
+
+def test_reset_is_answered_then_text_begins_then_the_device_restarts() -> None:
+    controller = ModelController()
+    line = among_frames(controller)
+    line.receive(STATUS_REQUEST)
+    line.notify(status(1))
+    line.receive(RESET + STATUS_REQUEST)
+    line.receive(b"stop\r" + TO_FRAMES)
+    line.notify(status(2))
+    stream = line.take(line.pending - 1)
+    assert not restarts(controller)
+    stream += line.take(1)
+    assert restarts(controller)
+    assert heard(stream) == ["reply 2a", "reply 77", "console"]
+    assert stream.endswith(RESET_REPLY + CONSOLE)
+    assert controller.arrivals == 2
+
+
+@pytest.mark.parametrize(
+    "wrong", [request(1, 13, value=1, kind=0x41), request(1, 13), request(1, 13, length=1, kind=0x41, data=b"x")]
+)
+def test_a_reset_that_is_not_one_is_stalled(wrong: bytes) -> None:
+    controller = ModelController()
+    assert heard(said(among_frames(controller), wrong + STATUS_REQUEST)) == ["reply 01 stalled", "reply 2a"]
+    assert not restarts(controller)
+
+
+def test_a_typed_reset_is_answered_before_it_is_carried_out() -> None:
+    controller = ModelController()
+    line = line_of(controller)
+    line.receive(b"reset\renable\r")
+    line.receive(b"enable\r\0" + STATUS_REQUEST)
+    assert not controller.asked
+    assert line.take(ENOUGH) == b"reset\r\nok\r\n> "
+    assert restarts(controller)
+    assert len(controller.asked) == 1
+
+
+@pytest.mark.parametrize("said_before", [RESET, b"reset\r"])
+def test_who_hangs_up_does_not_stop_a_restart(said_before: bytes) -> None:
+    controller = ModelController()
+    line = among_frames(controller) if said_before is RESET else line_of(controller)
+    line.receive(said_before)
+    line.hang_up()
+    assert restarts(controller)
+    assert line.pending == 0
+    assert heard(said(line, b"\0" + STATUS_REQUEST)[1:]) == ["reply 2a"]
+
+
+def test_dfu_is_answered_before_the_device_detaches() -> None:
+    done = []
+    line = line_of(ModelController(), lambda: done.append("dfu"))
+    line.receive(b"dfu\r")
+    assert not done
+    assert line.take(ENOUGH) == b"dfu\r\nok\r\n> "
+    assert line.take(ENOUGH) == b""
+    assert done == ["dfu"]
+
+
+def test_a_device_that_cannot_detach_after_all_goes_on() -> None:
+    def suspended() -> None:
+        raise Stall("suspended")
+
+    line = line_of(ModelController(), suspended)
+    assert said(line, b"dfu\r") == b"dfu\r\nok\r\n> "
+    assert said(line, b"stop\r") == b"stop\r\nok\r\n> "
+
+
+# DTR
+
+
+def test_text_needs_a_terminal_and_frames_do_not() -> None:
+    controller = ModelController()
+    line = line_of(controller, needs_dtr=True)
+    assert said(line, b"enable\r") == b""
+    assert controller.state is State.READY
+    assert said(line, b"\0" + CONSOLE + b"\0") == b"\0" + CONSOLE + b"\0"
+    assert heard(said(line, STATUS_REQUEST)) == ["reply 2a"]
+    assert said(line, CONSOLE) == CONSOLE
+    line.open()
+    assert said(line) == b""
+    assert said(line, b"stop\r") == b"stop\r\nok\r\n> "
+    line.hang_up()
+    assert said(line, b"stop\r") == b""
+
+
+def test_without_a_terminal_a_restart_waits_for_nobody() -> None:
+    controller = ModelController()
+    line_of(controller, needs_dtr=True).receive(b"reset\r")
+    assert restarts(controller)
+
+
+# What the line's owner sees
+
+
+def test_the_owner_is_told_of_output() -> None:
+    told: list[int] = []
+    controller = ModelController(room=0)
+    line = SerialLine(controller, detach=lambda: None, on_output=lambda: told.append(line.pending))
+    line.receive(b"")
+    assert told == []
+    line.receive(b"\0")
+    assert told == [1]
+    line.receive(block(update(1)))
+    line.take(ENOUGH)
+    told.clear()
+    controller.make_room()
+    assert len(told) == 1
+    line.take(ENOUGH)
+    line.notify(status(1))
+    assert told[1] == line.pending > 64
+
+
+def test_an_owner_who_sends_at_once_sees_everything_in_order() -> None:
+    sent = bytearray()
+    controller = ModelController()
+    line = SerialLine(controller, detach=lambda: None, on_output=lambda: sent.extend(line.take(ENOUGH)))
+    line.receive(b"\0" + block(no_op(1)) + STATUS_REQUEST + block(no_op(2)) + RESET)
+    assert heard(bytes(sent[1:])) == ["ack 1", "reply 2a", "ack 2", "reply 77", "console"]
+    assert restarts(controller)
+
+
+def test_bytes_are_taken_in_any_pieces() -> None:
+    whole, pieces = among_frames(ModelController()), among_frames(ModelController())
+    sent = block(no_op(1)) + STATUS_REQUEST
+    pieces.receive(sent)
+    taken = [pieces.take(7) for _ in range(-(-pieces.pending // 7))]
+    assert b"".join(taken) == said(whole, sent)
+    assert {len(piece) for piece in taken[:-1]} == {7}
+    assert pieces.pending == 0
+
+
+def test_a_host_that_does_not_read_is_not_listened_to_for_ever() -> None:
+    line = line_of(ModelController())
+    for _ in range(100):
+        if not line.can_receive:
+            break
+        line.receive(b"help\r")
+    assert not line.can_receive
+    line.take(ENOUGH)
+    assert line.can_receive
+
+
+# Anything
+
+FRAMES = st.one_of(
+    st.builds(request, st.integers(0, 255), st.integers(0, 14), st.integers(0, 400), st.integers(0, 640)),
+    st.builds(
+        lambda tag, code, data: request(tag, code, length=len(data), kind=0x41, data=data),
+        st.integers(0, 255),
+        st.integers(0, 12),
+        st.binary(max_size=3),
+    ),
+    st.builds(lambda kind: request(1, 2, kind=kind), st.integers(0x80, 255)),
+    st.builds(lambda sequence: block(update(sequence)), st.integers(0, 9)),
+    st.builds(lambda body: block(body.ljust(512, b"\0")), st.binary(max_size=12)),
+)
+WORDS = ["status\r", "dfu\r", "enable\r\n", "reset\r", "test 3\n", "frames\r", "help\r", "echo 0\r"]
+PIECES = st.lists(
+    st.one_of(
+        st.binary(max_size=40),
+        st.sampled_from([b"\0", CONSOLE, TO_FRAMES, RESET, b"\xff" * 700, *map(str.encode, WORDS)]),
+        FRAMES,
+    ),
+    max_size=12,
+)
+ACTIONS = st.sampled_from(["", "", "", "take", "take some", "hang up", "open", "notify", "room", "suspend"])
+
+
+@given(PIECES, st.lists(ACTIONS, min_size=12, max_size=12), st.booleans(), st.integers(0, 2))
+def test_whatever_comes_the_line_goes_on_serving(
+    pieces: list[bytes], actions: list[str], needs_dtr: bool, room: int
+) -> None:
+    controller = ModelController(room)
+    line = line_of(controller, needs_dtr=needs_dtr)
+    for piece, action in zip(pieces, actions, strict=False):
+        line.receive(piece)
+        match action:
+            case "take":
+                line.take(ENOUGH)
+            case "take some":
+                assert len(line.take(5)) <= 5
+            case "hang up":
+                line.hang_up()
+            case "open":
+                line.open()
+            case "notify":
+                line.notify(status(1))
+            case "room":
+                controller.make_room()
+            case "suspend":
+                controller.state = State.SUSPENDED
+    line.take(ENOUGH)
+    assert said(line, TO_FRAMES).endswith(b"\0")
+    assert heard(said(line, STATUS_REQUEST)) == ["reply 2a"]
+
+
+@given(PIECES, st.data())
+def test_it_does_not_matter_how_bytes_are_cut(pieces: list[bytes], data: st.DataObject) -> None:
+    stream = b"".join(pieces)
+    whole, cut = ModelController(), ModelController()
+    expected = said(line_of(whole), stream)
+    line = line_of(cut)
+    place = 0
+    while place < len(stream):
+        size = data.draw(st.integers(1, 60))
+        line.receive(stream[place : place + size])
+        place += size
+    assert line.take(ENOUGH) == expected
+    assert (cut.asked, cut.accepted, cut.dropped_frames) == (whole.asked, whole.accepted, whole.dropped_frames)
+
+
+@given(st.lists(st.one_of(FRAMES, st.binary(max_size=40)), max_size=12))
+def test_among_frames_the_oracle_of_the_specification_agrees(pieces: list[bytes]) -> None:
+    """On which frames there are, which are damaged, and that each is answered, in their order."""
+    controller = ModelController(room=100)
+    line = among_frames(controller)
+    answers = b"".join(said(line, piece) for piece in pieces)
+    events = read_line(b"\0" + b"".join(pieces), TO_DEVICE)[1:]
+    assert controller.dropped_frames == sum(event == "damaged" for event, _ in events)
+    asked = [body for event, body in events if event == "frame"]
+    expected = [
+        f"reply {body[1]:02x}" if body[0] == REQUEST_FRAME else f"ack {int.from_bytes(body[5:9], 'little')}"
+        for body in asked
+    ]
+    assert [answer.removesuffix(" stalled") for answer in heard(answers)] == expected
