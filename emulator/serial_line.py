@@ -180,13 +180,14 @@ class SerialLine(Door):
         self._drop_answers()
         departure = self._departure
         self._begin()
-        _depart(departure)
+        if departure:
+            _depart(departure)
 
     def receive(self, data: bytes) -> None:
         """Take bytes that arrive from the host now."""
         for event in self._incoming.feed(data):
             if self._departure:
-                break  # what comes behind is heard by nobody
+                break  # what comes behind it is heard by nobody
             self._handle(event)
         if self.pending:
             self._on_output()
@@ -266,7 +267,6 @@ class SerialLine(Door):
         self._reply(SerialReply(tag, Outcome.DONE))
         self._outbox.keep_answers()
         self._leave_frames()
-        self._incoming = Line()
         self._departure = partial(self._controller.request, _RESET)
 
     def _reply(self, reply: SerialReply) -> None:
@@ -294,11 +294,12 @@ class SerialLine(Door):
         self._controller.accept(waiting.block, waiting.door)
 
     def _all_sent(self) -> None:
-        departure, self._departure = self._departure, None
-        _depart(departure)
+        if self._departure:
+            departure, self._departure = self._departure, None
+            self._incoming = Line()  # both directions are text, whatever came meanwhile
+            _depart(departure)
 
 
-def _depart(departure: Departure | None) -> None:
-    if departure:
-        with suppress(Stall):  # refused after all, in a state that came while the answer was sent
-            departure()
+def _depart(departure: Departure) -> None:
+    with suppress(Stall):  # refused after all, in a state that came while the answer was sent
+        departure()

@@ -346,6 +346,7 @@ def test_reset_is_answered_then_text_begins_then_the_device_restarts() -> None:
     assert heard(stream) == ["reply 2a", "reply 77", "console"]
     assert stream.endswith(RESET_REPLY + CONSOLE)
     assert controller.arrivals == 2
+    assert said(line, b"stop\r") == b"stop\r\nok\r\n> ", "the other direction is text again too"
 
 
 @pytest.mark.parametrize(
