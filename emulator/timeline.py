@@ -1,0 +1,192 @@
+"""The picture of an update's way through the device: what is busy when, from the packet on USB to the ports.
+
+It draws spans that a trace has found, or a plan foretells, and knows nothing of how they came about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..protocol.board import CORE_HZ, CYCLES_PER_PERIOD
+from ..storage import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["Span", "draw_timeline", "save_timeline"]
+
+CYCLES_PER_MICROSECOND = CORE_HZ // 10**6
+WIDTH_INCHES, LANE_INCHES, FRAME_INCHES = 13.0, 0.17, 1.5
+GAP = 0.8  # between groups of lanes, in lanes
+MOST_BOUNDARIES = 16
+FONT_POINTS, CHARACTER_POINTS = 6.5, 3.9
+POINTS_PER_INCH = 72
+
+COLOURS = {
+    "packet": "#4477aa",
+    "sort": "#66a3d2",
+    "slice": "#228833",
+    "commit": "#ee7733",
+    "mailbox": "#b5d9a8",
+    "rasterise": "#aa3377",
+    "waits": "#e8c5d9",
+    "plays": "#ccbb44",
+}
+OTHER_COLOUR = "#999999"
+DARK = {"packet", "slice", "rasterise"}
+
+
+class Span(NamedTuple):
+    """A stretch of time in which something is busy."""
+
+    begins: int
+    """Core cycles since the beginning of period 0."""
+    ends: int
+    lane: str
+    """What is busy. Lanes that differ in a number at their end, such as ``link 3``, are drawn together."""
+    label: str
+    """With what; the first word decides the colour: ``slice 3``."""
+
+    @property
+    def kind(self) -> str:
+        """The first word of the label."""
+        return self.label.split()[0]
+
+
+def draw_timeline(spans: Sequence[Span], title: str = "") -> Figure:
+    """Draw spans over time, with the boundaries of periods.
+
+    Parameters
+    ----------
+    spans : sequence of Span
+        In any order. Groups of lanes stand in the order in which they first become busy, and lanes of a group in that
+        of their numbers.
+    title : str
+        Over the picture.
+
+    Raises
+    ------
+    ValueError
+        Where there is none, or none takes any time.
+    """
+    begins, ends = min((span.begins for span in spans), default=0), max((span.ends for span in spans), default=0)
+    if ends <= begins:
+        raise ValueError("a time line without a span that takes time has nothing to show")
+    from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
+
+    rows = _rows(spans)
+    figure = Figure(figsize=(WIDTH_INCHES, FRAME_INCHES + LANE_INCHES * (max(rows.values()) + 1)), layout="constrained")
+    axes = figure.subplots()
+    for kind in dict.fromkeys(span.kind for span in sorted(spans)):
+        of_kind = [span for span in spans if span.kind == kind]
+        axes.barh(
+            [rows[span.lane] for span in of_kind],
+            [_microseconds(span.ends - span.begins) for span in of_kind],
+            left=[_microseconds(span.begins - begins) for span in of_kind],
+            height=0.84,
+            color=COLOURS.get(kind, OTHER_COLOUR),
+            edgecolor="white",
+            linewidth=0.3,
+            label=kind,
+        )
+    _write_labels(axes, spans, rows, begins, ends)
+    _mark_boundaries(axes, begins, ends)
+    _name_lanes(axes, rows)
+    axes.set(
+        xlabel="time / µs",
+        xlim=(0, _microseconds(ends - begins)),
+        ylim=(max(rows.values()) + 0.7, -0.7),
+    )
+    axes.spines[["left", "right", "top"]].set_visible(False)
+    figure.legend(loc="outside lower center", ncols=len(COLOURS) + 1, frameon=False, fontsize="small")
+    figure.suptitle(title)
+    return figure
+
+
+def save_timeline(path: Path, spans: Sequence[Span], title: str = "") -> None:
+    """Write the picture in the format of the path's suffix, whole or not at all."""
+    figure = draw_timeline(spans, title)
+    with replacing(path) as part:
+        figure.savefig(part, format=path.suffix[1:].lower(), dpi=120)
+
+
+def _microseconds(cycles: int) -> float:
+    return cycles / CYCLES_PER_MICROSECOND
+
+
+def _rows(spans: Iterable[Span]) -> dict[str, float]:
+    """Where each lane stands, from the top."""
+    by_time = sorted(spans)
+    groups = list(dict.fromkeys(_group(span.lane) for span in by_time))
+    lanes = sorted({(groups.index(_group(span.lane)), _number(span.lane), span.lane) for span in by_time})
+    return {lane: row + GAP * group for row, (group, _, lane) in enumerate(lanes)}
+
+
+def _group(lane: str) -> str:
+    """A lane without its number."""
+    return lane.rstrip("0123456789").rstrip()
+
+
+def _number(lane: str) -> int:
+    return int(lane.removeprefix(_group(lane)) or 0)
+
+
+def _write_labels(axes: Axes, spans: Iterable[Span], rows: dict[str, float], begins: int, ends: int) -> None:
+    """Write into each bar as much of what it says as has room."""
+    points_per_cycle = 0.9 * WIDTH_INCHES * POINTS_PER_INCH / (ends - begins)
+    for span in spans:
+        cycles = span.ends - span.begins
+        room = cycles * points_per_cycle / CHARACTER_POINTS
+        texts = (f"{span.label}, {_microseconds(cycles):.3g} µs", span.label, span.label.split()[-1])
+        text = next((text for text in texts if len(text) <= room), None)
+        if text is None:
+            continue
+        middle = _microseconds(span.begins - begins) + _microseconds(cycles) / 2
+        axes.text(
+            middle,
+            rows[span.lane],
+            text,
+            ha="center",
+            va="center_baseline",
+            fontsize=FONT_POINTS,
+            color="white" if span.kind in DARK else "black",
+        )
+
+
+def _mark_boundaries(axes: Axes, begins: int, ends: int) -> None:
+    """Draw a line at each boundary of a period, or at every so many where they would be too dense."""
+    boundaries = range(-(-begins // CYCLES_PER_PERIOD), ends // CYCLES_PER_PERIOD + 1)
+    for period in boundaries[:: 1 + len(boundaries) // MOST_BOUNDARIES]:
+        at = _microseconds(period * CYCLES_PER_PERIOD - begins)
+        axes.axvline(at, color="0.35", linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
+        axes.annotate(
+            f"period {period}",
+            (at, 1),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 2),
+            textcoords="offset points",
+            ha="center",
+            fontsize="small",
+            color="0.35",
+        )
+
+
+def _name_lanes(axes: Axes, rows: dict[str, float]) -> None:
+    """Write lanes' numbers on the axis and the names of their groups before them."""
+    axes.set_yticks(list(rows.values()), [lane.removeprefix(_group(lane)).strip() for lane in rows])
+    axes.tick_params(axis="y", length=0, labelsize=FONT_POINTS, pad=1)
+    for group, lanes in groupby(rows, key=_group):
+        places = [rows[lane] for lane in lanes]
+        axes.annotate(
+            group,
+            (0, (places[0] + places[-1]) / 2),
+            xycoords=("axes fraction", "data"),
+            xytext=(-14, 0),
+            textcoords="offset points",
+            ha="right",
+            va="center",
+        )

@@ -1,0 +1,106 @@
+"""The picture of an update's way, against the times of chapter BUD."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+from phasewire.emulator.timeline import Span, draw_timeline, save_timeline
+from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
+
+from tests.time_line import one_update
+
+BEGINS = 24_000  # cycles: 60 µs, in period 2
+
+
+def bars(axes: Axes) -> dict[tuple[str, str], list[tuple[float, float]]]:
+    """Where bars begin and end, in µs, by the lane's number as written beside it and what the legend calls them."""
+    numbers = dict(zip(axes.get_yticks().tolist(), [text.get_text() for text in axes.get_yticklabels()], strict=True))
+    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for kind in axes.containers:
+        for bar in kind.get_children():
+            assert isinstance(bar, Rectangle)
+            number = numbers[round(bar.get_y() + bar.get_height() / 2, 9)]
+            found.setdefault((str(kind.get_label()), number), []).append((bar.get_x(), bar.get_x() + bar.get_width()))
+    return found
+
+
+@pytest.mark.parametrize(("link", "best_us", "boundary_us"), [(FIVE_WIRE, 50.215, 65), (TWO_WIRE, 70.615, 90)])
+def test_an_update_takes_the_times_of_the_specification(link: Link, best_us: float, boundary_us: float) -> None:
+    """Clause BUD-003; the boundary is the next multiple of 25 µs, less the 60 µs at which the packet began."""
+    (axes,) = draw_timeline(one_update(link, BEGINS)).axes
+    found = bars(axes)
+    assert found["packet", ""][0] == pytest.approx((0, 9.615))
+    assert found["sort", ""][0] == pytest.approx((9.615, 24.615))
+    assert max(ends for node in range(10) for _, ends in found["rasterise", str(node)]) == pytest.approx(best_us)
+    for node in range(10):
+        assert len(found["slice", str(node)]) == len(found["commit", str(node)]) == 10 - node
+        assert found["plays", str(node)][0] == pytest.approx((boundary_us, boundary_us + 25))
+
+
+def test_messages_pass_the_links_one_switch_apart() -> None:
+    """Clause BUD-002: 1.04 µs for a slice on 5-wire links, 0.1 µs a switch; the last slice is the tenth."""
+    (axes,) = draw_timeline(one_update(FIVE_WIRE, BEGINS)).axes
+    last_slice = [sorted(bars(axes)["slice", str(link)])[-1] for link in range(10)]
+    for link, (begins, ends) in enumerate(last_slice):
+        assert begins == pytest.approx(24.615 + 9 * 1.04 + 0.1 * link)
+        assert ends - begins == pytest.approx(1.04)
+
+
+def test_lanes_stand_together_in_order_whatever_the_order_of_spans() -> None:
+    spans = one_update(FIVE_WIRE, BEGINS)
+    random.Random(1).shuffle(spans)
+    figure = draw_timeline(spans)
+    (axes,) = figure.axes
+    digits = [str(number) for number in range(10)]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["", "", *digits * 4]
+    named = {text.get_text(): text.xy[1] for text in axes.texts if hasattr(text, "xy")}
+    groups = ["USB", "controller", "link", "mailbox", "processor", "port"]
+    assert sorted((name for name in named if name in groups), key=named.__getitem__) == groups
+
+
+def test_boundaries_are_named_and_stay_few() -> None:
+    (axes,) = draw_timeline([Span(24_000, 50_000, "USB", "packet")]).axes
+    assert [line.get_xdata()[0] for line in axes.lines] == [15, 40, 65]  # type: ignore[index]
+    assert {"period 3", "period 4", "period 5"} <= {text.get_text() for text in axes.texts}
+    (axes,) = draw_timeline([Span(0, 10_000_000, "USB", "packet")]).axes
+    assert 8 <= len(axes.lines) <= 17
+
+
+def test_a_bar_says_as_much_as_has_room() -> None:
+    spans = [
+        Span(0, 10_000, "USB", "packet"),
+        Span(10_000, 10_600, "link 0", "slice 7"),
+        Span(10_600, 10_700, "link 0", "slice 8"),
+        Span(10_700, 10_701, "link 0", "slice 9"),
+    ]
+    (axes,) = draw_timeline(spans).axes
+    written = {text.get_text() for text in axes.texts}
+    assert {"packet, 25 µs", "slice 7", "8"} <= written
+    assert not written & {"slice 9", "9"}
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml")])
+def test_pictures_are_written_in_the_format_of_their_name(suffix: str, magic: bytes, tmp_path: Path) -> None:
+    save_timeline(tmp_path / f"p{suffix}", one_update(FIVE_WIRE, BEGINS), "An update")
+    assert (tmp_path / f"p{suffix}").read_bytes().startswith(magic)
+
+
+def test_unknown_formats_leave_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="'xyz' is not supported"):
+        save_timeline(tmp_path / "p.xyz", [Span(0, 1, "USB", "packet")])
+    assert not list(tmp_path.iterdir())
+
+
+def test_within_a_period_there_is_no_boundary() -> None:
+    (axes,) = draw_timeline([Span(5, 6, "USB", "packet")]).axes
+    assert not list(axes.lines)
+
+
+@pytest.mark.parametrize("spans", [[], [Span(5, 5, "USB", "packet")]])
+def test_nothing_cannot_be_drawn(spans: list[Span]) -> None:
+    with pytest.raises(ValueError, match="without a span that takes time"):
+        draw_timeline(spans)
