@@ -71,6 +71,11 @@ class Change:
     folded: bool
     """Whether its way along the chain is taken for granted."""
 
+    @property
+    def is_update(self) -> bool:
+        """Whether it is pulses and nothing else."""
+        return self.packed is not None and not self.programs
+
 
 @dataclass(eq=False)
 class Stream:
@@ -253,9 +258,9 @@ class Agenda:
                 item.effect = None
 
     @property
-    def only_streams(self) -> bool:
-        """Whether nothing but streams of updates is planned."""
-        return all(isinstance(item, Stream) for item in self._changes)
+    def only_updates(self) -> bool:
+        """Whether nothing but updates is planned."""
+        return all(isinstance(item, Stream) or (item.is_update and item.effect is not None) for item in self._changes)
 
     @property
     def first_period(self) -> int:

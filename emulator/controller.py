@@ -236,8 +236,7 @@ class Controller:
         self._lights: dict[int, int] = {}
         self._fed = time.origin
         self._armed = 0  # the last time that the watchdog was set; earlier ones count no more
-        self.room_waiters: list[Callable[[], None]] = []
-        """Called, once, when there is room again for a block."""
+        self._room_waiters: list[Callable[[], None]] = []
         found = faults if self._supervisor.complete else faults | Fault.PROCESSOR
         if found:
             self.raise_fault(found, "found at start")
@@ -306,7 +305,6 @@ class Controller:
         elif isinstance(block.body, Clock):
             commit_period = self.clock().sync_period
         door.acknowledge(self._ack(Reason.ACCEPTED, block.sequence, commit_period, flags, state).encode())
-        self._promise_room()
 
     def _ack(
         self,
@@ -433,13 +431,15 @@ class Controller:
         if any(item is change for item in self._agenda):
             self._chain.send(change)
 
-    def stream(self, packets: NDArray[np.uint8], deadline: int, door: Door) -> int:
+    def stream(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
         """Accept a stream of updates that arrive back to back over USB, as far as nothing else comes between.
 
         Parameters
         ----------
         packets : (k, 512) uint8
             Whole blocks.
+        began : int
+            Core cycle at which the first of them began to arrive.
         deadline : int
             Core cycle by which the last must have arrived.
         door : Door
@@ -447,14 +447,34 @@ class Controller:
 
         Returns
         -------
-        int
-            How many were taken; each exactly as `accept` would have, with time having passed to the arrival of the
-            last. The next one may be no update, be refused, or have to wait for something.
+        taken : int
+            How many were taken; each exactly as `accept` would have. The next one may be no update, be refused, or have
+            to wait for something.
+        ended : int
+            Core cycle at which the last of them had arrived; time may have passed further.
         """
-        self.settle()
-        quiet = self._chain.folded and not self._loads and self._runs is None and self._agenda.only_streams
-        if not quiet or self._state not in WATCHED or self._last_sequence is None:
-            return 0
+        taken = 0
+        while taken < len(packets):
+            self.settle()
+            if not self._streams:
+                break
+            more, began = self._stream_until_event(packets[taken:], began, deadline, door)
+            taken += more
+            upcoming = self._scheduler.next_time()
+            arrival = max(began + PACKET_CYCLES, self._agenda.room_at)
+            if taken == len(packets) or upcoming is None or upcoming > min(arrival, deadline):
+                break
+            self._scheduler.run_until(upcoming)
+        return taken, began
+
+    @property
+    def _streams(self) -> bool:
+        """Whether the next update can be judged and planned like the one before."""
+        quiet = self._chain.folded and not self._loads and self._runs is None and self._agenda.only_updates
+        return quiet and self._state in WATCHED and self._last_sequence is not None
+
+    def _stream_until_event(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
+        """The same, but no further than to the next thing that happens."""
         from .streams import plan_stream, sort_pulses
 
         upcoming = self._scheduler.next_time()
@@ -465,7 +485,7 @@ class Controller:
             [self._last_sequence, named, 1000 * self._drive_limit, self._periods_per_update, HORIZON_PERIODS, 0]
         )
         times = np.array(
-            [self.time.origin, self._now, PACKET_CYCLES, SORT_CYCLES, end, tail.sent, tail.period, tail.table, *cost]
+            [self.time.origin, began, PACKET_CYCLES, SORT_CYCLES, end, tail.sent, tail.period, tail.table, *cost]
         )
         arrivals, starts, periods, free = np.empty((4, len(packets)), np.int64)
         requested = np.minimum(updates.period, 2**62).astype(np.int64)
@@ -485,7 +505,7 @@ class Controller:
             free,
         )
         if not taken:
-            return 0
+            return 0, began
         packed = np.empty((taken, PROCESSORS * SLICE_BYTES), np.uint8)
         sort_pulses(packets[:taken, HEADER_BYTES:], self._transducers, packed)
         self._agenda.add_stream(Stream(starts[:taken], periods[:taken], packed, cost, tail, self._begin_update))
@@ -496,8 +516,7 @@ class Controller:
         self._lost += int(numbers[5])
         self._scheduler.run_until(int(arrivals[taken - 1]))
         self._fed = self._now
-        self._promise_room()
-        return taken
+        return taken, self._now
 
     def _acknowledge_stream(
         self,
@@ -528,14 +547,15 @@ class Controller:
         ):
             door.acknowledge(encode_ack(Reason.ACCEPTED, *ack))
 
-    def _promise_room(self) -> None:
-        """Where there is no room now, wake who waits once there is."""
+    def await_room(self, waiter: Callable[[], None]) -> None:
+        """Call somebody once, as soon as there is room for another block."""
+        self._room_waiters.append(waiter)
         if self._agenda.room_at > self._now:
             self._scheduler.at(self._agenda.room_at, self._announce_room)
 
     def _announce_room(self) -> None:
         if self.can_accept:
-            waiters, self.room_waiters[:] = list(self.room_waiters), []
+            waiters, self._room_waiters = self._room_waiters, []
             for waiter in waiters:
                 waiter()
 
@@ -562,7 +582,6 @@ class Controller:
             self._refuse(error, f"a test of transducer {transducer}")
             raise
         self._carry_out(update)
-        self._promise_room()
 
     # Stores
 
