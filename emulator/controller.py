@@ -94,7 +94,7 @@ from ..protocol.wiring import Wiring
 from .agenda import QUEUE_BLOCKS, Agenda, Change, Stream
 from .chain import Chain
 from .clock import Timebase
-from .door import Door, QueueFull, Stall
+from .door import Door, Stall
 from .scheduler import Scheduler
 from .stores import Stores
 from .supervisor import Supervisor
@@ -560,18 +560,14 @@ class Controller:
                 waiter()
 
     def test_transducer(self, transducer: int) -> None:
-        """Drive one transducer alone, weakly (clause CON-008).
+        """Drive one transducer alone, weakly, where there is room for it (clause CON-008).
 
         Raises
         ------
         BlockError
             Where an update would be refused.
-        QueueFull
-            Where the queue has no room.
         """
         self.settle()
-        if not self.can_accept:
-            raise QueueFull("the queue has no room; try again")
         width = np.zeros(CHANNELS, np.uint8)
         width[transducer] = TEST_WIDTH_TICKS
         update = Update(Pulses(np.zeros(CHANNELS, np.uint8), width))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Protocol
 
-__all__ = ["Door", "Handshake", "QueueFull", "Stall"]
+__all__ = ["Door", "Handshake", "Stall"]
 
 
 class Handshake(Enum):
@@ -18,10 +18,6 @@ class Handshake(Enum):
 
 class Stall(Exception):
     """The device answers a control request with STALL: it does not know it, or not now."""
-
-
-class QueueFull(Exception):
-    """There is no room for a change that came by a door which cannot wait."""
 
 
 class Door(Protocol):

@@ -110,7 +110,9 @@ class Flash:
         Where the content has another size.
     """
 
-    def __init__(self, content: bytes | None = None, *, times: Times | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, content: bytes | NDArray[np.uint8] | None = None, *, times: Times | None = None, seed: int = 0
+    ) -> None:
         if content is not None and len(content) != FLASH_BYTES:
             raise ValueError(f"a flash holds {FLASH_BYTES} bytes, not {len(content)}")
         self.times = times or Times()
@@ -118,9 +120,10 @@ class Flash:
         self.erasures: NDArray[np.uint32] = np.zeros(SECTORS, np.uint32)
         self.busy_until = 0
         self.failed = False
-        self._cells = np.full(FLASH_BYTES, ERASED_BYTE, np.uint8)
-        if content is not None:
-            self._cells[:] = np.frombuffer(content, np.uint8)
+        if content is None:
+            self._cells = np.full(FLASH_BYTES, ERASED_BYTE, np.uint8)
+        else:
+            self._cells = np.array(np.frombuffer(content, np.uint8))
         self._seed = seed
         self._scheduler: Scheduler | None = None
         self._operation: _Operation | None = None

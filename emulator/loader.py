@@ -95,7 +95,7 @@ def make_flash(identity: Identity, image: Image = FACTORY_IMAGE) -> Flash:
         (Bank.FACTORY.image_address, stored),
     ):
         content[address : address + len(data)] = np.frombuffer(data, np.uint8)
-    return Flash(content.tobytes())
+    return Flash(content)
 
 
 def read_record(flash: Flash, bank: Bank) -> BootRecord | None:

@@ -1,4 +1,4 @@
-"""The emulated device: five boards of two processors, their chain, the controller before it, and their power.
+"""The emulated device: five boards of two processors, their chain, the controller before it, its flash and its power.
 
 It models what firmware on such boards would do, at the port clock and on the links; it executes no XS1 instructions.
 """
@@ -20,16 +20,20 @@ from ..protocol.board import (
     PROCESSORS,
     PROCESSORS_PER_BOARD,
 )
-from ..protocol.chain import Identity
-from ..protocol.codes import Bank, Fault
+from ..protocol.chain import Identity as ChainIdentity
+from ..protocol.enumeration import HIGH_SPEED, Speed
 from ..protocol.timing import FIVE_WIRE, Link
 from ..protocol.wiring import Wiring
 from .capture import Capture
 from .chain import Chain, Numbering
 from .clock import BoardClock, Timebase
 from .controller import Controller, Identification
+from .dfu import DfuMode
+from .flash import Flash
+from .loader import Boot, Identity, boot, confirm, load_cycles, make_flash
 from .processor import Processor
-from .scheduler import Scheduler
+from .scheduler import Branch, Scheduler
+from .serial_line import SerialLine
 from .trace import Tracer
 from .usb_device import UsbDevice
 
@@ -37,7 +41,6 @@ __all__ = ["Emulator", "Event", "plugged"]
 
 LOG_EVENTS = 10_000
 MOST_CYCLES_PER_SYMBOL = 255  # a byte of INFO, clause REQ-002
-FIRMWARE = (0, 1, 0)
 
 _plugged: dict[str, Emulator] = {}
 _serials = count(1)
@@ -68,12 +71,27 @@ class Emulator:
         The wiring table that the controller sorts by; the true one by default.
     link : Link
         Set-up of the chain's links; at most 255 core cycles a symbol.
+    speed : Speed
+        Speed of the USB bus, `HIGH_SPEED` or `FULL_SPEED`.
     clock_offset_ticks : mapping of int to int, optional
         For a board, how many ticks its port clocks run late.
     serial : str, optional
-        Serial number; made up by default.
+        Serial number; made up by default, and what a flash says where one is given.
+    flash : Flash, optional
+        With another firmware, or from an earlier time; as it leaves the factory by default.
     unfolded : bool
         Whether every message travels along the chain token by token, even where nothing can go wrong.
+    scheduler : Scheduler, optional
+        The clock, where several devices share one.
+
+    Attributes
+    ----------
+    usb : UsbDevice
+        What the bus sees; it stays the same whatever becomes of the device.
+    line : SerialLine or None
+        The device's UART; None while the device starts or waits for new firmware.
+    controller : Controller or None
+        None while the device starts.
 
     Notes
     -----
@@ -86,9 +104,12 @@ class Emulator:
         *,
         table: Wiring | None = None,
         link: Link = FIVE_WIRE,
+        speed: Speed = HIGH_SPEED,
         clock_offset_ticks: Mapping[int, int] | None = None,
         serial: str | None = None,
+        flash: Flash | None = None,
         unfolded: bool = False,
+        scheduler: Scheduler | None = None,
     ) -> None:
         if link.cycles_per_symbol > MOST_CYCLES_PER_SYMBOL:
             raise ValueError(
@@ -100,60 +121,109 @@ class Emulator:
                 raise ValueError(
                     f"clock offset {ticks} of board {board}: boards are 0 to {BOARDS - 1}, offsets not negative"
                 )
-        self._wiring = wiring or Wiring.strips()
-        self._table = table or self._wiring
+        if flash is None:
+            made_up = f"EMU-{next(_serials):04d}" if serial is None else serial
+            flash = make_flash(Identity(made_up, table or wiring or Wiring.strips()))
+        self.flash = flash
+        self._identity = Identity.read(flash)
+        self.serial = self._identity.serial
+        self._wiring = wiring or self._identity.wiring
         self._link = link
         self._unfolded = unfolded
-        self.serial = f"EMU-{next(_serials):04d}" if serial is None else serial
         self.unplugged = False
-        self.claimed_by: object | None = None
-        self.scheduler = Scheduler()
+        self.scheduler = Scheduler() if scheduler is None else scheduler
         self.tracer = Tracer()
         self.events: deque[Event] = deque(maxlen=LOG_EVENTS)
-        self._open_transducers: frozenset[int] = frozenset()
+        self.open_transducers: frozenset[int] = frozenset()
+        self.usb = UsbDevice(self.scheduler, self.serial, speed=speed, enter_dfu=self._enter_dfu, restart=self.power_up)
         self.controller: Controller | None = None
+        self.line: SerialLine | None = None
+        self._dfu: DfuMode | None = None
+        self._life: Branch | None = None
+        self.past: list[Capture] = []
+        """What was captured before the device was last started anew."""
         self.power_up()
-        while self.controller is None:
-            upcoming = self.scheduler.next_time()
-            assert upcoming is not None
-            self.scheduler.run_until(upcoming)
-        self.scheduler.run_until(self.controller.time.origin)
+        self.run_until_started()
 
     # Power
 
     def power_up(self) -> None:
         """Begin as at power-up: nothing is known, all outputs are low (clauses SAF-001 and REQ-013)."""
-        self.controller = None
-        self._processors = [self._processor(place) for place in range(PROCESSORS)]
-        self._chain = Chain(self.scheduler, self._processors, self._link, self.tracer)
-        Numbering(self.scheduler, self._chain, self._come_up)
+        self.power_down()
+        self._life = Branch(self.scheduler)
+        self.flash.power_up(self.scheduler)
+        self._life.at(max(self.flash.busy_until, self.scheduler.now), self._boot)
 
-    def _processor(self, place: int) -> Processor:
+    def power_down(self) -> None:
+        """Lose power at once, whatever goes on; a write to the flash stays half done."""
+        if self.controller is not None:
+            self.past.append(self.capture())
+        if self._life is not None:
+            self._life.end()
+        if self._dfu is not None:
+            self._dfu.stop()
+        self.controller = self.line = self._dfu = self._life = None
+        self.usb.disconnect()
+
+    def _boot(self) -> None:
+        booted = boot(self.flash)
+        start = max(self.flash.busy_until, self.scheduler.now)
+        assert self._life is not None
+        self._life.at(start + sum(load_cycles(booted.image, self._link)), lambda: self._number(booted))
+        self._log("loader", f"starts firmware {booted.image.version} from bank {booted.bank.name}")
+
+    def _number(self, booted: Boot) -> None:
+        assert self._life is not None
+        self.processors = [self._processor(place, booted) for place in range(PROCESSORS)]
+        self.chain = Chain(self._life, self.processors, self._link, self.tracer)
+        Numbering(self._life, self.chain, lambda identities: self._begin(booted, identities))
+
+    def _processor(self, place: int, booted: Boot) -> Processor:
         board, number = divmod(place, PROCESSORS_PER_BOARD)
-        unique_id = int.from_bytes(hashlib.sha256(f"{self.serial}/{place}".encode()).digest()[:8], "little")
-        log = self._logger(f"board {board} processor {number}")
-        return Processor(self.scheduler, place, BoardClock(self._offsets.get(board, 0)), FIRMWARE, unique_id, log)
+        assert self._life is not None
+        return Processor(
+            self._life,
+            place,
+            BoardClock(self._offsets.get(board, 0)),
+            booted.image.version,
+            int.from_bytes(_unique_id(f"{self.serial}/{place}"), "little"),
+            self._logger(f"board {board} processor {number}"),
+        )
 
-    def _come_up(self, identities: list[Identity]) -> None:
-        """The chain has been numbered: period 0 begins at the next tick."""
-        time = Timebase(-(-self.scheduler.now // CYCLES_PER_TICK) * CYCLES_PER_TICK)
-        for processor in self._processors[: len(identities)]:
+    def _begin(self, booted: Boot, identities: list[ChainIdentity]) -> None:
+        """The chain has been numbered: period 0 begins with the next tick."""
+        assert self._life is not None
+        origin = -(-self.scheduler.now // CYCLES_PER_TICK) * CYCLES_PER_TICK
+        self._life.at(origin, lambda: self._come_up(booted, identities, Timebase(origin)))
+
+    def _come_up(self, booted: Boot, identities: list[ChainIdentity], time: Timebase) -> None:
+        """Period 0 begins; the device answers from now on (clause TIM-002)."""
+        assert self._life is not None
+        for processor in self.processors[: len(identities)]:
             processor.start(time)
-        unique_id = hashlib.sha256(self.serial.encode()).digest()[:8]
+        self._bank = booted.bank
         self.controller = Controller(
-            self.scheduler,
+            self._life,
             time,
-            self._chain,
+            self.chain,
             identities,
-            Identification(unique_id, FIRMWARE, Bank.FACTORY, self._table),
+            Identification(_unique_id(self.serial), booted.image.version, booted.bank, self._identity.wiring),
             log=self._logger("controller"),
             restart=self.power_up,
-            confirm=lambda: None,
-            faults=Fault(0),
+            confirm=lambda: confirm(self.flash, booted.bank),
+            faults=booted.faults,
         )
         if self._unfolded:
             self.controller.unfold()
-        self.usb = UsbDevice(self.controller, self.serial)
+        self.line = SerialLine(self.controller, detach=self.usb.detach)
+        console = SerialLine(self.controller, detach=self.usb.detach, needs_dtr=True)
+        self.usb.connect(self.controller, console, booted.image.version)
+
+    def _enter_dfu(self) -> DfuMode:
+        """The device has left the bus to come back in DFU mode; serial lines are silent there (clause STA-005)."""
+        self.line = None
+        self._dfu = DfuMode(self.scheduler, self.flash, self._bank, self._identity.keys)
+        return self._dfu
 
     # On the bus
 
@@ -173,9 +243,13 @@ class Emulator:
     def __exit__(self, *exception: object) -> None:
         del _plugged[self.serial]
         self.unplugged = True
+        self.usb.unplug()
 
     def _logger(self, where: str) -> Callable[[str], None]:
-        return lambda what: self.events.append(Event(self.scheduler.now / CORE_HZ, where, what))
+        return lambda what: self._log(where, what)
+
+    def _log(self, where: str, what: str) -> None:
+        self.events.append(Event(self.scheduler.now / CORE_HZ, where, what))
 
     # Time and what is seen
 
@@ -189,6 +263,14 @@ class Emulator:
         if self.controller is None:
             raise ValueError("the device has not started yet; let time pass")
         return self.controller
+
+    def run_until_started(self) -> None:
+        """Let time pass until period 0 has begun."""
+        while self.controller is None:
+            upcoming = self.scheduler.next_time()
+            if upcoming is None:
+                raise ValueError("the device has no power; it does not start")
+            self.scheduler.run_until(upcoming)
 
     def run(self, periods: int) -> None:
         """Let carrier periods of 25 µs pass, to the end of the last one."""
@@ -207,6 +289,10 @@ class Emulator:
         return Capture(
             self._wiring,
             self.running.now_tick,
-            tuple(processor.track() for processor in self._processors),
-            self._open_transducers,
+            tuple(processor.track() for processor in self.processors),
+            self.open_transducers,
         )
+
+
+def _unique_id(name: str) -> bytes:
+    return hashlib.sha256(name.encode()).digest()[:8]

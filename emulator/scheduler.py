@@ -6,21 +6,26 @@ import heapq
 from collections.abc import Callable
 from itertools import count
 
-__all__ = ["Scheduler"]
+__all__ = ["Branch", "Scheduler"]
 
 
 class Scheduler:
     """Runs actions in order of time; those of the same time in the order they were scheduled."""
 
     def __init__(self) -> None:
-        self.now = 0
+        self._now = 0
         self._queue: list[tuple[int, int, Callable[[], None]]] = []
         self._tie = count()
 
+    @property
+    def now(self) -> int:
+        """Core cycles that have passed."""
+        return self._now
+
     def at(self, time: int, action: Callable[[], None]) -> None:
         """Run an action at a time, which must not lie in the past."""
-        if time < self.now:
-            raise ValueError(f"cycle {time} is in the past; it is cycle {self.now}")
+        if time < self._now:
+            raise ValueError(f"cycle {time} is in the past; it is cycle {self._now}")
         heapq.heappush(self._queue, (time, next(self._tie), action))
 
     def next_time(self) -> int | None:
@@ -28,8 +33,47 @@ class Scheduler:
         return self._queue[0][0] if self._queue else None
 
     def run_until(self, time: int) -> None:
-        """Run everything due up to and including a time; afterwards it is that time."""
+        """Run everything due up to and including a time; afterwards it is that time.
+
+        An action may do the same; what it leaves is run after it.
+        """
         while self._queue and self._queue[0][0] <= time:
-            self.now, _, action = heapq.heappop(self._queue)
+            due, _, action = heapq.heappop(self._queue)
+            self._now = max(self._now, due)
             action()
-        self.now = max(self.now, time)
+        self._now = max(self._now, time)
+
+
+class Branch(Scheduler):
+    """A part of another schedule that ends as a whole: what goes on inside something that may lose its power.
+
+    Parameters
+    ----------
+    trunk : Scheduler
+        Keeps the time.
+    """
+
+    def __init__(self, trunk: Scheduler) -> None:
+        self._trunk = trunk
+        self._ended = False
+
+    @property
+    def now(self) -> int:
+        """Core cycles that have passed."""
+        return self._trunk.now
+
+    def at(self, time: int, action: Callable[[], None]) -> None:
+        """Run an action at a time, unless the branch has ended by then."""
+        self._trunk.at(time, lambda: None if self._ended else action())
+
+    def next_time(self) -> int | None:
+        """Time of the next action of the whole schedule."""
+        return self._trunk.next_time()
+
+    def run_until(self, time: int) -> None:
+        """Let the whole schedule come to a time."""
+        self._trunk.run_until(time)
+
+    def end(self) -> None:
+        """Nothing of it happens any more."""
+        self._ended = True

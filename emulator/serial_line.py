@@ -43,13 +43,15 @@ class LineController(ConsoleController, Protocol):
     """What a serial line needs of the controller."""
 
     dropped_frames: int
-    room_waiters: list[Callable[[], None]]
 
     def attach(self, door: Door) -> None:
         """Notify a door from now on."""
 
     def accept(self, packet: bytes, door: Door) -> None:
         """Judge a block and acknowledge it to the door that it came by."""
+
+    def await_room(self, waiter: Callable[[], None]) -> None:
+        """Call somebody once the queue has room."""
 
 
 class _Nobody(Door):
@@ -284,7 +286,7 @@ class SerialLine(Door):
             self._await_room(self._waiting)
 
     def _await_room(self, waiting: _WaitingBlock) -> None:
-        self._controller.room_waiters.append(partial(self._try_again, waiting))
+        self._controller.await_room(partial(self._try_again, waiting))
 
     def _try_again(self, waiting: _WaitingBlock) -> None:
         if not self._controller.can_accept:  # another door was faster

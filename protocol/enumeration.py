@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 from .codes import (
@@ -214,17 +215,11 @@ def run_time(release: tuple[int, int, int], product: str, serial: str, speed: Sp
     ValueError
         Where one of these is otherwise.
     """
-    ms_os = _ms_os_set(
-        _ms_os_configuration(
-            _ms_os_function(ARRAY_INTERFACE, _winusb(_ARRAY_GUID)),
-            _ms_os_function(DFU_INTERFACE, _winusb(_DFU_GUID)),
-        )
-    )
     return Enumeration(
         device=_device(_COMPOSITE, PRODUCT_ID, release),
-        configuration=_configuration(Configuration, _run_time_interfaces(speed)),
-        other_speed=_configuration(OtherSpeedConfiguration, _run_time_interfaces(_other(speed))),
-        ms_os=ms_os,
+        configuration=_run_time_configuration(Configuration, speed),
+        other_speed=_run_time_configuration(OtherSpeedConfiguration, _other(speed)),
+        ms_os=_run_time_ms_os(),
         strings=_strings(product, serial, "phasewire array", "phasewire console", "phasewire firmware update"),
     )
 
@@ -292,6 +287,21 @@ def _configuration(head: type[Configuration], chain: Sequence[Descriptor]) -> by
             bMaxPower=_MAX_POWER,
         ).encode()
         + body
+    )
+
+
+@cache
+def _run_time_configuration(head: type[Configuration], speed: Speed) -> bytes:
+    return _configuration(head, _run_time_interfaces(speed))
+
+
+@cache
+def _run_time_ms_os() -> bytes:
+    return _ms_os_set(
+        _ms_os_configuration(
+            _ms_os_function(ARRAY_INTERFACE, _winusb(_ARRAY_GUID)),
+            _ms_os_function(DFU_INTERFACE, _winusb(_DFU_GUID)),
+        )
     )
 
 

@@ -63,6 +63,9 @@ class ModelController:
         fields = {"version": 1, "reason": reason, "sequence": sequence, "free": self.room, "state": self.state}
         door.acknowledge(build_ack(fields))
 
+    def await_room(self, waiter: Callable[[], None]) -> None:
+        self.room_waiters.append(waiter)
+
     def make_room(self) -> None:
         """One change leaves the queue."""
         self.room += 1

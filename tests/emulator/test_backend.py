@@ -1,110 +1,176 @@
+"""The bus as pyusb sees it: what libusb on Linux would do."""
+
 from __future__ import annotations
 
 import errno
+from array import array
+from collections.abc import Callable
+from functools import partial
 
 import pytest
 import usb.core
+import usb.util
 from phasewire import Emulator, Pulses
 from phasewire.emulator.backend import EmulatorBackend, open_backend
+from phasewire.emulator.door import Handshake
 from phasewire.errors import DeviceNotFoundError
+from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed, dfu_mode
 
-from tests.emulator.passing import now
 from tests.strategies import update
+
+Plain = tuple[Emulator, usb.core.Device]
+
+
+def found(emulator: Emulator) -> usb.core.Device:
+    return usb.core.find(backend=EmulatorBackend([emulator]))
 
 
 @pytest.fixture
-def plain() -> tuple[Emulator, usb.core.Device]:
+def plain() -> Plain:
     emulator = Emulator()
-    device = usb.core.find(backend=EmulatorBackend([emulator]))
-    return emulator, device
+    return emulator, found(emulator)
 
 
-def test_reading_when_nothing_comes_times_out_in_the_device_s_time(plain: tuple[Emulator, usb.core.Device]) -> None:
+def fails(number: int, action: Callable[[], object]) -> bool:
+    """Whether an action raises an error of libusb with a number."""
+    with pytest.raises(usb.core.USBError) as raised:
+        action()
+    return bool(raised.value.errno == number)
+
+
+def sequences(records: array[int]) -> list[int]:
+    packet = bytes(records)
+    return [int.from_bytes(packet[at + 4 : at + 8], "little") for at in range(0, len(packet), 32)]
+
+
+# Transfers
+
+
+def test_reading_when_nothing_comes_times_out_in_the_device_s_time(plain: Plain) -> None:
     emulator, device = plain
     device.set_configuration()
-    before = now(emulator)
+    before = emulator.scheduler.now
     with pytest.raises(usb.core.USBTimeoutError) as timed_out:
         device.read(0x81, 64, timeout=20)
     assert timed_out.value.errno == errno.ETIMEDOUT
-    assert (now(emulator) - before) / 400e6 == pytest.approx(20e-3)
+    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(20e-3)
 
 
-def test_a_long_write_is_cut_in_packets(plain: tuple[Emulator, usb.core.Device]) -> None:
-    _, device = plain
+@pytest.mark.parametrize("speed", [HIGH_SPEED, FULL_SPEED])
+def test_a_long_write_is_cut_in_packets_and_a_long_read_is_put_together(speed: Speed) -> None:
+    device = found(Emulator(speed=speed))
     device.set_configuration()
     blocks = b"".join(update(Pulses.silent(320), n) for n in range(5))
     assert device.write(0x01, blocks) == 5 * 512
-    packet = bytes(device.read(0x81, 512))
-    sequences = [int.from_bytes(packet[at + 4 : at + 8], "little") for at in range(0, len(packet), 32)]
-    assert sequences == [0, 1, 2, 3, 4]
+    assert sequences(device.read(0x81, 512)) == [0, 1, 2, 3, 4]
 
 
-def test_transfers_take_bus_time(plain: tuple[Emulator, usb.core.Device]) -> None:
-    """At best 13 bulk packets of 512 bytes fit a microframe of 125 µs."""
-    emulator, device = plain
+def test_a_read_ends_where_its_buffer_is_full() -> None:
+    device = found(Emulator(speed=FULL_SPEED))
     device.set_configuration()
-    before = now(emulator)
-    device.write(0x01, bytes(512 * 26))
-    assert (now(emulator) - before) / 400e6 == pytest.approx(250e-6, rel=1e-3)
+    device.write(0x01, b"".join(update(Pulses.silent(320), n) for n in range(5)))
+    assert sequences(device.read(0x81, 128)) == [0, 1, 2, 3]
+    assert sequences(device.read(0x81, 128)) == [4]
 
 
-def test_an_unknown_request_is_a_pipe_error(plain: tuple[Emulator, usb.core.Device]) -> None:
-    _, device = plain
-    with pytest.raises(usb.core.USBError) as stalled:
-        device.ctrl_transfer(0xC1, 0x55, 0, 0, 4)
-    assert stalled.value.errno == errno.EPIPE
-
-
-def test_too_small_a_buffer_overflows(plain: tuple[Emulator, usb.core.Device]) -> None:
+def test_a_read_that_ends_with_a_full_packet_is_ended_by_an_empty_one(plain: Plain) -> None:
     _, device = plain
     device.set_configuration()
-    device.write(0x01, bytes(512))
-    with pytest.raises(usb.core.USBError) as overflow:
-        device.read(0x81, 16)
-    assert overflow.value.errno == errno.EOVERFLOW
+    device.write(0x01, b"".join(update(Pulses.silent(320), n) for n in range(16)))
+    assert len(device.read(0x81, 1024)) == 512
 
 
-def test_an_unplugged_device_is_gone() -> None:
-    with Emulator() as emulator:
-        device = usb.core.find(backend=open_backend(emulator.url))
-        device.set_configuration()
-    with pytest.raises(usb.core.USBError) as gone:
-        device.write(0x01, bytes(512))
-    assert gone.value.errno == errno.ENODEV
+def test_an_empty_write_is_an_empty_packet() -> None:
+    """It ends a block that was given up (clause USB-017)."""
+    device = found(Emulator(speed=FULL_SPEED))
+    device.set_configuration()
+    device.write(0x01, bytes(64))
+    device.write(0x01, b"")
+    device.write(0x01, update(Pulses.silent(320), 7))
+    reasons = bytes(device.read(0x81, 512))[3::32]
+    assert list(reasons) == [1, 10]  # LENGTH, and DISABLED for the one that follows
+
+
+def test_a_read_that_times_out_gives_what_has_come() -> None:
+    emulator = Emulator(speed=FULL_SPEED)
+    device = found(emulator)
+    device.set_configuration()
+    give = iter([bytes(64), Handshake.NAK, Handshake.NAK])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(emulator.usb, "bulk_in", lambda endpoint: next(give))
+        assert len(device.read(0x81, 512, timeout=5)) == 64
+        with pytest.raises(usb.core.USBTimeoutError):
+            device.read(0x81, 512, timeout=5)
 
 
 @pytest.mark.parametrize(
-    ("url", "message"),
-    [
-        ("emulator:?speed=9", "the emulator has no option 'speed'"),
-        ("emulator:?link=3wire", "unknown link '3wire'; known are 5wire, 2wire"),
-        ("emulator:EMU-1?link=2wire", "options go with a fresh emulator"),
-    ],
+    ("speed", "blocks", "seconds"), [(HIGH_SPEED, 26, 250e-6), (FULL_SPEED, 19, 8e-3)], ids=["high", "full"]
 )
-def test_bad_options_are_named(url: str, message: str) -> None:
-    with pytest.raises(DeviceNotFoundError, match=message):
-        open_backend(url)
-
-
-def test_the_link_can_be_chosen() -> None:
-    (emulator,) = open_backend("emulator:?link=2wire").enumerate_devices()
-    device = usb.core.find(backend=EmulatorBackend([emulator]))
+def test_transfers_take_bus_time(speed: Speed, blocks: int, seconds: float) -> None:
+    """At best 13 packets of 512 bytes in 125 µs, or 19 of 64 in 1 ms, eight of which are a block (clause USB-010)."""
+    emulator = Emulator(speed=speed)
+    device = found(emulator)
     device.set_configuration()
-    assert bytes(device.ctrl_transfer(0xC1, 1, 0, 0, 64))[31] == 2
+    before = emulator.scheduler.now
+    device.write(0x01, bytes(512 * blocks))
+    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(seconds, rel=1e-3)
 
 
-def test_a_time_out_comes_before_later_events(plain: tuple[Emulator, usb.core.Device]) -> None:
+@pytest.mark.parametrize(("speed", "seconds"), [(HIGH_SPEED, 125e-6), (FULL_SPEED, 1e-3)])
+def test_a_control_transfer_takes_a_frame(speed: Speed, seconds: float) -> None:
+    emulator = Emulator(speed=speed)
+    device = found(emulator)
+    before = emulator.scheduler.now
+    device.ctrl_transfer(0x80, 6, 0x0100, 0, 18)
+    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(seconds)
+
+
+def test_a_time_out_is_that_of_the_whole_transfer() -> None:
+    """At full speed 10 ms are enough for 190 packets, which are 23 blocks and 6 packets."""
+    device = found(Emulator(speed=FULL_SPEED))
+    device.set_configuration()
+    assert device.write(0x01, bytes(512 * 40), timeout=10) == pytest.approx(190 * 64, abs=64)
+
+
+def test_an_unknown_request_is_a_pipe_error(plain: Plain) -> None:
+    _, device = plain
+    assert fails(errno.EPIPE, partial(device.ctrl_transfer, 0xC1, 0x55, 0, 0, 4))
+
+
+def test_a_halted_endpoint_is_a_pipe_error_until_it_is_cleared(plain: Plain) -> None:
+    _, device = plain
+    device.set_configuration()
+    device.ctrl_transfer(0x02, 3, 0, 0x01, None)
+    assert fails(errno.EPIPE, partial(device.write, 0x01, bytes(512)))
+    device.clear_halt(0x01)
+    assert device.write(0x01, bytes(512)) == 512
+
+
+def test_a_read_of_the_notifications_times_out(plain: Plain) -> None:
+    _, device = plain
+    device.set_configuration()
+    assert fails(errno.ETIMEDOUT, partial(device.read, 0x82, 16, timeout=40))
+
+
+def test_too_small_a_buffer_overflows(plain: Plain) -> None:
+    _, device = plain
+    device.set_configuration()
+    device.write(0x01, bytes(512))
+    assert fails(errno.EOVERFLOW, partial(device.read, 0x81, 16))
+
+
+def test_a_time_out_comes_before_later_events(plain: Plain) -> None:
     """The watchdog, 100 ms ahead, is something to wait for, but not for this transfer."""
     emulator, device = plain
     device.set_configuration()
     device.ctrl_transfer(0x41, 4, 0, 0, None)
-    before = now(emulator)
+    before = emulator.scheduler.now
     with pytest.raises(usb.core.USBTimeoutError):
         device.read(0x81, 64, timeout=20)
-    assert (now(emulator) - before) / 400e6 == pytest.approx(20e-3)
+    assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(20e-3)
 
 
-def test_a_long_write_that_times_out_says_how_much_was_taken(plain: tuple[Emulator, usb.core.Device]) -> None:
+def test_a_long_write_that_times_out_says_how_much_was_taken(plain: Plain) -> None:
     """As pyusb does over libusb; the queue holds eight blocks."""
     _, device = plain
     device.set_configuration()
@@ -115,14 +181,184 @@ def test_a_long_write_that_times_out_says_how_much_was_taken(plain: tuple[Emulat
         device.write(0x01, blocks[8 * 512 :], timeout=10)
 
 
-def test_a_bus_reset_turns_off_and_unconfigures(plain: tuple[Emulator, usb.core.Device]) -> None:
+# Claims
+
+
+def test_an_interface_is_held_by_one_handle(plain: Plain) -> None:
+    emulator, device = plain
+    device.set_configuration()
+    other = found(emulator)
+    usb.util.claim_interface(device, 0)
+    usb.util.claim_interface(device, 0)
+    usb.util.claim_interface(other, 2)
+    assert fails(errno.EBUSY, partial(usb.util.claim_interface, other, 0))
+    assert fails(errno.EBUSY, partial(other.write, 0x01, bytes(512)))
+    assert fails(errno.EBUSY, partial(other.ctrl_transfer, 0xA1, 1, 0, 0, 64))
+    assert len(other.ctrl_transfer(0xC1, 1, 0, 0, 64)) == 64  # as pyusb and Linux let vendor requests pass
+    assert device.write(0x01, bytes(512)) == 512
+    assert other.ctrl_transfer(0x80, 6, 0x0100, 0, 18)[17] == 1
+    usb.util.release_interface(device, 0)
+    assert other.write(0x01, bytes(512)) == 512
+    usb.util.dispose_resources(other)
+    usb.util.claim_interface(device, 0)
+    usb.util.claim_interface(device, 2)
+
+
+def test_nobody_configures_while_an_interface_is_held(plain: Plain) -> None:
+    """Linux refuses it even to who holds it."""
+    emulator, device = plain
+    device.set_configuration()
+    usb.util.claim_interface(device, 3)
+    assert fails(errno.EBUSY, device.set_configuration)
+    assert fails(errno.EBUSY, found(emulator).set_configuration)
+    usb.util.release_interface(device, 3)
+    device.set_configuration()
+
+
+def test_what_is_not_there_is_not_found(plain: Plain) -> None:
+    emulator, device = plain
+    assert fails(errno.ENOENT, partial(usb.util.claim_interface, device, 0))  # not configured
+    device.set_configuration()
+    assert fails(errno.ENOENT, partial(usb.util.claim_interface, device, 4))
+    bus = EmulatorBackend([emulator])
+    handle = bus.open_device(next(bus.enumerate_devices()))
+    assert fails(errno.ENOENT, partial(bus.release_interface, handle, 0))
+
+
+def test_a_setting_is_chosen(plain: Plain) -> None:
+    emulator, device = plain
+    device.set_configuration()
+    device.write(0x01, bytes(512))
+    device.set_interface_altsetting(0, 0)
+    assert emulator.usb.bulk_in(0x81) is Handshake.NAK
+    assert not device.is_kernel_driver_active(0)
+
+
+# Coming and going
+
+
+def test_an_unplugged_device_is_gone() -> None:
+    with Emulator() as emulator:
+        device = usb.core.find(backend=open_backend(emulator.url))
+        device.set_configuration()
+    assert fails(errno.ENODEV, partial(device.write, 0x01, bytes(512)))
+    assert fails(errno.ENODEV, partial(device.ctrl_transfer, 0x80, 6, 0x0100, 0, 18))
+    assert fails(errno.ENODEV, partial(usb.util.claim_interface, device, 3))
+    assert fails(errno.ENODEV, device.reset)
+    usb.util.dispose_resources(device)
+    assert fails(errno.ENODEV, device.set_configuration)
+
+
+def test_a_device_that_comes_back_is_another_one(plain: Plain) -> None:
+    emulator, device = plain
+    device.set_configuration()
+    usb.util.claim_interface(device, 0)
+    emulator.usb.unplug()
+    assert found(emulator) is None
+    emulator.usb.plug()
+    assert fails(errno.ENODEV, partial(device.write, 0x01, bytes(512)))
+    again = found(emulator)
+    again.set_configuration()
+    usb.util.claim_interface(again, 0)
+    usb.util.dispose_resources(device)
+    assert again.write(0x01, bytes(512)) == 512
+
+
+def test_a_device_that_comes_back_is_reset_when_it_is_looked_for(plain: Plain) -> None:
+    """Clause USB-020: who opens it again finds it reset."""
+    emulator, device = plain
+    device.set_configuration()
+    resets: list[int] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(emulator.usb, "reset", lambda: resets.append(emulator.usb.generation))
+        assert found(emulator) is not None
+        assert resets == []
+        emulator.usb.unplug()
+        emulator.usb.plug()
+        assert found(emulator) is not None
+        assert found(emulator) is not None
+    assert resets == [2]
+
+
+def test_a_device_that_goes_while_a_transfer_waits_is_gone(plain: Plain) -> None:
+    emulator, device = plain
+    device.set_configuration()
+    emulator.scheduler.at(emulator.scheduler.now + 400_000, emulator.usb.unplug)
+    assert fails(errno.ENODEV, partial(device.read, 0x81, 512, timeout=1000))
+    assert emulator.scheduler.now < 10 * 400_000
+
+
+def test_a_suspended_bus_carries_nothing(plain: Plain) -> None:
+    """Linux submits nothing to a device that is suspended (EHOSTUNREACH); libusb calls that an I/O error."""
+    emulator, device = plain
+    device.set_configuration()
+    emulator.usb.suspend()
+    assert fails(errno.EIO, partial(device.write, 0x01, bytes(512)))
+    assert fails(errno.EIO, partial(device.ctrl_transfer, 0x80, 6, 0x0100, 0, 18))
+    emulator.usb.resume()
+    assert device.write(0x01, bytes(512)) == 512
+
+
+def test_a_bus_reset_turns_off_and_configures_as_before(plain: Plain) -> None:
+    """As libusb promises of its reset."""
     emulator, device = plain
     device.set_configuration()
     device.ctrl_transfer(0x41, 4, 0, 0, None)
     device.write(0x01, update(Pulses([25] * 320, [25] * 320), 0))
     emulator.run(5)
     assert emulator.capture().bits(emulator.capture().end_tick - 50, emulator.capture().end_tick).any()
+    before = emulator.scheduler.now
     device.reset()
+    assert (emulator.scheduler.now - before) / 400e6 >= 50e-3  # USB 2.0, 7.1.7.5
     emulator.run(10)
     assert not emulator.capture().bits(emulator.capture().end_tick - 50, emulator.capture().end_tick).any()
+    assert emulator.usb.configuration == 1
+    assert fails(errno.ETIMEDOUT, partial(device.read, 0x81, 512, timeout=1))
+
+
+def test_a_reset_of_what_is_not_configured_leaves_it_so(plain: Plain) -> None:
+    emulator, device = plain
+    device.reset()
     assert emulator.usb.configuration == 0
+
+
+def test_a_device_that_a_reset_takes_away_is_not_found(plain: Plain) -> None:
+    """As libusb says of a device that has to be looked for anew."""
+    emulator, device = plain
+    device.set_configuration()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(emulator.usb, "reset", emulator.usb.disconnect)
+        assert fails(errno.ENOENT, device.reset)
+
+
+def test_pyusb_keeps_the_descriptors_that_it_found(plain: Plain) -> None:
+    emulator, device = plain
+    emulator.usb.enumeration = dfu_mode((1, 0, 0), "array", "S-1")
+    assert [interface.bInterfaceNumber for interface in device[0]] == [0, 1, 2, 3]
+    assert [interface.bInterfaceNumber for interface in found(emulator)[0]] == [0]
+
+
+# URLs
+
+
+@pytest.mark.parametrize(
+    ("url", "message"),
+    [
+        ("emulator:?baud=9", "the emulator has no option 'baud'; it has link=5wire or 2wire and speed=high or full"),
+        ("emulator:?link=3wire", "unknown link '3wire'; known are 5wire, 2wire"),
+        ("emulator:?speed=low", "unknown speed 'low'; known are high, full"),
+        ("emulator:EMU-1?link=2wire", "options go with a fresh emulator"),
+    ],
+)
+def test_bad_options_are_named(url: str, message: str) -> None:
+    with pytest.raises(DeviceNotFoundError, match=message):
+        open_backend(url)
+
+
+def test_link_and_speed_can_be_chosen() -> None:
+    device = usb.core.find(backend=open_backend("emulator:?speed=full&link=2wire"))
+    device.set_configuration()
+    assert bytes(device.ctrl_transfer(0xC1, 1, 0, 0, 64))[31] == 2
+    assert device.speed == usb.util.SPEED_FULL
+    assert {endpoint.wMaxPacketSize for endpoint in device[0][0, 0]} == {64}
+    assert usb.core.find(backend=open_backend("emulator:")).speed == usb.util.SPEED_HIGH

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, open_device
 from phasewire.emulator.machine import plugged
+from phasewire.protocol.codes import Request
+from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import Link
 
 from tests.emulator.passing import now, pass_until
@@ -61,9 +63,9 @@ def test_a_late_board_plays_the_same_wave_later() -> None:
 
 
 def test_the_log_is_bounded(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        for _ in range(1000):
-            device.show(Pulses.silent(320))
+    emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
+    for _ in range(10_001):
+        emulator.usb.control(Setup(0x41, Request.IDENTIFY, 0, 0, 0))
     assert len(emulator.events) == 10_000
 
 

@@ -22,7 +22,7 @@ PERIOD = 10_000
 def played(track: Track, period: int) -> list[int]:
     """The port's words in a period."""
     capture = Capture(Wiring.strips(), (period + 1) * 50, (track,) * 10)
-    return capture.bits(period * 50, period * 50 + 50)[:, 0].tolist()
+    return list(capture.bits(period * 50, period * 50 + 50)[:, 0].tolist())
 
 
 def literally(made: Pulses) -> list[int]:
@@ -55,7 +55,7 @@ def processor(offset_ticks: int = 0) -> tuple[Scheduler, Processor]:
 
 
 def starts(tested: Processor) -> list[int]:
-    return tested.track().segments.starts[1:].tolist()
+    return list(tested.track().segments.starts[1:].tolist())
 
 
 def report(tested: Processor) -> Report:

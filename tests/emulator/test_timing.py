@@ -31,7 +31,7 @@ def first_tick(link: Link, begins: int) -> int:
     emulator = ready(link)
     pass_until(emulator, begins)
     bus = EmulatorBackend([emulator])
-    bus.bulk_write(bus.open_device(emulator), 0x01, 0, BLOCK, 1000)
+    bus.bulk_write(bus.open_device(next(bus.enumerate_devices())), 0x01, 0, BLOCK, 1000)
     emulator.run(12)
     capture = emulator.capture()
     return int(np.argmax(capture.channels(0, capture.end_tick).all(axis=1)))

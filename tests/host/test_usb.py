@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import usb.core
 from phasewire import Emulator, Pulses, open_device
-from phasewire.emulator.backend import EmulatorBackend
+from phasewire.emulator.backend import EmulatorBackend, Port
 from phasewire.errors import (
     DeviceAccessError,
     DeviceError,
@@ -23,7 +23,7 @@ def test_a_device_is_chosen_by_its_serial_number() -> None:
     with Emulator(serial="A"), Emulator(serial="B") as b, open_device("emulator:B") as device:
         assert device.name.endswith(" B")
         device.show(Pulses.silent(320))
-        assert any("accepts block" in event.what for event in b.events)
+        assert any("planned for period" in event.what for event in b.events)
 
 
 def test_a_missing_serial_number_names_those_that_are_there() -> None:
@@ -111,7 +111,7 @@ def test_a_device_that_cannot_be_opened_whole_is_let_go(emulator: Emulator, monk
         patch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, oldest_version=9)))
         with pytest.raises(DeviceError, match="versions 9 to 1") as raised:
             open_device(emulator.url)
-    assert emulator.claimed_by is None, raised  # while the error, and with it every frame, is still alive
+    assert not Port.of(emulator.usb).claims, raised  # while the error, and with it every frame, is still alive
 
 
 def test_others_with_the_same_test_numbers_are_left_alone(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
