@@ -23,6 +23,7 @@ from .picture import save_field_picture
 from .points import ControlPoints
 from .propagation import pressure, transfer_matrix
 from .quantities import QUANTITIES, air_density, intensity, radiation_pressure, relative_level, sound_pressure_level
+from .resonator import Resonator
 from .shapes import Asterisk, Circle, Concentric, Polygon, Polyline, Rings, Shape, Sphere, Star, parse_shape
 from .slices import slice_field
 from .solve import Solution, Solver, solve, solve_frames
@@ -59,6 +60,7 @@ __all__ = [
     "Polygon",
     "Polyline",
     "ResidualTable",
+    "Resonator",
     "Rings",
     "Shape",
     "Solution",

@@ -1,0 +1,374 @@
+"""Back into the air: the pressure that captured bits make, as it comes and goes.
+
+There are two ways from bits to pressure, and they agree. `Playback.signal` follows every edge: bits, amplifier,
+resonance, the way through the air; it is for milliseconds. `Playback.phasors` and `Playback.intensity_component` take
+the fundamental of each carrier period and what the resonance makes of it; they are for seconds, and for many points.
+When the drive has not changed for long, both are the solver's phasor model, `solver.pressure`.
+
+Both are linear: real air saturates at the pressures of a strong focus. A transducer is the same in all directions and
+at all frequencies as it is at 40 kHz, apart from its resonance. Pressure is peak in Pa, time factor e^{-iωt}.
+
+Nothing is interpolated. Sound takes a fraction of a tick, or of a period, to arrive, and the state of a resonance that
+is driven by a constant is known at any time (`OnePole.between`).
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from ..emulator.amplifier import FULL_DRIVE_V, Amplifier
+from ..protocol.board import CARRIER_HZ, CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
+from ..protocol.wiring import Wiring
+from ..solver import Medium, TransducerArray, transfer_matrix
+from ..solver.geometry import as_points
+from ..solver.resonator import OnePole, Resonator
+
+__all__ = ["Outputs", "Playback", "component", "rms"]
+
+SETTLED = 37  # time constants after which double precision can tell nothing of what was before
+TICKS_AT_A_TIME = 2048
+PERIODS_AT_A_TIME = 4096
+POINTS_AT_A_TIME = 256
+NEGLIGIBLE = 1e-6  # of the strongest combination of drives
+
+
+class Outputs(Protocol):
+    """What is needed of a capture."""
+
+    @property
+    def wiring(self) -> Wiring:
+        """How the transducers are connected."""
+
+    @property
+    def end_tick(self) -> int:
+        """Number of ticks captured."""
+
+    @property
+    def open_transducers(self) -> frozenset[int]:
+        """Transducers that are not connected."""
+
+    def bits(self, start: int, stop: int) -> NDArray[np.uint32]:
+        """Port words of some ticks, (stop - start, 10)."""
+
+    def drives(self, first: int, last: int) -> NDArray[np.complex64]:
+        """Drives emitted in some carrier periods, (last - first, 320) in array order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """A capture, played into the air.
+
+    Parameters
+    ----------
+    capture : Capture
+        What the outputs did. Before its tick 0 there was silence.
+    array : TransducerArray
+        Of 320 transducers, with their resonance; by default that of the boards.
+    medium : Medium
+        The air, at the boards' 40 kHz.
+    amplifier : Amplifier
+        Between outputs and transducers.
+
+    Raises
+    ------
+    ValueError
+        Where the array has another number of transducers, or the medium another frequency.
+    """
+
+    capture: Outputs
+    array: TransducerArray = field(default_factory=TransducerArray.grid)
+    medium: Medium = field(default_factory=Medium)
+    amplifier: Amplifier = field(default_factory=Amplifier)
+
+    def __post_init__(self) -> None:
+        """Check that all fits the boards."""
+        if len(self.array) != CHANNELS:
+            raise ValueError(f"an array of {len(self.array)} transducers does not fit boards with {CHANNELS} outputs")
+        if self.medium.frequency != CARRIER_HZ:
+            raise ValueError(
+                f"a medium for {self.medium.frequency:g} Hz does not fit the boards' carrier of {CARRIER_HZ} Hz"
+            )
+
+    @property
+    def resonator(self) -> Resonator:
+        """The resonance of the array's transducers."""
+        return Resonator.of(self.array.transducer)
+
+    def signal(self, at: ArrayLike, start: int, stop: int) -> NDArray[np.float32]:
+        """Pressure over time, from every edge of the bits.
+
+        Parameters
+        ----------
+        at : (k, 3) float
+            Points, in metres.
+        start, stop : int
+            Ticks of the capture, 0.5 µs each; stop is not included.
+
+        Returns
+        -------
+        (k, stop - start) float32
+            Instantaneous pressure in Pa at the beginning of each tick.
+
+        Raises
+        ------
+        ValueError
+            Where the stretch was not captured, or as `transfer_matrix`.
+        """
+        from ..solver.time_kernels import sum_delayed  # numba takes half a second to import
+
+        start, stop = _stretch("ticks", start, stop, self.capture.end_tick)
+        gain, delay = self._delays(as_points(at, "point"))
+        resonance = self.resonator.sampled(1 / TICK_HZ)
+        lag = np.ceil(delay).astype(np.int64)
+        nearest, farthest = int(lag.min()), int(lag.max())
+        following = gain * resonance.between(lag - delay)
+        weights = [self.capture.wiring.sort(w).astype(np.complex64) for w in (gain - following, following)]
+        columns = self.capture.wiring.sort(farthest - lag)
+
+        emitted = start - farthest  # the first tick of which something is heard
+        settling = math.ceil(SETTLED * self.resonator.time_constant * TICK_HZ)
+        bank = _Bank(self.capture, self.amplifier, resonance, max(emitted - settling, min(emitted, 0)))
+        while bank.tick < emitted:
+            bank.run(min(TICKS_AT_A_TIME, emitted - bank.tick))
+        overlap = farthest - nearest + 1
+        states = bank.run(overlap)
+        pressure = np.empty((len(gain), stop - start), dtype=np.float32)
+        for first in range(0, stop - start, TICKS_AT_A_TIME):
+            part = np.empty((len(gain), min(TICKS_AT_A_TIME, stop - start - first)), dtype=np.float32)
+            states = np.concatenate([states[:, :, -overlap:], bank.run(part.shape[1])], axis=2)
+            sum_delayed(states[0], states[1], columns, weights[0], weights[1], part)
+            pressure[:, first : first + TICKS_AT_A_TIME] = part
+        return pressure
+
+    def phasors(self, at: ArrayLike, first: int, last: int) -> NDArray[np.complex64]:
+        """Pressure phasors, from the fundamental of each carrier period.
+
+        Parameters
+        ----------
+        at : (k, 3) float
+            Points, in metres.
+        first, last : int
+            Carrier periods of the capture, 25 µs each; last is not included.
+
+        Returns
+        -------
+        (k, last - first) complex64
+            Complex peak pressure in Pa at the beginning of each period.
+
+        Raises
+        ------
+        ValueError
+            Where the periods were not captured, or as `transfer_matrix`.
+
+        Notes
+        -----
+        That a pulse has a place within its period, and that of a change some turns against the carrier, is left out:
+        together a few per cent of the change while it happens, and nothing of what it ends with.
+        """
+        points = as_points(at, "point")
+        first, last = self._periods(first, last)
+        phasors = np.empty((len(points), last - first), dtype=np.complex64)
+        for rows, columns, part in self._phasors(points, first, last):
+            phasors[rows, columns] = part
+        return phasors
+
+    def intensity_component(self, at: ArrayLike, frequency: float, first: int, last: int) -> NDArray[np.float64]:
+        """How strongly the intensity changes at a frequency, as `solver.intensity_component`, but from the bits.
+
+        Parameters
+        ----------
+        at : (k, 3) float
+            Points, in metres; any number of them, for nothing is kept over time.
+        frequency : float
+            In hertz; 0 is the mean.
+        first, last : int
+            Carrier periods of the capture, a whole number of cycles.
+
+        Returns
+        -------
+        (k,) float
+            Amplitude A of the term A·cos(2π·frequency·t + φ) of |p|² in Pa², p being the peak pressure.
+
+        Raises
+        ------
+        ValueError
+            Where the periods are no whole number of cycles or were not captured, or as `transfer_matrix`.
+        """
+        points = as_points(at, "point")
+        first, last = self._periods(first, last)
+        turns = _turns(frequency, CARRIER_HZ, last - first)
+        pairs = np.stack([turns.real, turns.imag], axis=1).astype(np.float32)
+        found = np.zeros((len(points), 2))
+        for rows, columns, part in self._phasors(points, first, last):
+            found[rows] += (part.real**2 + part.imag**2) @ pairs[columns]
+        return np.asarray(np.hypot(*found.T))
+
+    def _periods(self, first: int, last: int) -> tuple[int, int]:
+        return _stretch("periods", first, last, self.capture.end_tick // TICKS_PER_PERIOD)
+
+    def _paths(self, points: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+        """What arrives of a drive's phasor, and after how many carrier periods, (k, n) each."""
+        matrix = transfer_matrix(self.array, points, self.medium)
+        matrix[:, list(self.capture.open_transducers)] = 0
+        distance = np.linalg.norm(points[:, None] - self.array.positions, axis=2)
+        return matrix, distance / self.medium.wavelength
+
+    def _delays(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The same for a real wave: a gain, which may be negative, and a delay in ticks.
+
+        A phase that is neither the way's nor a sign, as a near field or a calibrated response has it, is taken for a
+        delay.
+        """
+        matrix, periods = self._paths(points)
+        rest = matrix * np.exp(-2j * np.pi * periods)
+        sign = np.where(rest.real < 0, -1.0, 1.0)
+        return sign * np.abs(rest), (periods + np.angle(sign * rest) / (2 * np.pi)) * TICKS_PER_PERIOD
+
+    def _phasors(
+        self, points: NDArray[np.float64], first: int, last: int
+    ) -> Iterator[tuple[slice, slice, NDArray[np.complex64]]]:
+        """Blocks of phasors: which points, which periods since the first, and the phasors.
+
+        The phasor at point i is Σ_q A_iq·z_q a delay ago. Transducers share what they do over time, but for a few
+        complex factors: z = envelopes @ fields. So it is a sum over envelopes and whole periods of delay.
+        """
+        if first == last:
+            return
+        resonance = self.resonator.enveloped(CARRIER_HZ, 1 / CARRIER_HZ)
+        longest = math.ceil(_farthest(points, self.array.positions) / self.medium.wavelength) + 1
+        envelopes, fields = self._envelopes(resonance, first - longest, last)
+        for i in range(0, len(points), POINTS_AT_A_TIME):
+            rows = slice(i, min(i + POINTS_AT_A_TIME, len(points)))
+            matrix, delay = self._paths(points[rows])
+            lag = np.ceil(delay).astype(np.int64)
+            following = matrix * resonance.between(lag - delay)
+            here = matrix - following
+            lags = range(int(lag.min()) - 1, int(lag.max()) + 1)
+            heard = [(np.where(lag == b, here, 0) + np.where(lag == b + 1, following, 0)) @ fields.T for b in lags]
+            response = np.concatenate(heard, axis=1).astype(np.complex64)
+            for k in range(0, last - first, PERIODS_AT_A_TIME):
+                columns = slice(k, min(k + PERIODS_AT_A_TIME, last - first))
+                begin, end = columns.start + longest, columns.stop + longest
+                yield rows, columns, response @ np.concatenate([envelopes[:, begin - b : end - b] for b in lags])
+
+    def _envelopes(
+        self, resonance: OnePole, first: int, last: int
+    ) -> tuple[NDArray[np.complex64], NDArray[np.complex128]]:
+        """Envelopes at the beginning of some periods, (r, last - first), and fields, (r, n), that they are factors of.
+
+        A modulated field needs one or two of them, whatever the number of transducers.
+        """
+        begin = first - math.ceil(SETTLED * self.resonator.time_constant * CARRIER_HZ)
+        begin = max(begin, min(first, 0))
+        drives = self.capture.drives(max(begin, 0), max(last, 0))
+        index: dict[bytes, int] = {}
+        played = [index.setdefault(row.tobytes(), len(index)) for row in drives]
+        if len(index) < CHANNELS:
+            distinct = np.frombuffer(b"".join(index), dtype=drives.dtype).reshape(-1, CHANNELS)
+            weights, fields = _factors(distinct.astype(np.complex128))
+            weights = weights[played]
+        else:
+            weights, fields = drives.astype(np.complex128), np.eye(CHANNELS, dtype=np.complex128)
+        silent = np.zeros((max(-begin, 0), weights.shape[1]), dtype=weights.dtype)
+        drive = np.concatenate([silent, weights])
+        rate = (1 - resonance.decay) * resonance.gain * self.amplifier.gain
+        # The state at the beginning of a period is what the drives before it have made.
+        rung = scipy.signal.lfilter([0, rate], [1, -resonance.decay], drive, axis=0)
+        return np.ascontiguousarray(rung[first - begin :].T, dtype=np.complex64), fields
+
+
+class _Bank:
+    """The resonators of all channels, rung by a capture's bits from a tick on, before which they are at rest."""
+
+    def __init__(self, capture: Outputs, amplifier: Amplifier, resonance: OnePole, tick: int) -> None:
+        self.tick = tick
+        self._capture = capture
+        self._drives = amplifier.tick_voltages / FULL_DRIVE_V
+        self._resonance = resonance
+        self._before = np.zeros(PROCESSORS, dtype=np.uint32)
+        self._state = np.zeros(CHANNELS, dtype=np.complex128)
+
+    def run(self, ticks: int) -> NDArray[np.float32]:
+        """Real and imaginary parts of the states at the beginning of the next ticks, (2, 320, ticks) by channel."""
+        from ..solver.time_kernels import ring
+
+        words = np.zeros((ticks, PROCESSORS), dtype=np.uint32)
+        silent = min(max(-self.tick, 0), ticks)
+        self.tick += ticks
+        if silent < ticks:
+            words[silent:] = self._capture.bits(self.tick - ticks + silent, self.tick)
+        states = np.empty((2, CHANNELS, ticks), dtype=np.float32)
+        decay, gain = self._resonance
+        ring(words, self._drives, decay, (1 - decay) * gain, self._before, self._state, states[0], states[1])
+        return states
+
+
+def rms(signal: ArrayLike) -> NDArray[np.float64]:
+    """Root of the mean square over the last axis, (..., t) to (...); over whole carrier periods a sound's rms."""
+    return np.asarray(np.sqrt(np.mean(np.square(np.asarray(signal, dtype=np.float64)), axis=-1)))
+
+
+def component(series: ArrayLike, frequency: float, rate: float) -> NDArray[np.float64]:
+    """Amplitude of a series at a frequency.
+
+    Parameters
+    ----------
+    series : (..., t) float
+        A whole number of cycles.
+    frequency : float
+        In hertz; 0 is the mean.
+    rate : float
+        Samples per second.
+
+    Returns
+    -------
+    (...) float
+        A of the term A·cos(2π·frequency·t + φ).
+
+    Raises
+    ------
+    ValueError
+        Where there is no whole number of cycles, or the frequency is not below half the rate.
+    """
+    values = np.asarray(series, dtype=np.float64)
+    return np.asarray(np.abs(values @ _turns(frequency, rate, values.shape[-1])))
+
+
+def _turns(frequency: float, rate: float, samples: int) -> NDArray[np.complex128]:
+    """What a series is multiplied by, and summed, to give the amplitude at a frequency."""
+    cycles = samples * frequency / rate
+    if not 0 <= frequency < rate / 2:
+        raise ValueError(f"frequency {frequency} Hz must be at least 0 and below half the rate of {rate:g} Hz")
+    if not samples or abs(cycles - round(cycles)) > 1e-6 or (frequency > 0 and cycles < 0.5):
+        raise ValueError(
+            f"{samples} samples at {rate:g} Hz hold {cycles:g} cycles of {frequency:g} Hz; a whole number is needed"
+        )
+    return np.asarray((2 if frequency else 1) / samples * np.exp(2j * np.pi * frequency / rate * np.arange(samples)))
+
+
+def _stretch(unit: str, start: int, stop: int, end: int) -> tuple[int, int]:
+    start, stop = operator.index(start), operator.index(stop)
+    if not 0 <= start <= stop <= end:
+        raise ValueError(f"{unit} {start} to {stop} are not within the captured 0 to {end}")
+    return start, stop
+
+
+def _farthest(points: NDArray[np.float64], others: NDArray[np.float64]) -> float:
+    """A distance that none of some points exceeds from any of the others."""
+    reach = np.maximum(points.max(axis=0) - others.min(axis=0), others.max(axis=0) - points.min(axis=0))
+    return float(np.linalg.norm(reach))
+
+
+def _factors(rows: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Matrices (f, r) and (r, n), with r as small as it may be, whose product is (f, n) rows, but for `NEGLIGIBLE`."""
+    u, strengths, v = np.linalg.svd(rows, full_matrices=False)
+    kept = max(1, int((strengths > NEGLIGIBLE * strengths[0]).sum()))
+    return u[:, :kept] * strengths[:kept], v[:kept]

@@ -1,0 +1,155 @@
+"""The transducer in time: a resonance that a voltage rings up, and that rings down without it.
+
+The phasor model of `propagation` is its steady state. It is linear, and one resonance is all it has. Time factor
+e^{-iωt}.
+
+The resonance is a band-pass from drive to emitted wave, H(s) = (2/τ)·s/(s² + (2/τ)·s + ω₀²), which is 1 at ω₀ and
+passes no direct voltage. Its impulse response is Re(g·e^{pt}) with the pole p = −1/τ − iω_d, ω_d² = ω₀² − 1/τ², and
+g = (2/τ)·(1 − i/(τω_d)), so the wave is the real part of one complex number z with z' = p·z + g·drive. While the drive
+is constant z moves towards −g·drive/p as e^{pt}: nothing is approximated in a step, nor between steps.
+
+The wave follows the speed of the piston. That a far field follows its acceleration, which turns every phase alike by a
+quarter of a period and lifts the n-th harmonic n times (the third to 1 %), is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .transducer import Transducer
+
+__all__ = ["OnePole", "Resonator"]
+
+
+class OnePole(NamedTuple):
+    """A resonance in equal steps, in each of which the drive is constant: z ← decay·z + (1 − decay)·gain·drive."""
+
+    decay: complex
+    gain: complex
+
+    def ring(self, drive: ArrayLike, start: ArrayLike = 0) -> NDArray[np.complex128]:
+        """The state at the beginning of each step, and at the end of the last.
+
+        Parameters
+        ----------
+        drive : (t, ...) float or complex
+            In each step.
+        start : (...) complex
+            The state before the first.
+
+        Returns
+        -------
+        (t + 1, ...) complex
+        """
+        drive = np.asarray(drive)
+        states = np.empty((len(drive) + 1, *drive.shape[1:]), dtype=np.complex128)
+        states[0] = start
+        towards = (1 - self.decay) * self.gain * drive
+        for step, target in enumerate(towards):
+            states[step + 1] = self.decay * states[step] + target
+        return states
+
+    def between(self, fraction: ArrayLike) -> NDArray[np.complex128]:
+        """Weight λ of the next state for a moment within a step: the state there is (1 − λ)·z + λ·(next z), exactly.
+
+        Parameters
+        ----------
+        fraction : (...) float
+            Of the step that has passed, 0 to 1.
+        """
+        decayed = np.exp(np.log(self.decay) * np.asarray(fraction, dtype=np.float64))
+        return np.asarray((1 - decayed) / (1 - self.decay))
+
+
+@dataclass(frozen=True)
+class Resonator:
+    """The resonance of a transducer.
+
+    Parameters
+    ----------
+    frequency : float
+        At which it responds most, in hertz.
+    time_constant : float
+        τ of its amplitude, in seconds; see `Transducer` for where it comes from.
+
+    Raises
+    ------
+    ValueError
+        Where a number is not positive and finite, or it would not oscillate.
+    """
+
+    frequency: float = Transducer.resonance
+    time_constant: float = Transducer.time_constant
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name, unit in (("frequency", "Hz"), ("time_constant", "s")):
+            if not 0 < (value := getattr(self, name)) < math.inf:
+                raise ValueError(f"resonator {name} {value} {unit} must be positive and finite")
+        if self.quality <= 0.5:
+            raise ValueError(
+                f"a resonator of {self.frequency:g} Hz and {self.time_constant:g} s has the quality factor "
+                f"{self.quality:.3g}; it oscillates only above 0.5"
+            )
+
+    @classmethod
+    def of(cls, transducer: Transducer) -> Self:
+        """The resonance of a transducer."""
+        return cls(transducer.resonance, transducer.time_constant)
+
+    @property
+    def quality(self) -> float:
+        """Quality factor Q = π·f·τ."""
+        return math.pi * self.frequency * self.time_constant
+
+    @property
+    def pole(self) -> complex:
+        """The pole p in 1/s: z goes as e^{pt} when it is not driven."""
+        decay, angular = 1 / self.time_constant, 2 * math.pi * self.frequency
+        return complex(-decay, -math.sqrt(angular**2 - decay**2))
+
+    def response(self, frequency: float) -> complex:
+        """The wave's phasor per unit drive at a frequency in hertz, in the steady state; 1 at the resonance."""
+        s = -2j * math.pi * frequency
+        rate = 2 / self.time_constant
+        return rate * s / (s**2 + rate * s + (2 * math.pi * self.frequency) ** 2)
+
+    def sampled(self, step: float) -> OnePole:
+        """In steps of so many seconds, with a real drive that is constant in each; the wave is the state's real part.
+
+        Raises
+        ------
+        ValueError
+            Where a step lasts half a period of the resonance or more.
+        """
+        pole = self.pole
+        if not 0 < -pole.imag * step < math.pi:
+            raise ValueError(
+                f"a step of {step} s must be positive and less than half a period, {0.5 / self.frequency} s"
+            )
+        gain = 2 / self.time_constant * (1 - 1j / (self.time_constant * -pole.imag))
+        return OnePole(complex(np.exp(pole * step)), -gain / pole)
+
+    def enveloped(self, carrier: float, step: float) -> OnePole:
+        """Around a carrier in hertz, with a complex drive that is constant in each step of so many seconds.
+
+        The state is the wave's phasor, with the steady state of `response`. The part of the wave that turns against the
+        carrier is left out, and with it what happens within a period of the carrier: about 1/(2Q) of a change.
+
+        Raises
+        ------
+        ValueError
+            Where within a step the resonance gets half a period or more away from the carrier.
+        """
+        pole = self.pole + 2j * math.pi * carrier
+        if not (step > 0 and abs(pole.imag) * step < math.pi):
+            raise ValueError(
+                f"a step of {step} s must be positive and so short that resonance and carrier, {self.frequency:g} and "
+                f"{carrier:g} Hz, part by less than half a period"
+            )
+        return OnePole(complex(np.exp(pole * step)), self.response(carrier))
