@@ -271,14 +271,10 @@ class Playback:
         drives = self.capture.drives(max(begin, 0), max(last, 0))
         index: dict[bytes, int] = {}
         played = [index.setdefault(row.tobytes(), len(index)) for row in drives]
-        if len(index) < CHANNELS:
-            distinct = np.frombuffer(b"".join(index), dtype=drives.dtype).reshape(-1, CHANNELS)
-            weights, fields = _factors(distinct.astype(np.complex128))
-            weights = weights[played]
-        else:
-            weights, fields = drives.astype(np.complex128), np.eye(CHANNELS, dtype=np.complex128)
-        silent = np.zeros((max(-begin, 0), weights.shape[1]), dtype=weights.dtype)
-        drive = np.concatenate([silent, weights])
+        distinct = np.frombuffer(b"".join(index), dtype=drives.dtype).reshape(-1, CHANNELS)
+        weights, fields = _factors(distinct.astype(np.complex128))
+        silent = np.zeros((max(-begin, 0), len(fields)))
+        drive = np.concatenate([silent, weights[played]])
         rate = (1 - resonance.decay) * resonance.gain * self.amplifier.gain
         # The state at the beginning of a period is what the drives before it have made.
         rung = scipy.signal.lfilter([0, rate], [1, -resonance.decay], drive, axis=0)
@@ -369,6 +365,6 @@ def _farthest(points: NDArray[np.float64], others: NDArray[np.float64]) -> float
 
 def _factors(rows: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Matrices (f, r) and (r, n), with r as small as it may be, whose product is (f, n) rows, but for `NEGLIGIBLE`."""
-    u, strengths, v = np.linalg.svd(rows, full_matrices=False)
-    kept = max(1, int((strengths > NEGLIGIBLE * strengths[0]).sum()))
-    return u[:, :kept] * strengths[:kept], v[:kept]
+    powers, basis = np.linalg.eigh(rows.conj().T @ rows)
+    basis = basis[:, powers > NEGLIGIBLE**2 * powers[-1]]
+    return rows @ basis, basis.conj().T
