@@ -53,7 +53,7 @@ def main(picture: Path) -> None:
     resonator = playback.resonator
     figure.suptitle(
         f"A focus moves: the sound needs its time, then the transducers ring up (Q = {resonator.quality:.0f}, "
-        f"τ = {resonator.time_constant * MS:g} ms)"
+        f"τ = {resonator.time_constant * MS:g} ms; linear model)"
     )
     figure.savefig(picture, dpi=110)
     print(f"Drew {picture}.")

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import Medium, Pulses, Transducer, TransducerArray, Wiring, pressure
+from phasewire import Emulator, Medium, Pulses, Solution, Transducer, TransducerArray, Wiring, open_device, pressure
 from phasewire.emulator.amplifier import Amplifier
-from phasewire.hil.air import Outputs, Playback, component, rms
+from phasewire.hil.air import Playback, component, rms
 from phasewire.hil.end_to_end import emission
 from phasewire.solver import intensity_component, transfer_matrix
 from phasewire.solver.models import directivity
@@ -265,6 +265,16 @@ def test_what_cannot_be_heard_is_refused(tune: Recorded, call: Any, message: str
         call(Playback(tune))
 
 
-def test_a_capture_will_do(tune: Recorded) -> None:
-    outputs: Outputs = tune
-    assert Playback(outputs).resonator.time_constant == TAU
+def test_an_emulated_device_is_heard(sphere_solution: Solution, emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        ack = device.show(Pulses.from_drive(sphere_solution.drive))
+        emulator.run_until(ack.commit_period + 450)
+        capture = emulator.capture()
+    points, last = sphere_solution.points.positions, capture.periods
+    playback = Playback(capture, sphere_solution.array, sphere_solution.medium, INSTANT)
+    expected = pressure(sphere_solution.array, capture.drive(last - 1), points)
+    np.testing.assert_allclose(playback.phasors(points, last - 1, last)[:, 0], expected, rtol=1e-4)
+    before = (ack.commit_period + 20) * 50  # from 0.2 m away
+    assert not playback.signal(points, 0, before).any()
+    loudest = np.abs(playback.signal(points, (last - 1) * 50, last * 50)).max(axis=1)
+    np.testing.assert_allclose(loudest, np.abs(expected), rtol=0.03)
