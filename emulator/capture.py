@@ -102,9 +102,26 @@ class Capture:
         step = CHUNK_PERIODS * TICKS_PER_PERIOD
         for begin in range(start, stop, step):
             end = min(begin + step, stop)
-            for processor, track in enumerate(self.tracks):
-                words[begin - start : end - start, processor] = _words(track, begin, end)
+            words[begin - start : end - start] = self._words(begin, end)[0]
         return words
+
+    def _words(self, start: int, stop: int) -> tuple[NDArray[np.uint32], NDArray[np.bool_]]:
+        """Port words, (stop - start, 10), and whether each processor goes on in each period as before, (10, n)."""
+        from .raster import expand
+
+        first, last = start // TICKS_PER_PERIOD, -(-stop // TICKS_PER_PERIOD)
+        played = [track.segments.rows(first, last) for track in self.tracks]
+        rows, samples = np.stack([row for row, _ in played]), np.stack([sample for _, sample in played])
+        words = np.empty(((last - first) * TICKS_PER_PERIOD, PROCESSORS), np.uint32)
+        expand(tuple(track.segments.slices for track in self.tracks), rows, samples, _widths(), words)
+        alike = np.zeros(rows.shape, np.bool_)
+        alike[:, 1:] = (rows[:, 1:] == rows[:, :-1]) & (samples[:, 1:] == samples[:, :-1])
+        words = words[start - first * TICKS_PER_PERIOD :][: stop - start]
+        for processor, track in enumerate(self.tracks):
+            if not track.clock.exact or track.forced:
+                words[:, processor] = _deranged(track, start, stop)
+                alike[processor] = False
+        return words, alike
 
     def channels(self, start: int, stop: int) -> NDArray[np.uint8]:
         """The same stretch as one 0 or 1 per output channel, (stop - start, 320) uint8."""
@@ -142,12 +159,8 @@ class Capture:
         drives = np.empty((last - first, CHANNELS), dtype)
         for begin in range(first, last, CHUNK_PERIODS):
             end = min(begin + CHUNK_PERIODS, last)
-            for track, columns in zip(self.tracks, transducer, strict=True):
-                words = _words(track, begin * TICKS_PER_PERIOD, end * TICKS_PER_PERIOD)
-                periods = words.reshape(-1, TICKS_PER_PERIOD)
-                alike = np.zeros(len(periods), bool)
-                alike[1:] = (periods[1:] == periods[:-1]).all(axis=1)
-                demodulate(words, alike, turn, columns, drives[begin - first : end - first])
+            words, alike = self._words(begin * TICKS_PER_PERIOD, end * TICKS_PER_PERIOD)
+            demodulate(words, alike, turn, transducer, drives[begin - first : end - first])
         drives[:, list(self.open_transducers)] = 0
         return drives
 
@@ -157,14 +170,11 @@ class Capture:
         return np.asarray(self.drives(period, period + 1, np.complex128)[0])
 
 
-def _words(track: Track, start: int, stop: int) -> NDArray[np.uint32]:
-    """The words of one port at ticks of the device, (stop - start,)."""
-    if track.clock.exact:
-        words = _played(track.segments, start, stop)
-    else:
-        own = track.clock.own_ticks(start, stop)
-        first, last = int(own[0]) if own.size else 0, int(own[-1]) + 1 if own.size else 0
-        words = _played(track.segments, first, last)[own - first]
+def _deranged(track: Track, start: int, stop: int) -> NDArray[np.uint32]:
+    """The words of a port whose clock is its own, or whose pins are held, at ticks of the device, (stop - start,)."""
+    own = track.clock.own_ticks(start, stop)
+    first, last = (int(own[0]), int(own[-1]) + 1) if own.size else (0, 0)
+    words = _played(track.segments, first, last)[own - first]
     for number, (tick, high, low) in enumerate(track.forced):
         until = track.forced[number + 1].tick if number + 1 < len(track.forced) else stop
         held = slice(max(tick - start, 0), max(until - start, 0))
@@ -173,15 +183,14 @@ def _words(track: Track, start: int, stop: int) -> NDArray[np.uint32]:
 
 
 def _played(segments: Segments, start: int, stop: int) -> NDArray[np.uint32]:
-    """The words that a port plays at its own ticks, (stop - start,)."""
+    """The words that one port plays at its own ticks, (stop - start,)."""
     from .raster import expand
 
     first, last = start // TICKS_PER_PERIOD, -(-stop // TICKS_PER_PERIOD)
     rows, samples = segments.rows(first, last)
-    words = np.empty((last - first) * TICKS_PER_PERIOD, np.uint32)
-    expand(segments.slices, rows, samples, _widths(), words)
-    skipped = start - first * TICKS_PER_PERIOD
-    return words[skipped : skipped + stop - start]
+    words = np.empty(((last - first) * TICKS_PER_PERIOD, 1), np.uint32)
+    expand((segments.slices,), rows[None], samples[None], _widths(), words)
+    return words[start - first * TICKS_PER_PERIOD :, 0][: stop - start]
 
 
 @lru_cache(maxsize=1)

@@ -82,7 +82,7 @@ from ..protocol.replies import (
     Info,
     ReadBack,
     Status,
-    encode_ack,
+    encode_acks,
     encode_reports,
     encode_wiring,
 )
@@ -536,16 +536,9 @@ class Controller:
         playing = (arrivals >= first_effect) | (self._state is State.PLAYING)
         flags = np.where(late, AckFlag.LATE, 0) | np.where(gaps > 0, AckFlag.GAP, 0)
         ticks = (arrivals - self.time.origin) // CYCLES_PER_TICK
-        for ack in zip(
-            sequences.tolist(),
-            periods.tolist(),
-            ticks.tolist(),
-            flags.tolist(),
-            free.tolist(),
-            np.where(playing, State.PLAYING, State.READY).tolist(),
-            strict=True,
-        ):
-            door.acknowledge(encode_ack(Reason.ACCEPTED, *ack))
+        states = np.where(playing, State.PLAYING, State.READY)
+        for record in encode_acks(sequences, periods, ticks, flags, free, states):
+            door.acknowledge(record)
 
     def await_room(self, waiter: Callable[[], None]) -> None:
         """Call somebody once, as soon as there is room for another block."""

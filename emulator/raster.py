@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba.cpython.unsafe.numbers import trailing_zeros
 
 from ..compiling import kernel
 from ..protocol.board import CHANNELS_PER_PROCESSOR, TICKS_PER_PERIOD
@@ -17,6 +18,12 @@ __all__ = ["demodulate", "expand"]
 
 U32 = np.uint32
 PAIRS = CHANNELS_PER_PROCESSOR // 2
+
+
+@kernel
+def _lowest(word: Any) -> Any:
+    """The lowest bit that is set."""
+    return trailing_zeros(word)  # type: ignore[call-arg]  # numba passes an intrinsic its context
 
 
 @kernel
@@ -49,68 +56,67 @@ def _rasterise(packed: Any, widths: Any, words: Any) -> None:
 
 @kernel
 def expand(slices: Any, rows: Any, samples: Any, widths: Any, words: Any) -> None:
-    """Port words of successive periods.
+    """Port words of all processors in successive periods.
 
     Parameters
     ----------
-    slices : (s, 48) uint8
-        Packed pulses of one processor.
-    rows : (n,) int64
+    slices : tuple of (s, 48) uint8
+        For each processor, packed pulses.
+    rows : (10, n) int64
         For each period, which of them it plays.
-    samples : (n,) uint8
+    samples : (10, n) uint8
         For each period, the modulation sample that applies; 255 leaves pulses as they are.
     widths : (256, 26) uint8
         The width that each width gets under each sample.
-    words : (50 n,) uint32
+    words : (50 n, 10) uint32
         Written.
     """
-    for period in range(rows.size):
-        at = period * TICKS_PER_PERIOD
-        if period and rows[period] == rows[period - 1] and samples[period] == samples[period - 1]:
-            for tick in range(at, at + TICKS_PER_PERIOD):
-                words[tick] = words[tick - TICKS_PER_PERIOD]
-        else:
-            _rasterise(slices[rows[period]], widths[samples[period]], words[at : at + TICKS_PER_PERIOD])
+    table = np.empty((TICKS_PER_PERIOD, len(slices)), np.uint32)
+    for period in range(rows.shape[1]):
+        for processor in range(len(slices)):
+            row, sample = rows[processor, period], samples[processor, period]
+            if not period or row != rows[processor, period - 1] or sample != samples[processor, period - 1]:
+                _rasterise(slices[processor][row], widths[sample], table[:, processor])
+        words[period * TICKS_PER_PERIOD : (period + 1) * TICKS_PER_PERIOD] = table
 
 
 @kernel
 def demodulate(words: Any, alike: Any, turn: Any, columns: Any, drives: Any) -> None:
-    """The fundamental of each of a port's 32 square waves, in successive periods, from their edges.
+    """The fundamental of each of the 320 square waves, in successive periods, from their edges.
 
     A wave that is high from tick r to tick f has (2/T)·∫ e^{iωt} dt = (e^{iωf} − e^{iωr})/(iπ); in units of the widest
     pulse's 2/π each edge counts ±e^{iωt}/(2i).
 
     Parameters
     ----------
-    words : (50 n,) uint32
-    alike : (n,) bool
-        Whether a period is known to be as the one before.
+    words : (50 n, 10) uint32
+    alike : (10, n) bool
+        Whether a processor is known to play in a period what it played in the one before.
     turn : (50,) complex
         e^{iωt}/(2i) at each tick t of a period.
-    columns : (32,) int64
+    columns : (10, 32) int64
         Column of `drives` for each bit.
     drives : (n, 320) complex
-        Those columns are written.
+        Written.
     """
-    for period in range(alike.size):
-        if alike[period]:
-            for bit in range(CHANNELS_PER_PROCESSOR):
-                drives[period, columns[bit]] = drives[period - 1, columns[bit]]
-            continue
-        for bit in range(CHANNELS_PER_PROCESSOR):
-            drives[period, columns[bit]] = 0
+    sums = np.empty(CHANNELS_PER_PROCESSOR, drives.dtype)
+    for period in range(alike.shape[1]):
         at = period * TICKS_PER_PERIOD
-        before = words[at + TICKS_PER_PERIOD - 1]
-        for tick in range(TICKS_PER_PERIOD):
-            word = words[at + tick]
-            edges = word ^ before
-            before = word
-            bit = 0
-            while edges:
-                if edges & U32(1):
-                    if word >> U32(bit) & U32(1):
-                        drives[period, columns[bit]] -= turn[tick]
-                    else:
-                        drives[period, columns[bit]] += turn[tick]
-                edges >>= U32(1)
-                bit += 1
+        if period:
+            drives[period] = drives[period - 1]
+        for processor in range(alike.shape[0]):
+            if period and alike[processor, period]:
+                continue
+            sums[:] = 0
+            before = words[at + TICKS_PER_PERIOD - 1, processor]
+            for tick in range(TICKS_PER_PERIOD):
+                word = words[at + tick, processor]
+                rises, falls, before = word & ~before, before & ~word, word
+                while rises:
+                    sums[_lowest(rises)] -= turn[tick]
+                    rises &= rises - U32(1)
+                while falls:
+                    sums[_lowest(falls)] += turn[tick]
+                    falls &= falls - U32(1)
+            for bit in range(CHANNELS_PER_PROCESSOR):
+                drives[period, columns[processor, bit]] = sums[bit]

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from construct import Construct, ConstructError
+from numpy.typing import NDArray
 
 from ..errors import ReplyError
 from .blocks import pack_pulses
@@ -47,6 +48,7 @@ __all__ = [
     "decode_reports",
     "decode_wiring",
     "encode_ack",
+    "encode_acks",
     "encode_reports",
     "encode_wiring",
     "records",
@@ -82,6 +84,40 @@ def encode_ack(reason: int, sequence: int, commit_period: int, now: int, flags: 
     except struct.error as error:
         raise ValueError(f"a field of the acknowledgement of block {sequence} does not fit: {error}") from error
     return body + zlib.crc32(body).to_bytes(4, "little")
+
+
+_ACKS = np.dtype(
+    [
+        ("magic", "S2"),
+        ("version", "u1"),
+        ("reason", "u1"),
+        ("sequence", "<u4"),
+        ("commit_period", "<u8"),
+        ("now", "<u8"),
+        ("flags", "u1"),
+        ("free", "u1"),
+        ("state", "u1"),
+        ("reserved", "u1"),
+    ]
+)
+
+
+def encode_acks(
+    sequence: NDArray[Any],
+    commit_period: NDArray[Any],
+    now: NDArray[Any],
+    flags: NDArray[Any],
+    free: NDArray[Any],
+    state: NDArray[Any],
+) -> list[bytes]:
+    """Encode the acknowledgements of k accepted blocks, whose fields are right, from (k,) integers; see `Ack`."""
+    bodies = np.zeros(len(sequence), _ACKS)
+    bodies["magic"], bodies["version"] = ACK_MAGIC, PROTOCOL_VERSION
+    bodies["sequence"], bodies["commit_period"], bodies["now"] = sequence, commit_period, now
+    bodies["flags"], bodies["free"], bodies["state"] = flags, free, state
+    data, size = bodies.tobytes(), _ACKS.itemsize
+    rows = [data[at : at + size] for at in range(0, len(data), size)]
+    return [row + zlib.crc32(row).to_bytes(4, "little") for row in rows]
 
 
 @dataclass(frozen=True)
