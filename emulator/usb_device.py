@@ -228,7 +228,6 @@ class UsbDevice:
 
     def _unaddress(self) -> None:
         self.address = self.configuration = 0
-        self._halted.clear()
         self.suspended = False
 
     # What the bus does

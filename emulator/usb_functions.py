@@ -211,7 +211,6 @@ class ArrayFunction(Function, Door):
         if packet_bytes == BLOCK_BYTES:
             self.streams = {ENDPOINT_OUT: self._take_many}
         self._awaits_room = False
-        self._configured = False
         self._adopted = False
         controller.attach(self)
 
@@ -220,9 +219,10 @@ class ArrayFunction(Function, Door):
         self._records.append(record)
 
     def notify(self, record: bytes) -> None:
-        """Keep a status record behind what waits, instead of an older one, while configured (clause ACK-006)."""
-        if not self._configured:
-            return
+        """Keep a status record behind what waits, instead of an older one (clause ACK-006).
+
+        Nobody can read it while the device is not configured, and then it is dropped.
+        """
         if self._unasked:
             self._records.remove(self._unasked)
         self._records.append(record)
@@ -281,7 +281,6 @@ class ArrayFunction(Function, Door):
     def configure(self, configuration: int) -> None:
         """Begin anew, with the outputs off (clause USB-003)."""
         self._begin_anew()
-        self._configured = bool(configuration)
         if configuration:
             self._adopted = True
             self._controller.host_arrived()
@@ -292,9 +291,6 @@ class ArrayFunction(Function, Door):
 
     def _begin_anew(self) -> None:
         self._controller.new_session()
-        self._forget()
-
-    def _forget(self) -> None:
         self._part = b""
         self._records.clear()
         self._unasked = b""
@@ -319,8 +315,7 @@ class ArrayFunction(Function, Door):
         """Turn the outputs off and wait for another bus (clause STA-006)."""
         self.suspend()
         self.resume()
-        self._adopted = self._configured = False
-        self._forget()
+        self._adopted = False
 
 
 class ConsoleLine(Protocol):

@@ -58,11 +58,14 @@ def test_reading_when_nothing_comes_times_out_in_the_device_s_time(plain: Plain)
 
 @pytest.mark.parametrize("speed", [HIGH_SPEED, FULL_SPEED])
 def test_a_long_write_is_cut_in_packets_and_a_long_read_is_put_together(speed: Speed) -> None:
-    device = found(Emulator(speed=speed))
+    emulator = Emulator(speed=speed)
+    device = found(emulator)
     device.set_configuration()
     blocks = b"".join(update(Pulses.silent(320), n) for n in range(5))
     assert device.write(0x01, blocks) == 5 * 512
+    before = emulator.scheduler.now
     assert sequences(device.read(0x81, 512)) == [0, 1, 2, 3, 4]
+    assert emulator.scheduler.now - before < 400_000  # it did not wait for more
 
 
 def test_a_read_ends_where_its_buffer_is_full() -> None:
@@ -132,6 +135,17 @@ def test_a_time_out_is_that_of_the_whole_transfer() -> None:
     assert device.write(0x01, bytes(512 * 40), timeout=10) == pytest.approx(190 * 64, abs=64)
 
 
+def test_a_time_out_of_0_is_none(plain: Plain) -> None:
+    emulator, device = plain
+    device.set_configuration()
+
+    def acknowledge() -> None:
+        emulator.usb.bulk_out(0x01, bytes(512))
+
+    emulator.scheduler.at(emulator.scheduler.now + 2_000_000_000, acknowledge)
+    assert len(device.read(0x81, 512, timeout=0)) == 32
+
+
 def test_an_unknown_request_is_a_pipe_error(plain: Plain) -> None:
     _, device = plain
     assert fails(errno.EPIPE, partial(device.ctrl_transfer, 0xC1, 0x55, 0, 0, 4))
@@ -199,7 +213,9 @@ def test_an_interface_is_held_by_one_handle(plain: Plain) -> None:
     assert other.ctrl_transfer(0x80, 6, 0x0100, 0, 18)[17] == 1
     usb.util.release_interface(device, 0)
     assert other.write(0x01, bytes(512)) == 512
+    usb.util.claim_interface(device, 3)
     usb.util.dispose_resources(other)
+    assert fails(errno.EBUSY, partial(usb.util.claim_interface, other, 3))
     usb.util.claim_interface(device, 0)
     usb.util.claim_interface(device, 2)
 

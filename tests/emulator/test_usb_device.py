@@ -426,6 +426,15 @@ def test_a_bus_reset_hastens_a_detach() -> None:
     assert bench.usb.control(GET_DEVICE)[10:12] == b"\x02\x00"
 
 
+def test_a_bus_reset_hastens_a_detach_that_nothing_called_off() -> None:
+    bench = configured()
+    bench.usb.control(DETACH)
+    bench.controller.can_detach = False
+    assert stalls(bench, DETACH)
+    bench.usb.reset()
+    assert not bench.usb.attached
+
+
 @pytest.mark.parametrize("wait_ms", [0, 25])
 def test_a_restart_calls_a_detach_off(wait_ms: int) -> None:
     bench = configured()

@@ -154,6 +154,14 @@ def test_nobody_is_notified_who_has_not_configured_the_device() -> None:
     assert bench.usb.bulk_in(0x81) is Handshake.NAK
 
 
+def test_a_session_begins_without_what_nobody_asked_for_in_the_last() -> None:
+    bench = configured()
+    bench.door.notify(status(0))
+    bench.usb.control(SET_CONFIGURATION)
+    bench.door.notify(status(1))
+    assert bench.usb.bulk_in(0x81) == status(1)
+
+
 # Sessions
 
 
@@ -223,6 +231,15 @@ def test_what_becomes_of_the_rest(event: str, column: int, row: tuple[str, ...])
         bench.usb.control(SET_CONFIGURATION)
         bench.controller.told, bench.line.told = told
     assert fate(bench, row[0]) == row[column]
+
+
+def test_clearing_the_other_endpoint_keeps_a_part_of_a_block() -> None:
+    """Clause USB-015."""
+    bench = configured(FULL_SPEED)
+    bench.usb.bulk_out(0x01, bytes(64))
+    bench.usb.control(Setup(0x02, 1, 0, 0x81, 0))
+    bench.usb.bulk_out(0x01, b"")
+    assert bench.controller.blocks == [bytes(64)]
 
 
 @pytest.mark.parametrize("interface", [1, 2, 3])
@@ -298,6 +315,15 @@ def test_text_that_fills_its_last_packet_is_followed_by_an_empty_one(speed: Spee
     bench = configured(speed)
     bench.line.output.extend(bytes(2 * size))
     assert [bench.usb.bulk_in(0x83) for _ in range(4)] == [bytes(size), bytes(size), b"", Handshake.NAK]
+
+
+def test_a_line_that_was_hung_up_owes_no_empty_packet() -> None:
+    bench = configured()
+    bench.usb.control(dtr(True))
+    bench.line.output.extend(bytes(512))
+    assert bench.usb.bulk_in(0x83) == bytes(512)
+    bench.usb.control(dtr(False))
+    assert bench.usb.bulk_in(0x83) is Handshake.NAK
 
 
 def test_a_console_that_is_not_read_delays_nothing() -> None:
