@@ -5,7 +5,7 @@ size, a device that left the bus and came back is another one, and an interface 
 
 Each transfer takes the time it would take on a bus at best: bulk packets follow each other as closely as USB allows,
 and a control transfer takes a frame, or a microframe at high speed. A NAK lets the device's time pass until it can
-answer, or the transfer's time-out is over. So time passes in transfers only.
+answer, or the transfer's time-out is over. Besides in transfers, time passes with a look at a bus where nothing is new.
 """
 
 from __future__ import annotations
@@ -40,6 +40,12 @@ RESET_CYCLES = CORE_HZ // 20  # 50 ms, USB 2.0, 7.1.7.5
 FRAME_CYCLES = CORE_HZ // 1000
 FULL_SPEED_PACKET_CYCLES = FRAME_CYCLES // 19  # at most 19 packets of 64 bytes in a frame, USB 2.0, 5.8.4
 FOREVER_MS = 10**9  # eleven days: a time-out of 0 is none
+
+LOOK_CYCLES = CORE_HZ // 100
+"""Passes with a look at the bus where nothing has come since the last: who waits for a device sees it come."""
+
+_PACKET_CYCLES: dict[Speed, int] = {FULL_SPEED: FULL_SPEED_PACKET_CYCLES, HIGH_SPEED: PACKET_CYCLES}
+_CONTROL_CYCLES: dict[Speed, int] = {FULL_SPEED: FRAME_CYCLES, HIGH_SPEED: MICROFRAME_CYCLES}
 
 SPEEDS = {"high": HIGH_SPEED, "full": FULL_SPEED}
 _LIBUSB_SPEEDS = {FULL_SPEED: 2, HIGH_SPEED: 3}
@@ -94,29 +100,32 @@ class Port:
     Attributes
     ----------
     generation : int
-        Attachment of the device that was enumerated last.
+        Attachment of the device that was enumerated last, 0 before the first.
     claims : dict of int to int
         For each interface that is claimed, the number of the handle.
     """
 
     _of: ClassVar[WeakKeyDictionary[UsbDevice, Port]] = WeakKeyDictionary()
 
-    def __init__(self, generation: int) -> None:
-        self.generation = generation
+    def __init__(self) -> None:
+        self.generation = 0
         self.claims: dict[int, int] = {}
 
     @classmethod
     def of(cls, device: UsbDevice) -> Port:
         """The port that a device is plugged in to."""
-        if device not in cls._of:
-            cls._of[device] = Port(device.generation)
-        return cls._of[device]
+        return cls._of.setdefault(device, cls())
+
+    def has_news(self, device: UsbDevice) -> bool:
+        """Whether the device has come to the bus since it was enumerated last."""
+        return device.attached and device.generation != self.generation
 
     def enumerate(self, device: UsbDevice) -> None:
-        """Reset a device that has left the bus and come back, as a host does before it asks for its descriptors."""
-        if device.attached and device.generation != self.generation:
-            self.generation = device.generation
-            self.claims.clear()
+        """Note that the device has come, and reset it where it was there before, for it may have been in use then."""
+        came_back = self.generation > 0
+        self.generation = device.generation
+        self.claims.clear()
+        if came_back:
             device.reset()
 
 
@@ -253,10 +262,6 @@ class Handle:
         return answer if isinstance(answer, bytes) else b""
 
 
-_PACKET_CYCLES: dict[Speed, int] = {FULL_SPEED: FULL_SPEED_PACKET_CYCLES, HIGH_SPEED: PACKET_CYCLES}
-_CONTROL_CYCLES: dict[Speed, int] = {FULL_SPEED: FRAME_CYCLES, HIGH_SPEED: MICROFRAME_CYCLES}
-
-
 class EmulatorBackend(usb.backend.IBackend):
     """The bus. What pyusb calls a device is an `Attachment`."""
 
@@ -267,7 +272,11 @@ class EmulatorBackend(usb.backend.IBackend):
     def enumerate_devices(self) -> Iterator[Attachment]:
         """Every emulator that is attached to the bus."""
         for address, emulator in enumerate(self._emulators, start=1):
-            Port.of(emulator.usb).enumerate(emulator.usb)
+            port = Port.of(emulator.usb)
+            if not port.has_news(emulator.usb):
+                emulator.scheduler.run_until(emulator.scheduler.now + LOOK_CYCLES)
+            if port.has_news(emulator.usb):
+                port.enumerate(emulator.usb)
             if emulator.usb.attached:
                 yield Attachment(emulator, address)
 

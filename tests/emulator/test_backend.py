@@ -296,6 +296,19 @@ def test_a_device_that_comes_back_is_reset_when_it_is_looked_for(plain: Plain) -
     assert resets == [2]
 
 
+def test_who_waits_for_a_device_sees_it_come(plain: Plain) -> None:
+    """As after a restart; time that stood still would keep it away."""
+    emulator, device = plain
+    device.set_configuration()
+    before = emulator.scheduler.now
+    assert found(emulator) is not None
+    assert 0 < emulator.scheduler.now - before <= 10e-3 * 400e6  # far from any watchdog
+    emulator.usb.unplug()
+    emulator.scheduler.at(emulator.scheduler.now + 14_000_000, emulator.usb.plug)  # 35 ms
+    looks = [found(emulator) is not None for _ in range(4)]
+    assert looks == [False, False, False, True]
+
+
 def test_a_device_that_goes_while_a_transfer_waits_is_gone(plain: Plain) -> None:
     emulator, device = plain
     device.set_configuration()
