@@ -14,7 +14,9 @@ from phasewire import Emulator, Pulses
 from phasewire.emulator.backend import EmulatorBackend, open_backend
 from phasewire.emulator.door import Handshake
 from phasewire.errors import DeviceNotFoundError
+from phasewire.protocol.codes import State
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed, dfu_mode
+from phasewire.protocol.replies import Status
 
 from tests.strategies import update
 
@@ -365,6 +367,67 @@ def test_pyusb_keeps_the_descriptors_that_it_found(plain: Plain) -> None:
     emulator.usb.enumeration = dfu_mode((1, 0, 0), "array", "S-1")
     assert [interface.bInterfaceNumber for interface in device[0]] == [0, 1, 2, 3]
     assert [interface.bInterfaceNumber for interface in found(emulator)[0]] == [0]
+
+
+def wait_for(emulator: Emulator, product: int) -> usb.core.Device:
+    """Look for a device until it is there, as host software does."""
+    for _ in range(100):
+        device = usb.core.find(backend=EmulatorBackend([emulator]), idProduct=product)
+        if device is not None:
+            return device
+    raise AssertionError(f"product {product} did not come within 100 looks")
+
+
+def test_a_device_goes_to_dfu_mode_and_back(plain: Plain) -> None:
+    """Clauses DFU-002, DFU-014 and DFU-015, with nothing but what a host can do."""
+    emulator, device = plain
+    device.set_configuration()
+    device.ctrl_transfer(0x41, 4, 0, 0, None)  # ENABLE
+    device.ctrl_transfer(0x21, 0, 1000, 3, None)  # DETACH
+    assert bytes(device.ctrl_transfer(0xA1, 5, 0, 3, 1)) == b"\x01"  # appDETACH
+    upgrade = wait_for(emulator, 2)
+    assert fails(errno.ENODEV, partial(device.ctrl_transfer, 0xA1, 5, 0, 3, 1))
+    assert (upgrade.serial_number, upgrade.bcdDevice) == (emulator.serial, device.bcdDevice)
+    upgrade.reset()  # does not count yet
+    upgrade.set_configuration()
+    assert bytes(upgrade.ctrl_transfer(0xA1, 5, 0, 0, 1)) == b"\x02"  # dfuIDLE
+    assert bytes(upgrade.ctrl_transfer(0xA1, 2, 0, 0, 2048))[:4] == b"PWFW"  # UPLOAD
+    assert fails(errno.ENOENT, upgrade.reset)
+    again = wait_for(emulator, 1)
+    again.set_configuration()
+    assert bytes(again.ctrl_transfer(0xC1, 2, 0, 0, 64))[3] == 0  # OFF
+
+
+def test_a_device_that_was_restarted_is_found_again(plain: Plain) -> None:
+    """Clause REQ-013."""
+    emulator, device = plain
+    device.set_configuration()
+    device.ctrl_transfer(0x41, 13, 0, 0, None)
+    assert fails(errno.ENODEV, partial(device.read, 0x81, 512, timeout=1000))
+    wait_for(emulator, 1).set_configuration()
+
+
+def test_a_suspended_device_is_off_and_says_so_when_it_wakes(plain: Plain) -> None:
+    """Clauses USB-020, STA-003 and ACK-006."""
+    emulator, device = plain
+    device.set_configuration()
+    device.ctrl_transfer(0x41, 4, 0, 0, None)
+    emulator.usb.suspend()
+    assert emulator.running.state is State.SUSPENDED
+    emulator.usb.resume()
+    assert Status.decode(bytes(device.read(0x81, 512))).state is State.OFF
+
+
+def test_somebody_types_into_the_console(plain: Plain) -> None:
+    """Clauses CON-002 and USB-023; the console sends no text before DTR."""
+    _, device = plain
+    device.set_configuration()
+    device.write(0x03, b"echo 0\r")
+    assert fails(errno.ETIMEDOUT, partial(device.read, 0x83, 512, timeout=5))
+    device.ctrl_transfer(0x21, 0x22, 1, 1, None)
+    device.write(0x03, b"enable\r")
+    assert bytes(device.read(0x83, 512)) == b"ok\r\n> "
+    assert bytes(device.ctrl_transfer(0xC1, 2, 0, 0, 64))[3] == 1  # READY
 
 
 # URLs
