@@ -342,6 +342,7 @@ class EmulatorBackend(usb.backend.IBackend):
         deadline = dev_handle.deadline(timeout)
         payload, sent, began = bytes(data), 0, dev_handle.attachment.scheduler.now
         while True:
+            dev_handle.check_awake()
             taken, began = device.stream_out(ep, memoryview(payload)[sent:], began, deadline)
             sent += taken
             if taken and sent == len(payload):

@@ -298,6 +298,7 @@ class UsbDevice:
         Parameters
         ----------
         endpoint : int
+            Address of an OUT endpoint.
         data : memoryview
             What the transfer has left.
         began : int
@@ -308,7 +309,7 @@ class UsbDevice:
         Returns
         -------
         taken : int
-            Bytes; each packet as `bulk_out` would have taken it, in its time. None where there is nothing to gain.
+            Bytes; each packet as `bulk_out` would have taken it, in its time. 0 where there is nothing to gain.
         ended : int
             Core cycle at which the last of them had arrived; time may have passed further.
         """

@@ -326,6 +326,9 @@ def test_a_suspended_bus_carries_nothing(plain: Plain) -> None:
     emulator.usb.suspend()
     assert fails(errno.EIO, partial(device.write, 0x01, bytes(512)))
     assert fails(errno.EIO, partial(device.ctrl_transfer, 0x80, 6, 0x0100, 0, 18))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(emulator.usb, "stream_out", lambda endpoint, data, began, deadline: (len(data), began))
+        assert fails(errno.EIO, partial(device.write, 0x01, bytes(5120)))
     emulator.usb.resume()
     assert device.write(0x01, bytes(512)) == 512
 
