@@ -29,7 +29,7 @@ from ..protocol.codes import DescriptorType, StandardRequest
 from ..protocol.descriptors import Configuration, Descriptor, Endpoint, Interface, descriptors
 from ..protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed
 from ..protocol.requests import Setup
-from ..protocol.timing import FIVE_WIRE, LINKS, MICROFRAME_CYCLES, PACKET_CYCLES
+from ..protocol.timing import FIVE_WIRE, FULL_SPEED_PACKET_CYCLES, LINKS, MICROFRAME_CYCLES, PACKET_CYCLES
 from .door import Handshake, Stall
 from .machine import Emulator, plugged
 from .usb_device import UsbDevice
@@ -38,7 +38,6 @@ __all__ = ["EmulatorBackend", "open_backend"]
 
 RESET_CYCLES = CORE_HZ // 20  # 50 ms, USB 2.0, 7.1.7.5
 FRAME_CYCLES = CORE_HZ // 1000
-FULL_SPEED_PACKET_CYCLES = FRAME_CYCLES // 19  # at most 19 packets of 64 bytes in a frame, USB 2.0, 5.8.4
 FOREVER_MS = 10**9  # eleven days: a time-out of 0 is none
 
 LOOK_CYCLES = CORE_HZ // 100

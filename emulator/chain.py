@@ -65,7 +65,7 @@ class Chain:
         self._scheduler = scheduler
         self.processors = processors
         self.link = link
-        self._tracer = tracer
+        self.tracer = tracer
         self.links = Links([link] * PROCESSORS)
         self.folded = True
         self.broken = False
@@ -130,7 +130,7 @@ class Chain:
         nodes = [UNNUMBERED_NODE if processor.number is None else processor.number for processor in self.processors]
         processor, reached = destination(nodes, int.from_bytes(tokens[:2], "big"))
         passage = self.links.down(processor, len(tokens), now, ends=tokens[-1:] == END, reached=reached)
-        self._tracer.passed(message, self.links.spans(Direction.DOWN))
+        self.tracer.passed(message, self.links.spans(Direction.DOWN))
         if passage.leaves is None or passage.leaves > now + STALL_CYCLES:
             self._scheduler.at(now + STALL_CYCLES, self._break)
         if passage.arrives is not None:
@@ -158,7 +158,7 @@ class Chain:
         now = self._scheduler.now
         tokens = self._tampered(Passing(now, place, False, answer.encode()))
         passage = self.links.up(place, len(tokens), now, ends=tokens[-1:] == END)
-        self._tracer.passed(answer, self.links.spans(Direction.UP))
+        self.tracer.passed(answer, self.links.spans(Direction.UP))
         if passage.arrives is not None:
             self._scheduler.at(passage.arrives, lambda: self.hear(tokens))
 

@@ -102,6 +102,7 @@ from .supervisor import Supervisor
 __all__ = ["FEATURES", "QUEUE_BLOCKS", "RECORDS", "Controller", "Identification"]
 
 RECORDS = 256
+QUEUE_BITS, STATE_BITS = 4, 3
 STORES = 16
 """Stores that may wait to go onto the chain before the device answers NAK."""
 FEATURES = ~Feature(0)
@@ -199,6 +200,7 @@ class Controller:
         self._log = log
         self._restart = restart
         self._confirm = confirm
+        self._tracer = chain.tracer
         self._confirmed = False
         self._agenda = Agenda(time, chain.link)
         self._stores = Stores()
@@ -298,6 +300,8 @@ class Controller:
             return
         state, gap = self._state, self._count(block)
         change = self._carry_out(block.body)
+        self._tracer.span(self._now, self._now + SORT_CYCLES, "controller", "sort")
+        self._trace_queue()
         flags, commit_period = (AckFlag.GAP if gap else NO_FLAGS), 0
         if change is not None:
             commit_period = change.period
@@ -428,8 +432,12 @@ class Controller:
         self._scheduler.at(self.time.boundary(change.period), self.settle)
 
     def _send(self, change: Change) -> None:
+        self._trace_queue()
         if any(item is change for item in self._agenda):
             self._chain.send(change)
+
+    def _trace_queue(self) -> None:
+        self._tracer.value(self._now, "controller.queue", QUEUE_BITS, self._agenda.queued(self._now))
 
     def stream(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
         """Accept a stream of updates that arrive back to back over USB, as far as nothing else comes between.
@@ -661,6 +669,7 @@ class Controller:
         if self._state is was:
             return
         self._log(f"{event.name}: {was.name} to {self._state.name}")
+        self._tracer.value(at, "controller.state", STATE_BITS, self._state)
         if was in ENABLED and self._state not in ENABLED:
             self._silence_all()
         if self._state in WATCHED and was not in WATCHED:
@@ -755,6 +764,7 @@ class Controller:
     def unfold(self) -> None:
         """From now on let every message travel: something may go wrong, or somebody looks on."""
         self.settle()
+        self._tracer.value(self._now, "controller.state", STATE_BITS, self._state)
         if not self._chain.folded:
             return
         self._chain.folded = False

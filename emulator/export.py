@@ -12,7 +12,8 @@ from ..protocol.board import BOARDS, CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSOR
 from ..protocol.wiring import Wiring
 from .excerpt import Excerpt, PortBits
 from .sigrok import write_sigrok
-from .vcd import Signal, write_vcd
+from .trace import Signal
+from .vcd import write_vcd
 
 __all__ = ["check_export_path", "chosen_channels", "export"]
 

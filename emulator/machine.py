@@ -135,7 +135,14 @@ class Emulator:
         self.tracer = Tracer()
         self.events: deque[Event] = deque(maxlen=LOG_EVENTS)
         self.open_transducers: frozenset[int] = frozenset()
-        self.usb = UsbDevice(self.scheduler, self.serial, speed=speed, enter_dfu=self._enter_dfu, restart=self.power_up)
+        self.usb = UsbDevice(
+            self.scheduler,
+            self.serial,
+            speed=speed,
+            enter_dfu=self._enter_dfu,
+            restart=self.power_up,
+            tracer=self.tracer,
+        )
         self.controller: Controller | None = None
         self.line: SerialLine | None = None
         self._dfu: DfuMode | None = None
@@ -188,6 +195,7 @@ class Emulator:
             booted.image.version,
             int.from_bytes(_unique_id(f"{self.serial}/{place}"), "little"),
             self._logger(f"board {board} processor {number}"),
+            self.tracer,
         )
 
     def _begin(self, booted: Boot, identities: list[ChainIdentity]) -> None:
@@ -199,6 +207,7 @@ class Emulator:
     def _come_up(self, booted: Boot, identities: list[ChainIdentity], time: Timebase) -> None:
         """Period 0 begins; the device answers from now on (clause TIM-002)."""
         assert self._life is not None
+        self.tracer.origin = time.origin
         for processor in self.processors[: len(identities)]:
             processor.start(time)
         self._bank = booted.bank
@@ -282,6 +291,11 @@ class Emulator:
     def run_until(self, period: int) -> None:
         """Let time pass until a carrier period begins; none passes if it already has."""
         self.scheduler.run_until(self._time.boundary(operator.index(period)))
+
+    def watch(self) -> None:
+        """From now on keep what goes on inside, message by message, in `tracer`."""
+        self.tracer.watching = True
+        self.running.unfold()
 
     def capture(self) -> Capture:
         """Everything that the outputs did since period 0."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ChainError
-from ..protocol.board import CORE_HZ, CYCLES_PER_PERIOD, PROCESSORS, TICKS_PER_PERIOD
+from ..protocol.board import CORE_HZ, CYCLES_PER_PERIOD, PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
 from ..protocol.chain import (
     MEMORIES,
     SLICE_BYTES,
@@ -44,12 +44,14 @@ from .capture import Forced, Track
 from .clock import COUNTER_TICKS, BoardClock, Timebase
 from .reel import Reel
 from .scheduler import Scheduler
+from .trace import Tracer
 
 __all__ = ["AMBIENT_C", "SUPPLY_MV", "TEMPERATURE_LIMIT_C", "Processor"]
 
 AMBIENT_C = 25
 TEMPERATURE_LIMIT_C = 85
 SUPPLY_MV = 15_000
+COUNTER_BITS = 16
 SUPPLY_RANGE_MV = range(12_000, 18_001)
 SYNC_STEP = SYNC_PERIODS * TICKS_PER_PERIOD % COUNTER_TICKS
 """By how much the port's counter advances from one pulse of the sync line to the next (clause CHN-027)."""
@@ -84,6 +86,8 @@ class Processor:
         64 bits, of its package.
     log : callable
         Takes a line about each thing that happens.
+    tracer : Tracer
+        Is told what it does.
     """
 
     def __init__(
@@ -94,6 +98,7 @@ class Processor:
         firmware: tuple[int, int, int],
         unique_id: int,
         log: Callable[[str], None],
+        tracer: Tracer,
     ) -> None:
         self._scheduler = scheduler
         self.place = place
@@ -101,6 +106,8 @@ class Processor:
         self.firmware = firmware
         self._unique_id = unique_id
         self._log = log
+        self._tracer = tracer
+        self._scope = f"board{place // PROCESSORS_PER_BOARD}.processor{place % PROCESSORS_PER_BOARD}"
         self.reel = Reel()
         self.forced: list[Forced] = []
         self.number: int | None = None
@@ -141,6 +148,7 @@ class Processor:
             self._raise(Fault.SYNC, "no pulse on the sync line")
             return
         counter = self.clock.counter(tick)
+        self._signal("counter", counter, COUNTER_BITS)
         early = (counter - self._counter_at_pulse - SYNC_STEP + COUNTER_TICKS // 2) % COUNTER_TICKS - COUNTER_TICKS // 2
         self._counter_at_pulse = counter
         self._late_ticks += early  # the counter has gone further: the pulse came late
@@ -187,6 +195,8 @@ class Processor:
         match message:
             case Slice():
                 self._mailbox = message.packed
+                self._tracer.begin(self._scheduler.now, f"mailbox {self.place}", "mailbox")
+                self._signal("mailbox", 1)
             case Commit():
                 self._commit(message)
             case Load():
@@ -203,6 +213,9 @@ class Processor:
 
     def _commit(self, commit: Commit) -> None:
         packed, self._mailbox = self._mailbox, None
+        now = self._scheduler.now
+        self._tracer.end(now, f"mailbox {self.place}")
+        self._signal("mailbox", 0)
         problem = None
         if packed is None or not commit.guards(packed):
             problem = "the slice in the mailbox is another"
@@ -214,6 +227,9 @@ class Processor:
             self._miss(f"the commit for period {commit.period}: {problem}")
             return
         self._table = waiting = Waiting(commit.period, packed)
+        self._tracer.span(now, now + self.rasterise_cycles, f"processor {self.place}", "rasterise")
+        self._tracer.begin(now + self.rasterise_cycles, f"processor {self.place}", "waits")
+        self._signal("table", 1)
         self._at_boundary(commit.period, lambda: self._turn_table(waiting))
 
     def _program(self, program: Program) -> None:
@@ -222,6 +238,9 @@ class Processor:
             return
         self._programs[program.memory] = program
         self._at_boundary(program.period, lambda: self._turn_program(program))
+
+    def _signal(self, name: str, value: int, width: int = 1) -> None:
+        self._tracer.value(self._scheduler.now, f"{self._scope}.{name}", width, value)
 
     def _miss(self, what: str) -> None:
         self.missed_commits += 1
@@ -243,6 +262,10 @@ class Processor:
     def _turn_table(self, waiting: Waiting) -> None:
         if self._table is waiting:
             self._table = None
+            now = self._scheduler.now
+            self._tracer.end(now, f"processor {self.place}")
+            self._tracer.begin(now, f"port {self.place}", "plays")
+            self._signal("table", 0)
             self.play(np.array([waiting.period]), np.frombuffer(waiting.packed, np.uint8)[None])
 
     def _turn_program(self, program: Program) -> None:

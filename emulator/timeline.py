@@ -8,16 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from ..protocol.board import CORE_HZ, CYCLES_PER_PERIOD
 from ..storage import replacing
+from .trace import Span
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Span", "draw_timeline", "save_timeline"]
+__all__ = ["draw_timeline", "save_timeline"]
 
 CYCLES_PER_MICROSECOND = CORE_HZ // 10**6
 WIDTH_INCHES, LANE_INCHES, FRAME_INCHES = 13.0, 0.17, 1.5
@@ -38,23 +39,6 @@ COLOURS = {
 }
 OTHER_COLOUR = "#999999"
 DARK = {"packet", "slice", "rasterise"}
-
-
-class Span(NamedTuple):
-    """A stretch of time in which something is busy."""
-
-    begins: int
-    """Core cycles since the beginning of period 0."""
-    ends: int
-    lane: str
-    """What is busy. Lanes that differ in a number at their end, such as ``link 3``, are drawn together."""
-    label: str
-    """With what; the first word decides the colour: ``slice 3``."""
-
-    @property
-    def kind(self) -> str:
-        """The first word of the label."""
-        return self.label.split()[0]
 
 
 def draw_timeline(spans: Sequence[Span], title: str = "") -> Figure:

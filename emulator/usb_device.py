@@ -37,6 +37,7 @@ from ..protocol.enumeration import (
 from ..protocol.requests import Setup
 from .door import Handshake, Stall
 from .scheduler import Scheduler
+from .trace import Tracer
 from .usb_functions import (
     ArrayFunction,
     ConsoleFunction,
@@ -91,6 +92,8 @@ class UsbDevice:
         Ends run-time mode and gives what answers in DFU mode; called when the device leaves the bus after DETACH.
     restart : callable
         Boots the device; called when a bus reset ends DFU mode, after the device has left the bus (clause DFU-015).
+    tracer : Tracer
+        Is told when blocks come.
 
     Attributes
     ----------
@@ -119,8 +122,10 @@ class UsbDevice:
         speed: Speed = HIGH_SPEED,
         enter_dfu: Callable[[], FirmwareUpgrade],
         restart: Callable[[], None],
+        tracer: Tracer,
     ) -> None:
         self._scheduler = scheduler
+        self._tracer = tracer
         self._serial = serial
         self.speed = speed
         self._enter_dfu = enter_dfu
@@ -169,7 +174,7 @@ class UsbDevice:
             Of the firmware that runs.
         """
         self.disconnect()
-        array = ArrayFunction(controller, self.speed.bulk_bytes)
+        array = ArrayFunction(self._scheduler, controller, self.speed.bulk_bytes, self._tracer)
         console = ConsoleFunction(line, self.speed.bulk_bytes)
         self._dfu = DfuRunTimeFunction(self._scheduler, controller, partial(self._leave_for_dfu, self._connection))
         self._version = version

@@ -38,9 +38,11 @@ from ..protocol.enumeration import (
 from ..protocol.framing import BAUD
 from ..protocol.layout.usb import LINE_CODING
 from ..protocol.requests import ConsoleRequest, Setup
+from ..protocol.timing import FULL_SPEED_PACKET_CYCLES, PACKET_CYCLES
 from .controller import RECORDS
 from .door import Door, Handshake, Stall
 from .scheduler import Scheduler
+from .trace import Tracer
 
 __all__ = [
     "ArrayFunction",
@@ -193,15 +195,22 @@ class ArrayFunction(Function, Door):
 
     Parameters
     ----------
+    scheduler : Scheduler
+        The clock of the machine.
     controller : UsbController
         Judges the blocks; from now on it notifies this door.
     packet_bytes : int
         Largest packet of both endpoints.
+    tracer : Tracer
+        Is told when packets come.
     """
 
-    def __init__(self, controller: UsbController, packet_bytes: int) -> None:
+    def __init__(self, scheduler: Scheduler, controller: UsbController, packet_bytes: int, tracer: Tracer) -> None:
+        self._scheduler = scheduler
         self._controller = controller
+        self._tracer = tracer
         self._packet_bytes = packet_bytes
+        self._packet_cycles = PACKET_CYCLES if packet_bytes == BLOCK_BYTES else FULL_SPEED_PACKET_CYCLES
         self._part = b""  # of a block that has not ended
         self._records: deque[bytes] = deque()
         self._unasked = b""  # the one of them, if any, that nobody asked for
@@ -271,6 +280,8 @@ class ArrayFunction(Function, Door):
         """Take a packet; with its 512th byte, or a short packet, a block ends (clauses USB-017 and USB-018)."""
         if not self._has_room:
             return Handshake.NAK
+        now = self._scheduler.now
+        self._tracer.span(now - self._packet_cycles, now, "USB", "packet")
         self._part += packet
         ended = len(self._part) == BLOCK_BYTES or len(packet) < self._packet_bytes
         if ended and self._part:

@@ -9,13 +9,11 @@ core cycle 25 times 100 ps. Time 0 is the beginning of period 0.
 
 from __future__ import annotations
 
-import re
-from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO, TypeAlias
+from typing import Any, TextIO, TypeAlias
 
 from vcd import VCDWriter
 from vcd.writer import Variable
@@ -24,43 +22,11 @@ from ..protocol.board import CORE_HZ, CYCLES_PER_TICK, TICK_HZ
 from ..protocol.wiring import Pin
 from ..storage import replacing
 from .excerpt import Excerpt
+from .trace import Signal
 
-__all__ = ["Signal", "write_vcd"]
+__all__ = ["write_vcd"]
 
 Change: TypeAlias = tuple[int, Variable[Any], int]  # time in units, and the new value
-
-UNKNOWN = "x"
-_SIGNAL_NAME = re.compile(r"([A-Za-z_]\w*\.)+[A-Za-z_]\w*", re.ASCII)
-
-
-class Signal(NamedTuple):
-    """Something inside the device that changes with time."""
-
-    name: str
-    """Scopes and name with dots between, such as ``board0.processor1.mailbox``."""
-    width: int
-    """In bits."""
-    changes: Sequence[tuple[int, int]]
-    """Core cycles since the beginning of period 0, ascending, and the value from there on; unknown before the first."""
-
-    def check(self) -> None:
-        """Raise `ValueError` where this is no signal."""
-        if not _SIGNAL_NAME.fullmatch(self.name):
-            raise ValueError(f"{self.name!r} names no signal; scopes and a name, such as controller.state")
-        if self.width < 1:
-            raise ValueError(f"signal {self.name} has {self.width} bits; at least 1")
-        before = None
-        for cycle, value in self.changes:
-            if before is not None and cycle <= before:
-                raise ValueError(f"signal {self.name} changes at cycle {cycle} after {before}; cycles ascend")
-            if not 0 <= value < 2**self.width:
-                raise ValueError(f"signal {self.name} is {value} at cycle {cycle}; it has {self.width} bits")
-            before = cycle
-
-    def value_at(self, cycle: int) -> int | str:
-        """What it is at a core cycle."""
-        behind = bisect_right(self.changes, cycle, key=itemgetter(0))
-        return self.changes[behind - 1][1] if behind else UNKNOWN
 
 
 def write_vcd(path: Path, excerpt: Excerpt, signals: Sequence[Signal] = ()) -> None:

@@ -26,6 +26,7 @@ from .framing import UART_BITS_PER_BYTE, frame_bytes
 
 __all__ = [
     "FIVE_WIRE",
+    "FULL_SPEED_PACKET_CYCLES",
     "HOP_CYCLES",
     "LINKS",
     "MICROFRAME_CYCLES",
@@ -51,6 +52,9 @@ PACKETS_PER_MICROFRAME = 13
 MICROFRAMES_PER_SECOND = 8000
 MICROFRAME_CYCLES = CORE_HZ // MICROFRAMES_PER_SECOND
 PACKET_CYCLES = MICROFRAME_CYCLES // PACKETS_PER_MICROFRAME
+
+# USB 2.0, 5.8.4: at full speed at most 19 bulk packets of 64 bytes fit a frame of 1 ms.
+FULL_SPEED_PACKET_CYCLES = CORE_HZ // 1000 // 19
 
 LEAST_CYCLES_PER_SYMBOL = 2
 MOST_DELAY = 2**11 - 1  # the fields of the links' registers have 11 bits

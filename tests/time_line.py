@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from phasewire.emulator.timeline import Span
+from phasewire.emulator.trace import Span
 from phasewire.protocol.board import CYCLES_PER_PERIOD, PROCESSORS
 from phasewire.protocol.timing import HOP_CYCLES, PACKET_CYCLES, RASTERISE_CYCLES, SORT_CYCLES, Budget, Link
 

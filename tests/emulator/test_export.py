@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from phasewire import Capture, Emulator, Pulses, Wiring, open_device
 from phasewire.emulator.export import check_export_path, chosen_channels, export
-from phasewire.emulator.vcd import Signal
+from phasewire.emulator.trace import Signal
 
 from tests.hand_made import HandMade
 

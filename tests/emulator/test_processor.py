@@ -7,6 +7,7 @@ from phasewire.emulator.clock import BoardClock, Timebase
 from phasewire.emulator.processor import Processor
 from phasewire.emulator.reel import Reel
 from phasewire.emulator.scheduler import Scheduler
+from phasewire.emulator.trace import Tracer
 from phasewire.protocol import Pulses
 from phasewire.protocol.blocks import Entry, pack_entries, pack_pulses
 from phasewire.protocol.chain import Collect, Commit, Load, Number, Program, Report, Slice
@@ -48,7 +49,7 @@ SILENCE = Slice(0, bytes(48))
 
 def processor(offset_ticks: int = 0) -> tuple[Scheduler, Processor]:
     scheduler = Scheduler()
-    made = Processor(scheduler, 0, BoardClock(offset_ticks), (1, 2, 3), 7, lambda _: None)
+    made = Processor(scheduler, 0, BoardClock(offset_ticks), (1, 2, 3), 7, lambda _: None, Tracer())
     made.receive(Number(0).encode())
     made.start(Timebase(0))
     return scheduler, made

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
-from phasewire.emulator.timeline import Span, draw_timeline, save_timeline
+from phasewire.emulator.timeline import draw_timeline, save_timeline
+from phasewire.emulator.trace import Span
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
 
 from tests.time_line import one_update

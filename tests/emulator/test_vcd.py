@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from phasewire import Wiring
 from phasewire.emulator import excerpt as excerpts
 from phasewire.emulator.excerpt import Excerpt
-from phasewire.emulator.vcd import Signal, write_vcd
+from phasewire.emulator.trace import Signal
+from phasewire.emulator.vcd import write_vcd
 from vcd.reader import TokenKind, tokenize
 
 from tests.hand_made import HandMade

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from phasewire.emulator.door import Door, Stall
 from phasewire.emulator.scheduler import Scheduler
+from phasewire.emulator.trace import Tracer
 from phasewire.emulator.usb_device import UsbDevice
 from phasewire.protocol.enumeration import HIGH_SPEED, Speed
 from phasewire.protocol.requests import Setup
@@ -112,7 +113,12 @@ class Bench:
         self.upgrade = Upgrade()
         self.restarts = 0
         self.usb = UsbDevice(
-            self.scheduler, "BENCH-1", speed=speed, enter_dfu=lambda: self.upgrade, restart=self._restart
+            self.scheduler,
+            "BENCH-1",
+            speed=speed,
+            enter_dfu=lambda: self.upgrade,
+            restart=self._restart,
+            tracer=Tracer(),
         )
         self.usb.connect(self.controller, self.line, (1, 2, 3))
 

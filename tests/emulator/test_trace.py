@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from phasewire import Emulator, Pulses
+from phasewire.emulator.backend import EmulatorBackend
+from phasewire.emulator.trace import Span, Tracer
+from phasewire.protocol.codes import Request, State
+from phasewire.protocol.requests import Setup
+from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
+
+from tests.emulator.passing import now, pass_until
+from tests.strategies import update
+from tests.time_line import one_update
+
+BLOCK = update(Pulses(np.full(320, 25), np.full(320, 25)), 1)
+
+
+def watched(link: Link) -> Emulator:
+    emulator = Emulator(link=link)
+    emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
+    emulator.usb.control(Setup(0x41, Request.ENABLE, 0, 0, 0))
+    emulator.watch()
+    return emulator
+
+
+def write(emulator: Emulator) -> None:
+    bus = EmulatorBackend([emulator])
+    bus.bulk_write(bus.open_device(next(bus.enumerate_devices())), 0x01, 0, BLOCK, 1000)
+
+
+@pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE])
+def test_the_way_of_an_update_is_as_the_specification_counts_it(link: Link) -> None:
+    """All spans of chapter BUD and clause CHN-006, to the core cycle, and no others."""
+    emulator = watched(link)
+    pass_until(emulator, 123_456)
+    write(emulator)
+    expected = one_update(link, 123_456)
+    pass_until(emulator, max(span.ends for span in expected))
+    assert emulator.tracer.spans(emulator.scheduler.now) == sorted(expected)
+
+
+def test_signals_tell_of_the_queue_the_state_and_every_mailbox() -> None:
+    emulator = watched(FIVE_WIRE)
+    write(emulator)
+    arrived = now(emulator)
+    emulator.run(4)
+    signals = {signal.name: signal.changes for signal in emulator.tracer.signals()}
+    assert signals["controller.queue"] == ((arrived, 1), (arrived + 6000, 0))
+    assert [value for _, value in signals["controller.state"]] == [State.READY, State.PLAYING]
+    ones = [signals[f"board{board}.processor{number}.mailbox"] for board in range(5) for number in range(2)]
+    assert [[value for _, value in changes] for changes in ones] == [[1, 0]] * 10
+    # The slice for processor 9 is the tenth: 520 tokens of 8 cycles, and ten switches of 40.
+    assert ones[9][0] == (arrived + 6000 + 520 * 8 + 400, 1)
+
+
+def test_the_port_counter_is_seen_to_wrap() -> None:
+    """204 800 ticks from one pulse of the sync line to the next are 8192 modulo 65 536."""
+    emulator = watched(FIVE_WIRE)
+    emulator.run_until(10 * 4096 + 1)
+    signals = {signal.name: signal.changes for signal in emulator.tracer.signals()}
+    assert [value for _, value in signals["board0.processor0.counter"]] == [
+        8192 * pulse % 65_536 for pulse in range(1, 11)
+    ]
+
+
+def test_nothing_is_kept_while_nobody_watches() -> None:
+    emulator = Emulator(unfolded=True)
+    emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
+    emulator.usb.control(Setup(0x41, Request.ENABLE, 0, 0, 0))
+    write(emulator)
+    emulator.run(10)
+    assert (emulator.tracer.spans(0), emulator.tracer.signals()) == ([], [])
+
+
+def test_what_begins_anew_has_ended_and_what_goes_on_is_shown_up_to_now() -> None:
+    tracer = Tracer()
+    tracer.watching, tracer.origin = True, 100
+    tracer.begin(110, "port 0", "plays")
+    tracer.begin(120, "port 0", "plays")
+    assert tracer.spans(150) == [Span(10, 20, "port 0", "plays"), Span(20, 50, "port 0", "plays")]
+    tracer.end(130, "port 0")
+    assert tracer.spans(150) == [Span(10, 20, "port 0", "plays"), Span(20, 30, "port 0", "plays")]
+
+
+def test_of_several_values_in_one_cycle_the_last_counts_and_the_same_again_is_no_change() -> None:
+    tracer = Tracer()
+    tracer.watching = True
+    for cycle, value in ((1, 0), (5, 1), (5, 2), (6, 2), (7, 3), (7, 2)):
+        tracer.value(cycle, "a.b", 2, value)
+    (signal,) = tracer.signals()
+    assert (signal.name, signal.width, signal.changes) == ("a.b", 2, ((1, 0), (5, 2)))
