@@ -71,10 +71,8 @@ class Change:
     folded: bool
     """Whether its way along the chain is taken for granted."""
 
-    @property
-    def is_update(self) -> bool:
-        """Whether it is pulses and nothing else."""
-        return self.packed is not None and not self.programs
+    is_update: bool = False
+    """Whether it is an UPDATE, and no other change."""
 
 
 @dataclass(eq=False)
@@ -160,6 +158,7 @@ class Agenda:
         *,
         folded: bool,
         asked: bool = True,
+        is_update: bool = False,
     ) -> Change:
         """Plan a change behind all others (chapters BLK and BUD).
 
@@ -169,7 +168,7 @@ class Agenda:
             Core cycle from which on it can be sent.
         requested : int
             Period that it names, 0 for as soon as possible.
-        packed, programs, effect, folded
+        packed, programs, effect, folded, is_update
             See `Change`; the period of the programs is set.
         asked : bool
             Whether a host asked for it, so that it takes a place in the queue.
@@ -199,7 +198,7 @@ class Agenda:
             ),
             modulated,
         )
-        change = Change(start, period, packed, programs, effect, self.tail, folded)
+        change = Change(start, period, packed, programs, effect, self.tail, folded, is_update)
         self._changes.append(change)
         if asked:
             self.recent = np.append(self.recent[1:], start)
@@ -260,7 +259,7 @@ class Agenda:
     @property
     def only_updates(self) -> bool:
         """Whether nothing but updates is planned."""
-        return all(isinstance(item, Stream) or (item.is_update and item.effect is not None) for item in self._changes)
+        return all(isinstance(item, Stream) or item.is_update for item in self._changes)
 
     @property
     def first_period(self) -> int:
@@ -291,6 +290,7 @@ class Agenda:
                     item.effect,
                     item.tail_of(index + 1),
                     folded=False,
+                    is_update=True,
                 )
                 for index in range(count, len(item.starts))
             ]

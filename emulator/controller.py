@@ -234,6 +234,8 @@ class Controller:
         self._commits_due = 0
         self._loads: deque[PendingLoad] = deque()
         self._stores_waiting = 0
+        self._load_leaves = time.origin
+        self._disabled_from: int | None = None
         self._pumping = False
         self._lights: dict[int, int] = {}
         self._fed = time.origin
@@ -375,7 +377,9 @@ class Controller:
         match body:
             case Update():
                 self._last_named = body.period or self._last_named
-                return self._plan(body.period, self._sorted(body.pulses), (), self._begin_update, sequences=True)
+                return self._plan(
+                    body.period, self._sorted(body.pulses), (), self._begin_update, sequences=True, is_update=True
+                )
             case Sequence():
                 duration = self._stores.duration(body)
                 start = Program(0, Memory.ENTRIES, 0, body.first, body.count, repeats=body.repeats)
@@ -395,7 +399,10 @@ class Controller:
             case Output():
                 effect = self._disable_as_planned if body.action is Action.DISABLE else self._fall_silent
                 stops = (STOP_MODULATION,) if self._agenda.tail.modulated else ()
-                return self._plan(body.period, SILENCE, stops, effect, sequences=True, modulations=True)
+                change = self._plan(body.period, SILENCE, stops, effect, sequences=True, modulations=True)
+                if body.action is Action.DISABLE and self._disabled_from is None:
+                    self._disabled_from = change.period
+                return change
             case Slot() | Entries() | Samples():
                 self._store(body)
         return None
@@ -413,12 +420,17 @@ class Controller:
         *,
         sequences: bool = False,
         modulations: bool = False,
+        is_update: bool = False,
     ) -> Change:
         """Plan a change, which ends what plays of these sorts."""
         ready = self._now + SORT_CYCLES
-        if programs and self._loads:
+        if self._loads and any(program.count for program in programs):
             ready = max(ready, self._agenda.loads_gone(ready, len(self._loads)))
-        change = self._agenda.add(ready, requested, packed, programs, effect, folded=self._chain.folded)
+        if self._disabled_from is not None:  # what is accepted behind that is dropped by then (clause BLK-018)
+            ready = max(ready, self.time.boundary(self._disabled_from) + 1)
+        change = self._agenda.add(
+            ready, requested, packed, programs, effect, folded=self._chain.folded, is_update=is_update
+        )
         self._stores.end(change.period, sequences=sequences, modulations=modulations)
         self._dispatch(change)
         if requested and requested < change.period:
@@ -615,10 +627,11 @@ class Controller:
             return
         self._loads.popleft()
         self._chain.load(load)
+        self._load_leaves = self._now + self._agenda.load_cycles
         if last:
             self._stores_waiting -= 1
             self._announce_room()
-        self._scheduler.at(self._now + self._agenda.load_cycles, self._pump)
+        self._scheduler.at(self._load_leaves, self._pump)
 
     def _question_time(self) -> int:
         """When a question to a processor can go without holding up a change."""
@@ -684,9 +697,12 @@ class Controller:
         """Silence all outputs as soon as the chain can, and drop what is queued (clause SAF-004)."""
         self._agenda.drop_queued(self._now)
         self._agenda.mute()
+        self._disabled_from = None
         self._runs, self._modulation_plays, self._since_period = None, False, 0
         stops = (STOP_MODULATION,) if self._agenda.tail.modulated else ()
-        change = self._agenda.add(self._now, 0, SILENCE, stops, None, folded=self._chain.folded, asked=False)
+        # A load or a question may just have begun.
+        ready = max(self._now, self._load_leaves) + self._agenda.question_cycles
+        change = self._agenda.add(ready, 0, SILENCE, stops, None, folded=self._chain.folded, asked=False)
         self._stores.end(change.period, sequences=True, modulations=True)
         self._dispatch(change)
         self._log("outputs disabled")

@@ -9,6 +9,7 @@ import hashlib
 import operator
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import count
 from typing import NamedTuple, Self
 
@@ -21,6 +22,7 @@ from ..protocol.board import (
     PROCESSORS_PER_BOARD,
 )
 from ..protocol.chain import Identity as ChainIdentity
+from ..protocol.codes import Fault
 from ..protocol.enumeration import HIGH_SPEED, Speed
 from ..protocol.timing import FIVE_WIRE, Link
 from ..protocol.wiring import Wiring
@@ -34,12 +36,15 @@ from .loader import Boot, Identity, boot, confirm, load_cycles, make_flash
 from .processor import Processor
 from .scheduler import Branch, Scheduler
 from .serial_line import SerialLine
+from .sync import SyncLine
 from .trace import Tracer
 from .usb_device import UsbDevice
 
 __all__ = ["Emulator", "Event", "plugged"]
 
 LOG_EVENTS = 10_000
+SYNC_WAIT_CYCLES = 5 * CORE_HZ
+"""How long a device waits for the first pulse on a line that it listens to (clause CHN-026)."""
 MOST_CYCLES_PER_SYMBOL = 255  # a byte of INFO, clause REQ-002
 
 _plugged: dict[str, Emulator] = {}
@@ -81,8 +86,8 @@ class Emulator:
         With another firmware, or from an earlier time; as it leaves the factory by default.
     unfolded : bool
         Whether every message travels along the chain token by token, even where nothing can go wrong.
-    scheduler : Scheduler, optional
-        The clock, where several devices share one.
+    sync : SyncLine, optional
+        The line of another device, to listen to; its own by default, which it drives.
 
     Attributes
     ----------
@@ -109,7 +114,7 @@ class Emulator:
         serial: str | None = None,
         flash: Flash | None = None,
         unfolded: bool = False,
-        scheduler: Scheduler | None = None,
+        sync: SyncLine | None = None,
     ) -> None:
         if link.cycles_per_symbol > MOST_CYCLES_PER_SYMBOL:
             raise ValueError(
@@ -131,7 +136,10 @@ class Emulator:
         self._link = link
         self._unfolded = unfolded
         self.unplugged = False
-        self.scheduler = Scheduler() if scheduler is None else scheduler
+        self.scheduler = Scheduler()
+        self.sync = SyncLine() if sync is None else sync
+        """The sync line that this device drives, or listens to."""
+        self._drives_sync = sync is None
         self.tracer = Tracer()
         self.events: deque[Event] = deque(maxlen=LOG_EVENTS)
         self.open_transducers: frozenset[int] = frozenset()
@@ -156,13 +164,20 @@ class Emulator:
 
     def power_up(self) -> None:
         """Begin as at power-up: nothing is known, all outputs are low (clauses SAF-001 and REQ-013)."""
-        self.power_down()
+        self._stop()
         self._life = Branch(self.scheduler)
         self.flash.power_up(self.scheduler)
         self._life.at(max(self.flash.busy_until, self.scheduler.now), self._boot)
 
     def power_down(self) -> None:
         """Lose power at once, whatever goes on; a write to the flash stays half done."""
+        self._stop()
+        self.flash.cut_power()
+
+    def _stop(self) -> None:
+        """End all that goes on but in the flash."""
+        if self._drives_sync:
+            self.sync.fail(self.scheduler.now)
         if self.controller is not None:
             self.past.append(self.capture())
         if self._life is not None:
@@ -201,8 +216,26 @@ class Emulator:
     def _begin(self, booted: Boot, identities: list[ChainIdentity]) -> None:
         """The chain has been numbered: period 0 begins with the next tick."""
         assert self._life is not None
-        origin = -(-self.scheduler.now // CYCLES_PER_TICK) * CYCLES_PER_TICK
-        self._life.at(origin, lambda: self._come_up(booted, identities, Timebase(origin)))
+        origin, faults = -(-self.scheduler.now // CYCLES_PER_TICK) * CYCLES_PER_TICK, booted.faults
+        if self._drives_sync:
+            self.sync.drive(origin)
+        elif (pulse := self.sync.next_pulse(origin)) is not None:
+            origin = pulse
+            self.sync.listen(self._lose_sync)
+        else:
+            origin, faults = origin + SYNC_WAIT_CYCLES, faults | Fault.SYNC
+        come_up = partial(self._come_up, booted._replace(faults=faults), identities, Timebase(origin))
+        self._life.at(origin, come_up)
+
+    def _lose_sync(self, cycle: int) -> None:
+        """The device that drives the sync line begins anew."""
+        if self._life is not None:
+            self._life.at(max(cycle, self.scheduler.now), self._miss_pulses)
+
+    def _miss_pulses(self) -> None:
+        if self.controller is not None:
+            self.controller.unfold()
+            self.controller.supervisor.sync_connected = False
 
     def _come_up(self, booted: Boot, identities: list[ChainIdentity], time: Timebase) -> None:
         """Period 0 begins; the device answers from now on (clause TIM-002)."""
