@@ -1,13 +1,13 @@
 """Programs that use USB meet emulated devices, on a Linux machine without USB and for a user without rights.
 
-A `MockUsb` is a directory that stands for /sys and /dev, and sockets that stand for usbfs. Debian's package umockdev has
-a library which, preloaded into a program, leads file names, ioctls and uevents there, so that lsusb, dfu-util, libusb
-and what stands on it run unchanged. The devices' time keeps up with the wall clock while they do.
+A `MockUsb` is a directory that stands for /sys and /dev, and sockets that stand for usbfs. Debian's package umockdev
+has a library which, preloaded into a program, leads file names, ioctls and uevents there, so that lsusb, dfu-util,
+libusb and what stands on it run unchanged. The devices' time keeps up with the wall clock while they do.
 
-The preloaded library is spoken to directly, in its own protocol (libumockdev-preload.c, the same since version 0.16): an
-ioctl comes as three unsigned longs on the socket of its device's node, and until it is answered the program's memory can
-be read and written through that socket. There is no serial line for the console's interfaces: it would be the work of a
-driver in a kernel.
+The preloaded library is spoken to directly, in its own protocol (libumockdev-preload.c, the same since version 0.16):
+an ioctl comes as three unsigned longs on the socket of its device's node, and until it is answered the program's memory
+can be read and written through that socket. What a kernel's drivers would add is missing: the console's interfaces
+become no serial line.
 """
 
 from __future__ import annotations
@@ -24,14 +24,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from fcntl import F_SETPIPE_SZ, fcntl
 from functools import partial
-from itertools import cycle
+from itertools import count, cycle
 from pathlib import Path
 from time import monotonic_ns
 from typing import IO, Protocol, Self
 
-from ..errors import DeviceNotFoundError
+from ..errors import DeviceNotFoundError, ReplyError
 from ..protocol.board import CORE_HZ
 from ..protocol.timing import MICROFRAME_CYCLES
+from .door import Stall
 from .scheduler import Scheduler
 from .sysfs import BUS, device_files, device_properties, interface_files, interface_properties, node_name
 from .usb_bus import Peripheral
@@ -42,10 +43,14 @@ __all__ = ["Machine", "MockUsb", "run_under_mock"]
 WRAPPER = "umockdev-wrapper"
 BUS_LINKS = "sys/bus/usb/devices"
 SOCKETS = "ioctl/dev"
+CHOICE = "bConfigurationValue"  # the one file of sysfs that changes
 HUB = "devices/platform/phasewire/usb1"
 ADDRESSES = range(2, 128)  # the bus's own hub would have 1
+
 LONGEST_WAIT_CYCLES = CORE_HZ // 100
-MANNERS_S = 10.0  # a program that waits for its ioctl gives and takes memory at once, unless somebody has stopped it
+LONGEST_STEP_CYCLES = CORE_HZ // 20  # what a machine that is slower than the clock, or was stopped, makes good at once
+ANSWER_S = 10.0  # a program that waits for its ioctl gives its memory at once, unless somebody has stopped it
+LISTEN_S = 0.1  # then a uevent is lost, as where the kernel's buffer is full
 
 _MESSAGE = struct.Struct("@LLL")  # what it is about, and two arguments
 _IOCTL, _DONE, _READ_MEMORY, _WRITE_MEMORY = 1, 3, 5, 6
@@ -127,6 +132,7 @@ class MockUsb:
 
     def __init__(self, machines: Iterable[Machine]) -> None:
         self._addresses = cycle(ADDRESSES)
+        self._sequence = count(1)
         self._selector = selectors.DefaultSelector()
         self._directory = tempfile.TemporaryDirectory(prefix="phasewire-")
         self.root = Path(self._directory.name)
@@ -151,12 +157,14 @@ class MockUsb:
 
     def serve(self, pid: int) -> None:
         """Let the devices' time keep up with the wall clock until a child process has ended."""
-        began = monotonic_ns()
+        before = monotonic_ns()
         with os.fdopen(os.pidfd_open(pid)) as child:
             self.watch(child, lambda: None)  # so that its end ends the waiting
             while os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
-                elapsed = (monotonic_ns() - began) * CORE_HZ // 10**9
+                now = monotonic_ns()
+                elapsed = (now - before) * CORE_HZ // 10**9
                 wait = min((port.run(elapsed) for port in self._ports), default=LONGEST_WAIT_CYCLES)
+                before = now
                 for key, _ in self._selector.select(wait / CORE_HZ):
                     key.data()
             self.forget(child)
@@ -178,9 +186,11 @@ class MockUsb:
         """Tell all programs that listen of what came or went, in the kernel's words (a uevent)."""
         lines = [f"{action}@/{path}", f"ACTION={action}", f"DEVPATH=/{path}", "SUBSYSTEM=usb"]
         lines += [f"{name}={value}" for name, value in properties.items()]
+        lines += [f"SEQNUM={next(self._sequence)}"]
         message = "".join(f"{line}\0" for line in lines).encode()
         for listener in self.root.glob("event*"):
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender, suppress(ConnectionRefusedError):
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender, suppress(OSError):  # it listens no more
+                sender.settimeout(LISTEN_S)
                 sender.sendto(message, str(listener))
 
 
@@ -191,9 +201,10 @@ class _Port:
         self._bed = bed
         self._number = number
         self._machine = machine
-        self._began = machine.scheduler.now
-        self._nodes: list[_Node] = []  # the last one is that of the device that is attached, if one is
-        self._shown: _Node | None = None
+        self._due = machine.scheduler.now
+        self._met: int | None = None  # which of the device's attachments was seen last
+        self._nodes: list[_Node] = []
+        self._shown: _Node | None = None  # of the nodes, that of the device as it is attached now
         self.run(0)
 
     @property
@@ -201,18 +212,20 @@ class _Port:
         """The address of the device on the bus."""
         return self._shown.device.address if self._shown else None
 
-    def run(self, elapsed: int) -> int:
-        """Let time pass until so many cycles after the beginning; for how many there is nothing to do from then on."""
-        scheduler, now = self._machine.scheduler, self._began + elapsed
+    def run(self, cycles: int) -> int:
+        """Let time pass; in how many cycles there will be something to do."""
+        self._due += min(cycles, LONGEST_STEP_CYCLES)
+        scheduler, usb = self._machine.scheduler, self._machine.usb
         if self._shown:
-            self._shown.device.run_until(now)
+            self._shown.device.run_until(self._due)
             if not self._shown.device.present:
                 self._remove()
-        scheduler.run_until(max(now, scheduler.now))
-        if self._shown is None and self._machine.usb.attached:
+        scheduler.run_until(max(self._due, scheduler.now))
+        if self._shown is None and usb.attached and usb.generation != self._met:
+            self._met = usb.generation
             self._add()
         upcoming = self._shown.device.next_time() if self._shown else scheduler.next_time()
-        wait = LONGEST_WAIT_CYCLES if upcoming is None else upcoming - now
+        wait = LONGEST_WAIT_CYCLES if upcoming is None else upcoming - self._due
         return min(max(wait, MICROFRAME_CYCLES), LONGEST_WAIT_CYCLES)
 
     def close(self) -> None:
@@ -222,7 +235,10 @@ class _Port:
             node.close()
 
     def _add(self) -> None:
-        device = KernelDevice(self._machine.usb, self._machine.scheduler, self._bed.new_address())
+        try:
+            device = KernelDevice(self._machine.usb, self._machine.scheduler, self._bed.new_address())
+        except (Stall, ReplyError):
+            return  # a kernel gives up, too
         self._shown = _Node(self._bed, self._number, device)
         self._nodes.append(self._shown)
 
@@ -238,6 +254,7 @@ class _Node:
     def __init__(self, bed: MockUsb, port: int, device: KernelDevice) -> None:
         self.device = device
         self._bed = bed
+        self._port = port
         self._programs: set[_Program] = set()
         self._poll_file = _PollFile(bed.root / "dev" / node_name(device))
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -251,8 +268,9 @@ class _Node:
                 name = f"{BUS}-{port}:{device.head.bConfigurationValue}.{interface.bInterfaceNumber}"
                 about = interface_properties(device, interface), interface_files(device, interface)
                 self._folders[f"{path}/{name}"] = about
+        device.on_choice = self._show_choice
         for path, (properties, files) in self._folders.items():
-            self._describe(path, files)
+            self._make_folder(path, files)
             bed.announce("add", path, properties)
 
     def remove(self) -> None:
@@ -273,8 +291,8 @@ class _Node:
             self._leave(program)
         self._poll_file.close()
 
-    def _describe(self, path: str, files: Mapping[str, bytes]) -> None:
-        """Make a directory of sysfs."""
+    def _make_folder(self, path: str, files: Mapping[str, bytes]) -> None:
+        """Make a directory of sysfs, and the link by which it is found."""
         folder, link = self._bed.root / "sys" / path, self._bed.root / BUS_LINKS / Path(path).name
         folder.mkdir(parents=True)
         for name, content in files.items():
@@ -302,6 +320,13 @@ class _Node:
         program.connection.close()
         program.file.close()
         self._show()
+
+    def _show_choice(self) -> None:
+        """Another configuration has been chosen, or none."""
+        file = self._bed.root / BUS_LINKS / f"{BUS}-{self._port}" / CHOICE
+        new = file.with_suffix(".new")
+        new.write_bytes(device_files(self.device, self._port)[CHOICE])
+        new.replace(file)  # at once, for a program may be reading it
 
     def _show(self) -> None:
         self._poll_file.show(any(program.file.writable for program in self._programs))
@@ -334,7 +359,7 @@ class _Program:
     """A program that has a node open: what it asks, and its memory while it waits for the answer."""
 
     def __init__(self, connection: socket.socket, file: UsbFile) -> None:
-        connection.settimeout(MANNERS_S)
+        connection.settimeout(ANSWER_S)
         self.connection = connection
         self.file = file
 

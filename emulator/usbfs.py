@@ -167,6 +167,7 @@ _ENDPOINT_HALT = 0
 _DEVICE_BYTES, _HEAD_BYTES, _STRING_BYTES = 18, 9, 255  # lengths of descriptors; no string is longer
 _NO_SETUP = Setup(0, 0, 0, 0, 0)
 
+_NO_CONFIGURATION = 2**32 - 1  # -1, for devices whose configuration has the value 0
 _USBFS = b"usbfs"  # the name by which the kernel knows this driver
 _DISCONNECT_CLAIM_IF_DRIVER = 0x01
 _SPEED_FULL, _SPEED_HIGH = 2, 3  # enum usb_device_speed, <linux/usb/ch9.h>
@@ -246,6 +247,8 @@ class KernelDevice:
         The strings that device and interfaces name.
     chosen : int
         Value of the configuration that was chosen, 0 for none; at first that of the first one.
+    on_choice : callable
+        Called whenever `chosen` may have changed.
 
     Raises
     ------
@@ -257,6 +260,7 @@ class KernelDevice:
         self.scheduler = scheduler
         self.address = address
         self.claims: dict[int, UsbFile] = {}
+        self.on_choice: Callable[[], None] = lambda: None
         self._device = device
         self._generation = device.generation
         self._files: list[UsbFile] = []
@@ -318,6 +322,7 @@ class KernelDevice:
         """Choose a configuration; raises `Stall`."""
         self._set(StandardRequest.SET_CONFIGURATION, value=value)
         self.chosen = value
+        self.on_choice()
 
     def set_interface(self, interface: int, setting: int) -> None:
         """Choose a setting of an interface; raises `Stall`."""
@@ -556,7 +561,8 @@ class UsbFile:
     # The device
 
     def _set_configuration(self, call: _Call) -> int:
-        value = call.number()
+        number = call.number()
+        value = 0 if number == _NO_CONFIGURATION else number
         if self._device.claims:
             raise _Refused(errno.EBUSY)
         if value not in (0, self._device.head.bConfigurationValue):

@@ -1,0 +1,203 @@
+"""Real programs against the emulated device: what they print, and that they complain of nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from phasewire import Emulator
+from phasewire.emulator.door import Stall
+from phasewire.emulator.umockdev import MockUsb, run_under_mock
+from phasewire.errors import DeviceNotFoundError
+
+from tests.emulator.usb_machines import Machine
+
+SECOND = 400_000_000  # core cycles
+
+
+def needs(*programs: str) -> pytest.MarkDecorator:
+    missing = [program for program in ("umockdev-wrapper", *programs) if not shutil.which(program)]
+    return pytest.mark.skipif(bool(missing), reason=f"not installed: {', '.join(missing)}")
+
+
+def raising(error: Exception) -> Callable[..., Any]:
+    def call(*_: object) -> Any:
+        raise error
+
+    return call
+
+
+class Result(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+class Runner:
+    """Runs a command for 30 seconds at most."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __call__(self, *command: str, machines: list[Machine] | None = None) -> Result:
+        out, err = self._folder / "out", self._folder / "err"
+        bounded = ["timeout", "--signal=KILL", "30", *command]
+        with out.open("wb") as stdout, err.open("wb") as stderr:
+            code = run_under_mock(bounded, machines or [Machine()], stdout=stdout, stderr=stderr)
+        return Result(code, out.read_text(), err.read_text())
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Runner:
+    return Runner(tmp_path)
+
+
+@needs("lsusb")
+def test_lsusb_reads_every_descriptor_and_finds_no_fault(run: Runner) -> None:
+    code, out, err = run("lsusb", "-v", machines=[Machine(Emulator(serial="LS-1"))])
+    assert (code, err) == (0, "")
+    assert not re.search("warning|unknown|unrecognized|invalid|junk|error|can.t|truncated", out, re.IGNORECASE)
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    assert lines[1].startswith("Bus 001 Device 002: ID 1209:0001 phasewire phasewire five-board array (emulated)")
+    expected = """
+        bcdUSB 2.01 | bDeviceClass 239 | idVendor 0x1209 | idProduct 0x0001 | iManufacturer 1 phasewire | iSerial 3 LS-1
+        wTotalLength 0x0074 | bNumInterfaces 4 | bmAttributes 0xc0 | Self Powered | MaxPower 100mA
+        bInterfaceClass 255 | bInterfaceSubClass 80 | bInterfaceProtocol 1 | iInterface 4 phasewire array
+        bEndpointAddress 0x01 EP 1 OUT | bEndpointAddress 0x81 EP 1 IN | wMaxPacketSize 0x0200 1x 512 bytes
+        Interface Association: | bFirstInterface 1 | bInterfaceCount 2 | iFunction 5 phasewire console
+        bcdCDC 1.20 | line coding and serial state | bMasterInterface 1 | bSlaveInterface 2
+        bEndpointAddress 0x82 EP 2 IN | wMaxPacketSize 0x0010 1x 16 bytes | bInterval 9
+        bEndpointAddress 0x03 EP 3 OUT | bEndpointAddress 0x83 EP 3 IN | iInterface 6 phasewire firmware update
+        Will Detach | Manifestation Tolerant | Upload Supported | Download Supported
+        wDetachTimeout 1000 milliseconds | wTransferSize 2048 bytes | bcdDFUVersion 1.10
+        Binary Object Store Descriptor: | PlatformCapabilityUUID {d8dd60df-4589-4cc7-9cd2-659d9e648a9f}
+        Device Status: 0x0001
+    """
+    rest = iter(lines)
+    for line in re.split(r"\s*[|\n]\s*", expected.strip()):
+        assert line in rest, f"{line!r} does not come, or not in its place"
+
+
+@needs("dfu-util")
+def test_dfu_util_lists_every_device(run: Runner) -> None:
+    two = [Machine(Emulator(serial="DFU-1")), Machine(Emulator(serial="DFU-2"))]
+    code, out, err = run("dfu-util", "--list", machines=two)
+    assert (code, err) == (0, "")
+    assert [line for line in out.splitlines() if line.startswith("Found")] == [
+        f'Found Runtime: [1209:0001] ver=0010, devnum={port + 1}, cfg=1, intf=3, path="1-{port}", alt=0, '
+        f'name="phasewire firmware update", serial="DFU-{port}"'
+        for port in (1, 2)
+    ]
+
+
+@needs()
+def test_the_host_driver_plays_a_field_through_libusb(run: Runner) -> None:
+    script = """
+import phasewire
+with phasewire.open_device("usb:REAL-2") as device:
+    ack = device.show(phasewire.Pulses([10] * 320, [25] * 320))
+    print(device.name, ack.commit_period, device.status().accepted)
+"""
+    emulators = [Emulator(serial="REAL-1"), Emulator(serial="REAL-2")]
+    code, out, err = run(sys.executable, "-c", script, machines=[Machine(emulator) for emulator in emulators])
+    assert (code, err) == (0, "")
+    *_, serial, period, accepted = out.split()
+    assert (serial, accepted) == ("REAL-2", "1")
+    idle, played = (emulator.capture() for emulator in emulators)
+    assert abs(played.drive(int(period))).min() == pytest.approx(1, abs=1e-6)
+    assert abs(idle.drive(int(period))).max() == 0
+
+
+@needs()
+def test_the_command_line_names_the_device(run: Runner) -> None:
+    code, out, _ = run(sys.executable, "-m", "phasewire", "info", "--device", "usb:", "--json", "-")
+    assert code == 0
+    assert json.loads(out)["device"].startswith("phasewire five-board array (emulated) EMU-")
+
+
+UNPLUGGED = """
+import time, usb.core, usb.backend.libusb1
+backend = usb.backend.libusb1.get_backend()
+device = usb.core.find(backend=backend, idVendor=0x1209)
+print(device.address, flush=True)
+for attempt in (lambda: device.read(0x81, 512, timeout=10_000), lambda: device.ctrl_transfer(0xC1, 1, 0, 0, 64)):
+    try:
+        attempt()
+    except usb.core.USBError as error:
+        print(error.errno)
+end = time.monotonic() + 10
+while time.monotonic() < end:
+    found = usb.core.find(backend=backend, idVendor=0x1209)
+    if found is not None and found.address != device.address:
+        print(found.address, found.serial_number)
+        break
+    time.sleep(0.01)
+"""
+
+
+@needs()
+def test_a_device_is_unplugged_and_plugged_in_again(run: Runner) -> None:
+    machine = Machine(Emulator(serial="AGAIN"))
+    machine.scheduler.at(1 * SECOND, machine.usb.unplug)
+    machine.scheduler.at(1 * SECOND + SECOND // 4, machine.usb.plug)
+    code, out, err = run(sys.executable, "-c", UNPLUGGED, machines=[machine])
+    assert (code, err) == (0, "")
+    assert out.split() == ["2", "19", "19", "3", "AGAIN"]  # 19 is ENODEV
+
+
+@needs("lsusb")
+def test_a_device_that_cannot_be_enumerated_is_not_there(run: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
+    mute, other = Machine(), Machine()
+    monkeypatch.setattr(mute.usb, "control", raising(Stall("it says nothing")))
+    code, out, _ = run("lsusb", machines=[mute, other])
+    assert (code, len(out.splitlines())) == (0, 1)
+    code, out, _ = run("lsusb", machines=[mute])
+    assert (code, out) == (1, "")  # as lsusb ends where there is no device
+
+
+@needs()
+def test_the_configuration_is_shown(run: Runner) -> None:
+    script = """
+import pathlib, usb.core, usb.backend.libusb1
+device = usb.core.find(backend=usb.backend.libusb1.get_backend())
+for value in (0, 1):
+    device.set_configuration(value)
+    print(repr(pathlib.Path("/sys/bus/usb/devices/1-1/bConfigurationValue").read_text()))
+"""
+    code, out, err = run(sys.executable, "-c", script)
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [r"'\n'", r"'1\n'"]
+
+
+@needs()
+@pytest.mark.parametrize(("script", "code"), [("exit 3", 3), ("kill -KILL $$", 128 + signal.SIGKILL)])
+def test_the_program_s_exit_code_is_handed_on(run: Runner, script: str, code: int) -> None:
+    assert run_under_mock(["sh", "-c", script], [Machine()]) == code
+
+
+@needs()
+def test_the_device_s_time_is_the_wall_clock_s(run: Runner) -> None:
+    machine = Machine()
+    run("sleep", "0.5", machines=[machine])
+    assert 0.4 < machine.scheduler.now / SECOND < 1.5
+
+
+def test_without_umockdev_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(DeviceNotFoundError, match="apt-get install umockdev"):
+        run_under_mock(["true"], [])
+
+
+def test_addresses_are_given_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the kernel does: 127 is followed by the lowest, and what a device has is left out."""
+    machines = [Machine() for _ in range(2)]
+    with MockUsb(machines) as bed:
+        assert sorted(path.name for path in (bed.root / "dev/bus/usb/001").iterdir()) == ["002", "003"]
+        assert [bed.new_address() for _ in range(126)] == [*range(4, 128), 4, 5]
