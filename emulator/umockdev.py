@@ -48,7 +48,7 @@ HUB = "devices/platform/phasewire/usb1"
 ADDRESSES = range(2, 128)  # the bus's own hub would have 1
 
 LONGEST_WAIT_CYCLES = CORE_HZ // 100
-LONGEST_STEP_CYCLES = CORE_HZ // 20  # what a machine that is slower than the clock, or was stopped, makes good at once
+LONGEST_STEP_CYCLES = CORE_HZ // 4  # what a machine that is slower than the clock, or was stopped, makes good of
 ANSWER_S = 10.0  # a program that waits for its ioctl gives its memory at once, unless somebody has stopped it
 LISTEN_S = 0.1  # then a uevent is lost, as where the kernel's buffer is full
 
@@ -161,11 +161,13 @@ class MockUsb:
         with os.fdopen(os.pidfd_open(pid)) as child:
             self.watch(child, lambda: None)  # so that its end ends the waiting
             while os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+                self._selector.select(min((port.rest() for port in self._ports), default=LONGEST_WAIT_CYCLES / CORE_HZ))
                 now = monotonic_ns()
-                elapsed = (now - before) * CORE_HZ // 10**9
-                wait = min((port.run(elapsed) for port in self._ports), default=LONGEST_WAIT_CYCLES)
+                for port in self._ports:
+                    port.run((now - before) * CORE_HZ // 10**9)
                 before = now
-                for key, _ in self._selector.select(wait / CORE_HZ):
+                # What programs ask now, they ask at this time: a device that told one to come back later may mind.
+                for key, _ in self._selector.select(0):
                     key.data()
             self.forget(child)
 
@@ -212,8 +214,14 @@ class _Port:
         """The address of the device on the bus."""
         return self._shown.device.address if self._shown else None
 
-    def run(self, cycles: int) -> int:
-        """Let time pass; in how many cycles there will be something to do."""
+    def rest(self) -> float:
+        """For how long there is nothing to do, in seconds, if nobody asks."""
+        upcoming = self._shown.device.next_time() if self._shown else self._machine.scheduler.next_time()
+        wait = LONGEST_WAIT_CYCLES if upcoming is None else upcoming - self._due
+        return min(max(wait, MICROFRAME_CYCLES), LONGEST_WAIT_CYCLES) / CORE_HZ
+
+    def run(self, cycles: int) -> None:
+        """Let time pass."""
         self._due += min(cycles, LONGEST_STEP_CYCLES)
         scheduler, usb = self._machine.scheduler, self._machine.usb
         if self._shown:
@@ -224,9 +232,6 @@ class _Port:
         if self._shown is None and usb.attached and usb.generation != self._met:
             self._met = usb.generation
             self._add()
-        upcoming = self._shown.device.next_time() if self._shown else scheduler.next_time()
-        wait = LONGEST_WAIT_CYCLES if upcoming is None else upcoming - self._due
-        return min(max(wait, MICROFRAME_CYCLES), LONGEST_WAIT_CYCLES)
 
     def close(self) -> None:
         """Take everything away, also from programs that still run."""
