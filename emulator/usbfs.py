@@ -253,7 +253,9 @@ class KernelDevice:
     Raises
     ------
     Stall
-        Where the device does not know a request that enumeration needs.
+        Where the device does not know a request that enumeration needs, or goes meanwhile.
+    ReplyError
+        Where what it says of itself makes no sense.
     """
 
     def __init__(self, device: Peripheral, scheduler: Scheduler, address: int) -> None:
@@ -308,9 +310,9 @@ class KernelDevice:
         while self.present:
             turn = self.bus.next_time(self.scheduler.next_time())
             if turn is None or turn > time:
-                self.scheduler.run_until(time)
+                self._pass(time - self.scheduler.now)
                 return
-            self.scheduler.run_until(turn)
+            self._pass(turn - self.scheduler.now)
             self.bus.run()
 
     def disconnect(self) -> None:
@@ -354,7 +356,7 @@ class KernelDevice:
 
     def _reset(self) -> None:
         """Reset the bus and give the device its address."""
-        self.scheduler.run_until(self.scheduler.now + RESET_CYCLES)
+        self._pass(RESET_CYCLES)
         self._device.reset()
         if self.present:
             self._set(StandardRequest.SET_ADDRESS, value=self.address)
@@ -370,8 +372,14 @@ class KernelDevice:
 
     def _request(self, setup: Setup) -> bytes:
         """Make a request of the kernel's own."""
-        self.scheduler.run_until(self.scheduler.now + MICROFRAME_CYCLES)
+        self._pass(MICROFRAME_CYCLES)
+        if not self.present:
+            raise Stall("the device has gone")
         return self._device.control(setup)
+
+    def _pass(self, cycles: int) -> None:
+        """Let time pass, if any is left."""
+        self.scheduler.run_until(self.scheduler.now + max(0, cycles))
 
 
 class UsbFile:

@@ -8,7 +8,7 @@ from functools import partial
 
 import pytest
 from phasewire import Emulator
-from phasewire.emulator.door import Handshake
+from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.usbfs import KernelDevice, Request
 from phasewire.protocol.enumeration import FULL_SPEED
 
@@ -453,4 +453,12 @@ def test_time_passes_without_transfers(machine: Machine, device: KernelDevice) -
     assert device.next_time() == before + 2 * MS
     device.run_until(before + 3 * MS)
     assert seen == [1]
-    assert device.next_time() is None
+    assert device.next_time() == machine.scheduler.next_time()
+    device.run_until(before)  # which has been
+    assert machine.scheduler.now == before + 3 * MS
+
+
+def test_a_device_that_goes_while_it_is_enumerated(machine: Machine) -> None:
+    machine.scheduler.at(51 * MS, machine.usb.unplug)
+    with pytest.raises(Stall, match="the device has gone"):
+        KernelDevice(machine.usb, machine.scheduler, address=2)
