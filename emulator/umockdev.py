@@ -261,7 +261,7 @@ class _Node:
         self._bed = bed
         self._port = port
         self._programs: set[_Program] = set()
-        self._poll_file = _PollFile(bed.root / "dev" / node_name(device))
+        self._poll_file = PollFile(bed.root / "dev" / node_name(device))
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.bind(str(bed.root / SOCKETS / node_name(device)))
         self._socket.listen()
@@ -337,7 +337,7 @@ class _Node:
         self._poll_file.show(any(program.file.writable for program in self._programs))
 
 
-class _PollFile:
+class PollFile:
     """The file that stands for a device's node. All that is told by it is POLLOUT: it is a pipe, full or not."""
 
     def __init__(self, path: Path) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import select
 import shutil
 import signal
 import sys
@@ -14,7 +16,7 @@ from typing import Any, NamedTuple
 import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Stall
-from phasewire.emulator.umockdev import MockUsb, run_under_mock
+from phasewire.emulator.umockdev import MockUsb, PollFile, run_under_mock
 from phasewire.errors import DeviceNotFoundError
 
 from tests.emulator.usb_machines import Machine
@@ -154,10 +156,11 @@ def test_a_device_is_unplugged_and_plugged_in_again(run: Runner) -> None:
 
 @needs("lsusb")
 def test_a_device_that_cannot_be_enumerated_is_not_there(run: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
-    mute, other = Machine(), Machine()
+    mute, other, resets = Machine(), Machine(), []
+    monkeypatch.setattr(mute.usb, "reset", lambda: resets.append(mute.scheduler.now))
     monkeypatch.setattr(mute.usb, "control", raising(Stall("it says nothing")))
     code, out, _ = run("lsusb", machines=[mute, other])
-    assert (code, len(out.splitlines())) == (0, 1)
+    assert (code, len(out.splitlines()), len(resets)) == (0, 1, 1)
     code, out, _ = run("lsusb", machines=[mute])
     assert (code, out) == (1, "")  # as lsusb ends where there is no device
 
@@ -187,6 +190,18 @@ def test_the_device_s_time_is_the_wall_clock_s(run: Runner) -> None:
     machine = Machine()
     run("sleep", "0.5", machines=[machine])
     assert 0.4 < machine.scheduler.now / SECOND < 1.5
+
+
+def test_a_node_tells_of_pollout_only(tmp_path: Path) -> None:
+    file = PollFile(tmp_path / "002")
+    program = os.open(tmp_path / "002", os.O_RDWR)
+    poll = select.poll()
+    poll.register(program, select.POLLIN | select.POLLOUT)
+    for writable in (False, True, True, False, False, True):
+        file.show(writable)
+        assert bool(dict(poll.poll(0)).get(program, 0) & select.POLLOUT) is writable
+    os.close(program)
+    file.close()
 
 
 def test_without_umockdev_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
