@@ -313,7 +313,8 @@ class KernelDevice:
                 self._pass(time - self.scheduler.now)
                 return
             self._pass(turn - self.scheduler.now)
-            self.bus.run()
+            if self.present:
+                self.bus.run()
 
     def disconnect(self) -> None:
         """The device has gone: end what waits."""

@@ -6,12 +6,10 @@ from phasewire.emulator.sysfs import device_files, device_properties, interface_
 from phasewire.emulator.usbfs import KernelDevice
 from phasewire.protocol.enumeration import FULL_SPEED
 
-from tests.emulator.usb_machines import Machine
-
 
 @pytest.fixture
 def device() -> KernelDevice:
-    machine = Machine(Emulator(serial="S-1"))
+    machine = Emulator(serial="S-1")
     return KernelDevice(machine.usb, machine.scheduler, address=11)
 
 

@@ -9,17 +9,16 @@ import select
 import shutil
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from phasewire import Emulator
+from phasewire.emulator import umockdev
 from phasewire.emulator.door import Stall
 from phasewire.emulator.umockdev import MockUsb, PollFile, run_under_mock
 from phasewire.errors import DeviceNotFoundError
-
-from tests.emulator.usb_machines import Machine
 
 SECOND = 400_000_000  # core cycles
 
@@ -48,11 +47,11 @@ class Runner:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def __call__(self, *command: str, machines: list[Machine] | None = None) -> Result:
+    def __call__(self, *command: str, machines: Sequence[umockdev.Machine] = ()) -> Result:
         out, err = self._folder / "out", self._folder / "err"
         bounded = ["timeout", "--signal=KILL", "30", *command]
         with out.open("wb") as stdout, err.open("wb") as stderr:
-            code = run_under_mock(bounded, machines or [Machine()], stdout=stdout, stderr=stderr)
+            code = run_under_mock(bounded, machines or [Emulator()], stdout=stdout, stderr=stderr)
         return Result(code, out.read_text(), err.read_text())
 
 
@@ -63,7 +62,7 @@ def run(tmp_path: Path) -> Runner:
 
 @needs("lsusb")
 def test_lsusb_reads_every_descriptor_and_finds_no_fault(run: Runner) -> None:
-    code, out, err = run("lsusb", "-v", machines=[Machine(Emulator(serial="LS-1"))])
+    code, out, err = run("lsusb", "-v", machines=[Emulator(serial="LS-1")])
     assert (code, err) == (0, "")
     assert not re.search("warning|unknown|unrecognized|invalid|junk|error|can.t|truncated", out, re.IGNORECASE)
     lines = [" ".join(line.split()) for line in out.splitlines()]
@@ -89,7 +88,7 @@ def test_lsusb_reads_every_descriptor_and_finds_no_fault(run: Runner) -> None:
 
 @needs("dfu-util")
 def test_dfu_util_lists_every_device(run: Runner) -> None:
-    two = [Machine(Emulator(serial="DFU-1")), Machine(Emulator(serial="DFU-2"))]
+    two = [Emulator(serial="DFU-1"), Emulator(serial="DFU-2")]
     code, out, err = run("dfu-util", "--list", machines=two)
     assert (code, err) == (0, "")
     assert [line for line in out.splitlines() if line.startswith("Found")] == [
@@ -108,7 +107,7 @@ with phasewire.open_device("usb:REAL-2") as device:
     print(device.name, ack.commit_period, device.status().accepted)
 """
     emulators = [Emulator(serial="REAL-1"), Emulator(serial="REAL-2")]
-    code, out, err = run(sys.executable, "-c", script, machines=[Machine(emulator) for emulator in emulators])
+    code, out, err = run(sys.executable, "-c", script, machines=emulators)
     assert (code, err) == (0, "")
     *_, serial, period, accepted = out.split()
     assert (serial, accepted) == ("REAL-2", "1")
@@ -146,7 +145,7 @@ while time.monotonic() < end:
 
 @needs()
 def test_a_device_is_unplugged_and_plugged_in_again(run: Runner) -> None:
-    machine = Machine(Emulator(serial="AGAIN"))
+    machine = Emulator(serial="AGAIN")
     machine.scheduler.at(1 * SECOND, machine.usb.unplug)
     machine.scheduler.at(1 * SECOND + SECOND // 4, machine.usb.plug)
     code, out, err = run(sys.executable, "-c", UNPLUGGED, machines=[machine])
@@ -156,7 +155,7 @@ def test_a_device_is_unplugged_and_plugged_in_again(run: Runner) -> None:
 
 @needs("lsusb")
 def test_a_device_that_cannot_be_enumerated_is_not_there(run: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
-    mute, other, resets = Machine(), Machine(), []
+    mute, other, resets = Emulator(), Emulator(), []
     monkeypatch.setattr(mute.usb, "reset", lambda: resets.append(mute.scheduler.now))
     monkeypatch.setattr(mute.usb, "control", raising(Stall("it says nothing")))
     code, out, _ = run("lsusb", machines=[mute, other])
@@ -182,12 +181,12 @@ for value in (0, 1):
 @needs()
 @pytest.mark.parametrize(("script", "code"), [("exit 3", 3), ("kill -KILL $$", 128 + signal.SIGKILL)])
 def test_the_program_s_exit_code_is_handed_on(run: Runner, script: str, code: int) -> None:
-    assert run_under_mock(["sh", "-c", script], [Machine()]) == code
+    assert run_under_mock(["sh", "-c", script], [Emulator()]) == code
 
 
 @needs()
 def test_the_device_s_time_is_the_wall_clock_s(run: Runner) -> None:
-    machine = Machine()
+    machine = Emulator()
     run("sleep", "0.5", machines=[machine])
     assert 0.4 < machine.scheduler.now / SECOND < 1.5
 
@@ -212,7 +211,7 @@ def test_without_umockdev_it_is_said_what_to_install(monkeypatch: pytest.MonkeyP
 
 def test_addresses_are_given_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     """As the kernel does: 127 is followed by the lowest, and what a device has is left out."""
-    machines = [Machine() for _ in range(2)]
+    machines = [Emulator() for _ in range(2)]
     with MockUsb(machines) as bed:
         assert sorted(path.name for path in (bed.root / "dev/bus/usb/001").iterdir()) == ["002", "003"]
         assert [bed.new_address() for _ in range(126)] == [*range(4, 128), 4, 5]

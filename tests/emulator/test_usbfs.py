@@ -12,8 +12,6 @@ from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.usbfs import KernelDevice, Request
 from phasewire.protocol.enumeration import FULL_SPEED
 
-from tests.emulator.usb_machines import Machine
-
 MS = 400_000  # core cycles
 
 # type, endpoint, status, flags, buffer, buffer_length, actual_length, start_frame, packets, errors, signr, usercontext
@@ -89,12 +87,12 @@ class Program:
 
 
 @pytest.fixture
-def machine() -> Machine:
-    return Machine(Emulator(serial="K-1"))
+def machine() -> Emulator:
+    return Emulator(serial="K-1")
 
 
 @pytest.fixture
-def device(machine: Machine) -> KernelDevice:
+def device(machine: Emulator) -> KernelDevice:
     return KernelDevice(machine.usb, machine.scheduler, address=7)
 
 
@@ -130,7 +128,7 @@ def test_numbers_are_those_of_the_header() -> None:
     }
 
 
-def test_a_device_is_enumerated(machine: Machine, device: KernelDevice) -> None:
+def test_a_device_is_enumerated(machine: Emulator, device: KernelDevice) -> None:
     assert machine.usb.address == 7
     assert machine.usb.configuration == 1
     assert (device.descriptor.idVendor, device.descriptor.idProduct) == (0x1209, 0x0001)
@@ -204,7 +202,7 @@ def test_how_much_room_there_is(program: Program, room: int, flags: int, status:
     [(0, 0, [0]), (512, 0, [512]), (512, ZERO_PACKET, [512, 0]), (1100, ZERO_PACKET, [512, 512, 76])],
 )
 def test_transfers_are_cut_into_packets(
-    machine: Machine, program: Program, monkeypatch: pytest.MonkeyPatch, size: int, flags: int, packets: list[int]
+    machine: Emulator, program: Program, monkeypatch: pytest.MonkeyPatch, size: int, flags: int, packets: list[int]
 ) -> None:
     seen = []
 
@@ -372,7 +370,7 @@ def test_giving_an_interface_back_ends_its_transfers(program: Program) -> None:
     assert program.call(Request.DISCARDURB, other) == 0
 
 
-def test_what_the_device_is(machine: Machine, program: Program) -> None:
+def test_what_the_device_is(machine: Emulator, program: Program) -> None:
     info = program.begin(Request.CONNECTINFO, bytes(8))
     assert struct.unpack("<IB", program.read(info, 5)) == (7, 0)
     capabilities = program.begin(Request.GET_CAPABILITIES, bytes(4))
@@ -383,7 +381,7 @@ def test_what_the_device_is(machine: Machine, program: Program) -> None:
 
 
 @pytest.mark.parametrize("none", [0, -1])
-def test_a_configuration_is_chosen(machine: Machine, program: Program, none: int) -> None:
+def test_a_configuration_is_chosen(machine: Emulator, program: Program, none: int) -> None:
     assert program.call(Request.SETCONFIGURATION, struct.pack("<i", none)) == 0
     assert machine.usb.configuration == 0
     assert program.call(Request.CLAIMINTERFACE, struct.pack("<I", 0)) == -errno.ENOENT
@@ -393,7 +391,7 @@ def test_a_configuration_is_chosen(machine: Machine, program: Program, none: int
     assert program.call(Request.SETINTERFACE, struct.pack("<II", 0, 0)) == 0
 
 
-def test_a_reset_ends_claims_and_transfers_and_keeps_the_configuration(machine: Machine, program: Program) -> None:
+def test_a_reset_ends_claims_and_transfers_and_keeps_the_configuration(machine: Emulator, program: Program) -> None:
     address = program.submit(BULK, 0x81, bytes(64))
     before = machine.scheduler.now
     assert program.call(Request.RESET) == 0
@@ -404,14 +402,14 @@ def test_a_reset_ends_claims_and_transfers_and_keeps_the_configuration(machine: 
 
 
 def test_a_device_that_leaves_on_reset_is_gone(
-    machine: Machine, program: Program, monkeypatch: pytest.MonkeyPatch
+    machine: Emulator, program: Program, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(machine.usb, "reset", machine.usb.unplug)
     assert program.call(Request.RESET) == -errno.ENODEV
 
 
 @pytest.mark.parametrize("comes_back", [False, True])
-def test_a_device_that_has_gone(machine: Machine, device: KernelDevice, program: Program, comes_back: bool) -> None:
+def test_a_device_that_has_gone(machine: Emulator, device: KernelDevice, program: Program, comes_back: bool) -> None:
     """What comes back is another device; a file that was open stays that of the old one."""
     other = Program(device)
     address = program.submit(BULK, 0x81, bytes(64))
@@ -429,7 +427,7 @@ def test_a_device_that_has_gone(machine: Machine, device: KernelDevice, program:
     assert program.call(Request.REAPURB, bytes(8)) == -errno.ENODEV
 
 
-def test_a_program_that_ends_leaves_nothing(machine: Machine, device: KernelDevice, program: Program) -> None:
+def test_a_program_that_ends_leaves_nothing(machine: Emulator, device: KernelDevice, program: Program) -> None:
     program.submit(BULK, 0x81, bytes(64))
     program.begin(Request.BULK, bulk(program, 0x83, bytes(64), timeout_ms=20)[0])
     results = list(program.results)
@@ -444,7 +442,7 @@ def test_a_program_that_ends_leaves_nothing(machine: Machine, device: KernelDevi
     device.disconnect()
 
 
-def test_time_passes_without_transfers(machine: Machine, device: KernelDevice) -> None:
+def test_time_passes_without_transfers(machine: Emulator, device: KernelDevice) -> None:
     before = machine.scheduler.now
     device.run_until(before + MS)
     assert machine.scheduler.now == before + MS
@@ -458,7 +456,7 @@ def test_time_passes_without_transfers(machine: Machine, device: KernelDevice) -
     assert machine.scheduler.now == before + 3 * MS
 
 
-def test_a_device_that_goes_while_it_is_enumerated(machine: Machine) -> None:
+def test_a_device_that_goes_while_it_is_enumerated(machine: Emulator) -> None:
     machine.scheduler.at(51 * MS, machine.usb.unplug)
     with pytest.raises(Stall, match="the device has gone"):
         KernelDevice(machine.usb, machine.scheduler, address=2)
