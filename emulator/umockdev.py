@@ -13,6 +13,7 @@ become no serial line.
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import selectors
 import shutil
@@ -22,7 +23,6 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from fcntl import F_SETPIPE_SZ, fcntl
 from functools import partial
 from itertools import count, cycle
 from pathlib import Path
@@ -103,7 +103,11 @@ def run_under_mock(
     ------
     DeviceNotFoundError
         Where umockdev is not installed.
+    ValueError
+        Where there is no program to run.
     """
+    if not command:
+        raise ValueError("there is no program to run; name one, such as lsusb")
     if not shutil.which(WRAPPER):
         raise DeviceNotFoundError(f"there is no program {WRAPPER}; on Debian and its kin: apt-get install umockdev")
     with MockUsb(machines) as bed:
@@ -343,7 +347,7 @@ class PollFile:
     def __init__(self, path: Path) -> None:
         os.mkfifo(path)
         self._pipe = os.open(path, os.O_RDWR | os.O_NONBLOCK)
-        fcntl(self._pipe, F_SETPIPE_SZ, 1)  # one page, which one byte fills
+        fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, 1)  # one page, which one byte fills
         os.write(self._pipe, b"\0")
         self._writable = False
 

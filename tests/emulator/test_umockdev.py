@@ -19,7 +19,9 @@ from phasewire.emulator import umockdev
 from phasewire.emulator.door import Stall
 from phasewire.emulator.umockdev import MockUsb, PollFile, run_under_mock
 from phasewire.errors import DeviceNotFoundError
+from phasewire.protocol.enumeration import FULL_SPEED
 
+COMPLAINT = re.compile("warning|unknown|unrecognized|invalid|junk|error|can.t|truncated", re.IGNORECASE)
 SECOND = 400_000_000  # core cycles
 
 
@@ -61,10 +63,18 @@ def run(tmp_path: Path) -> Runner:
 
 
 @needs("lsusb")
+def test_lsusb_finds_no_fault_at_full_speed(run: Runner) -> None:
+    code, out, err = run("lsusb", "-v", machines=[Emulator(speed=FULL_SPEED)])
+    assert (code, err) == (0, "")
+    assert re.findall(r"wMaxPacketSize +(\w+)", out) == ["0x0040", "0x0040", "0x0010", "0x0040", "0x0040"]
+    assert not COMPLAINT.search(out)
+
+
+@needs("lsusb")
 def test_lsusb_reads_every_descriptor_and_finds_no_fault(run: Runner) -> None:
     code, out, err = run("lsusb", "-v", machines=[Emulator(serial="LS-1")])
     assert (code, err) == (0, "")
-    assert not re.search("warning|unknown|unrecognized|invalid|junk|error|can.t|truncated", out, re.IGNORECASE)
+    assert not COMPLAINT.search(out)
     lines = [" ".join(line.split()) for line in out.splitlines()]
     assert lines[1].startswith("Bus 001 Device 002: ID 1209:0001 phasewire phasewire five-board array (emulated)")
     expected = """
@@ -117,6 +127,25 @@ with phasewire.open_device("usb:REAL-2") as device:
 
 
 @needs()
+def test_the_console_answers_through_its_endpoints(run: Runner) -> None:
+    """As a driver for CDC-ACM: DTR is set with SET_CONTROL_LINE_STATE; text goes out by 03 and comes by 83."""
+    script = """
+import libusb_package, usb.core
+device = usb.core.find(backend=libusb_package.get_libusb1_backend())
+device.ctrl_transfer(0x21, 0x22, 1, 1, None)
+device.write(0x03, b"status\\r\\n")
+text = b""
+while not text.endswith(b"> "):
+    text += bytes(device.read(0x83, 512, timeout=5000))
+print(text.decode())
+"""
+    code, out, err = run(sys.executable, "-c", script)
+    assert (code, err) == (0, "")
+    assert "state: OFF" in out.splitlines()
+    assert "ok" in out.splitlines()
+
+
+@needs()
 def test_the_command_line_names_the_device(run: Runner) -> None:
     code, out, _ = run(sys.executable, "-m", "phasewire", "info", "--device", "usb:", "--json", "-")
     assert code == 0
@@ -124,8 +153,8 @@ def test_the_command_line_names_the_device(run: Runner) -> None:
 
 
 UNPLUGGED = """
-import time, usb.core, usb.backend.libusb1
-backend = usb.backend.libusb1.get_backend()
+import libusb_package, time, usb.core
+backend = libusb_package.get_libusb1_backend()
 device = usb.core.find(backend=backend, idVendor=0x1209)
 print(device.address, flush=True)
 for attempt in (lambda: device.read(0x81, 512, timeout=10_000), lambda: device.ctrl_transfer(0xC1, 1, 0, 0, 64)):
@@ -167,8 +196,8 @@ def test_a_device_that_cannot_be_enumerated_is_not_there(run: Runner, monkeypatc
 @needs()
 def test_the_configuration_is_shown(run: Runner) -> None:
     script = """
-import pathlib, usb.core, usb.backend.libusb1
-device = usb.core.find(backend=usb.backend.libusb1.get_backend())
+import libusb_package, pathlib, usb.core
+device = usb.core.find(backend=libusb_package.get_libusb1_backend())
 for value in (0, 1):
     device.set_configuration(value)
     print(repr(pathlib.Path("/sys/bus/usb/devices/1-1/bConfigurationValue").read_text()))
@@ -207,6 +236,11 @@ def test_without_umockdev_it_is_said_what_to_install(monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("PATH", "")
     with pytest.raises(DeviceNotFoundError, match="apt-get install umockdev"):
         run_under_mock(["true"], [])
+
+
+def test_a_program_must_be_named() -> None:
+    with pytest.raises(ValueError, match="no program to run"):
+        run_under_mock([], [])
 
 
 def test_addresses_are_given_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
