@@ -7,7 +7,8 @@ libusb and what stands on it run unchanged. The devices' time keeps up with the 
 The preloaded library is spoken to directly, in its own protocol (libumockdev-preload.c, the same since version 0.16):
 an ioctl comes as three unsigned longs on the socket of its device's node, and until it is answered the program's memory
 can be read and written through that socket. What a kernel's drivers would add is missing: the console's interfaces
-become no serial line.
+become no serial line. A libusb that was built without udev, such as that of libusb-package, finds what is there when it
+begins and hears of nothing later, for the library passes uevents on as if they came from udev.
 """
 
 from __future__ import annotations

@@ -153,8 +153,8 @@ def test_the_command_line_names_the_device(run: Runner) -> None:
 
 
 UNPLUGGED = """
-import libusb_package, time, usb.core
-backend = libusb_package.get_libusb1_backend()
+import time, usb.core, usb.backend.libusb1
+backend = usb.backend.libusb1.get_backend()
 device = usb.core.find(backend=backend, idVendor=0x1209)
 print(device.address, flush=True)
 for attempt in (lambda: device.read(0x81, 512, timeout=10_000), lambda: device.ctrl_transfer(0xC1, 1, 0, 0, 64)):
@@ -172,8 +172,9 @@ while time.monotonic() < end:
 """
 
 
-@needs()
+@needs("lsusb")
 def test_a_device_is_unplugged_and_plugged_in_again(run: Runner) -> None:
+    """With the libusb of the system, which lsusb needs, too: that of libusb-package does not hear of what comes."""
     machine = Emulator(serial="AGAIN")
     machine.scheduler.at(1 * SECOND, machine.usb.unplug)
     machine.scheduler.at(1 * SECOND + SECOND // 4, machine.usb.plug)
