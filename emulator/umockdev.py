@@ -138,7 +138,7 @@ class MockUsb:
     def __init__(self, machines: Iterable[Machine]) -> None:
         self._addresses = cycle(ADDRESSES)
         self._sequence = count(1)
-        self._selector = selectors.DefaultSelector()
+        self._selector = selectors.SelectSelector()  # the others round up to milliseconds
         self._directory = tempfile.TemporaryDirectory(prefix="phasewire-")
         self.root = Path(self._directory.name)
         for folder in (BUS_LINKS, f"dev/bus/usb/{BUS:03}", f"{SOCKETS}/bus/usb/{BUS:03}"):
