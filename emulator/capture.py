@@ -45,7 +45,7 @@ class Track(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """The outputs from period 0 to the moment of capture. Ticks are 0.5 µs, periods 50 ticks.
+    """The outputs up to the moment of capture. Ticks count from period 0; ticks are 0.5 µs, periods 50 ticks.
 
     Parameters
     ----------
@@ -57,12 +57,15 @@ class Capture:
         One for each processor in the order of the chain.
     open_transducers : frozenset of int
         Transducers that are not connected: their outputs switch, and they emit nothing.
+    start_tick : int
+        Where it begins, if what was before has been forgotten.
     """
 
     wiring: Wiring
     end_tick: int
     tracks: tuple[Track, ...]
     open_transducers: frozenset[int] = frozenset()
+    start_tick: int = 0
 
     @property
     def periods(self) -> int:
@@ -96,8 +99,10 @@ class Capture:
             Where the stretch was not captured.
         """
         start, stop = operator.index(start), operator.index(stop)
-        if not 0 <= start <= stop <= self.end_tick:
-            raise ValueError(f"ticks {start} to {stop} are not within the captured 0 to {self.end_tick}")
+        if not self.start_tick <= start <= stop <= self.end_tick:
+            raise ValueError(
+                f"ticks {start} to {stop} are not within the captured {self.start_tick} to {self.end_tick}"
+            )
         words = np.empty((stop - start, PROCESSORS), np.uint32)
         step = CHUNK_PERIODS * TICKS_PER_PERIOD
         for begin in range(start, stop, step):
@@ -150,8 +155,9 @@ class Capture:
             Where the periods were not captured.
         """
         first, last = operator.index(first), operator.index(last)
-        if not 0 <= first <= last <= self.periods:
-            raise ValueError(f"periods {first} to {last} are not within the captured 0 to {self.periods}")
+        begin = -(-self.start_tick // TICKS_PER_PERIOD)
+        if not begin <= first <= last <= self.periods:
+            raise ValueError(f"periods {first} to {last} are not within the captured {begin} to {self.periods}")
         from .raster import demodulate
 
         turn = (np.exp(2j * np.pi * np.arange(TICKS_PER_PERIOD) / TICKS_PER_PERIOD) / 2j).astype(dtype)

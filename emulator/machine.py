@@ -20,10 +20,12 @@ from ..protocol.board import (
     CYCLES_PER_TICK,
     PROCESSORS,
     PROCESSORS_PER_BOARD,
+    TICKS_PER_PERIOD,
 )
 from ..protocol.chain import Identity as ChainIdentity
 from ..protocol.codes import Fault
 from ..protocol.enumeration import HIGH_SPEED, Speed
+from ..protocol.ranges import whole
 from ..protocol.timing import FIVE_WIRE, Link
 from ..protocol.wiring import Wiring
 from .capture import Capture
@@ -43,6 +45,8 @@ from .usb_device import UsbDevice
 __all__ = ["Emulator", "Event", "plugged"]
 
 LOG_EVENTS = 10_000
+PAST_CAPTURES = 16
+NEVER = 2**62
 SYNC_WAIT_CYCLES = 5 * CORE_HZ
 """How long a device waits for the first pulse on a line that it listens to (clause CHN-026)."""
 MOST_CYCLES_PER_SYMBOL = 255  # a byte of INFO, clause REQ-002
@@ -86,6 +90,8 @@ class Emulator:
         With another firmware, or from an earlier time; as it leaves the factory by default.
     unfolded : bool
         Whether every message travels along the chain token by token, even where nothing can go wrong.
+    history_periods : int, optional
+        For how many periods at least what the outputs did is kept; for ever by default, 480 bytes for each update.
     sync : SyncLine, optional
         The line of another device, to listen to; its own by default, which it drives.
 
@@ -114,6 +120,7 @@ class Emulator:
         serial: str | None = None,
         flash: Flash | None = None,
         unfolded: bool = False,
+        history_periods: int | None = None,
         sync: SyncLine | None = None,
     ) -> None:
         if link.cycles_per_symbol > MOST_CYCLES_PER_SYMBOL:
@@ -135,6 +142,8 @@ class Emulator:
         self._wiring = wiring or self._identity.wiring
         self._link = link
         self._unfolded = unfolded
+        self._history_periods = None if history_periods is None else whole("history_periods", history_periods, 1, NEVER)
+        self._first_period = 0
         self.unplugged = False
         self.scheduler = Scheduler()
         self.sync = SyncLine() if sync is None else sync
@@ -155,8 +164,8 @@ class Emulator:
         self.line: SerialLine | None = None
         self._dfu: DfuMode | None = None
         self._life: Branch | None = None
-        self.past: list[Capture] = []
-        """What was captured before the device was last started anew."""
+        self.past: deque[Capture] = deque(maxlen=PAST_CAPTURES)
+        """What was captured before the device was started anew, the last time and before."""
         self.power_up()
         self.run_until_started()
 
@@ -257,9 +266,24 @@ class Emulator:
         )
         if self._unfolded:
             self.controller.unfold()
+        self._first_period = 0
+        self._plan_to_forget()
         self.line = SerialLine(self.controller, detach=self.usb.detach)
         console = SerialLine(self.controller, detach=self.usb.detach, needs_dtr=True)
         self.usb.connect(self.controller, console, booted.image.version)
+
+    def _plan_to_forget(self) -> None:
+        if self._history_periods is not None and self._life is not None:
+            self._life.at(self.scheduler.now + 2 * self._history_periods * CYCLES_PER_PERIOD, self._forget)
+
+    def _forget(self) -> None:
+        """Drop what the outputs did long ago."""
+        assert self._history_periods is not None
+        self.running.settle()
+        self._first_period = self._time.period(self.scheduler.now) - self._history_periods
+        for processor in self.processors:
+            processor.reel.forget(processor.clock.own_tick(self._first_period * TICKS_PER_PERIOD) // TICKS_PER_PERIOD)
+        self._plan_to_forget()
 
     def _enter_dfu(self) -> DfuMode:
         """The device has left the bus to come back in DFU mode; serial lines are silent there (clause STA-005)."""
@@ -331,13 +355,14 @@ class Emulator:
         self.running.unfold()
 
     def capture(self) -> Capture:
-        """Everything that the outputs did since period 0."""
+        """Everything that the outputs did since period 0, as far as it is kept."""
         self.running.settle()
         return Capture(
             self._wiring,
             self.running.now_tick,
             tuple(processor.track() for processor in self.processors),
             self.open_transducers,
+            self._first_period * TICKS_PER_PERIOD,
         )
 
 

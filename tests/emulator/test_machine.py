@@ -9,6 +9,7 @@ from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import Link
 
 from tests.emulator.passing import now, pass_until
+from tests.strategies import update
 
 
 def test_it_is_plugged_in_for_as_long_as_it_is_used() -> None:
@@ -91,3 +92,22 @@ def test_an_emulator_that_was_unplugged_has_lost_its_power() -> None:
 def test_serial_numbers_that_no_url_can_name_are_refused(serial: str) -> None:
     with pytest.raises(ValueError, match="must be 1 to 64 letters, digits"):
         Emulator(serial=serial)
+
+
+def test_what_the_outputs_did_long_ago_can_be_forgotten() -> None:
+    emulator = Emulator(history_periods=400)
+    twin = Emulator()
+    for device in (emulator, twin):
+        device.usb.control(Setup(0x00, 9, 1, 0, 0))
+        device.usb.control(Setup(0x41, Request.ENABLE, 0, 0, 0))
+        for number in range(100):
+            device.usb.bulk_out(0x01, update(Pulses(np.full(320, number), np.full(320, 1 + number % 25)), number))
+            device.usb.bulk_in(0x81)
+            device.run(20)
+    kept, whole = emulator.capture(), twin.capture()
+    assert kept.start_tick > 0
+    assert kept.end_tick - kept.start_tick >= 400 * 50
+    assert len(kept.tracks[0].segments.slices) < 60 < len(whole.tracks[0].segments.slices)
+    assert (kept.bits(kept.start_tick, kept.end_tick) == whole.bits(kept.start_tick, kept.end_tick)).all()
+    with pytest.raises(ValueError, match=f"not within the captured {kept.start_tick} to"):
+        kept.bits(kept.start_tick - 1, kept.end_tick)
