@@ -289,6 +289,11 @@ class Controller:
         """Whether there is room for another block; the OUT endpoint answers NAK otherwise (clause BLK-009)."""
         return self._agenda.room_at <= self._now and self._stores_waiting < STORES
 
+    @property
+    def _free(self) -> int:
+        """Changes that can still be queued."""
+        return QUEUE_BLOCKS - self._agenda.queued(self._now) if self._stores_waiting < STORES else 0
+
     def accept(self, packet: bytes, door: Door) -> None:
         """Judge a block and give its acknowledgement to the door that it came by."""
         self.settle()
@@ -320,8 +325,8 @@ class Controller:
         flags: AckFlag = NO_FLAGS,
         state: State | None = None,
     ) -> Ack:
-        free = QUEUE_BLOCKS - self._agenda.queued(self._now)
-        return Ack(reason, sequence, commit_period, self.now_tick, flags, free, self._state if state is None else state)
+        state = self._state if state is None else state
+        return Ack(reason, sequence, commit_period, self.now_tick, flags, self._free, state)
 
     def _refuse(self, error: BlockError, what: str) -> None:
         self._refused += 1
@@ -911,7 +916,7 @@ class Controller:
             lost=self._lost % 2**32,
             missed_commits=self._supervisor.missed_commits % 2**32,
             damaged_messages=self._supervisor.damaged_messages % 2**32,
-            free=QUEUE_BLOCKS - self._agenda.queued(self._now),
+            free=self._free,
             temperature_c=self._supervisor.temperature_c,
             watchdog_ms=self._watchdog_ms,
             drive_limit=self._drive_limit,
