@@ -1,0 +1,97 @@
+"""Stand-ins for what the doors speak to: a USB device and a serial line that do as they are told."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from phasewire.emulator.door import Handshake, Stall
+from phasewire.protocol.enumeration import HIGH_SPEED, Speed, run_time
+from phasewire.protocol.requests import Setup
+
+
+class StandInDevice:
+    """It takes packets while it has room, gives those that it was given, and notes what happens to it."""
+
+    def __init__(self, speed: Speed = HIGH_SPEED) -> None:
+        self.attached = True
+        self.generation = 1
+        self.speed = speed
+        self.enumeration = run_time((1, 2, 3), "stand-in", "S-1", speed)
+        self.configuration = 0
+        self.room = 10**9
+        self.taken: list[tuple[int, bytes]] = []
+        self.given: dict[int, deque[bytes]] = {}
+        self.halted: set[int] = set()
+        self.requests: list[tuple[Setup, bytes]] = []
+        self.happened: list[str] = []
+
+    def control(self, setup: Setup, data: bytes = b"") -> bytes:
+        self.requests.append((setup, data))
+        if (setup.request_type, setup.request) == (0x80, 6):
+            found = self.enumeration.find(*divmod(setup.value, 256), language=setup.index)
+            if found is None:
+                raise Stall("no such descriptor")
+            return found[: setup.length]
+        if (setup.request_type, setup.request) == (0x00, 9):
+            self.configuration = setup.value
+            return b""
+        if setup.request_type == 0x41:
+            return b""
+        raise Stall("unknown")
+
+    def bulk_out(self, endpoint: int, packet: bytes) -> Handshake:
+        if endpoint in self.halted:
+            return Handshake.STALL
+        if not self.room:
+            return Handshake.NAK
+        self.room -= 1
+        self.taken.append((endpoint, packet))
+        return Handshake.ACK
+
+    def bulk_in(self, endpoint: int) -> bytes | Handshake:
+        if endpoint in self.halted:
+            return Handshake.STALL
+        queue = self.given.get(endpoint)
+        return queue.popleft() if queue else Handshake.NAK
+
+    def give(self, endpoint: int, *packets: bytes) -> None:
+        self.given.setdefault(endpoint, deque()).extend(packets)
+
+    def reset(self) -> None:
+        self.happened.append("reset")
+        self.configuration = 0
+
+    def plug(self) -> None:
+        self.happened.append("plug")
+        self.attached = True
+        self.generation += 1
+
+    def unplug(self) -> None:
+        self.happened.append("unplug")
+        self.attached = False
+        self.configuration = 0
+
+
+class StandInLine:
+    """It says what it hears, in capitals, unless it is told to say something else."""
+
+    def __init__(self) -> None:
+        self.heard = b""
+        self.says = b""
+        self.hung_up = 0
+
+    @property
+    def pending(self) -> int:
+        return len(self.says)
+
+    def receive(self, data: bytes) -> None:
+        self.heard += data
+        self.says += data.upper()
+
+    def take(self, room: int) -> bytes:
+        data, self.says = self.says[:room], self.says[room:]
+        return data
+
+    def hang_up(self) -> None:
+        self.hung_up += 1
+        self.says = b""

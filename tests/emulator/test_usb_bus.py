@@ -1,0 +1,250 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from phasewire.emulator.scheduler import Scheduler
+from phasewire.emulator.usb_bus import Outcome, Transfer, UsbBus
+from phasewire.protocol.enumeration import FULL_SPEED
+from phasewire.protocol.requests import Setup
+
+from tests.emulator.stand_ins import StandInDevice
+
+NO_SETUP = Setup(0, 0, 0, 0, 0)
+PACKET = 3846  # core cycles of 2.5 ns: a thirteenth of 125 µs
+MICROFRAME = 50_000
+FRAME = 400_000
+
+
+class Bench:
+    """A bus, its device, and how transfers on it ended."""
+
+    def __init__(self, device: StandInDevice | None = None) -> None:
+        self.device = device or StandInDevice()
+        self.scheduler = Scheduler()
+        self.bus = UsbBus(self.device, self.scheduler)
+        self.ended: list[tuple[Transfer, Outcome]] = []
+
+    def out(self, data: bytes, endpoint: int = 0x01, zero_packet: bool = False) -> Transfer:
+        return self.submit(endpoint, len(data), data, zero_packet=zero_packet)
+
+    def into(self, length: int, endpoint: int = 0x81, short_not_ok: bool = False) -> Transfer:
+        return self.submit(endpoint, length, b"", short_not_ok=short_not_ok)
+
+    def request(self, setup: Setup, data: bytes = b"", length: int | None = None) -> Transfer:
+        size = setup.length if length is None else length
+        return self.submit(0x80 if setup.is_in else 0x00, size, data, setup)
+
+    def submit(
+        self,
+        endpoint: int,
+        length: int,
+        data: bytes,
+        setup: Setup = NO_SETUP,
+        zero_packet: bool = False,
+        short_not_ok: bool = False,
+    ) -> Transfer:
+        transfer = Transfer(
+            endpoint, length, data, setup, zero_packet, short_not_ok, lambda *end: self.ended.append(end)
+        )
+        self.bus.submit(transfer)
+        return transfer
+
+    def run(self) -> int:
+        """Let time pass until nobody has anything to do; how much it was."""
+        begin = self.scheduler.now
+        while (time := self.bus.next_time(self.scheduler.next_time())) is not None:
+            self.scheduler.run_until(time)
+            self.bus.run()
+        return self.scheduler.now - begin
+
+    @property
+    def outcomes(self) -> list[Outcome]:
+        return [outcome for _, outcome in self.ended]
+
+
+@pytest.mark.parametrize(
+    ("size", "zero_packet", "packets"),
+    [
+        (0, False, [0]),
+        (0, True, [0]),
+        (1, False, [1]),
+        (512, False, [512]),
+        (512, True, [512, 0]),
+        (513, True, [512, 1]),
+        (1536, False, [512, 512, 512]),
+    ],
+)
+def test_what_is_sent_is_cut_into_packets(size: int, zero_packet: bool, packets: list[int]) -> None:
+    bench = Bench()
+    transfer = bench.out(bytes(size), zero_packet=zero_packet)
+    assert bench.run() == len(packets) * PACKET
+    assert [len(packet) for _, packet in bench.device.taken] == packets
+    assert bench.ended == [(transfer, Outcome.DONE)]
+    assert transfer.sent == size
+
+
+@pytest.mark.parametrize(
+    ("length", "packets", "outcome", "received"),
+    [
+        (512, [64], Outcome.DONE, 64),
+        (512, [512], Outcome.DONE, 512),
+        (1024, [512, 96], Outcome.DONE, 608),
+        (1024, [512, 0], Outcome.DONE, 512),
+        (1024, [512, 512], Outcome.DONE, 1024),
+        (100, [64, 64], Outcome.DONE, 64),
+        (32, [64], Outcome.OVERFLOW, 0),
+        (600, [512, 100], Outcome.OVERFLOW, 512),
+        (0, [0], Outcome.DONE, 0),
+    ],
+)
+def test_a_short_packet_or_a_full_buffer_ends_what_is_received(
+    length: int, packets: list[int], outcome: Outcome, received: int
+) -> None:
+    bench = Bench()
+    bench.device.give(0x81, *(bytes([number]) * size for number, size in enumerate(packets)))
+    transfer = bench.into(length)
+    bench.run()
+    assert bench.outcomes == [outcome]
+    assert len(transfer.received) == received
+
+
+def test_a_short_packet_can_be_an_error() -> None:
+    bench = Bench()
+    bench.device.give(0x81, bytes(64), bytes(512))
+    bench.into(512, short_not_ok=True)
+    bench.into(512, short_not_ok=True)
+    bench.run()
+    assert bench.outcomes == [Outcome.SHORT, Outcome.DONE]
+
+
+def test_a_full_packet_of_the_interrupt_endpoint_has_sixteen_bytes() -> None:
+    bench = Bench()
+    bench.device.give(0x82, bytes(16), bytes(10))
+    transfer = bench.into(64, 0x82)
+    bench.run()
+    assert len(transfer.received) == 26
+
+
+def test_transfers_of_an_endpoint_keep_their_order_and_endpoints_take_turns() -> None:
+    bench = Bench()
+    first, second = bench.out(b"a" * 1024), bench.out(b"b" * 512)
+    console = bench.out(b"c" * 1024, 0x03)
+    bench.run()
+    assert [packet[:1] for _, packet in bench.device.taken] == [b"a", b"c", b"a", b"c", b"b"]
+    assert [transfer for transfer, _ in bench.ended] == [first, console, second]
+
+
+def test_what_is_answered_with_nak_waits_until_something_happens_in_the_device() -> None:
+    bench = Bench()
+    bench.device.room = 1
+    bench.out(bytes(1024))
+    bench.into(512)
+    bench.run()
+    assert (bench.ended, len(bench.device.taken)) == ([], 1)
+    assert bench.bus.next_time(None) is None
+    assert bench.bus.presses  # there is something to send
+
+    def make_room() -> None:
+        bench.device.room = 1
+        bench.device.give(0x81, bytes(32))
+
+    bench.scheduler.at(1_000_000, make_room)
+    bench.run()
+    assert bench.outcomes == [Outcome.DONE, Outcome.DONE]
+    assert 1_000_000 <= bench.scheduler.now < 1_000_000 + 3 * PACKET
+
+
+def test_one_who_only_listens_does_not_press() -> None:
+    bench = Bench()
+    bench.into(512)
+    assert bench.bus.presses
+    bench.run()
+    assert not bench.bus.presses
+
+
+def test_a_transfersubmitted_late_waits_for_its_packet_only() -> None:
+    bench = Bench()
+    bench.into(512)
+    bench.run()
+    bench.scheduler.run_until(5_000_000)
+    bench.out(bytes(512))
+    bench.run()
+    assert bench.scheduler.now == 5_000_000 + 2 * PACKET  # the second asks once more for what comes in
+    assert len(bench.device.taken) == 1
+
+
+def test_a_halted_endpoint_stalls_and_others_go_on() -> None:
+    bench = Bench()
+    bench.device.halted = {0x01, 0x81}
+    bench.out(bytes(512))
+    bench.into(512)
+    bench.out(b"help\r", 0x03)
+    bench.run()
+    assert sorted(bench.outcomes) == [Outcome.STALLED, Outcome.STALLED, Outcome.DONE]
+
+
+def test_requests_take_a_microframe_each_and_go_first() -> None:
+    bench = Bench()
+    bench.out(bytes(512))
+    device = bench.request(Setup(0x80, 6, 0x0100, 0, 18))
+    configure = bench.request(Setup(0x00, 9, 1, 0, 0))
+    bench.run()
+    assert [transfer.queue for transfer, _ in bench.ended] == [0, 0, 1]
+    assert device.received == bench.device.enumeration.device.encode()
+    assert (len(configure.received), bench.device.configuration) == (0, 1)
+    alone = Bench()
+    alone.request(Setup(0x80, 6, 0x0100, 0, 18))
+    assert alone.run() == MICROFRAME
+
+
+@pytest.mark.parametrize(
+    ("ask", "outcome"),
+    [
+        (lambda bench: bench.request(Setup(0x80, 6, 0x0100, 0, 64)), Outcome.DONE),  # 18 bytes come: not an error
+        (lambda bench: bench.request(Setup(0x41, 9, 0, 0, 3), b"abc"), Outcome.DONE),
+        (lambda bench: bench.request(Setup(0xC1, 99, 0, 0, 8)), Outcome.STALLED),
+        (lambda bench: bench.request(Setup(0x80, 6, 0x0100, 0, 18), length=8), Outcome.MALFORMED),
+        (lambda bench: bench.request(Setup(0x41, 9, 0, 0, 3), b"ab", length=2), Outcome.MALFORMED),
+    ],
+)
+def test_requests_end_as_they_should(ask: Callable[[Bench], Transfer], outcome: Outcome) -> None:
+    bench = Bench()
+    ask(bench)
+    bench.run()
+    assert bench.outcomes == [outcome]
+
+
+def test_a_request_may_not_go_both_ways() -> None:
+    bench = Bench()
+    wrong = Transfer(
+        0x00, 18, bytes(18), Setup(0x80, 6, 0x0100, 0, 18), False, False, lambda *end: bench.ended.append(end)
+    )
+    bench.bus.submit(wrong)
+    bench.run()
+    assert (bench.outcomes, bench.device.requests) == ([Outcome.MALFORMED], [])
+
+
+def test_a_transfer_taken_back_is_over() -> None:
+    bench = Bench()
+    first, second = bench.into(512), bench.into(512)
+    bench.bus.cancel(first)
+    bench.device.give(0x81, bytes(32))
+    bench.run()
+    assert bench.ended == [(second, Outcome.DONE)]
+    third = bench.into(512)
+    bench.bus.cancel(third)
+    assert bench.bus.next_time(0) is None
+
+
+def test_a_full_speed_bus_carries_nineteen_small_packets_in_a_frame() -> None:
+    bench = Bench(StandInDevice(FULL_SPEED))
+    bench.out(bytes(19 * 64))
+    assert FRAME - 19 < bench.run() <= FRAME
+    assert {len(packet) for _, packet in bench.device.taken} == {64}
+
+
+def test_a_high_speed_bus_carries_thirteen_packets_in_a_microframe() -> None:
+    bench = Bench()
+    bench.out(bytes(13 * 512))
+    assert MICROFRAME - 13 < bench.run() <= MICROFRAME
