@@ -1,0 +1,365 @@
+"""Doors of emulated devices in the world: sockets and pseudo-terminals, and the loop that serves them all.
+
+One loop and one thread, for a model of a device knows no threads. Whatever arrives, the device's time is first moved on
+to the moment, then come the bytes, then everyone's turn. Nothing that a client sends ends the server: at worst that
+client is left. An error of the model does end it, for that is a fault of this program, which ought to be seen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import select
+import socket
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any, Protocol, Self, cast
+
+from .station import Conversation, Station
+from .uart import Uart
+from .usbip_session import Exported, UsbIpSession
+
+__all__ = ["Server"]
+
+SLICE_SECONDS = 0.01
+"""How long a model computes before clients and signals are heard again."""
+
+LEAST_WAIT_SECONDS = 0.001
+LOOK_SECONDS = 0.05
+"""How often a pseudo-terminal is looked at, whether a program has opened it."""
+
+CHUNK_BYTES = 1 << 16
+
+
+class _Link(Protocol):
+    """A client at its door."""
+
+    def flush(self) -> None:
+        """Give the client what waits for it."""
+
+    def close(self) -> None:
+        """Leave the client at once."""
+
+
+class _Pulse:
+    """The place of one station in the loop: its next turn, and its clients."""
+
+    def __init__(self, name: str, station: Station) -> None:
+        self.name = name
+        self.station = station
+        self.links: list[_Link] = []
+        self._next: asyncio.Handle | None = None
+
+    def hear(self, conversation: Conversation, data: bytes) -> None:
+        """Hand bytes to a conversation, now."""
+        self.station.pass_time(SLICE_SECONDS)
+        conversation.receive(data)
+        self.station.stir()
+        self.beat()
+
+    def beat(self) -> None:
+        """Let time pass, give clients what waits for them, and see when to come back."""
+        self.rest()
+        reached = self.station.pass_time(SLICE_SECONDS)
+        for link in tuple(self.links):
+            link.flush()
+        loop = asyncio.get_running_loop()
+        if not reached:
+            self._next = loop.call_soon(self.beat)
+        elif (wait := self.station.seconds_to_wait()) is not None:
+            self._next = loop.call_later(max(wait, LEAST_WAIT_SECONDS), self.beat)
+
+    def rest(self) -> None:
+        """Do not come back by oneself."""
+        if self._next:
+            self._next.cancel()
+
+
+class _Connection(asyncio.Protocol):
+    """A client on a socket: what every TCP door has in common."""
+
+    conversation: Conversation
+
+    def __init__(self, server: Server, pulse: _Pulse | None) -> None:
+        self._server = server
+        self._pulse = pulse
+        self._transport: asyncio.Transport | None = None
+        self._writable = True
+        self._who = ""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """A client has come."""
+        self._transport = cast("asyncio.Transport", transport)
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self._who = "{}:{}".format(*transport.get_extra_info("peername"))
+        self._server.links.append(self)
+        if self._pulse:
+            self._meet(self._pulse)
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes have come."""
+        if self._pulse:
+            self._pulse.hear(self.conversation, data)
+        else:
+            self.conversation.receive(data)
+            self.flush()
+
+    def connection_lost(self, _error: Exception | None) -> None:
+        """The client has gone, or was left."""
+        self.conversation.hang_up()
+        self._server.links.remove(self)
+        if self._pulse:
+            self._pulse.links.remove(self)
+            self._pulse.beat()
+            self._server.tell(f"{self._pulse.name}: {self._who} has gone")
+
+    def pause_writing(self) -> None:
+        """The client does not keep up."""
+        self._writable = False
+
+    def resume_writing(self) -> None:
+        """The client has caught up."""
+        self._writable = True
+        if self._pulse:
+            self._pulse.beat()
+        else:
+            self.flush()
+
+    def flush(self) -> None:
+        """Give the client what waits for it."""
+        assert self._transport
+        while self._writable and self.conversation.pending:
+            self._transport.write(self.conversation.take(CHUNK_BYTES))
+        if self.conversation.over and not self.conversation.pending:
+            self._transport.close()
+        elif self.conversation.full:
+            self._transport.pause_reading()
+        else:
+            self._transport.resume_reading()
+
+    def close(self) -> None:
+        """Leave the client at once."""
+        assert self._transport
+        self.conversation.hang_up()
+        self._transport.abort()
+
+    def _meet(self, pulse: _Pulse) -> None:
+        self._pulse = pulse
+        pulse.links.append(self)
+        self._server.tell(f"{pulse.name}: {self._who} has come")
+
+
+class _UsbIpConnection(_Connection):
+    """A client of USB/IP, which says which device it wants."""
+
+    def __init__(self, server: Server, session: UsbIpSession, pulses: Mapping[Station, _Pulse]) -> None:
+        super().__init__(server, None)
+        self.conversation = self._session = session
+        self._pulses = pulses
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes have come; perhaps they ask for a device."""
+        super().data_received(data)
+        if not self._pulse and self._session.station:
+            pulse = self._pulses[self._session.station]
+            self._meet(pulse)
+            pulse.station.stir()
+            pulse.beat()
+
+    def connection_lost(self, _error: Exception | None) -> None:
+        """The client has gone, or was left."""
+        if self._session.end:
+            self._server.tell(f"{self._who} was left: {self._session.end}")
+        super().connection_lost(_error)
+
+
+class _SerialConnection(_Connection):
+    """A client of a serial line; one has it at a time."""
+
+    def __init__(self, server: Server, uart: Uart, pulse: _Pulse) -> None:
+        super().__init__(server, pulse)
+        self.conversation = self._uart = uart
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """A client has come."""
+        self._uart.connect()
+        super().connection_made(transport)
+
+
+class _Stranger(asyncio.Protocol):
+    """A client of a serial line that another one has."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Leave it."""
+        transport.close()
+
+
+class _Pty:
+    """A pseudo-terminal, for programs that open a serial port by its path."""
+
+    def __init__(self, uart: Uart, pulse: _Pulse) -> None:
+        import tty  # not on every system
+
+        self._uart = uart
+        self._pulse = pulse
+        self._loop = asyncio.get_running_loop()
+        self._rest = b""
+        self._listens = False
+        self._fd, theirs = os.openpty()
+        tty.setraw(theirs)
+        self.path = os.ttyname(theirs)
+        os.close(theirs)  # so that the end of the last program to use it is noticed
+        os.set_blocking(self._fd, False)
+        self._poll = select.poll()
+        self._poll.register(self._fd, select.POLLIN)
+        pulse.links.append(self)
+        self._look()
+
+    def flush(self) -> None:
+        """Give the program what waits for it."""
+        if not self._uart.connected:
+            return
+        while self._rest or self._uart.pending:
+            data = self._rest or self._uart.take(CHUNK_BYTES)
+            written = 0
+            with suppress(BlockingIOError):
+                written = os.write(self._fd, data)
+            self._rest = data[written:]
+            if self._rest:
+                self._loop.add_writer(self._fd, self._pulse.beat)
+                break
+        else:
+            self._loop.remove_writer(self._fd)
+        self._listen(not self._uart.full)
+
+    def close(self) -> None:
+        """Take the terminal away."""
+        self._timer.cancel()
+        if self._uart.connected:
+            self._uart.hang_up()
+        self._listen(False)
+        self._loop.remove_writer(self._fd)
+        os.close(self._fd)
+
+    def _listen(self, wanted: bool) -> None:
+        """Have the loop say when there is something to read, or not; to say so twice would lose what it found."""
+        if wanted and not self._listens:
+            self._loop.add_reader(self._fd, self._read)
+        elif not wanted:
+            self._loop.remove_reader(self._fd)
+        self._listens = wanted
+
+    def _look(self) -> None:
+        """See whether a program has opened it, or has done so and said something and gone."""
+        self._timer = self._loop.call_later(LOOK_SECONDS, self._look)
+        events = dict(self._poll.poll(0)).get(self._fd, 0)
+        if events & select.POLLIN or not events & select.POLLHUP:
+            self._timer.cancel()
+            self._uart.connect()
+            self._listen(True)
+            self._pulse.beat()
+
+    def _read(self) -> None:
+        try:
+            data = os.read(self._fd, CHUNK_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:  # EIO: nobody has it open any more
+            data = b""
+        if data:
+            self._pulse.hear(self._uart, data)
+            return
+        self._listen(False)
+        self._loop.remove_writer(self._fd)
+        self._rest = b""
+        self._uart.hang_up()
+        self._pulse.beat()
+        self._look()
+
+
+class Server:
+    """Doors of devices, open while it is entered as an asynchronous context manager.
+
+    Parameters
+    ----------
+    stations : mapping of str to Station
+        The devices by their serial numbers.
+    tell : callable
+        Takes a line on what happens, for people.
+
+    Attributes
+    ----------
+    links : list
+        The clients at the doors.
+    """
+
+    def __init__(self, stations: Mapping[str, Station], tell: Callable[[str], None]) -> None:
+        self.tell = tell
+        self.links: list[_Link] = []
+        self._pulses = {station: _Pulse(name, station) for name, station in stations.items()}
+        self._listeners: list[asyncio.Server] = []
+
+    async def __aenter__(self) -> Self:
+        loop = asyncio.get_running_loop()
+        self._ended: asyncio.Future[None] = loop.create_future()
+        loop.set_exception_handler(self._fail)
+        for pulse in self._pulses.values():
+            pulse.beat()
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        for listener in self._listeners:
+            listener.close()
+        for link in tuple(self.links):
+            link.close()
+        await asyncio.sleep(0)  # connections end in the loop's next turn
+        for pulse in self._pulses.values():
+            pulse.rest()
+        asyncio.get_running_loop().set_exception_handler(None)
+
+    async def listen_usbip(self, exports: Mapping[str, Exported], host: str, port: int) -> int:
+        """Offer devices by USB/IP; the port, which the system chooses for 0."""
+        return await self._listen(lambda: _UsbIpConnection(self, UsbIpSession(exports), self._pulses), host, port)
+
+    async def listen_serial(self, uart: Uart, station: Station, host: str, port: int) -> int:
+        """Offer a serial line by TCP; the port, which the system chooses for 0."""
+        station.conversations.append(uart)
+        pulse = self._pulses[station]
+        return await self._listen(
+            lambda: _Stranger() if uart.connected else _SerialConnection(self, uart, pulse), host, port
+        )
+
+    def open_pty(self, uart: Uart, station: Station) -> str:
+        """Offer a serial line as a pseudo-terminal; its path."""
+        station.conversations.append(uart)
+        pty = _Pty(uart, self._pulses[station])
+        self.links.append(pty)
+        return pty.path
+
+    async def serve(self, seconds: float | None = None) -> None:
+        """Serve until `stop`, or for so many seconds.
+
+        Raises
+        ------
+        Exception
+            Whatever went wrong in a model.
+        """
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await self._ended
+
+    def stop(self) -> None:
+        """Have `serve` return."""
+        if not self._ended.done():
+            self._ended.set_result(None)
+
+    async def _listen(self, meet: Callable[[], asyncio.Protocol], host: str, port: int) -> int:
+        listener = await asyncio.get_running_loop().create_server(meet, host, port)
+        self._listeners.append(listener)
+        return int(listener.sockets[0].getsockname()[1])
+
+    def _fail(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception")
+        if isinstance(error, OSError) or self._ended.done():
+            return  # a client's connection broke, or we are about to leave
+        self._ended.set_exception(error or RuntimeError(context["message"]))

@@ -1,0 +1,157 @@
+"""A device on its stand: its time, and everyone who speaks to it, moved on together.
+
+The model of a device knows no threads and its time does not run by itself. A station lets it pass, and gives every
+conversation its turn at the moment, in the device's time, at which it has something to do. Two paces: with the wall
+clock, or no faster than the conversations need, which makes a run repeatable.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from enum import Enum
+from typing import Protocol
+
+from ..protocol.board import CORE_HZ
+from .scheduler import Scheduler
+
+__all__ = ["Conversation", "Pace", "Station"]
+
+LINGER_CYCLES = CORE_HZ // 1000
+"""How long time passes at the fast pace for one who only listens: a frame of USB, longer than any answer takes."""
+
+STEP_CYCLES = CORE_HZ // 1000
+"""How far time passes at most before somebody may call a halt."""
+
+IDLE_SECONDS = 0.01
+"""How far the device's time may fall behind the wall clock while nobody would see it."""
+
+
+class Pace(Enum):
+    """What makes a device's time pass."""
+
+    WALL = "wall"
+    FAST = "fast"
+
+
+class Conversation(Protocol):
+    """One who speaks to a device, in its time: the bytes of a client on one side, a line of the device on the other."""
+
+    @property
+    def pending(self) -> int:
+        """Bytes that wait for the client."""
+
+    @property
+    def full(self) -> bool:
+        """Whether the client should send no more for now."""
+
+    @property
+    def over(self) -> bool:
+        """Whether the client is to be left, once it has what is pending."""
+
+    @property
+    def presses(self) -> bool:
+        """Whether time must pass for it, also at the fast pace."""
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes of the client. Whatever they are, nothing is raised for them."""
+
+    def take(self, room: int) -> bytes:
+        """Give bytes to the client, at most so many."""
+
+    def hang_up(self) -> None:
+        """The client has gone."""
+
+    def next_time(self, event: int | None) -> int | None:
+        """When it has something to do, if nobody else acts; the device itself does at `event`."""
+
+    def run(self) -> None:
+        """Do what is due now."""
+
+
+class Station:
+    """A device's time, and the conversations with it.
+
+    Parameters
+    ----------
+    scheduler : Scheduler
+        The device's time.
+    pace : Pace
+        What makes it pass.
+    clock : callable
+        A clock of the world, in seconds, which never goes back.
+
+    Attributes
+    ----------
+    conversations : list of Conversation
+        Those who speak to the device.
+    """
+
+    def __init__(self, scheduler: Scheduler, pace: Pace, clock: Callable[[], float] = time.monotonic) -> None:
+        self.scheduler = scheduler
+        self.conversations: list[Conversation] = []
+        self._pace = pace
+        self._clock = clock
+        self._power_up = clock() - scheduler.now / CORE_HZ
+        self._linger_until = scheduler.now
+
+    def stir(self) -> None:
+        """Somebody has begun something: at the fast pace, time may pass again for those who listen."""
+        self._linger_until = self.scheduler.now + LINGER_CYCLES
+
+    def pass_time(self, seconds: float) -> bool:
+        """Let the device's time pass as far as its pace has it, for at most so many seconds of the clock.
+
+        Returns
+        -------
+        bool
+            Whether it came that far; otherwise call again.
+        """
+        end = self._clock() + seconds
+        target = self._target()
+        while self._step(target):
+            if self._clock() >= end:
+                return False
+        return True
+
+    def seconds_to_wait(self) -> float | None:
+        """How long nobody will have anything to do, in seconds of the clock; None if until somebody stirs."""
+        event = self.scheduler.next_time()
+        turn = self._turn(event)
+        if self._pace is Pace.FAST or (turn is None and event is None):
+            return None
+        if turn is None:
+            return IDLE_SECONDS
+        return max(0.0, self._power_up + turn / CORE_HZ - self._clock())
+
+    @property
+    def seconds_behind(self) -> float:
+        """How far the device's time is behind the clock: what a model that is slower than the device falls back."""
+        return (self._target() - self.scheduler.now) / CORE_HZ if self._pace is Pace.WALL else 0.0
+
+    def _target(self) -> int:
+        return int((self._clock() - self._power_up) * CORE_HZ)
+
+    def _turn(self, event: int | None) -> int | None:
+        """When a conversation has something to do."""
+        times = (each.next_time(event) for each in self.conversations)
+        return min((time for time in times if time is not None), default=None)
+
+    def _step(self, target: int) -> bool:
+        """Let time pass until somebody has something to do, or a little on; False where it has passed far enough."""
+        scheduler = self.scheduler
+        turn = self._turn(scheduler.next_time())
+        if self._pace is Pace.FAST:
+            pressing = any(each.presses for each in self.conversations)
+            if turn is None or (turn > self._linger_until and not pressing):
+                return False
+            stop = turn
+        else:
+            stop = min(target, scheduler.now + STEP_CYCLES)
+            stop = stop if turn is None else min(stop, turn)
+            if stop <= scheduler.now and (turn is None or turn > scheduler.now):
+                return False
+        scheduler.run_until(max(stop, scheduler.now))
+        for each in tuple(self.conversations):
+            each.run()
+        return True

@@ -1,0 +1,242 @@
+"""The server with real sockets and pseudo-terminals, on loopback: its loop in a thread, its clients here."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from functools import partial
+from pathlib import Path
+
+import pytest
+import serial
+from phasewire.emulator.scheduler import Scheduler
+from phasewire.emulator.serving import Server
+from phasewire.emulator.station import Pace, Station
+from phasewire.emulator.uart import Uart
+from phasewire.emulator.usbip_session import Exported
+from phasewire.protocol.requests import Setup
+
+from tests.emulator.stand_ins import StandInDevice, StandInLine
+from tests.emulator.usbip_client import Client
+
+LOOPBACK = "127.0.0.1"
+PATIENCE = 5.0  # seconds
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Wait for something, not for ever."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+class House:
+    """A server of two devices with a serial line each, on all doors."""
+
+    def __init__(self, pace: Pace) -> None:
+        self.devices = [StandInDevice(), StandInDevice()]
+        self.lines = [StandInLine(), StandInLine()]
+        self.told: list[str] = []
+        self.usbip = 0
+        self.tcp = 0
+        self.pty = ""
+        self.error: BaseException | None = None
+        self._pace = pace
+        self._open = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except BaseException as error:
+            self.error = error
+        finally:
+            self._open.set()
+
+    async def _serve(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        schedulers = [Scheduler(), Scheduler()]
+        stations = {f"S-{number}": Station(each, self._pace) for number, each in enumerate(schedulers, start=1)}
+        exports = {
+            f"1-{number}": Exported(1, number, device, station)
+            for number, (device, station) in enumerate(zip(self.devices, stations.values(), strict=True), start=1)
+        }
+        async with Server(stations, self.told.append) as self.server:
+            self.usbip = await self.server.listen_usbip(exports, LOOPBACK, 0)
+            uarts = [
+                Uart(partial(self.lines.__getitem__, number), each, 1_000_000) for number, each in enumerate(schedulers)
+            ]
+            self.tcp = await self.server.listen_serial(uarts[0], stations["S-1"], LOOPBACK, 0)
+            self.pty = self.server.open_pty(uarts[1], stations["S-2"])
+            self._open.set()
+            await self.server.serve()
+
+    def __enter__(self) -> House:
+        self._thread.start()
+        assert self._open.wait(PATIENCE)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.call(lambda: self.server.stop())
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+
+    def call(self, action: Callable[[], object]) -> None:
+        """Do something in the loop's thread."""
+        if self._thread.is_alive() and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(action)
+
+    @contextmanager
+    def client(self) -> Iterator[Client]:
+        with closing(socket.create_connection((LOOPBACK, self.usbip), PATIENCE)) as connection:
+
+            def receive(count: int) -> bytes:
+                data = b""
+                while len(data) < count:
+                    try:
+                        part = connection.recv(count - len(data))
+                    except ConnectionResetError:  # we had said something more
+                        part = b""
+                    if not part:
+                        raise EOFError
+                    data += part
+                return data
+
+            yield Client(connection.sendall, receive)
+
+
+@pytest.fixture(params=Pace)
+def house(request: pytest.FixtureRequest) -> Iterator[House]:
+    with House(request.param) as opened:
+        yield opened
+    assert opened.error is None
+
+
+def test_devices_are_listed_attached_and_used(house: House) -> None:
+    with house.client() as client:
+        assert [each.bus_id for each in client.list()] == ["1-1", "1-2"]
+        with pytest.raises(EOFError):
+            client.receive(1)
+    with house.client() as client, house.client() as other:
+        assert (client.attach("1-1"), other.attach("1-1"), len(house.devices)) == (0, 2, 2)
+        assert client.enumerate() == house.devices[0].enumeration.configuration
+        assert client.write(0x01, bytes(200_000))[2:4] == (0, 200_000)
+        house.call(lambda: house.devices[0].give(0x81, *[bytes(512)] * 200, b"end"))
+        time.sleep(0.02)
+        assert len(client.read(0x81, 300_000).data) == 200 * 512 + 3
+        waits = client.submit(0x81, 512)
+        assert client.wait_for(client.unlink(waits)).status == -104
+    until(lambda: house.devices[0].happened == ["reset", "unplug", "plug"])
+
+
+def test_devices_can_be_used_at_once(house: House) -> None:
+    with house.client() as first, house.client() as second:
+        assert first.attach("1-1") == second.attach("1-2") == 0
+        one, two = first.submit(0x01, 5, b"first"), second.submit(0x01, 6, b"second")
+        assert first.wait_for(one).status == second.wait_for(two).status == 0
+    assert [device.taken for device in house.devices] == [[(1, b"first")], [(1, b"second")]]
+
+
+@pytest.mark.parametrize("data", [b"GET / HTTP/1.1\r\n\r\n", b"\0" * 48])
+def test_a_client_that_makes_no_sense_is_left_and_others_stay(house: House, data: bytes) -> None:
+    with house.client() as good:
+        good.attach("1-1")
+        with house.client() as bad:
+            bad.send(data)
+            with pytest.raises(EOFError):
+                bad.receive(1)
+        with house.client() as worse:
+            worse.attach("1-2")
+            worse.send(b"\xff" * 100)
+            with pytest.raises(EOFError):
+                worse.receive(1)
+        assert good.write(0x01, b"still here").status == 0
+    assert any("was left: it sent" in line for line in house.told)
+
+
+def test_a_device_that_leaves_the_bus_ends_the_connection(house: House) -> None:
+    with house.client() as client:
+        client.attach("1-1")
+        house.call(lambda: setattr(house.devices[0], "generation", 9))
+        with pytest.raises(EOFError):
+            client.descriptor(1, 18)
+    with house.client() as client:
+        assert client.attach("1-1") == 0
+
+
+def test_pyserial_speaks_to_the_line_by_tcp(house: House) -> None:
+    with serial.serial_for_url(f"socket://{LOOPBACK}:{house.tcp}", timeout=PATIENCE) as port:
+        port.write(b"hello")
+        assert port.read(5) == b"HELLO"
+        port.write(b"x" * 3000)
+        assert port.read(3000) == b"X" * 3000
+    until(lambda: house.lines[0].hung_up == 1)
+
+
+def test_one_client_has_a_line_at_a_time(house: House) -> None:
+    address = (LOOPBACK, house.tcp)
+    with closing(socket.create_connection(address, PATIENCE)) as first:
+        first.sendall(b"a")
+        assert first.recv(1) == b"A"
+        with closing(socket.create_connection(address, PATIENCE)) as second:
+            assert second.recv(1) == b""
+        first.sendall(b"b")
+        assert first.recv(1) == b"B"
+    until(lambda: house.lines[0].hung_up == 1)
+    with closing(socket.create_connection(address, PATIENCE)) as third:
+        third.sendall(b"c")
+        assert third.recv(1) == b"C"
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo-terminals")
+def test_pyserial_speaks_to_the_line_by_its_path(house: House) -> None:
+    for _ in range(2):
+        house.lines[1].hung_up = 0
+        with serial.Serial(house.pty, 115_200, timeout=PATIENCE) as port:
+            port.write(b"a\r\nb\0\x03\x04")  # nothing of it means anything to a terminal
+            assert port.read(7) == b"A\r\nB\0\x03\x04"
+            data = bytes(range(256)) * 40
+            port.write(data)
+            assert port.read(len(data)) == data.upper()
+        until(lambda: house.lines[1].hung_up == 1)
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo-terminals")
+def test_a_shell_may_write_to_the_line_and_go(house: House) -> None:
+    with Path(house.pty).open("wb", buffering=0) as port:
+        port.write(b"off\r")
+    until(lambda: house.lines[1].hung_up == 1)
+    assert house.lines[1].heard == b"off\r"
+
+
+def test_nothing_is_left_when_the_server_ends() -> None:
+    with House(Pace.WALL) as house, house.client() as client:
+        client.attach("1-1")
+        client.submit(0x81, 512)
+        house.call(lambda: house.server.stop())
+        with pytest.raises(EOFError):
+            client.receive(1)
+        until(lambda: not Path(house.pty).exists())
+    assert house.error is None
+    assert house.devices[0].happened == ["unplug", "plug"]
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection((LOOPBACK, house.usbip), PATIENCE)
+
+
+def test_an_error_of_the_model_is_not_hidden() -> None:
+    with House(Pace.WALL) as house, house.client() as client:
+        client.attach("1-1")
+
+        def fail(setup: Setup, data: bytes = b"") -> bytes:
+            raise ZeroDivisionError
+
+        house.devices[0].control = fail  # type: ignore[method-assign]
+        with pytest.raises(EOFError):
+            client.descriptor(1, 18)
+    assert isinstance(house.error, ZeroDivisionError)

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+from itertools import count
+
+import pytest
+from phasewire.emulator.scheduler import Scheduler
+from phasewire.emulator.station import Pace, Station
+from phasewire.emulator.uart import Uart
+
+from tests.emulator.stand_ins import StandInLine
+
+SECOND = 400_000_000
+MILLISECOND = SECOND // 1000
+
+
+class Stand:
+    """A station with one serial line of 10 000 bytes a second, and a clock that is set by hand."""
+
+    def __init__(self, pace: Pace) -> None:
+        self.clock = 5.0
+        self.scheduler = Scheduler()
+        self.line = StandInLine()
+        self.station = Station(self.scheduler, pace, lambda: self.clock)
+        self.uart = Uart(lambda: self.line, self.scheduler, 100_000)
+        self.uart.connect()
+        self.station.conversations.append(self.uart)
+
+
+def test_at_the_pace_of_the_wall_time_follows_the_clock() -> None:
+    stand = Stand(Pace.WALL)
+    happened: list[int] = []
+    stand.scheduler.at(7 * MILLISECOND, lambda: happened.append(stand.scheduler.now))
+    stand.clock += 0.006
+    assert stand.station.pass_time(1.0)
+    assert stand.scheduler.now == pytest.approx(6 * MILLISECOND, abs=1)
+    assert happened == []
+    stand.clock += 0.5
+    assert stand.station.seconds_behind == pytest.approx(0.5)
+    assert stand.station.pass_time(1.0)
+    assert stand.scheduler.now == pytest.approx(506 * MILLISECOND, abs=1)
+    assert happened == [7 * MILLISECOND]
+    assert stand.station.seconds_behind == pytest.approx(0, abs=1e-8)
+
+
+def test_at_the_pace_of_the_wall_everyone_gets_his_turn_when_it_is_due() -> None:
+    stand = Stand(Pace.WALL)
+    stand.uart.receive(b"abc")
+    assert stand.station.seconds_to_wait() == pytest.approx(1e-4)
+    stand.clock += 0.00025
+    stand.station.pass_time(1.0)
+    assert stand.line.heard == b"ab"
+    assert stand.station.seconds_to_wait() == pytest.approx(0.5e-4)
+    stand.clock += 1.0
+    stand.station.pass_time(1.0)
+    assert stand.uart.take(10) == b"ABC"
+    assert stand.station.seconds_to_wait() is None
+    stand.scheduler.at(stand.scheduler.now + 1, lambda: None)
+    assert stand.station.seconds_to_wait() == 0.01  # the device is busy, and nobody waits for it
+
+
+def test_a_model_that_is_late_is_interrupted_and_catches_up() -> None:
+    stand = Stand(Pace.WALL)
+
+    def take_long() -> None:
+        stand.clock += 0.004  # of computing, four times what it models
+        if stand.scheduler.now < 20 * MILLISECOND:
+            stand.scheduler.at(stand.scheduler.now + MILLISECOND, take_long)
+
+    stand.scheduler.at(MILLISECOND, take_long)
+    stand.clock += 0.01
+    rounds = 1
+    while not stand.station.pass_time(0.01):
+        rounds += 1
+        assert rounds < 100
+    assert rounds > 5
+    assert stand.station.pass_time(1.0)
+    assert stand.scheduler.now == pytest.approx((stand.clock - 5.0) * SECOND, abs=2)
+
+
+def test_a_clock_that_goes_on_is_not_chased() -> None:
+    ticks = count()
+    station = Station(Scheduler(), Pace.WALL, lambda: next(ticks) / 1e4)
+    assert station.pass_time(1.0)
+    assert next(ticks) < 20
+
+
+def test_at_the_fast_pace_time_passes_for_those_who_need_it_alone() -> None:
+    stand = Stand(Pace.FAST)
+    stand.scheduler.at(SECOND, lambda: None)
+    stand.clock += 100.0
+    stand.station.stir()
+    assert stand.station.pass_time(1.0)
+    assert (stand.scheduler.now, stand.station.seconds_behind) == (0, 0)
+    stand.uart.receive(b"a" * 100)
+    stand.station.stir()
+    assert stand.station.pass_time(1.0)
+    assert stand.scheduler.now == 101 * SECOND // 10_000  # a hundred bytes in, and the last one back
+    assert stand.station.seconds_to_wait() is None
+
+
+def test_at_the_fast_pace_the_same_bytes_take_the_same_time() -> None:
+    ends = set()
+    for hurry in (0.0, 0.3):
+        stand = Stand(Pace.FAST)
+        for word in (b"one", b"two"):
+            stand.clock += hurry
+            stand.uart.receive(word)
+            stand.station.stir()
+            stand.station.pass_time(1.0)
+        ends.add(stand.scheduler.now)
+    assert len(ends) == 1

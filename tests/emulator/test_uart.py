@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import pytest
+from phasewire.emulator.scheduler import Scheduler
+from phasewire.emulator.uart import MOST_WAITING, Uart
+
+from tests.emulator.stand_ins import StandInLine
+
+SECOND = 400_000_000
+
+
+class Wire:
+    """A serial line of 10 000 bytes a second, or another."""
+
+    def __init__(self, baud: int = 100_000) -> None:
+        self.scheduler = Scheduler()
+        self.line = StandInLine()
+        self.uart = Uart(lambda: self.line, self.scheduler, baud)
+        self.uart.connect()
+
+    def run_until(self, time: int) -> None:
+        while (turn := self.uart.next_time(None)) is not None and turn <= time:
+            self.scheduler.run_until(turn)
+            self.uart.run()
+        self.scheduler.run_until(time)
+        self.uart.run()
+
+
+def test_bytes_take_ten_bits_each_in_either_direction() -> None:
+    wire = Wire()
+    wire.uart.receive(b"abc")
+    wire.run_until(SECOND // 10_000 - 1)
+    assert wire.line.heard == b""
+    wire.run_until(SECOND // 10_000)
+    assert (wire.line.heard, wire.uart.pending) == (b"a", 0)
+    wire.run_until(2 * SECOND // 10_000)
+    assert (wire.line.heard, wire.uart.take(10)) == (b"ab", b"A")  # both ways are busy at once
+    wire.run_until(4 * SECOND // 10_000)
+    assert (wire.line.heard, wire.uart.take(10)) == (b"abc", b"BC")
+
+
+@pytest.mark.parametrize("baud", [1, 300, 115_200, 1_000_000, 12_000_000])
+def test_a_long_text_takes_its_time_to_the_cycle(baud: int) -> None:
+    wire = Wire(baud)
+    count = max(3, baud // 100)
+    wire.uart.receive(b"x" * count)
+    end = -(-count * 10 * SECOND // baud)
+    wire.run_until(end - 1)
+    assert len(wire.line.heard) < count
+    wire.run_until(end)
+    assert len(wire.line.heard) == count
+
+
+def test_a_pause_is_no_credit() -> None:
+    wire = Wire()
+    wire.uart.receive(b"a")
+    wire.run_until(SECOND)
+    wire.uart.receive(b"bc")
+    wire.run_until(SECOND + SECOND // 10_000)
+    assert wire.line.heard == b"ab"
+
+
+def test_what_the_device_says_by_itself_takes_its_time_too() -> None:
+    wire = Wire()
+    wire.run_until(1000)
+    wire.line.says = b"ok"
+    assert wire.uart.next_time(None) == 1000
+    wire.run_until(1000 + SECOND // 10_000)
+    assert wire.uart.take(10) == b"o"
+
+
+def test_what_is_said_to_nobody_is_lost() -> None:
+    wire = Wire()
+    wire.uart.hang_up()
+    wire.line.says = b"hello"
+    wire.run_until(SECOND)
+    wire.uart.connect()
+    assert (wire.uart.pending, wire.line.says) == (0, b"")
+
+
+def test_one_who_says_something_and_goes_is_heard_first() -> None:
+    wire = Wire()
+    wire.uart.receive(b"off\r")
+    wire.uart.hang_up()
+    wire.run_until(SECOND // 10_000)
+    assert (wire.line.heard, wire.line.hung_up) == (b"o", 0)
+    wire.run_until(SECOND)
+    assert (wire.line.heard, wire.line.hung_up, wire.uart.pending) == (b"off\r", 1, 0)
+
+
+def test_but_not_into_the_turn_of_the_next() -> None:
+    wire = Wire()
+    wire.uart.receive(b"off\r")
+    wire.uart.hang_up()
+    wire.uart.connect()
+    assert wire.line.hung_up == 1
+    wire.uart.receive(b"on")
+    wire.run_until(SECOND)
+    assert (wire.line.heard, wire.uart.take(10)) == (b"on", b"ON")
+
+
+def test_a_client_that_does_not_listen_or_hurries_is_held_up() -> None:
+    wire = Wire(12_000_000)
+    assert not wire.uart.full
+    wire.uart.receive(bytes(MOST_WAITING + 1))
+    assert wire.uart.full
+    wire.run_until(SECOND)
+    assert len(wire.line.heard) == MOST_WAITING + 1
+    assert wire.uart.full  # now the answers wait
+    said = wire.uart.pending
+    wire.line.says += b"more"
+    wire.run_until(2 * SECOND)
+    assert wire.uart.pending == said
+    wire.uart.take(said)
+    wire.run_until(3 * SECOND)
+    assert wire.uart.take(10)[-4:] == b"more"
+
+
+def test_time_must_pass_while_bytes_are_on_the_line() -> None:
+    wire = Wire()
+    assert not wire.uart.presses
+    wire.uart.receive(b"a")
+    assert wire.uart.presses
+    wire.run_until(SECOND)
+    assert not wire.uart.presses
+
+
+@pytest.mark.parametrize("baud", [0, -1, 12_000_001])
+def test_other_baud_rates_are_refused(baud: int) -> None:
+    with pytest.raises(ValueError, match=f"{baud} baud"):
+        Uart(StandInLine, Scheduler(), baud)
+
+
+def test_a_device_without_a_line_hears_and_says_nothing() -> None:
+    uart = Uart(lambda: None, scheduler := Scheduler(), 100_000)
+    uart.connect()
+    uart.receive(b"hello")
+    scheduler.run_until(SECOND)
+    uart.run()
+    uart.hang_up()
+    assert (uart.pending, uart.presses, uart.next_time(None)) == (0, False, None)

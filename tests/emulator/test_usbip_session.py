@@ -1,0 +1,357 @@
+"""Sessions of USB/IP without a socket: the client's bytes go straight in, and time passes when it waits."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from phasewire.emulator.scheduler import Scheduler
+from phasewire.emulator.station import Pace, Station
+from phasewire.emulator.usbip_session import MOST_BYTES, MOST_TRANSFERS, Exported, UsbIpSession
+
+from tests.emulator.stand_ins import StandInDevice
+from tests.emulator.usbip_client import Client, setup
+
+TAKEN_BACK = -104  # ECONNRESET
+FIRST_LOOK, SECOND_LOOK = setup(0x80, 6, 0x0100, 0, 64), setup(0x80, 6, 0x0100, 0, 18)
+
+
+class Desk:
+    """Two devices, and clients of them at the fast pace."""
+
+    def __init__(self) -> None:
+        self.devices = [StandInDevice(), StandInDevice()]
+        self.stations = [Station(Scheduler(), Pace.FAST, lambda: 0.0) for _ in self.devices]
+        self.exports = {
+            f"1-{number}": Exported(1, number, device, station)
+            for number, (device, station) in enumerate(zip(self.devices, self.stations, strict=True), start=1)
+        }
+
+    @property
+    def device(self) -> StandInDevice:
+        return self.devices[0]
+
+    @property
+    def scheduler(self) -> Scheduler:
+        return self.stations[0].scheduler
+
+    def client(self) -> tuple[Client, UsbIpSession]:
+        session = UsbIpSession(self.exports)
+
+        def send(data: bytes) -> None:
+            session.receive(data)
+            if session.station:
+                session.station.stir()
+
+        def receive(count: int) -> bytes:
+            self.run(session)
+            if session.pending < count:
+                raise EOFError
+            return session.take(count)
+
+        return Client(send, receive), session
+
+    def run(self, session: UsbIpSession) -> None:
+        if session.station:
+            assert session.station.pass_time(1.0)
+
+    def attached(self) -> tuple[Client, UsbIpSession]:
+        client, session = self.client()
+        assert client.attach("1-1") == 0
+        return client, session
+
+
+def test_devices_are_listed_and_the_client_is_left() -> None:
+    client, session = Desk().client()
+    listed = client.list()
+    assert [(each.bus_id, each.bus, each.number) for each in listed] == [("1-1", 1, 1), ("1-2", 1, 2)]
+    assert {(each.vendor, each.product, each.speed) for each in listed} == {(0x1209, 1, 3)}
+    assert listed[0].interfaces[0] == bytes.fromhex("FF500100")
+    assert (session.over, session.end) == (True, "")
+
+
+def test_a_device_is_attached_and_enumerated() -> None:
+    desk = Desk()
+    client, _ = desk.attached()
+    assert client.enumerate() == desk.device.enumeration.configuration
+    assert desk.device.configuration == 1
+    assert client.request(0xC1, 99, length=4).status == -32  # EPIPE
+
+
+def test_packets_go_both_ways() -> None:
+    desk = Desk()
+    client, _ = desk.attached()
+    assert client.write(0x01, bytes(1000))[2:4] == (0, 1000)
+    assert [len(packet) for _, packet in desk.device.taken] == [512, 488]
+    assert client.wait_for(client.submit(0x01, 512, bytes(512), flags=0x0040)).status == 0  # and an empty packet
+    assert [len(packet) for _, packet in desk.device.taken[2:]] == [512, 0]
+    desk.device.give(0x81, b"r" * 32, b"s" * 64)
+    assert client.read(0x81, 512).data == b"r" * 32
+    number = client.submit(0x81, 512, flags=0x0001)
+    assert client.wait_for(number)[2:] == (-121, 64, b"s" * 64)  # EREMOTEIO: short was not OK
+
+
+@pytest.mark.parametrize(("bus_id", "status"), [("1-3", 4), ("", 4), ("1-1", 2)])
+def test_a_device_that_is_not_there_or_taken_cannot_be_had(bus_id: str, status: int) -> None:
+    desk = Desk()
+    desk.attached()
+    client, session = desk.client()
+    assert client.attach(bus_id) == status
+    assert session.over
+    assert session.end
+
+
+def test_another_device_can_be_had_meanwhile_and_each_after_its_client_has_gone() -> None:
+    desk = Desk()
+    _, first = desk.attached()
+    second, _ = desk.client()
+    assert second.attach("1-2") == 0
+    first.hang_up()
+    assert desk.device.happened == ["unplug", "plug"]
+    assert desk.stations[0].conversations == []
+    desk.attached()
+    first.hang_up()  # again, and late: it has nothing any more
+    assert desk.device.happened == ["unplug", "plug"]
+
+
+def test_a_transfer_that_waits_can_be_taken_back() -> None:
+    desk = Desk()
+    client, _ = desk.attached()
+    first, second = client.submit(0x81, 512), client.submit(0x81, 512)
+    unlink = client.unlink(first)
+    assert client.answer()[:3] == (4, unlink, TAKEN_BACK)
+    desk.scheduler.at(desk.scheduler.now + 1000, lambda: desk.device.give(0x81, b"r" * 32))
+    assert client.wait_for(second).data == b"r" * 32
+    with pytest.raises(EOFError):
+        client.answer()  # nothing for the first
+
+
+def test_a_transfer_that_is_over_cannot() -> None:
+    desk = Desk()
+    client, _ = desk.attached()
+    done = client.submit(0x01, 512, bytes(512))
+    client.wait_for(done)
+    assert client.wait_for(client.unlink(done)).status == 0
+
+
+@pytest.mark.parametrize("start", [0x1000, 0xFFFF_FFFE])
+def test_a_transfer_may_be_taken_back_before_it_comes(start: int) -> None:
+    """Linux sends takings back and transfers from two queues; the numbers wrap after 32 bits."""
+    desk = Desk()
+    client, _ = desk.attached()
+    client.wait_for(client.submit(0x01, 512, b"1" * 512, number=start))
+    unlinked, unlink, other = ((start + step) % 2**32 for step in (2, 3, 4))
+    client.unlink(unlinked, number=unlink)
+    with pytest.raises(EOFError):
+        client.answer()  # it is kept until the transfer comes
+    client.submit(0x01, 512, b"2" * 512, number=unlinked)
+    assert client.answer()[:3] == (4, unlink, TAKEN_BACK)
+    client.wait_for(client.submit(0x01, 512, b"3" * 512, number=other))
+    assert [packet[:1] for _, packet in desk.device.taken] == [b"1", b"3"]
+
+
+def test_the_first_transfer_of_all_may_be_taken_back_before_it_comes() -> None:
+    client, _ = Desk().attached()
+    client.unlink(7, number=8)
+    client.submit(0x81, 512, number=7)
+    assert client.answer()[:3] == (4, 8, TAKEN_BACK)
+
+
+def test_what_the_device_refuses_for_now_waits_until_time_has_passed() -> None:
+    desk = Desk()
+    client, _ = desk.attached()
+    desk.device.room = 0
+    desk.scheduler.at(300_000_000, lambda: setattr(desk.device, "room", 1))
+    assert client.write(0x01, bytes(512)).status == 0
+    assert desk.scheduler.now >= 300_000_000
+
+
+def test_at_the_fast_pace_one_who_only_listens_gets_a_frame_of_time() -> None:
+    desk = Desk()
+    client, session = desk.attached()
+    client.submit(0x81, 512)
+    desk.scheduler.at(300_000, lambda: desk.device.give(0x81, b"soon"))
+    desk.scheduler.at(300_000_000, lambda: desk.device.give(0x81, b"late"))
+    assert client.answer().data == b"soon"
+    number = client.submit(0x81, 512)
+    desk.run(session)
+    assert desk.scheduler.now < 1_000_000
+    with pytest.raises(EOFError):
+        client.wait_for(number)
+
+
+def test_a_bus_reset_is_inferred_where_a_host_begins_to_enumerate() -> None:
+    desk = Desk()
+    client, _ = desk.attached()
+    client.enumerate()
+    assert desk.device.happened == ["reset"]
+    assert desk.device.configuration == 1
+    client.descriptor(1, 18)
+    assert desk.device.happened == ["reset"]  # that was a program that is curious
+    client.descriptor(1, 64)
+    client.descriptor(1, 9)
+    client.descriptor(1, 18)
+    assert desk.device.happened == ["reset"]
+    client.enumerate()
+    assert desk.device.happened == ["reset", "reset"]
+
+
+def test_no_bus_reset_is_inferred_while_something_is_under_way() -> None:
+    desk = Desk()
+    client, _ = desk.attached()
+    client.submit(0x81, 512)
+    client.descriptor(1, 64)
+    client.descriptor(1, 18)
+    assert desk.device.happened == []
+
+
+def test_a_device_that_attaches_anew_ends_the_connection_and_keeps_its_power() -> None:
+    desk = Desk()
+    client, session = desk.attached()
+    client.submit(0x81, 512)
+
+    def come_back() -> None:
+        desk.device.generation += 1
+
+    desk.scheduler.at(200_000, come_back)
+    desk.run(session)
+    assert session.over
+    assert "left the bus" in session.end
+    assert desk.device.happened == []
+    desk.attached()
+
+
+def test_a_client_waits_for_a_device_that_is_about_to_attach() -> None:
+    desk = Desk()
+    desk.device.attached = False
+    desk.scheduler.at(8_000_000, lambda: setattr(desk.device, "attached", True))
+    client, session = desk.client()
+    session.receive(b"")
+    assert client.attach("1-1") == 0
+    assert desk.scheduler.now == 8_000_000
+
+
+def test_but_not_for_long() -> None:
+    desk = Desk()
+    desk.device.attached = False
+    client, session = desk.client()
+    assert client.attach("1-1") == 1
+    assert desk.scheduler.now == 400_000_000  # a second
+    assert "did not attach" in session.end
+
+
+def test_commands_that_come_with_the_request_are_not_lost() -> None:
+    desk = Desk()
+    client, session = desk.client()
+    sent: list[bytes] = []
+    deliver, client.send = client.send, sent.append
+    client.device_id = 1 << 16 | 1
+    number = client.submit(0x80, 18, setup=SECOND_LOOK)
+    deliver(struct.pack(">HHI32s", 0x0111, 0x8003, 0, b"1-1") + sent[0])
+    desk.run(session)
+    assert client.receive(320)[:8] == bytes.fromhex("01110003 00000000")
+    assert client.wait_for(number).length == 18
+
+
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        (b"\xff" * 48, "command 4294967295"),
+        (struct.pack(">5I", 1, 1, 0x10002, 1, 1) + struct.pack(">7I", 0, 64, 0, 0, 0, 0, 0), "device 0x10002"),
+        (struct.pack(">5I", 2, 1, 0x10002, 0, 0) + bytes(28), "device 0x10002"),
+        (struct.pack(">5I", 1, 1, 0x10001, 1, 1) + struct.pack(">7I", 0, 64, 0, 5, 0, 0, 0), "isochronous"),
+        (struct.pack(">5I", 1, 1, 0x10001, 0, 1) + struct.pack(">7I", 0, 2**31, 0, 0, 0, 0, 0), "2147483648 bytes"),
+    ],
+)
+def test_a_client_that_makes_no_sense_is_left_and_its_device_unplugged(command: bytes, reason: str) -> None:
+    desk = Desk()
+    _, session = desk.attached()
+    session.receive(command)
+    assert session.over
+    assert reason in session.end
+    assert desk.device.happened == ["unplug", "plug"]
+    session.receive(command)
+    assert session.pending == 0
+
+
+def test_a_client_may_not_use_a_number_twice_at_once() -> None:
+    client, session = Desk().attached()
+    client.submit(0x81, 512, number=5)
+    client.submit(0x81, 512, number=5)
+    assert "second transfer 5" in session.end
+
+
+def test_a_client_cannot_have_more_under_way_than_there_is_memory_for() -> None:
+    desk = Desk()
+    desk.device.room = 0
+    client, session = desk.attached()
+    for _ in range(MOST_TRANSFERS):
+        client.submit(0x81, 512)
+    assert not session.over
+    client.submit(0x81, 512)
+    assert session.over
+    client, session = desk.attached()
+    megabytes = bytes(1 << 24)
+    for _ in range(MOST_BYTES >> 24):
+        client.submit(0x01, 1 << 24, megabytes)
+    assert not session.over
+    client.submit(0x01, 1, b"1")
+    assert session.over
+    client, session = desk.attached()
+    for number in range(MOST_TRANSFERS + 1):
+        client.unlink(2**20 + number, number=1)
+    assert session.over
+
+
+def test_a_client_that_takes_nothing_is_given_nothing_more() -> None:
+    desk = Desk()
+    client, session = desk.attached()
+    desk.device.give(0x81, *[bytes(512)] * 8192)
+    for _ in range(4):
+        client.submit(0x81, 1 << 20)
+    desk.run(session)
+    assert session.full
+    assert len(desk.device.given[0x81]) == 8192 - 2048
+    assert len(client.answer().data) == 1 << 20
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.binary(max_size=120), max_size=4))
+def test_no_bytes_of_a_client_raise_anything(chunks: list[bytes]) -> None:
+    desk = Desk()
+    _, session = desk.attached()
+    for chunk in chunks:
+        session.receive(chunk)
+        desk.run(session)
+
+
+FIELDS = st.tuples(
+    st.sampled_from([1, 1, 1, 2, 3]),
+    st.integers(1, 6),
+    st.sampled_from([0x10001, 0x10001, 0x10001, 0]),
+    st.integers(0, 1),
+    st.integers(0, 4),
+    st.sampled_from([0, 1, 0x40, 3]),
+    st.integers(0, 700),
+    st.sampled_from([FIRST_LOOK, SECOND_LOOK, setup(0, 9, 1, 0, 0), bytes(8), b"\xff" * 8]),
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(FIELDS, max_size=12))
+def test_no_commands_of_a_client_raise_anything(
+    commands: list[tuple[Any, ...]],
+) -> None:
+    desk = Desk()
+    desk.device.give(0x81, *[bytes(512)] * 3, bytes(32))
+    _, session = desk.attached()
+    for code, number, device, direction, endpoint, flags, length, stage in commands:
+        head = struct.pack(">10I", code, number, device, direction, endpoint, flags, length, 0, 0, 0)
+        session.receive(head + stage + (b"" if direction or code != 1 else bytes(length)))
+        desk.stations[0].stir()
+        desk.run(session)
+        session.take(1 << 20)
+    assert session.over == (session.station is None)
