@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from .console import error_console
+from .emulator.cli import commands as emulator_commands
 from .errors import DeviceError, DeviceNotFoundError, PhasewireError
 from .hil.cli import commands as hil_commands
 from .host.cli import commands as host_commands
@@ -27,7 +28,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for commands in (hil_commands, solver_commands, host_commands):
+for commands in (hil_commands, solver_commands, host_commands, emulator_commands):
     app.add_typer(commands)
 
 

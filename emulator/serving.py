@@ -318,11 +318,23 @@ class Server:
         asyncio.get_running_loop().set_exception_handler(None)
 
     async def listen_usbip(self, exports: Mapping[str, Exported], host: str, port: int) -> int:
-        """Offer devices by USB/IP; the port, which the system chooses for 0."""
+        """Offer devices by USB/IP; the port, which the system chooses for 0.
+
+        Raises
+        ------
+        ValueError
+            Where nobody can listen there.
+        """
         return await self._listen(lambda: _UsbIpConnection(self, UsbIpSession(exports), self._pulses), host, port)
 
     async def listen_serial(self, uart: Uart, station: Station, host: str, port: int) -> int:
-        """Offer a serial line by TCP; the port, which the system chooses for 0."""
+        """Offer a serial line by TCP; the port, which the system chooses for 0.
+
+        Raises
+        ------
+        ValueError
+            Where nobody can listen there.
+        """
         station.conversations.append(uart)
         pulse = self._pulses[station]
         return await self._listen(
@@ -330,7 +342,15 @@ class Server:
         )
 
     def open_pty(self, uart: Uart, station: Station) -> str:
-        """Offer a serial line as a pseudo-terminal; its path."""
+        """Offer a serial line as a pseudo-terminal; its path.
+
+        Raises
+        ------
+        ValueError
+            Where the system has none.
+        """
+        if not hasattr(os, "openpty"):
+            raise ValueError("this system has no pseudo-terminals; offer the serial line by TCP")
         station.conversations.append(uart)
         pty = _Pty(uart, self._pulses[station])
         self.links.append(pty)
@@ -354,7 +374,12 @@ class Server:
             self._ended.set_result(None)
 
     async def _listen(self, meet: Callable[[], asyncio.Protocol], host: str, port: int) -> int:
-        listener = await asyncio.get_running_loop().create_server(meet, host, port)
+        try:
+            listener = await asyncio.get_running_loop().create_server(meet, host, port)
+        except OSError as error:
+            raise ValueError(
+                f"cannot listen on {host}, port {port} ({error.strerror}); choose another address or port, 0 for any"
+            ) from error
         self._listeners.append(listener)
         return int(listener.sockets[0].getsockname()[1])
 

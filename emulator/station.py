@@ -2,7 +2,8 @@
 
 The model of a device knows no threads and its time does not run by itself. A station lets it pass, and gives every
 conversation its turn at the moment, in the device's time, at which it has something to do. Two paces: with the wall
-clock, or no faster than the conversations need, which makes a run repeatable.
+clock, or as far as the conversations need it. The second is repeatable for a client that waits for each answer: the
+same requests then find the device at the same times, however slow the client is.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from .scheduler import Scheduler
 
 __all__ = ["Conversation", "Pace", "Station"]
 
-LINGER_CYCLES = CORE_HZ // 1000
-"""How long time passes at the fast pace for one who only listens: a frame of USB, longer than any answer takes."""
+LINGER_CYCLES = CORE_HZ // 40
+"""How far what happens in the device is waited for at the fast pace, from the last word of a client: 25 ms, in which
+everything has begun that is to begin within 20 ms of a request, and a quarter of the watchdog's time."""
 
 STEP_CYCLES = CORE_HZ // 1000
 """How far time passes at most before somebody may call a halt."""
@@ -31,7 +33,10 @@ class Pace(Enum):
     """What makes a device's time pass."""
 
     WALL = "wall"
+    """The clock of the world; what could not be computed in time is caught up."""
+
     FAST = "fast"
+    """What is to be done: as much as transfers take, and as the device needs to come to rest after each."""
 
 
 class Conversation(Protocol):
@@ -96,7 +101,7 @@ class Station:
         self._linger_until = scheduler.now
 
     def stir(self) -> None:
-        """Somebody has begun something: at the fast pace, time may pass again for those who listen."""
+        """Somebody has said something: at the fast pace, time may pass until the device has come to rest again."""
         self._linger_until = self.scheduler.now + LINGER_CYCLES
 
     def pass_time(self, seconds: float) -> bool:
@@ -140,12 +145,16 @@ class Station:
     def _step(self, target: int) -> bool:
         """Let time pass until somebody has something to do, or a little on; False where it has passed far enough."""
         scheduler = self.scheduler
-        turn = self._turn(scheduler.next_time())
+        event = scheduler.next_time()
+        turn = self._turn(event)
         if self._pace is Pace.FAST:
             pressing = any(each.presses for each in self.conversations)
-            if turn is None or (turn > self._linger_until and not pressing):
+            if turn is not None and (pressing or turn <= self._linger_until):
+                stop = turn
+            elif event is not None and event <= self._linger_until:
+                stop = event
+            else:
                 return False
-            stop = turn
         else:
             stop = min(target, scheduler.now + STEP_CYCLES)
             stop = stop if turn is None else min(stop, turn)

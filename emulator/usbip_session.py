@@ -155,9 +155,10 @@ class UsbIpSession:
         """Do what is due now."""
         if self._attaching:
             self._attach()
-        elif self._bus and not self.full:
+        self._check_attachment()  # first: one who has left the bus answers nothing any more
+        if self._bus and not self.full:
             self._bus.run()
-        self._check_attachment()
+            self._check_attachment()
 
     def _read(self) -> None:
         """Do everything that has been asked for, up to the first thing that must wait."""

@@ -20,7 +20,20 @@ from phasewire.__main__ import app, main
 from phasewire.solver import METHODS, Star
 from phasewire.solver.files import load_field, load_solution, save_solution
 
-COMMANDS = ("demo", "decode", "budget", "vectors", "solve", "field", "focus", "reproduce", "show", "stop", "info")
+COMMANDS = (
+    "demo",
+    "decode",
+    "budget",
+    "vectors",
+    "solve",
+    "field",
+    "focus",
+    "reproduce",
+    "show",
+    "stop",
+    "info",
+    "emulate",
+)
 
 
 class Outcome(NamedTuple):

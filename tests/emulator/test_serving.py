@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import serial
+from phasewire.emulator.door import Handshake
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.emulator.serving import Server
 from phasewire.emulator.station import Pace, Station
@@ -22,7 +23,7 @@ from phasewire.emulator.usbip_session import Exported
 from phasewire.protocol.requests import Setup
 
 from tests.emulator.stand_ins import StandInDevice, StandInLine
-from tests.emulator.usbip_client import Client
+from tests.emulator.usbip_client import Client, client_on
 
 LOOPBACK = "127.0.0.1"
 PATIENCE = 5.0  # seconds
@@ -61,7 +62,7 @@ class House:
 
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
-        schedulers = [Scheduler(), Scheduler()]
+        self.schedulers = schedulers = [Scheduler(), Scheduler()]
         stations = {f"S-{number}": Station(each, self._pace) for number, each in enumerate(schedulers, start=1)}
         exports = {
             f"1-{number}": Exported(1, number, device, station)
@@ -95,20 +96,7 @@ class House:
     @contextmanager
     def client(self) -> Iterator[Client]:
         with closing(socket.create_connection((LOOPBACK, self.usbip), PATIENCE)) as connection:
-
-            def receive(count: int) -> bytes:
-                data = b""
-                while len(data) < count:
-                    try:
-                        part = connection.recv(count - len(data))
-                    except ConnectionResetError:  # we had said something more
-                        part = b""
-                    if not part:
-                        raise EOFError
-                    data += part
-                return data
-
-            yield Client(connection.sendall, receive)
+            yield client_on(connection)
 
 
 @pytest.fixture(params=Pace)
@@ -168,6 +156,52 @@ def test_a_device_that_leaves_the_bus_ends_the_connection(house: House) -> None:
             client.descriptor(1, 18)
     with house.client() as client:
         assert client.attach("1-1") == 0
+
+
+def test_one_who_listens_hears_what_comes_soon(house: House) -> None:
+    scheduler = house.schedulers[0]
+
+    def say_soon() -> None:
+        scheduler.at(scheduler.now + 200_000, lambda: house.devices[0].give(0x81, b"soon"))
+
+    with house.client() as client:
+        client.attach("1-1")
+        client.write(0x01, bytes(2_000_000))  # takes longer than anybody is waited for
+        house.call(say_soon)
+        assert client.read(0x81, 512).data == b"soon"
+
+
+def test_the_wall_clock_goes_on_while_nothing_is_said() -> None:
+    with House(Pace.WALL) as house, house.client() as client:
+        times: list[float] = []
+
+        def note_time(endpoint: int, packet: bytes) -> Handshake:
+            times.append(house.schedulers[0].now / 400e6)
+            return Handshake.ACK
+
+        house.devices[0].bulk_out = note_time  # type: ignore[method-assign]
+        client.attach("1-1")
+        for _ in range(2):
+            client.write(0x01, b"now")
+            time.sleep(0.1)
+    assert 0.1 <= times[1] - times[0] < PATIENCE
+
+
+def test_a_model_that_is_slow_is_computed_on_without_being_asked() -> None:
+    with House(Pace.WALL) as house, house.client() as client:
+        scheduler, device = house.schedulers[0], house.devices[0]
+
+        def take_long() -> None:
+            time.sleep(0.002)  # twice what it models
+            if device.generation:
+                scheduler.at(scheduler.now + 400_000, take_long)
+
+        house.call(lambda: scheduler.at(scheduler.now, take_long))
+        client.attach("1-1")
+        number = client.submit(0x81, 512)
+        house.call(lambda: scheduler.at(scheduler.now + 20_000_000, lambda: device.give(0x81, b"late")))
+        assert client.wait_for(number).data == b"late"
+        device.generation = 0
 
 
 def test_pyserial_speaks_to_the_line_by_tcp(house: House) -> None:

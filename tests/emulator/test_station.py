@@ -98,6 +98,21 @@ def test_at_the_fast_pace_time_passes_for_those_who_need_it_alone() -> None:
     assert stand.station.seconds_to_wait() is None
 
 
+def test_at_the_fast_pace_the_device_comes_to_rest_after_each_word() -> None:
+    stand = Stand(Pace.FAST)
+    happened: list[int] = []
+    for time in (MILLISECOND, 20 * MILLISECOND, 30 * MILLISECOND):
+        stand.scheduler.at(time, lambda: happened.append(stand.scheduler.now // MILLISECOND))
+    stand.station.pass_time(1.0)
+    assert happened == []
+    stand.station.stir()
+    stand.station.pass_time(1.0)
+    assert (happened, stand.scheduler.now) == ([1, 20], 20 * MILLISECOND)
+    stand.station.stir()
+    stand.station.pass_time(1.0)
+    assert happened == [1, 20, 30]
+
+
 def test_at_the_fast_pace_the_same_bytes_take_the_same_time() -> None:
     ends = set()
     for hurry in (0.0, 0.3):

@@ -5,6 +5,7 @@ It speaks over anything that can send bytes and wait for a number of them.
 
 from __future__ import annotations
 
+import socket
 import struct
 from collections.abc import Callable
 from typing import NamedTuple
@@ -34,6 +35,24 @@ class Answer(NamedTuple):
 
 def setup(request_type: int, request: int, value: int, index: int, length: int) -> bytes:
     return struct.pack("<BBHHH", request_type, request, value, index, length)
+
+
+def client_on(connection: socket.socket) -> Client:
+    """A client that speaks over a socket."""
+
+    def receive(count: int) -> bytes:
+        data = b""
+        while len(data) < count:
+            try:
+                part = connection.recv(count - len(data))
+            except ConnectionResetError:  # we had said something more
+                part = b""
+            if not part:
+                raise EOFError
+            data += part
+        return data
+
+    return Client(connection.sendall, receive)
 
 
 class Client:

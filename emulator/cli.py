@@ -1,0 +1,261 @@
+"""The command that gives emulated devices to other programs: ``emulate``."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import json
+import signal
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+
+import typer
+from rich.console import Console
+
+from ..console import console_for, error_console, write_json
+from ..protocol.board import CORE_HZ
+from ..protocol.enumeration import FULL_SPEED, HIGH_SPEED
+from ..protocol.framing import BAUD
+from ..protocol.timing import FIVE_WIRE, LINKS
+from ..storage import check_outputs
+from .machine import Emulator
+from .serving import Server
+from .station import Pace, Station
+from .uart import Uart
+from .usbip import PORT
+from .usbip_session import Exported
+
+__all__ = ["commands"]
+
+commands = typer.Typer(rich_markup_mode=None)
+
+BUS = 1
+MOST_DEVICES = 127  # of one bus (USB 2.0, 8.3.2.1)
+SPEEDS = {"high": HIGH_SPEED, "full": FULL_SPEED}
+PACES = {pace.value: pace for pace in Pace}
+PTY, TCP = "pty", "tcp"
+STATUS_SECONDS = 0.5
+
+Choice = TypeVar("Choice")
+
+
+@dataclass
+class Stand:
+    """An emulated device and where others find it."""
+
+    emulator: Emulator
+    station: Station
+    bus_id: str | None = None
+    serial_line: str | None = None
+
+    def record(self) -> dict[str, Any]:
+        """What scripts need to know of it."""
+        return {"serial": self.emulator.serial, "bus_id": self.bus_id, "serial_line": self.serial_line}
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """Which doors are to be opened."""
+
+    usbip: bool
+    serial: str | None
+    host: str
+    port: int
+    serial_port: int
+    baud: int
+    seconds: float | None
+    json_target: str | None
+
+
+@commands.command()
+def emulate(
+    usbip: Annotated[
+        bool, typer.Option("--usbip", help="Offer the devices by USB/IP; so it is too where no door is asked for.")
+    ] = False,
+    serial: Annotated[
+        str | None,
+        typer.Option(
+            metavar="pty|tcp", help="Offer the UART of each device, as a pseudo-terminal or as a TCP port of its own."
+        ),
+    ] = None,
+    count: Annotated[int | None, typer.Option(min=1, max=MOST_DEVICES, help="How many devices; 1 by default.")] = None,
+    serial_numbers: Annotated[
+        list[str] | None,
+        typer.Option("--serial-number", metavar="TEXT", help="Serial number; give one for each device, or none."),
+    ] = None,
+    link: Annotated[str, typer.Option(help=f"Links of the chain: {' or '.join(LINKS)}.")] = FIVE_WIRE.name,
+    speed: Annotated[str, typer.Option(help=f"Speed of the USB bus: {' or '.join(SPEEDS)}.")] = "high",
+    pace: Annotated[
+        str,
+        typer.Option(
+            help="What makes the devices' time pass: wall, the clock on the wall, or fast, what they are asked to do, "
+            "and that as fast as it can be computed, so that a slow host trips no watchdog."
+        ),
+    ] = Pace.WALL.value,
+    seconds: Annotated[
+        float | None, typer.Option("--for", min=0, help="How long to serve, in s; until Ctrl-C by default.")
+    ] = None,
+    host: Annotated[
+        str,
+        typer.Option(
+            help="Address to listen on. At another than 127.0.0.1 whoever reaches this computer can use the devices: "
+            "neither USB/IP nor a serial line asks who comes, or hides what is said."
+        ),
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port of USB/IP; 0 is any that is free.")] = PORT,
+    serial_port: Annotated[
+        int,
+        typer.Option(min=0, max=65535, help="TCP port of the first device's UART; 0 is any that is free, for each."),
+    ] = 0,
+    baud: Annotated[int, typer.Option(help="Of the UARTs, in bits per second.")] = BAUD,
+    json_target: Annotated[
+        str | None,
+        typer.Option(
+            "--json",
+            metavar="FILE",
+            help="Say where the devices are as JSON in FILE, once they are there; - is a line on standard output.",
+        ),
+    ] = None,
+) -> None:
+    """Serve emulated devices to other programs, until Ctrl-C.
+
+    By USB/IP a Linux machine attaches them as real USB devices, with its own drivers: usb: and any program that speaks
+    USB find them there. A serial line carries the console and frames.
+    """
+    check_outputs([json_target])
+    numbers = _serial_numbers(count, serial_numbers or [])
+    if serial not in (None, PTY, TCP):
+        raise ValueError(f"unknown kind of serial line {serial!r}; known are {PTY} and {TCP}")
+    wanted_link, wanted_speed = _chosen("link", link, LINKS), _chosen("speed", speed, SPEEDS)
+    wanted_pace = _chosen("pace", pace, PACES)
+    wishes = Wishes(usbip or serial is None, serial, host, port, serial_port, baud, seconds, json_target)
+    emulators = [Emulator(link=wanted_link, speed=wanted_speed, serial=number) for number in numbers]
+    stands = [Stand(emulator, Station(emulator.scheduler, wanted_pace)) for emulator in emulators]
+    with suppress(KeyboardInterrupt):  # where the loop cannot be told of signals
+        asyncio.run(_serve(stands, wishes))
+    console_for(json_target).print("Ended; the devices are gone.")
+
+
+def _serial_numbers(count: int | None, given: Sequence[str]) -> Sequence[str | None]:
+    """A serial number for each device, or None where one is to be made up."""
+    if not given:
+        return [None] * (count or 1)
+    if count not in (None, len(given)):
+        raise ValueError(f"{count} devices need as many serial numbers, or none; there are {len(given)}")
+    if len(set(given)) < len(given):
+        raise ValueError(f"two devices cannot have the same serial number: {', '.join(given)}")
+    return given
+
+
+def _chosen(what: str, name: str, choices: Mapping[str, Choice]) -> Choice:
+    if name not in choices:
+        raise ValueError(f"unknown {what} {name!r}; known are {' and '.join(choices)}")
+    return choices[name]
+
+
+async def _serve(stands: Sequence[Stand], wishes: Wishes) -> None:
+    """Open the doors, say where they are, and serve."""
+    messages = error_console()
+    stations = {stand.emulator.serial: stand.station for stand in stands}
+    async with Server(stations, messages.print) as server:
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with suppress(NotImplementedError):  # not on every system
+                loop.add_signal_handler(number, server.stop)
+        usbip_port = await _offer_usbip(server, stands, wishes) if wishes.usbip else None
+        for index, stand in enumerate(stands if wishes.serial else ()):
+            await _offer_line(server, stand, wishes, index)
+        _announce(stands, wishes, usbip_port)
+        with _status_line(messages, stands):
+            await server.serve(wishes.seconds)
+
+
+async def _offer_usbip(server: Server, stands: Sequence[Stand], wishes: Wishes) -> int:
+    exports = {}
+    for number, stand in enumerate(stands, start=1):
+        exported = Exported(BUS, number, stand.emulator.usb, stand.station)
+        stand.bus_id = exported.describe().bus_id
+        exports[stand.bus_id] = exported
+    return await server.listen_usbip(exports, wishes.host, wishes.port)
+
+
+async def _offer_line(server: Server, stand: Stand, wishes: Wishes, index: int) -> None:
+    uart = Uart(lambda: stand.emulator.line, stand.emulator.scheduler, wishes.baud)
+    if wishes.serial == PTY:
+        stand.serial_line = server.open_pty(uart, stand.station)
+    else:
+        wanted = wishes.serial_port and wishes.serial_port + index
+        port = await server.listen_serial(uart, stand.station, wishes.host, wanted)
+        stand.serial_line = f"socket://{_in_url(wishes.host)}:{port}"
+
+
+def _in_url(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _announce(stands: Sequence[Stand], wishes: Wishes, usbip_port: int | None) -> None:
+    """Say where the devices are, and what to type."""
+    out = console_for(wishes.json_target)
+    if usbip_port is not None:
+        option = "" if usbip_port == PORT else f"--tcp-port {usbip_port} "
+        out.print(f"By USB/IP on {wishes.host}, port {usbip_port}. On the Linux machine that shall have them, as root:")
+        out.print("  modprobe vhci-hcd")
+        for stand in stands:
+            out.print(f"  usbip {option}attach -r {wishes.host} -b {stand.bus_id}    # {stand.emulator.serial}")
+    if wishes.serial:
+        out.print(f"By serial lines of {wishes.baud} baud:")
+        for stand in stands:
+            out.print(
+                f"  python -m serial.tools.miniterm {stand.serial_line} {wishes.baud}    # {stand.emulator.serial}"
+            )
+    if not _is_loopback(wishes.host) and (wishes.usbip or wishes.serial == TCP):
+        error_console().print(
+            f"warning: whoever reaches {wishes.host} can use these devices, and read what is said", style="yellow"
+        )
+    record = {
+        "format": "phasewire-emulate-1",
+        "usbip": None if usbip_port is None else {"host": wishes.host, "port": usbip_port},
+        "devices": [stand.record() for stand in stands],
+    }
+    if wishes.json_target == "-":
+        typer.echo(json.dumps(record))
+    else:
+        write_json(wishes.json_target, record)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+@contextmanager
+def _status_line(console: Console, stands: Sequence[Stand]) -> Iterator[None]:
+    """Keep a line up to date that says how the devices are, where there is a terminal for it."""
+    if not console.is_terminal:
+        yield
+        return
+    with console.status("") as status:
+
+        async def renew() -> None:
+            while True:
+                status.update("; ".join(map(_how_it_is, stands)) + " (Ctrl-C ends)")
+                await asyncio.sleep(STATUS_SECONDS)
+
+        task = asyncio.get_running_loop().create_task(renew())
+        try:
+            yield
+        finally:
+            task.cancel()
+
+
+def _how_it_is(stand: Stand) -> str:
+    station = stand.station
+    behind = station.seconds_behind
+    late = f", {behind:.1f} s behind the clock" if behind > STATUS_SECONDS else ""
+    controller = stand.emulator.controller
+    state = controller.state.name if controller else "starting"
+    return f"{stand.emulator.serial} {state} at {station.scheduler.now / CORE_HZ:.1f} s{late}"

@@ -1,0 +1,199 @@
+"""``phasewire emulate`` as a process, and a USB/IP client of it that was written from the kernel's document."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+import pytest
+import serial
+from cobs import cobs
+from phasewire.__main__ import main
+from phasewire.protocol.blocks import Block, Update, pack
+from phasewire.protocol.codes import Reason, Request
+from phasewire.protocol.pulses import Pulses
+from phasewire.protocol.replies import Ack, Info, Status
+
+from tests.emulator.usbip_client import Client, client_on, setup
+
+LOOPBACK = "127.0.0.1"
+PATIENCE = 20.0  # seconds; the process takes a few to start on a busy machine
+STALLED = -32  # EPIPE
+STATUS_REQUEST = bytes.fromhex("05032AC102 01 0101 0240 05CDC288CE 00")  # the worked example of chapter SER
+
+
+class Served:
+    """The process, and what it announced."""
+
+    def __init__(self, process: subprocess.Popen[str], announced: dict[str, Any]) -> None:
+        self.process = process
+        self.announced = announced
+
+    @contextmanager
+    def client(self, bus_id: str = "1-1") -> Iterator[Client]:
+        usbip = self.announced["usbip"]
+        with closing(socket.create_connection((usbip["host"], usbip["port"]), PATIENCE)) as connection:
+            client = client_on(connection)
+            assert client.attach(bus_id) == 0
+            yield client
+
+    def end(self, number: signal.Signals) -> tuple[int, str]:
+        """Send a signal, and wait for the exit code and what was said on standard error."""
+        self.process.send_signal(number)
+        _, said = self.process.communicate(timeout=PATIENCE)
+        return self.process.returncode, said
+
+
+@contextmanager
+def emulate(*options: str) -> Iterator[Served]:
+    command = [sys.executable, "-m", "phasewire", "emulate", "--port", "0", "--json", "-", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout
+            line = process.stdout.readline()
+            assert line, process.communicate(timeout=PATIENCE)
+            yield Served(process, json.loads(line))
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize(
+    ("pace", "speed", "packet", "number"),
+    [("wall", "high", 512, signal.SIGINT), ("fast", "full", 64, signal.SIGTERM)],
+)
+def test_devices_are_served_used_and_gone(pace: str, speed: str, packet: int, number: signal.Signals) -> None:
+    names = ("--serial-number", "left", "--serial-number", "right")
+    with emulate("--pace", pace, "--speed", speed, *names) as served:
+        assert [device["serial"] for device in served.announced["devices"]] == ["left", "right"]
+        with served.client() as client:
+            configuration = client.enumerate()
+            assert len(configuration) == 116  # clause USB-009
+            assert int.from_bytes(configuration[22:24], "little") == packet  # of 01 OUT
+            assert client.descriptor(3, 255, 3, 0x0409).decode("utf-16-le")[1:] == "left"
+            info = Info.decode(client.request(0xC1, Request.INFO, length=Info.BYTES).data)
+            assert info.boards == 5
+            assert client.request(0x41, Request.ENABLE).status == 0
+            block = pack(Block(Update(Pulses.silent(320)), 7, restart=True))
+            assert client.write(0x01, block)[2:4] == (0, 512)
+            ack = Ack.decode(client.read(0x81, 512).data[:32])
+            assert (ack.reason, ack.sequence) == (Reason.ACCEPTED, 7)
+            status = Status.decode(client.request(0xC1, Request.STATUS, length=Status.BYTES).data)
+            assert (status.enabled, status.accepted) == (True, 1)
+            assert client.request(0xC1, 99, length=4).status == STALLED
+            waits = client.submit(0x81, 512)
+            assert client.wait_for(client.unlink(waits)).status == -104
+            client.enumerate()  # a bus reset and what follows
+            status = Status.decode(client.request(0xC1, Request.STATUS, length=Status.BYTES).data)
+            assert not status.enabled
+        with served.client("1-2") as client:
+            assert client.descriptor(3, 255, 3, 0x0409).decode("utf-16-le")[1:] == "right"
+        code, said = served.end(number)
+    assert code == 0
+    assert f"left: {LOOPBACK}:" in said
+    assert "Ended; the devices are gone." in said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("pace", ["wall", "fast"])
+def test_a_device_that_restarts_or_is_detached_can_be_attached_again(pace: str) -> None:
+    with emulate("--pace", pace) as served:
+        with served.client() as client:
+            client.enumerate()
+            client.submit(0x00, 0, setup=setup(0x41, Request.RESET, 0, 0, 0))
+            with pytest.raises(EOFError):
+                client.wait_for(client.submit(0x81, 512))
+        with served.client() as client:
+            client.enumerate()
+            assert client.request(0x21, 0, 1000, 3).status == 0  # DETACH
+            with pytest.raises(EOFError):
+                client.wait_for(client.submit(0x81, 512))
+        with served.client() as client:
+            assert client.descriptor(1, 18)[8:12] == bytes.fromhex("09120200")  # 1209:0002, DFU mode
+            client.enumerate()
+            with pytest.raises(EOFError):
+                client.enumerate()  # a bus reset boots it
+        with served.client() as client:
+            assert client.descriptor(1, 18)[8:12] == bytes.fromhex("09120100")
+
+
+@pytest.mark.parametrize(("kind", "pace"), [("pty", "wall"), ("tcp", "fast")])
+def test_a_serial_line_carries_text_and_frames(kind: str, pace: str) -> None:
+    with emulate("--serial", kind, "--pace", pace, "--baud", "1000000") as served:
+        assert served.announced["usbip"] is None
+        with serial.serial_for_url(served.announced["devices"][0]["serial_line"], 1_000_000, timeout=PATIENCE) as port:
+            port.write(b"\r")
+            assert port.read_until(b"> ")[-2:] == b"> "
+            port.write(bytes.fromhex("00") + STATUS_REQUEST)
+            assert port.read_until(b"\0")[-1:] == b"\0"  # what was text ends here
+            answer = cobs.decode(port.read_until(b"\0")[:-1])
+        assert answer[:3] == bytes([4, 0x2A, 0])  # REPLY, tag, DONE
+        status = Status.decode(answer[3:-4])
+        assert (status.enabled, zlib.crc32(answer[:-4])) == (False, int.from_bytes(answer[-4:], "little"))
+
+
+def test_on_a_terminal_it_says_what_to_type_and_how_things_are_and_ends_in_time() -> None:
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "phasewire", "emulate", "--port", "0", "--for", "0.3"]
+    with subprocess.Popen(command, stdout=theirs, stderr=theirs, close_fds=True) as process:
+        os.close(theirs)
+        said = b""
+        with closing(os.fdopen(ours, "rb", buffering=0)) as terminal:
+            while True:
+                try:
+                    said += terminal.read(4096)
+                except OSError:  # it has gone
+                    break
+        assert process.wait(PATIENCE) == 0
+    text = said.decode()
+    assert "modprobe vhci-hcd" in text
+    assert f"attach -r {LOOPBACK} -b 1-1" in text
+    assert "EMU-0001 OFF at " in text
+    assert "Ctrl-C ends" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--count", "2", "--serial-number", "a"], "2 devices need as many serial numbers, or none; there are 1"),
+        (["--serial-number", "a", "--serial-number", "a"], "same serial number: a, a"),
+        (["--serial-number", "a b"], "serial number 'a b'"),
+        (["--serial", "usb"], "unknown kind of serial line 'usb'; known are pty and tcp"),
+        (["--link", "3wire"], "unknown link '3wire'; known are 5wire and 2wire"),
+        (["--speed", "super"], "unknown speed 'super'; known are high and full"),
+        (["--pace", "slow"], "unknown pace 'slow'; known are wall and fast"),
+        (["--host", "192.0.2.1"], "cannot listen on 192.0.2.1, port 3240"),
+        (["--serial", "tcp", "--baud", "0"], "0 baud"),
+    ],
+)
+def test_wrong_use_is_refused(options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exited:
+        main(["emulate", *options])
+    assert exited.value.code == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_port_that_is_taken_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    with closing(socket.create_server((LOOPBACK, 0))) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(SystemExit) as exited:
+            main(["emulate", "--port", str(port)])
+    assert exited.value.code == 2
+    assert f"cannot listen on {LOOPBACK}, port {port}" in capsys.readouterr().err
+
+
+def test_listening_to_everybody_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exited:
+        main(["emulate", "--host", "0.0.0.0", "--port", "0", "--for", "0"])
+    captured = capsys.readouterr()
+    assert exited.value.code == 0
+    assert "warning: whoever reaches 0.0.0.0" in captured.err
+    assert "warning" not in captured.out
