@@ -42,6 +42,9 @@ _TIMES = {
     FULL_SPEED: _Times(_FRAME_CYCLES // _PACKETS_PER_FRAME, _FRAME_CYCLES),
 }
 
+STREAM_CYCLES = CORE_HZ // 1000
+"""How long packets are sent at once before the others have their turn: a millisecond."""
+
 _CONTROL = 0
 """The queue of the control endpoint, in both directions."""
 
@@ -74,6 +77,9 @@ class Peripheral(Protocol):
 
     def bulk_out(self, endpoint: int, packet: bytes) -> Handshake:
         """Take a packet."""
+
+    def stream_out(self, endpoint: int, data: memoryview, began: int, deadline: int) -> tuple[int, int]:
+        """Take many packets at once, if that can be: how many bytes, and when the last had arrived."""
 
     def bulk_in(self, endpoint: int) -> bytes | Handshake:
         """Give a packet."""
@@ -203,26 +209,28 @@ class UsbBus:
         return None if event is None else max(event, self._next_end)
 
     def run(self) -> None:
-        """Carry one request or packet, if the bus is free."""
+        """Carry one request or packet, or a stream of packets, if the bus is free."""
         if self._queues and self._next_end <= self._scheduler.now:
-            carried = self._carry_one()
-            self._waits = not (carried and self._queues)
-            self._next_end = self._scheduler.now + self._cost()
+            ended = self._carry_one()
+            self._waits = ended is None or not self._queues
+            self._next_end = (self._scheduler.now if ended is None else ended) + self._cost()
 
     def _cost(self) -> int:
         return self._times.control if _CONTROL in self._queues else self._times.packet
 
-    def _carry_one(self) -> bool:
-        """Carry a request, or one packet of the first endpoint that does not answer NAK; whether there was any."""
+    def _carry_one(self) -> int | None:
+        """Carry a request, or something of the first endpoint that does not answer NAK; when it had arrived."""
+        now = self._scheduler.now
         if _CONTROL in self._queues:
             self._request(self._queues[_CONTROL][0])
-            return True
+            return now
         for endpoint, queue in self._queues.items():
-            if (self._receive if queue[0].is_in else self._send)(queue[0]):
+            ended = self._receive(queue[0]) if queue[0].is_in else self._stream(queue[0]) or self._send(queue[0])
+            if ended is not None:
                 if endpoint in self._queues:
                     self._queues[endpoint] = self._queues.pop(endpoint)  # behind the others: they take turns
-                return True
-        return False
+                return ended
+        return None
 
     def _request(self, transfer: Transfer) -> None:
         setup = transfer.setup
@@ -237,25 +245,41 @@ class UsbBus:
         transfer.sent = len(transfer.data)
         self._take(transfer, answer, ends=True)
 
-    def _send(self, transfer: Transfer) -> bool:
+    def _stream(self, transfer: Transfer) -> int | None:
+        """Send many packets at once, which is the same and faster, where the device can take them so."""
+        now, rest = self._scheduler.now, memoryview(transfer.data)[transfer.sent :]
+        began = now - self._times.packet
+        taken, ended = self._device.stream_out(transfer.endpoint, rest, began, now + STREAM_CYCLES)
+        if not taken:
+            return None
+        transfer.sent += taken
+        if transfer.sent == transfer.length and not transfer.zero_packet:
+            self._end(transfer, Outcome.DONE)
+        return ended
+
+    def _send(self, transfer: Transfer) -> int | None:
         size = self._size(transfer)
         packet = transfer.data[transfer.sent : transfer.sent + size]
         answer = self._device.bulk_out(transfer.endpoint, packet)
+        if answer is Handshake.NAK:
+            return None
         if answer is Handshake.STALL:
             self._end(transfer, Outcome.STALLED)
-        elif answer is Handshake.ACK:
+        else:
             transfer.sent += len(packet)
             if len(packet) < size or (transfer.sent == transfer.length and not transfer.zero_packet):
                 self._end(transfer, Outcome.DONE)
-        return answer is not Handshake.NAK
+        return self._scheduler.now
 
-    def _receive(self, transfer: Transfer) -> bool:
+    def _receive(self, transfer: Transfer) -> int | None:
         answer = self._device.bulk_in(transfer.endpoint)
+        if answer is Handshake.NAK:
+            return None
         if isinstance(answer, bytes):
             self._take(transfer, answer, ends=len(answer) < self._size(transfer))
-        elif answer is Handshake.STALL:
+        else:
             self._end(transfer, Outcome.STALLED)
-        return answer is not Handshake.NAK
+        return self._scheduler.now
 
     def _take(self, transfer: Transfer, data: bytes, ends: bool) -> None:
         if len(transfer.received) + len(data) > transfer.length:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 from phasewire.emulator.door import Handshake, Stall
+from phasewire.emulator.scheduler import Scheduler
 from phasewire.protocol.enumeration import HIGH_SPEED, Speed, run_time
 from phasewire.protocol.requests import Setup
 
@@ -19,6 +20,7 @@ class StandInDevice:
         self.enumeration = run_time((1, 2, 3), "stand-in", "S-1", speed)
         self.configuration = 0
         self.room = 10**9
+        self.streams: tuple[Scheduler, int] | None = None
         self.taken: list[tuple[int, bytes]] = []
         self.given: dict[int, deque[bytes]] = {}
         self.halted: set[int] = set()
@@ -47,6 +49,17 @@ class StandInDevice:
         self.room -= 1
         self.taken.append((endpoint, packet))
         return Handshake.ACK
+
+    def stream_out(self, endpoint: int, data: memoryview, began: int, deadline: int) -> tuple[int, int]:
+        """As many whole packets as it was told to take at once, in the time of a high-speed bus."""
+        if self.streams is None:
+            return 0, began
+        scheduler, most = self.streams
+        packets = min(len(data) // 512, most, (deadline - began) // 3846)
+        self.taken += [(endpoint, bytes(data[512 * each : 512 * each + 512])) for each in range(packets)]
+        ended = began + 3846 * packets
+        scheduler.run_until(max(scheduler.now, ended))
+        return 512 * packets, ended
 
     def bulk_in(self, endpoint: int) -> bytes | Handshake:
         if endpoint in self.halted:

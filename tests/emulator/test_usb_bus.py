@@ -84,6 +84,19 @@ def test_what_is_sent_is_cut_into_packets(size: int, zero_packet: bool, packets:
     assert transfer.sent == size
 
 
+@pytest.mark.parametrize("zero_packet", [False, True])
+@pytest.mark.parametrize(("size", "streams"), [(5120, 3), (5120, 5), (5121, 3), (512 * 200, 10**6)])
+def test_a_stream_is_the_same_as_its_packets(size: int, streams: int, zero_packet: bool) -> None:
+    ends = []
+    for at_once in (0, streams):
+        bench = Bench()
+        bench.device.streams = (bench.scheduler, at_once)
+        transfer = bench.out(bytes(each % 251 for each in range(size)), zero_packet=zero_packet)
+        ends.append((bench.run(), bench.device.taken, bench.outcomes, transfer.sent))
+    assert ends[0] == ends[1]
+    assert ends[0][2:] == ([Outcome.DONE], size)
+
+
 @pytest.mark.parametrize(
     ("length", "packets", "outcome", "received"),
     [
