@@ -54,7 +54,6 @@ class _Pulse:
         """Hand bytes to a conversation, now."""
         self.station.pass_time(SLICE_SECONDS)
         conversation.receive(data)
-        self.station.stir()
         self.beat()
 
     def beat(self) -> None:
@@ -163,7 +162,6 @@ class _UsbIpConnection(_Connection):
         if not self._pulse and self._session.station:
             pulse = self._pulses[self._session.station]
             self._meet(pulse)
-            pulse.station.stir()
             pulse.beat()
 
     def connection_lost(self, _error: Exception | None) -> None:

@@ -19,11 +19,16 @@ from .scheduler import Scheduler
 __all__ = ["Conversation", "Pace", "Station"]
 
 LINGER_CYCLES = CORE_HZ // 40
-"""How far what happens in the device is waited for at the fast pace, from the last word of a client: 25 ms, in which
-everything has begun that is to begin within 20 ms of a request, and a quarter of the watchdog's time."""
+"""How long what happens in the device is waited for at the fast pace, after the last word that it heard: 25 ms, in
+which everything has begun that is to begin within 20 ms of a request, and a quarter of the watchdog's time."""
 
 STEP_CYCLES = CORE_HZ // 1000
 """How far time passes at most before somebody may call a halt."""
+
+STALL_SECONDS = 0.02
+CATCH_UP = 2
+"""What was missed is caught up at twice the pace of the clock, and a pause counts as 20 ms. So a client that gives
+three signs of life in the time of the watchdog is in time also when this program was held up."""
 
 IDLE_SECONDS = 0.01
 """How far the device's time may fall behind the wall clock while nobody would see it."""
@@ -56,7 +61,15 @@ class Conversation(Protocol):
 
     @property
     def presses(self) -> bool:
-        """Whether time must pass for it, also at the fast pace."""
+        """Whether something of it is under way, so that time must pass at the fast pace too."""
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the device does not hear for now what it says; perhaps it would later."""
+
+    @property
+    def last_word(self) -> int | None:
+        """When the device last heard something of the client, in its time; None if never."""
 
     def receive(self, data: bytes) -> None:
         """Take bytes of the client. Whatever they are, nothing is raised for them."""
@@ -98,11 +111,8 @@ class Station:
         self._pace = pace
         self._clock = clock
         self._power_up = clock() - scheduler.now / CORE_HZ
-        self._linger_until = scheduler.now
-
-    def stir(self) -> None:
-        """Somebody has said something: at the fast pace, time may pass until the device has come to rest again."""
-        self._linger_until = self.scheduler.now + LINGER_CYCLES
+        self._last_look = clock()
+        self._rest_by = scheduler.now
 
     def pass_time(self, seconds: float) -> bool:
         """Let the device's time pass as far as its pace has it, for at most so many seconds of the clock.
@@ -113,7 +123,7 @@ class Station:
             Whether it came that far; otherwise call again.
         """
         end = self._clock() + seconds
-        target = self._target()
+        target = self._next_target()
         while self._step(target):
             if self._clock() >= end:
                 return False
@@ -123,8 +133,10 @@ class Station:
         """How long nobody will have anything to do, in seconds of the clock; None if until somebody stirs."""
         event = self.scheduler.next_time()
         turn = self._turn(event)
-        if self._pace is Pace.FAST or (turn is None and event is None):
+        if turn is None and event is None:
             return None
+        if self._pace is Pace.FAST:
+            return IDLE_SECONDS if any(each.stuck for each in self.conversations) else None
         if turn is None:
             return IDLE_SECONDS
         return max(0.0, self._power_up + turn / CORE_HZ - self._clock())
@@ -137,6 +149,17 @@ class Station:
     def _target(self) -> int:
         return int((self._clock() - self._power_up) * CORE_HZ)
 
+    def _next_target(self) -> int:
+        """How far time should pass now, where the clock decides: after a pause no faster than clients can follow."""
+        passed = self._clock() - self._last_look
+        self._last_look += passed
+        step = int(min(passed, STALL_SECONDS) * CORE_HZ)
+        if self._pace is Pace.FAST:
+            return self.scheduler.now + step
+        event = self.scheduler.next_time()
+        resting = event is None and self._turn(event) is None
+        return self._target() if resting else min(self._target(), self.scheduler.now + CATCH_UP * step)
+
     def _turn(self, event: int | None) -> int | None:
         """When a conversation has something to do."""
         times = (each.next_time(event) for each in self.conversations)
@@ -144,23 +167,25 @@ class Station:
 
     def _step(self, target: int) -> bool:
         """Let time pass until somebody has something to do, or a little on; False where it has passed far enough."""
-        scheduler = self.scheduler
-        event = scheduler.next_time()
-        turn = self._turn(event)
-        if self._pace is Pace.FAST:
-            pressing = any(each.presses for each in self.conversations)
-            if turn is not None and (pressing or turn <= self._linger_until):
-                stop = turn
-            elif event is not None and event <= self._linger_until:
-                stop = event
-            else:
-                return False
-        else:
-            stop = min(target, scheduler.now + STEP_CYCLES)
-            stop = stop if turn is None else min(stop, turn)
-            if stop <= scheduler.now and (turn is None or turn > scheduler.now):
-                return False
-        scheduler.run_until(max(stop, scheduler.now))
+        event = self.scheduler.next_time()
+        stop = self._next_stop(self._turn(event), event, target)
+        if stop is None:
+            return False
+        self.scheduler.run_until(max(stop, self.scheduler.now))
         for each in tuple(self.conversations):
             each.run()
         return True
+
+    def _next_stop(self, turn: int | None, event: int | None, target: int) -> int | None:
+        if self._pace is Pace.FAST:
+            words = (each.last_word for each in self.conversations if each.last_word is not None)
+            self._rest_by = max([self._rest_by, *(word + LINGER_CYCLES for word in words)])
+            if turn is not None and (turn <= self._rest_by or any(each.presses for each in self.conversations)):
+                return turn
+            if event is not None and event <= self._rest_by:
+                return event
+            if not any(each.stuck for each in self.conversations):
+                return None
+        now = self.scheduler.now
+        stop = min(time for time in (target, now + STEP_CYCLES, turn) if time is not None)
+        return stop if stop > now or (turn is not None and turn <= now) else None

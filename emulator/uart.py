@@ -97,6 +97,7 @@ class Uart:
     """
 
     over = False
+    stuck = False
 
     def __init__(self, line: Callable[[], ByteLine | None], scheduler: Scheduler, baud: int) -> None:
         if not 1 <= baud <= MOST_BAUD:
@@ -107,7 +108,9 @@ class Uart:
         self._inward = _Way(scheduler, baud)
         self._outward = _Way(scheduler, baud)
         self._leaving = False
+        self._scheduler = scheduler
         self.connected = False
+        self.last_word: int | None = None
 
     @property
     def pending(self) -> int:
@@ -121,7 +124,7 @@ class Uart:
 
     @property
     def presses(self) -> bool:
-        """Whether time must pass for it, also at the fast pace."""
+        """Whether something of it is under way, so that time must pass at the fast pace too."""
         return bool(self._to_device or self._sayable)
 
     @property
@@ -170,6 +173,7 @@ class Uart:
             self._inward.keep_busy(len(self._to_device))
             if line:
                 line.receive(data)
+                self.last_word = self._scheduler.now
             if self._leaving and not self._to_device:
                 self._finish_leaving()
         self._outward.keep_busy(self._sayable)

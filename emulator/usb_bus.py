@@ -160,6 +160,11 @@ class UsbBus:
         The device.
     scheduler : Scheduler
         Its time.
+
+    Attributes
+    ----------
+    last_word : int or None
+        When the device last took something, in core cycles.
     """
 
     def __init__(self, device: Peripheral, scheduler: Scheduler) -> None:
@@ -172,20 +177,26 @@ class UsbBus:
             if isinstance(each, Endpoint)
         }
         self._queues: dict[int, deque[Transfer]] = {}
+        self.last_word: int | None = None
         self._next_end = 0  # when the next packet or request will be over
         self._waits = True  # for something to happen in the device
 
     @property
     def presses(self) -> bool:
-        """Whether time must pass: something can be carried, or waits to go to the device."""
-        return not self._waits or any(not queue[0].is_in for queue in self._queues.values())
+        """Whether something may be carried as soon as the bus is free."""
+        return not self._waits
+
+    @property
+    def stuck(self) -> bool:
+        """Whether something waits to go to the device, which answers NAK."""
+        return self._waits and any(not queue[0].is_in for queue in self._queues.values())
 
     def submit(self, transfer: Transfer) -> None:
         """Put a transfer behind the others of its endpoint."""
         self._queues.setdefault(transfer.queue, deque()).append(transfer)
         if self._waits:
             self._waits = False
-            self._next_end = max(self._next_end, self._scheduler.now) + self._cost()
+            self._next_end = max(self._next_end, self._scheduler.now + self._cost())
 
     def cancel(self, transfer: Transfer) -> None:
         """Take a transfer back that has not ended. What has been carried of it stays carried."""
@@ -223,6 +234,7 @@ class UsbBus:
         now = self._scheduler.now
         if _CONTROL in self._queues:
             self._request(self._queues[_CONTROL][0])
+            self.last_word = now
             return now
         for endpoint, queue in self._queues.items():
             ended = self._receive(queue[0]) if queue[0].is_in else self._stream(queue[0]) or self._send(queue[0])
@@ -253,6 +265,7 @@ class UsbBus:
         if not taken:
             return None
         transfer.sent += taken
+        self.last_word = ended
         if transfer.sent == transfer.length and not transfer.zero_packet:
             self._end(transfer, Outcome.DONE)
         return ended
@@ -267,6 +280,7 @@ class UsbBus:
             self._end(transfer, Outcome.STALLED)
         else:
             transfer.sent += len(packet)
+            self.last_word = self._scheduler.now
             if len(packet) < size or (transfer.sent == transfer.length and not transfer.zero_packet):
                 self._end(transfer, Outcome.DONE)
         return self._scheduler.now

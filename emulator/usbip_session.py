@@ -122,8 +122,18 @@ class UsbIpSession:
 
     @property
     def presses(self) -> bool:
-        """Whether time must pass for it, also at the fast pace."""
+        """Whether something of it is under way, so that time must pass at the fast pace too."""
         return self._attaching or (self._bus is not None and self._bus.presses and not self.full)
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the device does not hear for now what it says; perhaps it would later."""
+        return self._bus is not None and self._bus.stuck
+
+    @property
+    def last_word(self) -> int | None:
+        """When the device last heard something of the client, in its time; None if never."""
+        return self._bus.last_word if self._bus else None
 
     @property
     def _attaching(self) -> bool:

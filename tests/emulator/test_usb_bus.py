@@ -156,7 +156,7 @@ def test_what_is_answered_with_nak_waits_until_something_happens_in_the_device()
     bench.run()
     assert (bench.ended, len(bench.device.taken)) == ([], 1)
     assert bench.bus.next_time(None) is None
-    assert bench.bus.presses  # there is something to send
+    assert (bench.bus.presses, bench.bus.stuck) == (False, True)
 
     def make_room() -> None:
         bench.device.room = 1
@@ -168,12 +168,18 @@ def test_what_is_answered_with_nak_waits_until_something_happens_in_the_device()
     assert 1_000_000 <= bench.scheduler.now < 1_000_000 + 3 * PACKET
 
 
-def test_one_who_only_listens_does_not_press() -> None:
+def test_one_who_only_listens_neither_presses_nor_is_stuck() -> None:
     bench = Bench()
     bench.into(512)
-    assert bench.bus.presses
+    assert (bench.bus.presses, bench.bus.stuck) == (True, False)
     bench.run()
-    assert not bench.bus.presses
+    assert (bench.bus.presses, bench.bus.stuck, bench.bus.last_word) == (False, False, None)
+    bench.out(b"word")
+    bench.run()
+    assert bench.bus.last_word == 2 * PACKET
+    bench.request(Setup(0x80, 6, 0x0100, 0, 18))
+    bench.run()
+    assert bench.bus.last_word == 3 * PACKET + MICROFRAME
 
 
 def test_a_transfersubmitted_late_waits_for_its_packet_only() -> None:

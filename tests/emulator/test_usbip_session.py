@@ -24,7 +24,8 @@ class Desk:
 
     def __init__(self) -> None:
         self.devices = [StandInDevice(), StandInDevice()]
-        self.stations = [Station(Scheduler(), Pace.FAST, lambda: 0.0) for _ in self.devices]
+        self.clock = 0.0
+        self.stations = [Station(Scheduler(), Pace.FAST, lambda: self.clock) for _ in self.devices]
         self.exports = {
             f"1-{number}": Exported(1, number, device, station)
             for number, (device, station) in enumerate(zip(self.devices, self.stations, strict=True), start=1)
@@ -43,8 +44,6 @@ class Desk:
 
         def send(data: bytes) -> None:
             session.receive(data)
-            if session.station:
-                session.station.stir()
 
         def receive(count: int) -> bytes:
             self.run(session)
@@ -123,7 +122,8 @@ def test_a_transfer_that_waits_can_be_taken_back() -> None:
     first, second = client.submit(0x81, 512), client.submit(0x81, 512)
     unlink = client.unlink(first)
     assert client.answer()[:3] == (4, unlink, TAKEN_BACK)
-    desk.scheduler.at(desk.scheduler.now + 1000, lambda: desk.device.give(0x81, b"r" * 32))
+    desk.scheduler.at(desk.scheduler.now + 10_000, lambda: desk.device.give(0x81, b"r" * 32))
+    client.write(0x01, b"say something")
     assert client.wait_for(second).data == b"r" * 32
     with pytest.raises(EOFError):
         client.answer()  # nothing for the first
@@ -160,27 +160,41 @@ def test_the_first_transfer_of_all_may_be_taken_back_before_it_comes() -> None:
     assert client.answer()[:3] == (4, 8, TAKEN_BACK)
 
 
-def test_what_the_device_refuses_for_now_waits_until_time_has_passed() -> None:
-    desk = Desk()
-    client, _ = desk.attached()
-    desk.device.room = 0
-    desk.scheduler.at(300_000_000, lambda: setattr(desk.device, "room", 1))
-    assert client.write(0x01, bytes(512)).status == 0
-    assert desk.scheduler.now >= 300_000_000
-
-
-def test_at_the_fast_pace_one_who_only_listens_is_not_waited_for_long() -> None:
+def test_what_the_device_refuses_for_now_waits_as_long_as_the_clock_says() -> None:
     desk = Desk()
     client, session = desk.attached()
-    client.submit(0x81, 512)
-    desk.scheduler.at(300_000, lambda: desk.device.give(0x81, b"soon"))
-    desk.scheduler.at(300_000_000, lambda: desk.device.give(0x81, b"late"))
-    assert client.answer().data == b"soon"
-    number = client.submit(0x81, 512)
+    client.write(0x01, b"something")
+    desk.device.room = 0
+    for time in (2_000_000, 20_000_000):
+        desk.scheduler.at(time, lambda: setattr(desk.device, "room", 1))
+    assert client.write(0x01, bytes(512)).status == 0  # soon
+    assert desk.scheduler.now < 3_000_000
+    number = client.submit(0x01, 512, bytes(512))
     desk.run(session)
-    assert desk.scheduler.now < 12_000_000
-    with pytest.raises(EOFError):
-        client.wait_for(number)
+    assert desk.scheduler.now < 3_000_000
+    assert desk.stations[0].seconds_to_wait() == 0.01
+    for _ in range(5):
+        assert session.pending == 0
+        desk.clock += 0.01
+        desk.run(session)
+    assert client.wait_for(number).status == 0
+    assert desk.scheduler.now == pytest.approx(20_000_000, rel=0.01)
+    assert desk.stations[0].seconds_to_wait() is None
+
+
+def test_at_the_fast_pace_the_device_comes_to_rest_after_each_word() -> None:
+    desk = Desk()
+    client, session = desk.attached()
+    listens = client.submit(0x81, 512)
+    desk.scheduler.at(3_000_000, lambda: desk.device.give(0x81, b"soon"))
+    desk.scheduler.at(30_000_000, lambda: desk.device.give(0x81, b"late"))
+    desk.run(session)
+    assert desk.scheduler.now < 10_000  # who only listens is not waited for
+    client.write(0x01, b"anything")
+    assert client.wait_for(listens).data == b"soon"
+    client.submit(0x81, 512)
+    desk.run(session)
+    assert desk.scheduler.now < 13_000_000
 
 
 def test_a_bus_reset_is_inferred_where_a_host_begins_to_enumerate() -> None:
@@ -218,6 +232,8 @@ def test_a_device_that_attaches_anew_ends_the_connection_and_keeps_its_power() -
         desk.device.give(0x81, b"from another life")
 
     desk.scheduler.at(200_000, come_back)
+    client.submit(0x01, 8, b"go away!")
+    assert client.answer().status == 0
     desk.run(session)
     assert (session.over, session.pending) == (True, 0)
     assert "left the bus" in session.end
@@ -357,7 +373,6 @@ def test_no_commands_of_a_client_raise_anything(
     for code, number, device, direction, endpoint, flags, length, stage in commands:
         head = struct.pack(">10I", code, number, device, direction, endpoint, flags, length, 0, 0, 0)
         session.receive(head + stage + (b"" if direction or code != 1 else bytes(length)))
-        desk.stations[0].stir()
         desk.run(session)
         session.take(1 << 20)
     assert session.over == (session.station is None)
