@@ -37,6 +37,7 @@ SPEEDS = {"high": HIGH_SPEED, "full": FULL_SPEED}
 PACES = {pace.value: pace for pace in Pace}
 PTY, TCP = "pty", "tcp"
 STATUS_SECONDS = 0.5
+HISTORY_PERIODS = 4_000  # nobody looks at what the outputs did, and a device may be served for days
 
 Choice = TypeVar("Choice")
 
@@ -131,7 +132,10 @@ def emulate(
     wanted_link, wanted_speed = _chosen("link", link, LINKS), _chosen("speed", speed, SPEEDS)
     wanted_pace = _chosen("pace", pace, PACES)
     wishes = Wishes(usbip or serial is None, serial, host, port, serial_port, baud, seconds, json_target)
-    emulators = [Emulator(link=wanted_link, speed=wanted_speed, serial=number) for number in numbers]
+    emulators = [
+        Emulator(link=wanted_link, speed=wanted_speed, serial=number, history_periods=HISTORY_PERIODS)
+        for number in numbers
+    ]
     stands = [Stand(emulator, Station(emulator.scheduler, wanted_pace)) for emulator in emulators]
     with suppress(KeyboardInterrupt):  # where the loop cannot be told of signals
         asyncio.run(_serve(stands, wishes))

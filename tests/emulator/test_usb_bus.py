@@ -92,9 +92,9 @@ def test_a_stream_is_the_same_as_its_packets(size: int, streams: int, zero_packe
         bench = Bench()
         bench.device.streams = (bench.scheduler, at_once)
         transfer = bench.out(bytes(each % 251 for each in range(size)), zero_packet=zero_packet)
-        ends.append((bench.run(), bench.device.taken, bench.outcomes, transfer.sent))
+        ends.append((bench.run(), bench.bus.last_word, bench.device.taken, bench.outcomes, transfer.sent))
     assert ends[0] == ends[1]
-    assert ends[0][2:] == ([Outcome.DONE], size)
+    assert ends[0][3:] == ([Outcome.DONE], size)
 
 
 @pytest.mark.parametrize(
@@ -153,6 +153,7 @@ def test_what_is_answered_with_nak_waits_until_something_happens_in_the_device()
     bench.device.room = 1
     bench.out(bytes(1024))
     bench.into(512)
+    assert (bench.bus.presses, bench.bus.stuck) == (True, False)
     bench.run()
     assert (bench.ended, len(bench.device.taken)) == ([], 1)
     assert bench.bus.next_time(None) is None

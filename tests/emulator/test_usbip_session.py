@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.emulator.station import Pace, Station
 from phasewire.emulator.usbip_session import Exported, UsbIpSession
+from phasewire.protocol.requests import Setup
 
 from tests.emulator.stand_ins import StandInDevice
 from tests.emulator.usbip_client import Client, setup
@@ -239,6 +240,20 @@ def test_a_device_that_attaches_anew_ends_the_connection_and_keeps_its_power() -
     assert "left the bus" in session.end
     assert desk.device.happened == []
     desk.attached()
+
+
+def test_a_device_that_leaves_the_bus_over_a_request_still_answers_it() -> None:
+    """As one that enters a test mode does (USB 2.0, 9.4.9)."""
+    desk = Desk()
+    client, session = desk.attached()
+
+    def leave(setup: Setup, data: bytes = b"") -> bytes:
+        desk.device.attached = False
+        return b""
+
+    desk.device.control = leave  # type: ignore[method-assign]
+    assert client.request(0x00, 3, 2, 0x0100).status == 0
+    assert session.over
 
 
 @pytest.mark.parametrize("delay", [0, 8_000_000])
