@@ -5,24 +5,30 @@ from __future__ import annotations
 import asyncio
 import ipaddress
 import json
+import shlex
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
 
 from ..console import console_for, error_console, write_json
+from ..pictures import check_picture_path, save_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.enumeration import FULL_SPEED, HIGH_SPEED
 from ..protocol.framing import BAUD
-from ..protocol.timing import FIVE_WIRE, LINKS
+from ..protocol.timing import FIVE_WIRE, LINKS, Link
 from ..storage import check_outputs
+from .export import check_export_path, export
+from .flash import Flash
 from .machine import Emulator
 from .serving import Server
 from .station import Pace, Station
+from .timeline import CYCLES_PER_MICROSECOND, draw_timeline, way_of_an_update
 from .uart import Uart
 from .usbip import PORT
 from .usbip_session import Exported
@@ -111,6 +117,33 @@ def emulate(
         typer.Option(min=0, max=65535, help="TCP port of the first device's UART; 0 is any that is free, for each."),
     ] = 0,
     baud: Annotated[int, typer.Option(help="Of the UARTs, in bits per second.")] = BAUD,
+    flash: Annotated[
+        Path | None,
+        typer.Option(
+            help="File that is the device's flash: read at the beginning if it is there, written at the end.",
+            dir_okay=False,
+        ),
+    ] = None,
+    program: Annotated[
+        str | None,
+        typer.Option(
+            "--umockdev",
+            metavar="COMMAND",
+            help='Run a program, such as "lsusb -v", that sees these devices on USB and nothing else, by umockdev.',
+        ),
+    ] = None,
+    exported: Annotated[
+        Path | None,
+        typer.Option(
+            "--export",
+            metavar="FILE",
+            help="At the end write what the first device's outputs did last, 0.1 s at least, to FILE.vcd or FILE.sr.",
+        ),
+    ] = None,
+    timeline: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Serve nothing; draw one update on its way through all stages."),
+    ] = None,
     json_target: Annotated[
         str | None,
         typer.Option(
@@ -125,21 +158,64 @@ def emulate(
     By USB/IP a Linux machine attaches them as real USB devices, with its own drivers: usb: and any program that speaks
     USB find them there. A serial line carries the console and frames.
     """
-    check_outputs([json_target])
+    check_outputs([json_target, exported, timeline, flash])
+    if timeline:
+        check_picture_path(timeline)
+    if exported:
+        check_export_path(exported)
     numbers = _serial_numbers(count, serial_numbers or [])
     if serial not in (None, PTY, TCP):
         raise ValueError(f"unknown kind of serial line {serial!r}; known are {PTY} and {TCP}")
     wanted_link, wanted_speed = _chosen("link", link, LINKS), _chosen("speed", speed, SPEEDS)
     wanted_pace = _chosen("pace", pace, PACES)
-    wishes = Wishes(usbip or serial is None, serial, host, port, serial_port, baud, seconds, json_target)
+    if timeline:
+        _draw_way(timeline, wanted_link)
+        return
+    if flash and len(numbers) > 1:
+        raise ValueError(f"{flash} is the flash of one device, not of {len(numbers)}")
     emulators = [
-        Emulator(link=wanted_link, speed=wanted_speed, serial=number, history_periods=HISTORY_PERIODS)
+        Emulator(
+            link=wanted_link,
+            speed=wanted_speed,
+            serial=number,
+            flash=Flash.load(flash) if flash and flash.exists() else None,
+            history_periods=HISTORY_PERIODS,
+        )
         for number in numbers
     ]
-    stands = [Stand(emulator, Station(emulator.scheduler, wanted_pace)) for emulator in emulators]
-    with suppress(KeyboardInterrupt):  # where the loop cannot be told of signals
-        asyncio.run(_serve(stands, wishes))
-    console_for(json_target).print("Ended; the devices are gone.")
+    try:
+        if program is not None:
+            from .umockdev import run_under_mock  # for Linux only
+
+            code = run_under_mock(shlex.split(program), emulators)
+        else:
+            wishes = Wishes(usbip or serial is None, serial, host, port, serial_port, baud, seconds, json_target)
+            stands = [Stand(emulator, Station(emulator.scheduler, wanted_pace)) for emulator in emulators]
+            with suppress(KeyboardInterrupt):  # where the loop cannot be told of signals
+                asyncio.run(_serve(stands, wishes))
+            code = 0
+            console_for(json_target).print("Ended; the devices are gone.")
+        if exported:
+            export(emulators[0].capture(), exported)
+    finally:
+        if flash:
+            emulators[0].power_down()
+            emulators[0].flash.save(flash)
+    if code:
+        raise typer.Exit(code)
+
+
+def _draw_way(path: Path, link: Link) -> None:
+    """Draw one update on its way."""
+    spans = way_of_an_update(Emulator(link=link))
+    ready = max(span.ends for span in spans if span.kind == "rasterise") / CYCLES_PER_MICROSECOND
+    plays = min(span.begins for span in spans if span.kind == "plays") / CYCLES_PER_MICROSECOND
+    title = (
+        f"One update on {link.wires}-wire links: all tables ready {ready:.1f} µs after its first bit, "
+        f"played from the boundary at {plays:.1f} µs on"
+    )
+    save_figure(draw_timeline(spans, title), path)
+    console_for(None).print(f"{title}. Picture: {path}")
 
 
 def _serial_numbers(count: int | None, given: Sequence[str]) -> Sequence[str | None]:

@@ -796,6 +796,11 @@ class Controller:
         self._supervisor.unfold()
 
     @property
+    def tail_period(self) -> int:
+        """The period at which the last change that was accepted takes effect."""
+        return self._agenda.tail.period
+
+    @property
     def supervisor(self) -> Supervisor:
         """The watch over the processors."""
         return self._supervisor

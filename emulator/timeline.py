@@ -7,18 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import groupby
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..protocol.board import CORE_HZ, CYCLES_PER_PERIOD
-from ..storage import replacing
+from ..protocol.blocks import Block, Update, pack
+from ..protocol.board import CHANNELS, CORE_HZ, CYCLES_PER_PERIOD, MAX_WIDTH_TICKS
+from ..protocol.codes import REQUEST_TYPE_OUT, Request, StandardRequest
+from ..protocol.enumeration import CONFIGURATION_VALUE, ENDPOINT_OUT
+from ..protocol.pulses import Pulses
+from ..protocol.requests import Setup
+from ..protocol.timing import PACKET_CYCLES
+from .machine import Emulator
 from .trace import Span
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_timeline", "save_timeline"]
+__all__ = ["draw_timeline", "way_of_an_update"]
 
 CYCLES_PER_MICROSECOND = CORE_HZ // 10**6
 WIDTH_INCHES, LANE_INCHES, FRAME_INCHES = 13.0, 0.17, 1.5
@@ -39,6 +44,30 @@ COLOURS = {
 }
 OTHER_COLOUR = "#999999"
 DARK = {"packet", "slice", "rasterise"}
+
+
+def way_of_an_update(emulator: Emulator) -> list[Span]:
+    """Send one update to a device that nothing else is sent to, and watch it to one period after it began to play.
+
+    Returns
+    -------
+    list of Span
+        With 0 where its first bit was sent.
+    """
+    emulator.usb.control(Setup(0x00, StandardRequest.SET_CONFIGURATION, CONFIGURATION_VALUE, 0, 0))
+    emulator.usb.control(Setup(REQUEST_TYPE_OUT, Request.ENABLE, 0, 0, 0))
+    emulator.watch()
+    begins = emulator.scheduler.now
+    emulator.scheduler.run_until(begins + PACKET_CYCLES)
+    full = Pulses([MAX_WIDTH_TICKS] * CHANNELS, [MAX_WIDTH_TICKS] * CHANNELS)
+    emulator.usb.bulk_out(ENDPOINT_OUT, pack(Block(Update(full), 0, restart=True)))
+    plays = emulator.running.tail_period
+    emulator.run_until(plays + 1)
+    since = begins - emulator.tracer.origin
+    return [
+        span._replace(begins=span.begins - since, ends=span.ends - since)
+        for span in emulator.tracer.spans(emulator.scheduler.now)
+    ]
 
 
 def draw_timeline(spans: Sequence[Span], title: str = "") -> Figure:
@@ -89,13 +118,6 @@ def draw_timeline(spans: Sequence[Span], title: str = "") -> Figure:
     figure.legend(loc="outside lower center", ncols=len(COLOURS) + 1, frameon=False, fontsize="small")
     figure.suptitle(title)
     return figure
-
-
-def save_timeline(path: Path, spans: Sequence[Span], title: str = "") -> None:
-    """Write the picture in the format of the path's suffix, whole or not at all."""
-    figure = draw_timeline(spans, title)
-    with replacing(path) as part:
-        figure.savefig(part, format=path.suffix[1:].lower(), dpi=120)
 
 
 def _microseconds(cycles: int) -> float:

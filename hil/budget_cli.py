@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ..console import JsonOption, console_for, write_json
+from ..pictures import check_picture_path, save_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.chain import LOAD_BYTES
 from ..protocol.codes import ENTRIES_PER_BLOCK, SAMPLES_PER_BLOCK, Kind, Memory
@@ -24,7 +25,6 @@ from ..protocol.timing import (
     Budget,
     block_loads,
 )
-from ..solver.picture import check_picture_path, save_figure
 from ..storage import check_outputs
 
 if TYPE_CHECKING:

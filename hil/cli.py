@@ -14,10 +14,10 @@ from rich.text import Text
 
 from ..console import JsonOption, console_for, error_console, write_json
 from ..emulator import Emulator
+from ..pictures import check_picture_path
 from ..protocol.board import TICK_HZ
 from ..protocol.codes import BLOCK_BYTES
 from ..solver import Solver, Sphere, TransducerArray
-from ..solver.picture import check_picture_path
 from ..storage import check_outputs
 from .budget_cli import commands as budget_commands
 from .decode_cli import commands as decode_commands

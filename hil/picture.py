@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..pictures import save_figure
 from ..protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.wiring import Pin
 from ..solver import PlaneField
-from ..solver.picture import draw_array, draw_field, save_figure
+from ..solver.picture import draw_array, draw_field
 from .end_to_end import EndToEnd
 
 if TYPE_CHECKING:

@@ -18,6 +18,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from ..console import JsonOption, console_for, error_console, write_json
+from ..pictures import FORMATS
 from ..storage import check_outputs
 from .array import COLUMNS, PITCH, ROWS, TransducerArray
 from .curves import SPACING
@@ -27,7 +28,7 @@ from .focus import focus_report
 from .grid import Grid
 from .medium import Medium
 from .options import METHODS, Options, Output
-from .picture import FORMATS, OIL, save_field_picture
+from .picture import OIL, save_field_picture
 from .points import REACH, ControlPoints
 from .propagation import pressure
 from .quantities import QUANTITIES

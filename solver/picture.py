@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..storage import replacing
+from ..pictures import save_figure
 from .array import TransducerArray
 from .field import PlaneField
 from .grid import Grid
@@ -20,11 +20,9 @@ from .quantities import QUANTITIES, sound_pressure_level
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
-    from matplotlib.figure import Figure
 
-__all__ = ["OIL", "check_picture_path", "draw_array", "draw_field", "draw_oil", "save_field_picture", "save_figure"]
+__all__ = ["OIL", "draw_array", "draw_field", "draw_oil", "save_field_picture"]
 
-FORMATS = (".png", ".svg", ".pdf")
 OIL = "oil"  # what `save_field_picture` can draw beside QUANTITIES
 MM = 1e3
 IN_PLANE = 1e-3  # metres from a plane at which a control point is drawn in it
@@ -32,12 +30,6 @@ LEVELS = (0, -1, -3, -6, -10, -20)  # dB, on the colour bar
 STEEPEST = 0.9  # slope as which the steepest one of an oil surface is drawn
 SUN = math.radians(30)  # height of the light over an oil surface
 DIFFUSE, SHININESS = 0.75, 30  # of oil: the part of light that is scattered, and the sharpness of its highlights
-
-
-def check_picture_path(path: Path) -> None:
-    """Raise `ValueError` where a path does not end in the name of a picture format."""
-    if path.suffix.lower() not in FORMATS:
-        raise ValueError(f"{path}: a picture's name ends in {', '.join(FORMATS)}")
 
 
 def draw_field(axes: Axes, field: PlaneField, points: ControlPoints | None = None, quantity: str = "pressure") -> None:
@@ -179,12 +171,6 @@ def draw_array(axes: Axes, array: TransducerArray, drive: NDArray[np.complex128]
     )
     axes.figure.colorbar(dots, ax=axes, label="phase / degrees", ticks=range(-180, 181, 90), fraction=0.046, pad=0.03)
     axes.set(title="Drive of the array", xlabel="x / mm", ylabel="y / mm", aspect="equal")
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the path's suffix, whole or not at all."""
-    with replacing(path) as part:
-        figure.savefig(part, format=path.suffix[1:].lower(), dpi=120)
 
 
 def save_field_picture(

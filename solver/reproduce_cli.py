@@ -14,8 +14,8 @@ import typer
 from rich.table import Column, Table
 
 from ..console import JsonOption, console_for, error_console, write_json
+from ..pictures import check_picture_path, save_figure
 from ..storage import check_outputs
-from .picture import check_picture_path, save_figure
 from .reproduction import (
     SHAPES_OF_FIGURE_6,
     TECHNIQUES,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import shutil
 import signal
 import socket
 import subprocess
@@ -12,6 +13,7 @@ import sys
 import zlib
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -197,3 +199,53 @@ def test_listening_to_everybody_is_warned_of(capsys: pytest.CaptureFixture[str])
     assert exited.value.code == 0
     assert "warning: whoever reaches 0.0.0.0" in captured.err
     assert "warning" not in captured.out
+
+
+def run(arguments: list[str]) -> int:
+    """The exit code of a command line."""
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    return int(ended.value.code or 0)
+
+
+def test_the_way_of_an_update_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """50.215 and 70.615 µs by clause BUD-003."""
+    for link, ready in (("5wire", "50.2"), ("2wire", "70.6")):
+        picture = tmp_path / f"{link}.png"
+        assert run(["emulate", "--timeline", str(picture), "--link", link]) == 0
+        assert picture.read_bytes().startswith(b"\x89PNG")
+        assert f"all tables ready {ready} µs" in capsys.readouterr().out
+    assert run(["emulate", "--timeline", str(tmp_path / "p.xyz")]) == 2
+    assert "a picture's name ends in .png" in capsys.readouterr().err
+
+
+def test_what_the_outputs_did_is_exported_at_the_end(tmp_path: Path) -> None:
+    path = tmp_path / "last.vcd"
+    with emulate("--export", str(path)) as served:
+        with served.client() as client:
+            client.enumerate()
+            client.request(0x41, Request.ENABLE)
+            client.write(0x01, pack(Block(Update(Pulses([25] * 320, [25] * 320)), 0, restart=True)))
+            client.read(0x81, 512)
+        assert served.end(signal.SIGINT)[0] == 0
+    assert path.read_text().count("1") > 320
+
+
+def test_a_flash_is_kept_from_one_time_to_the_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "flash.bin"
+    options = ["emulate", "--port", "0", "--for", "0", "--flash", str(path), "--json", "-"]
+    assert run([*options, "--serial-number", "KEPT-1"]) == 0
+    capsys.readouterr()
+    assert run(options) == 0
+    assert json.loads(capsys.readouterr().out)["devices"][0]["serial"] == "KEPT-1"
+    assert run(["emulate", "--flash", str(path), "--count", "2"]) == 2
+    assert "is the flash of one device, not of 2" in capsys.readouterr().err
+    path.write_bytes(b"too short")
+    assert run(options) == 2
+    assert "a flash is kept in a file of" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(shutil.which("umockdev-wrapper") is None, reason="umockdev is not installed")
+def test_a_program_sees_the_devices_on_its_usb(capfd: pytest.CaptureFixture[str]) -> None:
+    command = f"{sys.executable} -c 'import sys; sys.exit(5)'"
+    assert run(["emulate", "--umockdev", command]) == 5

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import random
-from pathlib import Path
 
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
-from phasewire.emulator.timeline import draw_timeline, save_timeline
+from phasewire import Emulator
+from phasewire.emulator.timeline import draw_timeline, way_of_an_update
 from phasewire.emulator.trace import Span
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
 
@@ -84,16 +84,10 @@ def test_a_bar_says_as_much_as_has_room() -> None:
     assert not written & {"slice 9", "9"}
 
 
-@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml")])
-def test_pictures_are_written_in_the_format_of_their_name(suffix: str, magic: bytes, tmp_path: Path) -> None:
-    save_timeline(tmp_path / f"p{suffix}", one_update(FIVE_WIRE, BEGINS), "An update")
-    assert (tmp_path / f"p{suffix}").read_bytes().startswith(magic)
-
-
-def test_unknown_formats_leave_no_file(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="'xyz' is not supported"):
-        save_timeline(tmp_path / "p.xyz", [Span(0, 1, "USB", "packet")])
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE])
+def test_what_a_device_does_with_one_update_is_what_the_specification_counts(link: Link) -> None:
+    """Period 0 begins where the device came up: everything is shifted by what enabling it took, which is nothing."""
+    assert way_of_an_update(Emulator(link=link)) == sorted(one_update(link, 0))
 
 
 def test_within_a_period_there_is_no_boundary() -> None:
