@@ -16,13 +16,22 @@ compiled_plan = kernel(plan)
 
 
 @kernel
+def _total_drive(width: Any, power: Any) -> int:
+    total = 0
+    for ticks in width:
+        total += power[ticks]
+    return total
+
+
+@kernel
 def plan_stream(
     packets: Any,
     reasons: Any,
     restarts: Any,
     sequences: Any,
     periods: Any,
-    powers: Any,
+    widths: Any,
+    power: Any,
     recent: Any,
     numbers: Any,
     times: Any,
@@ -39,8 +48,10 @@ def plan_stream(
         How many there are.
     reasons, restarts, sequences, periods : (k,) int
         As `protocol.unpack_updates` reads them.
-    powers : (k,) int
-        Their total drive.
+    widths : (k, 320) uint8
+        Of their pulses.
+    power : (26,) int
+        Power of a pulse of each width, in thousandths (clause SAF-006).
     recent : (q,) int64
         When the last q changes left or leave the queue of q places, oldest first; written.
     numbers : (6,) int64
@@ -75,8 +86,8 @@ def plan_stream(
             or not 0 < step < 2**31
             or requested > at + numbers[4]
             or too_close
-            or powers[index] > numbers[2]
             or arrival > end
+            or _total_drive(widths[index], power) > numbers[2]
         ):
             break
         start, period = compiled_plan(origin, arrival + sort, sent, table, period, requested, times[9], times[10])
