@@ -7,13 +7,20 @@ from __future__ import annotations
 
 import operator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, TICKS_PER_PERIOD
+from ..protocol.board import (
+    CHANNELS,
+    CHANNELS_PER_PROCESSOR,
+    HALF_TICKS_PER_PERIOD,
+    MAX_WIDTH_TICKS,
+    PROCESSORS,
+    TICKS_PER_PERIOD,
+)
 from ..protocol.pulses import MODULATED_WIDTH
 from ..protocol.wiring import Wiring
 from .clock import BoardClock
@@ -41,6 +48,11 @@ class Track(NamedTuple):
     segments: Segments
     clock: BoardClock
     forced: tuple[Forced, ...] = ()
+
+    @property
+    def deranged(self) -> bool:
+        """Whether its bits are not those of its pulses: its clock is its own, or its pins are held."""
+        return bool(self.forced) or not self.clock.exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,26 +119,30 @@ class Capture:
         step = CHUNK_PERIODS * TICKS_PER_PERIOD
         for begin in range(start, stop, step):
             end = min(begin + step, stop)
-            words[begin - start : end - start] = self._words(begin, end)[0]
+            words[begin - start : end - start] = self._words(begin, end)
         return words
 
-    def _words(self, start: int, stop: int) -> tuple[NDArray[np.uint32], NDArray[np.bool_]]:
-        """Port words, (stop - start, 10), and whether each processor goes on in each period as before, (10, n)."""
+    def _words(self, start: int, stop: int) -> NDArray[np.uint32]:
+        """Port words, (stop - start, 10)."""
         from .raster import expand
 
         first, last = start // TICKS_PER_PERIOD, -(-stop // TICKS_PER_PERIOD)
-        played = [track.segments.rows(first, last) for track in self.tracks]
-        rows, samples = np.stack([row for row, _ in played]), np.stack([sample for _, sample in played])
         words = np.empty(((last - first) * TICKS_PER_PERIOD, PROCESSORS), np.uint32)
-        expand(tuple(track.segments.slices for track in self.tracks), rows, samples, _widths(), words)
-        alike = np.zeros(rows.shape, np.bool_)
-        alike[:, 1:] = (rows[:, 1:] == rows[:, :-1]) & (samples[:, 1:] == samples[:, :-1])
+        expand(self._slices, *self._rows(first, last), _widths(), words)
         words = words[start - first * TICKS_PER_PERIOD :][: stop - start]
         for processor, track in enumerate(self.tracks):
-            if not track.clock.exact or track.forced:
+            if track.deranged:
                 words[:, processor] = _deranged(track, start, stop)
-                alike[processor] = False
-        return words, alike
+        return words
+
+    @property
+    def _slices(self) -> tuple[NDArray[np.uint8], ...]:
+        return tuple(track.segments.slices for track in self.tracks)
+
+    def _rows(self, first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+        """What each processor plays in each period, (10, n) rows of its slices, and the samples over them."""
+        played = [track.segments.rows(first, last) for track in self.tracks]
+        return np.stack([rows for rows, _ in played]), np.stack([samples for _, samples in played])
 
     def channels(self, start: int, stop: int) -> NDArray[np.uint8]:
         """The same stretch as one 0 or 1 per output channel, (stop - start, 320) uint8."""
@@ -134,7 +150,7 @@ class Capture:
         return bits.reshape(stop - start, CHANNELS).astype(np.uint8)
 
     def drives(self, first: int, last: int, dtype: Any = np.complex64) -> NDArray[Any]:
-        """The drive emitted in each of successive carrier periods, demodulated from the bits.
+        """The drive emitted in each of successive carrier periods, as the bits emit it.
 
         Parameters
         ----------
@@ -153,20 +169,29 @@ class Capture:
         ------
         ValueError
             Where the periods were not captured.
+
+        Notes
+        -----
+        Where a port plays whole pulses, each is looked up by its two edges; where its clock is its own or its pins are
+        held, all edges of its bits are summed.
         """
         first, last = operator.index(first), operator.index(last)
         begin = -(-self.start_tick // TICKS_PER_PERIOD)
         if not begin <= first <= last <= self.periods:
             raise ValueError(f"periods {first} to {last} are not within the captured {begin} to {self.periods}")
-        from .raster import demodulate
+        from .raster import demodulate, emit
 
-        turn = (np.exp(2j * np.pi * np.arange(TICKS_PER_PERIOD) / TICKS_PER_PERIOD) / 2j).astype(dtype)
-        transducer = np.argsort(self.wiring.channels).reshape(PROCESSORS, CHANNELS_PER_PROCESSOR)
+        turn, pulse_drives = _turn().astype(dtype), _pulse_drives().astype(dtype)
+        columns = np.argsort(self.wiring.channels).reshape(PROCESSORS, CHANNELS_PER_PROCESSOR)
         drives = np.empty((last - first, CHANNELS), dtype)
         for begin in range(first, last, CHUNK_PERIODS):
             end = min(begin + CHUNK_PERIODS, last)
-            words, alike = self._words(begin * TICKS_PER_PERIOD, end * TICKS_PER_PERIOD)
-            demodulate(words, alike, turn, transducer, drives[begin - first : end - first])
+            chunk = drives[begin - first : end - first]
+            emit(self._slices, *self._rows(begin, end), _widths(), pulse_drives, columns, chunk)
+            for track, its_columns in zip(self.tracks, columns, strict=True):
+                if track.deranged:
+                    words = _deranged(track, begin * TICKS_PER_PERIOD, end * TICKS_PER_PERIOD)
+                    demodulate(words, turn, its_columns, chunk)
         drives[:, list(self.open_transducers)] = 0
         return drives
 
@@ -177,7 +202,7 @@ class Capture:
 
 
 def _deranged(track: Track, start: int, stop: int) -> NDArray[np.uint32]:
-    """The words of a port whose clock is its own, or whose pins are held, at ticks of the device, (stop - start,)."""
+    """The words of any port at ticks of the device, (stop - start,)."""
     own = track.clock.own_ticks(start, stop)
     first, last = (int(own[0]), int(own[-1]) + 1) if own.size else (0, 0)
     words = _played(track.segments, first, last)[own - first]
@@ -199,6 +224,21 @@ def _played(segments: Segments, start: int, stop: int) -> NDArray[np.uint32]:
     return words[start - first * TICKS_PER_PERIOD :, 0][: stop - start]
 
 
-@lru_cache(maxsize=1)
+@cache
 def _widths() -> NDArray[np.uint8]:
     return np.ascontiguousarray(MODULATED_WIDTH, np.uint8)
+
+
+@cache
+def _turn() -> NDArray[np.complex128]:
+    """What a falling edge at each tick of a period adds to the fundamental, (50,), of which the widest pulse has 1."""
+    return np.asarray(np.exp(2j * np.pi * np.arange(TICKS_PER_PERIOD) / TICKS_PER_PERIOD) / 2j)
+
+
+@cache
+def _pulse_drives() -> NDArray[np.complex128]:
+    """The fundamental of a pulse of each phase and width, (100, 26), from its two edges (clause PUL-004)."""
+    phase, width = np.mgrid[:HALF_TICKS_PER_PERIOD, : MAX_WIDTH_TICKS + 1]
+    begin = (phase - width) >> 1
+    turn = _turn()
+    return np.asarray(turn[(begin + width) % TICKS_PER_PERIOD] - turn[begin % TICKS_PER_PERIOD])

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..protocol.board import CORE_HZ, PROCESSORS
-from ..protocol.chain import SLICE_BYTES, Commit, Identity, Load, Message, Number, Program, Slice
+from ..protocol.chain import SLICE_BYTES, Collect, Commit, Identity, Load, Message, Number, Playing, Program, Slice
 from ..protocol.codes import END_TOKEN, LINK_MS, NUMBER_MS, STALL_MS, UNNUMBERED_NODE
-from ..protocol.timing import Link
+from ..protocol.timing import HOP_CYCLES, Link
 from .agenda import Change, Stream
 from .links import Links
 from .processor import Processor
@@ -114,6 +114,15 @@ class Chain:
             self.pass_down(load)
 
     @property
+    def reading_cycles(self) -> tuple[int, int]:
+        """On an idle chain, from the first of ten questions what plays to the last of them, and to the last answer."""
+        token = self.link.cycles_per_token
+        asked = PROCESSORS * (Collect.TOKENS * token + HOP_CYCLES)
+        # Answers follow each other on the first link; the first of them sets out as soon as its question is there.
+        answered = Collect.TOKENS * token + ANSWER_CYCLES + PROCESSORS * Playing.TOKENS * token + 2 * HOP_CYCLES
+        return asked, max(asked, answered)
+
+    @property
     def free_at(self) -> int:
         """Core cycle from which on the first link takes another message."""
         if self.folded:
@@ -121,10 +130,10 @@ class Chain:
         free = self.links.free_at()
         return NEVER if free is None else free
 
-    def pass_down(self, message: Message) -> None:
-        """Let a message go to whomever its header names."""
+    def pass_down(self, message: Message) -> int | None:
+        """Let a message go to whomever its header names; the core cycle at which it will have arrived, if it does."""
         if self.broken:
-            return
+            return None
         now = self._scheduler.now
         tokens = self._tampered(Passing(now, message.node, True, message.encode()))
         nodes = [UNNUMBERED_NODE if processor.number is None else processor.number for processor in self.processors]
@@ -135,6 +144,7 @@ class Chain:
             self._scheduler.at(now + STALL_CYCLES, self._break)
         if passage.arrives is not None:
             self._scheduler.at(passage.arrives, lambda: self._arrive(passage.processor, tokens))
+        return passage.arrives
 
     def _break(self) -> None:
         if not self.broken:

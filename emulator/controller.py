@@ -213,6 +213,7 @@ class Controller:
             self.raise_fault,
             self._question_time,
             lambda: self._commits_due,
+            self.settle,
         )
         self._periods_per_update = Budget.of(chain.link).periods_per_update
         self._transducers = np.argsort(identification.wiring.channels)
@@ -678,6 +679,7 @@ class Controller:
         self._happen(Event.END, self.time.boundary(period))
 
     def _disable_as_planned(self, period: int) -> None:
+        self._stores.end(period, sequences=True, modulations=True)
         self._happen(Event.DISABLE, self.time.boundary(period))
 
     # State
@@ -939,8 +941,8 @@ class Controller:
         silent = ReadBack(0, 0, Pulses.silent(CHANNELS))
         for _ in range(ATTEMPTS_TO_READ):
             begun = self.time.period(self._now)
-            found = self._supervisor.collect_playing(READ_TIMEOUT_CYCLES)
-            read_period = self.time.period(self._now)
+            found, read_period = self._supervisor.collect_playing(READ_TIMEOUT_CYCLES)
+            self.settle()
             if len(found) < PROCESSORS:
                 raise Stall("a processor does not say what it plays")
             since = {playing.period for playing in found}

@@ -42,6 +42,8 @@ class Supervisor:
         Says from which core cycle on a question does not hold up a change.
     commits_due : callable
         Says how many commits must have taken effect, or been missed, at each processor.
+    settle : callable
+        Lets what is planned up to now have taken effect.
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class Supervisor:
         on_fault: Callable[[Fault, str], None],
         may_ask: Callable[[], int],
         commits_due: Callable[[], int],
+        settle: Callable[[], None],
     ) -> None:
         self._scheduler = scheduler
         self._time = time
@@ -62,6 +65,7 @@ class Supervisor:
         self._on_fault = on_fault
         self._may_ask = may_ask
         self._commits_due = commits_due
+        self._settle = settle
         self.complete = len(identities) == PROCESSORS
         self._reports = [self._asked(number) for number in range(len(identities))]
         self._latched = [Fault(0)] * PROCESSORS
@@ -184,22 +188,36 @@ class Supervisor:
         if faults:
             self._on_fault(faults, f"processor {number} reports {faults.name}")
 
-    def collect_playing(self, timeout_cycles: int) -> list[Playing]:
-        """What each processor plays; fewer than ten where some do not answer in time."""
+    def collect_playing(self, timeout_cycles: int) -> tuple[list[Playing], int]:
+        """What each processor plays, and the period in which the last was read.
+
+        They are fewer than ten where some do not answer in time.
+        """
         if self._chain.folded:
-            period = self._time.period(self._scheduler.now)
-            return [processor.playing(period) for processor in self._chain.processors[: len(self._reports)]]
+            return self._read_folded()
         self._playing.clear()
         deadline = self._scheduler.now + timeout_cycles
+        read = self._scheduler.now
         for number in range(len(self._reports)):
-            self._scheduler.run_until(max(self._scheduler.now, self._may_ask()))
-            self._chain.pass_down(Collect(number, ChannelEnd.PLAYING))
+            self._scheduler.run_until(max(self._scheduler.now, min(self._may_ask(), deadline)))
+            read = self._chain.pass_down(Collect(number, ChannelEnd.PLAYING)) or read
         while len(self._playing) < len(self._reports):
             upcoming = self._scheduler.next_time()
             if upcoming is None or upcoming > deadline:
                 break
             self._scheduler.run_until(upcoming)
-        return [self._playing[number] for number in sorted(self._playing)]
+        return [self._playing[number] for number in sorted(self._playing)], self._time.period(read)
+
+    def _read_folded(self) -> tuple[list[Playing], int]:
+        """The same, in the time that it takes on an idle chain."""
+        asked, answered = self._chain.reading_cycles
+        begun = self._scheduler.now
+        self._scheduler.run_until(begun + asked)
+        self._settle()
+        period = self._time.period(self._scheduler.now)
+        found = [processor.playing(period) for processor in self._chain.processors[: len(self._reports)]]
+        self._scheduler.run_until(begun + answered)
+        return found, period
 
     # The sync line
 

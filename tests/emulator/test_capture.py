@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from phasewire import Emulator, Pulses, Wiring, open_device
+from phasewire.emulator.capture import Capture, Forced, Track
+from phasewire.emulator.clock import BoardClock
+from phasewire.emulator.reel import Reel
+from phasewire.protocol.blocks import pack_pulses
 
 
 def fundamental_of_edges(bits: np.ndarray) -> complex:
@@ -95,3 +103,71 @@ def test_a_capture_stays_as_it_was(emulator: Emulator) -> None:
     np.testing.assert_array_equal(capture.bits(0, 100), before)
     with pytest.raises(ValueError, match="not within"):
         capture.drive(capture.periods)
+
+
+def capture_of(reel: Reel, clock: BoardClock, periods: int, forced: tuple[Forced, ...] = ()) -> Capture:
+    """The same on all ten ports."""
+    return Capture(Wiring.strips(), periods * 50, (Track(reel.segments(), clock, forced),) * 10)
+
+
+def some_reel(seed: int) -> Reel:
+    """Pulses, then a sequence, then pulses again, under a modulation from period 4 on."""
+    random = np.random.default_rng(seed)
+    packed = [pack_pulses(Pulses(random.integers(0, 100, 32), random.integers(0, 26, 32))) for _ in range(6)]
+    rows = np.stack([np.frombuffer(one, np.uint8) for one in packed])
+    reel = Reel()
+    reel.play(np.array([1, 2]), rows[:2])
+    reel.modulate(4, random.bytes(5), 2)
+    reel.run(6, packed[2:4], np.array([0, 1, 0]), np.array([1, 2, 1]), 3)
+    reel.play(np.array([15, 17]), rows[4:])
+    return reel
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_drives_are_those_of_the_bits(seed: int) -> None:
+    """Looked up pulse by pulse, and from all edges of the bits where something might hold them."""
+    reel = some_reel(seed)
+    plain = capture_of(reel, BoardClock(), 24)
+    held = capture_of(reel, BoardClock(), 24, (Forced(0),))
+    assert np.array_equal(plain.bits(0, 1200), held.bits(0, 1200))
+    looked_up = plain.drives(0, 24, np.complex128)
+    np.testing.assert_allclose(looked_up, held.drives(0, 24, np.complex128), atol=1e-14)
+    np.testing.assert_allclose(looked_up, plain.drives(0, 24), atol=1e-6)
+    waves = plain.wiring.unsort(plain.channels(0, 1200)).reshape(24, 50, 320)
+    for period in (0, 1, 5, 7, 18):
+        expected = [np.pi / 2 * fundamental_of_edges(waves[period, :, q]) for q in range(320)]
+        np.testing.assert_allclose(looked_up[period], expected, atol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 130), st.integers(-2_000_000, 2_000_000), st.integers(0, 600))
+def test_a_board_with_a_clock_of_its_own_plays_its_own_ticks(seed: int, late: int, billionths: int, bend: int) -> None:
+    """Tick by tick: first some ticks late, then at another rate."""
+    reel, clock = some_reel(seed), BoardClock(late)
+    exact = capture_of(reel, BoardClock(), 40).bits(0, 2000)[:, 0]
+    clock.set_rate(bend, billionths)
+    bits = capture_of(reel, clock, 24).bits(100, 1150)[:, 0].tolist()
+    for tick, word in zip(range(100, 1150), bits, strict=True):
+        own = tick - late if tick < bend else bend - late + (tick - bend) * (10**9 + billionths) // 10**9
+        assert word == (exact[own] if own >= 0 else 0)
+
+
+def test_what_is_held_is_held_from_its_tick_on_until_it_is_let_go() -> None:
+    reel = some_reel(1)
+    plain = capture_of(reel, BoardClock(), 24).bits(0, 1200)[:, 3]
+    forced = (Forced(333, high=0b101, low=0b010), Forced(700, low=2**32 - 1), Forced(900))
+    bits = capture_of(reel, BoardClock(), 24, forced).bits(0, 1200)[:, 3]
+    assert np.array_equal(bits[:333], plain[:333])
+    assert np.array_equal(bits[333:700], (plain[333:700] | 0b101) & ~np.uint32(0b010))
+    assert not bits[700:900].any()
+    assert np.array_equal(bits[900:], plain[900:])
+
+
+def test_a_transducer_that_is_not_connected_emits_nothing() -> None:
+    reel = some_reel(2)
+    whole = capture_of(reel, BoardClock(), 24)
+    capture = replace(whole, open_transducers=frozenset({7, 300}))
+    drives = capture.drives(0, 24)
+    assert not drives[:, [7, 300]].any()
+    others = np.delete(np.arange(320), [7, 300])
+    assert np.array_equal(drives[:, others], whole.drives(0, 24)[:, others])
+    assert np.array_equal(capture.bits(0, 1200), whole.bits(0, 1200))
