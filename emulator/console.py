@@ -27,7 +27,7 @@ from ..protocol.console import (
 from ..protocol.replies import ANSWER_BYTES, ClockReading, Info, ReadBack, Status, decode_reports
 from ..protocol.requests import VALUES, Setup
 from ..protocol.states import Event, after
-from .door import Stall
+from .door import Door, Stall
 
 __all__ = ["Console", "ConsoleController", "Departure", "Shown"]
 
@@ -48,10 +48,10 @@ class ConsoleController(Protocol):
     def can_accept(self) -> bool:
         """Whether the queue has room."""
 
-    def request(self, setup: Setup, data: bytes = b"") -> bytes:
-        """Carry out a vendor request and return its data; raise `Stall` where USB would stall."""
+    def request(self, setup: Setup, data: bytes, door: Door) -> bytes:
+        """Carry out a vendor request that came by a door and return its data; raise `Stall` where USB would stall."""
 
-    def test_transducer(self, transducer: int) -> None:
+    def test_transducer(self, transducer: int, door: Door) -> None:
         """Drive one transducer alone, weakly; raise `BlockError` where an update would be refused."""
 
     def host_arrived(self) -> None:
@@ -81,12 +81,15 @@ class Console:
     ----------
     controller : ConsoleController
         What stands behind the commands.
+    door : Door
+        What the commands come by.
     detach : callable
         Takes the device to DFU mode, as the request DETACH does.
     """
 
-    def __init__(self, controller: ConsoleController, detach: Callable[[], None]) -> None:
+    def __init__(self, controller: ConsoleController, door: Door, detach: Callable[[], None]) -> None:
         self._controller = controller
+        self._door = door
         self._detach = detach
         self._editor = LineEditor()
 
@@ -121,7 +124,7 @@ class Console:
     def _departure(self, command: Command) -> Departure | None:
         match command.name:
             case "reset":
-                return partial(self._controller.request, _setup(command))
+                return partial(self._controller.request, _setup(command), b"", self._door)
             case "dfu":
                 return self._detach
         return None
@@ -154,14 +157,14 @@ class Console:
         if not self._controller.can_accept:
             raise _refused("the queue has no room")
         try:
-            self._controller.test_transducer(transducer)
+            self._controller.test_transducer(transducer, self._door)
         except BlockError as error:
             reason = Reason(error.reason)
             raise _refused(f"{reason.name}: {reason.text}") from error
 
     def _ask(self, command: Command) -> Fields:
         try:
-            return _fields(command, self._controller.request(_setup(command)))
+            return _fields(command, self._controller.request(_setup(command), b"", self._door))
         except Stall as stall:
             raise _refused(str(stall)) from stall
 

@@ -307,7 +307,7 @@ class Controller:
             door.acknowledge(self._ack(self._last_refusal, sequence).encode())
             return
         state, gap = self._state, self._count(block)
-        change = self._carry_out(block.body)
+        change = self._carry_out(block.body, door)
         self._tracer.span(self._now, self._now + SORT_CYCLES, "controller", "sort")
         self._trace_queue()
         flags, commit_period = (AckFlag.GAP if gap else NO_FLAGS), 0
@@ -376,21 +376,22 @@ class Controller:
         if isinstance(body, STORED):
             self._stores.check_free(body, self.time.period(self._now))
 
-    def _carry_out(self, body: Body) -> Change | None:
-        """Do what a block that was judged asks for; the change that it plans."""
+    def _carry_out(self, body: Body, door: Door) -> Change | None:
+        """Do what a block that came by a door and was judged asks for; the change that it plans."""
         self._fed = self._now
         self._accepted += 1
         match body:
             case Update():
                 self._last_named = body.period or self._last_named
+                begin = partial(self._begin_update, door)
                 return self._plan(
-                    body.period, self._sorted(body.pulses), (), self._begin_update, sequences=True, is_update=True
+                    body.period, self._sorted(body.pulses), (), begin, sequences=True, is_update=True
                 )
             case Sequence():
                 duration = self._stores.duration(body)
                 start = Program(0, Memory.ENTRIES, 0, body.first, body.count, repeats=body.repeats)
-                run = Run(duration, body.unattended)
-                change = self._plan(body.period, None, (start,), partial(self._begin_sequence, run), sequences=True)
+                begin_run = partial(self._begin_sequence, Run(duration, body.unattended), door)
+                change = self._plan(body.period, None, (start,), begin_run, sequences=True)
                 use = self._stores.use(body)
                 if duration is not None:
                     use.ends(change.period + duration)
@@ -403,7 +404,8 @@ class Controller:
             case Output(action=Action.END_MODULATION):
                 return self._plan(body.period, None, (STOP_MODULATION,), self._end_modulation, modulations=True)
             case Output():
-                effect = self._disable_as_planned if body.action is Action.DISABLE else self._fall_silent
+                disables = body.action is Action.DISABLE
+                effect = partial(self._disable_as_planned if disables else self._fall_silent, door)
                 stops = (STOP_MODULATION,) if self._agenda.tail.modulated else ()
                 change = self._plan(body.period, SILENCE, stops, effect, sequences=True, modulations=True)
                 if body.action is Action.DISABLE and self._disabled_from is None:
@@ -535,7 +537,8 @@ class Controller:
             return 0, began
         packed = np.empty((taken, PROCESSORS * SLICE_BYTES), np.uint8)
         sort_pulses(packets[:taken, HEADER_BYTES:], self._transducers, packed)
-        self._agenda.add_stream(Stream(starts[:taken], periods[:taken], packed, cost, tail, self._begin_update))
+        begin = partial(self._begin_update, door)
+        self._agenda.add_stream(Stream(starts[:taken], periods[:taken], packed, cost, tail, begin))
         self._stores.end(int(periods[0]), sequences=True, modulations=False)
         self._acknowledge_stream(door, updates, arrivals[:taken], periods[:taken], requested[:taken], free[:taken])
         self._last_sequence, self._last_named = int(numbers[0]), None if numbers[1] < 0 else int(numbers[1])
@@ -579,7 +582,7 @@ class Controller:
             for waiter in waiters:
                 waiter()
 
-    def test_transducer(self, transducer: int) -> None:
+    def test_transducer(self, transducer: int, door: Door) -> None:
         """Drive one transducer alone, weakly, where there is room for it (clause CON-008).
 
         Raises
@@ -597,7 +600,7 @@ class Controller:
         except BlockError as error:
             self._refuse(error, f"a test of transducer {transducer}")
             raise
-        self._carry_out(update)
+        self._carry_out(update, door)
 
     # Stores
 
@@ -648,15 +651,15 @@ class Controller:
 
     # What changes mean
 
-    def _begin_update(self, period: int) -> None:
+    def _begin_update(self, door: Door, period: int) -> None:
         self._runs = None
         self._since_period = period
-        self._happen(Event.PLAY, self.time.boundary(period))
+        self._happen(Event.PLAY, self.time.boundary(period), door)
 
-    def _begin_sequence(self, run: Run, period: int) -> None:
+    def _begin_sequence(self, run: Run, door: Door, period: int) -> None:
         self._runs = run
         self._since_period = period
-        self._happen(Event.PLAY_UNATTENDED if run.unattended else Event.PLAY, self.time.boundary(period))
+        self._happen(Event.PLAY_UNATTENDED if run.unattended else Event.PLAY, self.time.boundary(period), door)
         if run.duration is not None:
             self._scheduler.at(self.time.boundary(period + run.duration), lambda: self._end_sequence(run))
 
@@ -674,18 +677,18 @@ class Controller:
     def _end_modulation(self, _: int) -> None:
         self._modulation_plays = False
 
-    def _fall_silent(self, period: int) -> None:
+    def _fall_silent(self, door: Door, period: int) -> None:
         self._runs, self._modulation_plays, self._since_period = None, False, 0
-        self._happen(Event.END, self.time.boundary(period))
+        self._happen(Event.END, self.time.boundary(period), door)
 
-    def _disable_as_planned(self, period: int) -> None:
+    def _disable_as_planned(self, door: Door, period: int) -> None:
         self._stores.end(period, sequences=True, modulations=True)
-        self._happen(Event.DISABLE, self.time.boundary(period))
+        self._happen(Event.DISABLE, self.time.boundary(period), door)
 
     # State
 
-    def _happen(self, event: Event, at: int) -> None:
-        """Something happened at a core cycle: follow clause STA-003."""
+    def _happen(self, event: Event, at: int, door: Door | None = None) -> None:
+        """Something happened at a core cycle, by what came through a door if any: follow clause STA-003."""
         was, self._state = self._state, after(self._state, event)
         if self._state is was:
             return
@@ -698,8 +701,8 @@ class Controller:
             self._arm_watchdog()
         if self._bus_suspended and after(self._state, Event.SUSPEND) is not self._state:
             self._happen(Event.SUSPEND, at)  # clause STA-004
-        elif event in SPOKEN:
-            self._speak()
+        elif event in SPOKEN or door is not None:
+            self._speak(besides=door)
 
     def _silence_all(self) -> None:
         """Silence all outputs as soon as the chain can, and drop what is queued (clause SAF-004)."""
@@ -716,11 +719,12 @@ class Controller:
         self._log("outputs disabled")
         self._announce_room()
 
-    def _speak(self) -> None:
-        """Say the state unasked (clause ACK-006)."""
+    def _speak(self, besides: Door | None = None) -> None:
+        """Say the state unasked, but not to the door that changed it (clause ACK-006)."""
         status = self.status().encode()
         for door in self._doors:
-            door.notify(status)
+            if door is not besides:
+                door.notify(status)
 
     def raise_fault(self, fault: Fault, what: str) -> None:
         """Something is wrong (clause SAF-008)."""
@@ -753,10 +757,10 @@ class Controller:
         if cleared:
             self._speak()
 
-    def new_session(self) -> None:
+    def new_session(self, door: Door) -> None:
         """The bus was reset, or the host (re)configured the device (clauses USB-003 and NUM-004)."""
         self.settle()
-        self._happen(Event.BUS_RESET, self._now)
+        self._happen(Event.BUS_RESET, self._now, door)
         self._last_sequence = None
 
     def suspend(self) -> None:
@@ -771,12 +775,12 @@ class Controller:
         self._bus_suspended = False
         self._happen(Event.RESUME, self._now)
 
-    def detach(self) -> bool:
-        """The DFU interface is asked to detach; whether the device does, in its state."""
+    def detach(self, door: Door) -> bool:
+        """The device is asked through a door to detach; whether it does, in its state."""
         self.settle()
         if after(self._state, Event.DETACH) is self._state:
             return False
-        self._happen(Event.DETACH, self._now)
+        self._happen(Event.DETACH, self._now, door)
         return True
 
     def host_arrived(self) -> None:
@@ -828,8 +832,8 @@ class Controller:
 
     # Requests
 
-    def request(self, setup: Setup, data: bytes = b"") -> bytes:
-        """Carry out a vendor request, whichever door it came by (chapter REQ).
+    def request(self, setup: Setup, data: bytes, door: Door) -> bytes:
+        """Carry out a vendor request that came by a door (chapter REQ).
 
         Raises
         ------
@@ -846,8 +850,8 @@ class Controller:
             (REQUEST_TYPE_IN, Request.PROCESSORS): lambda _: encode_reports(self._supervisor.reports()),
         }
         orders: dict[tuple[int, int], Callable[[int], None]] = {
-            (REQUEST_TYPE_OUT, Request.ENABLE): self._enable,
-            (REQUEST_TYPE_OUT, Request.DISABLE): lambda _: self._happen(Event.DISABLE, self._now),
+            (REQUEST_TYPE_OUT, Request.ENABLE): lambda _: self._enable(door),
+            (REQUEST_TYPE_OUT, Request.DISABLE): lambda _: self._happen(Event.DISABLE, self._now, door),
             (REQUEST_TYPE_OUT, Request.WATCHDOG): self._set_watchdog,
             (REQUEST_TYPE_OUT, Request.LIMIT): self._set_limit,
             (REQUEST_TYPE_OUT, Request.CLEAR_FAULTS): lambda _: self._clear_faults(),
@@ -873,7 +877,7 @@ class Controller:
         orders[key](setup.value)
         return b""
 
-    def _enable(self, _: int) -> None:
+    def _enable(self, door: Door) -> None:
         if self._state in ENABLED:
             self._fed = self._now
             return
@@ -882,7 +886,7 @@ class Controller:
         self._watchdog_fired = False
         self._last_named = None
         self._fed = self._now
-        self._happen(Event.ENABLE, self._now)
+        self._happen(Event.ENABLE, self._now, door)
 
     def _set_watchdog(self, milliseconds: int) -> None:
         self._watchdog_ms = milliseconds

@@ -126,7 +126,7 @@ class SerialLine(Door):
     controller : LineController
         What stands behind the line; it notifies the line from now on.
     detach : callable
-        Takes the device to DFU mode, as the request DETACH does; it may raise `Stall`.
+        Takes the device to DFU mode, as the request DETACH does, for a door that it is given; it may raise `Stall`.
     on_output : callable
         Called whenever there are bytes to `take`.
     needs_dtr : bool
@@ -137,7 +137,7 @@ class SerialLine(Door):
         self,
         controller: LineController,
         *,
-        detach: Callable[[], None],
+        detach: Callable[[Door], None],
         on_output: Callable[[], None] = lambda: None,
         needs_dtr: bool = False,
     ) -> None:
@@ -152,7 +152,7 @@ class SerialLine(Door):
     def _begin(self) -> None:
         """Everything as at first, besides a block that waits."""
         self._incoming = Line()
-        self._console = Console(self._controller, self._detach)
+        self._console = Console(self._controller, self, partial(self._detach, self))
         self._outbox = _Outbox()
         self._among_frames = False
         self._sends_text = not self._needs_dtr
@@ -262,14 +262,14 @@ class SerialLine(Door):
     def _requested(self, request: SerialRequest) -> bytes:
         if request.request_type not in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT):
             raise Stall(f"a serial line carries vendor requests, not those of type 0x{request.request_type:02x}")
-        return self._controller.request(request.setup, request.data)[: request.length]
+        return self._controller.request(request.setup, request.data, self)[: request.length]
 
     def _answer_reset(self, tag: int) -> None:
         """Answer, go back to the console, and restart once that is sent (clause SER-010)."""
         self._reply(SerialReply(tag, Outcome.DONE))
         self._outbox.keep_answers()
         self._leave_frames()
-        self._departure = partial(self._controller.request, _RESET)
+        self._departure = partial(self._controller.request, _RESET, b"", self)
 
     def _reply(self, reply: SerialReply) -> None:
         self._outbox.answer(Frame(FrameKind.REPLY, reply.encode()))

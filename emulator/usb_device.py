@@ -35,7 +35,7 @@ from ..protocol.enumeration import (
     run_time,
 )
 from ..protocol.requests import Setup
-from .door import Handshake, Stall
+from .door import Door, Handshake, Stall
 from .scheduler import Scheduler
 from .trace import Tracer
 from .usb_functions import (
@@ -176,7 +176,8 @@ class UsbDevice:
         self.disconnect()
         array = ArrayFunction(self._scheduler, controller, self.speed.bulk_bytes, self._tracer)
         console = ConsoleFunction(line, self.speed.bulk_bytes)
-        self._dfu = DfuRunTimeFunction(self._scheduler, controller, partial(self._leave_for_dfu, self._connection))
+        leave = partial(self._leave_for_dfu, self._connection)
+        self._dfu = DfuRunTimeFunction(self._scheduler, controller, array, leave)
         self._version = version
         functions: dict[int, Function] = {
             ARRAY_INTERFACE: array,
@@ -195,8 +196,8 @@ class UsbDevice:
         self._pipes = {}
         self._unaddress()
 
-    def detach(self) -> None:
-        """Do what the request DETACH does (clause DFU-002).
+    def detach(self, door: Door) -> None:
+        """Do what the request DETACH does, as another door asks (clause DFU-002).
 
         Raises
         ------
@@ -205,7 +206,7 @@ class UsbDevice:
         """
         if self._dfu is None:
             raise Stall("only a device in run-time mode can be detached")
-        self._dfu.detach()
+        self._dfu.detach(door)
 
     def _leave_for_dfu(self, connection: int) -> None:
         if connection != self._connection:

@@ -171,10 +171,10 @@ class UsbController(Protocol):
     def stream(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
         """Accept a stream of updates as far as nothing else comes between; how many, and when the last arrived."""
 
-    def request(self, setup: Setup, data: bytes = b"") -> bytes:
+    def request(self, setup: Setup, data: bytes, door: Door) -> bytes:
         """Carry out a vendor request, or raise `Stall`."""
 
-    def new_session(self) -> None:
+    def new_session(self, door: Door) -> None:
         """The event BUS_RESET: outputs off, and numbering begins anew (clause STA-002)."""
 
     def suspend(self) -> None:
@@ -183,7 +183,7 @@ class UsbController(Protocol):
     def resume(self) -> None:
         """The event RESUME."""
 
-    def detach(self) -> bool:
+    def detach(self, door: Door) -> bool:
         """The event DETACH; False where it has no transition in this state (clause STA-005)."""
 
     def host_arrived(self) -> None:
@@ -251,7 +251,7 @@ class ArrayFunction(Function, Door):
         """Carry out a vendor request (chapter REQ)."""
         if setup.request_type not in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT):
             raise unknown(setup)
-        return self._controller.request(setup, data)
+        return self._controller.request(setup, data, self)
 
     @property
     def _room_for_records(self) -> int:
@@ -301,7 +301,7 @@ class ArrayFunction(Function, Door):
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        self._controller.new_session()
+        self._controller.new_session(self)
         self._part = b""
         self._records.clear()
         self._unasked = b""
@@ -418,13 +418,16 @@ class DfuRunTimeFunction(Function):
         The clock of the machine.
     controller : UsbController
         Turns the outputs off before the device leaves.
+    door : Door
+        What else of this bus the controller knows: a DETACH that comes by the bus comes by this door.
     leave : callable
         Has the device leave the bus, to come back in DFU mode.
     """
 
-    def __init__(self, scheduler: Scheduler, controller: UsbController, leave: Callable[[], None]) -> None:
+    def __init__(self, scheduler: Scheduler, controller: UsbController, door: Door, leave: Callable[[], None]) -> None:
         self._scheduler = scheduler
         self._controller = controller
+        self._door = door
         self._leave = leave
         self._detaching = False
         self._state = DfuState.APP_IDLE
@@ -439,18 +442,18 @@ class DfuRunTimeFunction(Function):
         self._state = DfuState.APP_IDLE
         if request != _DETACH:
             raise unknown(setup)
-        self.detach()
+        self.detach(self._door)
         return b""
 
-    def detach(self) -> None:
-        """Turn the outputs off and leave the bus in a while.
+    def detach(self, door: Door) -> None:
+        """Turn the outputs off and leave the bus in a while, as a door asks.
 
         Raises
         ------
         Stall
             Where the device's state does not allow it (clause STA-005).
         """
-        if not self._controller.detach():
+        if not self._controller.detach(door):
             raise Stall("the device cannot be detached in this state")
         self._detaching = True
         self._state = DfuState.APP_DETACH

@@ -26,6 +26,16 @@ def update(sequence: int) -> bytes:
     return build_block({"kind": UPDATE, "sequence": sequence})
 
 
+class Nowhere(Door):
+    """A door behind which nobody is."""
+
+    def acknowledge(self, record: bytes) -> None:
+        """Nobody hears it."""
+
+    def notify(self, record: bytes) -> None:
+        """Nor this."""
+
+
 class ModelController:
     """What the lines use of the controller, and a record of what they did with it.
 
@@ -78,7 +88,7 @@ class ModelController:
             {"state": self.state, "free": max(self.room, 0), "dropped_frames": self.dropped_frames, **self.status}
         )
 
-    def request(self, setup: Setup, data: bytes = b"") -> bytes:
+    def request(self, setup: Setup, data: bytes, door: Door) -> bytes:
         self.asked.append(setup)
         if setup.index or data:
             raise Stall("not like this")
@@ -107,7 +117,7 @@ class ModelController:
                 raise Stall("unknown")
         return b""
 
-    def test_transducer(self, transducer: int) -> None:
+    def test_transducer(self, transducer: int, door: Door) -> None:
         if self.state not in ENABLED:
             raise BlockError("refused", Reason.DISABLED)
         self.tested = transducer

@@ -10,7 +10,7 @@ from phasewire.emulator.console import Console
 from phasewire.protocol.codes import State
 from phasewire.protocol.requests import Setup
 
-from tests.emulator.model_controller import VECTORS, ModelController
+from tests.emulator.model_controller import VECTORS, ModelController, Nowhere
 from tests.from_spec import parse_command, typed
 from tests.specification import SPEC, table
 
@@ -18,7 +18,7 @@ RESET = Setup(0x41, 13, 0, 0, 0)
 
 
 def console_of(controller: ModelController, detach: Callable[[], None] = lambda: None) -> Console:
-    return Console(controller, detach)
+    return Console(controller, Nowhere(), detach)
 
 
 def answer(controller: ModelController, line: str) -> str:

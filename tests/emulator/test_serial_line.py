@@ -36,7 +36,7 @@ TO_FRAMES = b"\0" + CONSOLE + b"\0"
 def line_of(
     controller: ModelController, detach: Callable[[], None] = lambda: None, *, needs_dtr: bool = False
 ) -> SerialLine:
-    return SerialLine(controller, detach=detach, needs_dtr=needs_dtr)
+    return SerialLine(controller, detach=lambda _: detach(), needs_dtr=needs_dtr)
 
 
 def among_frames(controller: ModelController, detach: Callable[[], None] = lambda: None) -> SerialLine:
@@ -429,7 +429,7 @@ def test_without_a_terminal_a_restart_waits_for_nobody() -> None:
 def test_the_owner_is_told_of_output() -> None:
     told: list[int] = []
     controller = ModelController(room=0)
-    line = SerialLine(controller, detach=lambda: None, on_output=lambda: told.append(line.pending))
+    line = SerialLine(controller, detach=lambda _: None, on_output=lambda: told.append(line.pending))
     line.receive(b"")
     assert told == []
     line.receive(b"\0")
@@ -447,7 +447,7 @@ def test_the_owner_is_told_of_output() -> None:
 def test_an_owner_who_sends_at_once_sees_everything_in_order() -> None:
     sent = bytearray()
     controller = ModelController()
-    line = SerialLine(controller, detach=lambda: None, on_output=lambda: sent.extend(line.take(ENOUGH)))
+    line = SerialLine(controller, detach=lambda _: None, on_output=lambda: sent.extend(line.take(ENOUGH)))
     line.receive(b"\0" + block(no_op(1)) + STATUS_REQUEST + block(no_op(2)) + RESET)
     assert heard(bytes(sent[1:])) == ["ack 1", "reply 2a", "ack 2", "reply 77", "console"]
     assert restarts(controller)

@@ -398,19 +398,19 @@ def test_detach_stalls_where_the_state_forbids_it() -> None:
     bench.controller.can_detach = False
     assert stalls(bench, DETACH)
     with pytest.raises(Stall, match="cannot be detached in this state"):
-        bench.usb.detach()
+        bench.usb.detach(bench.door)
     bench.run_ms(2000)
     assert (bench.usb.generation, bench.usb.control(GETSTATE)) == (1, bytes(1))
 
 
 def test_the_console_detaches_as_the_request_does() -> None:
     bench = configured()
-    bench.usb.detach()
+    bench.usb.detach(bench.door)
     assert bench.usb.control(GETSTATE) == bytes([1])
     bench.run_ms(1010)
     assert bench.usb.generation == 2
     with pytest.raises(Stall, match="only a device in run-time mode"):
-        bench.usb.detach()
+        bench.usb.detach(bench.door)
 
 
 def test_a_bus_reset_hastens_a_detach() -> None:

@@ -44,13 +44,13 @@ class Controller:
     def stream(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
         return 0, began
 
-    def request(self, setup: Setup, data: bytes = b"") -> bytes:
+    def request(self, setup: Setup, data: bytes, door: Door) -> bytes:
         self.told.append(f"request {setup.request}")
         if setup.request == 0x77:
             raise Stall("unknown")
         return bytes(64)
 
-    def new_session(self) -> None:
+    def new_session(self, door: Door) -> None:
         self.told.append("new session")
 
     def suspend(self) -> None:
@@ -59,7 +59,7 @@ class Controller:
     def resume(self) -> None:
         self.told.append("resume")
 
-    def detach(self) -> bool:
+    def detach(self, door: Door) -> bool:
         self.told.append("detach")
         return self.can_detach
 
