@@ -384,9 +384,7 @@ class Controller:
             case Update():
                 self._last_named = body.period or self._last_named
                 begin = partial(self._begin_update, door)
-                return self._plan(
-                    body.period, self._sorted(body.pulses), (), begin, sequences=True, is_update=True
-                )
+                return self._plan(body.period, self._sorted(body.pulses), (), begin, sequences=True, is_update=True)
             case Sequence():
                 duration = self._stores.duration(body)
                 start = Program(0, Memory.ENTRIES, 0, body.first, body.count, repeats=body.repeats)

@@ -157,12 +157,11 @@ class Emulator:
             self.serial,
             speed=speed,
             enter_dfu=self._enter_dfu,
-            restart=self.power_up,
+            restart=self.restart,
             tracer=self.tracer,
         )
         self.controller: Controller | None = None
         self.line: SerialLine | None = None
-        self._dfu: DfuMode | None = None
         self._life: Branch | None = None
         self.past: deque[Capture] = deque(maxlen=PAST_CAPTURES)
         """What was captured before the device was started anew, the last time and before."""
@@ -172,16 +171,25 @@ class Emulator:
     # Power
 
     def power_up(self) -> None:
-        """Begin as at power-up: nothing is known, all outputs are low (clauses SAF-001 and REQ-013)."""
-        self._stop()
-        self._life = Branch(self.scheduler)
+        """Get power, or get it back: nothing is known, all outputs are low (clause SAF-001)."""
+        if self._life is not None:
+            self.power_down()
         self.flash.power_up(self.scheduler)
-        self._life.at(max(self.flash.busy_until, self.scheduler.now), self._boot)
+        self._start()
 
     def power_down(self) -> None:
         """Lose power at once, whatever goes on; a write to the flash stays half done."""
         self._stop()
         self.flash.cut_power()
+
+    def restart(self) -> None:
+        """Begin as at power-up, but that the flash finishes what it is doing (clauses REQ-013 and DFU-015)."""
+        self._stop()
+        self._start()
+
+    def _start(self) -> None:
+        self._life = Branch(self.scheduler)
+        self._life.at(max(self.flash.busy_until, self.scheduler.now), self._boot)
 
     def _stop(self) -> None:
         """End all that goes on but in the flash."""
@@ -191,9 +199,7 @@ class Emulator:
             self.past.append(self.capture())
         if self._life is not None:
             self._life.end()
-        if self._dfu is not None:
-            self._dfu.stop()
-        self.controller = self.line = self._dfu = self._life = None
+        self.controller = self.line = self._life = None
         self.usb.disconnect()
 
     def _boot(self) -> None:
@@ -260,7 +266,7 @@ class Emulator:
             identities,
             Identification(_unique_id(self.serial), booted.image.version, booted.bank, self._identity.wiring),
             log=self._logger("controller"),
-            restart=self.power_up,
+            restart=self.restart,
             confirm=lambda: confirm(self.flash, booted.bank),
             faults=booted.faults,
         )
@@ -287,9 +293,9 @@ class Emulator:
 
     def _enter_dfu(self) -> DfuMode:
         """The device has left the bus to come back in DFU mode; serial lines are silent there (clause STA-005)."""
+        assert self._life is not None
         self.line = None
-        self._dfu = DfuMode(self.scheduler, self.flash, self._bank, self._identity.keys)
-        return self._dfu
+        return DfuMode(self._life, self.flash, self._bank, self._identity.keys)
 
     # On the bus
 
