@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from phasewire import Emulator, Pulses
 from phasewire.emulator.door import Handshake
 from phasewire.emulator.serial_line import SerialLine
-from phasewire.protocol.blocks import Block, Body, pack
+from phasewire.protocol.blocks import Block, Body, Modulation, Output, Sequence, Update, pack
 from phasewire.protocol.codes import FrameKind, Outcome, Request, State
 from phasewire.protocol.framing import CONSOLE_FRAME, Frame, Line, SerialReply, SerialRequest, encode
 from phasewire.protocol.replies import Ack, Info, ReadBack, Status, records
@@ -81,6 +83,10 @@ class Device:
         assert self.usb.bulk_out(0x01, block) is Handshake.ACK
         acks = [record for record in self.records() if isinstance(record, Ack)]
         return acks[-1]
+
+    def send_at(self, body: Update | Sequence | Modulation | Output, period: int) -> Ack:
+        """Send a change for a period."""
+        return self.send(replace(body, period=period))
 
     def send_in_time(self, *bodies: Body) -> list[Ack]:
         """Send blocks as soon as the device takes them, and read their acknowledgements."""
