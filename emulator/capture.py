@@ -6,7 +6,8 @@ Nothing is kept bit by bit: a capture holds segments, and expands the stretch th
 from __future__ import annotations
 
 import operator
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -67,8 +68,8 @@ class Capture:
         Number of ticks captured.
     tracks : tuple of Track
         One for each processor in the order of the chain.
-    open_transducers : frozenset of int
-        Transducers that are not connected: their outputs switch, and they emit nothing.
+    open_since : mapping of int to int
+        Transducers that are not connected, each with the tick since when: their outputs switch, and they emit nothing.
     start_tick : int
         Where it begins, if what was before has been forgotten.
     """
@@ -76,8 +77,13 @@ class Capture:
     wiring: Wiring
     end_tick: int
     tracks: tuple[Track, ...]
-    open_transducers: frozenset[int] = frozenset()
+    open_since: Mapping[int, int] = field(default_factory=dict)
     start_tick: int = 0
+
+    @property
+    def open_transducers(self) -> frozenset[int]:
+        """Transducers that are not connected, be it since the end."""
+        return frozenset(self.open_since)
 
     @property
     def periods(self) -> int:
@@ -192,7 +198,8 @@ class Capture:
                 if track.deranged:
                     words = _deranged(track, begin * TICKS_PER_PERIOD, end * TICKS_PER_PERIOD)
                     demodulate(words, turn, its_columns, chunk)
-        drives[:, list(self.open_transducers)] = 0
+        for number, tick in self.open_since.items():
+            drives[max(tick // TICKS_PER_PERIOD - first, 0) :, number] = 0
         return drives
 
     def drive(self, period: int) -> NDArray[np.complex128]:

@@ -13,9 +13,22 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import ChainError
 from ..protocol.board import CORE_HZ, PROCESSORS
-from ..protocol.chain import SLICE_BYTES, Collect, Commit, Identity, Load, Message, Number, Playing, Program, Slice
-from ..protocol.codes import END_TOKEN, LINK_MS, NUMBER_MS, STALL_MS, UNNUMBERED_NODE
+from ..protocol.chain import (
+    SLICE_BYTES,
+    Collect,
+    Commit,
+    Identity,
+    Load,
+    Message,
+    Number,
+    Playing,
+    Program,
+    Slice,
+    decode,
+)
+from ..protocol.codes import LINK_MS, NUMBER_MS, STALL_MS, UNNUMBERED_NODE
 from ..protocol.timing import HOP_CYCLES, Link
 from .agenda import Change, Stream
 from .links import Links
@@ -24,9 +37,8 @@ from .scheduler import Scheduler
 from .switches import Direction, destination
 from .trace import Tracer
 
-__all__ = ["ANSWER_CYCLES", "Chain", "Passing"]
+__all__ = ["ANSWER_CYCLES", "Chain", "Passing", "Tamper"]
 
-END = bytes([END_TOKEN])
 NEVER = 2**62
 STALL_CYCLES = STALL_MS * CORE_HZ // 1000
 LINK_CYCLES = LINK_MS * CORE_HZ // 1000
@@ -44,6 +56,11 @@ class Passing(NamedTuple):
     down: bool
     """Whether it goes to the processor."""
     tokens: bytes
+    ends: bool = True
+    """Whether its END is there; without, the route stays open."""
+
+
+Tamper = Callable[[Passing], Passing]
 
 
 class Chain:
@@ -59,9 +76,18 @@ class Chain:
         Set-up of all links.
     tracer : Tracer
         Is told of every message.
+    tampers : sequence of callable
+        What is done to messages, one after the other; each takes a message and gives it as it arrives.
     """
 
-    def __init__(self, scheduler: Scheduler, processors: Sequence[Processor], link: Link, tracer: Tracer) -> None:
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        processors: Sequence[Processor],
+        link: Link,
+        tracer: Tracer,
+        tampers: Sequence[Tamper] = (),
+    ) -> None:
         self._scheduler = scheduler
         self.processors = processors
         self.link = link
@@ -69,9 +95,9 @@ class Chain:
         self.links = Links([link] * PROCESSORS)
         self.folded = True
         self.broken = False
-        self.tampers: list[Callable[[Passing], bytes]] = []
-        """What is done to messages, one after the other; each takes a message and gives its tokens as they arrive."""
+        self._tampers = tampers
         self._begun = [b""] * PROCESSORS
+        self._heard = b""
         self.hear: Callable[[bytes], None] = lambda _: None
         self.stuck: Callable[[], None] = lambda: None
 
@@ -135,15 +161,16 @@ class Chain:
         if self.broken:
             return None
         now = self._scheduler.now
-        tokens = self._tampered(Passing(now, message.node, True, message.encode()))
+        passing = self._tampered(Passing(now, message.node, True, message.encode()))
+        tokens = passing.tokens
         nodes = [UNNUMBERED_NODE if processor.number is None else processor.number for processor in self.processors]
         processor, reached = destination(nodes, int.from_bytes(tokens[:2], "big"))
-        passage = self.links.down(processor, len(tokens), now, ends=tokens[-1:] == END, reached=reached)
+        passage = self.links.down(processor, len(tokens), now, ends=passing.ends, reached=reached)
         self.tracer.passed(message, self.links.spans(Direction.DOWN))
         if passage.leaves is None or passage.leaves > now + STALL_CYCLES:
             self._scheduler.at(now + STALL_CYCLES, self._break)
         if passage.arrives is not None:
-            self._scheduler.at(passage.arrives, lambda: self._arrive(passage.processor, tokens))
+            self._scheduler.at(passage.arrives, lambda: self._arrive(passage.processor, tokens, passing.ends))
         return passage.arrives
 
     def _break(self) -> None:
@@ -151,9 +178,9 @@ class Chain:
             self.broken = True
             self.stuck()
 
-    def _arrive(self, place: int, tokens: bytes) -> None:
+    def _arrive(self, place: int, tokens: bytes, ends: bool) -> None:
         tokens, self._begun[place] = self._begun[place] + tokens, b""
-        if tokens[-1:] != END:  # its route is still open: what follows runs into the same channel end
+        if not ends:  # its route is still open: what follows runs into the same channel end
             self._begun[place] = tokens
             return
         answer = self.processors[place].receive(tokens)
@@ -165,17 +192,33 @@ class Chain:
         self._scheduler.at(self._scheduler.now + wait, lambda: self._pass_up(place, answer))
 
     def _pass_up(self, place: int, answer: Message) -> None:
+        if self.processors[place].stopped:
+            return
         now = self._scheduler.now
-        tokens = self._tampered(Passing(now, place, False, answer.encode()))
-        passage = self.links.up(place, len(tokens), now, ends=tokens[-1:] == END)
+        passing = self._tampered(Passing(now, place, False, answer.encode()))
+        passage = self.links.up(place, len(passing.tokens), now, ends=passing.ends)
         self.tracer.passed(answer, self.links.spans(Direction.UP))
         if passage.arrives is not None:
-            self._scheduler.at(passage.arrives, lambda: self.hear(tokens))
+            self._scheduler.at(passage.arrives, lambda: self._hear(passing))
 
-    def _tampered(self, passing: Passing) -> bytes:
-        for tamper in self.tampers:
-            passing = passing._replace(tokens=tamper(passing))
-        return passing.tokens
+    def _hear(self, passing: Passing) -> None:
+        tokens, self._heard = self._heard + passing.tokens, b""
+        if passing.ends:
+            self.hear(tokens)
+        else:
+            self._heard = tokens
+
+    def _tampered(self, passing: Passing) -> Passing:
+        for tamper in self._tampers:
+            passing = tamper(passing)
+        return passing
+
+    def lose(self, place: int) -> None:
+        """Let a processor have no power any more: nothing passes it, and the one before it gets no credit."""
+        self.processors[place].stop()
+        self.links.cut(place)
+        if place:
+            self.processors[place - 1].is_last = True
 
 
 def _piece(packed: bytes, place: int) -> bytes:
@@ -209,7 +252,12 @@ class Numbering:
         self._scheduler.at(self._scheduler.now + NUMBER_CYCLES, lambda: self._give_up(number))
 
     def _hear(self, tokens: bytes) -> None:
-        identity = Identity._decode(tokens)
+        try:
+            identity = decode(tokens)
+        except ChainError:
+            return  # it is dropped (clause CHN-010), and no other one comes
+        if not isinstance(identity, Identity) or identity.processor != len(self._identities):
+            return
         self._identities.append(identity)
         if identity.last:
             self._finish()

@@ -64,7 +64,8 @@ class BoardClock:
 
     def set_rate(self, tick: int, parts_per_billion: int) -> None:
         """Let the board's oscillator run fast (or slow, where negative) from a tick of the device on."""
-        self._bends.append((tick, self.own_tick(tick), parts_per_billion))
+        if parts_per_billion != self._bends[-1][2]:
+            self._bends.append((tick, self.own_tick(tick), parts_per_billion))
 
     @property
     def exact(self) -> bool:
@@ -73,7 +74,7 @@ class BoardClock:
 
     def own_tick(self, tick: int) -> int:
         """The board's tick at a tick of the device; negative before it has started."""
-        since, own, rate = max(bend for bend in self._bends if bend[0] <= max(tick, 0))
+        since, own, rate = next(bend for bend in reversed(self._bends) if bend[0] <= max(tick, 0))
         return own + (tick - since) * (BILLION + rate) // BILLION
 
     def tick_of(self, own: int) -> int:

@@ -211,6 +211,7 @@ class Controller:
             identities,
             identification.bank,
             self.raise_fault,
+            self._heed_miss,
             self._question_time,
             lambda: self._commits_due,
             self.settle,
@@ -242,8 +243,7 @@ class Controller:
         self._fed = time.origin
         self._armed = 0  # the last time that the watchdog was set; earlier ones count no more
         self._room_waiters: list[Callable[[], None]] = []
-        found = faults if self._supervisor.complete else faults | Fault.PROCESSOR
-        if found:
+        if found := faults | self._supervisor.found:
             self.raise_fault(found, "found at start")
 
     def attach(self, door: Door) -> None:
@@ -708,14 +708,27 @@ class Controller:
         self._agenda.mute()
         self._disabled_from = None
         self._runs, self._modulation_plays, self._since_period = None, False, 0
-        stops = (STOP_MODULATION,) if self._agenda.tail.modulated else ()
+        self._send_silence((STOP_MODULATION,) if self._agenda.tail.modulated else ())
+        self._log("outputs disabled")
+        self._announce_room()
+
+    def _send_silence(self, stops: tuple[Program, ...]) -> None:
         # A load or a question may just have begun.
         ready = max(self._now, self._load_leaves) + self._agenda.question_cycles
         change = self._agenda.add(ready, 0, SILENCE, stops, None, folded=self._chain.folded, asked=False)
         self._stores.end(change.period, sequences=True, modulations=True)
         self._dispatch(change)
-        self._log("outputs disabled")
-        self._announce_room()
+
+    def _heed_miss(self, processor: int) -> None:
+        """A processor missed a commit; where that may be the silence, see to it that it falls silent all the same.
+
+        It is sent once more. If that is missed too, for the same reason, the processor falls silent because nobody asks
+        it anything meanwhile (clause CHN-018). By then it is silent for sure, until the outputs are enabled.
+        """
+        self.settle()
+        if self._state not in ENABLED and self._supervisor.leave_alone(processor):
+            self._log(f"processor {processor} may have missed the silence: sends it again, and leaves it alone")
+            self._send_silence((STOP_MODULATION,))
 
     def _speak(self, besides: Door | None = None) -> None:
         """Say the state unasked, but not to the door that changed it (clause ACK-006)."""
@@ -884,6 +897,7 @@ class Controller:
         self._watchdog_fired = False
         self._last_named = None
         self._fed = self._now
+        self._supervisor.attend()
         self._happen(Event.ENABLE, self._now, door)
 
     def _set_watchdog(self, milliseconds: int) -> None:

@@ -13,6 +13,7 @@ from functools import partial
 from itertools import count
 from typing import NamedTuple, Self
 
+from ..errors import DeviceError
 from ..protocol.board import (
     BOARDS,
     CORE_HZ,
@@ -29,10 +30,11 @@ from ..protocol.ranges import whole
 from ..protocol.timing import FIVE_WIRE, Link
 from ..protocol.wiring import Wiring
 from .capture import Capture
-from .chain import Chain, Numbering
+from .chain import Chain, Numbering, Tamper
 from .clock import BoardClock, Timebase
 from .controller import Controller, Identification
 from .dfu import DfuMode
+from .faults import InjectedFault, Injector
 from .flash import Flash
 from .loader import Boot, Identity, boot, confirm, load_cycles, make_flash
 from .processor import Processor
@@ -151,7 +153,12 @@ class Emulator:
         self._drives_sync = sync is None
         self.tracer = Tracer()
         self.events: deque[Event] = deque(maxlen=LOG_EVENTS)
-        self.open_transducers: frozenset[int] = frozenset()
+        self.open_since: dict[int, int] = {}
+        """Transducers that are not connected, each with the core cycle since when."""
+        self.tampers: list[Tamper] = []
+        """What damages the messages of the chain."""
+        self.processors: list[Processor] = []
+        self._faults = Injector(self)
         self.usb = UsbDevice(
             self.scheduler,
             self.serial,
@@ -170,20 +177,25 @@ class Emulator:
 
     # Power
 
+    @property
+    def powered(self) -> bool:
+        """Whether it has power."""
+        return self._life is not None
+
     def power_up(self) -> None:
         """Get power, or get it back: nothing is known, all outputs are low (clause SAF-001)."""
-        if self._life is not None:
+        if self.powered:
             self.power_down()
         self.flash.power_up(self.scheduler)
         self._start()
 
     def power_down(self) -> None:
-        """Lose power at once, whatever goes on; a write to the flash stays half done."""
+        """Lose power at once, whatever goes on: the outputs fall low, and a write to the flash stays half done."""
         self._stop()
         self.flash.cut_power()
 
     def restart(self) -> None:
-        """Begin as at power-up, but that the flash finishes what it is doing (clauses REQ-013 and DFU-015)."""
+        """Begin as at power-up; what the flash is doing is finished first (clauses REQ-013 and DFU-015)."""
         self._stop()
         self._start()
 
@@ -200,19 +212,25 @@ class Emulator:
         if self._life is not None:
             self._life.end()
         self.controller = self.line = self._life = None
+        self.processors = []
         self.usb.disconnect()
 
     def _boot(self) -> None:
-        booted = boot(self.flash)
+        try:
+            booted = boot(self.flash)
+        except DeviceError as error:
+            self.log("loader", str(error))
+            return
         start = max(self.flash.busy_until, self.scheduler.now)
         assert self._life is not None
         self._life.at(start + sum(load_cycles(booted.image, self._link)), lambda: self._number(booted))
-        self._log("loader", f"starts firmware {booted.image.version} from bank {booted.bank.name}")
+        self.log("loader", f"starts firmware {booted.image.version} from bank {booted.bank.name}")
 
     def _number(self, booted: Boot) -> None:
         assert self._life is not None
         self.processors = [self._processor(place, booted) for place in range(PROCESSORS)]
-        self.chain = Chain(self._life, self.processors, self._link, self.tracer)
+        self.chain = Chain(self._life, self.processors, self._link, self.tracer, self.tampers)
+        self._faults.afflict()
         Numbering(self._life, self.chain, lambda identities: self._begin(booted, identities))
 
     def _processor(self, place: int, booted: Boot) -> Processor:
@@ -250,7 +268,8 @@ class Emulator:
     def _miss_pulses(self) -> None:
         if self.controller is not None:
             self.controller.unfold()
-            self.controller.supervisor.sync_connected = False
+            for processor in self.processors:
+                processor.sync_connected = False
 
     def _come_up(self, booted: Boot, identities: list[ChainIdentity], time: Timebase) -> None:
         """Period 0 begins; the device answers from now on (clause TIM-002)."""
@@ -318,9 +337,10 @@ class Emulator:
         self.usb.unplug()
 
     def _logger(self, where: str) -> Callable[[str], None]:
-        return lambda what: self._log(where, what)
+        return lambda what: self.log(where, what)
 
-    def _log(self, where: str, what: str) -> None:
+    def log(self, where: str, what: str) -> None:
+        """Enter something that happens now into `events`."""
         self.events.append(Event(self.scheduler.now / CORE_HZ, where, what))
 
     # Time and what is seen
@@ -341,7 +361,7 @@ class Emulator:
         while self.controller is None:
             upcoming = self.scheduler.next_time()
             if upcoming is None:
-                raise ValueError("the device has no power; it does not start")
+                raise DeviceError("the device does not start: it has no power, or nothing in its flash boots")
             self.scheduler.run_until(upcoming)
 
     def run(self, periods: int) -> None:
@@ -367,9 +387,28 @@ class Emulator:
             self._wiring,
             self.running.now_tick,
             tuple(processor.track() for processor in self.processors),
-            self.open_transducers,
+            {transducer: max(self._time.tick(cycle), 0) for transducer, cycle in self.open_since.items()},
             self._first_period * TICKS_PER_PERIOD,
         )
+
+    # What goes wrong
+
+    def inject(self, *faults: InjectedFault) -> None:
+        """Let things go wrong, now or at the periods that they name (see `faults`).
+
+        Raises
+        ------
+        ValueError
+            Where a period is over, or none is counted because the device has not started.
+        """
+        for fault in faults:
+            self._faults.inject(fault)
+
+    def unfold(self) -> None:
+        """From now on let every message travel along the chain token by token."""
+        self._unfolded = True
+        if self.controller is not None:
+            self.controller.unfold()
 
 
 def _unique_id(name: str) -> bytes:

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ChainError
-from ..protocol.board import CORE_HZ, CYCLES_PER_PERIOD, PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
+from ..protocol.board import (
+    CHANNELS_PER_PROCESSOR,
+    CORE_HZ,
+    CYCLES_PER_PERIOD,
+    PROCESSORS,
+    PROCESSORS_PER_BOARD,
+    TICKS_PER_PERIOD,
+)
 from ..protocol.chain import (
     MEMORIES,
     SLICE_BYTES,
@@ -49,6 +56,7 @@ from .trace import Tracer
 __all__ = ["AMBIENT_C", "SUPPLY_MV", "TEMPERATURE_LIMIT_C", "Processor"]
 
 AMBIENT_C = 25
+ALL_BITS = 2**CHANNELS_PER_PROCESSOR - 1
 TEMPERATURE_LIMIT_C = 85
 SUPPLY_MV = 15_000
 COUNTER_BITS = 16
@@ -57,6 +65,7 @@ SYNC_STEP = SYNC_PERIODS * TICKS_PER_PERIOD % COUNTER_TICKS
 """By how much the port's counter advances from one pulse of the sync line to the next (clause CHN-027)."""
 DEAF_CYCLES = DEAF_MS * CORE_HZ // 1000
 DRIFT_RANGE = (-128, 127)
+NO_PULSE = "no pulse on the sync line"
 PERSISTENT = Fault.SYNC | Fault.TEMPERATURE | Fault.SUPPLY
 """Faults that last as long as their cause; the others are events, reported once."""
 
@@ -115,6 +124,11 @@ class Processor:
         self.supply_mv = SUPPLY_MV
         self.slowness = 1
         """Times that everything takes longer than its budget; more than 1 is a fault."""
+        self.is_last = place == PROCESSORS - 1
+        """Whether nothing gives credit on the link behind it."""
+        self.stopped = False
+        """Whether it has no power any more."""
+        self.sync_connected = True
         self.missed_commits = self.damaged_messages = self.carried_out = 0
         self.faults = Fault(0)
         self._memories = {memory: bytearray(layout.size) for memory, layout in MEMORIES.items()}
@@ -135,17 +149,19 @@ class Processor:
         self._time = time
         self._counter_at_pulse = self.clock.counter(0)
         self._heard = time.origin
+        if not self.sync_connected:
+            self._raise(Fault.SYNC, NO_PULSE)
 
-    def feel_pulse(self, tick: int | None) -> None:
-        """A later pulse of the sync line, at a tick of the device; None where one was due and did not come.
+    def feel_pulse(self, tick: int) -> None:
+        """A later pulse of the sync line is due, at a tick of the device.
 
         Notes
         -----
         The counter wraps between any two pulses; its difference modulo 2¹⁶ is compared with what it should be, and the
         differences add up to how far the port is off since its start.
         """
-        if tick is None:
-            self._raise(Fault.SYNC, "no pulse on the sync line")
+        if not self.sync_connected:
+            self._raise(Fault.SYNC, NO_PULSE)
             return
         counter = self.clock.counter(tick)
         self._signal("counter", counter, COUNTER_BITS)
@@ -167,13 +183,37 @@ class Processor:
         self._judge(Fault.SUPPLY, millivolts not in SUPPLY_RANGE_MV, f"{millivolts / 1000:g} V")
 
     def stop(self) -> None:
-        """Lose power, or hang: the pins fall low at once, and nothing is taken any more."""
-        self.force(low=2**32 - 1)
+        """Lose power: the pins fall low at once, and nothing is taken any more."""
+        self.stopped = True
+        self.force(low=ALL_BITS)
 
     def force(self, *, high: int = 0, low: int = 0) -> None:
-        """Hold bits of the port from now on."""
-        tick = 0 if self._time is None else max(self._time.tick(self._scheduler.now), 0)
-        self.forced.append(Forced(tick, high, low))
+        """Hold bits of the port from now on, besides those that are held already."""
+        held = self.forced[-1] if self.forced else Forced(0)
+        self._hold(held.high | high, held.low | low)
+
+    def let_go(self, *, high: int = 0, low: int = 0) -> None:
+        """Hold these bits of the port no more."""
+        held = self.forced[-1] if self.forced else Forced(0)
+        self._hold(held.high & ~high, held.low & ~low)
+
+    def _hold(self, high: int, low: int) -> None:
+        if (high, low) != (self.forced[-1][1:] if self.forced else (0, 0)):
+            self.forced.append(Forced(self._tick, high, low))
+
+    @property
+    def _tick(self) -> int:
+        return 0 if self._time is None else max(self._time.tick(self._scheduler.now), 0)
+
+    def set_clock_error(self, parts_per_billion: int) -> None:
+        """Its board's oscillator runs fast from now on, or slow where negative."""
+        self.clock.set_rate(self._tick, parts_per_billion)
+
+    def slow_down(self, slowness: int) -> None:
+        """From now on everything takes so many times as long as its budget; 1 is as it should be."""
+        self.slowness = slowness
+        if self.reel.runs or self._modulated:
+            self._lag()
 
     def track(self) -> Track:
         """What its port did so far."""
@@ -183,6 +223,8 @@ class Processor:
 
     def receive(self, tokens: bytes) -> Message | None:
         """Take a message that is complete at this moment; the answer, if it asks for one (clause CHN-010)."""
+        if self.stopped:
+            return None
         try:
             message = decode(tokens)
             node = UNNUMBERED_NODE if self.number is None else self.number
@@ -208,7 +250,7 @@ class Processor:
                 return self._answer(message.answer)
             case Number():
                 self.number = message.number
-                return Identity(message.number, self.place == PROCESSORS - 1, self.firmware, self._unique_id)
+                return Identity(message.number, self.is_last, self.firmware, self._unique_id)
         return None
 
     def _commit(self, commit: Commit) -> None:
@@ -223,6 +265,8 @@ class Processor:
             problem = "another table waits"
         elif not self._in_time(commit.period):
             problem = "too late to rasterise"
+            if self.slowness > 1:
+                self._raise(Fault.OVERRUN, f"needs {self.rasterise_cycles} cycles for a table")
         if problem or packed is None:
             self._miss(f"the commit for period {commit.period}: {problem}")
             return
@@ -298,7 +342,7 @@ class Processor:
     def play(self, periods: NDArray[np.int64], slices: NDArray[np.uint8]) -> None:
         """Play slices, (n, 48), each from its period on, (n,)."""
         self.carried_out += len(periods)
-        self.reel.play(periods, slices)
+        self.reel.play(periods, np.zeros_like(slices) if self._silenced else slices)
 
     def load(self, memory: Memory, first: int, data: bytes) -> None:
         """Keep items of a memory (clause CHN-012)."""
@@ -307,6 +351,8 @@ class Processor:
 
     def carry_out(self, program: Program) -> None:
         """Start or stop the sequence or the modulation (clause CHN-014)."""
+        if self._silenced:
+            return
         stored = self._memories[program.memory]
         layout = MEMORIES[program.memory]
         items = bytes(stored[program.first * layout.item_bytes : (program.first + program.count) * layout.item_bytes])
@@ -335,6 +381,11 @@ class Processor:
         return Playing(self.place, since, packed)
 
     # Silence
+
+    @property
+    def _silenced(self) -> bool:
+        """Whether a fault of its own keeps its outputs low (clause SAF-007)."""
+        return bool(self.faults & SILENCING_FAULTS)
 
     def _judge(self, fault: Fault, there: bool, what: str) -> None:
         if there:
@@ -365,6 +416,8 @@ class Processor:
         self._scheduler.at(max(since + DEAF_CYCLES, self._scheduler.now), self._check_hearing)
 
     def _check_hearing(self) -> None:
+        if self.stopped:
+            return
         due = self._heard + DEAF_CYCLES
         if self._scheduler.now < due:
             self._scheduler.at(due, self._check_hearing)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from ..errors import ChainError
 from ..protocol.board import CORE_HZ, PROCESSORS, TICKS_PER_PERIOD
 from ..protocol.chain import Collect, Identity, Playing, Report, decode
-from ..protocol.codes import COLLECT_MS, COLLECTIONS_MISSED, SYNC_PERIODS, Bank, ChannelEnd, Fault
+from ..protocol.codes import COLLECT_MS, COLLECTIONS_MISSED, DEAF_MS, SYNC_PERIODS, Bank, ChannelEnd, Fault
 from ..protocol.replies import ProcessorReport
 from .chain import Chain
 from .clock import Timebase
@@ -19,6 +19,8 @@ from .scheduler import Scheduler
 
 __all__ = ["Supervisor"]
 
+BROKEN = Fault.CHAIN | Fault.PROCESSOR
+LEFT_ALONE_CYCLES = (DEAF_MS + 1) * CORE_HZ // 1000
 QUESTION_CYCLES = COLLECT_MS * CORE_HZ // 1000 // PROCESSORS
 """One processor after the other is asked, a millisecond apart (clause CHN-017)."""
 
@@ -38,6 +40,8 @@ class Supervisor:
         Where the firmware came from.
     on_fault : callable
         Takes faults that appear.
+    on_miss : callable
+        Takes the number of a processor that missed a commit, or never got it.
     may_ask : callable
         Says from which core cycle on a question does not hold up a change.
     commits_due : callable
@@ -54,6 +58,7 @@ class Supervisor:
         identities: Sequence[Identity],
         bank: Bank,
         on_fault: Callable[[Fault, str], None],
+        on_miss: Callable[[int], None],
         may_ask: Callable[[], int],
         commits_due: Callable[[], int],
         settle: Callable[[], None],
@@ -63,19 +68,21 @@ class Supervisor:
         self._chain = chain
         self._bank = bank
         self._on_fault = on_fault
+        self._on_miss = on_miss
         self._may_ask = may_ask
         self._commits_due = commits_due
         self._settle = settle
         self.complete = len(identities) == PROCESSORS
         self._reports = [self._asked(number) for number in range(len(identities))]
-        self._latched = [Fault(0)] * PROCESSORS
+        self._latched = [Fault(report.faults) for report in self._reports] + [Fault(0)] * PROCESSORS
         self._unanswered = [0] * PROCESSORS
+        self._left_alone: dict[int, int] = {}
+        """Processors that were left alone since the outputs were enabled, and until when."""
         self._due_when_asked = [0] * PROCESSORS
         self._lost_commits = [0] * PROCESSORS
         self._playing: dict[int, Playing] = {}
-        self.sync_connected = True
         chain.hear = self._hear
-        chain.stuck = lambda: on_fault(Fault.CHAIN | Fault.PROCESSOR, "a message cannot leave: the chain is broken")
+        chain.stuck = lambda: on_fault(BROKEN, "a message cannot leave: the chain is broken")
 
     def _asked(self, number: int) -> Report:
         report = self._chain.processors[number].receive(Collect(number, ChannelEnd.REPORT).encode())
@@ -83,6 +90,16 @@ class Supervisor:
         return report
 
     # What is known
+
+    @property
+    def found(self) -> Fault:
+        """Faults that were there from the beginning (clauses CHN-021 and CHN-024)."""
+        faults = Fault(0) if self.complete else Fault.PROCESSOR
+        if self._chain.broken:
+            faults |= BROKEN
+        for report in self._reports:
+            faults |= Fault(report.faults)
+        return faults
 
     @property
     def temperature_c(self) -> int:
@@ -149,7 +166,7 @@ class Supervisor:
             self._scheduler.at(max(now, self._may_ask()), lambda: self._ask(number))
 
     def _ask(self, number: int) -> None:
-        if self._chain.broken:
+        if self._chain.broken or self._scheduler.now < self._left_alone.get(number, 0):
             return
         if (later := self._may_ask()) > self._scheduler.now:
             self._scheduler.at(later, lambda: self._ask(number))
@@ -179,14 +196,28 @@ class Supervisor:
         faults = Fault(report.faults)
         # A commit that was neither carried out nor missed has never arrived.
         lost = (self._due_when_asked[number] - report.carried_out - report.missed_commits) % 2**32
+        missed = report.missed_commits != before.missed_commits
         if 0 < lost < 2**31 and lost > self._lost_commits[number]:
             self._lost_commits[number] = lost
-            faults |= Fault.CHAIN
-        if report.missed_commits != before.missed_commits or report.damaged_messages != before.damaged_messages:
+            missed = True
+        if missed or report.damaged_messages != before.damaged_messages:
             faults |= Fault.CHAIN
         self._latched[number] |= faults
         if faults:
             self._on_fault(faults, f"processor {number} reports {faults.name}")
+        if missed:
+            self._on_miss(number)
+
+    def leave_alone(self, number: int) -> bool:
+        """Ask a processor nothing for so long that it falls silent by itself (clause CHN-018); False if done before."""
+        if number in self._left_alone:
+            return False
+        self._left_alone[number] = self._scheduler.now + LEFT_ALONE_CYCLES
+        return True
+
+    def attend(self) -> None:
+        """The outputs are enabled: from now on ask all processors."""
+        self._left_alone.clear()
 
     def collect_playing(self, timeout_cycles: int) -> tuple[list[Playing], int]:
         """What each processor plays, and the period in which the last was read.
@@ -229,4 +260,4 @@ class Supervisor:
         self._schedule_pulse(pulse + 1)
         tick = pulse * SYNC_PERIODS * TICKS_PER_PERIOD
         for processor in self._chain.processors[: len(self._reports)]:
-            processor.feel_pulse(tick if self.sync_connected else None)
+            processor.feel_pulse(tick)

@@ -50,7 +50,7 @@ from .usb_functions import (
     unknown,
 )
 
-__all__ = ["UsbDevice"]
+__all__ = ["Flip", "UsbDevice"]
 
 PRODUCT = "phasewire five-board array (emulated)"
 AWAY_CYCLES = 20 * CORE_HZ // 1000
@@ -75,6 +75,18 @@ class _Pipe(NamedTuple):
     interface: int
     function: Function
     packet_bytes: int
+
+
+class Flip(NamedTuple):
+    """A bit that is wrong in the next packet of an endpoint that is long enough."""
+
+    endpoint: int
+    byte: int
+    bit: int
+
+    def of(self, packet: bytes) -> bytes:
+        """A packet as it arrives."""
+        return packet[: self.byte] + bytes([packet[self.byte] ^ 1 << self.bit]) + packet[self.byte + 1 :]
 
 
 class UsbDevice:
@@ -107,6 +119,10 @@ class UsbDevice:
         1, or 0 while the device is not configured.
     suspended : bool
         Whether the bus is suspended; it carries nothing then.
+    deaf : bool
+        Whether nothing that a host sends arrives: packets are answered with NAK, requests with STALL.
+    flips : list of Flip
+        Bits that will be wrong in packets to come, of each endpoint in this order.
 
     Raises
     ------
@@ -135,6 +151,8 @@ class UsbDevice:
         self.address = 0
         self.configuration = 0
         self.suspended = False
+        self.deaf = False
+        self.flips: list[Flip] = []
         self._version = _NO_VERSION
         self._plugged = True
         self._pulled_up = False
@@ -275,6 +293,11 @@ class UsbDevice:
             self.suspended = False
             self._tell(lambda function: function.resume())
 
+    def halt(self, endpoint: int) -> None:
+        """Halt an endpoint without being asked to; nothing happens where the configuration has none like it."""
+        if self.configuration and endpoint in self._pipes:
+            self._halted.add(endpoint)
+
     def _tell(self, event: Callable[[Function], None]) -> None:
         for function in dict.fromkeys(self._functions.values()):  # once each, in the order of their interfaces
             event(function)
@@ -296,7 +319,13 @@ class UsbDevice:
             raise ValueError(
                 f"a packet to endpoint 0x{endpoint:02x} has at most {pipe.packet_bytes} bytes, not {len(packet)}"
             )
-        return pipe.function.outs[endpoint](packet)
+        if self.deaf:
+            return Handshake.NAK
+        flip = self._flip(endpoint, packet)
+        handshake = pipe.function.outs[endpoint](flip.of(packet) if flip else packet)
+        if flip and handshake is Handshake.ACK:
+            self.flips.remove(flip)
+        return handshake
 
     def stream_out(self, endpoint: int, data: memoryview, began: int, deadline: int) -> tuple[int, int]:
         """Take as many of the packets of a long transfer at once as can be (see `Controller.stream`).
@@ -320,7 +349,7 @@ class UsbDevice:
             Core cycle at which the last of them had arrived; time may have passed further.
         """
         pipe = self._running(endpoint)
-        if pipe is None or endpoint not in pipe.function.streams:
+        if pipe is None or endpoint not in pipe.function.streams or self.deaf or self.flips:
             return 0, began
         return pipe.function.streams[endpoint](data, began, deadline)
 
@@ -329,7 +358,17 @@ class UsbDevice:
         pipe = self._running(endpoint)
         if pipe is None or endpoint not in pipe.function.ins:
             return Handshake.STALL
-        return pipe.function.ins[endpoint]()
+        if self.deaf:
+            return Handshake.NAK
+        packet = pipe.function.ins[endpoint]()
+        flip = self._flip(endpoint, packet) if isinstance(packet, bytes) else None
+        if flip is None or not isinstance(packet, bytes):
+            return packet
+        self.flips.remove(flip)
+        return flip.of(packet)
+
+    def _flip(self, endpoint: int, packet: bytes) -> Flip | None:
+        return next((flip for flip in self.flips if flip.endpoint == endpoint and flip.byte < len(packet)), None)
 
     def _running(self, endpoint: int) -> _Pipe | None:
         return self._pipes.get(endpoint) if self.configuration and endpoint not in self._halted else None
@@ -342,6 +381,8 @@ class UsbDevice:
         Stall
             Where the device does not know the request, or not with these values, or not now (clause USB-004).
         """
+        if self.deaf:
+            raise Stall("nothing that the host sends arrives")
         handler = self._requests.get((setup.request_type, setup.request))
         if handler is None:
             answer = self._ask_function(setup, data)
