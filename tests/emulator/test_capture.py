@@ -165,9 +165,11 @@ def test_what_is_held_is_held_from_its_tick_on_until_it_is_let_go() -> None:
 def test_a_transducer_that_is_not_connected_emits_nothing() -> None:
     reel = some_reel(2)
     whole = capture_of(reel, BoardClock(), 24)
-    capture = replace(whole, open_transducers=frozenset({7, 300}))
+    capture = replace(whole, open_since={7: 0, 300: 505})
     drives = capture.drives(0, 24)
-    assert not drives[:, [7, 300]].any()
+    assert not drives[:, 7].any()
+    assert not drives[10:, 300].any()  # tick 505 lies in period 10
+    assert np.array_equal(drives[:10, 300], whole.drives(0, 24)[:10, 300])
     others = np.delete(np.arange(320), [7, 300])
     assert np.array_equal(drives[:, others], whole.drives(0, 24)[:, others])
     assert np.array_equal(capture.bits(0, 1200), whole.bits(0, 1200))

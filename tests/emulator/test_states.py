@@ -856,11 +856,13 @@ def test_a_supply_outside_its_limits_silences(millivolts: int) -> None:
 
 def test_a_clock_that_was_lost_is_cleared_by_a_reset_only() -> None:
     device = reach(State.PLAYING)
-    device.emulator.running.supervisor.sync_connected = False
+    for processor in device.emulator.processors:
+        processor.sync_connected = False
     device.order(Request.WATCHDOG, 60_000)
     device.run_ms(130)
     assert (device.state, device.status().faults) == (State.FAULT, Fault.SYNC)
-    device.emulator.running.supervisor.sync_connected = True
+    for processor in device.emulator.processors:
+        processor.sync_connected = True
     device.run_ms(130)
     device.order(Request.CLEAR_FAULTS)
     assert (device.state, device.status().faults) == (State.FAULT, Fault.SYNC)

@@ -582,11 +582,11 @@ def test_a_processor_that_missed_a_commit_is_read_back_as_it_plays() -> None:
     device.send(Update(HALF))
     device.run(8)
 
-    def flip_a_bit(passing: Passing) -> bytes:
+    def flip_a_bit(passing: Passing) -> Passing:
         is_slice = passing.node == 6 and passing.tokens[2] == ChannelEnd.SLICE
-        return passing.tokens[:9] + b"\1" + passing.tokens[10:] if is_slice else passing.tokens
+        return passing._replace(tokens=passing.tokens[:9] + b"\1" + passing.tokens[10:]) if is_slice else passing
 
-    device.emulator.chain.tampers.append(flip_a_bit)
+    device.emulator.tampers.append(flip_a_bit)
     device.send(Update(FULL))
     device.run(8)
     read = device.read_back()
@@ -595,7 +595,7 @@ def test_a_processor_that_missed_a_commit_is_read_back_as_it_plays() -> None:
     assert read.pulses.width.tolist() == [12 if channel // 32 == 6 else 25 for channel in wiring.channels]
     device.run_ms(12)
     assert (device.status().missed_commits, device.status().faults) == (1, Fault.CHAIN)
-    device.emulator.chain.tampers.clear()
+    device.emulator.tampers.clear()
     ack = device.send(Update(HALF))
     device.run(8)
     assert (device.read_back().since_period, device.read_back().pulses) == (ack.commit_period, HALF)

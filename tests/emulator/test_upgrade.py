@@ -9,6 +9,7 @@ import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Stall
 from phasewire.emulator.loader import FACTORY_IMAGE
+from phasewire.errors import DeviceError
 from phasewire.protocol import descriptors
 from phasewire.protocol.blocks import Slot, Update
 from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Outcome, Request, State, Target
@@ -392,7 +393,7 @@ def test_a_device_without_power_is_not_on_the_bus(device: Upgraded) -> None:
     device.run_ms(1000)
     with pytest.raises(ValueError, match="has not started yet"):
         device.emulator.run(1)
-    with pytest.raises(ValueError, match="has no power"):
+    with pytest.raises(DeviceError, match="has no power"):
         device.emulator.run_until_started()
     device.emulator.power_up()
     device.emulator.run_until_started()
