@@ -214,6 +214,7 @@ class Controller:
             self._heed_miss,
             self._question_time,
             lambda: self._commits_due,
+            self._reading_time,
             self.settle,
         )
         self._periods_per_update = Budget.of(chain.link).periods_per_update
@@ -647,6 +648,11 @@ class Controller:
         now = max(self._now, self._chain.free_at)
         return self._agenda.gap(now, self._agenda.question_cycles)
 
+    def _reading_time(self) -> int:
+        """When a question what a processor plays can go, which may hold up no loads that a program counts on either."""
+        asking = self._question_time()
+        return max(asking, self._agenda.loads_gone(self._now, len(self._loads))) if self._loads else asking
+
     # What changes mean
 
     def _begin_update(self, door: Door, period: int) -> None:
@@ -681,19 +687,25 @@ class Controller:
 
     def _disable_as_planned(self, door: Door, period: int) -> None:
         self._stores.end(period, sequences=True, modulations=True)
-        self._happen(Event.DISABLE, self.time.boundary(period), door)
+        self._happen(Event.DISABLE, self.time.boundary(period), door, silent=True)
 
     # State
 
-    def _happen(self, event: Event, at: int, door: Door | None = None) -> None:
-        """Something happened at a core cycle, by what came through a door if any: follow clause STA-003."""
+    def _happen(self, event: Event, at: int, door: Door | None = None, *, silent: bool = False) -> None:
+        """Something happened at a core cycle, by what came through a door if any: follow clause STA-003.
+
+        `silent` says that the outputs have just fallen silent, with nothing on the chain behind that.
+        """
         was, self._state = self._state, after(self._state, event)
         if self._state is was:
             return
         self._log(f"{event.name}: {was.name} to {self._state.name}")
         self._tracer.value(at, "controller.state", STATE_BITS, self._state)
         if was in ENABLED and self._state not in ENABLED:
-            self._silence_all()
+            self._drop_all()
+            if not silent:
+                self._send_silence((STOP_MODULATION,) if self._agenda.tail.modulated else ())
+            self._announce_room()
         if self._state in WATCHED and was not in WATCHED:
             self._fed = max(self._fed, at)
             self._arm_watchdog()
@@ -702,17 +714,16 @@ class Controller:
         elif event in SPOKEN or door is not None:
             self._speak(besides=door)
 
-    def _silence_all(self) -> None:
-        """Silence all outputs as soon as the chain can, and drop what is queued (clause SAF-004)."""
+    def _drop_all(self) -> None:
+        """Drop what is queued, and forget what plays (clause SAF-004)."""
         self._agenda.drop_queued(self._now)
         self._agenda.mute()
         self._disabled_from = None
         self._runs, self._modulation_plays, self._since_period = None, False, 0
-        self._send_silence((STOP_MODULATION,) if self._agenda.tail.modulated else ())
         self._log("outputs disabled")
-        self._announce_room()
 
     def _send_silence(self, stops: tuple[Program, ...]) -> None:
+        """Silence all outputs as soon as the chain can."""
         # A load or a question may just have begun.
         ready = max(self._now, self._load_leaves) + self._agenda.question_cycles
         change = self._agenda.add(ready, 0, SILENCE, stops, None, folded=self._chain.folded, asked=False)

@@ -46,6 +46,8 @@ class Supervisor:
         Says from which core cycle on a question does not hold up a change.
     commits_due : callable
         Says how many commits must have taken effect, or been missed, at each processor.
+    may_read : callable
+        Says from which core cycle on a question what a processor plays holds up neither a change nor a load.
     settle : callable
         Lets what is planned up to now have taken effect.
     """
@@ -61,6 +63,7 @@ class Supervisor:
         on_miss: Callable[[int], None],
         may_ask: Callable[[], int],
         commits_due: Callable[[], int],
+        may_read: Callable[[], int],
         settle: Callable[[], None],
     ) -> None:
         self._scheduler = scheduler
@@ -71,6 +74,7 @@ class Supervisor:
         self._on_miss = on_miss
         self._may_ask = may_ask
         self._commits_due = commits_due
+        self._may_read = may_read
         self._settle = settle
         self.complete = len(identities) == PROCESSORS
         self._reports = [self._asked(number) for number in range(len(identities))]
@@ -230,7 +234,8 @@ class Supervisor:
         deadline = self._scheduler.now + timeout_cycles
         read = self._scheduler.now
         for number in range(len(self._reports)):
-            self._scheduler.run_until(max(self._scheduler.now, min(self._may_ask(), deadline)))
+            while self._scheduler.now < (later := min(self._may_read(), deadline)):
+                self._scheduler.run_until(later)
             read = self._chain.pass_down(Collect(number, ChannelEnd.PLAYING)) or read
         while len(self._playing) < len(self._reports):
             upcoming = self._scheduler.next_time()

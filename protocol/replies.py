@@ -47,7 +47,6 @@ __all__ = [
     "Status",
     "decode_reports",
     "decode_wiring",
-    "encode_ack",
     "encode_acks",
     "encode_reports",
     "encode_wiring",
@@ -73,17 +72,7 @@ def _sealed(layout: Construct, magic: bytes, record: Status) -> bytes:
 
 
 _ACK = struct.Struct("<2sBBIQQBBBx")
-
-
-def encode_ack(reason: int, sequence: int, commit_period: int, now: int, flags: int, free: int, state: int) -> bytes:
-    """Encode an acknowledgement from its fields; see `Ack`. The fast twin of the layout."""
-    try:
-        body = _ACK.pack(
-            ACK_MAGIC, PROTOCOL_VERSION, Reason(reason), sequence, commit_period, now, flags, free, State(state)
-        )
-    except struct.error as error:
-        raise ValueError(f"a field of the acknowledgement of block {sequence} does not fit: {error}") from error
-    return body + zlib.crc32(body).to_bytes(4, "little")
+_ACK_MOST = {"sequence": 2**32 - 1, "commit_period": 2**64 - 1, "now": 2**64 - 1, "flags": 255, "free": 255}
 
 
 _ACKS = np.dtype(
@@ -165,7 +154,23 @@ class Ack:
 
     def encode(self) -> bytes:
         """Encode as 32 bytes; raise `ValueError` where a field does not fit."""
-        return encode_ack(self.reason, self.sequence, self.commit_period, self.now, self.flags, self.free, self.state)
+        for name, codes in (("reason", Reason), ("state", State)):
+            if getattr(self, name) not in set(codes):
+                raise ValueError(f"{name} {getattr(self, name)} is none of {[code.value for code in codes]}")
+        for name, most in _ACK_MOST.items():
+            whole(name, getattr(self, name), 0, most)
+        body = _ACK.pack(
+            ACK_MAGIC,
+            PROTOCOL_VERSION,
+            self.reason,
+            self.sequence,
+            self.commit_period,
+            self.now,
+            self.flags,
+            self.free,
+            self.state,
+        )
+        return body + zlib.crc32(body).to_bytes(4, "little")
 
     @classmethod
     def decode(cls, data: bytes) -> Ack:
