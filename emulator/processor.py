@@ -265,8 +265,6 @@ class Processor:
             problem = "another table waits"
         elif not self._in_time(commit.period):
             problem = "too late to rasterise"
-            if self.slowness > 1:
-                self._raise(Fault.OVERRUN, f"needs {self.rasterise_cycles} cycles for a table")
         if problem or packed is None:
             self._miss(f"the commit for period {commit.period}: {problem}")
             return
@@ -292,7 +290,12 @@ class Processor:
 
     def _in_time(self, period: int) -> bool:
         """Whether its tables can be ready when a period begins (clause CHN-004)."""
-        return self._time is not None and self._scheduler.now + self.rasterise_cycles <= self._time.boundary(period)
+        if self._time is None:
+            return False
+        in_time = self._scheduler.now + self.rasterise_cycles <= self._time.boundary(period)
+        if not in_time and self.slowness > 1:
+            self._overrun()
+        return in_time
 
     @property
     def rasterise_cycles(self) -> int:
@@ -372,8 +375,11 @@ class Processor:
         """Periods by which every step of a sequence or a modulation comes late; more than 0 is an overrun."""
         lag = -(-self.rasterise_cycles // CYCLES_PER_PERIOD) - 1
         if lag:
-            self._raise(Fault.OVERRUN, f"needs {self.rasterise_cycles} cycles for a table")
+            self._overrun()
         return lag
+
+    def _overrun(self) -> None:
+        self._raise(Fault.OVERRUN, f"needs {self.rasterise_cycles} cycles for a table")
 
     def playing(self, period: int) -> Playing:
         """What it plays in a period, before modulation."""

@@ -1,0 +1,924 @@
+"""Each fault through the doors that a host has: what is reported, what the outputs do, what clears it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from phasewire.emulator import faults
+from phasewire.emulator.door import Handshake, Stall
+from phasewire.emulator.faults import FAULTS, InjectedFault
+from phasewire.emulator.loader import FACTORY_IMAGE
+from phasewire.errors import DeviceError, ReplyError
+from phasewire.protocol import Block, Entries, Entry, Reason, Sequence, Slot, State, Status, Update, pack
+from phasewire.protocol.blocks import Modulation, NoOp, Samples
+from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Request
+from phasewire.protocol.dfu import DfuReply
+from phasewire.protocol.replies import ReadBack
+from phasewire.protocol.requests import Setup
+
+from tests.emulator.fault_bench import FULL, HALF, MS, PERIODS_PER_MS, PLAYS, Bench, playing
+
+CHAIN_BROKEN = Fault.CHAIN | Fault.PROCESSOR
+WATCHDOG_MS = 100
+DEAF_MS = 50
+ROUND_MS = 10
+"""In which every processor is asked once."""
+
+ONE_OF_EACH: dict[str, InjectedFault] = {
+    "lost token": faults.LostToken(message="slice", processor=3),
+    "lost END": faults.LostToken(message="slice", processor=3, token=51),
+    "lost header": faults.LostToken(message="slice", processor=3, token=0),
+    "lost token of a question": faults.LostToken(message="collect"),
+    "lost END of a report": faults.LostToken(message="report", token=27),
+    "lost token of a report": faults.LostToken(message="report", processor=0, times=1000),
+    "lost commits": faults.LostToken(message="commit", processor=9, times=1000),
+    "doubled token": faults.DoubledToken(message="commit", processor=0),
+    "flipped bit": faults.FlippedBit(message="commit", processor=9, bit=3),
+    "flipped bit of a node": faults.FlippedBit(message="slice", processor=5, token=1),
+    "flipped bit of an answer": faults.FlippedBit(message="report", token=20),
+    "slow link": faults.SlowLink(link=3, cycles_per_symbol=100),
+    "first link slow": faults.SlowLink(link=0, cycles_per_symbol=100),
+    "very slow link": faults.SlowLink(link=3, cycles_per_symbol=2047, token_delay=2047),
+    "first processor dead": faults.DeadProcessor(processor=0),
+    "processor dead": faults.DeadProcessor(processor=3),
+    "last processor dead": faults.DeadProcessor(processor=9),
+    "dead board": faults.DeadBoard(board=2),
+    "stuck high": faults.StuckHigh(processor=5, bit=7),
+    "stuck low": faults.StuckLow(processor=5, bit=7),
+    "open transducer": faults.OpenTransducer(transducer=3),
+    "fast clock": faults.ClockError(board=1, ppm=100),
+    "slow clock": faults.ClockError(board=1, ppm=-100),
+    "lost sync": faults.LostSync(),
+    "lost sync on a board": faults.LostSync(board=4),
+    "hot board": faults.HotBoard(board=0, celsius=90),
+    "wrong supply": faults.WrongSupply(millivolts=11_999, board=3),
+    "slow processor": faults.SlowProcessor(processor=4, slowness=4),
+    "flipped USB bit": faults.FlippedUsbBit(endpoint=0x01, byte=100),
+    "stalled endpoint": faults.StalledEndpoint(endpoint=0x01),
+    "unplugged": faults.Unplugged(),
+    "bus reset": faults.BusReset(),
+    "suspended": faults.BusSuspended(),
+    "silent host": faults.SilentHost(),
+    "power cut": faults.PowerCut(),
+    "short power cut": faults.PowerCut(periods=400),
+    "power cut in a write": faults.PowerCutInWrite(written_bytes=10),
+    "flash write-protected": faults.WriteProtectedFlash(),
+    "failing sector": faults.FailingSector(sector=0x200),
+    "failing page": faults.FailingPage(page=0x2000),
+    "stuck bit of the flash": faults.StuckFlashBit(address=0x101000, bit=4, value=0),
+}
+
+ENDS_THE_UNATTENDED = {
+    "lost END of a report",
+    "lost token of a report",
+    "first processor dead",
+    "processor dead",
+    "last processor dead",
+    "dead board",
+    "fast clock",
+    "slow clock",
+    "lost sync",
+    "lost sync on a board",
+    "hot board",
+    "wrong supply",
+    "bus reset",
+    "power cut",
+    "short power cut",
+}
+"""By clause SAF-005: silencing faults, BUS_RESET and the loss of power."""
+
+SILENCE_CANNOT_ARRIVE = {"lost commits", "slow link", "first link slow", "slow processor"}
+"""Commits are missed for as long as the fault lasts; what silences is clause CHN-018, after the question that tells."""
+
+
+def silent_within_ms(name: str) -> int:
+    return WATCHDOG_MS + DEAF_MS + (ROUND_MS if name in SILENCE_CANNOT_ARRIVE else 0)
+
+
+def outputs_that_stick(fault: InjectedFault) -> np.ndarray:
+    """Per processor, the bits that nothing can switch."""
+    words = np.zeros(10, np.uint32)
+    if isinstance(fault, faults.StuckHigh):
+        words[fault.processor] = 1 << fault.bit
+    return words
+
+
+def test_one_of_each_is_there() -> None:
+    assert {type(fault).name() for fault in ONE_OF_EACH.values()} == set(FAULTS)
+
+
+@pytest.mark.parametrize("what", PLAYS)
+@pytest.mark.parametrize("name", ONE_OF_EACH)
+def test_outputs_never_stay_on_unwatched(name: str, what: str) -> None:
+    bench, fault = playing(what), ONE_OF_EACH[name]
+    bench.emulator.inject(fault)
+    bench.wait_ms(silent_within_ms(name) + 1)  # six periods (clause SAF-004), and what a message takes
+    goes_on = what == "unattended" and name not in ENDS_THE_UNATTENDED
+    if bench.emulator.controller is not None:
+        end = bench.emulator.capture().end_tick
+        bench.wait_ms(1)
+        words = bench.emulator.capture().bits(end, end + 1000)
+        if goes_on:
+            assert words.any(axis=0).all()
+        else:
+            np.testing.assert_array_equal(np.bitwise_or.reduce(words), outputs_that_stick(fault))
+    else:
+        assert not goes_on
+
+
+# Messages that are damaged on their way
+
+
+def test_a_lost_token_leaves_one_processor_behind() -> None:
+    """The slice is dropped (clause CHN-010), so the commit is missed (CHN-004), and what played plays on."""
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message="slice", processor=3))
+    ack = bench.send(Update(HALF))
+    bench.emulator.run_until(ack.commit_period + 1)
+    assert bench.loud_now() == [9, 9, 9, 25, 9, 9, 9, 9, 9, 9]
+    bench.wait_ms(ROUND_MS + 1)
+    (told,) = (record for record in bench.read() if isinstance(record, Status))
+    assert (told.state, told.faults) == (State.PLAYING, Fault.CHAIN)
+    status = bench.status()
+    assert (status.missed_commits, status.damaged_messages) == (1, 1)
+    assert [(report.faults, report.missed_commits) for report in bench.reports()][2:4] == [
+        (Fault(0), 0),
+        (Fault.CHAIN, 1),
+    ]
+    bench.order(Request.CLEAR_FAULTS)
+    assert bench.status().faults == Fault(0)
+    bench.send(Update(HALF))
+    bench.emulator.run(5)
+    assert bench.loud_now() == [9] * 10
+
+
+def test_without_its_end_a_slice_takes_the_next_one_with_it() -> None:
+    """The route stays open (clause CHN-008): what is meant for processor 4 runs into processor 3."""
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message="slice", processor=3, token=51))
+    bench.send(Update(HALF))
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [9, 9, 9, 25, 25, 9, 9, 9, 9, 9]
+    status = bench.status()
+    assert (status.faults, status.missed_commits, status.damaged_messages) == (Fault.CHAIN, 2, 1)
+
+
+def test_a_message_for_nobody_blocks_the_chain() -> None:
+    """Node 0003 without its first token is 0301, which is below everybody (clauses CHN-021, CHN-023 and CHN-025)."""
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message="slice", processor=3, token=0))
+    bench.send(Update(HALF))
+    bench.wait_ms(2)
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, CHAIN_BROKEN)
+    assert bench.loud_now() == [25] * 10
+    bench.wait_ms(DEAF_MS)
+    assert bench.loud_now() == [0] * 10
+    bench.order(Request.CLEAR_FAULTS)
+    assert bench.status().faults == CHAIN_BROKEN
+    with pytest.raises(Stall):
+        bench.order(Request.ENABLE)
+    restart(bench)
+    assert bench.status().faults == Fault(0)
+    bench.order(Request.ENABLE)
+    bench.play("update")
+    assert bench.loud_now() == [25] * 10
+
+
+def restart(bench: Bench) -> None:
+    """RESET, until the device is configured again."""
+    bench.order(Request.RESET)
+    bench.wait_ms(0.2)
+    bench.emulator.run_until_started()
+    bench.configure()
+
+
+def test_a_doubled_token_of_a_commit_is_a_commit_that_never_came() -> None:
+    """It is damaged, not missed (clauses CHN-004 and CHN-010); the count of commits tells (CHN-016)."""
+    bench = playing()
+    bench.emulator.inject(faults.DoubledToken(message="commit", processor=6))
+    bench.send(Update(HALF))
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [9, 9, 9, 9, 9, 9, 25, 9, 9, 9]
+    status = bench.status()
+    assert (status.faults, status.missed_commits, status.damaged_messages) == (Fault.CHAIN, 0, 1)
+
+
+@pytest.mark.parametrize("fault", [{"message": "commit", "bit": 7}, {"message": "slice", "token": 30, "bit": 2}])
+def test_a_flipped_bit_never_plays(fault: dict[str, object]) -> None:
+    """One checksum guards slice and period (clause CHN-011): a missed commit, not a damaged message."""
+    bench = playing()
+    bench.emulator.inject(faults.FlippedBit(processor=0, **fault))  # type: ignore[arg-type]
+    bench.send(Update(HALF))
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [25, 9, 9, 9, 9, 9, 9, 9, 9, 9]
+    status = bench.status()
+    assert (status.faults, status.missed_commits, status.damaged_messages) == (Fault.CHAIN, 1, 0)
+
+
+def test_a_slice_for_the_wrong_processor_plays_nowhere() -> None:
+    """Node 5 with its lowest bit flipped is node 4, whose own slice it takes the place of."""
+    bench = playing()
+    bench.emulator.inject(faults.FlippedBit(message="slice", processor=5, token=1))
+    other = HALF.width.copy()
+    other[bench.emulator.capture().wiring.channels // 32 == 5] = 3
+    bench.send(Update(type(HALF)(HALF.phase, other)))
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [9, 9, 9, 9, 25, 25, 9, 9, 9, 9]
+    assert (bench.status().faults, bench.status().missed_commits) == (Fault.CHAIN, 2)
+
+
+def test_a_damaged_answer_is_said_and_no_more() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.FlippedBit(message="report", token=9, bit=5))
+    bench.wait_ms(ROUND_MS)
+    status = bench.status()
+    assert (status.state, status.faults, status.damaged_messages) == (State.PLAYING, Fault.CHAIN, 0)
+    assert bench.loud_now() == [25] * 10
+    bench.order(Request.CLEAR_FAULTS)
+    bench.wait_ms(ROUND_MS)
+    assert bench.status().faults == Fault(0)
+
+
+def test_two_questions_without_a_valid_answer_are_a_lost_processor() -> None:
+    """Clause CHN-017; it is there again as soon as all ten answer (REQ-011)."""
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message="report", processor=0, times=2))
+    bench.wait_ms(3 * ROUND_MS)
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, CHAIN_BROKEN)
+    assert bench.loud_now() == [0] * 10
+    bench.order(Request.CLEAR_FAULTS)
+    assert (bench.status().state, bench.status().faults) == (State.OFF, Fault(0))
+
+
+def test_a_lost_load_leaves_a_slot_empty_on_one_processor() -> None:
+    bench = Bench()
+    bench.emulator.inject(faults.LostToken(message="load", processor=7))
+    bench.play("sequence")
+    bench.wait_ms(ROUND_MS)
+    assert bench.loud_now() == [25] * 7 + [0] + [25] * 2
+    assert (bench.status().faults, bench.status().damaged_messages) == (Fault.CHAIN, 1)
+
+
+def test_a_lost_number_ends_the_chain_until_the_next_reset() -> None:
+    """Nobody answers within 2000 ms (clause CHN-023); the device answers the host all the same (CHN-024)."""
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message="number", processor=4))
+    bench.wait_ms(20)
+    assert bench.loud_now() == [25] * 10
+    before = bench.emulator.scheduler.now
+    restart(bench)
+    assert 2000 < (bench.emulator.scheduler.now - before) / MS < 2002
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.PROCESSOR)
+    assert [report.bank for report in bench.reports()] == [Bank.FACTORY] * 4 + [None] * 6
+    bench.order(Request.CLEAR_FAULTS)
+    with pytest.raises(Stall):
+        bench.order(Request.ENABLE)
+    restart(bench)
+    assert bench.status().faults == Fault(0)
+
+
+def test_a_damaged_identity_is_no_identity() -> None:
+    bench = Bench()
+    bench.emulator.inject(faults.FlippedBit(message="identity", processor=4, token=12))
+    restart(bench)
+    assert bench.status().faults == Fault.PROCESSOR
+    assert [report.bank for report in bench.reports()] == [Bank.FACTORY] * 4 + [None] * 6
+
+
+@pytest.mark.parametrize("message", ["slice", "commit"])
+def test_a_silence_that_is_lost_is_sent_again(message: str) -> None:
+    """A lost message must not leave an output on where nobody watches it any more (clause SAF-004)."""
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message=message, processor=8))
+    bench.order(Request.DISABLE)
+    bench.emulator.run(10)
+    assert bench.loud_now() == [0] * 8 + [25, 0]
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [0] * 10
+    bench.order(Request.CLEAR_FAULTS)
+    bench.order(Request.ENABLE)
+    bench.play("update", HALF)
+    assert bench.loud_now() == [9] * 10
+
+
+def test_a_processor_that_cannot_be_silenced_is_left_alone_until_it_is() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message="slice", processor=8, times=100))
+    bench.order(Request.DISABLE)
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [0] * 8 + [25, 0]
+    bench.wait_ms(DEAF_MS)
+    assert bench.loud_now() == [0] * 10
+    missed = bench.status().missed_commits
+    bench.wait_ms(10 * ROUND_MS)
+    assert bench.status().missed_commits <= missed + 1
+    assert bench.status().faults == Fault.CHAIN
+
+
+def test_a_stop_that_is_lost_is_sent_again_too() -> None:
+    """The modulation of processor 2 would go on, silently, and be heard again with the next update."""
+    bench = playing()
+    bench.send(Samples(bytes([128]), 0))
+    bench.send(Modulation(first=0, count=1, hold=1))
+    bench.wait_ms(1)
+    assert bench.loud_now() == [8] * 10
+    bench.emulator.inject(
+        faults.LostToken(message="slice", processor=2), faults.LostToken(message="program", processor=2)
+    )
+    bench.order(Request.DISABLE)
+    bench.wait_ms(2 * ROUND_MS)
+    bench.order(Request.ENABLE)
+    bench.play("update")
+    assert bench.loud_now() == [25] * 10
+
+
+# Links
+
+
+def test_behind_a_slow_link_commits_come_too_late() -> None:
+    """The slice for processor 9 fills the buffers back to link 3; who waits behind it is late too (clause CHN-020)."""
+    bench = playing()
+    bench.emulator.inject(faults.SlowLink(link=9, cycles_per_symbol=200))
+    ack = bench.send(Update(HALF))
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [9] * 3 + [25] * 7
+    assert (bench.status().faults, bench.status().missed_commits) == (Fault.CHAIN, 7)
+    read = ReadBack.decode(bench.emulator.usb.control(Setup(0xC1, Request.PULSES, 0, 0, 496)))
+    assert read.since_period == 2**64 - 1  # clause REQ-007
+    assert ack.commit_period < read.read_period
+
+
+def test_a_link_that_is_fast_again_carries_updates() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.SlowLink(link=9, cycles_per_symbol=200, periods=400))
+    bench.emulator.run(400)
+    bench.send(Update(HALF))
+    bench.emulator.run(10)
+    assert bench.loud_now() == [9] * 10
+
+
+def test_a_link_that_takes_longer_than_a_millisecond_is_a_broken_chain() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.SlowLink(link=3, cycles_per_symbol=2047, token_delay=2047))
+    bench.send(Update(HALF))
+    bench.wait_ms(3)
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, CHAIN_BROKEN)
+
+
+# Processors and boards
+
+
+@pytest.mark.parametrize(
+    ("fault", "dead"),
+    [
+        (faults.DeadProcessor(processor=0), {0}),
+        (faults.DeadProcessor(processor=9), {9}),
+        (faults.DeadBoard(board=2), {4, 5}),
+    ],
+)
+def test_what_is_dead_is_low_at_once_and_found_within_30_ms(fault: InjectedFault, dead: set[int]) -> None:
+    """Two questions without an answer (clause CHN-017), or a message that cannot leave (CHN-021)."""
+    bench = playing()
+    bench.emulator.run_until(bench.period + 1)
+    bench.emulator.scheduler.run_until(bench.emulator.scheduler.now + 200 * 5)
+    at = bench.emulator.running.now_tick
+    bench.emulator.inject(fault)
+    bench.emulator.run(2)
+    words = bench.emulator.capture().bits(at - 5, at + 20)
+    assert [words[:5, place].all() and not words[5:, place].any() for place in sorted(dead)] == [True] * len(dead)
+    bench.wait_ms(3 * ROUND_MS)
+    assert bench.status().state is State.FAULT
+    assert Fault.PROCESSOR in bench.status().faults
+    bench.wait_ms(DEAF_MS)
+    assert bench.loud_now() == [0] * 10
+    bench.order(Request.CLEAR_FAULTS)
+    assert Fault.PROCESSOR in bench.status().faults
+
+
+def test_a_chain_that_ends_early_is_numbered_as_far_as_it_goes() -> None:
+    """Processor 5 waits a second for credit (clause CHN-023)."""
+    bench = playing()
+    bench.emulator.inject(faults.DeadBoard(board=3))
+    before = bench.emulator.scheduler.now
+    restart(bench)
+    assert 1000 < (bench.emulator.scheduler.now - before) / MS < 1002
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.PROCESSOR)
+    assert [report.faults for report in bench.reports()] == [Fault(0)] * 6 + [Fault.PROCESSOR] * 4
+
+
+def test_a_chain_without_its_first_processor_is_broken_from_the_beginning() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.DeadProcessor(processor=0))
+    restart(bench)
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, CHAIN_BROKEN)
+    assert [report.bank for report in bench.reports()] == [None] * 10
+
+
+def test_a_stuck_output_is_seen_by_nobody() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.StuckHigh(processor=5, bit=7), faults.StuckLow(processor=5, bit=31))
+    period = bench.period
+    bench.emulator.run_until(period + 10)
+    words = bench.emulator.capture().bits(50 * (period + 8), 50 * (period + 9))[:, 5]
+    assert np.unique(words).tolist() == [1 << 7, 0x7FFFFFFF]
+    assert (bench.status().state, bench.status().faults) == (State.PLAYING, Fault(0))
+    bench.order(Request.DISABLE)
+    bench.emulator.run(10)
+    assert bench.loud_now() == [0] * 5 + [50] + [0] * 4
+    restart(bench)
+    bench.emulator.run(3)
+    assert bench.loud(0, 3) == [0] * 5 + [150] + [0] * 4
+
+
+def test_what_holds_an_output_twice_lets_go_twice() -> None:
+    bench = playing()
+    stuck = faults.StuckHigh(processor=0, bit=0, periods=10)
+    bench.emulator.inject(stuck, faults.StuckHigh(processor=0, bit=0, periods=20))
+    bench.order(Request.DISABLE)
+    first = bench.period
+    bench.emulator.run_until(first + 40)
+    high = bench.emulator.capture().channels(50 * first, 50 * first + 2000)[:, 0]
+    assert high[:1000].all()
+    assert not high[1050:].any()
+
+
+def test_an_open_transducer_emits_nothing_from_its_period_on() -> None:
+    bench = playing()
+    period = bench.period + 10
+    bench.emulator.inject(faults.OpenTransducer(transducer=17, period=period))
+    bench.emulator.run_until(period + 10)
+    capture = bench.emulator.capture()
+    drives = capture.drives(period - 3, period + 3)
+    silent = [[place for place in range(320) if not abs(drive[place])] for drive in drives]
+    assert silent == [[], [], [], [17], [17], [17]]
+    assert bench.loud_now() == [25] * 10
+    assert bench.status().faults == Fault(0)
+
+
+@pytest.mark.parametrize(("ppm", "pulses"), [(100.0, 1), (-100.0, 1), (6.0, 2), (-6.0, 1), (-4.0, 2), (3.0, 4)])
+def test_a_clock_error_is_found_by_its_second_tick(ppm: float, pulses: int) -> None:
+    """A pulse every 204 800 ticks, in which 6 ppm are 1.23 ticks (clause CHN-027); asked for within 10 ms.
+
+    A board that is late by 1.23 ticks has counted 2 fewer, one that is early by as much 1 more.
+    """
+    bench = playing("unattended")
+    bench.emulator.inject(faults.ClockError(board=1, ppm=ppm))
+    bench.emulator.run_until(4096 * pulses - 1)
+    assert bench.loud_now() == [25] * 10
+    assert bench.emulator.running.faults == Fault(0)
+    bench.emulator.run_until(4096 * pulses + 3)
+    assert bench.loud_now() == [25, 25, 0, 0, 25, 25, 25, 25, 25, 25]
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [0] * 10
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
+    assert [place for place, report in enumerate(bench.reports()) if report.faults] == [2, 3]
+    bench.order(Request.CLEAR_FAULTS)
+    assert bench.status().faults == Fault.SYNC
+
+
+def test_a_slow_clock_moves_the_wave() -> None:
+    """At -500 ppm a tick is lost in 2000."""
+    bench = playing()
+    at = bench.emulator.running.now_tick
+    bench.emulator.inject(faults.ClockError(board=4, ppm=-500))
+    bench.emulator.run(200)
+    words = bench.emulator.capture().bits(at + 4100, at + 6100)
+    np.testing.assert_array_equal(words[3:1800, 8], words[:1797, 0])
+
+
+def test_a_clock_error_that_is_over_is_cleared_by_reset() -> None:
+    bench = playing("unattended")
+    bench.emulator.inject(faults.ClockError(board=1, ppm=100, periods=4000))
+    bench.wait_ms(120)
+    assert bench.status().faults == Fault.SYNC
+    restart(bench)
+    bench.wait_ms(120)
+    assert bench.status().faults == Fault(0)
+
+
+@pytest.mark.parametrize(("board", "silent"), [(None, set(range(10))), (2, {4, 5})])
+def test_a_lost_sync_line_is_found_at_the_next_pulse(board: int | None, silent: set[int]) -> None:
+    bench = playing("unattended")
+    bench.emulator.inject(faults.LostSync(board=board))
+    bench.emulator.run_until(4096)
+    assert bench.loud_now() == [25] * 10
+    bench.emulator.run_until(4098)
+    assert bench.loud_now() == [0 if place in silent else 25 for place in range(10)]
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [0] * 10
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
+    restart(bench)
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.SYNC)
+
+
+def test_a_hot_board_is_silent_at_the_next_boundary_and_all_within_10_ms() -> None:
+    bench = playing("unattended")
+    bench.emulator.inject(faults.HotBoard(board=3, celsius=86, period=bench.period + 5, periods=2000))
+    period = bench.period + 5
+    bench.emulator.run_until(period + 4)
+    assert bench.loud_now() == [25] * 6 + [0] * 2 + [25] * 2
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [0] * 10
+    status = bench.status()
+    assert (status.state, status.faults, status.temperature_c) == (State.FAULT, Fault.TEMPERATURE, 86)
+    assert bench.send(Update(FULL)).reason is Reason.FAULT
+    bench.order(Request.CLEAR_FAULTS)
+    assert bench.status().faults == Fault.TEMPERATURE
+    bench.emulator.run_until(period + 2000)
+    bench.wait_ms(ROUND_MS + 1)
+    bench.order(Request.CLEAR_FAULTS)
+    assert (bench.status().state, bench.status().faults) == (State.OFF, Fault(0))
+
+
+def test_what_is_too_hot_stays_silent_whatever_is_sent() -> None:
+    """Until the controller asks, it does not know (clauses SAF-007 and CHN-017)."""
+    bench = playing()
+    bench.wait_ms(1 - bench.emulator.running.now_tick % 2000 / 2000 + 6.2)  # processor 6 has just been asked
+    bench.emulator.inject(faults.HotBoard(board=3, celsius=100))
+    bench.emulator.run(5)
+    bench.send(Update(HALF))
+    bench.emulator.run(10)
+    assert bench.status().state is State.PLAYING
+    assert bench.loud_now() == [9] * 6 + [0] * 2 + [9] * 2
+    assert bench.status().missed_commits == 0
+
+
+def test_a_board_that_is_warm_but_not_too_hot_is_told_of() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.HotBoard(board=3, celsius=85))
+    bench.wait_ms(ROUND_MS + 1)
+    assert (bench.status().faults, bench.status().temperature_c) == (Fault(0), 85)
+    assert [report.temperature_c for report in bench.reports()] == [25] * 6 + [85] * 2 + [25] * 2
+
+
+@pytest.mark.parametrize(("millivolts", "wrong"), [(11_999, True), (12_000, False), (18_000, False), (18_001, True)])
+def test_a_supply_outside_12_to_18_v_silences(millivolts: int, wrong: bool) -> None:
+    bench = playing()
+    bench.emulator.inject(faults.WrongSupply(millivolts=millivolts, periods=1000))
+    bench.emulator.run(5)
+    assert bench.loud_now() == [0 if wrong else 25] * 10
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.status().faults == (Fault.SUPPLY if wrong else Fault(0))
+    bench.order(Request.CLEAR_FAULTS)
+    assert (bench.status().state is State.FAULT) is wrong
+    bench.wait_ms(3 * ROUND_MS)
+    bench.order(Request.CLEAR_FAULTS)
+    assert bench.status().faults == Fault(0)
+
+
+def test_a_slow_processor_plays_on_what_it_had() -> None:
+    """Four times 4400 cycles are more than a period and what the controller leaves it (clauses SAF-008 and CHN-004)."""
+    bench = playing()
+    bench.emulator.inject(faults.SlowProcessor(processor=4, slowness=4))
+    bench.send(Update(HALF))
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.loud_now() == [9] * 4 + [25] + [9] * 5
+    status = bench.status()
+    assert (status.state, status.faults) == (State.PLAYING, Fault.CHAIN | Fault.OVERRUN)
+    bench.order(Request.CLEAR_FAULTS)
+    assert bench.status().faults == Fault(0)
+
+
+def test_a_slow_processor_steps_late_through_a_sequence() -> None:
+    """Three times 4400 cycles are 1.32 periods: each table comes one period late."""
+    bench = Bench()
+    bench.emulator.inject(faults.SlowProcessor(processor=4, slowness=3))
+    bench.send(Slot(0, FULL))
+    bench.send(Entries((Entry(0, 100),)))
+    began = bench.send(Sequence(first=0, count=1, repeats=0, period=40)).commit_period
+    bench.emulator.run_until(50)
+    assert bench.loud(began, began + 1) == [25] * 4 + [0] + [25] * 5
+    assert bench.loud(began + 1, began + 2) == [25] * 10
+    bench.wait_ms(ROUND_MS)
+    assert bench.status().faults == Fault.OVERRUN
+
+
+# USB
+
+
+def test_a_block_with_a_wrong_bit_is_refused_and_nothing_else_happens() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300, bit=6))
+    assert bench.send(Update(HALF)).reason is Reason.CHECKSUM
+    bench.emulator.run(5)
+    assert bench.loud_now() == [25] * 10
+    assert (bench.status().refused, bench.status().faults) == (1, Fault(0))
+    assert bench.send(Update(HALF)).reason is Reason.ACCEPTED
+
+
+def test_a_record_with_a_wrong_bit_is_none() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x81, byte=16))
+    with pytest.raises(ReplyError):
+        bench.send(NoOp())
+    assert bench.send(NoOp()).reason is Reason.ACCEPTED
+
+
+def test_wrong_bits_wait_for_packets_that_are_taken() -> None:
+    """A packet that is answered with NAK comes again; a short one has no such bit."""
+    bench = playing()
+    bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300, times=2))
+    for number in range(8):
+        bench.send(Update(HALF, 10_000 + number)) if number > 1 else None
+    bench.emulator.usb.bulk_out(0x01, b"short")
+    refused = bench.status().refused
+    assert refused == 3
+
+
+def test_a_stalled_endpoint_is_cleared_by_the_host() -> None:
+    """What plays goes on (clause USB-015)."""
+    bench = playing()
+    bench.emulator.inject(faults.StalledEndpoint(endpoint=0x81))
+    assert bench.emulator.usb.bulk_in(0x81) is Handshake.STALL
+    assert bench.emulator.usb.control(Setup(0x82, 0, 0, 0x81, 2)) == b"\x01\x00"
+    bench.emulator.usb.control(Setup(0x02, 1, 0, 0x81, 0))
+    assert bench.emulator.usb.bulk_in(0x81) is Handshake.NAK
+    assert (bench.status().state, bench.loud_now()) == (State.PLAYING, [25] * 10)
+
+
+def test_a_device_that_is_unplugged_is_off_and_comes_back() -> None:
+    """SUSPEND and RESUME follow each other (clause STA-006)."""
+    bench = playing()
+    generation = bench.emulator.usb.generation
+    bench.emulator.inject(faults.Unplugged(periods=1000))
+    assert not bench.emulator.usb.attached
+    bench.emulator.run(7)
+    assert bench.loud_now() == [0] * 10
+    bench.emulator.run(1000)
+    assert (bench.emulator.usb.attached, bench.emulator.usb.generation) == (True, generation + 1)
+    bench.configure()
+    assert bench.status().state is State.OFF
+    bench.order(Request.ENABLE)
+    bench.play("update")
+
+
+def test_what_plays_unattended_goes_on_unplugged() -> None:
+    bench = playing("unattended")
+    bench.emulator.inject(faults.Unplugged())
+    bench.wait_ms(300)
+    assert bench.loud_now() == [25] * 10
+
+
+def test_a_bus_reset_ends_everything() -> None:
+    bench = playing("unattended")
+    bench.emulator.inject(faults.BusReset())
+    bench.emulator.run(7)
+    assert bench.loud_now() == [0] * 10
+    assert bench.emulator.usb.bulk_out(0x01, b"") is Handshake.STALL
+    bench.configure()
+    assert bench.status().state is State.OFF
+
+
+def test_a_suspended_bus_turns_the_outputs_off_until_enable() -> None:
+    """Clause USB-020; the device is configured as before."""
+    bench = playing()
+    bench.emulator.inject(faults.BusSuspended(periods=1000))
+    bench.emulator.run(7)
+    assert bench.emulator.usb.suspended
+    assert bench.emulator.running.state is State.SUSPENDED
+    assert bench.loud_now() == [0] * 10
+    bench.emulator.run(1000)
+    assert [record.state for record in bench.read() if isinstance(record, Status)] == [State.OFF]
+    assert bench.status().state is State.OFF
+
+
+def test_the_watchdog_fires_when_the_host_falls_silent() -> None:
+    """Whatever it sends: 100 ms after the last sign of life that arrived (clause SAF-003)."""
+    bench = playing()
+    last = bench.emulator.running.now_tick
+    bench.emulator.inject(faults.SilentHost(periods=6000))
+    for _ in range(14):
+        bench.wait_ms(10)
+        assert bench.emulator.usb.bulk_out(0x01, b"anything") is Handshake.NAK
+        with pytest.raises(Stall, match="nothing that the host sends arrives"):
+            bench.status()
+    capture = bench.emulator.capture()
+    loud = np.flatnonzero(capture.bits(last, capture.end_tick).any(axis=1))
+    assert 100 * PERIODS_PER_MS * 50 <= loud[-1] <= (100 * PERIODS_PER_MS + 7) * 50
+    bench.wait_ms(20)
+    (told,) = (record for record in bench.read() if isinstance(record, Status))
+    assert (told.state, told.watchdog_fired) == (State.OFF, True)
+
+
+# Power and flash
+
+
+def test_a_power_cut_is_silence_and_a_new_beginning() -> None:
+    """Clauses SAF-001 and REQ-013: nothing is known afterwards."""
+    bench = playing("unattended")
+    bench.emulator.inject(faults.PowerCut(period=bench.period + 20, periods=400))
+    bench.wait_ms(1)
+    assert not bench.emulator.powered
+    assert not bench.emulator.usb.attached
+    bench.wait_ms(20)
+    bench.configure()
+    assert (bench.status().state, bench.status().accepted) == (State.OFF, 0)
+    bench.emulator.run(5)
+    assert bench.loud(0, bench.period) == [0] * 10
+
+
+def test_a_device_without_power_does_not_start() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.PowerCut())
+    with pytest.raises(DeviceError, match="the device does not start"):
+        bench.emulator.run_until_started()
+    bench.emulator.power_up()
+    bench.emulator.run_until_started()
+    bench.configure()
+    assert bench.status().state is State.OFF
+
+
+def enter_dfu(bench: Bench) -> None:
+    """DETACH, and enumerate anew."""
+    bench.emulator.usb.control(Setup(0x21, 0, 1000, 3, 0))
+    bench.wait_ms(100)
+    bench.emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
+
+
+def download(bench: Bench) -> DfuReply:
+    """Send the factory's image as an upgrade, and see what comes of it."""
+    usb, stored = bench.emulator.usb, FACTORY_IMAGE.encode()
+    for number, block in enumerate((stored, b"")):
+        usb.control(Setup(0x21, 1, number, 0, len(block)), block)
+        for _ in range(10):
+            reply = DfuReply.decode(usb.control(Setup(0xA1, 3, 0, 0, 6)))
+            if not reply.poll_ms:
+                break
+            bench.wait_ms(reply.poll_ms)
+        if reply.state is DfuState.ERROR:
+            break
+    return reply
+
+
+IMAGE_A = 0x201000
+BEFORE_RECORD = 2 * 4096 + len(FACTORY_IMAGE.encode())
+
+
+@pytest.mark.parametrize(
+    ("fault", "status"),
+    [
+        (faults.WriteProtectedFlash(), DfuStatus.WRITE),
+        (faults.FailingSector(sector=IMAGE_A // 4096), DfuStatus.ERASE),
+        (faults.FailingPage(page=IMAGE_A // 256), DfuStatus.PROG),
+        (faults.StuckFlashBit(address=IMAGE_A + 3000, bit=0, value=0), DfuStatus.CHECK_ERASED),
+        (faults.StuckFlashBit(address=IMAGE_A, bit=0, value=1), DfuStatus.VERIFY),
+    ],
+)
+def test_a_flash_that_fails_says_so_and_the_old_image_runs(fault: InjectedFault, status: DfuStatus) -> None:
+    bench = playing()
+    bench.emulator.inject(fault)
+    enter_dfu(bench)
+    assert (download(bench).status, download_is_over(bench)) == (status, DfuState.ERROR)
+    bench.emulator.usb.reset()
+    bench.emulator.run_until_started()
+    bench.configure()
+    assert bench.reports()[0].bank is Bank.FACTORY
+    assert bench.status().faults == Fault(0)
+
+
+def download_is_over(bench: Bench) -> int:
+    return bench.emulator.usb.control(Setup(0xA1, 5, 0, 0, 1))[0]
+
+
+def test_a_flash_that_works_again_takes_the_image() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.WriteProtectedFlash(periods=10))
+    enter_dfu(bench)
+    assert download(bench).status is DfuStatus.OK
+
+
+@pytest.mark.parametrize(
+    "written", [0, 100, 4096, 4097, 8192, 8292, BEFORE_RECORD - 1, BEFORE_RECORD, BEFORE_RECORD + 47]
+)
+def test_a_power_cut_in_a_download_leaves_a_device_that_starts(written: int) -> None:
+    """Two sectors are erased, then the image is written, and 48 bytes of the record (clause FWU-018)."""
+    bench = playing()
+    enter_dfu(bench)
+    bench.emulator.inject(faults.PowerCutInWrite(written_bytes=written, off_periods=40))
+    with pytest.raises(Stall):
+        download(bench)
+    bench.wait_ms(100)
+    bench.emulator.run_until_started()
+    bench.configure()
+    assert bench.reports()[0].bank is Bank.FACTORY
+    assert bench.status().faults == Fault(0)
+    bench.emulator.run(5)
+    assert bench.loud(0, bench.period) == [0] * 10
+
+
+def test_where_nothing_in_the_flash_boots_the_device_stays_off_the_bus() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.StuckFlashBit(address=0x101000, bit=4, value=0))
+    bench.order(Request.RESET)
+    bench.wait_ms(1)
+    assert not bench.emulator.usb.attached
+    assert "nothing in this flash boots" in bench.emulator.events[-1].what
+    with pytest.raises(DeviceError, match="does not start"):
+        bench.emulator.run_until_started()
+
+
+# When
+
+
+@pytest.mark.parametrize("ahead", [2, 50, 150])
+def test_a_fault_takes_place_at_its_period_whatever_a_door_does(ahead: int) -> None:
+    """In the midst of updates that are handed over together, and planned together."""
+    bench = playing()
+    period = bench.period + ahead
+    bench.emulator.inject(faults.StuckHigh(processor=2, bit=0, period=period))
+    bench.emulator.inject(faults.LostToken(message="slice", processor=9, times=3, period=period))
+    updates = memoryview(b"".join(pack(Block(Update(HALF), number)) for number in range(1, 201)))
+    sent = 0
+    while sent < len(updates):
+        now = bench.emulator.scheduler.now
+        taken, _ = bench.emulator.usb.stream_out(0x01, updates[sent:], now, now + 100 * MS)
+        if not taken:
+            while bench.emulator.usb.bulk_out(0x01, bytes(updates[sent : sent + 512])) is Handshake.NAK:
+                bench.emulator.run(1)
+            taken = 512
+        sent += taken
+    bench.emulator.run_until(period + 250)
+    status = bench.status()
+    assert (status.accepted, status.faults, status.missed_commits) == (201, Fault.CHAIN, 3)
+    high = bench.emulator.capture().channels(50 * period - 60, 50 * period + 60)[:, 2 * 32]
+    assert high[60:].all()
+    assert not high[:60].all()
+
+
+def test_a_period_that_is_over_is_named() -> None:
+    bench = Bench()
+    bench.emulator.run_until(20)
+    with pytest.raises(ValueError, match="bus-reset: period 19 is over; this is 20"):
+        bench.emulator.inject(faults.BusReset(period=19))
+    bench.emulator.inject(faults.PowerCut())
+    with pytest.raises(ValueError, match="has not started yet"):
+        bench.emulator.inject(faults.BusReset(period=30))
+
+
+def test_a_restart_does_not_put_a_fault_off() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.StuckHigh(processor=0, bit=0, period=bench.period + 400))
+    at = bench.emulator.running.time.boundary(bench.period + 400)
+    restart(bench)
+    tick = bench.emulator.running.time.tick(at)
+    bench.emulator.run(500)
+    high = bench.emulator.capture().channels(tick - 5, tick + 5)[:, 0]
+    assert high.tolist() == [0] * 5 + [1] * 5
+
+
+def test_what_is_wrong_is_entered_into_the_log() -> None:
+    bench = playing()
+    bench.emulator.inject(
+        faults.StuckLow(processor=1, bit=2, periods=40), faults.LostToken(message="collect", processor=5)
+    )
+    bench.wait_ms(20)
+    said = [(event.where, event.what) for event in bench.emulator.events if event.where in ("fault", "chain")]
+    assert said == [
+        ("fault", "stuck-low: periods 40, processor 1, bit 2, begins"),
+        ("fault", "lost-token: message collect, processor 5, token 3, times 1, begins"),
+        ("fault", "stuck-low: periods 40, processor 1, bit 2, ends"),
+        ("chain", "lost-token of a collect, processor 5"),
+    ] or said[2:] == [
+        ("chain", "lost-token of a collect, processor 5"),
+        ("fault", "stuck-low: periods 40, processor 1, bit 2, ends"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "complaint"),
+    [
+        (faults.StuckHigh, {"processor": 10, "bit": 0}, "stuck-high: processor = 10; it must be 0 to 9"),
+        (faults.StuckHigh, {"processor": 0, "bit": 32}, "bit = 32; it must be 0 to 31"),
+        (
+            faults.StuckHigh,
+            {"processor": 0, "bit": 0, "period": -1},
+            "period = -1; it must be a whole number",
+        ),
+        (faults.StuckHigh, {"processor": True, "bit": 0}, "processor = True; it must be 0 to 9"),
+        (faults.BusSuspended, {"periods": 0}, "periods = 0; it must be a whole number, 1 or more"),
+        (faults.LostToken, {"message": "number", "token": 9}, "token = 9; of a number it must be 0 to 8"),
+        (faults.FlippedBit, {"message": "number", "token": 8}, "token = 8; of a number it must be 0 to 7"),
+        (faults.DoubledToken, {"message": "report", "token": 2}, "token = 2; of a report it must be 3 to 26"),
+        (faults.LostToken, {"message": "hello"}, "message = 'hello'; it must be one of slice, commit, load"),
+        (faults.ClockError, {"board": 0, "ppm": float("nan")}, "ppm = nan; it must be a number from -1000 to 1000"),
+        (faults.DeadBoard, {"board": 5}, "board = 5; it must be 0 to 4"),
+        (faults.StalledEndpoint, {"endpoint": 2}, "endpoint = 2; it must be one of 1, 129, 3, 131"),
+        (faults.OpenTransducer, {"transducer": 320}, "transducer = 320; it must be 0 to 319"),
+        (faults.SlowLink, {"link": 0, "cycles_per_symbol": 1}, "cycles_per_symbol = 1; it must be 2 to 2047"),
+    ],
+)
+def test_fields_that_cannot_be_are_named(kind: type[InjectedFault], fields: dict[str, object], complaint: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(complaint)):
+        kind(**fields)
+
+
+def test_every_fault_is_documented() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([a-z-]+)` \|", page, re.MULTILINE)
+    assert rows == list(FAULTS)
+    spec = (Path(__file__).parents[2] / "protocol" / "SPEC.md").read_text(encoding="utf-8")
+    clauses = set(re.findall(r"\*\*([A-Z]{3}-\d{3})\*\*", spec))
+    assert set(re.findall(r"\b[A-Z]{3}-\d{3}\b", page)) <= clauses
