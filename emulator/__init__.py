@@ -9,5 +9,6 @@ from __future__ import annotations
 
 from .capture import Capture
 from .machine import Emulator, Event
+from .scenario import read_scenario
 
-__all__ = ["Capture", "Emulator", "Event"]
+__all__ = ["Capture", "Emulator", "Event", "read_scenario"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -207,10 +208,10 @@ def test_a_doubled_token_of_a_commit_is_a_commit_that_never_came() -> None:
 
 
 @pytest.mark.parametrize("fault", [{"message": "commit", "bit": 7}, {"message": "slice", "token": 30, "bit": 2}])
-def test_a_flipped_bit_never_plays(fault: dict[str, object]) -> None:
+def test_a_flipped_bit_never_plays(fault: dict[str, Any]) -> None:
     """One checksum guards slice and period (clause CHN-011): a missed commit, not a damaged message."""
     bench = playing()
-    bench.emulator.inject(faults.FlippedBit(processor=0, **fault))  # type: ignore[arg-type]
+    bench.emulator.inject(faults.FlippedBit(processor=0, **fault))
     bench.send(Update(HALF))
     bench.wait_ms(ROUND_MS + 1)
     assert bench.loud_now() == [25, 9, 9, 9, 9, 9, 9, 9, 9, 9]
@@ -617,15 +618,17 @@ def test_a_record_with_a_wrong_bit_is_none() -> None:
     assert bench.send(NoOp()).reason is Reason.ACCEPTED
 
 
-def test_wrong_bits_wait_for_packets_that_are_taken() -> None:
-    """A packet that is answered with NAK comes again; a short one has no such bit."""
+def test_wrong_bits_wait_for_packets_that_are_taken_and_long_enough() -> None:
     bench = playing()
-    bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300, times=2))
+    first = bench.period + 100
     for number in range(8):
-        bench.send(Update(HALF, 10_000 + number)) if number > 1 else None
-    bench.emulator.usb.bulk_out(0x01, b"short")
-    refused = bench.status().refused
-    assert refused == 3
+        bench.send(Update(HALF, first + number))
+    bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300, times=2))
+    assert bench.emulator.usb.bulk_out(0x01, bytes(512)) is Handshake.NAK
+    bench.emulator.run_until(first + 8)
+    assert bench.emulator.usb.bulk_out(0x01, b"short") is Handshake.ACK
+    reasons = [bench.send(NoOp()).reason for _ in range(3)]
+    assert reasons == [Reason.CHECKSUM, Reason.CHECKSUM, Reason.ACCEPTED]
 
 
 def test_a_stalled_endpoint_is_cleared_by_the_host() -> None:
@@ -840,7 +843,7 @@ def test_a_fault_takes_place_at_its_period_whatever_a_door_does(ahead: int) -> N
                 bench.emulator.run(1)
             taken = 512
         sent += taken
-    bench.emulator.run_until(period + 250)
+    bench.wait_ms(ROUND_MS + 1)
     status = bench.status()
     assert (status.accepted, status.faults, status.missed_commits) == (201, Fault.CHAIN, 3)
     high = bench.emulator.capture().channels(50 * period - 60, 50 * period + 60)[:, 2 * 32]
@@ -910,7 +913,7 @@ def test_what_is_wrong_is_entered_into_the_log() -> None:
         (faults.SlowLink, {"link": 0, "cycles_per_symbol": 1}, "cycles_per_symbol = 1; it must be 2 to 2047"),
     ],
 )
-def test_fields_that_cannot_be_are_named(kind: type[InjectedFault], fields: dict[str, object], complaint: str) -> None:
+def test_fields_that_cannot_be_are_named(kind: type[InjectedFault], fields: dict[str, Any], complaint: str) -> None:
     with pytest.raises(ValueError, match=re.escape(complaint)):
         kind(**fields)
 
