@@ -812,6 +812,36 @@ def test_a_power_cut_in_a_download_leaves_a_device_that_starts(written: int) -> 
     assert bench.loud(0, bench.period) == [0] * 10
 
 
+def test_an_image_that_cannot_be_put_on_trial_is_not_started() -> None:
+    """What cannot be marked would be started for ever (clauses FWU-019 and FWU-020)."""
+    bench = playing()
+    enter_dfu(bench)
+    assert download(bench).status is DfuStatus.OK
+    bench.emulator.inject(faults.WriteProtectedFlash())
+    bench.emulator.usb.reset()
+    bench.emulator.run_until_started()
+    bench.configure()
+    assert (bench.reports()[0].bank, bench.status().faults) == (Bank.FACTORY, Fault.FLASH)
+    bench.order(Request.CLEAR_FAULTS)
+    assert bench.status().faults == Fault.FLASH
+
+
+def test_an_image_with_a_wrong_bit_is_not_started() -> None:
+    bench = playing()
+    enter_dfu(bench)
+    assert download(bench).status is DfuStatus.OK
+    bench.emulator.usb.reset()
+    bench.emulator.run_until_started()
+    bench.configure()
+    assert (bench.reports()[0].bank, bench.status().faults) == (Bank.A, Fault(0))
+    bench.emulator.inject(faults.StuckFlashBit(address=IMAGE_A, bit=4, value=0, periods=2000))
+    restart(bench)
+    assert (bench.reports()[0].bank, bench.status().faults) == (Bank.FACTORY, Fault.FLASH)
+    bench.wait_ms(60)
+    restart(bench)
+    assert (bench.reports()[0].bank, bench.status().faults) == (Bank.A, Fault(0))
+
+
 def test_where_nothing_in_the_flash_boots_the_device_stays_off_the_bus() -> None:
     bench = playing()
     bench.emulator.inject(faults.StuckFlashBit(address=0x101000, bit=4, value=0))
@@ -821,6 +851,66 @@ def test_where_nothing_in_the_flash_boots_the_device_stays_off_the_bus() -> None
     assert "nothing in this flash boots" in bench.emulator.events[-1].what
     with pytest.raises(DeviceError, match="does not start"):
         bench.emulator.run_until_started()
+
+
+# What stays
+
+
+def test_after_a_reset_a_hot_board_is_known_from_the_beginning() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.HotBoard(board=3, celsius=90), faults.WrongSupply(board=1, millivolts=0))
+    restart(bench)
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, Fault.TEMPERATURE | Fault.SUPPLY)
+    with pytest.raises(Stall):
+        bench.order(Request.ENABLE)
+
+
+@pytest.mark.parametrize(
+    ("fault", "found"),
+    [
+        (faults.SlowProcessor(processor=4, slowness=4), Fault.CHAIN | Fault.OVERRUN),
+        (faults.SlowLink(link=9, cycles_per_symbol=200), Fault.CHAIN),
+        (faults.LostToken(message="commit", processor=2), Fault.CHAIN),
+        (faults.ClockError(board=1, ppm=100), Fault.SYNC),
+        (faults.StuckHigh(processor=0, bit=0), Fault(0)),
+        (faults.OpenTransducer(transducer=0), Fault(0)),
+    ],
+)
+def test_what_is_broken_is_broken_after_a_power_cut(fault: InjectedFault, found: Fault) -> None:
+    bench = Bench()
+    bench.emulator.inject(fault)
+    bench.emulator.inject(faults.PowerCut(periods=40))
+    bench.wait_ms(2)
+    bench.emulator.run_until_started()
+    bench.configure()
+    assert bench.status().faults == Fault(0)
+    bench.order(Request.ENABLE)
+    bench.play("unattended")
+    bench.send(Update(HALF))
+    bench.play("unattended")
+    bench.wait_ms(120)
+    assert bench.status().faults == found
+    if isinstance(fault, faults.StuckHigh):
+        assert bench.loud_now() == [50] + [25] * 9
+    if isinstance(fault, faults.OpenTransducer):
+        assert np.flatnonzero(bench.emulator.capture().drive(0) == 0).size == 320
+        assert np.flatnonzero(bench.emulator.capture().drive(bench.period - 1) == 0).tolist() == [0]
+
+
+def test_an_output_that_sticks_high_is_high_on_a_dead_board_too() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.StuckHigh(processor=4, bit=3), faults.DeadBoard(board=2))
+    bench.emulator.run(3)
+    last = bench.emulator.capture().end_tick
+    assert np.unique(bench.emulator.capture().bits(last - 50, last)[:, 4]).tolist() == [1 << 3]
+
+
+def test_a_processor_that_grows_slow_in_a_sequence_says_so() -> None:
+    bench = playing("sequence")
+    bench.emulator.inject(faults.SlowProcessor(processor=4, slowness=3, periods=1000))
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.status().faults == Fault.OVERRUN
+    assert bench.loud_now() == [25] * 10
 
 
 # When
