@@ -171,6 +171,36 @@ def test_stores_are_there_before_a_sequence_that_follows_at_once(device: Device)
     assert device.status().faults == Fault(0)
 
 
+@pytest.mark.parametrize(("link", "apart"), [(FIVE_WIRE, 1), (TWO_WIRE, 2)], ids=["5wire", "2wire"])
+def test_stores_find_their_way_between_updates_at_the_rate_that_holds(unfolded: bool, link: Link, apart: int) -> None:
+    """Clause BLK-007; no update is late for them, and what they bring is there in time."""
+    device = Device(Emulator(unfolded=unfolded, link=link), enabled=True)
+    stores: dict[int, Body] = {
+        10: Slot(200, pulses(20)),
+        20: Slot(201, pulses(21)),
+        30: Entries(tuple(Entry(200 + n % 2, 1) for n in range(120)), 500),
+        40: Samples(bytes([128, 255] * 240)),
+    }
+    at = device.period + 10
+    for n in range(60):
+        device.send_in_time(*([stores[n]] if n in stores else []), Update(pulses(1 + n % 25), at + n * apart))
+    sequence, modulation = device.send_in_time(Sequence(500, 120), Modulation(0, 2, 1))
+    assert modulation.commit_period == sequence.commit_period + 1
+    updates = [1 + n % 25 for n in range(60)]
+    assert heard(device, at, at + 60 * apart)[::apart] == updates
+    begins = sequence.commit_period
+    assert heard(device, begins, begins + 7) == [
+        20,
+        modulated(21, 128),
+        20,
+        modulated(21, 128),
+        20,
+        modulated(21, 128),
+        20,
+    ]
+    assert (device.status().late, device.status().missed_commits) == (0, 0)
+
+
 def test_a_slot_that_was_stored_again_plays_what_was_stored_last(device: Device) -> None:
     entries(device, (3, 1))
     begins = device.send(Sequence(0, 1, repeats=2)).commit_period
@@ -309,6 +339,13 @@ def test_a_change_that_comes_close_before_it_disables_is_dropped(unfolded: bool,
     assert device.high_periods() == set()
     assert (device.status().faults, device.status().missed_commits) == (Fault(0), 0)
     assert device.state is State.OFF
+
+
+def test_one_that_was_to_disable_and_is_dropped_itself_holds_nothing_back(device: Device) -> None:
+    device.send(Output(Action.DISABLE, device.period + 5000))
+    device.order(Request.DISABLE)
+    device.order(Request.ENABLE)
+    assert device.send(Update(FULL)).commit_period < device.period + 10
 
 
 # EMPTY (BLK-021)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Stall
+from phasewire.emulator.faults import DeadProcessor
 from phasewire.emulator.loader import FACTORY_IMAGE
 from phasewire.errors import DeviceError
 from phasewire.protocol import descriptors
@@ -86,7 +87,7 @@ class Upgraded(Device):
     def come_back(self) -> None:
         """Wait until the device is on the bus again."""
         before = self.usb.generation
-        for _ in range(1000):
+        for _ in range(4000):
             if self.usb.generation > before:
                 return
             self.run_ms(1)
@@ -269,6 +270,18 @@ def test_a_mark_that_power_cut_short_counts(device: Upgraded) -> None:
     device.run_ms(0.9)
     device.lose_power()
     assert device.version == NEW
+
+
+def test_new_firmware_that_does_not_find_all_processors_has_not_come_up(device: Upgraded) -> None:
+    """Clause FWU-020: a host has met it, but nine processors are not ten."""
+    device.enter_dfu_mode()
+    device.send_image(IMAGE)
+    device.emulator.inject(DeadProcessor(processor=5))
+    device.boot()
+    device.configure()
+    assert (device.version, device.state, device.faults) == (NEW, State.FAULT, Fault.PROCESSOR)
+    device.lose_power()
+    assert (device.version, device.faults) == (FACTORY, Fault.PROCESSOR | Fault.FLASH)
 
 
 def test_upgrades_take_turns_between_the_banks(device: Upgraded) -> None:
