@@ -307,7 +307,7 @@ class Controller:
             self._refuse(error, f"block {sequence}")
             door.acknowledge(self._ack(self._last_refusal, sequence).encode())
             return
-        state, gap = self._state, self._count(block)
+        gap = self._count(block)
         change = self._carry_out(block.body, door)
         self._tracer.span(self._now, self._now + SORT_CYCLES, "controller", "sort")
         self._trace_queue()
@@ -317,7 +317,7 @@ class Controller:
             flags |= AckFlag.LATE if _is_late(block.body, change.period) else NO_FLAGS
         elif isinstance(block.body, Clock):
             commit_period = self.clock().sync_period
-        door.acknowledge(self._ack(Reason.ACCEPTED, block.sequence, commit_period, flags, state).encode())
+        door.acknowledge(self._ack(Reason.ACCEPTED, block.sequence, commit_period, flags).encode())
 
     def _ack(
         self,
@@ -325,10 +325,8 @@ class Controller:
         sequence: int,
         commit_period: int = 0,
         flags: AckFlag = NO_FLAGS,
-        state: State | None = None,
     ) -> Ack:
-        state = self._state if state is None else state
-        return Ack(reason, sequence, commit_period, self.now_tick, flags, self._free, state)
+        return Ack(reason, sequence, commit_period, self.now_tick, flags, self._free, self._state)
 
     def _refuse(self, error: BlockError, what: str) -> None:
         self._refused += 1
@@ -707,7 +705,7 @@ class Controller:
                 self._send_silence((STOP_MODULATION,) if self._agenda.tail.modulated else ())
             self._announce_room()
         if self._state in WATCHED and was not in WATCHED:
-            self._fed = max(self._fed, at)
+            self._fed = at
             self._arm_watchdog()
         if self._bus_suspended and after(self._state, Event.SUSPEND) is not self._state:
             self._happen(Event.SUSPEND, at)  # clause STA-004
@@ -907,7 +905,6 @@ class Controller:
             raise Stall(f"the outputs cannot be enabled in state {self._state.name}")
         self._watchdog_fired = False
         self._last_named = None
-        self._fed = self._now
         self._supervisor.attend()
         self._happen(Event.ENABLE, self._now, door)
 
