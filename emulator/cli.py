@@ -26,6 +26,7 @@ from ..storage import check_outputs
 from .export import check_export_path, export
 from .flash import Flash
 from .machine import Emulator
+from .scenario import read_scenario
 from .serving import Server
 from .station import Pace, Station
 from .timeline import CYCLES_PER_MICROSECOND, draw_timeline, way_of_an_update
@@ -117,6 +118,15 @@ def emulate(
         typer.Option(min=0, max=65535, help="TCP port of the first device's UART; 0 is any that is free, for each."),
     ] = 0,
     baud: Annotated[int, typer.Option(help="Of the UARTs, in bits per second.")] = BAUD,
+    shared_sync: Annotated[
+        bool, typer.Option("--shared-sync", help="Let the devices share one sync line, which the first one drives.")
+    ] = False,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(
+            help="TOML file of what goes wrong with each device, and when.", exists=True, dir_okay=False, readable=True
+        ),
+    ] = None,
     flash: Annotated[
         Path | None,
         typer.Option(
@@ -173,16 +183,20 @@ def emulate(
         return
     if flash and len(numbers) > 1:
         raise ValueError(f"{flash} is the flash of one device, not of {len(numbers)}")
-    emulators = [
-        Emulator(
-            link=wanted_link,
-            speed=wanted_speed,
-            serial=number,
-            flash=Flash.load(flash) if flash and flash.exists() else None,
-            history_periods=HISTORY_PERIODS,
+    faults = read_scenario(scenario) if scenario else ()
+    emulators: list[Emulator] = []
+    for number in numbers:
+        emulators.append(
+            Emulator(
+                link=wanted_link,
+                speed=wanted_speed,
+                serial=number,
+                flash=Flash.load(flash) if flash and flash.exists() else None,
+                history_periods=HISTORY_PERIODS,
+                sync=emulators[0].sync if shared_sync and emulators else None,
+            )
         )
-        for number in numbers
-    ]
+        emulators[-1].inject(*faults)
     try:
         if program is not None:
             from .umockdev import run_under_mock  # for Linux only

@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import zlib
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -21,7 +22,7 @@ import serial
 from cobs import cobs
 from phasewire.__main__ import main
 from phasewire.protocol.blocks import Block, Update, pack
-from phasewire.protocol.codes import Reason, Request
+from phasewire.protocol.codes import Fault, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Ack, Info, Status
 
@@ -243,6 +244,24 @@ def test_a_flash_is_kept_from_one_time_to_the_next(tmp_path: Path, capsys: pytes
     path.write_bytes(b"too short")
     assert run(options) == 2
     assert "a flash is kept in a file of" in capsys.readouterr().err
+
+
+def test_a_scenario_breaks_what_it_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "scenario.toml"
+    path.write_text('[[fault]]\nname = "hot-board"\nboard = 2\ncelsius = 90\n')
+    with emulate("--scenario", str(path)) as served:
+        with served.client() as client:
+            client.enumerate()
+            deadline = time.monotonic() + PATIENCE
+            while time.monotonic() < deadline:
+                status = Status.decode(client.request(0xC1, Request.STATUS, length=Status.BYTES).data)
+                if status.faults:
+                    break
+            assert (status.faults, status.state, status.temperature_c) == (Fault.TEMPERATURE, State.FAULT, 90)
+        assert served.end(signal.SIGTERM)[0] == 0
+    path.write_text('[[fault]]\nname = "cold-board"\n')
+    assert run(["emulate", "--for", "0", "--scenario", str(path)]) == 2
+    assert "scenario.toml, fault 1: unknown name 'cold-board'; known are" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.skipif(shutil.which("umockdev-wrapper") is None, reason="umockdev is not installed")
