@@ -408,6 +408,7 @@ class Processor:
 
     def _silence(self) -> None:
         """Fall silent at the next boundary, and drop what waits or runs (clauses SAF-007 and CHN-018)."""
+        self.missed_commits += self._table is not None
         self._table = None
         self._programs.clear()
         if self._time is not None:
