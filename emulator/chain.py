@@ -256,7 +256,7 @@ class Numbering:
             identity = decode(tokens)
         except ChainError:
             return  # it is dropped (clause CHN-010), and no other one comes
-        if not isinstance(identity, Identity) or identity.processor != len(self._identities):
+        if not isinstance(identity, Identity):
             return
         self._identities.append(identity)
         if identity.last:

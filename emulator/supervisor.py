@@ -166,7 +166,7 @@ class Supervisor:
         now = self._scheduler.now
         number = (now - self._time.origin) // QUESTION_CYCLES % PROCESSORS
         self._scheduler.at(now + QUESTION_CYCLES, self._ask_next)
-        if number < len(self._reports):
+        if number < len(self._reports) and not self._chain.broken:
             self._scheduler.at(max(now, self._may_ask()), lambda: self._ask(number))
 
     def _ask(self, number: int) -> None:
@@ -236,6 +236,8 @@ class Supervisor:
         for number in range(len(self._reports)):
             while self._scheduler.now < (later := min(self._may_read(), deadline)):
                 self._scheduler.run_until(later)
+            if self._scheduler.now >= deadline:
+                break  # the chain is broken
             read = self._chain.pass_down(Collect(number, ChannelEnd.PLAYING)) or read
         while len(self._playing) < len(self._reports):
             upcoming = self._scheduler.next_time()

@@ -175,6 +175,8 @@ def test_a_message_for_nobody_blocks_the_chain() -> None:
     bench.wait_ms(2)
     assert (bench.status().state, bench.status().faults) == (State.FAULT, CHAIN_BROKEN)
     assert bench.loud_now() == [25] * 10
+    with pytest.raises(Stall, match="does not say what it plays"):
+        bench.emulator.usb.control(Setup(0xC1, Request.PULSES, 0, 0, 496))
     bench.wait_ms(DEAF_MS)
     assert bench.loud_now() == [0] * 10
     bench.order(Request.CLEAR_FAULTS)
@@ -317,6 +319,20 @@ def test_a_processor_that_cannot_be_silenced_is_left_alone_until_it_is() -> None
     bench.wait_ms(10 * ROUND_MS)
     assert bench.status().missed_commits <= missed + 1
     assert bench.status().faults == Fault.CHAIN
+
+
+def test_a_processor_that_was_left_alone_is_asked_again_once_it_plays() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message="slice", processor=8))
+    bench.order(Request.DISABLE)
+    bench.wait_ms(ROUND_MS + 1)
+    bench.order(Request.CLEAR_FAULTS)
+    bench.order(Request.ENABLE)
+    bench.play("update")
+    for _ in range(10):
+        bench.wait_ms(ROUND_MS)
+        assert bench.status().faults == Fault(0)
+    assert bench.loud_now() == [25] * 10
 
 
 def test_a_stop_that_is_lost_is_sent_again_too() -> None:
@@ -631,6 +647,17 @@ def test_wrong_bits_wait_for_packets_that_are_taken_and_long_enough() -> None:
     assert reasons == [Reason.CHECKSUM, Reason.CHECKSUM, Reason.ACCEPTED]
 
 
+def test_a_wrong_bit_strikes_a_stream_too() -> None:
+    bench = playing()
+    bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300))
+    updates = memoryview(b"".join(pack(Block(Update(HALF), number)) for number in range(1, 9)))
+    now = bench.emulator.scheduler.now
+    assert bench.emulator.usb.stream_out(0x01, updates, now, now + MS)[0] == 0
+    assert bench.send(Update(HALF)).reason is Reason.CHECKSUM
+    now = bench.emulator.scheduler.now
+    assert bench.emulator.usb.stream_out(0x01, updates, now, now + MS)[0] == len(updates)
+
+
 def test_a_stalled_endpoint_is_cleared_by_the_host() -> None:
     """What plays goes on (clause USB-015)."""
     bench = playing()
@@ -842,6 +869,20 @@ def test_an_image_with_a_wrong_bit_is_not_started() -> None:
     assert (bench.reports()[0].bank, bench.status().faults) == (Bank.A, Fault(0))
 
 
+def test_a_power_cut_leaves_half_done_what_the_flash_was_doing() -> None:
+    bench = playing()
+    enter_dfu(bench)
+    stored = FACTORY_IMAGE.encode()
+    bench.emulator.usb.control(Setup(0x21, 1, 0, 0, len(stored)), stored)
+    bench.wait_ms(30)
+    bench.emulator.inject(faults.PowerCut(periods=1))
+    sector = np.frombuffer(bench.emulator.flash.read(0x200000, 4096), np.uint8)
+    assert len(np.unique(sector)) > 2
+    bench.emulator.run_until_started()
+    bench.configure()
+    assert bench.reports()[0].bank is Bank.FACTORY
+
+
 def test_where_nothing_in_the_flash_boots_the_device_stays_off_the_bus() -> None:
     bench = playing()
     bench.emulator.inject(faults.StuckFlashBit(address=0x101000, bit=4, value=0))
@@ -872,6 +913,7 @@ def test_after_a_reset_a_hot_board_is_known_from_the_beginning() -> None:
         (faults.SlowLink(link=9, cycles_per_symbol=200), Fault.CHAIN),
         (faults.LostToken(message="commit", processor=2), Fault.CHAIN),
         (faults.ClockError(board=1, ppm=100), Fault.SYNC),
+        (faults.ClockError(board=1, ppm=-100), Fault.SYNC),
         (faults.StuckHigh(processor=0, bit=0), Fault(0)),
         (faults.OpenTransducer(transducer=0), Fault(0)),
     ],
