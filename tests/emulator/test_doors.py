@@ -227,6 +227,15 @@ def test_a_block_that_waits_is_judged_by_what_holds_then() -> None:
     assert [record.state for record in records if isinstance(record, Status)] == [State.OFF]
 
 
+def test_a_block_waits_on_the_line_until_a_store_has_gone() -> None:
+    both = Both(enabled=False)
+    for n in range(16):
+        both.device.send(Entries((Entry(1, 1),) * 120), n)
+    assert both.terminal.send(block(16)) == []
+    both.device.run(6)
+    assert only_ack(both.terminal.records()).reason is Reason.ACCEPTED
+
+
 def test_what_waits_at_two_doors_goes_one_after_the_other() -> None:
     both = Both()
     at = both.fill()

@@ -585,9 +585,10 @@ def test_what_plays_is_read_back(device: Device) -> None:
     assert device.read_back() == ReadBack(0, device.period, SILENT)
 
 
-def test_of_a_sequence_the_entry_that_plays_is_read_back(device: Device) -> None:
+@pytest.mark.parametrize("unattended", [False, True])
+def test_of_a_sequence_the_entry_that_plays_is_read_back(device: Device, unattended: bool) -> None:
     entries(device, (3, 50), (4, 30))
-    begins = device.send(Sequence(0, 2, repeats=3)).commit_period
+    begins = device.send(Sequence(0, 2, repeats=3, unattended=unattended)).commit_period
     for after, since, width in ((10, 0, 3), (49, 0, 3), (55, 50, 4), (90, 80, 3), (239, 210, 4)):
         device.run_until((begins + after) * PERIOD)
         read = device.read_back()
