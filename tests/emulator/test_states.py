@@ -270,6 +270,21 @@ def test_silence_comes_within_six_periods(link: Link, phase: int, what: str) -> 
     assert device.status().missed_commits == 0
 
 
+@pytest.mark.parametrize("unfolded", [False, True])
+@pytest.mark.parametrize(("after", "begins"), [(-1, False), (0, True), (1, True)])
+def test_what_goes_onto_the_chain_in_the_cycle_of_the_request_has_begun(
+    unfolded: bool, after: int, begins: bool
+) -> None:
+    """Clauses SAF-004 and CHN-029: 5440 cycles of links, 400 of hops and 4400 to rasterise, ready one period before."""
+    device = Device(Emulator(unfolded=unfolded), enabled=True)
+    device.send(Update(FULL, 30))
+    device.run_until(29 * PERIOD - 10_240 + after)
+    device.order(Request.DISABLE)
+    device.run_ms(25)
+    assert bool(device.high_periods()) == begins
+    assert (device.status().missed_commits, device.status().faults) == (0, Fault(0))
+
+
 @pytest.mark.parametrize("state", [State.OFF, State.FAULT, State.SUSPENDED, State.DFU])
 def test_a_state_in_which_the_outputs_are_off_lets_nothing_in(state: State) -> None:
     """Clauses SAF-002 and SAF-007, block by block, by a door that is open in all of them."""
