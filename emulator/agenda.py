@@ -52,7 +52,7 @@ class Tail(NamedTuple):
     """Whether there is a modulation then."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Change:
     """One change, planned."""
 
@@ -250,11 +250,8 @@ class Agenda:
 
     def mute(self) -> None:
         """What is planned means nothing to the device any more; it takes effect all the same."""
-        for place, item in enumerate(self._changes):
-            if isinstance(item, Change):
-                self._changes[place] = replace(item, effect=None)
-            else:
-                item.effect = None
+        for item in self._changes:
+            item.effect = None
 
     @property
     def only_updates(self) -> bool:

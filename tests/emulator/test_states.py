@@ -285,6 +285,18 @@ def test_what_goes_onto_the_chain_in_the_cycle_of_the_request_has_begun(
     assert (device.status().missed_commits, device.status().faults) == (0, Fault(0))
 
 
+@pytest.mark.parametrize("unfolded", [False, True])
+def test_what_is_begun_in_the_cycle_in_which_it_is_overtaken_is_begun_whole(unfolded: bool) -> None:
+    """It is sorted in 6000 cycles, and goes onto the chain when the bus reset comes that was planned before it."""
+    device = Device(Emulator(unfolded=unfolded), enabled=True)
+    device.emulator.scheduler.at(device.emulator.running.time.boundary(30), device.usb.reset)
+    device.run_until(30 * PERIOD - 6000)
+    device.usb.bulk_out(0x01, device.pack(Update(FULL)))
+    device.run_ms(25)
+    assert device.high_periods() == {32}
+    assert (device.state, device.status().faults) == (State.OFF, Fault(0))
+
+
 @pytest.mark.parametrize("state", [State.OFF, State.FAULT, State.SUSPENDED, State.DFU])
 def test_a_state_in_which_the_outputs_are_off_lets_nothing_in(state: State) -> None:
     """Clauses SAF-002 and SAF-007, block by block, by a door that is open in all of them."""
