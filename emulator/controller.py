@@ -6,7 +6,6 @@ the `Stores`, the way to the processors is the `Chain`, the watch over them the 
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from collections.abc import Sequence as Seq
 from dataclasses import dataclass, replace
@@ -48,7 +47,7 @@ from ..protocol.board import (
     TICKS_PER_PERIOD,
     WATCHDOG_MS,
 )
-from ..protocol.chain import SLICE_BYTES, Identity, Load, Program, loads
+from ..protocol.chain import SLICE_BYTES, Identity, Program, loads
 from ..protocol.codes import (
     HEADER_BYTES,
     HORIZON_PERIODS,
@@ -95,9 +94,11 @@ from .agenda import QUEUE_BLOCKS, Agenda, Change, Stream
 from .chain import Chain
 from .clock import Timebase
 from .door import Door, Stall
+from .loading import Loading
 from .scheduler import Scheduler
 from .stores import Stores
 from .supervisor import Supervisor
+from .watchdog import Watchdog
 
 __all__ = ["FEATURES", "QUEUE_BLOCKS", "RECORDS", "Controller", "Identification"]
 
@@ -123,16 +124,6 @@ PLACES = range(PROCESSORS)
 CHANGES = (Update, Sequence, Modulation, Output)
 STORED = (Slot, Entries, Samples)
 Stored = Slot | Entries | Samples
-
-
-class PendingLoad(NamedTuple):
-    """A load that waits to go onto the chain."""
-
-    ready: int
-    """Core cycle from which on it can be sent."""
-    load: Load
-    last: bool = False
-    """Whether it is the last of its block."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +215,7 @@ class Controller:
         self.faults = Fault(0)
         self.dropped_frames = 0
         self._watchdog_fired = False
-        self._watchdog_ms = WATCHDOG_MS
+        self._watchdog = Watchdog(scheduler, self.settle, self._fall_to_watchdog)
         self._drive_limit = CHANNELS
         self._last_refusal = Reason.ACCEPTED
         self._last_sequence: int | None = None
@@ -235,14 +226,9 @@ class Controller:
         self._bus_suspended = False
         self._accepted = self._refused = self._late = self._lost = 0
         self._commits_due = 0
-        self._loads: deque[PendingLoad] = deque()
-        self._stores_waiting = 0
-        self._load_leaves = time.origin
+        self._loading = Loading(scheduler, chain, self._agenda, self.settle, self._announce_room)
         self._disabled_from: int | None = None
-        self._pumping = False
         self._lights: dict[int, int] = {}
-        self._fed = time.origin
-        self._armed = 0  # the last time that the watchdog was set; earlier ones count no more
         self._room_waiters: list[Callable[[], None]] = []
         if found := faults | self._supervisor.found:
             self.raise_fault(found, "found at start")
@@ -289,12 +275,12 @@ class Controller:
     @property
     def can_accept(self) -> bool:
         """Whether there is room for another block; the OUT endpoint answers NAK otherwise (clause BLK-009)."""
-        return self._agenda.room_at <= self._now and self._stores_waiting < STORES
+        return self._agenda.room_at <= self._now and self._loading.blocks < STORES
 
     @property
     def _free(self) -> int:
         """Changes that can still be queued."""
-        return QUEUE_BLOCKS - self._agenda.queued(self._now) if self._stores_waiting < STORES else 0
+        return QUEUE_BLOCKS - self._agenda.queued(self._now) if self._loading.blocks < STORES else 0
 
     def accept(self, packet: bytes, door: Door) -> None:
         """Judge a block and give its acknowledgement to the door that it came by."""
@@ -377,7 +363,7 @@ class Controller:
 
     def _carry_out(self, body: Body, door: Door) -> Change | None:
         """Do what a block that came by a door and was judged asks for; the change that it plans."""
-        self._fed = self._now
+        self._watchdog.feed()
         self._accepted += 1
         match body:
             case Update():
@@ -429,8 +415,8 @@ class Controller:
     ) -> Change:
         """Plan a change, which ends what plays of these sorts."""
         ready = self._now + SORT_CYCLES
-        if self._loads and any(program.count for program in programs):
-            ready = max(ready, self._agenda.loads_gone(ready, len(self._loads)))
+        if self._loading and any(program.count for program in programs):
+            ready = max(ready, self._agenda.loads_gone(ready, len(self._loading)))
         if self._disabled_from is not None:  # what is accepted behind that is dropped by then (clause BLK-018)
             ready = max(ready, self.time.boundary(self._disabled_from) + 1)
         change = self._agenda.add(
@@ -495,7 +481,7 @@ class Controller:
     @property
     def _streams(self) -> bool:
         """Whether the next update can be judged and planned like the one before."""
-        quiet = self._chain.folded and not self._loads and self._runs is None and self._agenda.only_updates
+        quiet = self._chain.folded and not self._loading and self._runs is None and self._agenda.only_updates
         return quiet and self._state in WATCHED and self._last_sequence is not None
 
     def _stream_until_event(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
@@ -542,7 +528,7 @@ class Controller:
         self._accepted += taken
         self._lost += int(numbers[5])
         self._scheduler.run_until(int(arrivals[taken - 1]))
-        self._fed = self._now
+        self._watchdog.feed()
         return taken, self._now
 
     def _acknowledge_stream(
@@ -612,33 +598,12 @@ class Controller:
                 pieces = [(Memory.ENTRIES, body.first, pack_entries(body.entries))] * PROCESSORS
             case Samples():
                 pieces = [(Memory.SAMPLES, body.first, body.samples)] * PROCESSORS
-        ready = self._now + SORT_CYCLES
-        for place, (memory, first, data) in zip(PLACES, pieces, strict=True):
-            self._loads += [PendingLoad(ready, load) for load in loads(place, memory, first, data)]
-        self._loads[-1] = self._loads[-1]._replace(last=True)
-        self._stores_waiting += 1
-        if not self._pumping:
-            self._pumping = True
-            self._scheduler.at(ready, self._pump)
-
-    def _pump(self) -> None:
-        """Send the next load, if it will have left before the next change is due (clause CHN-019)."""
-        if not self._loads:
-            self._pumping = False
-            return
-        self.settle()
-        ready, load, last = self._loads[0]
-        at = max(self._now, ready, self._agenda.gap(self._now, self._agenda.load_cycles), self._chain.free_at)
-        if at > self._now:
-            self._scheduler.at(at, self._pump)
-            return
-        self._loads.popleft()
-        self._chain.load(load)
-        self._load_leaves = self._now + self._agenda.load_cycles
-        if last:
-            self._stores_waiting -= 1
-            self._announce_room()
-        self._scheduler.at(self._load_leaves, self._pump)
+        to_all = [
+            load
+            for place, (memory, first, data) in zip(PLACES, pieces, strict=True)
+            for load in loads(place, memory, first, data)
+        ]
+        self._loading.add(to_all, self._now + SORT_CYCLES)
 
     def _question_time(self) -> int:
         """When a question to a processor can go without holding up a change."""
@@ -649,7 +614,7 @@ class Controller:
     def _reading_time(self) -> int:
         """When a question what a processor plays can go, which may hold up no loads that a program counts on either."""
         asking = self._question_time()
-        return max(asking, self._agenda.loads_gone(self._now, len(self._loads))) if self._loads else asking
+        return max(asking, self._agenda.loads_gone(self._now, len(self._loading))) if self._loading else asking
 
     # What changes mean
 
@@ -705,17 +670,24 @@ class Controller:
                 self._send_silence((STOP_MODULATION,) if self._agenda.tail.modulated else ())
             self._announce_room()
         if self._state in WATCHED and was not in WATCHED:
-            self._fed = at
-            self._arm_watchdog()
+            self._watchdog.watch(at)
+        elif self._state not in WATCHED:
+            self._watchdog.rest()
         if self._bus_suspended and after(self._state, Event.SUSPEND) is not self._state:
             self._happen(Event.SUSPEND, at)  # clause STA-004
         elif event in SPOKEN or door is not None:
             self._speak(besides=door)
 
+    def _fall_to_watchdog(self) -> None:
+        self._log(f"watchdog: no word from the host for {self._watchdog.milliseconds} ms")
+        self._watchdog_fired = True
+        self._happen(Event.WATCHDOG, self._now)
+
     def _drop_all(self) -> None:
         """Drop what is queued, and forget what plays (clause SAF-004)."""
         self._agenda.drop_queued(self._now)
         self._agenda.mute()
+        self._loading.wake()
         self._disabled_from = None
         self._runs, self._modulation_plays, self._since_period = None, False, 0
         self._log("outputs disabled")
@@ -723,7 +695,7 @@ class Controller:
     def _send_silence(self, stops: tuple[Program, ...]) -> None:
         """Silence all outputs as soon as the chain can."""
         # A load or a question may just have begun.
-        ready = max(self._now, self._load_leaves) + self._agenda.question_cycles
+        ready = max(self._now, self._loading.leaves) + self._agenda.question_cycles
         change = self._agenda.add(ready, 0, SILENCE, stops, None, folded=self._chain.folded, asked=False)
         self._stores.end(change.period, sequences=True, modulations=True)
         self._dispatch(change)
@@ -832,24 +804,6 @@ class Controller:
         """The watch over the processors."""
         return self._supervisor
 
-    # Watchdog
-
-    def _arm_watchdog(self) -> None:
-        self._armed += 1
-        due = max(self._now, self._fed + self._watchdog_ms * MILLISECOND)
-        self._scheduler.at(due, partial(self._watch, self._armed))
-
-    def _watch(self, armed: int) -> None:
-        self.settle()
-        if armed != self._armed or self._state not in WATCHED:
-            return
-        if self._now < self._fed + self._watchdog_ms * MILLISECOND:
-            self._arm_watchdog()
-            return
-        self._log(f"watchdog: no word from the host for {self._watchdog_ms} ms")
-        self._watchdog_fired = True
-        self._happen(Event.WATCHDOG, self._now)
-
     # Requests
 
     def request(self, setup: Setup, data: bytes, door: Door) -> bytes:
@@ -899,7 +853,7 @@ class Controller:
 
     def _enable(self, door: Door) -> None:
         if self._state in ENABLED:
-            self._fed = self._now
+            self._watchdog.feed()
             return
         if after(self._state, Event.ENABLE) is self._state:
             raise Stall(f"the outputs cannot be enabled in state {self._state.name}")
@@ -909,8 +863,7 @@ class Controller:
         self._happen(Event.ENABLE, self._now, door)
 
     def _set_watchdog(self, milliseconds: int) -> None:
-        self._watchdog_ms = milliseconds
-        self._arm_watchdog()
+        self._watchdog.set_time(milliseconds)
 
     def _set_limit(self, transducers: int) -> None:
         if self._state in ENABLED:
@@ -927,7 +880,7 @@ class Controller:
         return [board for board, until in sorted(self._lights.items()) if until > self._now]
 
     def _answer_status(self, _: int) -> bytes:
-        self._fed = self._now
+        self._watchdog.feed()
         return self.status().encode()
 
     def status(self) -> Status:
@@ -950,7 +903,7 @@ class Controller:
             damaged_messages=self._supervisor.damaged_messages % 2**32,
             free=self._free,
             temperature_c=self._supervisor.temperature_c,
-            watchdog_ms=self._watchdog_ms,
+            watchdog_ms=self._watchdog.milliseconds,
             drive_limit=self._drive_limit,
             dropped_frames=self.dropped_frames % 2**32,
         )

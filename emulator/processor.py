@@ -367,7 +367,10 @@ class Processor:
             used, entries = np.unique(slots, return_inverse=True)
             pulses = self._memories[Memory.SLOTS]
             packed = [bytes(pulses[slot * SLICE_BYTES : (slot + 1) * SLICE_BYTES]) for slot in used]
-            self.reel.run(program.period + self._lag(), packed, entries, periods, program.repeats)
+            if periods.any():
+                self.reel.run(program.period + self._lag(), packed, entries, periods, program.repeats)
+            else:  # entries that were never stored; a controller never lets it come to this
+                self.reel.silence(program.period)
         elif self.reel.runs:
             self.reel.silence(program.period)
 
