@@ -41,6 +41,7 @@ bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q benchmarks $(PYTEST_ARGS)
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/solver.py
 	@$(BIN)/python benchmarks/protocol.py
+	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/emulator.py
 
 bench-peers: $(VENV)/ready   ## beside autd3, acoustools and levitate, each in .peers (2 GB, made once)
 	@$(BIN)/python benchmarks/peers/run.py
