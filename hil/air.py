@@ -24,19 +24,21 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ..emulator.amplifier import FULL_DRIVE_V, Amplifier
-from ..protocol.board import CARRIER_HZ, CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
+from ..emulator.amplifier import Amplifier
+from ..protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.wiring import Wiring
-from ..solver import Medium, TransducerArray, transfer_matrix
+from ..solver import Medium, TransducerArray
 from ..solver.geometry import as_points
+from ..solver.propagation import arrivals
 from ..solver.resonator import OnePole, Resonator
+from .ringing import Bank, words_of
 
 __all__ = ["Outputs", "Playback", "component", "rms"]
 
 SETTLED = 37  # time constants after which double precision can tell nothing of what was before
 TICKS_AT_A_TIME = 2048
 PERIODS_AT_A_TIME = 4096
-POINTS_AT_A_TIME = 256
+POINTS_AT_A_TIME = 64
 NEGLIGIBLE = 1e-6  # of the strongest combination of drives
 
 
@@ -122,31 +124,55 @@ class Playback:
         ValueError
             Where the stretch was not captured, or as `transfer_matrix`.
         """
-        from ..solver.time_kernels import sum_delayed  # numba takes half a second to import
+        start, stop = _stretch("ticks", start, stop, self.capture.end_tick)
+        points, resonance = as_points(at, "point"), self.resonator.sampled(1 / TICK_HZ)
+        lag, here, following = self._heard(points, resonance)
+        nearest, farthest = int(lag.min()), int(lag.max())
+        lag -= nearest
+        first, last = ((tick - way) // TICKS_PER_PERIOD for tick, way in ((start, farthest), (stop, nearest)))
+        settling = math.ceil(SETTLED * self.resonator.time_constant * CARRIER_HZ)
+        bank = Bank(self.capture, self.amplifier, resonance, max(first - settling, min(first, 0)))
+        bank.skip_until(first)
+        pressure = np.empty((len(points), stop - start), dtype=np.float32)
+        heard_until = 0
+        for emission in bank.emit_until(last + 1):
+            begin = emission.first * TICKS_PER_PERIOD + nearest - start
+            for rows, heard in emission.heard(lag, here, following):
+                end = min(max(begin + heard.shape[1], 0), stop - start)
+                pressure[rows, max(begin, 0) : heard_until] += heard[:, max(-begin, 0) : heard_until - begin]
+                pressure[rows, heard_until:end] = heard[:, heard_until - begin : end - begin]
+            heard_until = end
+        return pressure
+
+    def voltages(self, start: int, stop: int) -> NDArray[np.float32]:
+        """What the amplifiers put on the transducers.
+
+        Parameters
+        ----------
+        start, stop : int
+            Ticks of the capture, 0.5 µs each; stop is not included.
+
+        Returns
+        -------
+        (320, stop - start) float32
+            In array order, the mean over each tick, in volts.
+
+        Raises
+        ------
+        ValueError
+            Where the stretch was not captured.
+        """
+        from ..solver.time_kernels import write_drives
 
         start, stop = _stretch("ticks", start, stop, self.capture.end_tick)
-        gain, delay = self._delays(as_points(at, "point"))
-        resonance = self.resonator.sampled(1 / TICK_HZ)
-        lag = np.ceil(delay).astype(np.int64)
-        nearest, farthest = int(lag.min()), int(lag.max())
-        following = gain * resonance.between(lag - delay)
-        weights = [self.capture.wiring.sort(w).astype(np.complex64) for w in (gain - following, following)]
-        columns = self.capture.wiring.sort(farthest - lag)
-
-        emitted = start - farthest  # the first tick of which something is heard
-        settling = math.ceil(SETTLED * self.resonator.time_constant * TICK_HZ)
-        bank = _Bank(self.capture, self.amplifier, resonance, max(emitted - settling, min(emitted, 0)))
-        while bank.tick < emitted:
-            bank.run(min(TICKS_AT_A_TIME, emitted - bank.tick))
-        overlap = farthest - nearest + 1
-        states = bank.run(overlap)
-        pressure = np.empty((len(gain), stop - start), dtype=np.float32)
-        for first in range(0, stop - start, TICKS_AT_A_TIME):
-            part = np.empty((len(gain), min(TICKS_AT_A_TIME, stop - start - first)), dtype=np.float32)
-            states = np.concatenate([states[:, :, -overlap:], bank.run(part.shape[1])], axis=2)
-            sum_delayed(states[0], states[1], columns, weights[0], weights[1], part)
-            pressure[:, first : first + TICKS_AT_A_TIME] = part
-        return pressure
+        transducer = np.argsort(self.capture.wiring.channels)
+        volts = np.empty((CHANNELS, stop - start), dtype=np.float32)
+        for first in range(start, stop, TICKS_AT_A_TIME):
+            last = min(first + TICKS_AT_A_TIME, stop)
+            words = words_of(self.capture, first - 1, last)
+            tick_voltages = self.amplifier.tick_voltages.astype(np.float32)
+            write_drives(words[1:], tick_voltages, words[0], transducer, volts[:, first - start : last - start])
+        return volts
 
     def phasors(self, at: ArrayLike, first: int, last: int) -> NDArray[np.complex64]:
         """Pressure phasors, from the fundamental of each carrier period.
@@ -214,23 +240,46 @@ class Playback:
     def _periods(self, first: int, last: int) -> tuple[int, int]:
         return _stretch("periods", first, last, self.capture.end_tick // TICKS_PER_PERIOD)
 
-    def _paths(self, points: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-        """What arrives of a drive's phasor, and after how many carrier periods, (k, n) each."""
-        matrix = transfer_matrix(self.array, points, self.medium)
-        matrix[:, list(self.capture.open_transducers)] = 0
-        distance = np.linalg.norm(points[:, None] - self.array.positions, axis=2)
-        return matrix, distance / self.medium.wavelength
+    def _lags(self, points: NDArray[np.float64]) -> range:
+        """Periods ago, none less and none more, of which something is heard at some points."""
+        others = self.array.positions
+        gap = np.maximum(points.min(axis=0) - others.max(axis=0), others.min(axis=0) - points.max(axis=0))
+        reach = np.maximum(points.max(axis=0) - others.min(axis=0), others.max(axis=0) - points.min(axis=0))
+        near, far = (float(np.linalg.norm(np.maximum(way, 0))) / self.medium.wavelength for way in (gap, reach))
+        return range(max(math.ceil(near) - 2, 0), math.ceil(far) + 2)
 
-    def _delays(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The same for a real wave: a gain, which may be negative, and a delay in ticks.
+    def _arrivals(self, points: NDArray[np.float64]) -> NDArray[np.complex64]:
+        """What arrives of each transducer's drive but for the phase of its way, (k, n)."""
+        found = arrivals(self.array, points, self.medium)
+        found[:, list(self.capture.open_transducers)] = 0
+        return found
+
+    def _heard(
+        self, points: NDArray[np.float64], resonance: OnePole
+    ) -> tuple[NDArray[np.int64], NDArray[np.complex64], NDArray[np.complex64]]:
+        """For each point and channel, (k, 320): lags in ticks, and the weights of the state then and of the next.
 
         A phase that is neither the way's nor a sign, as a near field or a calibrated response has it, is taken for a
         delay.
         """
-        matrix, periods = self._paths(points)
-        rest = matrix * np.exp(-2j * np.pi * periods)
-        sign = np.where(rest.real < 0, -1.0, 1.0)
-        return sign * np.abs(rest), (periods + np.angle(sign * rest) / (2 * np.pi)) * TICKS_PER_PERIOD
+        from ..solver.time_kernels import place_waves
+
+        wiring = self.capture.wiring
+        shape = (len(points), CHANNELS)
+        lag, here, following = np.empty(shape, np.int64), np.empty(shape, np.complex64), np.empty(shape, np.complex64)
+        transducer = np.argsort(wiring.channels)
+        place_waves(
+            points,
+            self.array.positions[transducer],
+            self._arrivals(points)[:, transducer],
+            TICKS_PER_PERIOD / self.medium.wavelength,
+            TICKS_PER_PERIOD / (2 * math.pi),
+            resonance.between_series(),
+            lag,
+            here,
+            following,
+        )
+        return lag, here, following
 
     def _phasors(
         self, points: NDArray[np.float64], first: int, last: int
@@ -242,18 +291,22 @@ class Playback:
         """
         if first == last:
             return
+        from ..solver.time_kernels import place_envelopes
+
         resonance = self.resonator.enveloped(CARRIER_HZ, 1 / CARRIER_HZ)
-        longest = math.ceil(_farthest(points, self.array.positions) / self.medium.wavelength) + 1
+        wavelength, series = self.medium.wavelength, resonance.between_series()
+        longest = self._lags(points).stop
         envelopes, fields = self._envelopes(resonance, first - longest, last)
+        pairs = np.stack([fields.real.T, fields.imag.T]).astype(np.float32)
         for i in range(0, len(points), POINTS_AT_A_TIME):
             rows = slice(i, min(i + POINTS_AT_A_TIME, len(points)))
-            matrix, delay = self._paths(points[rows])
-            lag = np.ceil(delay).astype(np.int64)
-            following = matrix * resonance.between(lag - delay)
-            here = matrix - following
-            lags = range(int(lag.min()) - 1, int(lag.max()) + 1)
-            heard = [(np.where(lag == b, here, 0) + np.where(lag == b + 1, following, 0)) @ fields.T for b in lags]
-            response = np.concatenate(heard, axis=1).astype(np.complex64)
+            lags = self._lags(points[rows])
+            re, im = np.empty((2, rows.stop - i, len(lags), len(fields)), dtype=np.float32)
+            arriving = self._arrivals(points[rows])
+            place_envelopes(
+                points[rows], self.array.positions, arriving, 1 / wavelength, series, pairs, lags[0], re, im
+            )
+            response = (re + 1j * im).reshape(len(re), -1)
             for k in range(0, last - first, PERIODS_AT_A_TIME):
                 columns = slice(k, min(k + PERIODS_AT_A_TIME, last - first))
                 begin, end = columns.start + longest, columns.stop + longest
@@ -279,32 +332,6 @@ class Playback:
         # The state at the beginning of a period is what the drives before it have made.
         rung = scipy.signal.lfilter([0, rate], [1, -resonance.decay], drive, axis=0)
         return np.ascontiguousarray(rung[first - begin :].T, dtype=np.complex64), fields
-
-
-class _Bank:
-    """The resonators of all channels, rung by a capture's bits from a tick on, before which they are at rest."""
-
-    def __init__(self, capture: Outputs, amplifier: Amplifier, resonance: OnePole, tick: int) -> None:
-        self.tick = tick
-        self._capture = capture
-        self._drives = amplifier.tick_voltages / FULL_DRIVE_V
-        self._resonance = resonance
-        self._before = np.zeros(PROCESSORS, dtype=np.uint32)
-        self._state = np.zeros(CHANNELS, dtype=np.complex128)
-
-    def run(self, ticks: int) -> NDArray[np.float32]:
-        """Real and imaginary parts of the states at the beginning of the next ticks, (2, 320, ticks) by channel."""
-        from ..solver.time_kernels import ring
-
-        words = np.zeros((ticks, PROCESSORS), dtype=np.uint32)
-        silent = min(max(-self.tick, 0), ticks)
-        self.tick += ticks
-        if silent < ticks:
-            words[silent:] = self._capture.bits(self.tick - ticks + silent, self.tick)
-        states = np.empty((2, CHANNELS, ticks), dtype=np.float32)
-        decay, gain = self._resonance
-        ring(words, self._drives, decay, (1 - decay) * gain, self._before, self._state, states[0], states[1])
-        return states
 
 
 def rms(signal: ArrayLike) -> NDArray[np.float64]:
@@ -355,12 +382,6 @@ def _stretch(unit: str, start: int, stop: int, end: int) -> tuple[int, int]:
     if not 0 <= start <= stop <= end:
         raise ValueError(f"{unit} {start} to {stop} are not within the captured 0 to {end}")
     return start, stop
-
-
-def _farthest(points: NDArray[np.float64], others: NDArray[np.float64]) -> float:
-    """A distance that none of some points exceeds from any of the others."""
-    reach = np.maximum(points.max(axis=0) - others.min(axis=0), others.max(axis=0) - points.min(axis=0))
-    return float(np.linalg.norm(reach))
 
 
 def _factors(rows: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

@@ -23,7 +23,7 @@ from .models import residual
 from .simd import LANES
 from .table import ResidualTable
 
-__all__ = ["aligned", "can_reach", "compilation", "farthest_of", "pressure_at", "tables_of", "too_close"]
+__all__ = ["aligned", "arrivals_at", "can_reach", "compilation", "farthest_of", "pressure_at", "tables_of", "too_close"]
 
 MEDIA = 8  # in which the tables of an array are kept at the same time
 POLYNOMIAL_ERROR = 2e-6
@@ -155,6 +155,24 @@ def pressure_at(
         pressure,
     )
     return pressure
+
+
+def arrivals_at(tables: Tables, array: TransducerArray, points: NDArray[np.float64]) -> NDArray[np.complex64]:
+    """What arrives of each unit drive at (m, 3) points, in pascals, but for the phase of its way; they are not checked.
+
+    Returns
+    -------
+    (m, n) complex64
+        P₁·polarity·response·residual·e^{−αr}/r: `transfer_matrix` without e^{ikr}.
+    """
+    re, im = np.empty((2, len(points), tables.elements.shape[1]), dtype=np.float32)
+    kernel: Callable[..., None] = kernels.fill_transfer if len(tables.wave) == 1 else kernels.fill_transfer_by_table
+    wanted, reach = np.zeros(len(points), dtype=np.float32), aligned(tables.elements.shape[1])
+    turns = type(tables.turns)(0)
+    kernel(tables.elements, *tables.wave, turns, tables.nepers, points, tables.origin, wanted, re, im, reach)
+    arrivals = np.empty((len(points), len(array)), dtype=np.complex64)
+    arrivals.real, arrivals.imag = re[:, : len(array)], im[:, : len(array)]
+    return np.multiply(arrivals, np.float32(tables.strength), out=arrivals)
 
 
 def too_close(array: TransducerArray, tables: Tables, points: NDArray[np.float64]) -> Iterator[int]:

@@ -5,7 +5,7 @@ Time factor e^{-iωt}, outgoing wave e^{+ikr}/r, pressure as peak complex amplit
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,10 @@ from .medium import Medium
 from .models import residual
 from .table import ResidualTable
 
-__all__ = ["Precision", "pressure", "transfer_matrix"]
+if TYPE_CHECKING:
+    from .compiled import Tables
+
+__all__ = ["Precision", "arrivals", "pressure", "transfer_matrix"]
 
 Precision = Literal["double", "single"]
 
@@ -117,26 +120,65 @@ def pressure(
     if precision not in get_args(Precision):
         raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
     points, medium = as_points(at, "point"), medium or Medium()
-    if precision == "single":
-        from .compiled import (  # numba takes half a second to import
-            can_reach,
-            farthest_of,
-            pressure_at,
-            tables_of,
-            too_close,
-        )
+    if precision == "single" and (tables := _reaching(array, points, medium)) is not None:
+        from .compiled import pressure_at
 
-        tables = tables_of(array, medium)
-        if can_reach(tables, farthest_of(tables, points)):
-            for index in too_close(array, tables, points):
-                _check_distance(array, points[index], index)
-            return pressure_at(tables, array, drive, points)
+        return pressure_at(tables, array, drive, points)
     result = np.empty(len(points), dtype=np.complex128)
     at_a_time = max(1, PAIRS_AT_A_TIME // len(array))
     for first in range(0, len(points), at_a_time):
         part = slice(first, first + at_a_time)
         result[part] = _transfer_matrix(array, points[part], medium, first) @ drive
     return result
+
+
+def arrivals(array: TransducerArray, at: ArrayLike, medium: Medium) -> NDArray[np.complex64]:
+    """What arrives at each point of each transducer's unit drive, but for the phase of its way.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    at : (m, 3) float
+        As for `transfer_matrix`.
+    medium : Medium
+        The air.
+
+    Returns
+    -------
+    (m, n) complex64
+        `transfer_matrix` without e^{ikr}, as exact as `pressure` in single precision: for waves that are no phasors, or
+        whose delay is known better.
+
+    Raises
+    ------
+    ValueError
+        As `transfer_matrix`.
+    """
+    points = as_points(at, "point")
+    if (tables := _reaching(array, points, medium)) is not None:
+        from .compiled import arrivals_at
+
+        return arrivals_at(tables, array, points)
+    found = np.empty((len(points), len(array)), dtype=np.complex64)
+    at_a_time = max(1, PAIRS_AT_A_TIME // len(array))
+    for first in range(0, len(points), at_a_time):
+        part = slice(first, first + at_a_time)
+        way = np.linalg.norm(points[part, None] - array.positions, axis=2)
+        found[part] = _transfer_matrix(array, points[part], medium, first) * np.exp(-1j * medium.wavenumber * way)
+    return found
+
+
+def _reaching(array: TransducerArray, points: NDArray[np.float64], medium: Medium) -> Tables | None:
+    """Tables for the compiled kernels, if these are exact enough as far as the points are, which are checked."""
+    from .compiled import can_reach, farthest_of, tables_of, too_close  # numba takes half a second to import
+
+    tables = tables_of(array, medium)
+    if not can_reach(tables, farthest_of(tables, points)):
+        return None
+    for index in too_close(array, tables, points):
+        _check_distance(array, points[index], index)
+    return tables
 
 
 def _check_distance(array: TransducerArray, point: NDArray[np.float64], number: int) -> None:

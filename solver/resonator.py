@@ -19,11 +19,15 @@ from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from .transducer import Transducer
 
 __all__ = ["OnePole", "Resonator"]
+
+EPSILON = float(np.finfo(float).eps)
+MOST_POWERS = 40  # of a step, in which a resonance turns by less than half a period: π⁴⁰/40! is nothing
 
 
 class OnePole(NamedTuple):
@@ -64,6 +68,14 @@ class OnePole(NamedTuple):
         """
         decayed = np.exp(np.log(self.decay) * np.asarray(fraction, dtype=np.float64))
         return np.asarray((1 - decayed) / (1 - self.decay))
+
+    def between_series(self) -> NDArray[np.complex128]:
+        """The same as a polynomial of the fraction, (d,) complex: its coefficients, ascending, to double precision."""
+        exponent = np.log(self.decay)
+        powers = np.arange(MOST_POWERS)
+        terms = exponent**powers / scipy.special.factorial(powers)
+        degree = int(np.flatnonzero(np.abs(terms) > EPSILON * abs(exponent))[-1])
+        return np.asarray(np.where(powers == 0, 0, terms)[: degree + 1] / (self.decay - 1))
 
 
 @dataclass(frozen=True)

@@ -144,6 +144,16 @@ def test_a_transducer_that_is_not_connected_is_silent(array: TransducerArray, tu
     )
 
 
+def test_voltages_are_those_of_the_amplifier(scrambled: Wiring, tune: Recorded) -> None:
+    amplifier = Amplifier(13, 0.3e-6)
+    levels = (tune.bits(0, 2400)[:, :, None] >> np.arange(32, dtype=np.uint32) & 1).reshape(2400, 320)
+    expected = scrambled.unsort(amplifier.voltage(levels)).T
+    playback = Playback(tune, amplifier=amplifier)
+    np.testing.assert_allclose(playback.voltages(0, 2400), expected, rtol=1e-6)
+    np.testing.assert_allclose(playback.voltages(777, 901), expected[:, 777:901], rtol=1e-6)
+    assert playback.voltages(5, 5).shape == (320, 0)
+
+
 def test_silence_is_silent(array: TransducerArray, scrambled: Wiring) -> None:
     playback = Playback(recorded(scrambled, (SILENCE, 20)), array)
     assert not playback.signal(AT, 0, 1000).any()

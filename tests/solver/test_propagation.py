@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from phasewire import Medium, Transducer, TransducerArray, pressure
 from phasewire.solver import MODELS, Aperture, residual, slice_field
 from phasewire.solver.models import directivity
-from phasewire.solver.propagation import transfer_matrix
+from phasewire.solver.propagation import arrivals, transfer_matrix
 from scipy.integrate import dblquad
 
 AIR = Medium()
@@ -184,3 +184,19 @@ def test_sound_travels_back_as_it_came(model: str) -> None:
     assert back == pytest.approx(turned)  # back from 1 with its normal is there from 0 with that normal reversed
     if model == "monopole":
         assert there == pytest.approx(back)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("far", [0.2, 6.0], ids=["compiled", "too far for that"])
+def test_arrivals_are_the_transfer_without_the_phase_of_the_way(model: str, far: float) -> None:
+    medium = Medium(absorbing=True)
+    array = TransducerArray.grid(4, 3, transducer=Transducer(model=model, polarity=-1)).calibrated(
+        np.linspace(0.5, 1, 12) * np.exp(1j * np.arange(12))
+    )
+    at = np.array([[0.03, 0.01, far], [-0.2, 0.1, far / 2], [0.01, 0, 0.05], [0, 0, -0.3]])
+    way = np.linalg.norm(at[:, None] - array.positions, axis=2)
+    expected = transfer_matrix(array, at, medium) * np.exp(-1j * medium.wavenumber * way)
+    found = arrivals(array, at, medium)
+    np.testing.assert_allclose(found, expected, atol=2e-5 * np.abs(expected).max())
+    with pytest.raises(ValueError, match=r"point 1 at .* mm from transducer 0"):
+        arrivals(array, [at[0], array.positions[0]], medium)

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from phasewire import Transducer
 from phasewire.solver.resonator import Resonator
-from phasewire.solver.time_kernels import ring, sum_delayed
+from phasewire.solver.simd import LANES
+from phasewire.solver.time_kernels import POINTS_AT_ONCE, place_envelopes, place_waves, ring, sum_bursts
 from scipy import signal
 
 TICK = 0.5e-6
@@ -116,28 +117,85 @@ def test_the_kernel_rings_every_bit_as_the_readable_one(
     bits = bits.reshape(steps + 1, 32 * words)
     one = resonator.sampled(TICK)
     expected = one.ring(drives[bits[:-1], bits[1:]], start)
-    before, state = levels[0].copy(), start.copy()
-    re, im = np.empty((2, 32 * words, steps), np.float32)
-    ring(levels[1:], drives, one.decay, (1 - one.decay) * one.gain, before, state, re, im)
-    np.testing.assert_allclose(re + 1j * im, expected[:-1].T, rtol=1e-6, atol=1e-6)
+    state, states = start.copy(), np.empty((32 * words, steps + 1), np.complex64)
+    ring(levels[1:], drives, one.decay, (1 - one.decay) * one.gain, levels[0], state, states)
+    np.testing.assert_allclose(states, expected.T, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(state, expected[-1], rtol=1e-12)
-    assert before.tolist() == levels[-1].tolist()
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 40))
-def test_the_kernel_adds_up_delayed_waves(seed: int, samples: int) -> None:
+@given(st.integers(0, 2**32 - 1), st.integers(1, 2), st.integers(0, 40), st.integers(1, 2))
+def test_the_kernel_adds_up_bursts_of_waves(seed: int, sets: int, steps: int, groups: int) -> None:
     rng = np.random.default_rng(seed)
-    states = rng.normal(size=(2, 5, samples + 8)).astype(np.float32)
-    first = rng.integers(0, 8, (3, 5))
-    here, following = (rng.normal(size=(2, 3, 5)) + 1j * rng.normal(size=(2, 3, 5))).astype(np.complex64)
-    here[0, 0] = following[0, 0] = 0
-    total = np.full((3, samples), 7, np.float32)
-    sum_delayed(states[0], states[1], first, here, following, total)
-    z = states[0] + 1j * states[1]
-    for i in range(3):
-        for k in range(samples):
-            terms = [here[i, q] * z[q, first[i, q] + k] + following[i, q] * z[q, first[i, q] + k + 1] for q in range(5)]
-            assert total[i, k] == pytest.approx(sum(terms).real, abs=1e-5)
+    points, sources, filled = groups * POINTS_AT_ONCE, 5, -(-steps // LANES) * LANES
+    states = (rng.normal(size=(sets, sources, steps + 1)) + 1j * rng.normal(size=(sets, sources, steps + 1))).astype(
+        np.complex64
+    )
+    lag = rng.integers(0, 30, (points, sources))
+    here, following = (rng.normal(size=(2, points, sources, 2)) @ [1, 1j]).astype(np.complex64)
+    waves = np.zeros((4, sets, sources, filled), np.float32)
+    waves[:2, :, :, :steps] = states.real[..., :-1], states.imag[..., :-1]
+    waves[2:, :, :, :steps] = states.real[..., 1:], states.imag[..., 1:]
+    total = np.full((points * sets, 30 + filled), 7, np.float32)
+    sum_bursts(waves.reshape(4, sets * sources, filled), lag, here, following, total)
+    expected = np.zeros((points, sets, 30 + filled))
+    for i, r, q in np.ndindex(points, sets, sources):
+        heard = here[i, q] * states[r, q, :-1] + following[i, q] * states[r, q, 1:]
+        expected[i, r, lag[i, q] : lag[i, q] + steps] += heard.real
+    np.testing.assert_allclose(total, expected.reshape(total.shape), atol=1e-5)
+
+
+SPEED, PITCH = 343.0, 0.0123
+
+
+def placed(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex64], NDArray[np.float64]]:
+    """Points, sources, what arrives, and the ways between them."""
+    rng = np.random.default_rng(seed)
+    points, sources = rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (6, 3))
+    arrival = (rng.normal(size=(4, 6, 2)) @ [1, 1j]).astype(np.complex64)
+    arrival[0] = arrival[0].real
+    arrival[1, 0] = 0
+    return points, sources, arrival, np.linalg.norm(points[:, None] - sources, axis=2)
+
+
+@given(st.integers(0, 2**32 - 1), RESONATORS)
+def test_the_kernel_places_waves_with_their_signs_and_delays(seed: int, resonator: Resonator) -> None:
+    """What is heard of a carrier that rings for ever is what arrives of it, with the phase of the way."""
+    points, sources, arrival, way = placed(seed)
+    one = resonator.sampled(TICK)
+    lag, (here, following) = np.empty((4, 6), np.int64), np.empty((2, 4, 6), np.complex64)
+    rate, per_radian = 1 / (SPEED * TICK), 1 / (2 * np.pi * CARRIER * TICK)
+    place_waves(points, sources, arrival, rate, per_radian, one.between_series(), lag, here, following)
+    sign = np.where(arrival.real < 0, -1, 1)
+    delay = way * rate + np.angle(sign * arrival) * per_radian
+    np.testing.assert_array_equal(lag, np.ceil(delay))
+    expected = sign * np.abs(arrival) * one.between(lag - delay)
+    np.testing.assert_allclose(following, expected, atol=1e-5)
+    np.testing.assert_allclose(here + following, sign * np.abs(arrival), atol=1e-5)
+
+
+@given(st.integers(0, 2**32 - 1), RESONATORS, st.integers(1, 3))
+def test_the_kernel_places_envelopes(seed: int, resonator: Resonator, count: int) -> None:
+    points, sources, arrival, way = placed(seed)
+    one = resonator.enveloped(CARRIER, 1 / CARRIER)
+    fields = np.random.default_rng(seed).normal(size=(2, 6, count)).astype(np.float32)
+    first, lags = -1, math.ceil(way.max() / PITCH) + 3
+    re, im = np.full((2, 4, lags, count), 7, np.float32)
+    place_envelopes(points, sources, arrival, 1 / PITCH, one.between_series(), fields, first, re, im)
+    expected = np.zeros((4, lags, count), np.complex128)
+    for i, q in np.ndindex(4, 6):
+        whole = math.ceil(way[i, q] / PITCH)
+        wave = arrival[i, q] * np.exp(2j * np.pi * way[i, q] / PITCH) * (fields[0, q] + 1j * fields[1, q])
+        ahead = one.between(whole - way[i, q] / PITCH)
+        expected[i, whole - first] += wave * (1 - ahead)
+        expected[i, whole - 1 - first] += wave * ahead
+    np.testing.assert_allclose(re + 1j * im, expected, atol=1e-4)
+
+
+@given(RESONATORS, st.floats(0.1e-6, 12e-6))
+def test_a_part_of_a_step_as_a_polynomial(resonator: Resonator, step: float) -> None:
+    one, part = resonator.sampled(step), np.linspace(0, 1, 20)
+    found = np.polynomial.polynomial.polyval(part, one.between_series())
+    np.testing.assert_allclose(found, one.between(part), rtol=1e-12, atol=1e-14)
 
 
 def test_without_a_drive_nothing_starts() -> None:

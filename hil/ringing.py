@@ -1,0 +1,212 @@
+"""What the resonators of all channels do while bits drive them, a stretch of carrier periods at a time.
+
+Outputs repeat themselves: a field that holds, a sequence, a modulation plays the same few periods again and again. Then
+the states of all resonators over a period are sums of a few waveforms, each times a number per period, and whatever is
+linear in them need be computed for the waveforms only. Where nothing repeats, the states come as they are.
+
+A resonance forgets slowly, so that no two periods begin alike. But its state is what the bits of the period make of
+rest, and what was there before, which rings down the same way whatever is played (`OnePole`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from ..emulator.amplifier import FULL_DRIVE_V, Amplifier
+from ..protocol.board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
+from ..solver.resonator import OnePole
+
+__all__ = ["Bank", "Bits", "Emission", "words_of"]
+
+NEGLIGIBLE = 1e-6
+"""Of the strongest waveform: weaker ones are left out."""
+PERIODS_AT_A_TIME = 1000
+ALIKE, MOST_TABLES = 4, 64
+"""Waveforms are shared where a table plays in so many periods on average, and there are no more tables."""
+FEW_PERIODS = 40
+"""Whose states fit a cache."""
+POINTS_AT_A_TIME = 64
+
+
+class Bits(Protocol):
+    """What is needed of a capture."""
+
+    @property
+    def end_tick(self) -> int:
+        """Number of ticks captured."""
+
+    def bits(self, start: int, stop: int) -> NDArray[np.uint32]:
+        """Port words of some ticks, (stop - start, 10)."""
+
+
+class Emission(NamedTuple):
+    """The states of all resonators over some carrier periods."""
+
+    first: int
+    """The period in which it begins."""
+    states: NDArray[np.complex64]
+    """Waveforms, (r, 320, t + 1) by channel: at the beginning of each tick, and at the end of the last."""
+    shares: NDArray[np.float32] | None
+    """How much of each waveform, of 50 ticks, there is in each period, (p, r). None where there is one waveform, which
+    is the states from beginning to end."""
+
+    def heard(
+        self, lag: NDArray[np.int64], here: NDArray[np.complex64], following: NDArray[np.complex64]
+    ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+        """Add up what some points hear of it, a few points at a time.
+
+        Parameters
+        ----------
+        lag, here, following : (k, 320)
+            After how many ticks, not negative, and how strongly; see `solver.time_kernels.place_waves`.
+
+        Yields
+        ------
+        rows : slice
+            Which points.
+        heard : (g, t) float32
+            What arrives at each tick, from the beginning of the emission on until all of it is there.
+        """
+        from ..solver.simd import LANES
+        from ..solver.time_kernels import POINTS_AT_ONCE, sum_bursts  # numba takes half a second to import
+
+        waveforms, steps = len(self.states), self.states.shape[2] - 1
+        filled = -(-steps // LANES) * LANES
+        waves = np.zeros((4, waveforms, CHANNELS, filled), dtype=np.float32)
+        waves[:2, :, :, :steps] = self.states.real[..., :-1], self.states.imag[..., :-1]
+        waves[2:, :, :, :steps] = self.states.real[..., 1:], self.states.imag[..., 1:]
+        span = -(-(int(lag.max()) + filled) // TICKS_PER_PERIOD)  # periods in which one waveform is heard
+        windows = None if self.shares is None else _windows(self.shares, span)
+        for first in range(0, len(lag), POINTS_AT_A_TIME):
+            rows = slice(first, min(first + POINTS_AT_A_TIME, len(lag)))
+            fill = ((0, -(rows.stop - first) % POINTS_AT_ONCE), (0, 0))
+            after, now, then = (np.pad(array[rows], fill) for array in (lag, here, following))
+            total = np.empty((len(after) * waveforms, span * TICKS_PER_PERIOD), dtype=np.float32)
+            sum_bursts(waves.reshape(4, waveforms * CHANNELS, filled), after, now, then, total)
+            if windows is not None:
+                total = windows @ total.reshape(len(after), waveforms * span, TICKS_PER_PERIOD)
+            yield rows, total.reshape(len(after), -1)[: rows.stop - first]
+
+
+def _windows(shares: NDArray[np.float32], span: int) -> NDArray[np.float32]:
+    """Shares (p, r) of the last so many periods in each, the last first, (p + span - 1, r span)."""
+    padded = np.pad(shares, ((span - 1, span - 1), (0, 0)))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, span, axis=0)[:, :, ::-1]
+    return np.ascontiguousarray(windows).reshape(len(windows), -1)
+
+
+class Bank:
+    """The resonators of all channels, from the beginning of a period on, before which they are at rest.
+
+    Parameters
+    ----------
+    capture : Capture
+        What drives them; before its tick 0, and after its end, all outputs are low.
+    amplifier : Amplifier
+        Between outputs and resonators.
+    resonance : OnePole
+        In steps of a tick.
+    period : int
+        Carrier period in which to begin, which may be negative.
+    """
+
+    def __init__(self, capture: Bits, amplifier: Amplifier, resonance: OnePole, period: int) -> None:
+        self.period = period
+        self._capture = capture
+        self._drives = amplifier.tick_voltages / FULL_DRIVE_V
+        self._resonance = resonance
+        self._state = np.zeros(CHANNELS, dtype=np.complex128)
+
+    def skip_until(self, period: int) -> None:
+        """Let time pass until a period begins."""
+        while self.period < period:
+            self._ring(min(FEW_PERIODS, period - self.period))
+
+    def emit_until(self, period: int) -> Iterator[Emission]:
+        """Let time pass until a period begins; what the resonators do meanwhile, piece by piece."""
+        while self.period < period:
+            count = min(PERIODS_AT_A_TIME, period - self.period)
+            played, tables = _different(self._words(count))
+            if len(tables) <= min(MOST_TABLES, count // ALIKE):
+                yield self._share(played, tables)
+                continue
+            for first in range(0, count, FEW_PERIODS):
+                yield self._ring(min(FEW_PERIODS, count - first))
+
+    def _words(self, periods: int) -> NDArray[np.uint32]:
+        """Port words of the next periods, after those of the tick before, (50 periods + 1, 10)."""
+        return words_of(self._capture, self.period * TICKS_PER_PERIOD - 1, (self.period + periods) * TICKS_PER_PERIOD)
+
+    def _ring(self, periods: int) -> Emission:
+        """Let periods pass, tick by tick."""
+        states, end = self._rung(self._words(periods)[None], self._state)
+        emission = Emission(self.period, states, None)
+        self.period, self._state = self.period + periods, end[0]
+        return emission
+
+    def _share(self, played: NDArray[np.intp], tables: NDArray[np.uint32]) -> Emission:
+        """Let periods pass, (p,), each of which plays one of a few tables, (m, 51, 10), the tick before included."""
+        driven, left = self._rung(tables, np.zeros(CHANNELS, np.complex128))
+        falling = self._resonance.decay ** np.arange(TICKS_PER_PERIOD + 1)
+        chosen = np.eye(len(tables))[played]
+        # How much of what each table has left, and of what there was, is there when each period begins, and the next.
+        kept = scipy.signal.lfilter([0, 1], [1, -falling[-1]], np.pad(chosen, ((0, 1), (0, 0))), axis=0)
+        kept = np.concatenate([kept, falling[-1] ** np.arange(len(played) + 1)[:, None]], axis=1)
+        left = np.concatenate([left, self._state[None]])
+        ringing = np.concatenate([driven, *(turn * left[:, :, None] * falling for turn in (1, 1j))])
+        shares, few = _few(np.concatenate([chosen, kept[:-1].real, kept[:-1].imag], axis=1), ringing)
+        emission = Emission(self.period, few, shares)
+        self.period, self._state = self.period + len(played), kept[-1] @ left
+        return emission
+
+    def _rung(
+        self, words: NDArray[np.uint32], state: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.complex64], NDArray[np.complex128]]:
+        """Waveforms, (m, 320, t + 1), and the states that they end with, (m, 320), of words, (m, t + 1, 10)."""
+        from ..solver.time_kernels import ring
+
+        states = np.empty((len(words), CHANNELS, words.shape[1]), dtype=np.complex64)
+        ends = np.repeat(state[None], len(words), axis=0)
+        decay, gain = self._resonance
+        for number, played in enumerate(words):
+            ring(played[1:], self._drives, decay, (1 - decay) * gain, played[0], ends[number], states[number])
+        return states, ends
+
+
+def words_of(capture: Bits, start: int, stop: int) -> NDArray[np.uint32]:
+    """Port words of some ticks, (stop - start, 10), all low before the capture and after it."""
+    words = np.zeros((stop - start, PROCESSORS), dtype=np.uint32)
+    first, last = max(start, 0), min(stop, capture.end_tick)
+    if first < last:
+        words[first - start : last - start] = capture.bits(first, last)
+    return words
+
+
+def _different(words: NDArray[np.uint32]) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
+    """Which table each period plays, (p,), and the tables, (m, 51, 10); of words with those of the tick before."""
+    periods = np.lib.stride_tricks.sliding_window_view(words, TICKS_PER_PERIOD + 1, axis=0)[::TICKS_PER_PERIOD]
+    index: dict[bytes, int] = {}
+    played = [index.setdefault(period.T.tobytes(), len(index)) for period in periods]
+    tables = np.frombuffer(b"".join(index), dtype=words.dtype)
+    return np.array(played), tables.reshape(-1, TICKS_PER_PERIOD + 1, PROCESSORS)
+
+
+def _few(
+    shares: NDArray[np.float64], waveforms: NDArray[np.complex128]
+) -> tuple[NDArray[np.float32], NDArray[np.complex64]]:
+    """As few waveforms as may be, (r, ...), with shares (p, r) of them, for the sums of others but for `NEGLIGIBLE`."""
+    flat = np.ascontiguousarray(waveforms).reshape(len(waveforms), -1).view(np.float64)
+    powers, mixtures = np.linalg.eigh(flat @ flat.T)
+    there = powers > (NEGLIGIBLE / 10) ** 2 * powers[-1]
+    roots, mixtures = np.sqrt(powers[there]), mixtures[:, there]
+    left, strengths, right = np.linalg.svd(shares @ (mixtures * roots), full_matrices=False)
+    strong = strengths > NEGLIGIBLE * strengths.max(initial=0)
+    few = (right[strong] @ (mixtures / roots).T @ flat).view(np.complex128).reshape(-1, *waveforms.shape[1:])
+    left = (left * strengths)[:, strong]
+    left[np.abs(left) < NEGLIGIBLE**2 * strengths.max(initial=0)] = 0  # so that silence is silent
+    return left.astype(np.float32), few.astype(np.complex64)
