@@ -43,8 +43,9 @@ bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
 	@$(BIN)/python benchmarks/protocol.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/emulator.py
 
-bench-peers: $(VENV)/ready   ## beside autd3, acoustools and levitate, each in .peers (2 GB, made once)
+bench-peers: $(VENV)/ready   ## beside autd3 and its emulators, acoustools and levitate, each in .peers (2 GB, made once)
 	@$(BIN)/python benchmarks/peers/run.py
+	@$(BIN)/python benchmarks/peers/run_emulation.py
 
 clean:           ## remove the environment and everything built
 	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -129,20 +129,19 @@ class Playback:
         lag, here, following = self._heard(points, resonance)
         nearest, farthest = int(lag.min()), int(lag.max())
         lag -= nearest
-        first, last = ((tick - way) // TICKS_PER_PERIOD for tick, way in ((start, farthest), (stop, nearest)))
+        first = (start - farthest) // TICKS_PER_PERIOD
         settling = math.ceil(SETTLED * self.resonator.time_constant * CARRIER_HZ)
         bank = Bank(self.capture, self.amplifier, resonance, max(first - settling, min(first, 0)))
         bank.skip_until(first)
-        pressure = np.empty((len(points), stop - start), dtype=np.float32)
-        heard_until = 0
-        for emission in bank.emit_until(last + 1):
-            begin = emission.first * TICKS_PER_PERIOD + nearest - start
-            for rows, heard in emission.heard(lag, here, following):
-                end = min(max(begin + heard.shape[1], 0), stop - start)
-                pressure[rows, max(begin, 0) : heard_until] += heard[:, max(-begin, 0) : heard_until - begin]
-                pressure[rows, heard_until:end] = heard[:, heard_until - begin : end - begin]
-            heard_until = end
-        return pressure
+        # What a period emits begins to arrive `nearest` ticks after it: periods of sound are cut there.
+        early = (start - nearest) % TICKS_PER_PERIOD
+        begin = (start - nearest) // TICKS_PER_PERIOD
+        periods = -(-(early + stop - start) // TICKS_PER_PERIOD)
+        sound = np.empty((len(points), periods, TICKS_PER_PERIOD), dtype=np.float32)
+        fresh = 0
+        for emission in bank.emit_until(begin + periods):
+            fresh = emission.arrive(sound, emission.first - begin, fresh, lag, here, following)
+        return sound.reshape(len(points), -1)[:, early : early + stop - start]
 
     def voltages(self, start: int, stop: int) -> NDArray[np.float32]:
         """What the amplifiers put on the transducers.
@@ -386,6 +385,10 @@ def _stretch(unit: str, start: int, stop: int, end: int) -> tuple[int, int]:
 
 def _factors(rows: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Matrices (f, r) and (r, n), with r as small as it may be, whose product is (f, n) rows, but for `NEGLIGIBLE`."""
+    if len(rows) < rows.shape[1]:
+        powers, basis = np.linalg.eigh(rows @ rows.conj().T)
+        basis = basis[:, powers > NEGLIGIBLE**2 * powers[-1]]
+        return basis, basis.conj().T @ rows
     powers, basis = np.linalg.eigh(rows.conj().T @ rows)
     basis = basis[:, powers > NEGLIGIBLE**2 * powers[-1]]
     return rows @ basis, basis.conj().T

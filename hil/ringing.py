@@ -23,8 +23,8 @@ from ..solver.resonator import OnePole
 
 __all__ = ["Bank", "Bits", "Emission", "words_of"]
 
-NEGLIGIBLE = 1e-6
-"""Of the strongest waveform: weaker ones are left out."""
+NEGLIGIBLE = 1e-5
+"""Of the strongest waveform: weaker ones are left out. In single precision the sum cannot tell."""
 PERIODS_AT_A_TIME = 1000
 ALIKE, MOST_TABLES = 4, 64
 """Waveforms are shared where a table plays in so many periods on average, and there are no more tables."""
@@ -55,22 +55,32 @@ class Emission(NamedTuple):
     """How much of each waveform, of 50 ticks, there is in each period, (p, r). None where there is one waveform, which
     is the states from beginning to end."""
 
-    def heard(
-        self, lag: NDArray[np.int64], here: NDArray[np.complex64], following: NDArray[np.complex64]
-    ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
-        """Add up what some points hear of it, a few points at a time.
+    def arrive(
+        self,
+        sound: NDArray[np.float32],
+        at: int,
+        fresh: int,
+        lag: NDArray[np.int64],
+        here: NDArray[np.complex64],
+        following: NDArray[np.complex64],
+    ) -> int:
+        """Add up what some points hear of it.
 
         Parameters
         ----------
+        sound : (k, p, 50) float32
+            Written, period by period: at each tick what arrives, as far as it lies within.
+        at : int
+            Period of `sound` in which the emission begins to arrive; it may lie before the first.
+        fresh : int
+            Period from which on nothing has been written to `sound` yet.
         lag, here, following : (k, 320)
-            After how many ticks, not negative, and how strongly; see `solver.time_kernels.place_waves`.
+            After how many ticks from there, not negative, and how strongly; see `solver.time_kernels.place_waves`.
 
-        Yields
-        ------
-        rows : slice
-            Which points.
-        heard : (g, t) float32
-            What arrives at each tick, from the beginning of the emission on until all of it is there.
+        Returns
+        -------
+        int
+            The period from which on still nothing has been written.
         """
         from ..solver.simd import LANES
         from ..solver.time_kernels import POINTS_AT_ONCE, sum_bursts  # numba takes half a second to import
@@ -82,15 +92,24 @@ class Emission(NamedTuple):
         waves[2:, :, :, :steps] = self.states.real[..., 1:], self.states.imag[..., 1:]
         span = -(-(int(lag.max()) + filled) // TICKS_PER_PERIOD)  # periods in which one waveform is heard
         windows = None if self.shares is None else _windows(self.shares, span)
-        for first in range(0, len(lag), POINTS_AT_A_TIME):
-            rows = slice(first, min(first + POINTS_AT_A_TIME, len(lag)))
-            fill = ((0, -(rows.stop - first) % POINTS_AT_ONCE), (0, 0))
-            after, now, then = (np.pad(array[rows], fill) for array in (lag, here, following))
-            total = np.empty((len(after) * waveforms, span * TICKS_PER_PERIOD), dtype=np.float32)
-            sum_bursts(waves.reshape(4, waveforms * CHANNELS, filled), after, now, then, total)
-            if windows is not None:
-                total = windows @ total.reshape(len(after), waveforms * span, TICKS_PER_PERIOD)
-            yield rows, total.reshape(len(after), -1)[: rows.stop - first]
+        arriving = span if windows is None else len(windows)
+        first = max(-at, 0)
+        last = max(min(arriving, len(sound[0]) - at), first)
+        again = min(max(fresh - at, first), last)
+        for point in range(0, len(sound), POINTS_AT_A_TIME):
+            part = sound[point : point + POINTS_AT_A_TIME]
+            rows = np.arange(point, point + -(-len(part) // POINTS_AT_ONCE) * POINTS_AT_ONCE).clip(max=len(sound) - 1)
+            total = np.empty((len(rows) * waveforms, span * TICKS_PER_PERIOD), dtype=np.float32)
+            sum_bursts(waves.reshape(4, -1, filled), lag[rows], here[rows], following[rows], total)
+            heard = total.reshape(len(rows), -1, TICKS_PER_PERIOD)[: len(part)]
+            earlier, later = part[:, at + first : at + again], part[:, at + again : at + last]
+            if windows is None:
+                earlier += heard[:, first:again]
+                later[:] = heard[:, again:last]
+            else:
+                earlier += windows[first:again] @ heard
+                np.matmul(windows[again:last], heard, out=later)
+        return max(fresh, at + last)
 
 
 def _windows(shares: NDArray[np.float32], span: int) -> NDArray[np.float32]:
@@ -202,7 +221,7 @@ def _few(
     """As few waveforms as may be, (r, ...), with shares (p, r) of them, for the sums of others but for `NEGLIGIBLE`."""
     flat = np.ascontiguousarray(waveforms).reshape(len(waveforms), -1).view(np.float64)
     powers, mixtures = np.linalg.eigh(flat @ flat.T)
-    there = powers > (NEGLIGIBLE / 10) ** 2 * powers[-1]
+    there = powers > (NEGLIGIBLE / 100) ** 2 * powers[-1]
     roots, mixtures = np.sqrt(powers[there]), mixtures[:, there]
     left, strengths, right = np.linalg.svd(shares @ (mixtures * roots), full_matrices=False)
     strong = strengths > NEGLIGIBLE * strengths.max(initial=0)

@@ -108,14 +108,16 @@ class Entry:
     notes: list[str] = field(default_factory=list)
 
 
-def measure(call: Callable[[], Any], budget: float, least: int = LEAST) -> tuple[Any, dict[str, Any]]:
-    """Call until the budget is spent, after a warm-up; return the last result and the times in seconds.
+def measure(
+    call: Callable[[], Any], budget: float, least: int = LEAST, warm_up: float = WARM_UP
+) -> tuple[Any, dict[str, Any]]:
+    """Call until the budget is spent, after a warm-up, if any; return the last result and the times in seconds.
 
     ``processor`` is the mean processor time of a call, of all threads, and ``cpu_share`` is processor time over wall
     time: above 1 more than one thread was at work, below 1 the machine was busy with something else.
     """
-    warm_until = perf_counter() + WARM_UP
-    result = call()
+    result: Any = None
+    warm_until = perf_counter() + warm_up
     while perf_counter() < warm_until:
         result = call()
     seconds: list[float] = []

@@ -12,11 +12,7 @@ import argparse
 import dataclasses
 import json
 import os
-import platform
-import shutil
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,36 +22,15 @@ from typing import Any
 import numpy as np
 import phasewire
 from contest import SAME_ITERATIONS, Task
+from environments import QUIET, ROOT, UnavailableError, enter, environment, machine
 from numpy.typing import NDArray
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
-ENVIRONMENTS = ROOT / ".peers"
 PEERS = ("autd3", "acoustools", "levitate")
 OURS = "phasewire"
-INSTALL_SECONDS = 1200.0
 RUN_SECONDS = 280.0  # for everything after the environments exist
 CONTESTANT_SECONDS = 100.0
-PROBE_SECONDS = 60.0
-QUIET = 0.9  # processor time over wall time, below which the machine was busy with something else
-ONE_THREAD = dict.fromkeys(
-    (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "NUMEXPR_NUM_THREADS",
-        "NUMBA_NUM_THREADS",
-        "RAYON_NUM_THREADS",
-        "POLARS_MAX_THREADS",
-    ),
-    "1",
-)
 HEIGHT = 0.20  # metres, of all shapes
 PLANE_SIDE, PLANE_SAMPLES = 0.2, 200
-
-
-class UnavailableError(Exception):
-    """A contestant cannot take part; the text says why."""
 
 
 def circle(radius: float, count: int, x: float = 0.0) -> NDArray[np.float64]:
@@ -111,68 +86,6 @@ def make_task(budget: float) -> Task:
         array.transducer.strength,
         budget,
     )
-
-
-def last_line(text: str) -> str:
-    """The last line of a message that says something."""
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    errors = [line for line in lines if "error" in line.lower()]
-    return (errors or lines or ["no reason given"])[-1][:200]
-
-
-def command(arguments: list[str], seconds: float, **variables: str) -> str:
-    """Run a program without this process's Python paths and return its output; `UnavailableError` where it fails."""
-    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL_ENV"))}
-    try:
-        done = subprocess.run(
-            arguments,
-            capture_output=True,
-            text=True,
-            timeout=seconds,
-            env=inherited | variables,
-            cwd=ROOT,
-            check=True,
-        )
-    except subprocess.TimeoutExpired:
-        raise UnavailableError(f"not done after {seconds:.0f} s") from None
-    except subprocess.CalledProcessError as error:
-        raise UnavailableError(last_line(error.stderr or error.stdout)) from None
-    except OSError as error:
-        raise UnavailableError(str(error)) from None
-    return done.stdout
-
-
-def environment(name: str) -> str:
-    """The peer's Python, in an environment that is made anew where the pinned versions have changed."""
-    requirements = HERE / f"{name}.txt"
-    folder = ENVIRONMENTS / name
-    python, ready = folder / "bin" / "python", folder / "ready"
-    wanted = f"{platform.python_version()}\n{requirements.read_text(encoding='utf-8')}"
-    if not (ready.is_file() and ready.read_text(encoding="utf-8") == wanted):
-        print(f"Setting up {folder.relative_to(ROOT)} (once) ...", flush=True)
-        shutil.rmtree(folder, ignore_errors=True)
-        try:
-            command([sys.executable, "-m", "venv", str(folder)], INSTALL_SECONDS)
-            install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r", str(requirements)]
-            command([str(python), *install], INSTALL_SECONDS)
-            ready.write_text(wanted, encoding="utf-8")
-        except (UnavailableError, OSError) as error:
-            shutil.rmtree(folder, ignore_errors=True)
-            raise UnavailableError(f"not installed: {error}") from None
-    return str(python)
-
-
-def enter(name: str, python: str, task: Task, seconds: float) -> dict[str, Any]:
-    """Run a contestant's script on the task and return its record, with the versions installed beside it."""
-    with tempfile.TemporaryDirectory() as folder:
-        task_path, result_path = Path(folder, "task.npz"), Path(folder, "result.json")
-        task.save(task_path)
-        script = [python, str(HERE / f"{name}_peer.py"), str(task_path), str(result_path)]
-        command(script, seconds, **ONE_THREAD, MPLBACKEND="Agg")
-        record: dict[str, Any] = json.loads(result_path.read_text(encoding="utf-8"))
-    versions = command([python, "-m", "pip", "list", "--format=json", "--disable-pip-version-check"], PROBE_SECONDS)
-    record["versions"] = {package["name"]: package["version"] for package in json.loads(versions)}
-    return record
 
 
 @dataclass(frozen=True)
@@ -239,7 +152,7 @@ def compete(task: Task, peers: list[str]) -> dict[str, dict[str, Any]]:
         print(f"{title} ...", flush=True)
         seconds = min(CONTESTANT_SECONDS, max(1.0, deadline - time.monotonic()))
         try:
-            record = enter(name, pythons[name], to_solve, seconds)
+            record = enter(f"{name}_peer.py", pythons[name], to_solve.save, seconds)
             judge_record(record, to_solve)
         except UnavailableError as error:
             record = {"unavailable": str(error)}
@@ -252,22 +165,6 @@ def compete(task: Task, peers: list[str]) -> dict[str, dict[str, Any]]:
         if array.shape != task.array.shape or not np.allclose(array, task.array, atol=1e-6):
             run(f"{OURS} on the array of {name}", OURS, dataclasses.replace(task, array=array))
     return records
-
-
-def machine() -> dict[str, Any]:
-    """What the numbers were measured on."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-        model = next(line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name"))
-    except (OSError, StopIteration):
-        model = platform.processor() or "unknown"
-    return {
-        "processor": model,
-        "cores": os.cpu_count(),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "load": os.getloadavg()[0],
-    }
 
 
 def milliseconds(case: dict[str, Any]) -> str:

@@ -117,18 +117,23 @@ def test_what_is_heard_is_the_weighted_sum_of_delayed_states(order: tuple[int, .
     rng = np.random.default_rng(7)
     lag = rng.integers(0, 130, (66, 320))
     here, following = (rng.normal(size=(2, 66, 320, 2)) @ [1, 1j]).astype(np.complex64)
-    for piece in Bank(played(8, *order), AMPLIFIER, resonance(), 0).emit_until(8):
-        exact = states(piece)
-        ticks = len(exact) - 1
-        found = list(piece.heard(lag, here, following))
-        assert [rows for rows, _ in found] == [slice(0, 64), slice(64, 66)]
-        for point in (0, 65):
-            heard = found[point // 64][1][point % 64]
-            summed = np.zeros(len(heard))
-            for q in range(320):
-                wave = here[point, q] * exact[:-1, q] + following[point, q] * exact[1:, q]
-                summed[lag[point, q] : lag[point, q] + ticks] += wave.real
-            np.testing.assert_allclose(heard, summed, atol=1e-5 * max(np.abs(summed).max(), 1))
+    emitted = []
+    sound, fresh = np.full((66, 14, 50), 7, np.float32), 0
+    bank = Bank(played(8, *order), AMPLIFIER, resonance(), 0)
+    for until in (4, 8):
+        for piece in bank.emit_until(until):
+            fresh = piece.arrive(sound, piece.first - 1, fresh, lag, here, following)  # but for the first period
+            emitted.append(states(piece))
+    exact = np.concatenate([*(piece[:-1] for piece in emitted), emitted[-1][-1:]])
+    assert fresh > 8
+    for point in (0, 63, 64, 65):
+        heard = np.zeros(600)
+        for q in range(320):
+            wave = here[point, q] * exact[:-1, q] + following[point, q] * exact[1:, q]
+            heard[lag[point, q] : lag[point, q] + 400] += wave.real
+        found = sound[point, :fresh].ravel()
+        np.testing.assert_allclose(found, heard[50:][: len(found)], atol=1e-5 * max(np.abs(heard).max(), 1))
+    assert (sound[:, fresh:] == 7).all()
 
 
 def test_outputs_are_low_before_a_capture_and_after_it() -> None:
