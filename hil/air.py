@@ -1,9 +1,10 @@
 """Back into the air: the pressure that captured bits make, as it comes and goes.
 
 There are two ways from bits to pressure, and they agree. `Playback.signal` follows every edge: bits, amplifier,
-resonance, the way through the air; it is for milliseconds. `Playback.phasors` and `Playback.intensity_component` take
-the fundamental of each carrier period and what the resonance makes of it; they are for seconds, and for many points.
-When the drive has not changed for long, both are the solver's phasor model, `solver.pressure`.
+resonance, the way through the air; it is for milliseconds, or for few points. `Playback.phasors` and
+`Playback.intensity_component` take the fundamental of each carrier period and what the resonance makes of it; they are
+for seconds, and for many points. When the drive has not changed for long, both are the solver's phasor model,
+`solver.pressure`.
 
 Both are linear: real air saturates at the pressures of a strong focus. A transducer is the same in all directions and
 at all frequencies as it is at 40 kHz, apart from its resonance. Pressure is peak in Pa, time factor e^{-iωt}.

@@ -73,8 +73,8 @@ def enter(scene: Scene) -> Entry:
         return Playback(recording.capture).voltages(first * TICKS_PER_PERIOD, last * TICKS_PER_PERIOD)
 
     def rms_field(recording: Recording, seconds: float) -> Any:
-        phasors = Playback(recording.capture).phasors(at, *periods(recording, seconds))
-        return np.abs(phasors) * np.float32(np.sqrt(0.5))
+        peak = np.abs(Playback(recording.capture).phasors(at, *periods(recording, seconds)))
+        return np.multiply(peak, np.float32(np.sqrt(0.5)), out=peak)
 
     def instantaneous_field(recording: Recording, seconds: float) -> Any:
         first, last = periods(recording, seconds)

@@ -26,7 +26,7 @@ VERSIONS = {"phasewire": "phasewire", "autd3": "autd3-emulator", "pyautd3": "pya
 """The package of each that emulates."""
 CONTESTANT_SECONDS = 1200.0
 STRETCHES = {"record": 1.0, "drives": 1.0, "voltages": 10e-3, "rms field": 50e-3, "instantaneous field": 5e-3}
-SCENE = Scene(height=0.15, side=0.04, points=100, modulation=200.0, samples=20, stretches=STRETCHES, budget=1.0)
+SCENE = Scene(height=0.15, side=0.04, points=100, modulation=200.0, samples=20, stretches=STRETCHES, budget=4.0)
 ROWS = {
     "record": "recording, from commands to a record",
     "drives": "phases and widths of each period",
