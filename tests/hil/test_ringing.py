@@ -112,25 +112,27 @@ def test_silence_is_silent_until_something_plays() -> None:
     assert nothing.states.shape == (0, 320, 51)
 
 
-@pytest.mark.parametrize("order", [REPEATED, FRESH, (0,) * 8], ids=["repeated", "fresh", "silent"])
+@pytest.mark.parametrize(
+    "order", [REPEATED, FRESH, (1,) * 16, (0,) * 16], ids=["repeated", "fresh", "steady", "silent"]
+)
 def test_what_is_heard_is_the_weighted_sum_of_delayed_states(order: tuple[int, ...]) -> None:
     rng = np.random.default_rng(7)
     lag = rng.integers(0, 130, (66, 320))
     here, following = (rng.normal(size=(2, 66, 320, 2)) @ [1, 1j]).astype(np.complex64)
     emitted = []
-    sound, fresh = np.full((66, 14, 50), 7, np.float32), 0
+    sound, fresh = np.full((66, 24, 50), 7, np.float32), 0
     bank = Bank(played(8, *order), AMPLIFIER, resonance(), 0)
-    for until in (4, 8):
+    for until in (8, 16):
         for piece in bank.emit_until(until):
             fresh = piece.arrive(sound, piece.first - 1, fresh, lag, here, following)  # but for the first period
             emitted.append(states(piece))
     exact = np.concatenate([*(piece[:-1] for piece in emitted), emitted[-1][-1:]])
-    assert fresh > 8
+    assert fresh > 16
     for point in (0, 63, 64, 65):
-        heard = np.zeros(600)
+        heard = np.zeros(1000)
         for q in range(320):
             wave = here[point, q] * exact[:-1, q] + following[point, q] * exact[1:, q]
-            heard[lag[point, q] : lag[point, q] + 400] += wave.real
+            heard[lag[point, q] : lag[point, q] + 800] += wave.real
         found = sound[point, :fresh].ravel()
         np.testing.assert_allclose(found, heard[50:][: len(found)], atol=1e-5 * max(np.abs(heard).max(), 1))
     assert (sound[:, fresh:] == 7).all()
