@@ -67,9 +67,10 @@ def states(emission: Emission) -> NDArray[np.complex128]:
 
 REPEATED = (0, 0, 0, 1, 1, 1, 2, 2, 1, 1, 1, 2, 2, 2, 0, 0, 1, 1, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0)
 FRESH = tuple(range(1, 46))
+STEADY, SILENT = (1,) * 16, (0,) * 16
 
 
-@pytest.mark.parametrize("order", [REPEATED, FRESH, (1,) * 9], ids=["repeated", "fresh", "steady"])
+@pytest.mark.parametrize("order", [REPEATED, FRESH, STEADY], ids=["repeated", "fresh", "steady"])
 @pytest.mark.parametrize(("first", "last"), [(0, 9), (-3, 36), (5, 60)])
 def test_the_states_are_those_of_every_bit(order: tuple[int, ...], first: int, last: int) -> None:
     capture = played(3, *order)
