@@ -29,7 +29,7 @@ from .reel import Segments
 
 __all__ = ["Capture", "Forced", "Track"]
 
-CHUNK_PERIODS = 256  # 512 KB of bits: what fits a cache
+CHUNK_PERIODS = 1024  # 2 MB of bits
 ALL_HIGH = 2**CHANNELS_PER_PROCESSOR - 1
 
 
