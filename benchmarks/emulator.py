@@ -21,7 +21,7 @@ import numpy as np
 import usb.core
 from medians import median
 from phasewire import Capture, Emulator, Pulses
-from phasewire.emulator.backend import EmulatorBackend
+from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.protocol import Block, Entries, Entry, Sequence, Slot, Update, pack, pack_updates
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import BLOCK_BYTES, REQUEST_TYPE_OUT, Reason, Request

@@ -7,8 +7,8 @@ nothing of fields or shapes.
 
 from __future__ import annotations
 
-from .capture import Capture
 from .machine import Emulator, Event
+from .ports.capture import Capture
 from .scenario import read_scenario
 
 __all__ = ["Capture", "Emulator", "Event", "read_scenario"]

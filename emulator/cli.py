@@ -23,16 +23,16 @@ from ..protocol.enumeration import FULL_SPEED, HIGH_SPEED
 from ..protocol.framing import BAUD
 from ..protocol.timing import FIVE_WIRE, LINKS, Link
 from ..storage import check_outputs
-from .export import check_export_path, export
-from .flash import Flash
+from .doors.serving import Server
+from .doors.station import Pace, Station
+from .doors.uart import Uart
+from .doors.usbip import PORT
+from .doors.usbip_session import Exported
+from .firmware.flash import Flash
 from .machine import Emulator
+from .ports.export import check_export_path, export
 from .scenario import read_scenario
-from .serving import Server
-from .station import Pace, Station
 from .timeline import CYCLES_PER_MICROSECOND, draw_timeline, way_of_an_update
-from .uart import Uart
-from .usbip import PORT
-from .usbip_session import Exported
 
 __all__ = ["commands"]
 
@@ -199,7 +199,7 @@ def emulate(
         emulators[-1].inject(*faults)
     try:
         if program is not None:
-            from .umockdev import run_under_mock  # for Linux only
+            from .doors.umockdev import run_under_mock  # for Linux only
 
             code = run_under_mock(shlex.split(program), emulators)
         else:

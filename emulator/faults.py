@@ -43,10 +43,10 @@ from ..protocol.codes import BLOCK_BYTES, FLASH_SECTOR_BYTES
 from ..protocol.dfu import PAGE_BYTES
 from ..protocol.enumeration import CONSOLE_ENDPOINT_IN, CONSOLE_ENDPOINT_OUT, ENDPOINT_IN, ENDPOINT_OUT
 from ..protocol.timing import LEAST_CYCLES_PER_SYMBOL, MOST_DELAY
-from .chain import Passing
-from .flash import FLASH_BYTES
-from .processor import AMBIENT_C, SUPPLY_MV, Processor
-from .usb_device import Flip
+from .boards.processor import AMBIENT_C, SUPPLY_MV, Processor
+from .control.chain import Passing
+from .firmware.flash import FLASH_BYTES
+from .interfaces.usb_device import Flip
 
 if TYPE_CHECKING:
     from .machine import Emulator

@@ -29,20 +29,20 @@ from ..protocol.enumeration import HIGH_SPEED, Speed
 from ..protocol.ranges import whole
 from ..protocol.timing import FIVE_WIRE, Link
 from ..protocol.wiring import Wiring
-from .capture import Capture
-from .chain import Chain, Numbering, Tamper
-from .clock import BoardClock, Timebase
-from .controller import Controller, Identification
-from .dfu import DfuMode
+from .boards.processor import Processor
+from .boards.sync import SyncLine
+from .control.chain import Chain, Numbering, Tamper
+from .control.controller import Controller, Identification
 from .faults import InjectedFault, Injector
-from .flash import Flash
-from .loader import Boot, Identity, boot, confirm, load_cycles, make_flash
-from .processor import Processor
+from .firmware.dfu import DfuMode
+from .firmware.flash import Flash
+from .firmware.loader import Boot, Identity, boot, confirm, load_cycles, make_flash
+from .interfaces.serial_line import SerialLine
+from .interfaces.usb_device import UsbDevice
+from .ports.capture import Capture
+from .ports.clock import BoardClock, Timebase
 from .scheduler import Branch, Scheduler
-from .serial_line import SerialLine
-from .sync import SyncLine
 from .trace import Tracer
-from .usb_device import UsbDevice
 
 __all__ = ["Emulator", "Event", "plugged"]
 

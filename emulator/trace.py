@@ -9,12 +9,11 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from operator import itemgetter
 from typing import NamedTuple
 
 from ..protocol.chain import Message
-from .links import Span as LinkSpan
 
 __all__ = ["Signal", "Span", "Tracer"]
 
@@ -109,8 +108,8 @@ class Tracer:
         if not changes or changes[-1][1] != value:
             changes.append((at, value))
 
-    def passed(self, message: Message, spans: Sequence[LinkSpan]) -> None:
-        """A message was sent: how long it holds each link."""
+    def passed(self, message: Message, spans: Iterable[tuple[int, int | None, int | None]]) -> None:
+        """A message was sent, and holds each link from one core cycle to another."""
         if self.watching:
             label = f"{type(message).__name__.lower()} {getattr(message, 'processor', message.node)}"
             for link, begins, ends in spans:

@@ -25,7 +25,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from ..emulator.amplifier import Amplifier
+from ..emulator.ports.amplifier import Amplifier
 from ..protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.wiring import Wiring
 from ..solver import Medium, TransducerArray

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..emulator.amplifier import FULL_DRIVE_V, Amplifier
+from ..emulator.ports.amplifier import FULL_DRIVE_V, Amplifier
 from ..protocol.board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
 from ..solver.resonator import OnePole
 

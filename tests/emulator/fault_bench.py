@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from phasewire import Emulator, Pulses
-from phasewire.emulator.capture import Capture
 from phasewire.emulator.door import Handshake
+from phasewire.emulator.ports.capture import Capture
 from phasewire.protocol import Ack, Block, Entries, Entry, Reason, Sequence, Slot, Status, Update, pack
 from phasewire.protocol.blocks import Body
 from phasewire.protocol.codes import Request

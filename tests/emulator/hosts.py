@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from phasewire import Emulator, Pulses
 from phasewire.emulator.door import Handshake
-from phasewire.emulator.serial_line import SerialLine
+from phasewire.emulator.interfaces.serial_line import SerialLine
 from phasewire.protocol.blocks import Block, Body, Modulation, Output, Sequence, Update, pack
 from phasewire.protocol.codes import FrameKind, Outcome, Request, State
 from phasewire.protocol.framing import CONSOLE_FRAME, Frame, Line, SerialReply, SerialRequest, encode

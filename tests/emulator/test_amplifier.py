@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.amplifier import FULL_DRIVE_V, Amplifier
+from phasewire.emulator.ports.amplifier import FULL_DRIVE_V, Amplifier
 
 FINE = 1000  # moments per tick
 

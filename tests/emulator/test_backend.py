@@ -11,8 +11,8 @@ import pytest
 import usb.core
 import usb.util
 from phasewire import Emulator, Pulses
-from phasewire.emulator.backend import EmulatorBackend, open_backend
 from phasewire.emulator.door import Handshake
+from phasewire.emulator.doors.backend import EmulatorBackend, open_backend
 from phasewire.errors import DeviceNotFoundError
 from phasewire.protocol.codes import State
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed, dfu_mode

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses, Wiring, open_device
-from phasewire.emulator.capture import Capture, Forced, Track
-from phasewire.emulator.clock import BoardClock
-from phasewire.emulator.reel import Reel
+from phasewire.emulator.ports.capture import Capture, Forced, Track
+from phasewire.emulator.ports.clock import BoardClock
+from phasewire.emulator.ports.reel import Reel
 from phasewire.protocol.blocks import pack_pulses
 
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from phasewire import Pulses, open_device
+from phasewire.emulator.boards.sync import SyncLine
 from phasewire.emulator.cluster import Cluster
 from phasewire.emulator.machine import Emulator
-from phasewire.emulator.sync import SyncLine
 from phasewire.protocol import Fault, State
 from phasewire.protocol.codes import Request
 from phasewire.protocol.replies import ClockReading, Status

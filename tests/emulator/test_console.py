@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.console import Console
+from phasewire.emulator.interfaces.console import Console
 from phasewire.protocol.codes import State
 from phasewire.protocol.requests import Setup
 

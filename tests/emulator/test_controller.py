@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
 from phasewire.emulator import Event
+from phasewire.emulator.boards.processor import Processor
 from phasewire.emulator.door import Handshake, Stall
-from phasewire.emulator.processor import Processor
 from phasewire.protocol import Ack, Clock, Info, NoOp, Output, Reason, State, Status, pack
 from phasewire.protocol.blocks import Block
 from phasewire.protocol.chain import Message

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from phasewire.emulator.dfu import DfuMode
 from phasewire.emulator.door import Stall
-from phasewire.emulator.flash import FLASH_BYTES, Flash, Times
-from phasewire.emulator.loader import Identity, boot, confirm, make_flash, read_record
+from phasewire.emulator.firmware.dfu import DfuMode
+from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash, Times
+from phasewire.emulator.firmware.loader import Identity, boot, confirm, make_flash, read_record
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, ImageReason, Target
 from phasewire.protocol.dfu import TRANSITIONS, DfuEvent, DfuReply

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire import Emulator
-from phasewire.emulator.loader import FACTORY_IMAGE, next_image
+from phasewire.emulator.firmware.loader import FACTORY_IMAGE, next_image
 from phasewire.protocol import firmware
 from phasewire.protocol.codes import Target
 from phasewire.protocol.firmware import Image, Segment

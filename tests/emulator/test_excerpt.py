@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Wiring
-from phasewire.emulator import excerpt as module
-from phasewire.emulator.excerpt import Excerpt, edges
+from phasewire.emulator.ports import excerpt as module
+from phasewire.emulator.ports.excerpt import Excerpt, edges
 
 from tests.hand_made import HandMade
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from phasewire import Capture, Emulator, Pulses, Wiring, open_device
-from phasewire.emulator.export import check_export_path, chosen_channels, export
+from phasewire.emulator.ports.export import check_export_path, chosen_channels, export
 from phasewire.emulator.trace import Signal
 
 from tests.hand_made import HandMade

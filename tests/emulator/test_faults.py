@@ -11,7 +11,7 @@ import pytest
 from phasewire.emulator import faults
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.faults import FAULTS, InjectedFault
-from phasewire.emulator.loader import FACTORY_IMAGE
+from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.errors import DeviceError, ReplyError
 from phasewire.protocol import Block, Entries, Entry, Reason, Sequence, Slot, State, Status, Update, pack
 from phasewire.protocol.blocks import Modulation, NoOp, Samples

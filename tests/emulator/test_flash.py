@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.flash import FLASH_BYTES, Flash, Times
+from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash, Times
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.errors import InputFileError
 

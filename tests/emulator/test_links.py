@@ -15,8 +15,8 @@ from typing import NamedTuple
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.links import Links, Passage, Span
-from phasewire.emulator.switches import Direction
+from phasewire.emulator.boards.links import Links, Passage, Span
+from phasewire.emulator.boards.switches import Direction
 from phasewire.protocol.board import CORE_HZ
 from phasewire.protocol.timing import FIVE_WIRE, LINKS, TWO_WIRE, Link
 
@@ -278,7 +278,8 @@ def test_wrong_arguments_are_refused_by_name() -> None:
 
 def test_nothing_slow_is_imported_while_nothing_is_held_up() -> None:
     code = (
-        "import sys; from phasewire.emulator.links import Links; from phasewire.protocol.timing import FIVE_WIRE;"
+        "import sys; from phasewire.emulator.boards.links import Links;"
+        "from phasewire.protocol.timing import FIVE_WIRE;"
         "Links([FIVE_WIRE] * 10).down(9, 52, 0); print('numba' in sys.modules)"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

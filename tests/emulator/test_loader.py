@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from phasewire.emulator.flash import FLASH_BYTES, Flash
-from phasewire.emulator.loader import (
+from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
+from phasewire.emulator.firmware.loader import (
     FACTORY_IMAGE,
     Boot,
     Identity,

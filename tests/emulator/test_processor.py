@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 from hypothesis import given
-from phasewire.emulator.capture import Capture, Track
-from phasewire.emulator.clock import BoardClock, Timebase
-from phasewire.emulator.processor import Processor
-from phasewire.emulator.reel import Reel
+from phasewire.emulator.boards.processor import Processor
+from phasewire.emulator.ports.capture import Capture, Track
+from phasewire.emulator.ports.clock import BoardClock, Timebase
+from phasewire.emulator.ports.reel import Reel
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.emulator.trace import Tracer
 from phasewire.protocol import Pulses

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.reel import Reel, Segments
+from phasewire.emulator.ports.reel import Reel, Segments
 
 PERIODS = 60
 GAPS = st.integers(1, 7)  # eight of them stay within the periods

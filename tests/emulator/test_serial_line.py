@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.emulator.door import Stall
-from phasewire.emulator.serial_line import SerialLine
+from phasewire.emulator.interfaces.serial_line import SerialLine
 from phasewire.protocol.codes import State
 from phasewire.protocol.requests import Setup
 

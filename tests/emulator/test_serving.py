@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 import serial
 from phasewire.emulator.door import Handshake
+from phasewire.emulator.doors.serving import Server
+from phasewire.emulator.doors.station import Pace, Station
+from phasewire.emulator.doors.uart import Uart
+from phasewire.emulator.doors.usbip_session import Exported
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.emulator.serving import Server
-from phasewire.emulator.station import Pace, Station
-from phasewire.emulator.uart import Uart
-from phasewire.emulator.usbip_session import Exported
 from phasewire.protocol.requests import Setup
 
 from tests.emulator.stand_ins import StandInDevice, StandInLine

@@ -8,9 +8,9 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from phasewire.emulator import excerpt as excerpts
-from phasewire.emulator.excerpt import Excerpt
-from phasewire.emulator.sigrok import write_sigrok
+from phasewire.emulator.ports import excerpt as excerpts
+from phasewire.emulator.ports.excerpt import Excerpt
+from phasewire.emulator.ports.sigrok import write_sigrok
 
 from tests.hand_made import HandMade
 

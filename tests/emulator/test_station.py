@@ -3,9 +3,9 @@ from __future__ import annotations
 from itertools import count, pairwise
 
 import pytest
+from phasewire.emulator.doors.station import Pace, Station
+from phasewire.emulator.doors.uart import Uart
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.emulator.station import Pace, Station
-from phasewire.emulator.uart import Uart
 
 from tests.emulator.stand_ins import StandInLine
 

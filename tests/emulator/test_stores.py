@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses
-from phasewire.emulator.chain import Passing
+from phasewire.emulator.control.chain import Passing
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.protocol.blocks import (
     Block,

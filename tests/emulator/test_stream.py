@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
-from phasewire.emulator.backend import EmulatorBackend, Handle
-from phasewire.emulator.controller import Controller
+from phasewire.emulator.control.controller import Controller
+from phasewire.emulator.doors.backend import EmulatorBackend, Handle
 from phasewire.protocol import Clock, NoOp, Output, Slot, State, Status, Update, pack
 from phasewire.protocol.blocks import Block
 from phasewire.protocol.codes import Action, Reason, Request

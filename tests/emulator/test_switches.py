@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from phasewire.emulator.switches import Destination, Direction, destination, route
+from phasewire.emulator.boards.switches import Destination, Direction, destination, route
 from phasewire.protocol.chain import Number
 
 UNNUMBERED = 0xFFFF

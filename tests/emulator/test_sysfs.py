@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 from phasewire import Emulator
-from phasewire.emulator.sysfs import device_files, device_properties, interface_files, interface_properties
-from phasewire.emulator.usbfs import KernelDevice
+from phasewire.emulator.doors.sysfs import device_files, device_properties, interface_files, interface_properties
+from phasewire.emulator.doors.usbfs import KernelDevice
 from phasewire.protocol.enumeration import FULL_SPEED
 
 

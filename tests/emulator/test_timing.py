@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
-from phasewire.emulator.backend import EmulatorBackend
+from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.protocol import Info
 from phasewire.protocol.codes import Request
 from phasewire.protocol.requests import Setup

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses
-from phasewire.emulator.backend import EmulatorBackend
+from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.trace import Span, Tracer
 from phasewire.protocol.codes import Request, State
 from phasewire.protocol.requests import Setup

@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 import pytest
+from phasewire.emulator.doors.uart import MOST_WAITING, Uart
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.emulator.uart import MOST_WAITING, Uart
 
 from tests.emulator.stand_ins import StandInLine
 

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import pytest
 from phasewire import Emulator
-from phasewire.emulator import umockdev
 from phasewire.emulator.door import Stall
-from phasewire.emulator.umockdev import MockUsb, PollFile, run_under_mock
+from phasewire.emulator.doors import umockdev
+from phasewire.emulator.doors.umockdev import MockUsb, PollFile, run_under_mock
 from phasewire.errors import DeviceNotFoundError
 from phasewire.protocol.enumeration import FULL_SPEED
 

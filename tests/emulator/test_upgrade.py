@@ -9,7 +9,7 @@ import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Stall
 from phasewire.emulator.faults import DeadProcessor
-from phasewire.emulator.loader import FACTORY_IMAGE
+from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.errors import DeviceError
 from phasewire.protocol import descriptors
 from phasewire.protocol.blocks import Slot, Update

@@ -3,8 +3,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from phasewire.emulator.doors.usb_bus import Outcome, Transfer, UsbBus
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.emulator.usb_bus import Outcome, Transfer, UsbBus
 from phasewire.protocol.enumeration import FULL_SPEED
 from phasewire.protocol.requests import Setup
 

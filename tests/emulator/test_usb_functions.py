@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.controller import RECORDS
+from phasewire.emulator.control.controller import RECORDS
 from phasewire.emulator.door import Handshake
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from phasewire.protocol.requests import Setup

@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Handshake, Stall
-from phasewire.emulator.usbfs import KernelDevice, Request
+from phasewire.emulator.doors.usbfs import KernelDevice, Request
 from phasewire.protocol.enumeration import FULL_SPEED
 
 MS = 400_000  # core cycles

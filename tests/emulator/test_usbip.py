@@ -7,7 +7,7 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.usbip import (
+from phasewire.emulator.doors.usbip import (
     MOST_URB_BYTES,
     Export,
     Importing,

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from phasewire.emulator.doors.station import Pace, Station
+from phasewire.emulator.doors.usbip_session import Exported, UsbIpSession
 from phasewire.emulator.scheduler import Scheduler
-from phasewire.emulator.station import Pace, Station
-from phasewire.emulator.usbip_session import Exported, UsbIpSession
 from phasewire.protocol.requests import Setup
 
 from tests.emulator.stand_ins import StandInDevice
@@ -314,8 +314,8 @@ def test_a_client_may_not_use_a_number_twice_at_once() -> None:
 
 
 def test_a_client_cannot_have_more_under_way_than_there_is_memory_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("phasewire.emulator.usbip_session.MOST_TRANSFERS", 5)
-    monkeypatch.setattr("phasewire.emulator.usbip_session.MOST_BYTES", 3000)
+    monkeypatch.setattr("phasewire.emulator.doors.usbip_session.MOST_TRANSFERS", 5)
+    monkeypatch.setattr("phasewire.emulator.doors.usbip_session.MOST_BYTES", 3000)
     desk = Desk()
     client, session = desk.attached()
     for _ in range(5):

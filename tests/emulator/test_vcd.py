@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Wiring
-from phasewire.emulator import excerpt as excerpts
-from phasewire.emulator.excerpt import Excerpt
+from phasewire.emulator.ports import excerpt as excerpts
+from phasewire.emulator.ports.excerpt import Excerpt
+from phasewire.emulator.ports.vcd import write_vcd
 from phasewire.emulator.trace import Signal
-from phasewire.emulator.vcd import write_vcd
 from vcd.reader import TokenKind, tokenize
 
 from tests.hand_made import HandMade

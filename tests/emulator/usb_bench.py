@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from phasewire.emulator.door import Door, Stall
+from phasewire.emulator.interfaces.usb_device import UsbDevice
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.emulator.trace import Tracer
-from phasewire.emulator.usb_device import UsbDevice
 from phasewire.protocol.enumeration import HIGH_SPEED, Speed
 from phasewire.protocol.requests import Setup
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire import Emulator, Medium, Pulses, Solution, Transducer, TransducerArray, Wiring, open_device, pressure
-from phasewire.emulator.amplifier import Amplifier
+from phasewire.emulator.ports.amplifier import Amplifier
 from phasewire.hil.air import Playback, component, rms
 from phasewire.hil.end_to_end import emission
 from phasewire.solver import intensity_component, transfer_matrix

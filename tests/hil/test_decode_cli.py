@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import pytest
 from phasewire import Emulator, Solution, open_device
 from phasewire.__main__ import main
-from phasewire.emulator.backend import EmulatorBackend
+from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.hil.decode_cli import explain
 from phasewire.hil.traffic import Piece, Traffic
 from phasewire.protocol import Pulses

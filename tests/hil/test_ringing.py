@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire.emulator.amplifier import FULL_DRIVE_V, Amplifier
+from phasewire.emulator.ports.amplifier import FULL_DRIVE_V, Amplifier
 from phasewire.hil.ringing import Bank, Emission, words_of
 from phasewire.solver.resonator import OnePole, Resonator
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, Wiring, open_device
-from phasewire.emulator.backend import Port
+from phasewire.emulator.doors.backend import Port
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceTimeoutError
 from phasewire.protocol import Ack, Info, Reason, Request, State, unpack
 from phasewire.protocol.codes import AckFlag
@@ -197,7 +197,7 @@ def test_an_error_within_the_session_is_not_hidden_by_a_lost_device() -> None:
 
 def test_a_device_that_does_not_acknowledge_times_out(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     with open_device(emulator.url) as device:
-        monkeypatch.setattr("phasewire.emulator.controller.Controller.accept", lambda self, packet, door: None)
+        monkeypatch.setattr("phasewire.emulator.control.controller.Controller.accept", lambda self, packet, door: None)
         with pytest.raises(DeviceTimeoutError, match="waiting for an acknowledgement: no answer within 1000 ms"):
             device.show(FULL)
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import usb.core
 from phasewire import Emulator, Pulses, open_device
-from phasewire.emulator.backend import EmulatorBackend, Port
+from phasewire.emulator.doors.backend import EmulatorBackend, Port
 from phasewire.errors import (
     DeviceAccessError,
     DeviceError,
@@ -35,7 +35,7 @@ def test_a_missing_serial_number_names_those_that_are_there() -> None:
 
 def test_several_devices_and_no_choice_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     two = [Emulator(serial="A"), Emulator(serial="B")]
-    monkeypatch.setattr("phasewire.emulator.backend.open_backend", lambda url: EmulatorBackend(two))
+    monkeypatch.setattr("phasewire.emulator.doors.backend.open_backend", lambda url: EmulatorBackend(two))
     with pytest.raises(DeviceNotFoundError, match="could be any of 2 devices; name one: emulator:A or emulator:B"):
         open_device("emulator:")
 

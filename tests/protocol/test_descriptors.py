@@ -14,7 +14,7 @@ import usb.util
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.emulator import Emulator
-from phasewire.emulator.backend import EmulatorBackend
+from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.errors import ReplyError
 from phasewire.protocol.codes import DescriptorType, ImageReason, StandardRequest
 from phasewire.protocol.descriptors import (

@@ -1,0 +1,58 @@
+"""When a change can go onto the chain and when it takes effect: integer arithmetic, in core cycles.
+
+The same function, compiled, plans streams of updates (`streams`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ...protocol.board import CYCLES_PER_PERIOD
+
+__all__ = ["Cost", "plan"]
+
+
+class Cost(NamedTuple):
+    """What a change needs of the chain, in core cycles."""
+
+    occupies: int
+    """How long the first link is busy with it."""
+    forward: int
+    """From its first token to the last processor that is ready with it."""
+    lead: int
+    """From its first token to the first that must not come while an earlier one waits."""
+
+
+def plan(
+    origin: int, ready: int, sent: int, waits: int, period: int, requested: int, forward: int, lead: int
+) -> tuple[int, int]:
+    """Where a change goes behind others.
+
+    Parameters
+    ----------
+    origin : int
+        When period 0 began.
+    ready : int
+        When it can be sent.
+    sent : int
+        When the change before it has left the controller.
+    waits : int
+        Period until which something waits in the processors that this may not meet.
+    period : int
+        At which the change before it takes effect.
+    requested : int
+        The period that it names; 0 for as soon as possible.
+    forward, lead : int
+        See `Cost`.
+
+    Returns
+    -------
+    start : int
+        When its first token leaves; not sooner than needed (clause CHN-029).
+    period : int
+        At which it takes effect (clauses BLK-005 and BLK-007).
+    """
+    start = max(ready, sent, origin + waits * CYCLES_PER_PERIOD - lead)
+    reached = -((origin - start - forward) // CYCLES_PER_PERIOD)
+    taken = max(reached, requested, period + 1)
+    return max(start, origin + (taken - 1) * CYCLES_PER_PERIOD - forward), taken

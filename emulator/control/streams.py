@@ -1,0 +1,138 @@
+"""Compiled kernels for streams of updates: judged and planned as one by one, and sorted (see `controller`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...compiling import kernel
+from ...protocol.board import CYCLES_PER_PERIOD
+from .planning import plan
+
+__all__ = ["plan_stream", "sort_pulses"]
+
+compiled_plan = kernel(plan)
+
+
+@kernel
+def _total_drive(width: Any, power: Any) -> int:
+    total = 0
+    for ticks in width:
+        total += power[ticks]
+    return total
+
+
+@kernel
+def plan_stream(
+    packets: Any,
+    reasons: Any,
+    restarts: Any,
+    sequences: Any,
+    periods: Any,
+    widths: Any,
+    power: Any,
+    recent: Any,
+    numbers: Any,
+    times: Any,
+    arrivals: Any,
+    starts: Any,
+    taken: Any,
+    free: Any,
+) -> int:
+    """Judge and plan a stream of updates up to the first that is not quite regular.
+
+    Parameters
+    ----------
+    packets : int
+        How many there are.
+    reasons, restarts, sequences, periods : (k,) int
+        As `protocol.unpack_updates` reads them.
+    widths : (k, 320) uint8
+        Of their pulses.
+    power : (26,) int
+        Power of a pulse of each width, in thousandths (clause SAF-006).
+    recent : (q,) int64
+        When the last q changes left or leave the queue of q places, oldest first; written.
+    numbers : (6,) int64
+        The last sequence number, the last named period (-1 for none), the drive limit in thousandths, periods per
+        update, the horizon in periods, and how many numbers were left out so far; the first two and the last are
+        written.
+    times : (11,) int64
+        Origin, now, cycles of a packet, cycles to sort, end of the time there is, then the tail (sent, period, table)
+        and the cost (occupies, forward, lead) of an update; now and the tail are written.
+    arrivals, starts, taken, free : (k,) int64
+        Written: when each has arrived, when it goes onto the chain, the period that it gets, and the free places of the
+        queue when it was judged, itself included.
+
+    Returns
+    -------
+    int
+        How many of them were taken.
+    """
+    origin, now, packet, sort, end = times[0], times[1], times[2], times[3], times[4]
+    sent, period, table = times[5], times[6], times[7]
+    places = recent.size
+    index = 0
+    while index < packets:
+        step = (sequences[index] - numbers[0]) & 0xFFFFFFFF
+        requested = periods[index]
+        arrival = max(now + packet, recent[0])
+        at = (arrival - origin) // CYCLES_PER_PERIOD
+        too_close = requested != 0 and numbers[1] >= 0 and 0 < requested - numbers[1] < numbers[3]
+        if (
+            reasons[index] != 0
+            or restarts[index]
+            or not 0 < step < 2**31
+            or requested > at + numbers[4]
+            or too_close
+            or arrival > end
+            or _total_drive(widths[index], power) > numbers[2]
+        ):
+            break
+        start, period = compiled_plan(origin, arrival + sort, sent, table, period, requested, times[9], times[10])
+        table, sent = period, start + times[8]
+        queued = 1
+        for place in range(places - 1):
+            recent[place] = recent[place + 1]
+            queued += recent[place] > arrival
+        recent[places - 1] = start
+        arrivals[index], starts[index], taken[index], free[index] = arrival, start, period, places - queued
+        numbers[0], numbers[5] = sequences[index], numbers[5] + step - 1
+        if requested:
+            numbers[1] = requested
+        now = arrival
+        times[1], times[5], times[6], times[7] = now, sent, period, table
+        index += 1
+    return index
+
+
+@kernel
+def sort_pulses(payloads: Any, transducers: Any, sorted_payloads: Any) -> None:
+    """Bring pulses of 12 bits from array order into the order of the channels.
+
+    Parameters
+    ----------
+    payloads : (k, 480) uint8
+        Packed as in blocks.
+    transducers : (320,) int64
+        Transducer of each channel.
+    sorted_payloads : (k, 480) uint8
+        Written.
+    """
+    for row in range(payloads.shape[0]):
+        for pair in range(transducers.size // 2):
+            both = np.uint32(0)
+            for odd in range(2):
+                transducer = transducers[2 * pair + odd]
+                at = transducer // 2 * 3
+                if transducer % 2:
+                    pulse = np.uint32(payloads[row, at + 1]) >> np.uint32(4) | np.uint32(
+                        payloads[row, at + 2]
+                    ) << np.uint32(4)
+                else:
+                    pulse = np.uint32(payloads[row, at]) | np.uint32(payloads[row, at + 1] & 15) << np.uint32(8)
+                both |= pulse << np.uint32(12 * odd)
+            sorted_payloads[row, 3 * pair] = both & np.uint32(0xFF)
+            sorted_payloads[row, 3 * pair + 1] = both >> np.uint32(8) & np.uint32(0xFF)
+            sorted_payloads[row, 3 * pair + 2] = both >> np.uint32(16)

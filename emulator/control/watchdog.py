@@ -1,0 +1,70 @@
+"""The watchdog: it bites when for some time the host has given no sign of life (clause SAF-003)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from ...protocol.board import CORE_HZ, WATCHDOG_MS
+from ..scheduler import Scheduler
+
+__all__ = ["Watchdog"]
+
+
+class Watchdog:
+    """Watches, or rests.
+
+    Parameters
+    ----------
+    scheduler : Scheduler
+    settle : callable
+        Lets what is planned up to now have taken effect, by which the watchdog may come to rest.
+    bite : callable
+        What happens without a sign of life.
+    """
+
+    def __init__(self, scheduler: Scheduler, settle: Callable[[], None], bite: Callable[[], None]) -> None:
+        self._scheduler = scheduler
+        self._settle = settle
+        self._bite = bite
+        self.milliseconds = WATCHDOG_MS
+        self._fed = scheduler.now
+        self._watching = False
+        self._armed = 0  # the last time that it was set; earlier ones count no more
+
+    def feed(self) -> None:
+        """The host is alive."""
+        self._fed = self._scheduler.now
+
+    def watch(self, since: int) -> None:
+        """Begin, with the time counted from a core cycle, however long ago the last sign of life was."""
+        self._fed = since
+        self._watching = True
+        self._arm()
+
+    def rest(self) -> None:
+        """Watch no more."""
+        self._watching = False
+
+    def set_time(self, milliseconds: int) -> None:
+        """Choose how long the host may be silent, from its last sign of life on (clause REQ-009)."""
+        self.milliseconds = milliseconds
+        if self._watching:
+            self._arm()
+
+    @property
+    def _due(self) -> int:
+        return self._fed + self.milliseconds * CORE_HZ // 1000
+
+    def _arm(self) -> None:
+        self._armed += 1
+        self._scheduler.at(max(self._scheduler.now, self._due), partial(self._check, self._armed))
+
+    def _check(self, armed: int) -> None:
+        self._settle()
+        if armed != self._armed or not self._watching:
+            return
+        if self._scheduler.now < self._due:
+            self._arm()
+        else:
+            self._bite()

@@ -1,0 +1,441 @@
+"""A pyusb backend whose bus holds emulators, so that the real host driver and pyusb run unchanged.
+
+It behaves as libusb on Linux does: its errors have libusb's numbers, transfers are cut into packets of the endpoint's
+size, a device that left the bus and came back is another one, and an interface is claimed by one handle at a time.
+
+Each transfer takes the time it would take on a bus at best: bulk packets follow each other as closely as USB allows,
+and a control transfer takes a frame, or a microframe at high speed. A NAK lets the device's time pass until it can
+answer, or the transfer's time-out is over. Besides in transfers, time passes with a look at a bus where nothing is new.
+"""
+
+from __future__ import annotations
+
+import errno
+from array import array
+from collections.abc import Callable, Iterable, Iterator
+from functools import cached_property, partial
+from itertools import count
+from types import SimpleNamespace
+from typing import Any, ClassVar, NoReturn, TypeVar
+from urllib.parse import parse_qsl
+from weakref import WeakKeyDictionary
+
+import usb.backend
+from usb.core import USBError, USBTimeoutError
+
+from ...errors import DeviceNotFoundError
+from ...protocol.board import CORE_HZ
+from ...protocol.codes import DescriptorType, StandardRequest
+from ...protocol.descriptors import Configuration, Descriptor, Endpoint, Interface, descriptors
+from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed
+from ...protocol.requests import Setup
+from ...protocol.timing import FIVE_WIRE, FULL_SPEED_PACKET_CYCLES, LINKS, MICROFRAME_CYCLES, PACKET_CYCLES
+from ..door import Handshake, Stall
+from ..interfaces.usb_device import UsbDevice
+from ..machine import Emulator, plugged
+
+__all__ = ["EmulatorBackend", "open_backend"]
+
+RESET_CYCLES = CORE_HZ // 20  # 50 ms, USB 2.0, 7.1.7.5
+FRAME_CYCLES = CORE_HZ // 1000
+FOREVER_MS = 10**9  # eleven days: a time-out of 0 is none
+
+LOOK_CYCLES = CORE_HZ // 100
+"""Passes with a look at the bus where nothing has come since the last: who waits for a device sees it come."""
+
+_PACKET_CYCLES: dict[Speed, int] = {FULL_SPEED: FULL_SPEED_PACKET_CYCLES, HIGH_SPEED: PACKET_CYCLES}
+_CONTROL_CYCLES: dict[Speed, int] = {FULL_SPEED: FRAME_CYCLES, HIGH_SPEED: MICROFRAME_CYCLES}
+
+SPEEDS = {"high": HIGH_SPEED, "full": FULL_SPEED}
+_LIBUSB_SPEEDS = {FULL_SPEED: 2, HIGH_SPEED: 3}
+_SET_CONFIGURATION = (0x00, StandardRequest.SET_CONFIGURATION)
+_SET_INTERFACE = (0x01, StandardRequest.SET_INTERFACE)
+_CLEAR_FEATURE = (0x02, StandardRequest.CLEAR_FEATURE)
+_ENDPOINT_HALT = 0
+
+Choice = TypeVar("Choice")
+
+
+def open_backend(url: str) -> EmulatorBackend:
+    """The bus for an ``emulator:`` URL.
+
+    Parameters
+    ----------
+    url : str
+        ``emulator:`` plugs in a fresh emulator for whoever asks, with options ``?link=5wire`` or ``2wire`` and
+        ``speed=high`` or ``full``, joined by ``&``; ``emulator:SERIAL`` looks among those that this process has
+        plugged in.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        Where an option is unknown.
+    """
+    serial, _, query = url.partition(":")[2].partition("?")
+    if serial and query:
+        raise DeviceNotFoundError(f"{url!r}: options go with a fresh emulator, not with one that is plugged in")
+    if serial:
+        return EmulatorBackend(plugged())
+    options = dict(parse_qsl(query, keep_blank_values=True))
+    link = _choice(url, "link", LINKS, options.pop("link", FIVE_WIRE.name))
+    speed = _choice(url, "speed", SPEEDS, options.pop("speed", "high"))
+    if options:
+        raise DeviceNotFoundError(
+            f"{url!r}: the emulator has no option {next(iter(options))!r}; it has link=5wire or 2wire and speed=high "
+            "or full"
+        )
+    return EmulatorBackend([Emulator(link=link, speed=speed)])
+
+
+def _choice(url: str, option: str, known: dict[str, Choice], name: str) -> Choice:
+    if name not in known:
+        raise DeviceNotFoundError(f"{url!r}: unknown {option} {name!r}; known are {', '.join(known)}")
+    return known[name]
+
+
+class Port:
+    """What the host's kernel knows of a device, whichever backend of this process looks at it.
+
+    Attributes
+    ----------
+    generation : int
+        Attachment of the device that was enumerated last, 0 before the first.
+    claims : dict of int to int
+        For each interface that is claimed, the number of the handle.
+    """
+
+    _of: ClassVar[WeakKeyDictionary[UsbDevice, Port]] = WeakKeyDictionary()
+
+    def __init__(self) -> None:
+        self.generation = 0
+        self.claims: dict[int, int] = {}
+
+    @classmethod
+    def of(cls, device: UsbDevice) -> Port:
+        """The port that a device is plugged in to."""
+        return cls._of.setdefault(device, cls())
+
+    def has_news(self, device: UsbDevice) -> bool:
+        """Whether the device has come to the bus since it was enumerated last."""
+        return device.attached and device.generation != self.generation
+
+    def enumerate(self, device: UsbDevice) -> None:
+        """Note that the device has come, and reset it where it was there before, for it may have been in use then."""
+        came_back = self.generation > 0
+        self.generation = device.generation
+        self.claims.clear()
+        if came_back:
+            device.reset()
+
+
+class Attachment:
+    """A device from the time that it comes to the bus until it leaves; what pyusb calls a device.
+
+    Parameters
+    ----------
+    emulator : Emulator
+        The device.
+    address : int
+        Its place on the bus.
+    """
+
+    def __init__(self, emulator: Emulator, address: int) -> None:
+        self.usb = emulator.usb
+        self.scheduler = emulator.scheduler
+        self.port = Port.of(emulator.usb)
+        self.address = address
+        self.generation = emulator.usb.generation
+        self.enumeration: Enumeration = emulator.usb.enumeration
+
+    @property
+    def there(self) -> bool:
+        """Whether the device has not left the bus since."""
+        return self.usb.attached and self.usb.generation == self.generation
+
+    @cached_property
+    def tree(self) -> list[SimpleNamespace]:
+        """Configuration, interfaces and endpoints as pyusb wants them, each with the bytes of what else follows it."""
+        tree: list[SimpleNamespace] = []
+        for descriptor in descriptors(self.enumeration.configuration):
+            if isinstance(descriptor, Configuration | Interface | Endpoint):
+                tree.append(_parsed(descriptor))
+            else:
+                tree[-1].extra_descriptors.extend(descriptor.encode())
+        return tree
+
+    def settings(self, interface: int) -> list[SimpleNamespace]:
+        """The settings of an interface."""
+        return [
+            fields
+            for fields in self.tree
+            if fields.bDescriptorType == DescriptorType.INTERFACE and fields.bInterfaceNumber == interface
+        ]
+
+
+class Handle:
+    """An opened device, as one program holds it."""
+
+    _numbers = count(1)
+
+    def __init__(self, attachment: Attachment) -> None:
+        self.attachment = attachment
+        self.number = next(self._numbers)
+        self.check_there()
+
+    def check_there(self) -> None:
+        """Raise `USBError` (no such device) where the device has left the bus."""
+        if not self.attachment.there:
+            raise USBError("No such device (it may have been disconnected)", None, errno.ENODEV)
+
+    def claim(self, interface: int) -> None:
+        """Hold an interface; raise `USBError` where another handle does (busy), or it is not there (not found)."""
+        self.check_there()
+        claims = self.attachment.port.claims
+        if interface in claims:
+            if claims[interface] != self.number:
+                raise USBError("Resource busy", None, errno.EBUSY)
+        elif not self.attachment.usb.configuration or not self.attachment.settings(interface):
+            raise USBError("Entity not found", None, errno.ENOENT)
+        claims[interface] = self.number
+
+    def release(self, interface: int) -> None:
+        """Give an interface back; raise `USBError` (not found) where it is not held."""
+        self.check_there()
+        if self.attachment.port.claims.get(interface) != self.number:
+            raise USBError("Entity not found", None, errno.ENOENT)
+        del self.attachment.port.claims[interface]
+
+    def close(self) -> None:
+        """Give all interfaces back."""
+        claims = self.attachment.port.claims
+        for interface in [interface for interface, holder in claims.items() if holder == self.number]:
+            del claims[interface]
+
+    def spend(self, cycles: int, began: int | None = None) -> None:
+        """Let time pass, from now or from a core cycle before, for a device that the bus reaches all the time.
+
+        Raises
+        ------
+        USBError
+            Where the device has left the bus, or the bus is suspended; Linux lets nobody submit a transfer then, which
+            libusb calls an I/O error.
+        """
+        self.check_awake()
+        scheduler = self.attachment.scheduler
+        scheduler.run_until(max(scheduler.now, (scheduler.now if began is None else began) + cycles))
+        self.check_awake()
+
+    def check_awake(self) -> None:
+        """Raise `USBError` where a transfer cannot reach the device."""
+        self.check_there()
+        if self.attachment.usb.suspended:
+            raise USBError("Input/Output Error", None, errno.EIO)
+
+    def deadline(self, timeout_ms: int) -> int:
+        """Core cycle at which a time-out is over."""
+        return self.attachment.scheduler.now + (timeout_ms or FOREVER_MS) * FRAME_CYCLES
+
+    def insist(
+        self, deadline: int, endpoint: int, transact: Callable[[], bytes | Handshake], began: int | None = None
+    ) -> bytes:
+        """Repeat a bulk transaction, begun now or before, until the answer is no NAK; the packet that came, if any did.
+
+        Raises
+        ------
+        USBTimeoutError
+            Where the time-out is over before.
+        USBError
+            Where the endpoint is halted, or the device out of reach.
+        """
+        scheduler = self.attachment.scheduler
+        self.spend(_PACKET_CYCLES[self.attachment.usb.speed], began)
+        while scheduler.now > deadline or (answer := transact()) is Handshake.NAK:
+            upcoming = scheduler.next_time()
+            if upcoming is None or upcoming > deadline:
+                scheduler.run_until(deadline)
+                raise USBTimeoutError("Operation timed out", None, errno.ETIMEDOUT)
+            scheduler.run_until(upcoming)
+            self.check_awake()
+        if answer is Handshake.STALL:
+            _stalled(f"endpoint 0x{endpoint:02x}")
+        return answer if isinstance(answer, bytes) else b""
+
+
+class EmulatorBackend(usb.backend.IBackend):
+    """The bus. What pyusb calls a device is an `Attachment`."""
+
+    def __init__(self, emulators: Iterable[Emulator]) -> None:
+        super().__init__()
+        self._emulators = list(emulators)
+
+    def enumerate_devices(self) -> Iterator[Attachment]:
+        """Every emulator that is attached to the bus."""
+        for address, emulator in enumerate(self._emulators, start=1):
+            port = Port.of(emulator.usb)
+            if not port.has_news(emulator.usb):
+                emulator.scheduler.run_until(emulator.scheduler.now + LOOK_CYCLES)
+            if port.has_news(emulator.usb):
+                port.enumerate(emulator.usb)
+            if emulator.usb.attached:
+                yield Attachment(emulator, address)
+
+    def get_device_descriptor(self, dev: Attachment) -> SimpleNamespace:
+        """The device descriptor, with its place on the bus."""
+        place = {"bus": 0, "address": dev.address, "port_number": dev.address, "port_numbers": (dev.address,)}
+        return SimpleNamespace(**vars(_parsed(dev.enumeration.device)), **place, speed=_LIBUSB_SPEEDS[dev.usb.speed])
+
+    def get_configuration_descriptor(self, dev: Attachment, config: int) -> SimpleNamespace:
+        """The configuration descriptor."""
+        return [fields for fields in dev.tree if fields.bDescriptorType == DescriptorType.CONFIGURATION][config]
+
+    def get_interface_descriptor(self, dev: Attachment, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """The descriptor of an interface's setting."""
+        return dev.settings(intf)[alt]
+
+    def get_endpoint_descriptor(self, dev: Attachment, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+        """The descriptor of an interface's endpoint."""
+        endpoint = dev.tree[dev.tree.index(dev.settings(intf)[alt]) + 1 + ep]
+        return SimpleNamespace(**vars(endpoint), bRefresh=0, bSynchAddress=0)
+
+    def open_device(self, dev: Attachment) -> Handle:
+        """A handle of one's own."""
+        return Handle(dev)
+
+    def close_device(self, dev_handle: Handle) -> None:
+        """Let go of the device, which lives on."""
+        dev_handle.close()
+
+    def set_configuration(self, dev_handle: Handle, config_value: int) -> None:
+        """Choose a configuration, which Linux lets nobody do while an interface is claimed, by whomever."""
+        dev_handle.check_there()
+        if dev_handle.attachment.port.claims:
+            raise USBError("Resource busy", None, errno.EBUSY)
+        self._order(dev_handle, _SET_CONFIGURATION, config_value, 0)
+
+    def get_configuration(self, dev_handle: Handle) -> int:
+        """The configuration chosen, 0 for none."""
+        dev_handle.check_there()
+        return dev_handle.attachment.usb.configuration
+
+    def set_interface_altsetting(self, dev_handle: Handle, intf: int, altsetting: int) -> None:
+        """Choose a setting of an interface."""
+        dev_handle.claim(intf)
+        self._order(dev_handle, _SET_INTERFACE, altsetting, intf)
+
+    def claim_interface(self, dev_handle: Handle, intf: int) -> None:
+        """Hold the interface, so that nobody else can."""
+        dev_handle.claim(intf)
+
+    def release_interface(self, dev_handle: Handle, intf: int) -> None:
+        """Give the interface back."""
+        dev_handle.release(intf)
+
+    def is_kernel_driver_active(self, dev_handle: Handle, intf: int) -> bool:
+        """No kernel is involved."""
+        return False
+
+    def bulk_write(self, dev_handle: Handle, ep: int, intf: int, data: Any, timeout: int) -> int:
+        """Send data in packets, or an empty one; the number of bytes that the device took, in time."""
+        dev_handle.claim(intf)
+        device = dev_handle.attachment.usb
+        deadline = dev_handle.deadline(timeout)
+        payload, sent, began = bytes(data), 0, dev_handle.attachment.scheduler.now
+        while True:
+            dev_handle.check_awake()
+            taken, began = device.stream_out(ep, memoryview(payload)[sent:], began, deadline)
+            sent += taken
+            if taken and sent == len(payload):
+                return sent
+            packet = payload[sent : sent + device.speed.bulk_bytes]
+            try:
+                dev_handle.insist(deadline, ep, partial(device.bulk_out, ep, packet), began)
+                began = dev_handle.attachment.scheduler.now
+            except USBTimeoutError:
+                if sent:
+                    return sent  # as pyusb does over libusb
+                raise
+            sent += len(packet)
+            if sent == len(payload):
+                return sent
+
+    def bulk_read(self, dev_handle: Handle, ep: int, intf: int, buff: Any, timeout: int) -> int:
+        """Receive packets until the buffer is full or a packet is not; the number of bytes received, in time."""
+        dev_handle.claim(intf)
+        device = dev_handle.attachment.usb
+        deadline = dev_handle.deadline(timeout)
+        room, received = len(buff) * buff.itemsize, 0
+        while True:
+            try:
+                packet = dev_handle.insist(deadline, ep, partial(device.bulk_in, ep))
+            except USBTimeoutError:
+                if received:
+                    return received  # as pyusb does over libusb
+                raise
+            if received + len(packet) > room:
+                raise USBError("Overflow", None, errno.EOVERFLOW)
+            buff[received : received + len(packet)] = array("B", packet)
+            received += len(packet)
+            if received == room or len(packet) < device.speed.bulk_bytes:
+                return received
+
+    intr_read = bulk_read  # a packet of an interrupt endpoint is shorter than one of a bulk endpoint can be
+
+    def ctrl_transfer(
+        self,
+        dev_handle: Handle,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: Any,
+        timeout: int,
+    ) -> int:
+        """Carry out a control transfer; the number of bytes transferred."""
+        device = dev_handle.attachment.usb
+        dev_handle.spend(_CONTROL_CYCLES[device.speed])
+        setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(data))
+        try:
+            answer = device.control(setup, b"" if setup.is_in else bytes(data))
+        except Stall as stall:
+            _stalled(str(stall))
+        if not setup.is_in:
+            return len(data)
+        data[: len(answer)] = array("B", answer)
+        return len(answer)
+
+    def reset_device(self, dev_handle: Handle) -> None:
+        """Reset the port and configure the device as it was.
+
+        Raises
+        ------
+        USBError
+            Not found, where the device is not what it was any more: it has to be looked for anew.
+        """
+        dev_handle.check_there()
+        attachment = dev_handle.attachment
+        configuration = attachment.usb.configuration
+        attachment.scheduler.run_until(attachment.scheduler.now + RESET_CYCLES)
+        if attachment.there:
+            attachment.usb.reset()
+        if not attachment.there:
+            raise USBError("Entity not found", None, errno.ENOENT)
+        if configuration:
+            self._order(dev_handle, _SET_CONFIGURATION, configuration, 0)
+
+    def clear_halt(self, dev_handle: Handle, ep: int) -> None:
+        """End the halt of an endpoint."""
+        self._order(dev_handle, _CLEAR_FEATURE, _ENDPOINT_HALT, ep)
+
+    def _order(self, dev_handle: Handle, request: tuple[int, int], value: int, index: int) -> None:
+        """Carry out a standard request without data."""
+        self.ctrl_transfer(dev_handle, *request, value, index, b"", 0)
+
+
+def _stalled(what: str) -> NoReturn:
+    raise USBError(f"Pipe error: {what}", None, errno.EPIPE)
+
+
+def _parsed(descriptor: Descriptor) -> SimpleNamespace:
+    """A descriptor as pyusb wants it."""
+    size, kind = descriptor.encode()[:2]
+    return SimpleNamespace(bLength=size, bDescriptorType=kind, **vars(descriptor), extra_descriptors=array("B"))

@@ -1,0 +1,300 @@
+"""USB/IP as bytes: what a client asks, and what a server answers (protocol version 1.1.1).
+
+The layouts are those of the Linux kernel's Documentation/usb/usbip_protocol.rst; every number in them is big-endian,
+but for the eight bytes of a setup stage. A connection begins with one request: for the list of devices, which ends it,
+or for a device, which turns it into a stream of commands. This module knows neither sockets nor devices.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import NamedTuple
+
+from ...protocol.descriptors import Configuration, Interface, descriptors
+from ...protocol.enumeration import HIGH_SPEED, Enumeration, Speed
+from ...protocol.requests import DIRECTION_IN, Setup
+
+__all__ = [
+    "MOST_URB_BYTES",
+    "PORT",
+    "Export",
+    "ImportStatus",
+    "Importing",
+    "Listing",
+    "Submit",
+    "Unlink",
+    "encode_import",
+    "encode_list",
+    "encode_submitted",
+    "encode_unlinked",
+    "read_command",
+    "read_request",
+]
+
+PORT = 3240
+"""The TCP port that is registered for USB/IP."""
+
+MOST_URB_BYTES = 1 << 24
+"""The longest transfer that is taken: what Linux lends to all of a user's transfers together, unless told otherwise."""
+
+_VERSION = 0x0111
+_REQUEST_HEADER = struct.Struct(">HHI")
+_REQUEST_LIST, _REPLY_LIST = 0x8005, 0x0005
+_REQUEST_IMPORT, _REPLY_IMPORT = 0x8003, 0x0003
+_BUS_ID_BYTES = 32
+_DEVICE = struct.Struct(f">256s{_BUS_ID_BYTES}sIIIHHHBBBBBB")
+_FULL_SPEED, _HIGH_SPEED = 2, 3
+
+_SUBMIT, _UNLINK, _SUBMITTED, _UNLINKED = 1, 2, 3, 4
+_COMMAND = struct.Struct(">5I")
+_SUBMIT_REST = struct.Struct(">4Ii8s")
+_SUBMITTED_REST = struct.Struct(">iIII12x")
+_UNLINKED_REST = struct.Struct(">i24x")
+_COMMAND_BYTES = _COMMAND.size + _SUBMIT_REST.size
+_DIRECTION_IN = 1
+_HIGHEST_ENDPOINT = 15
+_SHORT_NOT_OK, _ZERO_PACKET = 0x0001, 0x0040  # what a client may ask of a transfer
+_NOT_ISOCHRONOUS = (0, 0xFFFF_FFFF)  # numbers of packets; the kernel sends the first, its document says the second
+
+
+class ImportStatus(IntEnum):
+    """How a request for a device is answered; the kernel's tools have words for these numbers."""
+
+    OK = 0
+    NOT_AVAILABLE = 1
+    BUSY = 2
+    NO_DEVICE = 4
+
+
+class Export(NamedTuple):
+    """A device as a server offers it: its place on a bus, and its descriptors.
+
+    Parameters
+    ----------
+    bus, number : int
+        Numbers of the bus, and of the device on it.
+    enumeration : Enumeration
+        Its descriptors.
+    speed : Speed
+        Its speed.
+    configuration : int
+        The configuration chosen, 0 for none.
+    """
+
+    bus: int
+    number: int
+    enumeration: Enumeration
+    speed: Speed
+    configuration: int
+
+    @property
+    def bus_id(self) -> str:
+        """The name by which a client asks for it."""
+        return f"{self.bus}-{self.number}"
+
+    @property
+    def device_id(self) -> int:
+        """The number by which commands name it."""
+        return self.bus << 16 | self.number
+
+
+class Listing(NamedTuple):
+    """The request for the list of devices."""
+
+
+class Importing(NamedTuple):
+    """The request for a device."""
+
+    bus_id: str
+
+
+class Submit(NamedTuple):
+    """The command to carry out a transfer.
+
+    Parameters
+    ----------
+    number : int
+        Of the command; the answer repeats it.
+    device_id : int
+        The device.
+    endpoint : int
+        Address of the endpoint, with the bit of its direction.
+    zero_packet : bool
+        Whether an empty packet follows where the last one sent is full.
+    short_not_ok : bool
+        Whether it is an error to receive less than there is room for.
+    length : int
+        Bytes to be sent, or room for those to be received.
+    start_frame, packets : int
+        These mean something to isochronous transfers alone; the answer repeats them.
+    setup : Setup
+        The setup stage of a control transfer; of another it means nothing.
+    data : bytes
+        What is sent.
+    """
+
+    number: int
+    device_id: int
+    endpoint: int
+    zero_packet: bool
+    short_not_ok: bool
+    length: int
+    start_frame: int
+    packets: int
+    setup: Setup
+    data: bytes
+
+
+class Unlink(NamedTuple):
+    """The command to take a transfer back."""
+
+    number: int
+    device_id: int
+    target: int
+    """The number of the transfer's command."""
+
+
+def read_request(buffer: bytes | bytearray) -> tuple[Listing | Importing, int] | None:
+    """Read the request that a connection begins with.
+
+    Returns
+    -------
+    (request, int) or None
+        The request and its length in bytes; None where more bytes must come first.
+
+    Raises
+    ------
+    ValueError
+        Where the bytes are no request.
+    """
+    if len(buffer) < _REQUEST_HEADER.size:
+        return None
+    version, code, _ = _REQUEST_HEADER.unpack_from(buffer)
+    if version != _VERSION:
+        raise ValueError(f"version {version:#06x} of USB/IP; this is version {_VERSION:#06x}")
+    if code == _REQUEST_LIST:
+        return Listing(), _REQUEST_HEADER.size
+    if code != _REQUEST_IMPORT:
+        raise ValueError(f"request {code:#06x}; there are {_REQUEST_LIST:#06x} and {_REQUEST_IMPORT:#06x}")
+    end = _REQUEST_HEADER.size + _BUS_ID_BYTES
+    if len(buffer) < end:
+        return None
+    bus_id = bytes(buffer[_REQUEST_HEADER.size : end]).partition(b"\0")[0]
+    return Importing(bus_id.decode("ascii", "replace")), end
+
+
+def read_command(buffer: bytes | bytearray) -> tuple[Submit | Unlink, int] | None:
+    """Read a command of a client that has a device.
+
+    Returns
+    -------
+    (command, int) or None
+        The command and its length in bytes, its data included; None where more bytes must come first.
+
+    Raises
+    ------
+    ValueError
+        Where the bytes are no command, or one for an isochronous or too long transfer.
+    """
+    if len(buffer) < _COMMAND_BYTES:
+        return None
+    code, number, device_id, direction, endpoint = _COMMAND.unpack_from(buffer)
+    flags, length, start_frame, packets, _, setup = _SUBMIT_REST.unpack_from(buffer, _COMMAND.size)
+    if code == _UNLINK:
+        return Unlink(number, device_id, target=flags), _COMMAND_BYTES
+    if code != _SUBMIT:
+        raise ValueError(f"command {code}; there are {_SUBMIT} and {_UNLINK}")
+    if endpoint > _HIGHEST_ENDPOINT or direction > _DIRECTION_IN:
+        raise ValueError(f"endpoint {endpoint} in direction {direction}; they go to {_HIGHEST_ENDPOINT} and 1")
+    if packets not in _NOT_ISOCHRONOUS:
+        raise ValueError(f"an isochronous transfer of {packets} packets; the device has no endpoint for these")
+    if length > MOST_URB_BYTES:
+        raise ValueError(f"a transfer of {length} bytes; at most {MOST_URB_BYTES} are taken")
+    is_in = direction == _DIRECTION_IN
+    end = _COMMAND_BYTES if is_in else _COMMAND_BYTES + length
+    if len(buffer) < end:
+        return None
+    address = endpoint | (DIRECTION_IN if is_in else 0)
+    data = bytes(memoryview(buffer)[_COMMAND_BYTES:end])
+    submit = Submit(
+        number,
+        device_id,
+        address,
+        bool(flags & _ZERO_PACKET),
+        bool(flags & _SHORT_NOT_OK),
+        length,
+        start_frame,
+        packets,
+        Setup.decode(setup),
+        data,
+    )
+    return submit, end
+
+
+def encode_list(exports: Sequence[Export]) -> bytes:
+    """The answer to `Listing`."""
+    head = _REQUEST_HEADER.pack(_VERSION, _REPLY_LIST, 0) + struct.pack(">I", len(exports))
+    return head + b"".join(_device(export) + _interfaces(export) for export in exports)
+
+
+def encode_import(status: ImportStatus, export: Export | None = None) -> bytes:
+    """The answer to `Importing`, with the device where there is one to be had."""
+    return _REQUEST_HEADER.pack(_VERSION, _REPLY_IMPORT, status) + (b"" if export is None else _device(export))
+
+
+def encode_submitted(submit: Submit, status: int, actual: int, data: bytes | bytearray = b"") -> bytes:
+    """The answer to `Submit`.
+
+    Parameters
+    ----------
+    submit : Submit
+        The command.
+    status : int
+        0, or the negative number of an error of Linux.
+    actual : int
+        Bytes that were sent or received.
+    data : bytes
+        What was received.
+    """
+    head = _COMMAND.pack(_SUBMITTED, submit.number, 0, 0, 0)
+    return head + _SUBMITTED_REST.pack(status, actual, submit.start_frame, submit.packets) + data
+
+
+def encode_unlinked(unlink_number: int, status: int) -> bytes:
+    """The answer to `Unlink`: the negative number of an error if the transfer was taken back, 0 if it was over."""
+    return _COMMAND.pack(_UNLINKED, unlink_number, 0, 0, 0) + _UNLINKED_REST.pack(status)
+
+
+def _device(export: Export) -> bytes:
+    device, configuration = export.enumeration.device, _configuration(export)
+    return _DEVICE.pack(
+        f"/sys/devices/phasewire/usb{export.bus}/{export.bus_id}".encode(),
+        export.bus_id.encode(),
+        export.bus,
+        export.number,
+        _HIGH_SPEED if export.speed == HIGH_SPEED else _FULL_SPEED,
+        device.idVendor,
+        device.idProduct,
+        device.bcdDevice,
+        device.bDeviceClass,
+        device.bDeviceSubClass,
+        device.bDeviceProtocol,
+        export.configuration,
+        device.bNumConfigurations,
+        configuration.bNumInterfaces,
+    )
+
+
+def _configuration(export: Export) -> Configuration:
+    head = descriptors(export.enumeration.configuration)[0]
+    assert isinstance(head, Configuration)
+    return head
+
+
+def _interfaces(export: Export) -> bytes:
+    found = (each for each in descriptors(export.enumeration.configuration) if isinstance(each, Interface))
+    return b"".join(
+        bytes([each.bInterfaceClass, each.bInterfaceSubClass, each.bInterfaceProtocol, 0]) for each in found
+    )

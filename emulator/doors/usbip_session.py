@@ -1,0 +1,314 @@
+"""One client of the USB/IP server: its requests, and the transfers of the device that it has attached.
+
+A client's host controller keeps some things to itself, which are made good here. It says nothing of bus resets: one is
+inferred where a host begins to enumerate, asking for the device descriptor with room for 64 bytes and then for 18, and
+nothing else is under way. It may take a transfer back before it submits it. And a device that attaches itself anew is
+another one to it: the connection ends, and the client attaches again. A device whose client leaves is unplugged, and
+plugged in again where nobody listens; so it waits for the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ...protocol.board import CORE_HZ
+from ...protocol.codes import DescriptorType, StandardRequest
+from ...protocol.requests import DIRECTION_IN, Setup
+from .station import Station
+from .usb_bus import Outcome, Peripheral, Transfer, UsbBus
+from .usbip import (
+    Export,
+    Importing,
+    ImportStatus,
+    Listing,
+    Submit,
+    Unlink,
+    encode_import,
+    encode_list,
+    encode_submitted,
+    encode_unlinked,
+    read_command,
+    read_request,
+)
+
+__all__ = ["Exported", "UsbIpSession"]
+
+MOST_TRANSFERS = 4096
+MOST_BYTES = 1 << 26
+"""How much a client may have under way; Linux lends a quarter of it to all transfers of all programs together."""
+
+MOST_PENDING = 1 << 20
+"""Bytes that wait for a client from which it gets no more until it takes some."""
+
+ATTACH_CYCLES = CORE_HZ
+"""How long a client waits for a device that is about to attach itself: one second, for it may have to boot."""
+
+_TAKEN_BACK = -104  # ECONNRESET
+_FIRST_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorType.DEVICE << 8, 0, 64)
+_SECOND_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorType.DEVICE << 8, 0, 18)
+
+
+@dataclass(eq=False)
+class Exported:
+    """A device that a server offers, and whether a client has it.
+
+    Parameters
+    ----------
+    bus, number : int
+        Numbers of the bus, and of the device on it.
+    device : Peripheral
+        The device.
+    station : Station
+        Its time.
+    """
+
+    bus: int
+    number: int
+    device: Peripheral
+    station: Station
+    taken: bool = False
+
+    def describe(self) -> Export:
+        """What there is to say of it at the moment."""
+        device = self.device
+        return Export(self.bus, self.number, device.enumeration, device.speed, device.configuration)
+
+
+class UsbIpSession:
+    """A conversation with one client, from its request to the end of its connection.
+
+    Parameters
+    ----------
+    exports : mapping of str to Exported
+        The devices that it may have, by their bus id.
+
+    Attributes
+    ----------
+    end : str
+        Why the client is left, in words; empty if it is not, or has got all that it asked for.
+    """
+
+    def __init__(self, exports: Mapping[str, Exported]) -> None:
+        self._exports = exports
+        self._received = bytearray()
+        self._pending = bytearray()
+        self._exported: Exported | None = None
+        self._bus: UsbBus | None = None
+        self._generation = 0
+        self._give_up = 0
+        self._transfers: dict[int, Transfer] = {}
+        self._bytes = 0
+        self._newest: int | None = None
+        self._premature: dict[int, int] = {}  # numbers of transfers taken back before they came, and of who did it
+        self._looked = False
+        self.over = False
+        self.end = ""
+
+    @property
+    def station(self) -> Station | None:
+        """Where the client's device stands; None before it has one."""
+        return self._exported.station if self._exported else None
+
+    @property
+    def pending(self) -> int:
+        """Bytes that wait for the client."""
+        return len(self._pending)
+
+    @property
+    def full(self) -> bool:
+        """Whether the client should send no more for now."""
+        return self._attaching or len(self._pending) > MOST_PENDING
+
+    @property
+    def presses(self) -> bool:
+        """Whether something of it is under way, so that time must pass at the fast pace too."""
+        return self._attaching or (self._bus is not None and self._bus.presses and not self.full)
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the device does not hear for now what it says; perhaps it would later."""
+        return self._bus is not None and self._bus.stuck
+
+    @property
+    def last_word(self) -> int | None:
+        """When the device last heard something of the client, in its time; None if never."""
+        return self._bus.last_word if self._bus else None
+
+    @property
+    def _attaching(self) -> bool:
+        return self._exported is not None and self._bus is None
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes of the client; it is left if they make no sense."""
+        if not self.over:
+            self._received += data
+            self._read()
+
+    def take(self, room: int) -> bytes:
+        """Give bytes to the client, at most so many."""
+        data = bytes(self._pending[:room])
+        del self._pending[:room]
+        return data
+
+    def hang_up(self) -> None:
+        """The client has gone."""
+        self._leave("")
+
+    def next_time(self, event: int | None) -> int | None:
+        """When there is something to do, if nobody else acts; the device itself does at `event`."""
+        if self._attaching:
+            return self._give_up if event is None else min(event, self._give_up)
+        return None if self._bus is None or self.full else self._bus.next_time(event)
+
+    def run(self) -> None:
+        """Do what is due now."""
+        if self._attaching:
+            self._attach()
+        self._check_attachment()  # first: one who has left the bus answers nothing any more
+        if self._bus and not self.full:
+            self._bus.run()
+            self._check_attachment()
+
+    def _read(self) -> None:
+        """Do everything that has been asked for, up to the first thing that must wait."""
+        while not self.over and not self._attaching:
+            try:
+                found = read_command(self._received) if self._bus else read_request(self._received)
+            except ValueError as error:
+                self._leave(f"it sent {error}")
+                break
+            if found is None:
+                break
+            message, size = found
+            del self._received[:size]
+            self._obey(message)
+            self._check_attachment()
+
+    def _obey(self, message: Listing | Importing | Submit | Unlink) -> None:
+        match message:
+            case Listing():
+                self._pending += encode_list([each.describe() for each in self._exports.values()])
+                self._leave("")
+            case Importing():
+                self._import(message.bus_id)
+            case Submit():
+                self._submit(message)
+            case Unlink():
+                self._unlink(message)
+
+    def _import(self, bus_id: str) -> None:
+        exported = self._exports.get(bus_id)
+        if exported is None:
+            self._refuse(ImportStatus.NO_DEVICE, f"it asked for {bus_id!r}; there are {', '.join(self._exports)}")
+        elif exported.taken:
+            self._refuse(ImportStatus.BUSY, f"it asked for {bus_id}, which another client has")
+        else:
+            exported.taken = True
+            exported.station.conversations.append(self)
+            self._exported = exported
+            self._give_up = exported.station.scheduler.now + ATTACH_CYCLES
+            self._attach()
+
+    def _refuse(self, status: ImportStatus, reason: str) -> None:
+        self._pending += encode_import(status)
+        self._leave(reason)
+
+    def _attach(self) -> None:
+        """Give the device to the client as soon as it is attached."""
+        assert self._exported
+        device, scheduler = self._exported.device, self._exported.station.scheduler
+        if device.attached:
+            self._bus = UsbBus(device, scheduler)
+            self._generation = device.generation
+            self._pending += encode_import(ImportStatus.OK, self._exported.describe())
+            self._read()
+        elif scheduler.now >= self._give_up:
+            self._refuse(ImportStatus.NOT_AVAILABLE, "the device did not attach itself")
+
+    def _check_attachment(self) -> None:
+        """Leave the client where its device has left it."""
+        if self._bus and self._exported:
+            device = self._exported.device
+            if not device.attached or device.generation != self._generation:
+                self._leave("the device has left the bus; it can be attached again", replug=False)
+
+    def _submit(self, command: Submit) -> None:
+        assert self._bus
+        if not self._is_ours(command):
+            return
+        self._newest = command.number
+        if command.number in self._premature:
+            self._pending += encode_unlinked(self._premature.pop(command.number), _TAKEN_BACK)
+            return
+        if command.number in self._transfers:
+            self._leave(f"it sent a second transfer {command.number} while the first was under way")
+            return
+        self._bytes += len(command.data)
+        if len(self._transfers) == MOST_TRANSFERS or self._bytes > MOST_BYTES:
+            self._leave(f"it has more than {MOST_TRANSFERS} transfers or {MOST_BYTES} bytes under way")
+            return
+        transfer = Transfer(
+            command.endpoint,
+            command.length,
+            command.data,
+            command.setup,
+            command.zero_packet,
+            command.short_not_ok,
+            lambda transfer, outcome: self._answer(command, transfer, outcome),
+        )
+        if transfer.is_control:
+            self._infer_reset(command.setup)
+        self._transfers[command.number] = transfer
+        self._bus.submit(transfer)
+
+    def _is_ours(self, command: Submit | Unlink) -> bool:
+        assert self._exported
+        wanted = self._exported.describe().device_id
+        if command.device_id != wanted:
+            self._leave(f"it sent a command for device {command.device_id:#x}; its own is {wanted:#x}")
+        return command.device_id == wanted
+
+    def _infer_reset(self, setup: Setup) -> None:
+        assert self._exported
+        if setup == _SECOND_LOOK and self._looked and not self._transfers:
+            self._exported.device.reset()
+        self._looked = setup == _FIRST_LOOK
+
+    def _answer(self, command: Submit, transfer: Transfer, outcome: Outcome) -> None:
+        actual = len(transfer.received) if transfer.is_in else transfer.sent
+        self._pending += encode_submitted(command, outcome, actual, transfer.received)
+        self._forget(command.number)
+
+    def _forget(self, number: int) -> Transfer:
+        transfer = self._transfers.pop(number)
+        self._bytes -= len(transfer.data)
+        return transfer
+
+    def _unlink(self, command: Unlink) -> None:
+        assert self._bus
+        if not self._is_ours(command):
+            return
+        if command.target in self._transfers:
+            self._bus.cancel(self._forget(command.target))
+            self._pending += encode_unlinked(command.number, _TAKEN_BACK)
+        elif self._newest is None or 0 < (command.target - self._newest) % 2**32 < 2**31:
+            self._premature[command.target] = command.number
+            if len(self._premature) > MOST_TRANSFERS:
+                self._leave(f"it took back more than {MOST_TRANSFERS} transfers that it never began")
+        else:
+            self._pending += encode_unlinked(command.number, int(Outcome.DONE))
+
+    def _leave(self, reason: str, replug: bool = True) -> None:
+        """Have no more to do with the client."""
+        self.over = True
+        self.end = self.end or reason
+        self._received.clear()
+        if self._exported:
+            self._exported.station.conversations.remove(self)
+            self._exported.taken = False
+            if replug:
+                self._exported.device.unplug()
+                self._exported.device.plug()
+            self._exported = self._bus = None
+            self._transfers.clear()

@@ -1,0 +1,251 @@
+"""Captures: what the 320 outputs did, as a logic analyser on all ten ports would see it.
+
+Nothing is kept bit by bit: a capture holds segments, and expands the stretch that is asked for.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...protocol.board import (
+    CHANNELS,
+    CHANNELS_PER_PROCESSOR,
+    HALF_TICKS_PER_PERIOD,
+    MAX_WIDTH_TICKS,
+    PROCESSORS,
+    TICKS_PER_PERIOD,
+)
+from ...protocol.pulses import MODULATED_WIDTH
+from ...protocol.wiring import Wiring
+from .clock import BoardClock
+from .reel import Segments
+
+__all__ = ["Capture", "Forced", "Track"]
+
+CHUNK_PERIODS = 1024  # 2 MB of bits
+ALL_HIGH = 2**CHANNELS_PER_PROCESSOR - 1
+
+
+class Forced(NamedTuple):
+    """What holds a port's outputs from a tick on, whatever is played; the newest counts."""
+
+    tick: int
+    high: int = 0
+    """Bits that are stuck high."""
+    low: int = 0
+    """Bits that are stuck low."""
+
+
+class Track(NamedTuple):
+    """What one port did."""
+
+    segments: Segments
+    clock: BoardClock
+    forced: tuple[Forced, ...] = ()
+
+    @property
+    def deranged(self) -> bool:
+        """Whether its bits are not those of its pulses: its clock is its own, or its pins are held."""
+        return bool(self.forced) or not self.clock.exact
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """The outputs up to the moment of capture. Ticks count from period 0; ticks are 0.5 µs, periods 50 ticks.
+
+    Parameters
+    ----------
+    wiring : Wiring
+        How the transducers really are connected, whatever the controller's table says.
+    end_tick : int
+        Number of ticks captured.
+    tracks : tuple of Track
+        One for each processor in the order of the chain.
+    open_since : mapping of int to int
+        Transducers that are not connected, each with the tick since when: their outputs switch, and they emit nothing.
+    start_tick : int
+        Where it begins, if what was before has been forgotten.
+    """
+
+    wiring: Wiring
+    end_tick: int
+    tracks: tuple[Track, ...]
+    open_since: Mapping[int, int] = field(default_factory=dict)
+    start_tick: int = 0
+
+    @property
+    def open_transducers(self) -> frozenset[int]:
+        """Transducers that are not connected, be it since the end."""
+        return frozenset(self.open_since)
+
+    @property
+    def periods(self) -> int:
+        """Whole carrier periods captured."""
+        return self.end_tick // TICKS_PER_PERIOD
+
+    @property
+    def latches(self) -> list[list[int]]:
+        """For each processor the ticks at which it began to play something else: an update, a sequence, silence."""
+        return [
+            [track.clock.tick_of(own) for own in (track.segments.starts[1:] * TICKS_PER_PERIOD).tolist()]
+            for track in self.tracks
+        ]
+
+    def bits(self, start: int, stop: int) -> NDArray[np.uint32]:
+        """The port words of a stretch of time.
+
+        Parameters
+        ----------
+        start, stop : int
+            Ticks since period 0; stop is not included.
+
+        Returns
+        -------
+        (stop - start, 10) uint32
+            One column per processor in the order of the chain; bit b is output b of its port.
+
+        Raises
+        ------
+        ValueError
+            Where the stretch was not captured.
+        """
+        start, stop = operator.index(start), operator.index(stop)
+        if not self.start_tick <= start <= stop <= self.end_tick:
+            raise ValueError(
+                f"ticks {start} to {stop} are not within the captured {self.start_tick} to {self.end_tick}"
+            )
+        words = np.empty((stop - start, PROCESSORS), np.uint32)
+        step = CHUNK_PERIODS * TICKS_PER_PERIOD
+        for begin in range(start, stop, step):
+            end = min(begin + step, stop)
+            words[begin - start : end - start] = self._words(begin, end)
+        return words
+
+    def _words(self, start: int, stop: int) -> NDArray[np.uint32]:
+        """Port words, (stop - start, 10)."""
+        from .raster import expand
+
+        first, last = start // TICKS_PER_PERIOD, -(-stop // TICKS_PER_PERIOD)
+        words = np.empty(((last - first) * TICKS_PER_PERIOD, PROCESSORS), np.uint32)
+        expand(self._slices, *self._rows(first, last), _widths(), words)
+        words = words[start - first * TICKS_PER_PERIOD :][: stop - start]
+        for processor, track in enumerate(self.tracks):
+            if track.deranged:
+                words[:, processor] = _deranged(track, start, stop)
+        return words
+
+    @property
+    def _slices(self) -> tuple[NDArray[np.uint8], ...]:
+        return tuple(track.segments.slices for track in self.tracks)
+
+    def _rows(self, first: int, last: int) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+        """What each processor plays in each period, (10, n) rows of its slices, and the samples over them."""
+        played = [track.segments.rows(first, last) for track in self.tracks]
+        return np.stack([rows for rows, _ in played]), np.stack([samples for _, samples in played])
+
+    def channels(self, start: int, stop: int) -> NDArray[np.uint8]:
+        """The same stretch as one 0 or 1 per output channel, (stop - start, 320) uint8."""
+        bits = self.bits(start, stop)[:, :, None] >> np.arange(CHANNELS_PER_PROCESSOR, dtype=np.uint32) & 1
+        return bits.reshape(stop - start, CHANNELS).astype(np.uint8)
+
+    def drives(self, first: int, last: int, dtype: Any = np.complex64) -> NDArray[Any]:
+        """The drive emitted in each of successive carrier periods, as the bits emit it.
+
+        Parameters
+        ----------
+        first, last : int
+            Carrier periods; last is not included.
+        dtype : complex type
+            Of the result.
+
+        Returns
+        -------
+        (last - first, 320) complex
+            In array order; the continuous-time fundamental of each square wave (not a sum over samples, which would be
+            half a tick off), where the widest pulse (25 ticks) has magnitude 1.
+
+        Raises
+        ------
+        ValueError
+            Where the periods were not captured.
+
+        Notes
+        -----
+        Where a port plays whole pulses, each is looked up by its two edges; where its clock is its own or its pins are
+        held, all edges of its bits are summed.
+        """
+        first, last = operator.index(first), operator.index(last)
+        begin = -(-self.start_tick // TICKS_PER_PERIOD)
+        if not begin <= first <= last <= self.periods:
+            raise ValueError(f"periods {first} to {last} are not within the captured {begin} to {self.periods}")
+        from .raster import demodulate, emit
+
+        turn, pulse_drives = _turn().astype(dtype), _pulse_drives().astype(dtype)
+        columns = np.argsort(self.wiring.channels).reshape(PROCESSORS, CHANNELS_PER_PROCESSOR)
+        drives = np.empty((last - first, CHANNELS), dtype)
+        for begin in range(first, last, CHUNK_PERIODS):
+            end = min(begin + CHUNK_PERIODS, last)
+            chunk = drives[begin - first : end - first]
+            emit(self._slices, *self._rows(begin, end), _widths(), pulse_drives, columns, chunk)
+            for track, its_columns in zip(self.tracks, columns, strict=True):
+                if track.deranged:
+                    words = _deranged(track, begin * TICKS_PER_PERIOD, end * TICKS_PER_PERIOD)
+                    demodulate(words, turn, its_columns, chunk)
+        for number, tick in self.open_since.items():
+            drives[max(tick // TICKS_PER_PERIOD - first, 0) :, number] = 0
+        return drives
+
+    def drive(self, period: int) -> NDArray[np.complex128]:
+        """The drive emitted in one carrier period, (320,) complex; see `drives`."""
+        period = operator.index(period)
+        return np.asarray(self.drives(period, period + 1, np.complex128)[0])
+
+
+def _deranged(track: Track, start: int, stop: int) -> NDArray[np.uint32]:
+    """The words of any port at ticks of the device, (stop - start,)."""
+    own = track.clock.own_ticks(start, stop)
+    first, last = (int(own[0]), int(own[-1]) + 1) if own.size else (0, 0)
+    words = _played(track.segments, first, last)[own - first]
+    for number, (tick, high, low) in enumerate(track.forced):
+        until = track.forced[number + 1].tick if number + 1 < len(track.forced) else stop
+        held = slice(max(tick - start, 0), max(until - start, 0))
+        words[held] = words[held] & np.uint32(~low & ALL_HIGH) | np.uint32(high)
+    return words
+
+
+def _played(segments: Segments, start: int, stop: int) -> NDArray[np.uint32]:
+    """The words that one port plays at its own ticks, (stop - start,)."""
+    from .raster import expand
+
+    first, last = start // TICKS_PER_PERIOD, -(-stop // TICKS_PER_PERIOD)
+    rows, samples = segments.rows(first, last)
+    words = np.empty(((last - first) * TICKS_PER_PERIOD, 1), np.uint32)
+    expand((segments.slices,), rows[None], samples[None], _widths(), words)
+    return words[start - first * TICKS_PER_PERIOD :, 0][: stop - start]
+
+
+@cache
+def _widths() -> NDArray[np.uint8]:
+    return np.ascontiguousarray(MODULATED_WIDTH, np.uint8)
+
+
+@cache
+def _turn() -> NDArray[np.complex128]:
+    """What a falling edge at each tick of a period adds to the fundamental, (50,), of which the widest pulse has 1."""
+    return np.asarray(np.exp(2j * np.pi * np.arange(TICKS_PER_PERIOD) / TICKS_PER_PERIOD) / 2j)
+
+
+@cache
+def _pulse_drives() -> NDArray[np.complex128]:
+    """The fundamental of a pulse of each phase and width, (100, 26), from its two edges (clause PUL-004)."""
+    phase, width = np.mgrid[:HALF_TICKS_PER_PERIOD, : MAX_WIDTH_TICKS + 1]
+    begin = (phase - width) >> 1
+    turn = _turn()
+    return np.asarray(turn[(begin + width) % TICKS_PER_PERIOD] - turn[begin % TICKS_PER_PERIOD])
