@@ -606,15 +606,19 @@ class Controller:
         self._loading.add(to_all, self._now + SORT_CYCLES)
 
     def _question_time(self) -> int:
-        """When a question to a processor can go without holding up a change."""
-        self.settle()
-        now = max(self._now, self._chain.free_at)
-        return self._agenda.gap(now, self._agenda.question_cycles)
+        """When a question to a processor can go without holding up a change; loads make way for it."""
+        asking = self._gap_for_question()
+        self._loading.make_way(asking)
+        return asking
 
     def _reading_time(self) -> int:
         """When a question what a processor plays can go, which may hold up no loads that a program counts on either."""
-        asking = self._question_time()
+        asking = self._gap_for_question()
         return max(asking, self._agenda.loads_gone(self._now, len(self._loading))) if self._loading else asking
+
+    def _gap_for_question(self) -> int:
+        self.settle()
+        return self._agenda.gap(max(self._now, self._chain.free_at), self._agenda.question_cycles)
 
     # What changes mean
 

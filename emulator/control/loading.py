@@ -52,6 +52,7 @@ class Loading:
         self._settle = settle
         self._on_gone = on_gone
         self._waiting: deque[_Waiting] = deque()
+        self._question_at = scheduler.now
         self._turn = 0  # advanced with each time that is set for the next load; earlier ones count no more
         self.blocks = 0
         """Blocks of which a load still waits."""
@@ -76,6 +77,10 @@ class Loading:
         if self._waiting:
             self._send_at(max(self._scheduler.now, self.leaves))
 
+    def make_way(self, cycle: int) -> None:
+        """A question goes at a core cycle: begin no load that would be in its way, or it would wait for all of them."""
+        self._question_at = cycle
+
     def _send_at(self, cycle: int) -> None:
         self._turn += 1
         self._scheduler.at(cycle, partial(self._send, self._turn))
@@ -86,13 +91,16 @@ class Loading:
             return
         self._settle()
         now, (ready, load, last) = self._scheduler.now, self._waiting[0]
-        at = max(now, ready, self._agenda.gap(now, self._agenda.load_cycles), self._chain.free_at)
+        load_cycles = self._agenda.load_cycles
+        at = max(now, ready, self._agenda.gap(now, load_cycles), self._chain.free_at)
+        if at <= self._question_at < at + load_cycles:
+            at = self._question_at + self._agenda.question_cycles
         if at > now:
             self._send_at(at)
             return
         self._waiting.popleft()
         self._chain.load(load)
-        self.leaves = now + self._agenda.load_cycles
+        self.leaves = now + load_cycles
         self._send_at(self.leaves)
         if last:
             self.blocks -= 1

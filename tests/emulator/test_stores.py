@@ -201,6 +201,35 @@ def test_stores_find_their_way_between_updates_at_the_rate_that_holds(unfolded: 
     assert (device.status().late, device.status().missed_commits) == (0, 0)
 
 
+SLOW = Link("slow", 5, 4, cycles_per_symbol=40)
+
+
+def test_processors_are_asked_however_many_stores_come() -> None:
+    """Clauses CHN-017 and CHN-018: loads that come without a gap make way, or all would fall silent in 50 ms."""
+    device = Device(Emulator(unfolded=True, link=SLOW), enabled=True)
+    begins = device.send(Update(FULL)).commit_period
+    device.run_until((begins + 2) * PERIOD)
+    stores = [Entries((Entry(0, 1),) * 120)] * 48  # 2.4 ms each
+    device.send_in_time(*stores)
+    assert device.period > 70 * 40
+    assert device.high_periods() >= set(range(begins, device.period))
+    assert (device.state, device.status().faults) == (State.PLAYING, Fault(0))
+
+
+def test_a_sequence_waits_for_questions_between_its_stores_too() -> None:
+    """Fifty of them, at the last processor, whose loads are the last."""
+    device = Device(Emulator(unfolded=True, link=Link("slower", 5, 4, cycles_per_symbol=60)), enabled=True)
+    for slot, width in ((0, 5), (1, 9)):
+        device.send(Slot(slot, pulses(width)))
+    device.send(Entries((Entry(0, 1),) * 120))
+    device.run(400)
+    stores = [Entries((Entry(0, 1),) * 120, 120)] * 15 + [Entries((Entry(1, 1),) * 120)]
+    begins = device.send_in_time(*stores, Sequence(0, 120))[-1].commit_period
+    device.run_until((begins + 120) * PERIOD)
+    words = device.emulator.capture().bits(begins * 50, (begins + 120) * 50)[:, 9] & 1
+    assert words.reshape(-1, 50).sum(axis=1).tolist() == [9] * 120
+
+
 def test_a_slot_that_was_stored_again_plays_what_was_stored_last(device: Device) -> None:
     entries(device, (3, 1))
     begins = device.send(Sequence(0, 1, repeats=2)).commit_period
