@@ -216,3 +216,80 @@ def test_a_forced_bit_stays_as_it_is_whatever_plays() -> None:
     words = played(tested.track(), 4)
     assert words == [0xFFFFFFFD] * 25 + [1] * 25
     assert played(tested.track(), 3) == [0xFFFFFFFF] * 25 + [0] * 25
+
+
+ENTRIES = Load(0, Memory.ENTRIES, 0, pack_entries([Entry(0, 1)]))
+
+
+def with_slot() -> tuple[Scheduler, Processor]:
+    """A processor with slot 0 and an entry that plays it for a period."""
+    scheduler, tested = processor()
+    tested.receive(Load(0, Memory.SLOTS, 0, SLICE.packed).encode())
+    tested.receive(ENTRIES.encode())
+    return scheduler, tested
+
+
+def test_a_program_while_another_for_the_same_memory_waits_is_missed() -> None:
+    """Clause CHN-014; one for each memory may wait, beside a table."""
+    scheduler, tested = with_slot()
+    tested.receive(Load(0, Memory.SAMPLES, 0, b"\0").encode())
+    tested.receive(Program(0, Memory.ENTRIES, 3, first=0, count=1, repeats=1).encode())
+    tested.receive(Program(0, Memory.SAMPLES, 5, first=0, count=1, hold=1).encode())
+    assert tested.missed_commits == 0
+    tested.receive(Program(0, Memory.ENTRIES, 6, first=0, count=1).encode())
+    assert tested.missed_commits == 1
+    scheduler.run_until(9 * PERIOD)
+    assert [any(played(tested.track(), period)) for period in range(2, 9)] == [False, True] + [False] * 5
+
+
+def test_a_table_takes_longer_to_make_while_a_modulation_plays() -> None:
+    """Clause BUD-006: 5424 cycles instead of 4400, until the modulation ends."""
+    scheduler, tested = processor()
+    tested.receive(Load(0, Memory.SAMPLES, 0, b"\xff").encode())
+    tested.receive(Program(0, Memory.SAMPLES, 1, first=0, count=1, hold=1).encode())
+    scheduler.run_until(3 * PERIOD - 5423)
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(3, SLICE).encode())
+    assert tested.missed_commits == 1
+    scheduler.run_until(4 * PERIOD - 5424)
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(4, SLICE).encode())
+    tested.receive(Program(0, Memory.SAMPLES, 4, first=0, count=0).encode())
+    scheduler.run_until(5 * PERIOD - 4400)
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(5, SLICE).encode())
+    assert tested.missed_commits == 1
+
+
+def test_a_program_that_stops_a_sequence_leaves_a_table_that_plays() -> None:
+    """Clause CHN-014: it has no effect where none plays."""
+    scheduler, tested = with_slot()
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(2, SLICE).encode())
+    tested.receive(Program(0, Memory.ENTRIES, 4, first=0, count=0).encode())
+    scheduler.run_until(5 * PERIOD)
+    assert any(played(tested.track(), 4))
+    tested.receive(Program(0, Memory.ENTRIES, 7, first=0, count=1).encode())
+    scheduler.run_until(8 * PERIOD)
+    tested.receive(Program(0, Memory.ENTRIES, 10, first=0, count=0).encode())
+    scheduler.run_until(12 * PERIOD)
+    assert [any(played(tested.track(), period)) for period in (8, 9, 10, 11)] == [True, True, False, False]
+
+
+def test_who_falls_silent_drops_what_waits_and_what_modulates() -> None:
+    """Clause CHN-018: a table, programs and a modulation; what comes later plays as it is."""
+    scheduler, tested = with_slot()
+    tested.receive(Load(0, Memory.SAMPLES, 0, b"\0").encode())
+    tested.receive(Program(0, Memory.SAMPLES, 2, first=0, count=1, hold=1).encode())
+    scheduler.run_until(3 * PERIOD)
+    tested.listen(scheduler.now - 50 * 400_000 + PERIOD // 2)
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(6, SLICE).encode())
+    tested.receive(Program(0, Memory.ENTRIES, 7, first=0, count=1).encode())
+    scheduler.run_until(8 * PERIOD)
+    assert starts(tested) == [4]
+    tested.receive(SLICE.encode())
+    tested.receive(Commit.of(10, SLICE).encode())
+    scheduler.run_until(11 * PERIOD)
+    assert starts(tested) == [4, 10]
+    assert played(tested.track(), 10) == [0xFFFFFFFF] * 25 + [0] * 25

@@ -201,6 +201,16 @@ def test_stores_find_their_way_between_updates_at_the_rate_that_holds(unfolded: 
     assert (device.status().late, device.status().missed_commits) == (0, 0)
 
 
+def test_loads_that_fit_before_what_is_queued_hold_up_nothing_behind_it(device: Device) -> None:
+    """A slot is 12 µs of loads, and 40 periods are a millisecond."""
+    at = device.period + 40
+    device.send(Update(HALF, at))
+    device.send(Slot(9, pulses(9)))
+    entries(device, (9, 1))
+    ack = device.send(Sequence(0, 1, at + 1))
+    assert (ack.commit_period, ack.late) == (at + 1, False)
+
+
 SLOW = Link("slow", 5, 4, cycles_per_symbol=40)
 
 
