@@ -21,6 +21,7 @@ import numpy as np
 import usb.core
 from medians import median
 from phasewire import Capture, Emulator, Pulses
+from phasewire.emulator.cluster import Cluster
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.protocol import Block, Entries, Entry, Sequence, Slot, Update, pack, pack_updates
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS, TICKS_PER_PERIOD
@@ -34,6 +35,7 @@ CHUNK_PERIODS = 1000
 """Expanded at a time: 2 MB of port words."""
 WATCHDOG_MS = 60_000
 HOUR_SECONDS = 3600
+CHAINS, CHAINS_UPDATES = (1, 8, 64), 640
 FROM_MB = 2**20 if sys.platform == "darwin" else 2**10
 """In what `resource` counts memory."""
 
@@ -41,8 +43,8 @@ FROM_MB = 2**20 if sys.platform == "darwin" else 2**10
 class Line:
     """A fresh device, enabled, and pyusb's end of the line to it."""
 
-    def __init__(self) -> None:
-        self.emulator = Emulator()
+    def __init__(self, emulator: Emulator | None = None) -> None:
+        self.emulator = Emulator() if emulator is None else emulator
         self._usb = usb.core.find(backend=EmulatorBackend([self.emulator]))
         self._usb.set_configuration()
         self._usb.ctrl_transfer(REQUEST_TYPE_OUT, Request.WATCHDOG, WATCHDOG_MS, 0)
@@ -77,10 +79,12 @@ class Fresh:
     ----------
     updates : int
         Played in each call, a multiple of `BATCH`.
+    emulator : Emulator, optional
+        What plays them; a device of its own by default.
     """
 
-    def __init__(self, updates: int) -> None:
-        self._line = Line()
+    def __init__(self, updates: int, emulator: Emulator | None = None) -> None:
+        self._line = Line(emulator)
         rng = np.random.default_rng(1)
         self._phase = rng.integers(0, 100, (updates, CHANNELS), dtype=np.uint8)
         self._width = rng.integers(0, 26, (updates, CHANNELS), dtype=np.uint8)
@@ -166,6 +170,16 @@ def measure(seconds: float) -> list[dict[str, Any]]:
     return rows
 
 
+def chains(updates: int) -> list[dict[str, float]]:
+    """Devices on one sync line that all play a fresh field every period: seconds of one device's time per second."""
+    rows = []
+    for devices in CHAINS:
+        cluster = [Fresh(updates, device) for device in Cluster(devices)]
+        seconds = sum(median_fresh(fresh) for fresh in cluster)
+        rows.append({"devices": devices, "per_device": devices * updates / CARRIER_HZ / seconds})
+    return rows
+
+
 def hour() -> dict[str, float]:
     """An hour of the looped sequence: seconds that it takes, and by how many MB the process grows at most."""
     line = two_sided()
@@ -201,8 +215,12 @@ def main() -> None:
         played, expanded = 1 / row["play"], 1 / (row["play"] + row["expand"])
         print(f"{row['what']:40}{played:>12,.1f}{expanded:>14.1f}{row['drives']:>14.2f} s")
     print(f"An hour of the sequence: {weight['seconds']:.2f} s, and {weight['growth_mb']:.0f} MB more at most")
+    several = chains(CHAINS_UPDATES)
+    rates = ", ".join(f"{row['per_device']:.1f} with {row['devices']}" for row in several)
+    print(f"Chains on one sync line, fresh fields, s/s of each: {rates}")
     if arguments.json:
-        arguments.json.write_text(json.dumps({"rows": rows, "hour": weight}, indent=1) + "\n", encoding="utf-8")
+        figures = {"rows": rows, "hour": weight, "chains": several}
+        arguments.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
