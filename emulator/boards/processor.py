@@ -394,7 +394,7 @@ class Processor:
     @property
     def _silenced(self) -> bool:
         """Whether a fault of its own keeps its outputs low (clause SAF-007)."""
-        return bool(self.faults & SILENCING_FAULTS)
+        return bool(self.faults.value & SILENCING_FAULTS.value)  # plain numbers: this is asked for each stretch played
 
     def _judge(self, fault: Fault, there: bool, what: str) -> None:
         if there:
