@@ -226,7 +226,7 @@ class Controller:
         self._bus_suspended = False
         self._accepted = self._refused = self._late = self._lost = 0
         self._commits_due = 0
-        self._loading = Loading(scheduler, chain, self._agenda, self.settle, self._announce_room)
+        self._loading = Loading(scheduler, time, chain, self._agenda, self.settle, self._announce_room)
         self._disabled_from: int | None = None
         self._lights: dict[int, int] = {}
         self._room_waiters: list[Callable[[], None]] = []

@@ -8,9 +8,11 @@ from functools import partial
 from typing import NamedTuple
 
 from ...protocol.chain import Load
+from ..ports.clock import Timebase
 from ..scheduler import Scheduler
 from .agenda import Agenda
 from .chain import Chain
+from .supervisor import QUESTION_CYCLES
 
 __all__ = ["Loading"]
 
@@ -29,6 +31,7 @@ class Loading:
     Parameters
     ----------
     scheduler : Scheduler
+    time : Timebase
     chain : Chain
     agenda : Agenda
         What they may not hold up.
@@ -41,12 +44,14 @@ class Loading:
     def __init__(
         self,
         scheduler: Scheduler,
+        time: Timebase,
         chain: Chain,
         agenda: Agenda,
         settle: Callable[[], None],
         on_gone: Callable[[], None],
     ) -> None:
         self._scheduler = scheduler
+        self._time = time
         self._chain = chain
         self._agenda = agenda
         self._settle = settle
@@ -81,6 +86,12 @@ class Loading:
         """A question goes at a core cycle: begin no load that would be in its way, or it would wait for all of them."""
         self._question_at = cycle
 
+    def _question_after(self, cycle: int) -> int:
+        """When the next question goes; on a folded chain it is not asked, and takes its time all the same."""
+        if not self._chain.folded:
+            return self._question_at
+        return self._time.origin - (self._time.origin - cycle) // QUESTION_CYCLES * QUESTION_CYCLES
+
     def _send_at(self, cycle: int) -> None:
         self._turn += 1
         self._scheduler.at(cycle, partial(self._send, self._turn))
@@ -93,8 +104,9 @@ class Loading:
         now, (ready, load, last) = self._scheduler.now, self._waiting[0]
         load_cycles = self._agenda.load_cycles
         at = max(now, ready, self._agenda.gap(now, load_cycles), self._chain.free_at)
-        if at <= self._question_at < at + load_cycles:
-            at = self._question_at + self._agenda.question_cycles
+        question = self._question_after(at)
+        if at <= question < at + load_cycles:
+            at = question + self._agenda.question_cycles
         if at > now:
             self._send_at(at)
             return

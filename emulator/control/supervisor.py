@@ -17,7 +17,7 @@ from ..ports.clock import Timebase
 from ..scheduler import Scheduler
 from .chain import Chain
 
-__all__ = ["Supervisor"]
+__all__ = ["QUESTION_CYCLES", "Supervisor"]
 
 BROKEN = Fault.CHAIN | Fault.PROCESSOR
 LEFT_ALONE_CYCLES = (DEAF_MS + 1) * CORE_HZ // 1000
