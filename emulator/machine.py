@@ -93,7 +93,7 @@ class Emulator:
     unfolded : bool
         Whether every message travels along the chain token by token, even where nothing can go wrong.
     history_periods : int, optional
-        For how many periods at least what the outputs did is kept; for ever by default, 480 bytes for each update.
+        For how many periods at least what the outputs did is kept; for ever by default, 640 bytes for each update.
     sync : SyncLine, optional
         The line of another device, to listen to; its own by default, which it drives.
 
@@ -146,6 +146,7 @@ class Emulator:
         self._unfolded = unfolded
         self._history_periods = None if history_periods is None else whole("history_periods", history_periods, 1, NEVER)
         self._first_period = 0
+        self._pulses_fail = False
         self.unplugged = False
         self.scheduler = Scheduler()
         self.sync = SyncLine() if sync is None else sync
@@ -249,6 +250,7 @@ class Emulator:
     def _begin(self, booted: Boot, identities: list[ChainIdentity]) -> None:
         """The chain has been numbered: period 0 begins with the next tick."""
         assert self._life is not None
+        self._pulses_fail = False
         origin, faults = -(-self.scheduler.now // CYCLES_PER_TICK) * CYCLES_PER_TICK, booted.faults
         if self._drives_sync:
             self.sync.drive(origin)
@@ -266,6 +268,7 @@ class Emulator:
             self._life.at(max(cycle, self.scheduler.now), self._miss_pulses)
 
     def _miss_pulses(self) -> None:
+        self._pulses_fail = True
         if self.controller is not None:
             self.controller.unfold()
             for processor in self.processors:
@@ -274,7 +277,7 @@ class Emulator:
     def _come_up(self, booted: Boot, identities: list[ChainIdentity], time: Timebase) -> None:
         """Period 0 begins; the device answers from now on (clause TIM-002)."""
         assert self._life is not None
-        self.tracer.origin = time.origin
+        self.tracer.begin_anew(time.origin)
         for processor in self.processors[: len(identities)]:
             processor.start(time)
         self._bank = booted.bank
@@ -291,6 +294,9 @@ class Emulator:
         )
         if self._unfolded:
             self.controller.unfold()
+        if self._pulses_fail:  # the one that it begins with has never come
+            self._miss_pulses()
+            self.controller.raise_fault(Fault.SYNC, "no pulse on the sync line")
         self._first_period = 0
         self._plan_to_forget()
         self.line = SerialLine(self.controller, detach=self.usb.detach)
@@ -353,7 +359,8 @@ class Emulator:
     def running(self) -> Controller:
         """The controller; raises `ValueError` while the device starts."""
         if self.controller is None:
-            raise ValueError("the device has not started yet; let time pass")
+            why = "has not started yet; let time pass" if self.powered else "has no power"
+            raise ValueError(f"the device {why}")
         return self.controller
 
     def run_until_started(self) -> None:
@@ -378,7 +385,7 @@ class Emulator:
     def watch(self) -> None:
         """From now on keep what goes on inside, message by message, in `tracer`."""
         self.tracer.watching = True
-        self.running.unfold()
+        self.unfold()
 
     def capture(self) -> Capture:
         """Everything that the outputs did since period 0, as far as it is kept."""

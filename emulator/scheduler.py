@@ -14,7 +14,7 @@ class Scheduler:
 
     def __init__(self) -> None:
         self._now = 0
-        self._queue: list[tuple[int, int, Callable[[], None]]] = []
+        self._queue: list[tuple[int, int, Callable[[], None], Branch | None]] = []
         self._tie = count()
 
     @property
@@ -24,9 +24,18 @@ class Scheduler:
 
     def at(self, time: int, action: Callable[[], None]) -> None:
         """Run an action at a time, which must not lie in the past."""
+        self.enter(time, action, None)
+
+    def enter(self, time: int, action: Callable[[], None], owner: Branch | None) -> None:
+        """The same for an action of a branch."""
         if time < self._now:
             raise ValueError(f"cycle {time} is in the past; it is cycle {self._now}")
-        heapq.heappush(self._queue, (time, next(self._tie), action))
+        heapq.heappush(self._queue, (time, next(self._tie), action, owner))
+
+    def drop(self, owner: Branch) -> None:
+        """Forget what belongs to a branch."""
+        self._queue = [entry for entry in self._queue if entry[3] is not owner]
+        heapq.heapify(self._queue)
 
     def next_time(self) -> int | None:
         """Time of the next action, None if nothing is scheduled."""
@@ -38,7 +47,7 @@ class Scheduler:
         An action may do the same; what it leaves is run after it.
         """
         while self._queue and self._queue[0][0] <= time:
-            due, _, action = heapq.heappop(self._queue)
+            due, _, action, _ = heapq.heappop(self._queue)
             self._now = max(self._now, due)
             action()
         self._now = max(self._now, time)
@@ -63,8 +72,9 @@ class Branch(Scheduler):
         return self._trunk.now
 
     def at(self, time: int, action: Callable[[], None]) -> None:
-        """Run an action at a time, unless the branch has ended by then."""
-        self._trunk.at(time, lambda: None if self._ended else action())
+        """Run an action at a time, unless the branch has ended, or will have by then."""
+        if not self._ended:
+            self._trunk.enter(time, action, self)
 
     def next_time(self) -> int | None:
         """Time of the next action of the whole schedule."""
@@ -75,5 +85,6 @@ class Branch(Scheduler):
         self._trunk.run_until(time)
 
     def end(self) -> None:
-        """Nothing of it happens any more."""
+        """Nothing of it happens any more, and nothing of it is kept."""
         self._ended = True
+        self._trunk.drop(self)

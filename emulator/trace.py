@@ -81,6 +81,13 @@ class Tracer:
         self._open: dict[str, Span] = {}
         self._signals: dict[str, tuple[int, deque[tuple[int, int]]]] = {}
 
+    def begin_anew(self, origin: int) -> None:
+        """Another period 0 begins: what was kept counted from the one before."""
+        self.origin = origin
+        self._spans.clear()
+        self._open.clear()
+        self._signals.clear()
+
     def span(self, begins: int, ends: int, lane: str, label: str) -> None:
         """Something was or will be busy from one core cycle to another."""
         if self.watching and ends > begins:

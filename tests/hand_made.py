@@ -15,6 +15,10 @@ class HandMade:
     wiring: Wiring
 
     @property
+    def start_tick(self) -> int:
+        return 0
+
+    @property
     def end_tick(self) -> int:
         return len(self.words)
 

@@ -67,7 +67,7 @@ DEAF_CYCLES = DEAF_MS * CORE_HZ // 1000
 DRIFT_RANGE = (-128, 127)
 NO_PULSE = "no pulse on the sync line"
 PERSISTENT = Fault.SYNC | Fault.TEMPERATURE | Fault.SUPPLY
-"""Faults that last as long as their cause; the others are events, reported once."""
+"""Faults that last, SYNC until a restart and the others as long as their cause; all else are events, said once."""
 
 
 @dataclass(eq=False)
@@ -121,7 +121,6 @@ class Processor:
         self.forced: list[Forced] = []
         self.number: int | None = None
         self.temperature_c = AMBIENT_C
-        self.supply_mv = SUPPLY_MV
         self.slowness = 1
         """Times that everything takes longer than its budget; more than 1 is a fault."""
         self.is_last = place == PROCESSORS - 1
@@ -135,6 +134,8 @@ class Processor:
         self._mailbox: bytes | None = None
         self._table: Waiting | None = None
         self._programs: dict[Memory, Program] = {}
+        self._late: dict[Memory, Program] = {}
+        """Programs whose period has come and whose first table is not ready."""
         self._modulated = False
         self._heard = 0
         self._time: Timebase | None = None
@@ -179,7 +180,6 @@ class Processor:
 
     def set_supply(self, millivolts: int) -> None:
         """The output amplifiers get another voltage."""
-        self.supply_mv = millivolts
         self._judge(Fault.SUPPLY, millivolts not in SUPPLY_RANGE_MV, f"{millivolts / 1000:g} V")
 
     def stop(self) -> None:
@@ -309,6 +309,7 @@ class Processor:
     def _turn_table(self, waiting: Waiting) -> None:
         if self._table is waiting:
             self._table = None
+            self._late.pop(Memory.ENTRIES, None)
             now = self._scheduler.now
             self._tracer.end(now, f"processor {self.place}")
             self._tracer.begin(now, f"port {self.place}", "plays")
@@ -361,18 +362,34 @@ class Processor:
         items = bytes(stored[program.first * layout.item_bytes : (program.first + program.count) * layout.item_bytes])
         if program.memory is Memory.SAMPLES:
             self._modulated = bool(items)
-            self.reel.modulate(program.period + self._lag(), items, program.hold)
+        if items and (lag := self._lag()):
+            # Its first table comes late, and so does every step; what is entered into the reel meanwhile comes before.
+            self._late[program.memory] = program
+            self._at_boundary(program.period + lag, lambda: self._begin_late(program, items, lag))
+        else:
+            self._late.pop(program.memory, None)
+            self._enter(program, program.period, items)
+
+    def _begin_late(self, program: Program, items: bytes, lag: int) -> None:
+        if self._late.get(program.memory) is program:
+            del self._late[program.memory]
+            self._enter(program, program.period + lag, items)
+
+    def _enter(self, program: Program, period: int, items: bytes) -> None:
+        """Begin a program, or stop it where there are no items."""
+        if program.memory is Memory.SAMPLES:
+            self.reel.modulate(period, items, program.hold)
         elif items:
             slots, periods = np.frombuffer(items, "<u2").astype(np.int64).reshape(-1, 2).T
             used, entries = np.unique(slots, return_inverse=True)
             pulses = self._memories[Memory.SLOTS]
             packed = [bytes(pulses[slot * SLICE_BYTES : (slot + 1) * SLICE_BYTES]) for slot in used]
             if periods.any():
-                self.reel.run(program.period + self._lag(), packed, entries, periods, program.repeats)
+                self.reel.run(period, packed, entries, periods, program.repeats)
             else:  # entries that were never stored; a controller never lets it come to this
-                self.reel.silence(program.period)
+                self.reel.silence(period)
         elif self.reel.runs:
-            self.reel.silence(program.period)
+            self.reel.silence(period)
 
     def _lag(self) -> int:
         """Periods by which every step of a sequence or a modulation comes late; more than 0 is an overrun."""
@@ -411,9 +428,13 @@ class Processor:
 
     def _silence(self) -> None:
         """Fall silent at the next boundary, and drop what waits or runs (clauses SAF-007 and CHN-018)."""
-        self.missed_commits += self._table is not None
-        self._table = None
+        if self._table is not None:
+            self.missed_commits += 1
+            self._table = None
+            self._tracer.end(self._scheduler.now, f"processor {self.place}")
+            self._signal("table", 0)
         self._programs.clear()
+        self._late.clear()
         if self._time is not None:
             period = max(self._time.first_boundary(self._scheduler.now), 0)
             self.reel.silence(period)

@@ -17,7 +17,7 @@ class SyncLine:
 
     def __init__(self) -> None:
         self._first: int | None = None
-        self._listeners: list[Callable[[int], None]] = []
+        self._listeners: set[Callable[[int], None]] = set()
 
     def drive(self, first: int) -> None:
         """The driving device begins its period 0."""
@@ -30,12 +30,12 @@ class SyncLine:
         return self._first + max(-((self._first - cycle) // PULSE_CYCLES), 0) * PULSE_CYCLES
 
     def listen(self, lose: Callable[[int], None]) -> None:
-        """From now on tell a device if the driving one begins anew; it gets the core cycle from which pulses fail."""
-        self._listeners.append(lose)
+        """From now on tell a device, once, if the driving one begins anew: the core cycle from which on pulses fail."""
+        self._listeners.add(lose)
 
     def fail(self, cycle: int) -> None:
         """The driving device has lost its power, or begins anew: its pulses come no more as they did."""
         self._first = None
-        listeners, self._listeners = self._listeners, []
+        listeners, self._listeners = self._listeners, set()
         for lose in listeners:
             lose(cycle)

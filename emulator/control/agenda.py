@@ -124,6 +124,9 @@ class Agenda:
         self.recent = np.full(QUEUE_BLOCKS, time.origin, np.int64)
         """When the last changes left or leave the queue, oldest first."""
 
+    def __len__(self) -> int:
+        return len(self._changes)
+
     def __iter__(self) -> Iterator[Change | Stream]:
         return iter(self._changes)
 
@@ -221,13 +224,14 @@ class Agenda:
                 yield first
                 continue
             reached = int(np.searchsorted(first.periods, self._time.period(now), side="right"))
+            if reached == len(first.periods):
+                self._changes.popleft()
             if reached > first.next:
                 begun, first.next = first.next, reached
                 self._settled = first.tail_of(reached)
                 yield first, begun
             if reached < len(first.periods):
                 return
-            self._changes.popleft()
 
     def drop_queued(self, now: int) -> None:
         """Forget what has not gone onto the chain."""

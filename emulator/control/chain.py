@@ -38,7 +38,7 @@ from ..scheduler import Scheduler
 from ..trace import Tracer
 from .agenda import Change, Stream
 
-__all__ = ["ANSWER_CYCLES", "Chain", "Passing", "Tamper"]
+__all__ = ["Chain", "Numbering", "Passing", "Tamper"]
 
 NEVER = 2**62
 STALL_CYCLES = STALL_MS * CORE_HZ // 1000

@@ -97,7 +97,7 @@ from .agenda import QUEUE_BLOCKS, Agenda, Change, Stream
 from .chain import Chain
 from .loading import Loading
 from .stores import Stores
-from .supervisor import Supervisor
+from .supervisor import BROKEN, Supervisor
 from .watchdog import Watchdog
 
 __all__ = ["FEATURES", "QUEUE_BLOCKS", "RECORDS", "Controller", "Identification"]
@@ -110,6 +110,7 @@ FEATURES = ~Feature(0)
 NO_FLAGS = AckFlag(0)
 MILLISECOND = CORE_HZ // 1000
 RESET_DELAY_CYCLES = MILLISECOND // 10
+WAKE_CYCLES = CORE_HZ
 READ_TIMEOUT_CYCLES = 10 * MILLISECOND
 IDENTIFY_CYCLES = 5 * CORE_HZ
 CLEARED_BELOW_C = 80
@@ -133,6 +134,12 @@ class Run:
     duration: int | None
     """Periods, None for without end."""
     unattended: bool
+    ends: int | None = None
+    """Period at which it has played its last repeat, once it has begun."""
+
+    def begun(self, period: int) -> Run:
+        """The same from a period on."""
+        return replace(self, ends=None if self.duration is None else period + self.duration)
 
 
 class Identification(NamedTuple):
@@ -190,6 +197,8 @@ class Controller:
         self._identification = identification
         self._log = log
         self._restart = restart
+        self._wakes_at: int | None = None
+        self._turn = 0  # advanced with each time that it is to wake; earlier ones count no more
         self._confirm = confirm
         self._tracer = chain.tracer
         self._confirmed = False
@@ -208,6 +217,7 @@ class Controller:
             self._reading_time,
             self.settle,
         )
+        chain.stuck = self._lose_chain
         self._periods_per_update = Budget.of(chain.link).periods_per_update
         self._transducers = np.argsort(identification.wiring.channels)
         self._doors: list[Door] = []
@@ -375,14 +385,14 @@ class Controller:
                 start = Program(0, Memory.ENTRIES, 0, body.first, body.count, repeats=body.repeats)
                 begin_run = partial(self._begin_sequence, Run(duration, body.unattended), door)
                 change = self._plan(body.period, None, (start,), begin_run, sequences=True)
-                use = self._stores.use(body)
+                use = self._stores.use(body, self.time.period(self._now))
                 if duration is not None:
                     use.ends(change.period + duration)
                 return change
             case Modulation():
                 start = Program(0, Memory.SAMPLES, 0, body.first, body.count, hold=body.hold)
                 change = self._plan(body.period, None, (start,), self._begin_modulation, modulations=True)
-                self._stores.use(body)
+                self._stores.use(body, self.time.period(self._now))
                 return change
             case Output(action=Action.END_MODULATION):
                 return self._plan(body.period, None, (STOP_MODULATION,), self._end_modulation, modulations=True)
@@ -432,7 +442,40 @@ class Controller:
     def _dispatch(self, change: Change) -> None:
         if not change.folded:
             self._scheduler.at(change.start, lambda: self._send(change))
-        self._scheduler.at(self.time.boundary(change.period), self.settle)
+        self._plan_to_wake()
+
+    def _plan_to_wake(self) -> None:
+        """Come back when the next thing takes effect that somebody could notice.
+
+        A far one is approached in steps, as plans change: nothing that was planned once is left behind for years.
+        """
+        effect = self._next_effect
+        if effect is None:
+            return
+        at = max(self._now, min(effect, self._now + WAKE_CYCLES))
+        if self._wakes_at is None or at < self._wakes_at:
+            self._wakes_at = at
+            self._turn += 1
+            self._scheduler.at(at, partial(self._wake, self._turn))
+
+    @property
+    def _next_effect(self) -> int | None:
+        """Core cycle; None where nothing is planned, or only that another update takes the place of one that plays."""
+        effects = []
+        more_of_the_same = self._state is State.PLAYING and self._runs is None and self._agenda.only_updates
+        if self._agenda and not more_of_the_same:
+            effects.append(self.time.boundary(self._agenda.first_period))
+        if self._runs is not None and self._runs.ends is not None:
+            effects.append(self.time.boundary(self._runs.ends))
+        return min(effects, default=None)
+
+    def _wake(self, turn: int) -> None:
+        if turn != self._turn:
+            return
+        self._wakes_at = None
+        self.settle()
+        self._end_sequence()
+        self._plan_to_wake()
 
     def _send(self, change: Change) -> None:
         self._trace_queue()
@@ -522,6 +565,7 @@ class Controller:
         sort_pulses(packets[:taken, HEADER_BYTES:], self._transducers, packed)
         begin = partial(self._begin_update, door)
         self._agenda.add_stream(Stream(starts[:taken], periods[:taken], packed, cost, tail, begin))
+        self._plan_to_wake()
         self._stores.end(int(periods[0]), sequences=True, modulations=False)
         self._acknowledge_stream(door, updates, arrivals[:taken], periods[:taken], requested[:taken], free[:taken])
         self._last_sequence, self._last_named = int(numbers[0]), None if numbers[1] < 0 else int(numbers[1])
@@ -628,15 +672,15 @@ class Controller:
         self._happen(Event.PLAY, self.time.boundary(period), door)
 
     def _begin_sequence(self, run: Run, door: Door, period: int) -> None:
-        self._runs = run
+        self._runs = run.begun(period)
         self._since_period = period
         self._happen(Event.PLAY_UNATTENDED if run.unattended else Event.PLAY, self.time.boundary(period), door)
-        if run.duration is not None:
-            self._scheduler.at(self.time.boundary(period + run.duration), lambda: self._end_sequence(run))
+        self._plan_to_wake()
 
-    def _end_sequence(self, run: Run) -> None:
-        self.settle()
-        if self._runs is run:
+    def _end_sequence(self) -> None:
+        """Where a sequence has played its last repeat, fall silent, as the processors do by themselves."""
+        run = self._runs
+        if run is not None and run.ends is not None and self._now >= self.time.boundary(run.ends):
             self._runs = None
             self._since_period = 0
             self._happen(Event.END, self._now)
@@ -736,6 +780,12 @@ class Controller:
         if self._state is was:
             self._speak()
 
+    def _lose_chain(self) -> None:
+        """A message cannot leave: nothing is sent any more, stores that wait included."""
+        self._loading.drop()
+        self.raise_fault(BROKEN, "a message cannot leave: the chain is broken")
+        self._announce_room()
+
     def _clear_faults(self) -> None:
         supervisor, kept = self._supervisor, self.faults & (Fault.SYNC | Fault.FLASH)
         if self._chain.broken:
@@ -802,11 +852,6 @@ class Controller:
     def tail_period(self) -> int:
         """The period at which the last change that was accepted takes effect."""
         return self._agenda.tail.period
-
-    @property
-    def supervisor(self) -> Supervisor:
-        """The watch over the processors."""
-        return self._supervisor
 
     # Requests
 

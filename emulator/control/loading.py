@@ -82,6 +82,12 @@ class Loading:
         if self._waiting:
             self._send_at(max(self._scheduler.now, self.leaves))
 
+    def drop(self) -> None:
+        """Nothing goes onto the chain any more."""
+        self._waiting.clear()
+        self.blocks = 0
+        self._turn += 1
+
     def make_way(self, cycle: int) -> None:
         """A question goes at a core cycle: begin no load that would be in its way, or it would wait for all of them."""
         self._question_at = cycle

@@ -51,7 +51,7 @@ class Stores:
 
     def check_free(self, body: Store, period: int) -> None:
         """Refuse to overwrite what plays or will play in a period or later (clause BLK-022)."""
-        self._uses = [use for use in self._uses if use.until is None or period < use.until]
+        self._drop_ended(period)
         match body:
             case Slot():
                 taken = any(body.number in use.slots for use in self._uses)
@@ -90,8 +90,9 @@ class Stores:
         entries = self._entries[body.first : body.first + body.count]
         return body.repeats * sum(entry[1] for entry in entries if entry is not None) or None
 
-    def use(self, body: Sequence | Modulation) -> Use:
-        """From now on what this plays is in use."""
+    def use(self, body: Sequence | Modulation, period: int) -> Use:
+        """From now on, in a period, what this plays is in use."""
+        self._drop_ended(period)
         places, none = range(body.first, body.first + body.count), range(0)
         if isinstance(body, Modulation):
             use = Use(frozenset(), none, places)
@@ -100,6 +101,9 @@ class Stores:
             use = Use(frozenset(entry[0] for entry in entries if entry is not None), places, none)
         self._uses.append(use)
         return use
+
+    def _drop_ended(self, period: int) -> None:
+        self._uses = [use for use in self._uses if use.until is None or period < use.until]
 
     def end(self, period: int, *, sequences: bool, modulations: bool) -> None:
         """Everything of these sorts that is in use ends at a period."""

@@ -17,9 +17,10 @@ from ..ports.clock import Timebase
 from ..scheduler import Scheduler
 from .chain import Chain
 
-__all__ = ["QUESTION_CYCLES", "Supervisor"]
+__all__ = ["BROKEN", "QUESTION_CYCLES", "Supervisor"]
 
 BROKEN = Fault.CHAIN | Fault.PROCESSOR
+"""What a chain that carries nothing any more means (clause CHN-021)."""
 LEFT_ALONE_CYCLES = (DEAF_MS + 1) * CORE_HZ // 1000
 QUESTION_CYCLES = COLLECT_MS * CORE_HZ // 1000 // PROCESSORS
 """One processor after the other is asked, a millisecond apart (clause CHN-017)."""
@@ -86,7 +87,6 @@ class Supervisor:
         self._lost_commits = [0] * PROCESSORS
         self._playing: dict[int, Playing] = {}
         chain.hear = self._hear
-        chain.stuck = lambda: on_fault(BROKEN, "a message cannot leave: the chain is broken")
 
     def _asked(self, number: int) -> Report:
         report = self._chain.processors[number].receive(Collect(number, ChannelEnd.REPORT).encode())

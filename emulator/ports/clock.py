@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...protocol.board import CYCLES_PER_PERIOD, CYCLES_PER_TICK, TICKS_PER_PERIOD
+from ...protocol.board import CYCLES_PER_PERIOD, CYCLES_PER_TICK
 
 __all__ = ["COUNTER_TICKS", "BoardClock", "Timebase"]
 
@@ -75,7 +75,7 @@ class BoardClock:
     def own_tick(self, tick: int) -> int:
         """The board's tick at a tick of the device; negative before it has started."""
         since, own, rate = next(bend for bend in reversed(self._bends) if bend[0] <= max(tick, 0))
-        return own + (tick - since) * (BILLION + rate) // BILLION
+        return own + tick - since + (tick - since) * rate // BILLION
 
     def tick_of(self, own: int) -> int:
         """The first tick of the device at which the board has come to a tick of its own."""
@@ -94,13 +94,10 @@ class BoardClock:
         own = np.empty_like(ticks)
         for since, at_bend, rate in self._bends:
             after = ticks >= since if since else np.ones(ticks.size, bool)
-            own[after] = at_bend + (ticks[after] - since) * (BILLION + rate) // BILLION
+            passed = ticks[after] - since  # times the rate alone it fits 64 bits for months, times a billion not
+            own[after] = at_bend + passed + passed * rate // BILLION
         return own
 
     def counter(self, tick: int) -> int:
         """The port's 16-bit counter at a tick of the device."""
         return self.own_tick(tick) % COUNTER_TICKS
-
-    def first_own_period(self, tick: int) -> int:
-        """The board's first period that begins at a tick of the device or later."""
-        return -(-self.own_tick(tick) // TICKS_PER_PERIOD)

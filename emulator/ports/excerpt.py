@@ -30,8 +30,12 @@ class PortBits(Protocol):
         """How the transducers are connected."""
 
     @property
+    def start_tick(self) -> int:
+        """The first tick captured."""
+
+    @property
     def end_tick(self) -> int:
-        """Number of ticks captured."""
+        """The tick behind the last one captured."""
 
     def bits(self, start: int, stop: int) -> NDArray[np.uint32]:
         """The port words of a stretch of time, (stop - start, 10) uint32."""
@@ -80,9 +84,10 @@ class Excerpt:
             raise ValueError("an output channel is chosen twice; once is enough")
         if not self.channels:
             raise ValueError("no output channel is chosen; at least one")
-        if not 0 <= self.start < self.stop <= self.capture.end_tick:
+        captured = self.capture.start_tick, self.capture.end_tick
+        if not captured[0] <= self.start < self.stop <= captured[1]:
             raise ValueError(
-                f"ticks {self.start} to {self.stop} are no stretch within the captured 0 to {self.capture.end_tick}"
+                f"ticks {self.start} to {self.stop} are no stretch within the captured {captured[0]} to {captured[1]}"
             )
 
     @classmethod
@@ -91,7 +96,7 @@ class Excerpt:
     ) -> Excerpt:
         """An excerpt; of all outputs, and from beginning to end, where nothing else is said."""
         chosen = range(CHANNELS) if channels is None else map(operator.index, channels)
-        start, stop = (0, capture.end_tick) if ticks is None else map(operator.index, ticks)
+        start, stop = (capture.start_tick, capture.end_tick) if ticks is None else map(operator.index, ticks)
         return cls(capture, tuple(chosen), start, stop)
 
     @property
@@ -107,9 +112,14 @@ class Excerpt:
 
     @property
     def before(self) -> NDArray[np.uint8]:
-        """The levels in the tick before the stretch, (k,) uint8; before tick 0 all outputs are low."""
+        """The levels in the tick before the stretch, (k,) uint8.
+
+        Before tick 0 all outputs are low; where the capture begins later they are taken to have been as in its first.
+        """
         if self.start == 0:
             return np.zeros(len(self.channels), np.uint8)
+        if self.start == self.capture.start_tick:
+            return np.asarray(self._levels(self.start, self.start + 1)[0])
         return np.asarray(self._levels(self.start - 1, self.start)[0])
 
     def chunks(self) -> Iterator[NDArray[np.uint8]]:

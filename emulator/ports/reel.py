@@ -211,6 +211,8 @@ class Reel:
 
     def forget(self, period: int) -> None:
         """Drop what had ended when a period began; what was read of it before stays."""
+        current = sum(start <= period for start, _ in self._overlays) - 1
+        self._overlays = self._overlays[max(current, 0) :]
         stale = int(np.searchsorted(self._starts.view(), period, side="right")) - 1
         if stale <= 0:
             return
@@ -222,5 +224,3 @@ class Reel:
         renamed[refs < 0] = -1 - np.arange(len(turns))
         self._turns = [turn._replace(rows=np.searchsorted(kept, turn.rows)) for turn in turns]
         self._starts, self._refs, self._slices = Rows.of(starts), Rows.of(renamed), Rows.of(slices[kept])
-        current = sum(start <= period for start, _ in self._overlays) - 1
-        self._overlays = self._overlays[max(current, 0) :]

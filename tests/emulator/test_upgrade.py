@@ -404,7 +404,7 @@ def test_a_device_without_power_is_not_on_the_bus(device: Upgraded) -> None:
     device.emulator.power_down()
     assert (device.usb.attached, device.emulator.line, device.emulator.controller) == (False, None, None)
     device.run_ms(1000)
-    with pytest.raises(ValueError, match="has not started yet"):
+    with pytest.raises(ValueError, match="has no power"):
         device.emulator.run(1)
     with pytest.raises(DeviceError, match="has no power"):
         device.emulator.run_until_started()

@@ -1,0 +1,209 @@
+"""What a device that runs for days must keep to: nothing grows, and nothing is forgotten that matters."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from functools import partial
+
+import numpy as np
+import pytest
+from phasewire import Emulator, Pulses
+from phasewire.emulator import faults
+from phasewire.emulator.boards.sync import SyncLine
+from phasewire.emulator.ports.clock import BoardClock
+from phasewire.emulator.ports.excerpt import Excerpt
+from phasewire.emulator.scheduler import Branch, Scheduler
+from phasewire.protocol import (
+    Entries,
+    Entry,
+    Fault,
+    Modulation,
+    NoOp,
+    Reason,
+    Samples,
+    Sequence,
+    Slot,
+    State,
+    Update,
+)
+from phasewire.protocol.codes import Request
+
+from tests.emulator.hosts import Device
+
+HALF = Pulses(np.full(320, 25), np.full(320, 12))
+FULL = Pulses(np.full(320, 25), np.full(320, 25))
+
+
+def events(emulator: Emulator) -> int:
+    """How many wait, far and near."""
+    return len(emulator.scheduler._queue)
+
+
+@pytest.mark.parametrize("rate", [0, 1000, -1_000_000])
+def test_a_board_s_clock_is_right_for_months(rate: int) -> None:
+    clock = BoardClock(3)
+    clock.set_rate(1000, rate)
+    for tick in (0, 999, 10**10, 50 * 2**32):
+        assert clock.own_ticks(tick, tick + 3).tolist() == [clock.own_tick(tick + n) for n in range(3)]
+    assert clock.own_tick(50 * 2**32) == 997 + (50 * 2**32 - 1000) * (10**9 + rate) // 10**9
+
+
+def test_a_stuck_bit_does_not_silence_its_port_after_hours() -> None:
+    device = Device(Emulator(), enabled=True)
+    for body in (Slot(0, FULL), Entries((Entry(0, 100),)), Sequence(0, 1, unattended=True)):
+        device.send(body)
+    device.run(30)
+    device.emulator.inject(faults.StuckHigh(processor=0, bit=5))
+    device.run(5 * 3600 * 40_000)
+    capture = device.emulator.capture()
+    last = capture.end_tick // 50 * 50
+    counts = np.bitwise_count(capture.bits(last - 50, last)).sum(axis=0)
+    assert counts.tolist() == [31 * 25 + 50, *[32 * 25] * 9]
+
+
+def test_plans_leave_nothing_behind() -> None:
+    """Far changes that are dropped, and sequences that would end in years."""
+    device = Device(Emulator())
+    device.send(Slot(0, HALF))
+    device.send(Entries((Entry(0, 65_535),)))
+    counts = []
+    for _ in range(60):
+        device.order(Request.ENABLE)
+        device.send_in_time(Sequence(0, 1, 0, 65_535))
+        device.run(10)
+        device.send_at(Update(HALF), device.period + 2**31)
+        device.order(Request.DISABLE)
+        device.run(40_000)
+        counts.append(events(device.emulator))
+    assert max(counts[10:]) <= max(counts[:10])
+
+
+def test_what_is_in_use_and_what_lies_over_it_is_bounded() -> None:
+    device = Device(Emulator(history_periods=200), enabled=True)
+    device.send(Slot(0, FULL))
+    device.send(Entries((Entry(0, 100),)))
+    device.send(Samples(b"\x80"))
+    device.send(Sequence(0, 1, unattended=True))
+    for _ in range(100):
+        device.send_in_time(Modulation(0, 1, 1))
+        device.run(30)
+    controller = device.emulator.running
+    assert len(controller._stores._uses) < 20
+    assert max(len(processor.reel.segments().overlays) for processor in device.emulator.processors) < 40
+
+
+def test_a_device_that_restarted_is_not_kept() -> None:
+    device = Device(Emulator(), enabled=True)
+    device.send_at(Update(HALF), device.period + 2**31)
+    before = weakref.ref(device.emulator.running)
+    device.order(Request.RESET)
+    device.run_until_started()
+    device.emulator.past.clear()
+    device.emulator.events.clear()
+    gc.collect()
+    assert before() is None
+
+
+def test_a_branch_that_ended_leaves_the_rest() -> None:
+    scheduler = Scheduler()
+    seen: list[int] = []
+    branch, other = Branch(scheduler), Branch(scheduler)
+    for time, owner in ((5, branch), (3, other), (7, scheduler), (4, branch)):
+        owner.at(time, partial(seen.append, time))
+    branch.end()
+    branch.at(6, lambda: seen.append(6))
+    scheduler.run_until(10)
+    assert seen == [3, 7]
+
+
+def test_a_late_sequence_does_not_begin_on_a_processor_that_was_silenced_meanwhile() -> None:
+    """SAF-007: the table is 12 periods late, and the board gets too hot before."""
+    device = Device(Emulator(unfolded=True), enabled=True)
+    device.send(Slot(0, FULL))
+    device.send(Entries((Entry(0, 1000),)))
+    ack = device.send_at(Sequence(0, 1, unattended=True), device.period + 60)
+    device.emulator.run_until(ack.commit_period - 1)
+    device.emulator.inject(faults.SlowProcessor(processor=3, slowness=30))
+    device.run(5)
+    device.emulator.inject(faults.HotBoard(board=1, celsius=90))
+    device.run(100)
+    for processor in device.emulator.processors:
+        starts = processor.reel.segments().starts
+        assert (np.diff(starts) >= 0).all()
+    end = device.emulator.capture().end_tick
+    assert not device.emulator.capture().bits(end - 2000, end)[:, 3].any()
+
+
+def test_stores_for_a_broken_chain_are_refused_not_put_off() -> None:
+    device = Device(Emulator(unfolded=True), enabled=True)
+    device.emulator.inject(faults.DeadProcessor(processor=0))
+    for number in range(20):
+        if device.emulator.running.can_accept:
+            device.send(Slot(number, HALF))
+    device.run_ms(5)
+    assert device.send(Slot(0, HALF)).reason is Reason.FAULT
+    assert device.send(NoOp()).reason is Reason.ACCEPTED
+
+
+def test_watching_goes_on_after_a_restart() -> None:
+    device = Device(Emulator(), enabled=True)
+    device.emulator.watch()
+    device.send(Update(HALF))
+    device.run(5)
+    device.order(Request.RESET)
+    device.run_until_started()
+    device.configure()
+    device.order(Request.ENABLE)
+    device.send(Update(HALF))
+    device.run(5)
+    tracer = device.emulator.tracer
+    kinds = {span.kind for span in tracer.spans(device.emulator.scheduler.now)}
+    assert {"sort", "slice", "commit", "rasterise", "plays"} <= kinds
+    for signal in tracer.signals():
+        signal.check()
+
+
+def test_a_listener_whose_first_pulse_never_comes_has_no_sync() -> None:
+    driver = Emulator()
+    listener = Emulator(sync=driver.sync)
+    listener.run_until(50_000)
+    listener.restart()
+    while listener.scheduler.now < driver.scheduler.now or listener.controller is None:
+        if listener.scheduler.now > 50_010 * 10_000:
+            break
+        upcoming = listener.scheduler.next_time()
+        assert upcoming is not None
+        if upcoming - listener.scheduler.now > 100_000:  # it waits for the pulse
+            break
+        listener.scheduler.run_until(upcoming)
+    assert listener.controller is None
+    driver.scheduler.run_until(listener.scheduler.now)
+    driver.power_down()
+    listener.run_until_started()
+    device = Device(listener)
+    assert (device.state, device.status().faults) == (State.FAULT, Fault.SYNC)
+
+
+def test_listeners_are_kept_once() -> None:
+    line = SyncLine()
+    heard: list[int] = []
+    for _ in range(3):
+        line.listen(heard.append)
+    line.fail(7)
+    line.fail(8)
+    assert heard == [7]
+
+
+def test_an_excerpt_of_a_capture_that_has_forgotten_begins_where_that_does() -> None:
+    device = Device(Emulator(history_periods=100), enabled=True)
+    device.send(Update(FULL))
+    device.run(1000)
+    capture = device.emulator.capture()
+    assert capture.start_tick > 0
+    excerpt = Excerpt.of(capture)
+    assert (excerpt.start, excerpt.stop) == (capture.start_tick, capture.end_tick)
+    ticks = np.concatenate([changes.ticks for changes in excerpt.changes()])
+    assert set(np.diff(np.unique(ticks)).tolist()) == {25}
+    with pytest.raises(ValueError, match="no stretch within the captured"):
+        Excerpt.of(capture, None, (0, capture.end_tick))
