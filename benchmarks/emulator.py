@@ -29,13 +29,13 @@ from phasewire.protocol.codes import BLOCK_BYTES, REQUEST_TYPE_OUT, Reason, Requ
 from phasewire.protocol.enumeration import ENDPOINT_IN, ENDPOINT_OUT
 from phasewire.protocol.replies import Ack, records
 
-BATCH = 64
-"""Blocks in one write."""
+BATCH = 256
+"""Blocks in one write: as many as the device holds acknowledgements for."""
 CHUNK_PERIODS = 1000
 """Expanded at a time: 2 MB of port words."""
 WATCHDOG_MS = 60_000
 HOUR_SECONDS = 3600
-CHAINS, CHAINS_UPDATES = (1, 8, 64), 640
+CHAINS, CHAINS_UPDATES = (1, 8, 64), 1024
 FROM_MB = 2**20 if sys.platform == "darwin" else 2**10
 """In what `resource` counts memory."""
 

@@ -294,7 +294,7 @@ class Referee:
 
     def begins(self, change: Change) -> int:
         """The first cycle at which a change's messages may begin, on an idle chain (CHN-029)."""
-        return (change.period - 1) * PERIOD - change.tokens * self.token - HOPS - MODULATE
+        return int((change.period - 1) * PERIOD - change.tokens * self.token - HOPS - MODULATE)
 
     def may_wait(self, cycle: int) -> tuple[bool, bool]:
         """Whether a block may be answered with NAK, and whether it must (BLK-009, BLK-024)."""
