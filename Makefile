@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?=
+TEST_PROCESSES ?= 2
 FUZZ_SECONDS ?= 60
 
 .PHONY: help demo test test-slow lint format vectors fuzz bench bench-peers clean
@@ -15,10 +16,10 @@ demo: $(VENV)/ready          ## a sphere on a palm, through five emulated boards
 	@$(BIN)/phasewire demo
 
 test: $(VENV)/ready          ## the unit suite
-	@$(BIN)/pytest -q -m "not slow" $(PYTEST_ARGS)
+	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "not slow" $(PYTEST_ARGS)
 
 test-slow: $(VENV)/ready     ## the tests that take seconds each
-	@$(BIN)/pytest -q -m slow $(PYTEST_ARGS)
+	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m slow $(PYTEST_ARGS)
 
 fuzz: $(VENV)/fuzz           ## throw bytes at every decoder, FUZZ_SECONDS (60) at each group of them
 	@$(BIN)/python -m tests.fuzz $(FUZZ_SECONDS)
