@@ -1,14 +1,16 @@
-"""What the boards do: an emulated device, from USB packets to square waves.
+"""What the boards do: an emulated device, from USB packets to square waves, in integer time.
 
-This room models the controller, the chain, the processors and their ports in integer time, and offers the result as a
-capture of every output bit. It speaks the protocol and meets the host only through a USB backend found by URL; it knows
-nothing of fields or shapes.
+Its rooms, from the pins up: `ports` (what is played and how it is seen), `boards` (processors, links, sync line),
+`control` (the controller), `firmware` (flash, loader, DFU), `interfaces` (what lines see of it), `doors` (ways in for
+other programs). `machine` puts them together. It speaks the protocol and meets the host only through a USB backend
+found by URL; it knows nothing of fields or shapes.
 """
 
 from __future__ import annotations
 
+from .cluster import Cluster
 from .machine import Emulator, Event
 from .ports.capture import Capture
 from .scenario import read_scenario
 
-__all__ = ["Capture", "Emulator", "Event", "read_scenario"]
+__all__ = ["Capture", "Cluster", "Emulator", "Event", "read_scenario"]
