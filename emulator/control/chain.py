@@ -3,8 +3,8 @@
 While nothing is wrong and nobody watches, the outcome of every message is known beforehand, and the chain is *folded*:
 changes reach the processors at their period without a message. Once a fault is armed or a tracer looks on, it is
 *unfolded*: each message travels token by token, may be damaged on its way, and may get stuck. What outputs and records
-say is the same either way, and the tests hold one against the other. One thing may come a period later unfolded: a
-sequence or a modulation that waits for stores, where a question took the place of the last of them.
+say is the same either way, and the tests hold one against the other. One thing may come a period apart: a sequence
+or a modulation that waits for stores, where a question took the place of one of them.
 """
 
 from __future__ import annotations

