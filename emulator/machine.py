@@ -41,14 +41,13 @@ from .interfaces.serial_line import SerialLine
 from .interfaces.usb_device import UsbDevice
 from .ports.capture import Capture
 from .ports.clock import BoardClock, Timebase
-from .scheduler import Branch, Scheduler
+from .scheduler import NEVER, Branch, Scheduler
 from .trace import Tracer
 
 __all__ = ["Emulator", "Event", "plugged"]
 
 LOG_EVENTS = 10_000
 PAST_CAPTURES = 16
-NEVER = 2**62
 SYNC_WAIT_CYCLES = 5 * CORE_HZ
 """How long a device waits for the first pulse on a line that it listens to (clause CHN-026)."""
 MOST_CYCLES_PER_SYMBOL = 255  # a byte of INFO, clause REQ-002

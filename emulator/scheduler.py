@@ -6,7 +6,10 @@ import heapq
 from collections.abc import Callable
 from itertools import count
 
-__all__ = ["Branch", "Scheduler"]
+__all__ = ["NEVER", "Branch", "Scheduler"]
+
+NEVER = 2**62
+"""A core cycle that does not come: it is more than three centuries away, and fits 64 bits."""
 
 
 class Scheduler:

@@ -111,6 +111,6 @@ def main(enter: Callable[[Scene], Entry]) -> None:
     for call in small.rows.values():
         call(recording, WARM_UP_SECONDS)
     entry = enter(scene)
-    cases = {row: attempt(lambda row=row: row_case(entry, scene, row)) for row in scene.stretches}  # type: ignore[misc]
+    cases = {row: attempt(lambda row=row: row_case(entry, scene, row)) for row in scene.stretches}  # type: ignore[misc]  # lambda
     record = {"transducers": entry.transducers, "rows": cases, "notes": entry.notes}
     result_path.write_text(json.dumps(record), encoding="utf-8")

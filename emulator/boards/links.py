@@ -32,13 +32,13 @@ from ...protocol.board import PROCESSORS
 from ...protocol.chain import ROUTE
 from ...protocol.ranges import whole
 from ...protocol.timing import HOP_CYCLES, Link
+from ..scheduler import NEVER
 from .switches import Direction
 
 __all__ = ["BUFFER_TOKENS", "CREDIT_CYCLES", "Links", "Passage", "Span"]
 
 BUFFER_TOKENS = 8  # clause CHN-020
 CREDIT_CYCLES = 8  # not published; a token of the fastest link is assumed. Up to 16 these links keep their full rate
-NEVER = 2**62
 LONG_AGO = -NEVER
 
 # Places that tokens pass into. The first ten are the links, each with the buffer behind it.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...errors import ChainError
 from ...protocol.board import (
     CHANNELS_PER_PROCESSOR,
-    CORE_HZ,
+    CYCLES_PER_MS,
     CYCLES_PER_PERIOD,
     PROCESSORS,
     PROCESSORS_PER_BOARD,
@@ -63,7 +63,7 @@ COUNTER_BITS = 16
 SUPPLY_RANGE_MV = range(12_000, 18_001)
 SYNC_STEP = SYNC_PERIODS * TICKS_PER_PERIOD % COUNTER_TICKS
 """By how much the port's counter advances from one pulse of the sync line to the next (clause CHN-027)."""
-DEAF_CYCLES = DEAF_MS * CORE_HZ // 1000
+DEAF_CYCLES = DEAF_MS * CYCLES_PER_MS
 DRIFT_RANGE = (-128, 127)
 NO_PULSE = "no pulse on the sync line"
 PERSISTENT = Fault.SYNC | Fault.TEMPERATURE | Fault.SUPPLY

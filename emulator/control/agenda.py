@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...protocol.board import CORE_HZ, PROCESSORS
+from ...protocol.board import CYCLES_PER_MS, PROCESSORS
 from ...protocol.chain import Collect, Load, Program
 from ...protocol.codes import Memory
 from ...protocol.timing import (
@@ -34,7 +34,6 @@ Effect = Callable[[int], None]
 """Takes the period at which it happens."""
 
 QUEUE_BLOCKS = 8
-MILLISECOND = CORE_HZ // 1000
 
 
 class Tail(NamedTuple):
@@ -341,5 +340,5 @@ class Agenda:
             left -= fitting
             at = max(at, sent)
         at += left * self.load_cycles
-        questions = 1 + (at - begin) // MILLISECOND
+        questions = 1 + (at - begin) // CYCLES_PER_MS
         return at + questions * (self.load_cycles + self.question_cycles)

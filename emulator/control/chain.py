@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import ChainError
-from ...protocol.board import CORE_HZ, PROCESSORS
+from ...protocol.board import CYCLES_PER_MS, PROCESSORS
 from ...protocol.chain import (
     SLICE_BYTES,
     Collect,
@@ -34,16 +34,15 @@ from ...protocol.timing import HOP_CYCLES, Link
 from ..boards.links import Links
 from ..boards.processor import Processor
 from ..boards.switches import Direction, destination
-from ..scheduler import Scheduler
+from ..scheduler import NEVER, Scheduler
 from ..trace import Tracer
 from .agenda import Change, Stream
 
 __all__ = ["Chain", "Numbering", "Passing", "Tamper"]
 
-NEVER = 2**62
-STALL_CYCLES = STALL_MS * CORE_HZ // 1000
-LINK_CYCLES = LINK_MS * CORE_HZ // 1000
-NUMBER_CYCLES = NUMBER_MS * CORE_HZ // 1000
+STALL_CYCLES = STALL_MS * CYCLES_PER_MS
+LINK_CYCLES = LINK_MS * CYCLES_PER_MS
+NUMBER_CYCLES = NUMBER_MS * CYCLES_PER_MS
 ANSWER_CYCLES = 400
 """From a question to the first token of the answer: a microsecond, an estimate; clause CHN-016 allows 0.5 ms."""
 
@@ -51,7 +50,6 @@ ANSWER_CYCLES = 400
 class Passing(NamedTuple):
     """A message that is about to go onto the chain."""
 
-    cycle: int
     node: int
     """Whom it goes to or comes from."""
     down: bool
@@ -162,7 +160,7 @@ class Chain:
         if self.broken:
             return None
         now = self._scheduler.now
-        passing = self._tampered(Passing(now, message.node, True, message.encode()))
+        passing = self._tampered(Passing(message.node, True, message.encode()))
         tokens = passing.tokens
         nodes = [UNNUMBERED_NODE if processor.number is None else processor.number for processor in self.processors]
         processor, reached = destination(nodes, int.from_bytes(tokens[:2], "big"))
@@ -196,7 +194,7 @@ class Chain:
         if self.processors[place].stopped:
             return
         now = self._scheduler.now
-        passing = self._tampered(Passing(now, place, False, answer.encode()))
+        passing = self._tampered(Passing(place, False, answer.encode()))
         passage = self.links.up(place, len(passing.tokens), now, ends=passing.ends)
         self.tracer.passed(answer, self.links.spans(Direction.UP))
         if passage.arrives is not None:

@@ -38,6 +38,7 @@ from ...protocol.board import (
     CHANNELS,
     COLUMNS,
     CORE_HZ,
+    CYCLES_PER_MS,
     CYCLES_PER_TICK,
     MAX_WIDTH_TICKS,
     PITCH_M,
@@ -96,7 +97,7 @@ from ..scheduler import Scheduler
 from .agenda import QUEUE_BLOCKS, Agenda, Change, Stream
 from .chain import Chain
 from .loading import Loading
-from .stores import Stores
+from .stores import Store, Stores
 from .supervisor import BROKEN, Supervisor
 from .watchdog import Watchdog
 
@@ -108,10 +109,9 @@ STORES = 16
 """Stores that may wait to go onto the chain before the device answers NAK."""
 FEATURES = ~Feature(0)
 NO_FLAGS = AckFlag(0)
-MILLISECOND = CORE_HZ // 1000
-RESET_DELAY_CYCLES = MILLISECOND // 10
+RESET_DELAY_CYCLES = CYCLES_PER_MS // 10
 WAKE_CYCLES = CORE_HZ
-READ_TIMEOUT_CYCLES = 10 * MILLISECOND
+READ_TIMEOUT_CYCLES = 10 * CYCLES_PER_MS
 IDENTIFY_CYCLES = 5 * CORE_HZ
 CLEARED_BELOW_C = 80
 ATTEMPTS_TO_READ = 3
@@ -124,7 +124,6 @@ STOP_MODULATION = Program(0, Memory.SAMPLES, 0, 0, 0)
 PLACES = range(PROCESSORS)
 CHANGES = (Update, Sequence, Modulation, Output)
 STORED = (Slot, Entries, Samples)
-Stored = Slot | Entries | Samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,7 +400,7 @@ class Controller:
                 effect = partial(self._disable_as_planned if disables else self._fall_silent, door)
                 stops = (STOP_MODULATION,) if self._agenda.tail.modulated else ()
                 change = self._plan(body.period, SILENCE, stops, effect, sequences=True, modulations=True)
-                if body.action is Action.DISABLE and self._disabled_from is None:
+                if disables and self._disabled_from is None:
                     self._disabled_from = change.period
                 return change
             case Slot() | Entries() | Samples():
@@ -631,7 +630,7 @@ class Controller:
 
     # Stores
 
-    def _store(self, body: Stored) -> None:
+    def _store(self, body: Store) -> None:
         """Keep what a store brings, and let it go to the processors between changes."""
         self._stores.keep(body)
         match body:
@@ -875,7 +874,7 @@ class Controller:
         orders: dict[tuple[int, int], Callable[[int], None]] = {
             (REQUEST_TYPE_OUT, Request.ENABLE): lambda _: self._enable(door),
             (REQUEST_TYPE_OUT, Request.DISABLE): lambda _: self._happen(Event.DISABLE, self._now, door),
-            (REQUEST_TYPE_OUT, Request.WATCHDOG): self._set_watchdog,
+            (REQUEST_TYPE_OUT, Request.WATCHDOG): self._watchdog.set_time,
             (REQUEST_TYPE_OUT, Request.LIMIT): self._set_limit,
             (REQUEST_TYPE_OUT, Request.CLEAR_FAULTS): lambda _: self._clear_faults(),
             (REQUEST_TYPE_OUT, Request.IDENTIFY): self._identify,
@@ -910,9 +909,6 @@ class Controller:
         self._last_named = None
         self._supervisor.attend()
         self._happen(Event.ENABLE, self._now, door)
-
-    def _set_watchdog(self, milliseconds: int) -> None:
-        self._watchdog.set_time(milliseconds)
 
     def _set_limit(self, transducers: int) -> None:
         if self._state in ENABLED:

@@ -8,7 +8,7 @@ from ...errors import BlockError
 from ...protocol.blocks import Entries, Modulation, Samples, Sequence, Slot
 from ...protocol.codes import MODULATION_SAMPLES, SEQUENCE_ENTRIES, SLOTS, Reason
 
-__all__ = ["Stores", "Use"]
+__all__ = ["Store", "Stores", "Use"]
 
 Store = Slot | Entries | Samples
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ...errors import ChainError
-from ...protocol.board import CORE_HZ, PROCESSORS, TICKS_PER_PERIOD
+from ...protocol.board import CYCLES_PER_MS, PROCESSORS, TICKS_PER_PERIOD
 from ...protocol.chain import Collect, Identity, Playing, Report, decode
 from ...protocol.codes import COLLECT_MS, COLLECTIONS_MISSED, DEAF_MS, SYNC_PERIODS, Bank, ChannelEnd, Fault
 from ...protocol.replies import ProcessorReport
@@ -21,8 +21,8 @@ __all__ = ["BROKEN", "QUESTION_CYCLES", "Supervisor"]
 
 BROKEN = Fault.CHAIN | Fault.PROCESSOR
 """What a chain that carries nothing any more means (clause CHN-021)."""
-LEFT_ALONE_CYCLES = (DEAF_MS + 1) * CORE_HZ // 1000
-QUESTION_CYCLES = COLLECT_MS * CORE_HZ // 1000 // PROCESSORS
+LEFT_ALONE_CYCLES = (DEAF_MS + 1) * CYCLES_PER_MS
+QUESTION_CYCLES = COLLECT_MS * CYCLES_PER_MS // PROCESSORS
 """One processor after the other is asked, a millisecond apart (clause CHN-017)."""
 
 

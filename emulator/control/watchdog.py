@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from ...protocol.board import CORE_HZ, WATCHDOG_MS
+from ...protocol.board import CYCLES_PER_MS, WATCHDOG_MS
 from ..scheduler import Scheduler
 
 __all__ = ["Watchdog"]
@@ -54,7 +54,7 @@ class Watchdog:
 
     @property
     def _due(self) -> int:
-        return self._fed + self.milliseconds * CORE_HZ // 1000
+        return self._fed + self.milliseconds * CYCLES_PER_MS
 
     def _arm(self) -> None:
         self._armed += 1

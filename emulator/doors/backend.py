@@ -24,7 +24,7 @@ import usb.backend
 from usb.core import USBError, USBTimeoutError
 
 from ...errors import DeviceNotFoundError
-from ...protocol.board import CORE_HZ
+from ...protocol.board import CORE_HZ, CYCLES_PER_MS
 from ...protocol.codes import DescriptorType, StandardRequest
 from ...protocol.descriptors import Configuration, Descriptor, Endpoint, Interface, descriptors
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed
@@ -37,7 +37,7 @@ from ..machine import Emulator, plugged
 __all__ = ["EmulatorBackend", "open_backend"]
 
 RESET_CYCLES = CORE_HZ // 20  # 50 ms, USB 2.0, 7.1.7.5
-FRAME_CYCLES = CORE_HZ // 1000
+FRAME_CYCLES = CYCLES_PER_MS
 FOREVER_MS = 10**9  # eleven days: a time-out of 0 is none
 
 LOOK_CYCLES = CORE_HZ // 100

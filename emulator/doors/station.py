@@ -13,7 +13,7 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Protocol
 
-from ...protocol.board import CORE_HZ
+from ...protocol.board import CORE_HZ, CYCLES_PER_MS
 from ..scheduler import Scheduler
 
 __all__ = ["Conversation", "Pace", "Station"]
@@ -22,7 +22,7 @@ LINGER_CYCLES = CORE_HZ // 40
 """How long what happens in the device is waited for at the fast pace, after the last word that it heard: 25 ms, in
 which everything has begun that is to begin within 20 ms of a request, and a quarter of the watchdog's time."""
 
-STEP_CYCLES = CORE_HZ // 1000
+STEP_CYCLES = CYCLES_PER_MS
 """How far time passes at most before somebody may call a halt."""
 
 STALL_SECONDS = 0.02

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple, Protocol
 
-from ...protocol.board import CORE_HZ
+from ...protocol.board import CYCLES_PER_MS
 from ...protocol.descriptors import Endpoint, descriptors
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed
 from ...protocol.requests import DIRECTION_IN, Setup
@@ -26,7 +26,7 @@ from ..scheduler import Scheduler
 
 __all__ = ["Outcome", "Peripheral", "Transfer", "UsbBus"]
 
-_FRAME_CYCLES = CORE_HZ // 1000
+_FRAME_CYCLES = CYCLES_PER_MS
 _PACKETS_PER_FRAME = 19  # USB 2.0, table 5-9
 
 
@@ -42,7 +42,7 @@ _TIMES = {
     FULL_SPEED: _Times(_FRAME_CYCLES // _PACKETS_PER_FRAME, _FRAME_CYCLES),
 }
 
-STREAM_CYCLES = CORE_HZ // 1000
+STREAM_CYCLES = CYCLES_PER_MS
 """How long packets are sent at once before the others have their turn: a millisecond."""
 
 _CONTROL = 0

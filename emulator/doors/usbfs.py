@@ -17,7 +17,7 @@ from enum import IntEnum, IntFlag
 from functools import partial
 from typing import NamedTuple, Protocol, TypeVar
 
-from ...protocol.board import CORE_HZ
+from ...protocol.board import CORE_HZ, CYCLES_PER_MS
 from ...protocol.codes import DescriptorType, StandardRequest
 from ...protocol.descriptors import Configuration, Descriptor, Device, Endpoint, Interface, String, descriptors
 from ...protocol.enumeration import FULL_SPEED, LANGUAGE, Speed
@@ -632,7 +632,7 @@ class UsbFile:
 
         self._begin(transfer, finish)
         if timeout_ms:
-            self._device.scheduler.at(self._device.scheduler.now + timeout_ms * CORE_HZ // 1000, give_up)
+            self._device.scheduler.at(self._device.scheduler.now + timeout_ms * CYCLES_PER_MS, give_up)
 
     # Transfers that the program reaps
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputFileError
-from ...protocol.board import CORE_HZ
+from ...protocol.board import CYCLES_PER_MS
 from ...protocol.codes import FLASH_BANK_BYTES, FLASH_SECTOR_BYTES, Bank
 from ...protocol.dfu import PAGE_BYTES, PAGE_PROGRAM_MS, SECTOR_ERASE_MS
 from ...storage import replacing
@@ -26,7 +26,6 @@ __all__ = ["CYCLES_PER_MS", "FLASH_BYTES", "Defects", "Flash", "Times"]
 
 FLASH_BYTES = (1 + len(Bank)) * FLASH_BANK_BYTES
 SECTORS = FLASH_BYTES // FLASH_SECTOR_BYTES
-CYCLES_PER_MS = CORE_HZ // 1000
 ERASED_BYTE = 0xFF
 
 # Cells are first programmed to 0, all of them, so that the erasure that follows finds them alike. How much of the time

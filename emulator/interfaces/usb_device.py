@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import NamedTuple
 
-from ...protocol.board import CORE_HZ
+from ...protocol.board import CYCLES_PER_MS
 from ...protocol.codes import (
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,
@@ -53,7 +53,7 @@ from .usb_functions import (
 __all__ = ["Flip", "UsbDevice"]
 
 PRODUCT = "phasewire five-board array (emulated)"
-AWAY_CYCLES = 20 * CORE_HZ // 1000
+AWAY_CYCLES = 20 * CYCLES_PER_MS
 """Off the bus between run-time mode and DFU mode; clause DFU-002 asks for at least 10 ms."""
 
 _IN_DEVICE, _OUT_DEVICE = 0x80, 0x00

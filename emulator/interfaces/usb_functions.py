@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...protocol.board import CORE_HZ
+from ...protocol.board import CYCLES_PER_MS
 from ...protocol.codes import (
     BLOCK_BYTES,
     CLASS_REQUEST_TYPE_IN,
@@ -55,7 +55,7 @@ __all__ = [
     "UsbController",
 ]
 
-DETACH_CYCLES = 20 * CORE_HZ // 1000
+DETACH_CYCLES = 20 * CYCLES_PER_MS
 """From DETACH until the device leaves the bus; clause DFU-002 allows 10 to 1000 ms."""
 
 # Class requests of the console, by interface, type and number, and of DFU, by type and number.

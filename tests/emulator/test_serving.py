@@ -179,7 +179,7 @@ def test_the_wall_clock_goes_on_while_nothing_is_said() -> None:
             times.append(house.schedulers[0].now / 400e6)
             return Handshake.ACK
 
-        house.devices[0].bulk_out = note_time  # type: ignore[method-assign]
+        house.devices[0].bulk_out = note_time  # type: ignore[method-assign]  # looked on
         client.attach("1-1")
         for _ in range(2):
             client.write(0x01, b"now")
@@ -270,7 +270,7 @@ def test_an_error_of_the_model_is_not_hidden() -> None:
         def fail(setup: Setup, data: bytes = b"") -> bytes:
             raise ZeroDivisionError
 
-        house.devices[0].control = fail  # type: ignore[method-assign]
+        house.devices[0].control = fail  # type: ignore[method-assign]  # made to fail
         with pytest.raises(EOFError):
             client.descriptor(1, 18)
     assert isinstance(house.error, ZeroDivisionError)

@@ -65,7 +65,7 @@ def test_lanes_stand_together_in_order_whatever_the_order_of_spans() -> None:
 
 def test_boundaries_are_named_and_stay_few() -> None:
     (axes,) = draw_timeline([Span(24_000, 50_000, "USB", "packet")]).axes
-    assert [line.get_xdata()[0] for line in axes.lines] == [15, 40, 65]  # type: ignore[index]
+    assert [line.get_xdata()[0] for line in axes.lines] == [15, 40, 65]  # type: ignore[index]  # typed as any array
     assert {"period 3", "period 4", "period 5"} <= {text.get_text() for text in axes.texts}
     (axes,) = draw_timeline([Span(0, 10_000_000, "USB", "packet")]).axes
     assert 8 <= len(axes.lines) <= 17

@@ -251,7 +251,7 @@ def test_a_device_that_leaves_the_bus_over_a_request_still_answers_it() -> None:
         desk.device.attached = False
         return b""
 
-    desk.device.control = leave  # type: ignore[method-assign]
+    desk.device.control = leave  # type: ignore[method-assign]  # made to leave
     assert client.request(0x00, 3, 2, 0x0100).status == 0
     assert session.over
 
