@@ -13,7 +13,9 @@
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
         ├── DeviceAccessError     it is there, but not for us       no permission, open elsewhere
+        ├── DeviceVersionError    no version of the protocol fits   firmware that is too new
         ├── DeviceRefusedError    it said no, and why               a block refused with a reason code
+        ├── DeviceStalledError    it said no, without a reason      ENABLE while a fault is not cleared
         ├── DeviceTimeoutError    it did not answer in time         a stuck endpoint
         └── DeviceLostError       it went away                      unplugged in mid-stream
 
@@ -33,7 +35,9 @@ __all__ = [
     "DeviceLostError",
     "DeviceNotFoundError",
     "DeviceRefusedError",
+    "DeviceStalledError",
     "DeviceTimeoutError",
+    "DeviceVersionError",
     "FrameError",
     "ImageError",
     "InputFileError",
@@ -111,8 +115,16 @@ class DeviceAccessError(DeviceError):
     """The device is there, but this process may not use it."""
 
 
+class DeviceVersionError(DeviceError):
+    """Host and device have no version of the protocol in common."""
+
+
 class DeviceRefusedError(_Refusal, DeviceError):
     """The device understood and said no; `reason` says why."""
+
+
+class DeviceStalledError(DeviceError):
+    """The device answered STALL: it does not know the request, or not now, or its endpoint is halted."""
 
 
 class DeviceTimeoutError(DeviceError):

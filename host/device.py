@@ -2,33 +2,47 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self
 
-from ..errors import DeviceError, DeviceRefusedError, ReplyError
-from ..protocol.blocks import Block, Update, pack
-from ..protocol.codes import NOW, PROTOCOL_VERSION, Reason, Request
-from ..protocol.numbering import follows, successor
-from ..protocol.pulses import Pulses
-from ..protocol.replies import WIRING_BYTES, Ack, Info, Status, decode_wiring, records
+from ..errors import DeviceError, DeviceStalledError
+from ..protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Slot, Update
+from ..protocol.blocks import Sequence as SequenceBody
+from ..protocol.codes import ENTRIES_PER_BLOCK, NOW, SAMPLES_PER_BLOCK, Action, Feature, Request
+from ..protocol.ranges import whole
+from ..protocol.replies import (
+    Ack,
+    ClockReading,
+    Info,
+    ProcessorReport,
+    ReadBack,
+    Status,
+    decode_reports,
+    decode_wiring,
+)
+from ..protocol.requests import VALUES
 from ..protocol.wiring import Wiring
-from .transport import Transport, default_url, open_transport
+from .calibration import Calibration
+from .frames import Frame, Frames, frame_source, to_pulses
+from .session import Session
+from .streaming import LOOK_AHEAD_SECONDS, Stream, StreamReport
+from .transport import Timekeeper, Transport, default_url, open_transport
 
 __all__ = ["Device", "open_device"]
 
-Answer = TypeVar("Answer")
 
-
-def open_device(url: str | None = None) -> Device:
+def open_device(url: str | None = None, *, calibration: Calibration | None = None) -> Device:
     """Open a device by its URL.
 
     Parameters
     ----------
     url : str, optional
-        ``emulator:`` (a fresh emulated device), ``emulator:SERIAL`` (one that this process has plugged in), ``usb:`` or
-        ``usb:SERIAL``. By default ``$PHASEWIRE_DEVICE``, else ``emulator:``.
+        ``emulator:`` (a fresh emulated device), ``emulator:SERIAL`` (one that this process has plugged in), ``usb:``
+        (the only one), ``usb:SERIAL``, ``serial:///dev/ttyACM0?baud=…``, ``socket://host:port`` or
+        ``rfc2217://host:port``. By default ``$PHASEWIRE_DEVICE``, else ``emulator:``.
+    calibration : Calibration, optional
+        What each transducer really does; drives are corrected for it on their way to pulses.
 
     Returns
     -------
@@ -42,50 +56,65 @@ def open_device(url: str | None = None) -> Device:
     """
     transport = open_transport(url if url is not None else default_url())
     try:
-        return Device(transport)
+        return Device(transport, calibration=calibration)
     except BaseException:  # whatever it was, the line is not ours to keep
         transport.close()
         raise
 
 
 class Device:
-    """A device that plays pulses. Not thread-safe.
+    """A device that plays pulses.
+
+    Any thread may call any method at any time: calls wait for each other, and a stream lets others pass between its
+    transfers, so that `stop` ends it within a few milliseconds. Every method raises a `DeviceError` where the line or
+    the device fails: `DeviceLostError` where it went away, `DeviceTimeoutError` where it does not answer,
+    `DeviceStalledError` where it does not do what is asked in its state.
+
+    A *frame*, where one is asked for, is `Pulses`, a `Solution`, or a drive, (n,) complex of magnitude at most 1.
+    A *period* is one of the device's clock (`clock`), `NOW` for as soon as possible.
 
     Parameters
     ----------
     transport : Transport
         The line to it.
+    calibration : Calibration, optional
+        What each transducer really does.
 
     Attributes
     ----------
-    info : Info
-        What the device says that it is.
+    calibration : Calibration or None
+        As given.
     """
 
-    def __init__(self, transport: Transport) -> None:
-        self._transport = transport
-        self._records: deque[Ack | Status] = deque()
-        self._sequence = 0
-        self._restart = True
+    def __init__(self, transport: Transport, *, calibration: Calibration | None = None) -> None:
+        self._session = Session(transport)
         self._enabled = False
-        self._closed = False
-        self.info = self._read(Info.decode, transport.ask(Request.INFO, Info.BYTES))
-        if not self.info.speaks(PROTOCOL_VERSION):
-            raise DeviceError(
-                f"{transport.name} speaks versions {self.info.oldest_version} to {self.info.newest_version} of the "
-                f"protocol, this is version {PROTOCOL_VERSION}; update the older of the two"
+        self._next_entry = self._next_sample = 0
+        if calibration is not None and len(calibration) != self.info.channels:
+            raise ValueError(
+                f"the calibration is for {len(calibration)} transducers, the device has {self.info.channels}"
             )
+        self.calibration = calibration
+
+    @property
+    def info(self) -> Info:
+        """What the device says that it is."""
+        return self._session.info
 
     @property
     def name(self) -> str:
         """Product and serial number."""
-        return self._transport.name
+        return self._session.name
 
     @property
-    def _line(self) -> Transport:
-        if self._closed:
-            raise DeviceError(f"{self.name} is closed; open it again")
-        return self._transport
+    def serial(self) -> str:
+        """Serial number, empty where the line cannot tell."""
+        return self._session.serial
+
+    @property
+    def time(self) -> Timekeeper:
+        """The time that this device lives by: the wall clock's, but for an emulated device in this process."""
+        return self._session.time
 
     def __enter__(self) -> Self:
         return self
@@ -99,89 +128,295 @@ class Device:
             if kind is None:
                 raise
         finally:
-            self._closed = True
-            self._transport.close()
+            self._session.close()
 
-    def show(self, pulses: Pulses, period: int = NOW) -> Ack:
-        """Play pulses from a carrier period on, until others follow or the host falls silent.
+    # What it is and does
 
-        The outputs are enabled first if they are not. The device turns them off when it hears nothing for
-        ``info.watchdog`` seconds; `status` is a sign of life.
+    def status(self) -> Status:
+        """What the device is doing now; a sign of life to its watchdog."""
+        return self._session.status()
+
+    def clock(self) -> ClockReading:
+        """The device's time, and the last pulse on its sync line."""
+        return self._session.ask(ClockReading.decode, Request.CLOCK)
+
+    def wiring(self) -> Wiring:
+        """The table by which the device sorts transducers to its outputs."""
+        return self._session.ask(decode_wiring, Request.WIRING)
+
+    def processors(self) -> list[ProcessorReport]:
+        """What each of the ten processors last said of itself, in the order of the chain."""
+        return self._session.ask(decode_reports, Request.PROCESSORS)
+
+    def read_back(self) -> ReadBack:
+        """The pulses that play now, collected from the processors that play them, before any modulation."""
+        self._need(Feature.READ_BACK)
+        return self._session.ask(ReadBack.decode, Request.PULSES)
+
+    # Switches
+
+    def enable(self) -> None:
+        """Enable the outputs, which `show`, `play` and `stream` do by themselves.
+
+        Raises
+        ------
+        DeviceStalledError
+            Where a fault silences the outputs; it is named.
+        """
+        with self._session.lock:
+            try:
+                self._session.order(Request.ENABLE)
+            except DeviceStalledError as error:
+                status = self.status()
+                faults = ", ".join(fault.name or "" for fault in status.faults)
+                why = f"a fault has silenced it ({faults}); `phasewire doctor` says what to do" if faults else "not now"
+                raise DeviceStalledError(
+                    f"{self.name} does not enable its outputs in {status.state.name}: {why}"
+                ) from (error)
+            self._enabled = True
+
+    def stop(self) -> None:
+        """Turn all outputs off and drop what is queued; what is stored stays. A stream in another thread ends."""
+        with self._session.lock:
+            self._enabled = False
+            self._session.order(Request.DISABLE)
+
+    def reset(self) -> None:
+        """Restart the device as at power-up, and open it again when it is back: its stores are empty."""
+        with self._session.lock:
+            self._enabled = False
+            self._session.order(Request.RESET)
+            self._session.reopen()
+
+    def identify(self, board: int) -> None:
+        """Let the light on a board blink for five seconds."""
+        self._order(Request.IDENTIFY, "board", board)
+
+    def set_watchdog(self, seconds: float) -> None:
+        """How long the device waits for a sign of life before it turns its outputs off, 0.01 to 60 s."""
+        self._order(Request.WATCHDOG, "watchdog time in ms", round(seconds * 1000))
+
+    def set_drive_limit(self, transducers: int) -> None:
+        """Refuse what drives harder than so many full transducers; only while the outputs are off."""
+        self._order(Request.LIMIT, "drive limit", transducers)
+
+    def clear_faults(self) -> Status:
+        """Clear the faults whose cause is gone, and say what is left."""
+        with self._session.lock:
+            self._session.order(Request.CLEAR_FAULTS)
+            return self.status()
+
+    def _order(self, request: Request, what: str, value: int) -> None:
+        self._session.order(request, whole(what, value, VALUES[request][0], VALUES[request][-1]))
+
+    # What it plays
+
+    def show(self, frame: Frame, period: int = NOW) -> Ack:
+        """Play a frame until something else follows or the host falls silent.
+
+        The outputs are enabled first if they are not. The device turns them off when it hears nothing for its
+        watchdog's time; `status` is a sign of life.
 
         Parameters
         ----------
-        pulses : Pulses
-            One per transducer.
+        frame : Pulses, Solution or (n,) complex
+            What to play.
         period : int
-            Carrier period of the device's clock (`status`) at which to begin; as soon as possible by default.
+            When to begin.
 
         Returns
         -------
         Ack
-            Says at which period they begin, and whether that is later than asked for.
+            Says at which period it begins, and whether that is later than asked for.
 
         Raises
         ------
         ValueError
-            Where the number of pulses is not the device's; nothing is sent.
+            Where the frame does not fit the device; nothing is sent.
         DeviceRefusedError
-            Where the device refuses the block.
-        DeviceError
-            Where the line or the device fails.
+            Where the device refuses it.
         """
-        if len(pulses) != self.info.channels:
-            raise ValueError(f"{len(pulses)} pulses for a device with {self.info.channels} transducers")
-        sequence = self._sequence
-        block = pack(Block(Update(pulses, period), sequence, self._restart))
-        if not self._enabled:
-            self._line.order(Request.ENABLE)
-            self._enabled = True
-        # Used up once the block is on its way, whatever becomes of it.
-        self._sequence, self._restart = successor(sequence), False
-        self._line.write_block(block)
-        return self._await_ack(sequence)
+        return self._play(Update(to_pulses(frame, self.calibration, self.info.channels), period))
 
-    def _await_ack(self, sequence: int) -> Ack:
-        """The acknowledgement of a block; those of blocks that were given up before are passed over."""
-        ack = self._next_ack()
-        while follows(sequence, ack.sequence):
-            ack = self._next_ack()
-        if ack.reason is Reason.DISABLED:
-            self._enabled = False
-            raise DeviceRefusedError(
-                f"{self.name} has turned its outputs off, as it does without a sign of life for "
-                f"{self.info.watchdog:g} s; show again to enable them",
-                ack.reason,
+    def store(self, slot: int, frame: Frame) -> Ack:
+        """Keep a frame in a numbered slot, 0 to `info.slots` - 1, for `play`.
+
+        Raises
+        ------
+        ValueError
+            Where the frame or the number does not fit the device; nothing is sent.
+        DeviceRefusedError
+            Where the device refuses it, as it does while a sequence plays that slot.
+        """
+        self._need(Feature.SEQUENCES)
+        return self._sent(Slot(slot, to_pulses(frame, self.calibration, self.info.channels)))
+
+    def play(
+        self,
+        steps: Iterable[tuple[int, int]],
+        *,
+        repeats: int = 0,
+        unattended: bool = False,
+        period: int = NOW,
+    ) -> Ack:
+        """Play stored slots one after the other, again and again, without the host's help.
+
+        The outputs are enabled first if they are not. Another sequence may be playing: this one is stored beside it.
+
+        Parameters
+        ----------
+        steps : iterable of (slot, periods)
+            Which slots, and for how many carrier periods each; 1 to `info.sequence_entries`.
+        repeats : int
+            How many times; 0 for as long as nothing else follows.
+        unattended : bool
+            Whether it goes on when the host falls silent.
+        period : int
+            When to begin.
+
+        Raises
+        ------
+        ValueError
+            Where a step is out of range; nothing is sent.
+        DeviceRefusedError
+            Where the device refuses it, as it does where a slot is empty.
+        """
+        self._need(Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
+        entries = [Entry(*step) for step in steps]
+        with self._session.lock:
+            first = self._place(self._next_entry, len(entries), self.info.sequence_entries, "steps")
+            body = SequenceBody(first, len(entries), period, repeats, unattended)
+            self._sent(
+                *(Entries(tuple(part), first + at) for at, part in _parts(entries, ENTRIES_PER_BLOCK)),
             )
-        if ack.reason is not Reason.ACCEPTED:
-            raise DeviceRefusedError(f"{self.name} refuses block {ack.sequence}: {ack.reason.text}", ack.reason)
-        if ack.sequence != sequence:
-            raise DeviceError(f"{self.name} acknowledges block {ack.sequence}, not {sequence}; open it again")
-        return ack
+            ack = self._play(body)
+            self._next_entry = first + len(entries)
+            return ack
 
-    def _next_ack(self) -> Ack:
-        """The next acknowledgement; what the device says of its state by itself is passed over."""
-        while True:
-            while not self._records:
-                self._records += self._read(records, self._line.read_records())
-            if isinstance(record := self._records.popleft(), Ack):
-                return record
+    def modulate(self, samples: Sequence[int] | bytes, hold: int, period: int = NOW) -> Ack:
+        """Let amplitudes modulate whatever plays, again and again, until `end_modulation`.
 
-    def stop(self) -> None:
-        """Turn all outputs off and drop what is queued."""
-        self._line.order(Request.DISABLE)
-        self._enabled = False
+        Parameters
+        ----------
+        samples : bytes or sequence of int
+            Amplitudes, 0 (silent) to 255 (as it is); 1 to `info.modulation_samples`.
+        hold : int
+            For how many carrier periods each holds: 40 000 / (hold · number of samples) is the frequency in Hz.
+        period : int
+            When to begin.
 
-    def status(self) -> Status:
-        """What the device is doing now."""
-        return self._read(Status.decode, self._line.ask(Request.STATUS, Status.BYTES))
+        Raises
+        ------
+        ValueError
+            Where a value is out of range; nothing is sent.
+        DeviceRefusedError
+            Where the device refuses it.
+        """
+        self._need(Feature.MODULATION)
+        values = samples if isinstance(samples, bytes) else bytes(whole("sample", each, 0, 255) for each in samples)
+        with self._session.lock:
+            first = self._place(self._next_sample, len(values), self.info.modulation_samples, "samples")
+            body = Modulation(first, len(values), hold, period)
+            self._sent(*(Samples(part, first + at) for at, part in _parts(values, SAMPLES_PER_BLOCK)))
+            ack = self._play(body)
+            self._next_sample = first + len(values)
+            return ack
 
-    def wiring(self) -> Wiring:
-        """The table by which the device sorts transducers to its outputs."""
-        return self._read(decode_wiring, self._line.ask(Request.WIRING, WIRING_BYTES))
+    def end_modulation(self, period: int = NOW) -> Ack:
+        """Let what plays go on unmodulated."""
+        self._need(Feature.MODULATION)
+        return self._play(Output(Action.END_MODULATION, period))
 
-    def _read(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
+    def silence(self, period: int = NOW) -> Ack:
+        """End what plays, and its modulation; the outputs stay enabled."""
+        return self._play(Output(Action.SILENCE, period))
+
+    def stream(
+        self,
+        source: Frames,
+        rate: float,
+        *,
+        look_ahead: float = LOOK_AHEAD_SECONDS,
+        reconnect: bool = False,
+        on_progress: Callable[[StreamReport], None] | None = None,
+    ) -> StreamReport:
+        """Play frames one after the other at a rate, each in its own period, to the end of the last.
+
+        Parameters
+        ----------
+        source : (k, n) complex, PulseFrames, Recording, or iterable of frames
+            An iterable is asked for a frame when that is due, not before.
+        rate : float
+            Frames per second, at most `info.max_updates_per_second`.
+        look_ahead : float
+            How long before its period a frame is sent, in seconds, where the device's queue allows that. More makes
+            gaps in the source or the host harmless, less lets a live source react sooner.
+        reconnect : bool
+            Whether to go on with the next frame when a device that was lost comes back.
+        on_progress : callable, optional
+            Is called with the report as it stands some ten times a second, and at the end, however that comes.
+
+        Returns
+        -------
+        StreamReport
+            What became of every frame.
+
+        Raises
+        ------
+        ValueError
+            Where rate or look-ahead is out of range, or a frame does not fit the device.
+        DeviceRefusedError
+            Where the device refuses a frame, as it does when `stop` was called or its watchdog has fired.
+        DeviceError
+            Where the line or the device fails. After any error the outputs are off, or will be when the watchdog's
+            time is over where the device cannot be reached.
+        """
+        frames = frame_source(source, self.calibration, self.info.channels)
+        stream = Stream(self._session, frames, rate, look_ahead=look_ahead, reconnect=reconnect)
         try:
-            return decode(data)
-        except ReplyError as error:
-            raise DeviceError(f"{self.name} answers in a way that breaks the protocol: {error}") from error
+            with self._session.lock:
+                self.enable()
+            return stream.run(on_progress)
+        except BaseException:
+            self._silence_after_failure()
+            raise
+        finally:
+            if on_progress is not None:
+                on_progress(stream.report)
+
+    def _silence_after_failure(self) -> None:
+        try:
+            self.stop()
+        except DeviceError:  # out of reach: its watchdog does it
+            self._enabled = False
+
+    def _need(self, feature: Feature) -> None:
+        missing = feature & ~self.info.features
+        if missing:
+            raise DeviceError(f"{self.name} has not the feature {missing.name}; `phasewire info` lists what it has")
+
+    @staticmethod
+    def _place(begin: int, count: int, places: int, what: str) -> int:
+        """Where to store what must not overwrite what may be playing: behind it, or else at the beginning."""
+        whole(f"number of {what}", count, 1, places)
+        return begin if begin + count <= places else 0
+
+    def _play(self, body: Body) -> Ack:
+        """Send a change, with the outputs enabled."""
+        with self._session.lock:
+            if not self._enabled:
+                self.enable()
+            return self._sent(body)
+
+    def _sent(self, *bodies: Body) -> Ack:
+        """Send blocks; the answer to the last."""
+        try:
+            return self._session.send(*bodies)[-1]
+        except DeviceError:
+            self._enabled = False  # ask again: ENABLE is a sign of life where they are
+            raise
+
+
+def _parts(items: Any, most: int) -> list[tuple[int, Any]]:
+    """A sequence in pieces of at most so many items, each with its place."""
+    return [(at, items[at : at + most]) for at in range(0, len(items), most)]

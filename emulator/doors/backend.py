@@ -15,6 +15,7 @@ from array import array
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property, partial
 from itertools import count
+from math import ceil
 from types import SimpleNamespace
 from typing import Any, ClassVar, NoReturn, TypeVar
 from urllib.parse import parse_qsl
@@ -33,6 +34,7 @@ from ...protocol.timing import FIVE_WIRE, FULL_SPEED_PACKET_CYCLES, LINKS, MICRO
 from ..door import Handshake, Stall
 from ..interfaces.usb_device import UsbDevice
 from ..machine import Emulator, plugged
+from ..scheduler import Scheduler
 
 __all__ = ["EmulatorBackend", "open_backend"]
 
@@ -91,6 +93,21 @@ def _choice(url: str, option: str, known: dict[str, Choice], name: str) -> Choic
     if name not in known:
         raise DeviceNotFoundError(f"{url!r}: unknown {option} {name!r}; known are {', '.join(known)}")
     return known[name]
+
+
+class DeviceTime:
+    """The time of a device, which passes while somebody waits by it."""
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._scheduler = scheduler
+
+    def monotonic(self) -> float:
+        """Seconds since power was first applied."""
+        return self._scheduler.now / CORE_HZ
+
+    def sleep(self, seconds: float, /) -> None:
+        """Let the device's time pass."""
+        self._scheduler.run_until(self._scheduler.now + max(ceil(seconds * CORE_HZ), 0))
 
 
 class Port:
@@ -278,6 +295,10 @@ class EmulatorBackend(usb.backend.IBackend):
                 port.enumerate(emulator.usb)
             if emulator.usb.attached:
                 yield Attachment(emulator, address)
+
+    def time_of(self, address: int) -> DeviceTime:
+        """The time by which the device with an address lives."""
+        return DeviceTime(self._emulators[address - 1].scheduler)
 
     def get_device_descriptor(self, dev: Attachment) -> SimpleNamespace:
         """The device descriptor, with its place on the bus."""

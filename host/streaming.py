@@ -1,0 +1,273 @@
+"""Frames to a device at a rate, each in its own carrier period.
+
+Frame k is due at period start + ⌊k · 40 000 / rate⌋ of the device's clock, and is sent a little earlier: the *look-
+ahead*. What the device's queue cannot hold yet waits in the transfer, held back by NAK or by credit. A frame that could
+not be sent in time is an *underrun*: the rest of the stream is moved to a later start, so that frames keep their
+distance and their order.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import ceil, floor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DeviceLostError
+from ..protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
+from ..protocol.codes import AckFlag, Reason, Request
+from ..protocol.replies import ClockReading
+from ..protocol.updates import pack_updates
+from .clock import DeviceClock, Reading
+from .frames import FrameSource, PulseFrames
+from .session import DAMAGE, Answers, Session, as_ack
+
+__all__ = ["LOOK_AHEAD_SECONDS", "Stream", "StreamReport"]
+
+LOOK_AHEAD_SECONDS = 0.01
+MOST_LOOK_AHEAD_SECONDS = 10.0
+LEAST_LEAD_PERIODS = 6
+"""A change for the fifth period after its arrival is in time (clause BLK-005); one more for the way there."""
+FIRST_READINGS = 8
+READING_SECONDS = 0.25
+PROGRESS_SECONDS = 0.1
+DAMAGED = [int(reason) for reason in DAMAGE]
+TURN_PERIODS = 200
+"""5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
+MOST_BLOCKS = 128
+"""In one transfer: at 40 000 frames a second others wait 3 ms for their turn."""
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """What became of the frames of a stream; each is counted once as accepted, damaged, refused or unanswered.
+
+    Parameters
+    ----------
+    rate : float
+        Frames per second, as asked for.
+    sent : int
+        Frames that were given to the line.
+    accepted : int
+        Frames that the device has accepted.
+    late : int
+        Of these, how many could not begin in the period that they named, and began later.
+    damaged : int
+        Frames that arrived damaged, and so were not played.
+    refused : int
+        Frames that the device refused, at which the stream ended.
+    unanswered : int
+        Frames of which is not known whether they arrived: the line or the device was lost before it could say.
+    underruns : int
+        How often source or host came too late, and the rest of the stream was moved.
+    moved_periods : int
+        By how many carrier periods in all.
+    reconnects : int
+        How often the device was lost and came back.
+    first_period, last_period : int
+        When the first and the last accepted frame began, by the device's clock; 0 before.
+    least_lead_periods : int or None
+        The fewest periods between the arrival of a frame and its beginning, None before the first.
+    drift_ppm : float
+        How much faster than nominal the device's clock runs by the host's.
+    uncertainty : float
+        Of the device's clock as the host knows it, in seconds.
+    """
+
+    rate: float
+    sent: int = 0
+    accepted: int = 0
+    late: int = 0
+    damaged: int = 0
+    refused: int = 0
+    unanswered: int = 0
+    underruns: int = 0
+    moved_periods: int = 0
+    reconnects: int = 0
+    first_period: int = 0
+    last_period: int = 0
+    least_lead_periods: int | None = None
+    drift_ppm: float = 0.0
+    uncertainty: float = 0.0
+
+    def __str__(self) -> str:
+        """One line for people."""
+        parts = [f"{self.accepted} frames at {self.rate:g}/s", f"{self.late} late", f"{self.underruns} underruns"]
+        if self.damaged or self.unanswered:
+            parts.append(f"{self.damaged} damaged, {self.unanswered} unanswered")
+        if self.reconnects:
+            parts.append(f"{self.reconnects} reconnects")
+        if self.least_lead_periods is not None:
+            parts.append(f"least lead {self.least_lead_periods / CARRIER_HZ * 1e3:.2f} ms")
+        return ", ".join([*parts, f"clock {self.drift_ppm:+.1f} ppm"])
+
+
+class Stream:
+    """One run of frames to a device.
+
+    Parameters
+    ----------
+    session : Session
+        With the device.
+    source : FrameSource
+        The frames.
+    rate : float
+        Frames per second.
+    look_ahead : float
+        Seconds before its period at which a frame is sent at the earliest.
+    reconnect : bool
+        Whether to go on where the device was lost and comes back.
+
+    Attributes
+    ----------
+    report : StreamReport
+        As it stands.
+    """
+
+    def __init__(
+        self, session: Session, source: FrameSource, rate: float, *, look_ahead: float, reconnect: bool
+    ) -> None:
+        most = min(session.info.max_updates_per_second, session.line().most_blocks_per_second)
+        if not 0 < rate <= most:
+            raise ValueError(
+                f"a rate of {rate:g} frames/s: it must be more than 0, and this device and its line take at most {most:g}"
+            )
+        if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
+            raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")
+        self._session, self._source, self._reconnect = session, source, reconnect
+        self._spacing = CARRIER_HZ / rate
+        self._look_ahead = max(ceil(look_ahead * CARRIER_HZ), LEAST_LEAD_PERIODS)
+        self._horizon = min(self._look_ahead, session.info.queue_blocks * self._spacing + TURN_PERIODS)
+        self._next = 0
+        self._start = 0.0
+        self._read_at = 0.0
+        self.report = StreamReport(rate)
+
+    def run(self, on_progress: Callable[[StreamReport], None] | None = None) -> StreamReport:
+        """Play all frames, and wait until the last has had its time."""
+        self._told = time.monotonic()
+        self._find_clock()
+        while (frames := self._take()) is not None:
+            try:
+                self._send(frames)
+            except DeviceLostError:
+                if not self._reconnect:
+                    raise
+                self._come_back()
+            if on_progress is not None and time.monotonic() - self._told >= PROGRESS_SECONDS:
+                self._told = time.monotonic()
+                on_progress(self.report)
+        self._wait_until(self._due(self._next))
+        return self.report
+
+    # The device's time
+
+    def _find_clock(self) -> None:
+        """Learn the device's time anew, and let the next frame begin a look-ahead from now."""
+        self._clock = DeviceClock()
+        for _ in range(FIRST_READINGS):
+            self._read_clock()
+        self._begin_at(ceil(self._now()) + self._look_ahead)
+
+    def _read_clock(self) -> None:
+        keeper = self._session.time
+        with self._session.lock:
+            before = keeper.monotonic()
+            reading = self._session.ask(ClockReading.decode, Request.CLOCK)
+            after = keeper.monotonic()
+        self._clock.add(Reading(before, after, reading.now))
+        self._read_at = after
+        self.report = replace(self.report, drift_ppm=self._clock.drift_ppm, uncertainty=self._clock.uncertainty)
+
+    def _now(self) -> float:
+        """Carrier period of the device, with its fraction."""
+        return self._clock.period_at(self._session.time.monotonic())
+
+    def _due(self, index: int) -> int:
+        """Period in which a frame begins."""
+        return floor(self._start + index * self._spacing)
+
+    def _begin_at(self, period: int) -> None:
+        """Let the next frame begin in a period."""
+        self._start = period - self._next * self._spacing
+
+    def _wait_until(self, period: float) -> None:
+        """Let time pass until a period begins, with signs of life to the device, and readings of its clock."""
+        keeper = self._session.time
+        pause = min(self._session.status().watchdog_ms / 3000, READING_SECONDS)
+        while (left := self._clock.moment_of(period) - keeper.monotonic()) > 0:
+            keeper.sleep(min(left, pause))
+            if left > pause:
+                self._session.check_enabled()
+
+    # Frames
+
+    def _take(self) -> PulseFrames | None:
+        """Wait until frames are due, and take them; None where there are no more."""
+        now = self._now()
+        if self._due(self._next) - now > self._horizon:
+            self._wait_until(self._due(self._next) - self._horizon)
+            now = self._now()
+        due = floor((now + self._horizon - self._start) / self._spacing) + 1 - self._next
+        frames = self._source.take(min(max(due, 1), MOST_BLOCKS))
+        return frames if len(frames.phase) else None
+
+    def _send(self, frames: PulseFrames) -> None:
+        """Send frames, and count what became of them."""
+        count = len(frames.phase)
+        with self._session.lock:
+            lead = self._due(self._next) - self._now()
+            if lead < LEAST_LEAD_PERIODS:
+                was = self._due(self._next)
+                self._begin_at(ceil(self._now()) + self._look_ahead)
+                moved = self._due(self._next) - was
+                self._count(underruns=1, moved_periods=moved)
+            periods = np.floor(self._start + np.arange(self._next, self._next + count) * self._spacing)
+            number, restart = self._session.upcoming
+            blocks = pack_updates(frames.phase, frames.width, number, periods.astype(np.uint64), restart=restart)
+            self._next += count
+            self._count(sent=count, unanswered=count)
+            answers = Answers.none(count)
+            try:
+                self._session.transfer(blocks, answers)
+            finally:
+                self._account(answers.acks[answers.answered])
+        self._check(answers.acks[answers.answered])
+        if self._session.time.monotonic() - self._read_at > READING_SECONDS:
+            self._read_clock()
+
+    def _account(self, acks: NDArray[np.void]) -> None:
+        self._count(unanswered=-len(acks))
+        accepted = acks[acks["reason"] == Reason.ACCEPTED]
+        if len(accepted):
+            leads = accepted["commit_period"].astype(np.int64) - (accepted["now"] // TICKS_PER_PERIOD).astype(np.int64)
+            least = int(leads.min())
+            known = self.report.least_lead_periods
+            self.report = replace(
+                self.report,
+                first_period=self.report.first_period or int(accepted["commit_period"][0]),
+                last_period=int(accepted["commit_period"][-1]),
+                least_lead_periods=least if known is None else min(least, known),
+            )
+        late = int(np.count_nonzero(accepted["flags"] & AckFlag.LATE))
+        damaged = int(np.isin(acks["reason"], DAMAGED).sum())
+        self._count(accepted=len(accepted), late=late, damaged=damaged, refused=len(acks) - len(accepted) - damaged)
+
+    def _check(self, acks: NDArray[np.void]) -> None:
+        """Raise `DeviceRefusedError` for the first frame that was refused for what it is."""
+        refused = acks[~np.isin(acks["reason"], [Reason.ACCEPTED, *DAMAGED])]
+        if len(refused):
+            self._session.check(as_ack(refused[0]))
+
+    def _count(self, **more: int) -> None:
+        self.report = replace(self.report, **{name: getattr(self.report, name) + by for name, by in more.items()})
+
+    def _come_back(self) -> None:
+        """Wait for a device that was lost, and go on with the next frame."""
+        self._session.reopen()
+        self._session.order(Request.ENABLE)
+        self._count(reconnects=1)
+        self._find_clock()
