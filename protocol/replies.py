@@ -91,6 +91,22 @@ _ACKS = np.dtype(
 )
 
 
+ACKS = _ACKS
+
+
+def decode_acks(packets: bytes) -> NDArray[np.void]:
+    """Decode (interim)."""
+    found = records(packets)
+    acks = [ack for ack in found if isinstance(ack, Ack)]
+    if len(acks) != len(found):
+        raise ReplyError("there are status records among these acknowledgements")
+    rows = np.zeros(len(acks), _ACKS)
+    for row, ack in zip(rows, acks, strict=True):
+        for name in ("reason", "sequence", "commit_period", "now", "flags", "free", "state"):
+            row[name] = getattr(ack, name)
+    return rows
+
+
 def encode_acks(
     sequence: NDArray[Any],
     commit_period: NDArray[Any],
