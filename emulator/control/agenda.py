@@ -33,7 +33,7 @@ __all__ = ["QUEUE_BLOCKS", "Agenda", "Change", "Stream", "Tail"]
 Effect = Callable[[int], None]
 """Takes the period at which it happens."""
 
-QUEUE_BLOCKS = 8
+QUEUE_BLOCKS = 32
 
 
 class Tail(NamedTuple):
