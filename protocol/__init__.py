@@ -26,6 +26,7 @@ from .blocks import (
 )
 from .codes import NOW, Action, Fault, Kind, Reason, Request, State
 from .pulses import Pulses
+from .quantise import PulseFrames, quantise
 from .replies import Ack, Info, Status
 from .updates import pack_updates, unpack_updates
 from .wiring import Pin, Wiring
@@ -45,6 +46,7 @@ __all__ = [
     "NoOp",
     "Output",
     "Pin",
+    "PulseFrames",
     "Pulses",
     "Reason",
     "Request",
@@ -57,6 +59,7 @@ __all__ = [
     "Wiring",
     "pack",
     "pack_updates",
+    "quantise",
     "unpack",
     "unpack_updates",
 ]

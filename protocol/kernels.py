@@ -1,4 +1,6 @@
-"""Compiled loops of `updates`: pulses into blocks and back. They see plain arrays and check only what they say.
+"""Compiled loops of `quantise` and `updates`: drives into pulses, pulses into blocks and back.
+
+They see plain arrays and check only what they say.
 
 numba compiles them at their first call and keeps the result on disk.
 """
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..compiling import kernel
-from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
+from .board import CHANNELS, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from .codes import (
     BLOCK_MAGIC,
     CHECKSUM_OFFSET,
@@ -20,6 +22,7 @@ from .codes import (
     Kind,
     Reason,
 )
+from .pulses import MAGNITUDE_TOLERANCE
 
 U8, U32, U64 = np.uint8, np.uint32, np.uint64
 
@@ -29,6 +32,103 @@ SEQUENCE_OFFSET, PERIOD_OFFSET, FLAGS_OFFSET = 4, 8, 26
 UPDATE, RESTART = int(Kind.UPDATE), int(Flag.RESTART)
 VERSION_REASON, MAGIC_REASON, CHECKSUM_REASON = int(Reason.VERSION), int(Reason.MAGIC), int(Reason.CHECKSUM)
 KIND_REASON, FIELD_REASON, PULSE_REASON = int(Reason.KIND), int(Reason.FIELD), int(Reason.PULSE)
+
+ONE, HALF_TURN, TURN = U32(1), U32(HALF_TICKS_PER_PERIOD // 2), U32(HALF_TICKS_PER_PERIOD)
+QUARTER = U32(HALF_TICKS_PER_PERIOD // 4)
+TINY = 1e-300  # so that nothing is divided by 0
+SUSPECT = (1 + MAGNITUDE_TOLERANCE) ** 2 * (1 - 1e-12)  # squared magnitude from which a drive must be looked at
+
+_ANGLES = np.pi / TICKS_PER_PERIOD * np.arange(MAX_WIDTH_TICKS + 1)  # of phases in half ticks, and of widths in ticks
+COSINES, SINES = np.cos(_ANGLES), np.sin(_ANGLES)
+
+
+def _stairs(edges: Any, buckets: int) -> tuple[Any, Any]:
+    """A quick way to the last of some rising edges, 0 the first, that is not above a number from 0 to 1.
+
+    The step at the number's bucket is that edge or the one before it: no bucket has two edges in it. The second array
+    has the edge after each step.
+    """
+    steps = np.searchsorted(edges, np.arange(buckets + 1) / buckets, "right") - 1
+    return steps.astype(np.uint32), np.append(edges[1:], np.inf)
+
+
+SLOPE_BUCKETS, WIDTH_BUCKETS = 64.0, 256.0
+SLOPE_STEPS, NEXT_SLOPE = _stairs(np.tan(_ANGLES[: MAX_WIDTH_TICKS // 2 + 1]), 64)
+WIDTH_STEPS, NEXT_MIDDLE = _stairs(SINES[:-1] * COSINES[1], 256)
+
+
+@kernel
+def _at_most_1(value: float) -> float:
+    """The value, or 1 where it is more or not a number."""
+    return value if value < 1.0 else 1.0
+
+
+@kernel
+def _nearest_width(reach: float, phase: Any) -> Any:
+    """Width of the exact pulse of a phase that is nearest to a drive which reaches so far in its direction.
+
+    Those widths are all even or all odd, as the phase is. The middle between the magnitudes of w - 1 and w + 1 ticks is
+    sin(πw/50)·cos(π/50).
+    """
+    step = WIDTH_STEPS[U32(_at_most_1(reach) * WIDTH_BUCKETS)]
+    step += U32(reach >= NEXT_MIDDLE[step])
+    return step + ((step ^ phase) & ONE)
+
+
+@kernel
+def _remoteness(width: Any, reach: float) -> Any:
+    """Squared distance from the drive to a pulse in whose direction it reaches so far, less the drive's own square."""
+    magnitude = SINES[width]
+    return magnitude * (magnitude - 2 * reach)
+
+
+@kernel
+def quantise(drives: Any, phase: Any, width: Any) -> int:
+    """Find the nearest exact pulses of k frames.
+
+    Without branches, so that a compiler can work on several transducers at once. The plane's axes are mirrors of the
+    exact pulses, so a drive is taken to the first quadrant and its pulse back. There the nearest pulse has one of the
+    two phases on either side of the drive, in whole half ticks; which two, the drive's slope tells.
+
+    Parameters
+    ----------
+    drives : (k, n) complex64 or complex128
+    phase, width : (k, n) uint8
+        Written.
+
+    Returns
+    -------
+    int
+        How many drives are, or may be, not finite or too large; the pulses of those that are are worth nothing.
+    """
+    suspects = 0
+    for row in range(drives.shape[0]):
+        for column in range(drives.shape[1]):
+            drive = drives[row, column]
+            real, imaginary = np.float64(drive.real), np.float64(drive.imag)
+            across, up = abs(real), abs(imaginary)
+            suspects += not across * across + up * up <= SUSPECT
+            steep = up > across
+            short, long = min(across, up), max(across, up)
+            slope = short / max(long, TINY)
+            step = SLOPE_STEPS[U32(_at_most_1(slope) * SLOPE_BUCKETS)]
+            step += U32(slope >= NEXT_SLOPE[step])
+            after = step + ONE
+            first_reach = long * COSINES[step] + short * SINES[step]
+            second_reach = long * COSINES[after] + short * SINES[after]
+            first_phase = QUARTER - step if steep else step
+            second_phase = QUARTER - after if steep else after
+            first_width = _nearest_width(first_reach, first_phase)
+            second_width = _nearest_width(second_reach, second_phase)
+            second = _remoteness(second_width, second_reach) < _remoteness(first_width, first_reach)
+            chosen_phase = second_phase if second else first_phase
+            chosen_width = second_width if second else first_width
+            chosen_phase = HALF_TURN - chosen_phase if real < 0 else chosen_phase
+            chosen_phase = TURN - chosen_phase if imaginary < 0 else chosen_phase
+            unturned = (chosen_width == U32(0)) | (chosen_phase == TURN)
+            phase[row, column] = U8(U32(0) if unturned else chosen_phase)
+            width[row, column] = U8(chosen_width)
+    return suspects
 
 
 @kernel

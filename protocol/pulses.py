@@ -16,7 +16,7 @@ from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from .codes import AMPLITUDES
 from .ranges import whole
 
-__all__ = ["MODULATED_WIDTH", "POWER", "Pulses"]
+__all__ = ["MODULATED_WIDTH", "POWER", "Pulses", "check_drives"]
 
 MAGNITUDE_TOLERANCE = 1e-6  # what normalising in single precision may overshoot
 
@@ -44,6 +44,30 @@ def _checked(name: str, values: ArrayLike, limit: int, unit: str) -> NDArray[np.
     result = array.astype(np.uint8)
     result.setflags(write=False)
     return result
+
+
+def check_drives(drives: NDArray[np.complexfloating], first: int = 0) -> None:
+    """Raise `ValueError` where a drive is not finite or its magnitude exceeds 1; the transducer is named.
+
+    Parameters
+    ----------
+    drives : (n,) or (k, n) complex
+        One frame, or k of them; then the frame is named too.
+    first : int
+        Number of the first of these frames.
+    """
+    if np.abs(drives).max(initial=0) <= 1:  # false where one is not a number
+        return
+    drives = drives.astype(np.complex128)
+    magnitudes = np.abs(drives)
+    for wrong, complaint in (
+        (~np.isfinite(drives), "is {drive}; it must be finite"),
+        (magnitudes > 1 + MAGNITUDE_TOLERANCE, "has magnitude {magnitude:.6g}; at most 1 is possible"),
+    ):
+        if wrong.any():
+            *frame, transducer = at = tuple(np.argwhere(wrong)[0])
+            where = f"transducer {transducer}" + (f" of frame {first + frame[0]}" if frame else "")
+            raise ValueError(f"drive of {where} " + complaint.format(drive=drives[at], magnitude=magnitudes[at]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,13 +132,8 @@ class Pulses:
         drive = np.asarray(drive, dtype=np.complex128)
         if drive.ndim != 1:
             raise ValueError(f"drive must have the shape (n,), not {drive.shape}")
-        if (bad := np.flatnonzero(~np.isfinite(drive))).size:
-            raise ValueError(f"drive of transducer {bad[0]} is {drive[bad[0]]}; it must be finite")
+        check_drives(drive)
         magnitude = np.abs(drive)
-        if (bad := np.flatnonzero(magnitude > 1 + MAGNITUDE_TOLERANCE)).size:
-            raise ValueError(
-                f"drive of transducer {bad[0]} has magnitude {magnitude[bad[0]]:.6g}; at most 1 is possible"
-            )
 
         # Exact pulses of one width lie two half ticks apart, and those of the next width between them. The
         # nearest is among the two widths on either side, each with its nearest phase.

@@ -1,0 +1,71 @@
+"""Many drives at once into the nearest exact pulses, for streaming: the fast twin of `Pulses.from_drive`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .pulses import check_drives
+
+__all__ = ["PulseFrames", "quantise"]
+
+
+class PulseFrames(NamedTuple):
+    """k frames of pulses, as `Pulses` has them one by one. Whoever makes them answers for their values.
+
+    Parameters
+    ----------
+    phase, width : (k, n) uint8
+        Pulses in array order, in half ticks and ticks.
+    """
+
+    phase: NDArray[np.uint8]
+    width: NDArray[np.uint8]
+
+
+def quantise(drives: ArrayLike, out: PulseFrames | None = None, *, first: int = 0) -> PulseFrames:
+    """The exact pulses nearest to k frames of drives in the complex plane.
+
+    Parameters
+    ----------
+    drives : (k, n) complex
+        Magnitude at most 1, where 1 is the widest pulse; complex64 and complex128 are read where they are.
+    out : PulseFrames, optional
+        Where to write, (k, n) and contiguous, and apart from the drives.
+    first : int
+        Number of the first frame, by which errors count.
+
+    Returns
+    -------
+    PulseFrames
+        Where two pulses are equally near within rounding, either of them; ``out`` where it is given.
+
+    Raises
+    ------
+    ValueError
+        Where a drive is not finite or its magnitude exceeds 1, which names frame and transducer, or shapes or types
+        are not these; what ``out`` holds is then worth nothing.
+    """
+    from . import kernels  # numba takes longer to import than everything else together
+
+    given = np.asarray(drives)
+    read = np.ascontiguousarray(given, given.dtype if given.dtype in (np.complex64, np.complex128) else np.complex128)
+    if given.ndim != 2:
+        raise ValueError(f"drives must have the shape (k, n), not {given.shape}")
+    if out is None:
+        out = PulseFrames(np.empty(read.shape, np.uint8), np.empty(read.shape, np.uint8))
+    else:
+        _check_room(out, read)
+    if kernels.quantise(read, *out):
+        check_drives(read, first)
+    return out
+
+
+def _check_room(out: PulseFrames, drives: NDArray[np.complexfloating]) -> None:
+    for name, room in zip(PulseFrames._fields, out, strict=True):
+        if room.dtype != np.uint8 or room.shape != drives.shape or not room.flags.c_contiguous:
+            raise ValueError(f"{name} of out must be contiguous {drives.shape} uint8, not {room.shape} {room.dtype}")
+        if not room.flags.writeable:
+            raise ValueError(f"{name} of out is read-only")
