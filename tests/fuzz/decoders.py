@@ -62,6 +62,7 @@ from phasewire.protocol.replies import (
     Info,
     ReadBack,
     Status,
+    decode_acks,
     decode_reports,
     decode_wiring,
     encode_reports,
@@ -146,6 +147,8 @@ def replies(data: bytes) -> None:
             round_trip(record.decode, record.encode, ReplyError, piece)
     for packet in (data, sealed(fitted(data, 28)) + sealed(fitted(data[28:], 60))):
         round_trip(records, lambda found: b"".join(record.encode() for record in found), ReplyError, packet)
+    for packet in (data, fitted(data, 64), sealed(fitted(data, 28)) + sealed(fitted(data[28:], 28))):
+        _acks_at_once(packet)
     for answer in (Info, ClockReading, ReadBack):
         for piece in (data, fitted(data, answer.BYTES)):
             round_trip(answer.decode, answer.encode, ReplyError, piece)
@@ -153,6 +156,22 @@ def replies(data: bytes) -> None:
         round_trip(decode_reports, encode_reports, ReplyError, piece)
     for piece in (data, fitted(data, 640)):
         round_trip(decode_wiring, encode_wiring, ReplyError, piece)
+
+
+def _acks_at_once(packets: bytes) -> None:
+    """Whole acknowledgements and nothing else, or refused; and the same as one by one."""
+    acks: list[Ack] | None = None
+    with suppress(ReplyError):
+        acks = [record for record in records(packets) if isinstance(record, Ack)]
+    try:
+        found = decode_acks(packets)
+    except ReplyError:
+        assert acks is None or Ack.BYTES * len(acks) != len(packets)
+        return
+    assert acks is not None
+    assert [{name: row[name] for name in vars(ack)} for row, ack in zip(found, acks, strict=True)] == list(
+        map(vars, acks)
+    )
 
 
 # The chain

@@ -4,6 +4,7 @@ import zlib
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,6 +15,7 @@ from phasewire.protocol.replies import (
     ClockReading,
     ProcessorReport,
     ReadBack,
+    decode_acks,
     decode_reports,
     decode_wiring,
     encode_reports,
@@ -173,6 +175,80 @@ def test_a_clock_reading_and_a_report_by_hand() -> None:
 @given(st.lists(ACKS | STATUSES, max_size=12))
 def test_records_are_told_apart(sent: list[Ack | Status]) -> None:
     assert records(b"".join(record.encode() for record in sent)) == sent
+
+
+FIELDS = ("reason", "sequence", "commit_period", "now", "flags", "free", "state")
+
+
+@given(st.lists(ACKS, max_size=40))
+def test_many_acknowledgements_at_once(sent: list[Ack]) -> None:
+    data = b"".join(ack.encode() for ack in sent)
+    for packets in (data, bytearray(data), memoryview(data)):
+        found = decode_acks(packets)
+        assert found[list(FIELDS)].tolist() == [tuple(int(getattr(ack, name)) for name in FIELDS) for ack in sent]
+
+
+def judged(ack: bytes) -> str | None:
+    """What `Ack.decode` says of 32 bytes."""
+    try:
+        Ack.decode(ack)
+    except ReplyError as error:
+        return str(error)
+    return None
+
+
+def judged_at_once(ack: bytes, good: bytes) -> str | None:
+    """What `decode_acks` says of them among others."""
+    try:
+        found = decode_acks(good + ack + good)
+    except ReplyError as error:
+        return str(error)
+    assert found[1]["sequence"] == Ack.decode(ack).sequence
+    return None
+
+
+def resealed(body: bytes) -> bytes:
+    return body + zlib.crc32(body).to_bytes(4, "little")
+
+
+@given(ACKS, st.integers(0, 31), st.binary(max_size=4), st.booleans())
+def test_at_once_the_same_is_refused(ack: Ack, at: int, junk: bytes, seal: bool) -> None:
+    good = ack.encode()
+    damaged = (good[:at] + junk + good[at + len(junk) :])[:32]
+    damaged = resealed(damaged[:28]) if seal else damaged
+    assert judged_at_once(damaged, good) == judged(damaged)
+
+
+@pytest.mark.parametrize("at", range(28))
+def test_at_once_every_octet_is_judged_alike(at: int) -> None:
+    """All 256 values of each, under a right checksum."""
+    good = Ack(Reason.DISABLED, 7, 8, 9, AckFlag.LATE, 3, State.SUSPENDED).encode()
+    octets = np.tile(np.frombuffer(good, np.uint8), (256, 1))
+    octets[:, at] = np.arange(256)
+    for row in octets:
+        damaged = resealed(row[:28].tobytes())
+        assert (judged_at_once(damaged, good) is None) == (judged(damaged) is None)
+
+
+def test_at_once_every_flipped_bit_is_refused() -> None:
+    good = Ack(Reason.ACCEPTED, 7, 8, 9, AckFlag.LATE, 3, State.PLAYING).encode()
+    for bit in range(256):
+        flipped = (int.from_bytes(good, "little") ^ 1 << bit).to_bytes(32, "little")
+        with pytest.raises(ReplyError, match=r"an acknowledgement .* breaks its layout"):
+            decode_acks(good + flipped)
+
+
+@given(ACKS, STATUSES, st.booleans())
+def test_at_once_a_status_among_them_is_refused(ack: Ack, status: Status, first: bool) -> None:
+    pair = (status, ack) if first else (ack, status)
+    with pytest.raises(ReplyError, match="an acknowledgement"):
+        decode_acks(b"".join(record.encode() for record in pair))
+
+
+@given(ACKS, st.integers(1, 31))
+def test_at_once_what_is_cut_off_is_refused(ack: Ack, cut: int) -> None:
+    with pytest.raises(ReplyError, match=f"{64 - cut} bytes are not some of them"):
+        decode_acks((2 * ack.encode())[:-cut])
 
 
 @given(ACKS, STATUSES, st.integers(1, 63))
