@@ -149,6 +149,7 @@ class Stream:
     def run(self, on_progress: Callable[[StreamReport], None] | None = None) -> StreamReport:
         """Play all frames, and wait until the last has had its time."""
         self._told = time.monotonic()
+        self._pause = self._session.status().watchdog_ms / 3000
         self._find_clock()
         while (frames := self._take()) is not None:
             try:
@@ -197,10 +198,9 @@ class Stream:
     def _wait_until(self, period: float) -> None:
         """Let time pass until a period begins, with signs of life to the device, and readings of its clock."""
         keeper = self._session.time
-        pause = min(self._session.status().watchdog_ms / 3000, READING_SECONDS)
         while (left := self._clock.moment_of(period) - keeper.monotonic()) > 0:
-            keeper.sleep(min(left, pause))
-            if left > pause:
+            keeper.sleep(min(left, self._pause))
+            if left > self._pause:
                 self._session.check_enabled()
 
     # Frames

@@ -38,6 +38,7 @@ from .ranges import whole
 from .wiring import Wiring
 
 __all__ = [
+    "ACKS",
     "ANSWER_BYTES",
     "WIRING_BYTES",
     "Ack",
@@ -77,7 +78,7 @@ _ACK = struct.Struct("<2sBBIQQBBBx")
 _ACK_MOST = {"sequence": 2**32 - 1, "commit_period": 2**64 - 1, "now": 2**64 - 1, "flags": 255, "free": 255}
 
 
-_ACKS = np.dtype(
+ACKS = np.dtype(
     [
         ("magic", "S2"),
         ("version", "u1"),
@@ -93,22 +94,6 @@ _ACKS = np.dtype(
 )
 
 
-ACKS = _ACKS
-
-
-def decode_acks(packets: bytes) -> NDArray[np.void]:
-    """Decode (interim)."""
-    found = records(packets)
-    acks = [ack for ack in found if isinstance(ack, Ack)]
-    if len(acks) != len(found):
-        raise ReplyError("there are status records among these acknowledgements")
-    rows = np.zeros(len(acks), _ACKS)
-    for row, ack in zip(rows, acks, strict=True):
-        for name in ("reason", "sequence", "commit_period", "now", "flags", "free", "state"):
-            row[name] = getattr(ack, name)
-    return rows
-
-
 def encode_acks(
     sequence: NDArray[Any],
     commit_period: NDArray[Any],
@@ -118,16 +103,16 @@ def encode_acks(
     state: NDArray[Any],
 ) -> list[bytes]:
     """Encode the acknowledgements of k accepted blocks, whose fields are right, from (k,) integers; see `Ack`."""
-    bodies = np.zeros(len(sequence), _ACKS)
+    bodies = np.zeros(len(sequence), ACKS)
     bodies["magic"], bodies["version"] = ACK_MAGIC, PROTOCOL_VERSION
     bodies["sequence"], bodies["commit_period"], bodies["now"] = sequence, commit_period, now
     bodies["flags"], bodies["free"], bodies["state"] = flags, free, state
-    data, size = bodies.tobytes(), _ACKS.itemsize
+    data, size = bodies.tobytes(), ACKS.itemsize
     rows = [data[at : at + size] for at in range(0, len(data), size)]
     return [row + zlib.crc32(row).to_bytes(4, "little") for row in rows]
 
 
-_ACK_RECORDS = np.dtype([("ack", _ACKS), ("checksum", "<u4")])
+_ACK_RECORDS = np.dtype([("ack", ACKS), ("checksum", "<u4")])
 _SEALED_CRC = 0x2144DF1C  # CRC-32 of whatever ends with its own CRC-32
 
 
