@@ -1,9 +1,8 @@
-"""Commands that talk to a device: ``show``, ``stop`` and ``info``."""
+"""Commands that ask a device or tell it one thing: ``show``, ``stop``, ``info``, ``read-back``, ``identify``…"""
 
 from __future__ import annotations
 
 import math
-import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -13,8 +12,7 @@ import typer
 from rich.table import Table
 
 from ..console import JsonOption, console_for, error_console, write_json
-from ..errors import DeviceRefusedError, InputFileError
-from ..protocol.codes import Reason
+from ..errors import InputFileError
 from ..protocol.plain import plain
 from ..protocol.pulses import Pulses
 from ..protocol.replies import Info
@@ -23,29 +21,20 @@ from ..solver import Solution, TransducerArray
 from ..solver.files import read_arrays, solution_in
 from ..storage import check_outputs
 from .device import open_device
-from .transport import DEFAULT_URL, URL_VARIABLE
+from .options import CalibrationOption, DeviceOption, load_calibration
+from .transport import DEFAULT_URL
 
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
-DeviceOption = Annotated[
-    str,
-    typer.Option(
-        "--device",
-        metavar="URL",
-        envvar=URL_VARIABLE,
-        help="emulator: (a fresh emulated device), usb: (the only one plugged in) or usb:SERIAL.",
-    ),
-]
 
-
-def load_pulses(path: Path) -> tuple[Pulses, Solution | None]:
-    """Pulses from a solved file, with its solution, or as they stand in an NPZ file as ``phase`` and ``width``."""
+def load_frame(path: Path) -> tuple[Pulses | Solution, Solution | None]:
+    """A solution, also as such, or pulses as they stand in an NPZ file as ``phase`` and ``width``."""
     arrays = read_arrays(path)
     if "format" in arrays:
         solution = solution_in(arrays, path)
-        return Pulses.from_drive(solution.drive), solution
+        return solution, solution
     if {"phase", "width"} <= set(arrays):
         try:
             return Pulses(arrays["phase"], arrays["width"]), None
@@ -74,31 +63,26 @@ def show(
     device: DeviceOption = DEFAULT_URL,
     seconds: Annotated[float, typer.Option(min=0, help="How long to play, in s.")] = 1.0,
     forever: Annotated[bool, typer.Option("--forever", help="Play until Ctrl-C.")] = False,
+    calibration: CalibrationOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Play a solved file on a device, and leave its outputs off.
 
     While it plays, the device hears regular signs of life; should this program die, the device's watchdog turns the
-    outputs off. The time of an emulated device passes only with each transfer, so it plays for less of its own time.
+    outputs off. Of an emulated device the time passes as fast as this computer allows.
+
+    Example: phasewire show sphere.npz --seconds 2
     """
     check_outputs([json_target], inputs=[file])
-    pulses, solution = load_pulses(file)
-    with open_device(device) as opened:
+    frame, solution = load_frame(file)
+    with open_device(device, calibration=load_calibration(calibration)) as opened:
         for difference in differences(solution, opened.info) if solution else []:
             error_console().print(f"warning: {file} was solved for something else: {difference}", style="yellow")
-        ack = opened.show(pulses)
+        ack = opened.show(frame)
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
         error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
-        end = math.inf if forever else time.monotonic() + seconds
         with suppress(KeyboardInterrupt):
-            while (left := end - time.monotonic()) > 0:
-                time.sleep(min(opened.info.watchdog / 3, left))
-                if not opened.status().enabled:
-                    raise DeviceRefusedError(
-                        f"{opened.name} has turned its outputs off: it heard nothing for {opened.info.watchdog:g} s. "
-                        "Was this program held up?",
-                        Reason.DISABLED,
-                    )
+            opened.keep_playing(math.inf if forever else seconds)
         status = opened.status()
     console_for(json_target).print("Stopped; the outputs are off.")
     write_json(json_target, {"device": opened.name, "commit_period": ack.commit_period, "status": plain(status)})
@@ -125,7 +109,7 @@ def _versions(what: Info) -> str:
 def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
     """Say what a device is and what it is doing."""
     check_outputs([json_target])
-    with open_device(device) as opened:
+    with open_device(device, observe=True) as opened:
         what, status = opened.info, opened.status()
     table = Table(title=opened.name, show_header=False, title_justify="left")
     for label, value in (
@@ -138,6 +122,7 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
         ),
         ("output", f"{what.ticks_per_period} ticks per period of {what.carrier_hz / 1e3:g} kHz"),
         ("rate", f"{what.max_updates_per_second:g} updates/s at most, {what.queue_blocks} queued"),
+        ("features", ", ".join(feature.name or "" for feature in what.features) or "none"),
         ("watchdog", f"{status.watchdog_ms} ms"),
         ("drive limit", f"{status.drive_limit} fully driven transducers"),
         ("temperature", f"{status.temperature_c} °C"),
@@ -150,3 +135,70 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
         table.add_row(label, value)
     console_for(json_target).print(table)
     write_json(json_target, {"device": opened.name, "info": plain(what), "status": plain(status)})
+
+
+@commands.command(name="read-back")
+def read_back(
+    device: DeviceOption = DEFAULT_URL,
+    json_target: JsonOption = None,
+) -> None:
+    """Ask the processors what they play, and show it as the grid of transducers.
+
+    Of each transducer it shows the phase, 0 to 99, and the width, 0 to 25; a dot is a silent one. While another program
+    uses the device over USB, ask over its serial line.
+
+    Example: phasewire read-back --device serial:///dev/ttyACM0
+    """
+    check_outputs([json_target])
+    with open_device(device, observe=True) as opened:
+        found = opened.read_back()
+    out = console_for(json_target)
+    pulses, columns = found.pulses, opened.info.columns
+    if found.since_period == 0:
+        out.print(f"{opened.name} plays nothing (carrier period {found.read_period}).")
+    else:
+        out.print(f"{opened.name} plays since carrier period {found.since_period}:")
+        cells = [
+            f"{phase:>2}/{width:<2}" if width else "  .  "
+            for phase, width in zip(pulses.phase.tolist(), pulses.width.tolist(), strict=True)
+        ]
+        for at in range(0, len(cells), columns):
+            out.print(" ".join(cells[at : at + columns]).rstrip())
+    write_json(
+        json_target,
+        {
+            "device": opened.name,
+            "since_period": found.since_period,
+            "read_period": found.read_period,
+            "phase": pulses.phase.tolist(),
+            "width": pulses.width.tolist(),
+        },
+    )
+
+
+@commands.command()
+def identify(
+    board: Annotated[int, typer.Argument(metavar="BOARD", min=0, help="Board, counted from 0.")] = 0,
+    device: DeviceOption = DEFAULT_URL,
+) -> None:
+    """Let the light on a board blink for five seconds.
+
+    Example: phasewire identify 2
+    """
+    with open_device(device, observe=True) as opened:
+        opened.identify(board)
+        console_for(None).print(f"{opened.name}: the light on board {board} blinks for five seconds.")
+
+
+@commands.command()
+def reset(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
+    """Restart a device as at power-up, and wait until it is back.
+
+    Example: phasewire reset --device usb:
+    """
+    check_outputs([json_target])
+    with open_device(device) as opened:
+        opened.reset()
+        status = opened.status()
+    console_for(json_target).print(f"{opened.name} has restarted; its outputs are off and its stores are empty.")
+    write_json(json_target, {"device": opened.name, "status": plain(status)})

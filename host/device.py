@@ -32,7 +32,7 @@ from .transport import Timekeeper, Transport, default_url, open_transport
 __all__ = ["Device", "open_device"]
 
 
-def open_device(url: str | None = None, *, calibration: Calibration | None = None) -> Device:
+def open_device(url: str | None = None, *, calibration: Calibration | None = None, observe: bool = False) -> Device:
     """Open a device by its URL.
 
     Parameters
@@ -43,6 +43,8 @@ def open_device(url: str | None = None, *, calibration: Calibration | None = Non
         ``rfc2217://host:port``. By default ``$PHASEWIRE_DEVICE``, else ``emulator:``.
     calibration : Calibration, optional
         What each transducer really does; drives are corrected for it on their way to pulses.
+    observe : bool
+        Whether to leave alone what the device plays, now and at the end. Its outputs are turned off otherwise.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def open_device(url: str | None = None, *, calibration: Calibration | None = Non
     """
     transport = open_transport(url if url is not None else default_url())
     try:
-        return Device(transport, calibration=calibration)
+        return Device(transport, calibration=calibration, observe=observe)
     except BaseException:  # whatever it was, the line is not ours to keep
         transport.close()
         raise
@@ -79,6 +81,8 @@ class Device:
         The line to it.
     calibration : Calibration, optional
         What each transducer really does.
+    observe : bool
+        Whether to leave alone what plays, now and at the end.
 
     Attributes
     ----------
@@ -86,7 +90,8 @@ class Device:
         As given.
     """
 
-    def __init__(self, transport: Transport, *, calibration: Calibration | None = None) -> None:
+    def __init__(self, transport: Transport, *, calibration: Calibration | None = None, observe: bool = False) -> None:
+        self._observe = observe
         self._session = Session(transport)
         self._enabled = False
         self._next_entry = self._next_sample = 0
@@ -95,6 +100,8 @@ class Device:
                 f"the calibration is for {len(calibration)} transducers, the device has {self.info.channels}"
             )
         self.calibration = calibration
+        if not observe:
+            self.stop()
 
     @property
     def info(self) -> Info:
@@ -123,12 +130,17 @@ class Device:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         try:
-            self.stop()
+            if not self._observe:
+                self.stop()
         except DeviceError:
             if kind is None:
                 raise
         finally:
             self._session.close()
+
+    def close(self) -> None:
+        """Give the line back and leave the device as it is, playing where it may without a host."""
+        self._session.close()
 
     # What it is and does
 
@@ -330,6 +342,20 @@ class Device:
     def silence(self, period: int = NOW) -> Ack:
         """End what plays, and its modulation; the outputs stay enabled."""
         return self._play(Output(Action.SILENCE, period))
+
+    def keep_playing(self, seconds: float) -> None:
+        """Let what plays go on for a time, with signs of life to the watchdog.
+
+        Raises
+        ------
+        DeviceRefusedError
+            Where the device has turned its outputs off meanwhile.
+        """
+        end = self.time.monotonic() + seconds
+        pause = self.status().watchdog_ms / 3000
+        while (left := end - self.time.monotonic()) > 0:
+            self.time.sleep(min(pause, left))
+            self._session.check_enabled()
 
     def stream(
         self,

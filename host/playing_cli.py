@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import math
 import sys
-import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from itertools import count
+from contextlib import contextmanager, suppress
+from itertools import count, islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -18,6 +17,7 @@ from rich.console import Console
 
 from ..console import JsonOption, console_for, error_console, write_json
 from ..errors import InputFileError
+from ..protocol.board import CARRIER_HZ
 from ..protocol.plain import plain
 from ..protocol.replies import Info
 from ..solver import ControlPoints, Solver, TransducerArray, two_sided
@@ -25,7 +25,6 @@ from ..solver.cli import files_in, read_source
 from ..solver.files import read_arrays, solution_in
 from ..solver.options import METHODS
 from ..storage import check_outputs
-from .calibration import Calibration
 from .device import Device, open_device
 from .envelopes import sine
 from .frames import Frames, solved
@@ -90,7 +89,9 @@ def spoken(lines: Iterable[str]) -> Iterator[ControlPoints]:
 
 
 @contextmanager
-def _frames(source: str, what: Info | None, rate: float | None, spin: float, method: str) -> Iterator[tuple[Frames, float]]:
+def _frames(
+    source: str, what: Info | None, rate: float | None, spin: float, method: str
+) -> Iterator[tuple[Frames, float]]:
     """The frames of a source, and how many there are in a second."""
     path = Path(source)
     if path.suffix.lower() == SUFFIX:
@@ -127,3 +128,158 @@ class Meter:
         """Leave the last report on a line of its own."""
         if self.last is not None:
             self._console.print(f"\r\x1b[K{self.last}" if self._console.is_terminal else str(self.last))
+
+
+@commands.command()
+def stream(
+    source: SourceArgument,
+    device: DeviceOption = DEFAULT_URL,
+    rate: Annotated[
+        float | None, typer.Option(min=1e-3, help=f"Frames per second; {RATE:g}, or a recording's own, by default.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0, help="For how long, in s; until Ctrl-C or the end of the frames by default.")
+    ] = None,
+    method: MethodOption = "tikhonov",
+    spin: SpinOption = 0.0,
+    modulation: Annotated[
+        float, typer.Option(metavar="HZ", help="Frequency at which the device modulates the frames, or 0 for none.")
+    ] = TACTILE_HZ,
+    look_ahead: Annotated[
+        float, typer.Option(min=0, help="How long before its time a frame is sent, in s.")
+    ] = LOOK_AHEAD_SECONDS,
+    reconnect: Annotated[
+        bool, typer.Option("--reconnect", help="Go on with the next frame when a lost device comes back.")
+    ] = False,
+    calibration: CalibrationOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Play frames one after the other at a rate, and leave the outputs off.
+
+    Points are solved live, frame by frame; --spin moves them. Standard input has a line of JSON for each frame:
+    {"positions": [[x, y, z], ...], "amplitudes": [...]}, in m, the amplitudes optional. The time of an emulated device
+    passes with what is sent to it, as fast as this computer allows.
+
+    Example: phasewire stream circle:radius=0.02 --spin 5 --seconds 2
+    """
+    check_outputs([json_target], inputs=files_in(source))
+    meter = Meter(error_console())
+    with open_device(device, calibration=load_calibration(calibration)) as opened:
+        with _frames(source, opened.info, rate, spin, method) as (frames, pace):
+            if modulation:
+                opened.modulate(*sine(modulation))
+            try:
+                report = opened.stream(
+                    frames if seconds is None else _first(frames, round(seconds * pace)),
+                    pace,
+                    look_ahead=look_ahead,
+                    reconnect=reconnect,
+                    on_progress=meter,
+                )
+            finally:
+                meter.end()
+        status = opened.status()
+        name = opened.name
+    console_for(json_target).print("The outputs are off.")
+    write_json(json_target, {"device": name, "stream": plain(report), "status": plain(status)})
+
+
+@commands.command()
+def play(
+    source: Annotated[
+        str,
+        typer.Argument(metavar="SOURCE", help="A shape such as sphere:radius=0.04, or a file of points."),
+    ],
+    device: DeviceOption = DEFAULT_URL,
+    seconds: Annotated[float, typer.Option(min=0, help="How long to play, in s.")] = 1.0,
+    forever: Annotated[bool, typer.Option("--forever", help="Play until Ctrl-C.")] = False,
+    unattended: Annotated[
+        bool, typer.Option("--unattended", help="Leave the device playing when this command ends.")
+    ] = False,
+    frequency: Annotated[float, typer.Option(metavar="HZ", help="Of the modulation.")] = TACTILE_HZ,
+    method: MethodOption = "wgs",
+    calibration: CalibrationOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Play a shape by two-sided modulation, which the device does from its memory.
+
+    The points are split in two halves that take turns, so that the array never rests (the paper's section 3.4). Two
+    frames are stored; nothing more need be sent. With --unattended the device goes on by itself, also unplugged from
+    this computer where it has power of its own, until `phasewire stop`.
+
+    Example: phasewire play sphere:radius=0.04 --seconds 2
+    """
+    check_outputs([json_target], inputs=files_in(source))
+    if forever and unattended:
+        raise ValueError("--forever waits for Ctrl-C and --unattended does not wait: give one of them")
+    points = read_source(source)
+    corrected = load_calibration(calibration)
+    opened = open_device(device, calibration=corrected)
+    with leaving_on(opened) if unattended else opened:
+        array = TransducerArray.grid(opened.info.columns, opened.info.rows, opened.info.pitch)
+        drives, steps = two_sided(array, points, method=method, frequency=frequency).modulation.slots()
+        for slot, drive in enumerate(drives):
+            opened.store(slot, drive)
+        ack = opened.play(steps, unattended=unattended)
+        turn = sum(periods for _, periods in steps)
+        error_console().print(
+            f"{opened.name} plays {source} from carrier period {ack.commit_period} on, {CARRIER_HZ / turn:g} times a "
+            "second"
+            + (", until `phasewire stop`" if unattended else ", until Ctrl-C" if forever else f", for {seconds:g} s")
+        )
+        if not unattended:
+            with suppress(KeyboardInterrupt):
+                opened.keep_playing(math.inf if forever else seconds)
+        status = opened.status()
+    console_for(json_target).print("It plays on." if unattended else "Stopped; the outputs are off.")
+    write_json(
+        json_target,
+        {
+            "device": opened.name,
+            "commit_period": ack.commit_period,
+            "steps": [list(step) for step in steps],
+            "status": plain(status),
+        },
+    )
+
+
+@commands.command(name="record")
+def record_command(
+    source: SourceArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help=f"The {SUFFIX} file to write.")],
+    seconds: Annotated[float, typer.Option(min=1e-3, help="How long the recording is to be, in s.")],
+    rate: RateOption = RATE,
+    method: MethodOption = "tikhonov",
+    spin: SpinOption = 0.0,
+    calibration: CalibrationOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.
+
+    Example: phasewire record circle:radius=0.02 --spin 5 --seconds 2 -o circle.h5
+    """
+    check_outputs([output, json_target], inputs=files_in(source))
+    if output.suffix.lower() != SUFFIX:
+        raise ValueError(f"{output}: a recording is an HDF5 file, with the suffix {SUFFIX}")
+    corrected = load_calibration(calibration)
+    with _frames(source, None, rate, spin, method) as (frames, pace):
+        total = round(seconds * pace)
+        written = record(output, _first(frames, total), pace, calibration=corrected, source=source)
+    console_for(json_target).print(f"{output}: {written} frames at {pace:g}/s.")
+    write_json(json_target, {"output": str(output), "frames": written, "rate": pace})
+
+
+def _first(frames: Frames, count: int) -> Frames:
+    """At most so many frames."""
+    return frames[:count] if isinstance(frames, Recording) else islice(frames, count)
+
+
+@contextmanager
+def leaving_on(device: Device) -> Iterator[Device]:
+    """A device that is left playing where all went well."""
+    try:
+        yield device
+    except BaseException:
+        with device:
+            raise
+    device.close()

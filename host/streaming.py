@@ -133,7 +133,7 @@ class Stream:
         most = min(session.info.max_updates_per_second, session.line().most_blocks_per_second)
         if not 0 < rate <= most:
             raise ValueError(
-                f"a rate of {rate:g} frames/s: it must be more than 0, and this device and its line take at most {most:g}"
+                f"a rate of {rate:g} frames/s must be more than 0, and at most {most:g} with this device and its line"
             )
         if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
             raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")

@@ -42,6 +42,9 @@ __all__ = ["EMULATED", "USB", "UsbTransport", "open_usb"]
 REQUEST_MS = 1000
 INTERFACE = 0
 READ_BYTES = 32 * BLOCK_BYTES
+LEFT_OVER_SECONDS = 0.001
+MOST_LEFT_OVER = 64
+"""Reads of records that wait from an earlier session; a device holds at most some thousands."""
 LOOK_SECONDS = 0.05
 """How often a device that has left the bus is looked for."""
 
@@ -159,7 +162,7 @@ class UsbTransport:
         return CORE_HZ / cycles
 
     def _begin(self, device: usb.core.Device) -> None:
-        """Make a device ours, silent and with nothing left over from whoever used it before (USB-003, USB-016)."""
+        """Make a device ours, without what whoever used it before left behind, and without touching what it plays."""
         self._device = device
         with _translated(f"opening device {self.serial}"):
             try:
@@ -167,13 +170,17 @@ class UsbTransport:
                 if _configuration(device) != CONFIGURATION_VALUE:
                     device.set_configuration(CONFIGURATION_VALUE)
                 usb.util.claim_interface(device, INTERFACE)
-                device.set_interface_altsetting(INTERFACE, 0)
+                for endpoint in (ENDPOINT_OUT, ENDPOINT_IN):
+                    device.clear_halt(endpoint)  # and forget a part of a block (clause USB-015)
+                for _ in range(MOST_LEFT_OVER):
+                    if not self.read_records(LEFT_OVER_SECONDS):
+                        break
             except BaseException:
                 usb.util.dispose_resources(device)
                 raise
 
-    def window(self, free: int | None, records: int) -> int:
-        """As many as the device can acknowledge: NAK holds the rest back (clause ACK-007)."""
+    def window(self, free: int | None, records: int) -> int:  # noqa: ARG002  # NAK, not credit, holds the rest back
+        """As many as the device can acknowledge (clause ACK-007)."""
         return records
 
     def write_blocks(self, blocks: bytes, seconds: float) -> int:
