@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import operator
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from itertools import count
 from typing import NamedTuple, Self
@@ -36,7 +36,7 @@ from .control.controller import Controller, Identification
 from .faults import InjectedFault, Injector
 from .firmware.dfu import DfuMode
 from .firmware.flash import Flash
-from .firmware.loader import Boot, Identity, boot, confirm, load_cycles, make_flash
+from .firmware.loader import Boot, Identity, boot, confirm, give_up_upgrades, load_cycles, make_flash
 from .interfaces.serial_line import SerialLine
 from .interfaces.usb_device import UsbDevice
 from .ports.capture import Capture
@@ -199,9 +199,23 @@ class Emulator:
         self._stop()
         self._start()
 
-    def _start(self) -> None:
+    def revert(self) -> None:
+        """Restart, and go back to the factory's image on the way (clauses REQ-014 and FWU-022)."""
+        self._stop()
+        self._start(give_up_upgrades(self.flash))
+
+    def _start(self, before: Iterable[int] = ()) -> None:
         self._life = Branch(self.scheduler)
-        self._life.at(max(self.flash.busy_until, self.scheduler.now), self._boot)
+        self._life.at(max(self.flash.busy_until, self.scheduler.now), partial(self._prepare, iter(before)))
+
+    def _prepare(self, steps: Iterator[int]) -> None:
+        """Boot once these steps are taken, each of which lasts until a core cycle."""
+        assert self._life is not None
+        until = next(steps, None)
+        if until is None:
+            self._boot()
+        else:
+            self._life.at(until, partial(self._prepare, steps))
 
     def _stop(self) -> None:
         """End all that goes on but in the flash."""
@@ -288,6 +302,7 @@ class Emulator:
             Identification(_unique_id(self.serial), booted.image.version, booted.bank, self._identity.wiring),
             log=self._logger("controller"),
             restart=self.restart,
+            revert=self.revert,
             confirm=lambda: confirm(self.flash, booted.bank),
             faults=booted.faults,
         )

@@ -230,6 +230,7 @@ class Request(IntEnum):
     PROCESSORS = 11
     IDENTIFY = 12
     RESET = 13
+    REVERT = 14
 
 
 class State(IntEnum):
@@ -269,6 +270,7 @@ class Feature(IntFlag):
     READ_BACK = 1 << 3
     CONSOLE = 1 << 4
     DFU = 1 << 5
+    REVERT = 1 << 6
 
 
 # Serial lines (chapters SER and CON)

@@ -26,7 +26,7 @@ class Event(Enum):
     SUSPEND = "the bus that had configured the device is suspended, or its cable unplugged"
     RESUME = "the bus resumes"
     DETACH = "the DFU interface is asked to detach"
-    RESTART = "power-up, the RESET request, or a bus reset that ends DFU mode"
+    RESTART = "power-up, the request RESET or REVERT, or a bus reset that ends DFU mode"
 
 
 _ENABLED = {

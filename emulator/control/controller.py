@@ -171,6 +171,8 @@ class Controller:
         Takes a line about each thing that happens.
     restart : callable
         Starts the device anew, as at power-up.
+    revert : callable
+        Does the same, and goes back to the factory image on the way.
     confirm : callable
         Told once that the firmware has come up (clause FWU-020).
     faults : Fault
@@ -187,6 +189,7 @@ class Controller:
         *,
         log: Callable[[str], None],
         restart: Callable[[], None],
+        revert: Callable[[], None],
         confirm: Callable[[], None],
         faults: Fault,
     ) -> None:
@@ -196,6 +199,7 @@ class Controller:
         self._identification = identification
         self._log = log
         self._restart = restart
+        self._revert = revert
         self._wakes_at: int | None = None
         self._turn = 0  # advanced with each time that it is to wake; earlier ones count no more
         self._confirm = confirm
@@ -878,9 +882,8 @@ class Controller:
             (REQUEST_TYPE_OUT, Request.LIMIT): self._set_limit,
             (REQUEST_TYPE_OUT, Request.CLEAR_FAULTS): lambda _: self._clear_faults(),
             (REQUEST_TYPE_OUT, Request.IDENTIFY): self._identify,
-            (REQUEST_TYPE_OUT, Request.RESET): lambda _: self._scheduler.at(
-                self._now + RESET_DELAY_CYCLES, self._restart
-            ),
+            (REQUEST_TYPE_OUT, Request.RESET): lambda _: self._depart(self._restart),
+            (REQUEST_TYPE_OUT, Request.REVERT): lambda _: self._depart(self._revert),
         }
         key = setup.request_type, setup.request
         if key not in answers and key not in orders:
@@ -909,6 +912,10 @@ class Controller:
         self._last_named = None
         self._supervisor.attend()
         self._happen(Event.ENABLE, self._now, door)
+
+    def _depart(self, restart: Callable[[], None]) -> None:
+        """Start anew once the request has been answered (clause REQ-001)."""
+        self._scheduler.at(self._now + RESET_DELAY_CYCLES, restart)
 
     def _set_limit(self, transducers: int) -> None:
         if self._state in ENABLED:

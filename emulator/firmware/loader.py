@@ -1,4 +1,4 @@
-"""The boot loader: which image in flash runs, and the marks that put it on trial (SPEC.md, clauses FWU-016 to FWU-021).
+"""The boot loader: which image in flash runs, and the marks that put it on trial (SPEC.md, clauses FWU-016 to FWU-022).
 
 It is also where a flash is made in the first place: the factory's image, and what the loader's own part of the flash
 says of the device. It knows nothing of USB, and how an image comes into a bank is `dfu.py`'s business.
@@ -7,7 +7,7 @@ says of the device. It knows nothing of USB, and how an image comes into a bank 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -31,6 +31,7 @@ __all__ = [
     "Identity",
     "boot",
     "confirm",
+    "give_up_upgrades",
     "load_cycles",
     "make_flash",
     "next_image",
@@ -147,6 +148,30 @@ def confirm(flash: Flash, bank: Bank) -> None:
     """
     if read_record(flash, bank) is not None:
         _mark(flash, _confirmed(bank))
+
+
+def give_up_upgrades(flash: Flash) -> Iterator[int]:
+    """Leave the factory's image alone to boot (clause FWU-022); yields the core cycle until which the flash is busy.
+
+    The flash must be idle at first. What cannot be given up stays, and what is newer with it.
+    """
+    if _whole_image(flash, Bank.FACTORY) is None:
+        return
+    for bank in _by_age(flash):
+        if flash.writable:
+            flash.program(bank.record_address, bytes(BootRecord.BYTES - 2 * len(MARK)))
+            yield flash.busy_until
+        if read_record(flash, bank) is not None:
+            return
+
+
+def _by_age(flash: Flash) -> list[Bank]:
+    """The banks A and B that have a record, the older first; of two of which none is newer, A counts as the newer."""
+    records = {bank: record for bank in (Bank.B, Bank.A) if (record := read_record(flash, bank)) is not None}
+    banks = list(records)
+    if len(banks) == 2 and records[Bank.B].newer_than(records[Bank.A]):
+        banks.reverse()
+    return banks
 
 
 def _order(flash: Flash) -> tuple[Bank, ...]:

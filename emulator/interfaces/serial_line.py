@@ -36,7 +36,7 @@ __all__ = ["LineController", "SerialLine"]
 FULL_BYTES = 4096
 """So much may wait for the host before the line would rather not be sent more."""
 
-_RESET = Setup(REQUEST_TYPE_OUT, Request.RESET, 0, 0, 0)
+_RESTARTS = tuple(Setup(REQUEST_TYPE_OUT, request, 0, 0, 0) for request in (Request.RESET, Request.REVERT))
 
 
 class LineController(ConsoleController, Protocol):
@@ -250,8 +250,8 @@ class SerialLine(Door):
 
     def _answer(self, request: SerialRequest) -> None:
         """Carry out a request and answer it."""
-        if request.setup == _RESET:
-            self._answer_reset(request.tag)
+        if request.setup in _RESTARTS:
+            self._answer_restart(request)
             return
         try:
             reply = SerialReply(request.tag, Outcome.DONE, self._requested(request))
@@ -264,12 +264,12 @@ class SerialLine(Door):
             raise Stall(f"a serial line carries vendor requests, not those of type 0x{request.request_type:02x}")
         return self._controller.request(request.setup, request.data, self)[: request.length]
 
-    def _answer_reset(self, tag: int) -> None:
+    def _answer_restart(self, request: SerialRequest) -> None:
         """Answer, go back to the console, and restart once that is sent (clause SER-010)."""
-        self._reply(SerialReply(tag, Outcome.DONE))
+        self._reply(SerialReply(request.tag, Outcome.DONE))
         self._outbox.keep_answers()
         self._leave_frames()
-        self._departure = partial(self._controller.request, _RESET, b"", self)
+        self._departure = partial(self._controller.request, request.setup, b"", self)
 
     def _reply(self, reply: SerialReply) -> None:
         self._outbox.answer(Frame(FrameKind.REPLY, reply.encode()))

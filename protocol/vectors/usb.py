@@ -72,7 +72,7 @@ def refused_requests() -> Section:
     vendor_in, vendor_out = REQUEST_TYPE_IN, REQUEST_TYPE_OUT
     refusals = {
         "0": ("request 0", "REQ-001", (vendor_in, 0, 0, 0, 64)),
-        "14": ("request 14", "REQ-001", (vendor_out, 14, 0, 0, 0)),
+        "15": ("request 15", "REQ-001", (vendor_out, 15, 0, 0, 0)),
         "direction": ("ENABLE in the wrong direction", "REQ-001", (vendor_in, Request.ENABLE, 0, 0, 0)),
         "index": ("INFO of interface 1", "REQ-001", (vendor_in, Request.INFO, 0, 1, 64)),
         "value": ("ENABLE with a value", "REQ-001", (vendor_out, Request.ENABLE, 1, 0, 0)),

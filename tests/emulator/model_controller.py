@@ -111,7 +111,9 @@ class ModelController:
             case (0x41, Request.LIMIT, _):
                 if self.state in ENABLED:
                     raise Stall("a limit is set while the outputs are off")
-            case (0x41, Request.WATCHDOG | Request.IDENTIFY, _) | (0x41, Request.CLEAR_FAULTS | Request.RESET, 0):
+            case (0x41, Request.WATCHDOG | Request.IDENTIFY, _):
+                pass
+            case (0x41, Request.CLEAR_FAULTS | Request.RESET | Request.REVERT, 0):
                 pass
             case _:
                 raise Stall("unknown")

@@ -48,7 +48,7 @@ def test_info_tells_every_field_but_what_is_later() -> None:
     assert answer(ModelController(), "info").replace("\r\n", "\n") == (
         "oldest_version: 1\nnewest_version: 1\nhardware: FIVE_BOARDS\nfirmware: 1.2.3\nboards: 5\n"
         "unique_id: efcdab8967452301\ncarrier_hz: 40000\n"
-        "features: SEQUENCES+MODULATION+UNATTENDED+READ_BACK+CONSOLE+DFU\nchannels: 320\ncolumns: 20\nrows: 16\n"
+        "features: SEQUENCES+MODULATION+UNATTENDED+READ_BACK+CONSOLE+DFU+REVERT\nchannels: 320\ncolumns: 20\nrows: 16\n"
         "pitch_um: 10300\nprocessors_per_board: 2\nticks_per_period: 50\nmax_width_ticks: 25\nlink_wires: 5\n"
         "cycles_per_symbol: 2\nqueue_blocks: 8\nperiods_per_update: 1\nqueue_records: 32\nslots: 256\n"
         "sequence_entries: 1024\nmodulation_samples: 4096\ndrive_limit: 320\nwatchdog_ms: 100\nok\n> "

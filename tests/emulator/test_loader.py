@@ -13,6 +13,7 @@ from phasewire.emulator.firmware.loader import (
     Identity,
     boot,
     confirm,
+    give_up_upgrades,
     load_cycles,
     make_flash,
     next_image,
@@ -224,6 +225,98 @@ def test_an_image_whose_trial_cannot_be_noted_is_not_started() -> None:
     flash.defects.write_protected = False
     flash.defects.failing_pages.add(0x3000)
     assert boot(flash).bank is Bank.A
+
+
+# Back to the factory's image: clause FWU-022
+
+Banks = dict[str, tuple[int, tuple[int, int]]]
+UPGRADED: list[tuple[Banks, str]] = [
+    ({}, ""),
+    ({"A": (0, CAME_UP)}, "A"),
+    ({"B": (0, STARTED)}, "B"),
+    ({"A": (4, CAME_UP), "B": (5, CAME_UP)}, "AB"),
+    ({"A": (4, CAME_UP), "B": (5, STARTED)}, "AB"),
+    ({"A": (4, STARTED), "B": (5, CAME_UP)}, "AB"),
+    ({"A": (6, CAME_UP), "B": (5, CAME_UP)}, "BA"),
+    ({"A": (2**32 - 1, CAME_UP), "B": (0, CAME_UP)}, "AB"),
+    ({"A": (3, CAME_UP), "B": (3, CAME_UP)}, "BA"),
+    ({"A": (3, STARTED), "B": (3, STARTED)}, "BA"),
+]
+
+
+def given_up(flash: Flash) -> list[int]:
+    """Give the upgrades up, and say when each step was over, in ms."""
+    scheduler = Scheduler()
+    flash.power_up(scheduler)
+    times = []
+    for until in give_up_upgrades(flash):
+        scheduler.run_until(until)
+        times.append(until // MS)
+    return times
+
+
+@pytest.mark.parametrize(("banks", "order"), UPGRADED)
+def test_without_its_upgrades_a_flash_boots_as_the_factory_left_it(banks: Banks, order: str) -> None:
+    flash = stored(**banks)
+    assert given_up(flash) == [1, 2][: len(order)]
+    for bank in order:
+        assert flash.read(ADDRESSES[Bank[bank]], 48) == bytes(48)
+    assert not flash.erasures.any()
+    assert next_image(flash) == FACTORY_IMAGE.encode()
+    assert boot(flash) == Boot(Bank.FACTORY, FACTORY_IMAGE, Fault(0))
+    assert given_up(flash) == []
+
+
+@pytest.mark.parametrize("written", [*range(6), 44, 47, *range(48, 54), 92, 95, 96])
+@pytest.mark.parametrize(("banks", "order"), [case for case in UPGRADED if len(case[1]) == 2])
+def test_cut_short_at_a_byte_the_older_is_gone_first(banks: Banks, order: str, written: int) -> None:
+    """What boots then is what would have booted, or the factory's image; never the other upgrade."""
+    flash = stored(**banks)
+    before = next_image(flash)
+    scheduler = Scheduler()
+    flash.power_up(scheduler)
+    flash.cut_power_after(written)
+    for until in give_up_upgrades(flash):
+        scheduler.run_until(until)
+        if written < 48 * (until // MS):
+            break
+    older, newer = (ADDRESSES[Bank[bank]] for bank in order)
+    assert flash.read(older, 48)[:written] == bytes(min(written, 48))
+    assert flash.read(newer, 48)[: max(written - 48, 0)] == bytes(max(written - 48, 0))
+    if written < 48:
+        assert read_record(flash, Bank[order[1]]) is not None
+    assert next_image(flash) in (before, FACTORY_IMAGE.encode())
+
+
+def test_what_cannot_be_given_up_stays_and_the_newer_with_it() -> None:
+    both: Banks = {"A": (4, CAME_UP), "B": (5, CAME_UP)}
+    flash = stored(**both)
+    flash.defects.write_protected = True
+    assert given_up(flash) == []
+    assert boot(flash) == Boot(Bank.B, IMAGES[Bank.B], Fault(0))
+    flash = stored(**both)
+    flash.defects.failing_pages.add(0x200000 // 256)
+    assert given_up(flash) == [1]
+    assert boot(flash) == Boot(Bank.B, IMAGES[Bank.B], Fault(0))
+    flash = stored(**both)
+    flash.defects.failing_pages.add(0x300000 // 256)
+    assert given_up(flash) == [1, 2]
+    assert boot(flash) == Boot(Bank.B, IMAGES[Bank.B], Fault(0))
+
+
+def test_a_bit_that_stays_in_a_record_does_no_harm_where_it_is_none_any_more() -> None:
+    flash = stored(A=(4, CAME_UP), B=(5, CAME_UP))
+    flash.defects.stuck_at_1[0x200000] = 0x40
+    assert given_up(flash) == [1, 2]
+    assert boot(flash) == Boot(Bank.FACTORY, FACTORY_IMAGE, Fault(0))
+
+
+@pytest.mark.parametrize("address", [0x100000, 0x101000 + 50])
+def test_upgrades_stay_where_the_factory_s_image_is_damaged(address: int) -> None:
+    flash = stored(A=(4, CAME_UP))
+    flash.defects.stuck_at_0[address] = 0xFF
+    assert given_up(flash) == []
+    assert boot(flash) == Boot(Bank.A, IMAGES[Bank.A], Fault(0))
 
 
 # Loading the processors: clause FWU-021

@@ -61,7 +61,8 @@ def block(packet: bytes) -> bytes:
 
 
 RESET = request(0x77, 13, kind=0x41)
-RESET_REPLY = encode_frame(REPLY_FRAME, b"\x77\x00")
+REVERT = request(0x77, 14, kind=0x41)
+RESTART_REPLY = encode_frame(REPLY_FRAME, b"\x77\x00")
 
 
 def heard(stream: bytes) -> list[str]:
@@ -327,24 +328,25 @@ def test_an_unasked_record_that_was_begun_is_not_replaced() -> None:
 # Leaving
 
 
-def restarts(controller: ModelController) -> bool:
-    return Setup(0x41, 13, 0, 0, 0) in controller.asked
+def restarts(controller: ModelController, request: int = 13) -> bool:
+    return Setup(0x41, request, 0, 0, 0) in controller.asked
 
 
-def test_reset_is_answered_then_text_begins_then_the_device_restarts() -> None:
+@pytest.mark.parametrize(("order", "code"), [(RESET, 13), (REVERT, 14)])
+def test_the_answer_goes_out_then_text_begins_then_the_device_restarts(order: bytes, code: int) -> None:
     controller = ModelController()
     line = among_frames(controller)
     line.receive(STATUS_REQUEST)
     line.notify(status(1))
-    line.receive(RESET + STATUS_REQUEST)
+    line.receive(order + STATUS_REQUEST)
     line.receive(b"stop\r" + TO_FRAMES)
     line.notify(status(2))
     stream = line.take(line.pending - 1)
-    assert not restarts(controller)
+    assert not restarts(controller, code)
     stream += line.take(1)
-    assert restarts(controller)
+    assert restarts(controller, code)
     assert heard(stream) == ["reply 2a", "reply 77", "console"]
-    assert stream.endswith(RESET_REPLY + CONSOLE)
+    assert stream.endswith(RESTART_REPLY + CONSOLE)
     assert controller.arrivals == 2
     assert said(line, b"stop\r") == b"stop\r\nok\r\n> ", "the other direction is text again too"
 
@@ -492,7 +494,7 @@ WORDS = ["status\r", "dfu\r", "enable\r\n", "reset\r", "test 3\n", "frames\r", "
 PIECES = st.lists(
     st.one_of(
         st.binary(max_size=40),
-        st.sampled_from([b"\0", CONSOLE, TO_FRAMES, RESET, b"\xff" * 700, *map(str.encode, WORDS)]),
+        st.sampled_from([b"\0", CONSOLE, TO_FRAMES, RESET, REVERT, b"\xff" * 700, *map(str.encode, WORDS)]),
         FRAMES,
     ),
     max_size=12,

@@ -150,6 +150,11 @@ def ask_to_reset(device: Device) -> None:
     device.run_until_started()
 
 
+def ask_to_revert(device: Device) -> None:
+    by_door(device, Request.REVERT)
+    device.run_until_started()
+
+
 def reset_dfu_mode(device: Device) -> None:
     device.run_ms(50)
     device.configure()
@@ -176,7 +181,7 @@ CAUSES: dict[Event, tuple[Callable[[Device], None], ...]] = {
     Event.SUSPEND: (suspend,),
     Event.RESUME: (lambda device: device.usb.resume(), suspend_and_resume),
     Event.DETACH: (detach,),
-    Event.RESTART: (cut_power, ask_to_reset, reset_dfu_mode),
+    Event.RESTART: (cut_power, ask_to_reset, ask_to_revert, reset_dfu_mode),
 }
 
 
@@ -192,7 +197,7 @@ def rows() -> Iterator[tuple[State, Event, int]]:
                     continue
                 if cause is reset_dfu_mode and state is not State.DFU:
                     continue
-                if cause is ask_to_reset and state is State.DFU:
+                if cause in (ask_to_reset, ask_to_revert) and state is State.DFU:
                     continue
                 yield state, event, number
 

@@ -9,10 +9,11 @@ import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Stall
 from phasewire.emulator.faults import DeadProcessor
+from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.errors import DeviceError
 from phasewire.protocol import descriptors
-from phasewire.protocol.blocks import Slot, Update
+from phasewire.protocol.blocks import Entries, Entry, Sequence, Slot, Update
 from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Outcome, Request, State, Target
 from phasewire.protocol.dfu import DfuReply
 from phasewire.protocol.firmware import Image, Segment, build, split_suffix
@@ -374,6 +375,116 @@ def test_a_bad_image_is_refused_and_changes_nothing(device: Upgraded) -> None:
     assert device.usb.control(Setup(0x80, 6, 0x0300 + reply.string, 0x0409, 255))
     device.boot()
     assert (device.version, device.faults) == (FACTORY, Fault(0))
+
+
+# Back to the factory's image
+
+
+def upgraded_twice(device: Upgraded) -> None:
+    """Firmware in both banks, each of which has come up; the newer runs."""
+    for image in (IMAGE, LATER_IMAGE):
+        device.upgrade(image)
+        device.configure()
+        device.run_ms(5)
+
+
+@pytest.mark.parametrize("state", [State.OFF, State.PLAYING, State.UNATTENDED, State.FAULT])
+def test_a_device_reverts_to_the_factory_s_image_in_any_state(device: Upgraded, state: State) -> None:
+    """Clauses REQ-014 and FWU-022: answered, then as after a reset, two pages later."""
+    upgraded_twice(device)
+    if state is State.FAULT:
+        device.emulator.running.raise_fault(Fault.SUPPLY, "for this test")
+    elif state is not State.OFF:
+        device.order(Request.ENABLE)
+        device.send(Slot(0, FULL))
+        device.send(Entries((Entry(0, 100),)))
+        device.send(Sequence(0, 1, unattended=state is State.UNATTENDED))
+        device.run(20)
+    assert device.state is state
+    generation = device.usb.generation
+    device.order(Request.REVERT)
+    assert device.usb.attached  # the request is answered first
+    device.run_ms(0.2)
+    assert not device.usb.attached
+    left = device.emulator.scheduler.now
+    device.run_until_started()
+    assert 1.8 < (device.emulator.scheduler.now - left) / 400_000 < 2.5
+    assert (device.usb.generation, device.descriptor().bcdDevice) == (generation + 1, FACTORY.bcd)
+    device.configure()
+    reports = decode_reports(device.ask(Request.PROCESSORS, 160))
+    assert {(report.firmware, report.bank) for report in reports} == {(tuple(FACTORY), Bank.FACTORY)}
+    assert (device.state, device.faults, device.status().accepted) == (State.OFF, Fault(0), 0)
+    device.lose_power()
+    assert (device.version, device.faults) == (FACTORY, Fault(0))
+    device.configure()
+    device.upgrade(IMAGE)
+    assert device.version == NEW
+
+
+def test_a_serial_line_reverts_too_once_it_has_answered(device: Upgraded) -> None:
+    """Clause SER-010; the firmware is confirmed by the same answer, and still given up."""
+    device.upgrade(IMAGE)
+    terminal = Terminal(device.emulator.line)
+    terminal.enter_frames()
+    assert terminal.order(Request.REVERT) is Outcome.DONE
+    assert device.emulator.flash.busy
+    device.run_until_started()
+    assert (device.version, device.faults) == (FACTORY, Fault(0))
+    assert device.emulator.line is not terminal.line
+
+
+def test_firmware_that_never_came_up_is_given_up_and_forgotten(device: Upgraded) -> None:
+    """The fault FLASH goes with it."""
+    device.upgrade(IMAGE)
+    device.lose_power()
+    device.configure()
+    assert (device.version, device.faults) == (FACTORY, Fault.FLASH)
+    device.order(Request.REVERT)
+    device.run_until_started()
+    assert (device.version, device.faults) == (FACTORY, Fault(0))
+
+
+@pytest.mark.parametrize("ms", [0.05, 0.2, 0.6, 1.05, 1.2, 1.6, 2.05, 2.2])
+def test_power_that_fails_on_the_way_leaves_what_ran_or_the_factory_s_image(device: Upgraded, ms: float) -> None:
+    upgraded_twice(device)
+    device.order(Request.REVERT)
+    device.run_ms(ms)
+    device.lose_power()
+    assert device.version in (NEWER, FACTORY)
+    assert (device.version == NEWER) == (ms <= 1.05)
+
+
+def test_power_that_fails_at_each_written_byte_does_too() -> None:
+    with Emulator() as emulator:
+        upgraded_twice(Upgraded(emulator))
+        content = emulator.flash.read(0, FLASH_BYTES)
+    for written in range(0, 97, 8):
+        device = Upgraded(Emulator(flash=Flash(content)))
+        assert device.version == NEWER
+        device.emulator.flash.cut_power_after(written, device.emulator.power_down)
+        device.order(Request.REVERT)
+        device.run_ms(5)
+        assert device.emulator.powered == (written == 96)
+        device.lose_power()
+        assert device.version in ((NEWER, FACTORY) if written <= 50 else (FACTORY,))
+        assert device.faults == Fault(0)
+
+
+def test_a_flash_that_takes_nothing_leaves_what_ran(device: Upgraded) -> None:
+    upgraded_twice(device)
+    device.emulator.flash.defects.write_protected = True
+    device.order(Request.REVERT)
+    device.run_until_started()
+    device.configure()
+    reports = decode_reports(device.ask(Request.PROCESSORS, 160))
+    assert (device.version, reports[0].bank, device.faults) == (NEWER, Bank.B, Fault(0))
+
+
+def test_where_nothing_was_upgraded_it_is_a_reset(device: Upgraded) -> None:
+    device.order(Request.REVERT)
+    device.run_until_started()
+    assert (device.version, device.faults) == (FACTORY, Fault(0))
+    assert not device.emulator.flash.erasures.any()
 
 
 # Without new firmware
