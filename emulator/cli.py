@@ -19,10 +19,10 @@ from rich.console import Console
 from ..console import console_for, error_console, write_json
 from ..pictures import check_picture_path, save_figure
 from ..protocol.board import CORE_HZ
-from ..protocol.enumeration import FULL_SPEED, HIGH_SPEED
 from ..protocol.framing import BAUD
 from ..protocol.timing import FIVE_WIRE, LINKS, Link
 from ..storage import check_outputs
+from .doors.address import SPEEDS
 from .doors.serving import Server
 from .doors.station import Pace, Station
 from .doors.uart import Uart
@@ -40,7 +40,6 @@ commands = typer.Typer(rich_markup_mode=None)
 
 BUS = 1
 MOST_DEVICES = 127  # of one bus (USB 2.0, 8.3.2.1)
-SPEEDS = {"high": HIGH_SPEED, "full": FULL_SPEED}
 PACES = {pace.value: pace for pace in Pace}
 PTY, TCP = "pty", "tcp"
 STATUS_SECONDS = 0.5

@@ -5,7 +5,8 @@ size, a device that left the bus and came back is another one, and an interface 
 
 Each transfer takes the time it would take on a bus at best: bulk packets follow each other as closely as USB allows,
 and a control transfer takes a frame, or a microframe at high speed. A NAK lets the device's time pass until it can
-answer, or the transfer's time-out is over. Besides in transfers, time passes with a look at a bus where nothing is new.
+answer, or the transfer's time-out is over. Besides in transfers, time passes with a look at a bus where nothing is new,
+and for a host that waits by the device's time (`EmulatorBackend.time_of`).
 """
 
 from __future__ import annotations
@@ -15,26 +16,24 @@ from array import array
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property, partial
 from itertools import count
-from math import ceil
 from types import SimpleNamespace
-from typing import Any, ClassVar, NoReturn, TypeVar
-from urllib.parse import parse_qsl
+from typing import Any, ClassVar, NoReturn
 from weakref import WeakKeyDictionary
 
 import usb.backend
 from usb.core import USBError, USBTimeoutError
 
-from ...errors import DeviceNotFoundError
 from ...protocol.board import CORE_HZ, CYCLES_PER_MS
 from ...protocol.codes import DescriptorType, StandardRequest
 from ...protocol.descriptors import Configuration, Descriptor, Endpoint, Interface, descriptors
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed
 from ...protocol.requests import Setup
-from ...protocol.timing import FIVE_WIRE, FULL_SPEED_PACKET_CYCLES, LINKS, MICROFRAME_CYCLES, PACKET_CYCLES
+from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, MICROFRAME_CYCLES, PACKET_CYCLES
 from ..door import Handshake, Stall
 from ..interfaces.usb_device import UsbDevice
 from ..machine import Emulator, plugged
-from ..scheduler import Scheduler
+from .address import Address
+from .device_time import DeviceTime
 
 __all__ = ["EmulatorBackend", "open_backend"]
 
@@ -48,66 +47,25 @@ LOOK_CYCLES = CORE_HZ // 100
 _PACKET_CYCLES: dict[Speed, int] = {FULL_SPEED: FULL_SPEED_PACKET_CYCLES, HIGH_SPEED: PACKET_CYCLES}
 _CONTROL_CYCLES: dict[Speed, int] = {FULL_SPEED: FRAME_CYCLES, HIGH_SPEED: MICROFRAME_CYCLES}
 
-SPEEDS = {"high": HIGH_SPEED, "full": FULL_SPEED}
 _LIBUSB_SPEEDS = {FULL_SPEED: 2, HIGH_SPEED: 3}
 _SET_CONFIGURATION = (0x00, StandardRequest.SET_CONFIGURATION)
 _SET_INTERFACE = (0x01, StandardRequest.SET_INTERFACE)
 _CLEAR_FEATURE = (0x02, StandardRequest.CLEAR_FEATURE)
 _ENDPOINT_HALT = 0
 
-Choice = TypeVar("Choice")
-
 
 def open_backend(url: str) -> EmulatorBackend:
-    """The bus for an ``emulator:`` URL.
-
-    Parameters
-    ----------
-    url : str
-        ``emulator:`` plugs in a fresh emulator for whoever asks, with options ``?link=5wire`` or ``2wire`` and
-        ``speed=high`` or ``full``, joined by ``&``; ``emulator:SERIAL`` looks among those that this process has
-        plugged in.
+    """The bus for an ``emulator:`` URL (`Address.parse`): with a fresh emulator, or with all that are plugged in.
 
     Raises
     ------
     DeviceNotFoundError
-        Where an option is unknown.
+        Where the URL is wrong.
+    InputFileError
+        Where its scenario cannot be used.
     """
-    serial, _, query = url.partition(":")[2].partition("?")
-    if serial and query:
-        raise DeviceNotFoundError(f"{url!r}: options go with a fresh emulator, not with one that is plugged in")
-    if serial:
-        return EmulatorBackend(plugged())
-    options = dict(parse_qsl(query, keep_blank_values=True))
-    link = _choice(url, "link", LINKS, options.pop("link", FIVE_WIRE.name))
-    speed = _choice(url, "speed", SPEEDS, options.pop("speed", "high"))
-    if options:
-        raise DeviceNotFoundError(
-            f"{url!r}: the emulator has no option {next(iter(options))!r}; it has link=5wire or 2wire and speed=high "
-            "or full"
-        )
-    return EmulatorBackend([Emulator(link=link, speed=speed)])
-
-
-def _choice(url: str, option: str, known: dict[str, Choice], name: str) -> Choice:
-    if name not in known:
-        raise DeviceNotFoundError(f"{url!r}: unknown {option} {name!r}; known are {', '.join(known)}")
-    return known[name]
-
-
-class DeviceTime:
-    """The time of a device, which passes while somebody waits by it."""
-
-    def __init__(self, scheduler: Scheduler) -> None:
-        self._scheduler = scheduler
-
-    def monotonic(self) -> float:
-        """Seconds since power was first applied."""
-        return self._scheduler.now / CORE_HZ
-
-    def sleep(self, seconds: float, /) -> None:
-        """Let the device's time pass."""
-        self._scheduler.run_until(self._scheduler.now + max(ceil(seconds * CORE_HZ), 0))
+    address = Address.parse(url)
+    return EmulatorBackend(plugged() if address.serial else [address.make()])
 
 
 class Port:
@@ -297,7 +255,7 @@ class EmulatorBackend(usb.backend.IBackend):
                 yield Attachment(emulator, address)
 
     def time_of(self, address: int) -> DeviceTime:
-        """The time by which the device with an address lives."""
+        """The time of the device with an address on this bus."""
         return DeviceTime(self._emulators[address - 1].scheduler)
 
     def get_device_descriptor(self, dev: Attachment) -> SimpleNamespace:

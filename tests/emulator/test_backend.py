@@ -13,7 +13,6 @@ import usb.util
 from phasewire import Emulator, Pulses
 from phasewire.emulator.door import Handshake
 from phasewire.emulator.doors.backend import EmulatorBackend, open_backend
-from phasewire.errors import DeviceNotFoundError
 from phasewire.protocol.codes import State
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed, dfu_mode
 from phasewire.protocol.replies import Status
@@ -436,20 +435,6 @@ def test_somebody_types_into_the_console(plain: Plain) -> None:
 # URLs
 
 
-@pytest.mark.parametrize(
-    ("url", "message"),
-    [
-        ("emulator:?baud=9", "the emulator has no option 'baud'; it has link=5wire or 2wire and speed=high or full"),
-        ("emulator:?link=3wire", "unknown link '3wire'; known are 5wire, 2wire"),
-        ("emulator:?speed=low", "unknown speed 'low'; known are high, full"),
-        ("emulator:EMU-1?link=2wire", "options go with a fresh emulator"),
-    ],
-)
-def test_bad_options_are_named(url: str, message: str) -> None:
-    with pytest.raises(DeviceNotFoundError, match=message):
-        open_backend(url)
-
-
 def test_link_and_speed_can_be_chosen() -> None:
     device = usb.core.find(backend=open_backend("emulator:?speed=full&link=2wire"))
     device.set_configuration()
@@ -457,3 +442,40 @@ def test_link_and_speed_can_be_chosen() -> None:
     assert device.speed == usb.util.SPEED_FULL
     assert {endpoint.wMaxPacketSize for endpoint in device[0][0, 0]} == {64}
     assert usb.core.find(backend=open_backend("emulator:")).speed == usb.util.SPEED_HIGH
+
+
+def test_a_serial_number_looks_among_those_that_are_plugged_in() -> None:
+    with Emulator(serial="here") as emulator:
+        device = usb.core.find(backend=open_backend("emulator:here"))
+        assert device.serial_number == "here"
+        assert emulator.usb.configuration == 0
+
+
+# Time
+
+
+def test_waiting_by_a_device_s_time_lets_it_pass() -> None:
+    emulators = [Emulator(), Emulator()]
+    backend = EmulatorBackend(emulators)
+    device = list(usb.core.find(backend=backend, find_all=True))[1]
+    time = backend.time_of(device.address)
+    before, others = time.monotonic(), emulators[0].scheduler.now
+    time.sleep(0.25)
+    assert time.monotonic() - before == pytest.approx(0.25)
+    assert (emulators[1].scheduler.now, emulators[0].scheduler.now) == (round(time.monotonic() * 400e6), others)
+    time.sleep(1e-12)
+    assert emulators[1].scheduler.now > round((before + 0.25) * 400e6)  # no wait is none at all
+    with pytest.raises(ValueError, match=r"-1 seconds cannot pass"):
+        time.sleep(-1)
+
+
+def test_the_watchdog_bites_while_somebody_waits(plain: Plain) -> None:
+    """Clause SAF-003: 100 ms at power-up."""
+    emulator, device = plain
+    device.set_configuration()
+    device.ctrl_transfer(0x41, 4, 0, 0, None)
+    backend = EmulatorBackend([emulator])
+    backend.time_of(1).sleep(0.09)
+    states = [emulator.running.state]
+    backend.time_of(1).sleep(0.02)
+    assert [*states, emulator.running.state] == [State.READY, State.OFF]

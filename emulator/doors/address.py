@@ -1,0 +1,121 @@
+"""What an ``emulator:`` URL asks for: a device plugged in to this process, or a fresh one, and its door."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self, TypeVar
+from urllib.parse import parse_qsl
+
+from ...errors import DeviceNotFoundError, InputFileError
+from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
+from ...protocol.framing import BAUD
+from ...protocol.timing import FIVE_WIRE, LINKS, Link
+from ..machine import Emulator
+from ..scenario import read_scenario
+from .uart import MOST_BAUD
+
+__all__ = ["SPEEDS", "Address"]
+
+SPEEDS = {"high": HIGH_SPEED, "full": FULL_SPEED}
+USB, SERIAL = "usb", "serial"
+DOORS = {door: door for door in (USB, SERIAL)}
+
+OF_THE_DEVICE = {"link": "5wire or 2wire", "speed": "high or full", "faults": "FILE"}
+OF_THE_DOOR = {"door": "usb or serial", "baud": "RATE (of door=serial)"}
+
+Choice = TypeVar("Choice")
+
+
+@dataclass(frozen=True)
+class Address:
+    """An ``emulator:`` URL, taken apart.
+
+    Parameters
+    ----------
+    serial : str
+        Serial number of a device that is plugged in; empty for a fresh one.
+    link, speed : Link, Speed
+        Of a fresh one.
+    faults : Path or None
+        Scenario file of what goes wrong with a fresh one.
+    baud : int
+        Of its UART, in bits per second.
+    """
+
+    serial: str
+    link: Link
+    speed: Speed
+    faults: Path | None
+    baud: int
+
+    @classmethod
+    def parse(cls, url: str) -> Self:
+        """Take a URL apart.
+
+        ``emulator:`` is a fresh emulator for whoever asks, with options ``?link=5wire`` or ``2wire``, ``speed=high``
+        or ``full`` and ``faults=FILE``, a scenario; ``emulator:SERIAL`` is one that this process has plugged in. Both
+        have ``door=usb`` or ``serial``, and the latter ``baud=RATE``. Options are joined by ``&``.
+
+        Raises
+        ------
+        DeviceNotFoundError
+            Where an option is unknown, or does not go with the others.
+        """
+        serial, _, query = url.partition(":")[2].partition("?")
+        options = dict(parse_qsl(query, keep_blank_values=True))
+        known = OF_THE_DOOR if serial else OF_THE_DEVICE | OF_THE_DOOR
+        for option in options:
+            if option in OF_THE_DEVICE and serial:
+                raise DeviceNotFoundError(
+                    f"{url!r}: {option} goes with a fresh emulator, not with one that is plugged in"
+                )
+            if option not in known:
+                raise DeviceNotFoundError(
+                    f"{url!r}: the emulator has no option {option!r}; it has "
+                    + ", ".join(f"{name}={values}" for name, values in known.items())
+                )
+        door = _choice(url, "door", DOORS, options.get("door", USB))
+        if "baud" in options and door != SERIAL:
+            raise DeviceNotFoundError(f"{url!r}: baud goes with door=serial")
+        return cls(
+            serial,
+            _choice(url, "link", LINKS, options.get("link", FIVE_WIRE.name)),
+            _choice(url, "speed", SPEEDS, options.get("speed", "high")),
+            Path(options["faults"]) if "faults" in options else None,
+            _baud(url, options.get("baud", str(BAUD))),
+        )
+
+    def make(self) -> Emulator:
+        """Make the fresh emulator.
+
+        Raises
+        ------
+        InputFileError
+            Where the scenario cannot be read, or what is in it cannot happen.
+        """
+        emulator = Emulator(link=self.link, speed=self.speed)
+        if self.faults is None:
+            return emulator
+        try:
+            faults = read_scenario(self.faults)
+        except OSError as error:
+            raise InputFileError(f"{self.faults} cannot be read: {error.strerror}") from error
+        try:
+            emulator.inject(*faults)
+        except ValueError as error:
+            raise InputFileError(f"{self.faults}: {error}") from error
+        return emulator
+
+
+def _choice(url: str, option: str, known: Mapping[str, Choice], name: str) -> Choice:
+    if name not in known:
+        raise DeviceNotFoundError(f"{url!r}: unknown {option} {name!r}; known are {', '.join(known)}")
+    return known[name]
+
+
+def _baud(url: str, text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= MOST_BAUD):
+        raise DeviceNotFoundError(f"{url!r}: baud {text!r}; a serial line has 1 to {MOST_BAUD}")
+    return int(text)

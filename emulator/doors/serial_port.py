@@ -1,0 +1,189 @@
+"""An emulated device's UART as a port of pyserial, in this process and in the device's time.
+
+Each byte takes its time by the baud rate. Time passes while somebody reads, or waits by `EmulatedPort.time`, and while
+a write waits for room. What the device says while the port is closed is lost, and a device without power, in DFU mode
+or just starting says nothing, as on a real line. One may have the port open at a time.
+"""
+
+from __future__ import annotations
+
+import errno
+import math
+from collections.abc import Callable
+from typing import ClassVar
+from weakref import WeakSet
+
+from serial import PortNotOpenError, SerialBase, SerialException, SerialTimeoutException
+
+from ...errors import DeviceNotFoundError
+from ...protocol.board import CORE_HZ
+from ..interfaces.serial_line import SerialLine
+from ..interfaces.usb_device import PRODUCT
+from ..machine import Emulator, plugged
+from ..scheduler import NEVER
+from .address import Address
+from .device_time import DeviceTime
+from .uart import Uart
+
+__all__ = ["EmulatedPort", "port_for_url"]
+
+
+def port_for_url(url: str) -> EmulatedPort:
+    """The UART for an ``emulator:`` URL (`Address.parse`), not yet opened.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        Where the URL is wrong, or nothing of this serial number is plugged in.
+    InputFileError
+        Where its scenario cannot be used.
+    """
+    address = Address.parse(url)
+    if not address.serial:
+        return EmulatedPort(address.make(), address.baud)
+    there = {emulator.serial: emulator for emulator in plugged()}
+    if address.serial not in there:
+        names = f"there are {', '.join(map(repr, there))}" if there else "nothing is plugged in"
+        raise DeviceNotFoundError(f"no device at {url!r}: {names}")
+    return EmulatedPort(there[address.serial], address.baud)
+
+
+class EmulatedPort(SerialBase):
+    """The UART of an emulated device. It is made closed, and may be opened more than once.
+
+    Closing it is nothing that the device could notice; as from a real UART it has heard by then what was written.
+
+    Parameters
+    ----------
+    emulator : Emulator
+        The device.
+    baud : int
+        Of both ends, in bits per second; the host's end cannot be set to another.
+
+    Attributes
+    ----------
+    time : DeviceTime
+        By which a host must wait, for the wall clock says nothing here.
+    product, serial_number : str
+        Of the device, as pyserial names them for ports on USB.
+    """
+
+    _in_use: ClassVar[WeakSet[Emulator]] = WeakSet()
+
+    def __init__(self, emulator: Emulator, baud: int) -> None:
+        super().__init__(baudrate=baud)
+        self.port = emulator.url
+        self.product, self.serial_number = PRODUCT, emulator.serial
+        self._emulator = emulator
+        self._baud = baud
+        self._uart = Uart(lambda: self._line, emulator.scheduler, baud)
+        self.time = DeviceTime(emulator.scheduler, self._pass_until)
+
+    # What pyserial asks of a port
+
+    def open(self) -> None:
+        """Open the port.
+
+        Raises
+        ------
+        SerialException
+            Where it is in use.
+        """
+        if self._emulator in self._in_use:
+            raise SerialException(errno.EBUSY, f"port {self.port} is in use")
+        self._reconfigure_port()
+        self._in_use.add(self._emulator)
+        self.is_open = True
+        self._uart.connect()
+        self.reset_input_buffer()
+
+    def close(self) -> None:
+        """Close the port, once what was written has gone over the line."""
+        if self.is_open:
+            self.flush()
+            self.is_open = False
+            self._in_use.discard(self._emulator)
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that have come and were not read."""
+        self._check_open()
+        return self._uart.pending
+
+    def read(self, size: int = 1) -> bytes:
+        """Wait for so many bytes, or until the time-out is over; give those that have come."""
+        self._check_open()
+        self._pass_until(self._deadline(self.timeout), lambda: self._uart.pending >= size)
+        return self._uart.take(size)
+
+    def write(self, data: bytes) -> int:
+        """Put bytes on the line.
+
+        Raises
+        ------
+        SerialTimeoutException
+            Where there is no room for them before the time-out is over.
+        """
+        self._check_open()
+        self._pass_until(self._deadline(self.write_timeout), lambda: not self._uart.full)
+        if self._uart.full:
+            raise SerialTimeoutException("Write timeout")
+        self._uart.receive(bytes(data))
+        return len(data)
+
+    def flush(self) -> None:
+        """Wait until all that was written has gone over the line."""
+        self._check_open()
+        self._pass_until(NEVER, lambda: not self._uart.presses)
+
+    def reset_input_buffer(self) -> None:
+        """Forget what has come."""
+        self._uart.take(self._uart.pending)
+
+    def send_break(self, duration: float = 0.25) -> None:
+        """Hold the line low for so many seconds."""
+        self.break_condition = True
+        self.time.sleep(duration)
+        self.break_condition = False
+
+    def _reconfigure_port(self) -> None:
+        if self.baudrate != self._baud:
+            raise ValueError(f"{self.baudrate} baud; {self.port} has {self._baud}")
+
+    def _update_break_state(self) -> None:
+        if self.break_condition:
+            self.flush()
+            if line := self._line:
+                line.hang_up()
+
+    def _update_dtr_state(self) -> None:
+        """The UART has three wires."""
+
+    _update_rts_state = _update_dtr_state
+
+    # Time
+
+    @property
+    def _line(self) -> SerialLine | None:
+        """The device's end, if anything there can hear or speak."""
+        return None if self._emulator.unplugged else self._emulator.line
+
+    def _check_open(self) -> None:
+        if not self.is_open:
+            raise PortNotOpenError
+
+    def _deadline(self, seconds: float | None) -> int:
+        return NEVER if seconds is None else self._emulator.scheduler.now + math.ceil(seconds * CORE_HZ)
+
+    def _pass_until(self, cycle: int, enough: Callable[[], bool] = lambda: False) -> None:
+        """Let time pass until a core cycle, or until there is enough of something, or nothing will ever happen."""
+        scheduler = self._emulator.scheduler
+        self._uart.run()
+        while not enough() and scheduler.now < cycle:
+            event = scheduler.next_time()
+            turns = (event, self._uart.next_time(event), cycle)
+            stop = min(turn for turn in turns if turn is not None)
+            if stop == NEVER:
+                return
+            scheduler.run_until(max(stop, scheduler.now))
+            self._uart.run()

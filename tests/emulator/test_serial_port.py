@@ -1,0 +1,217 @@
+"""An emulated UART as a port of pyserial. Times are reckoned by hand: ten bits a byte."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+
+import pytest
+import serial
+from phasewire import Emulator
+from phasewire.emulator.doors.serial_port import EmulatedPort, port_for_url
+from phasewire.errors import DeviceNotFoundError
+from phasewire.protocol.codes import State
+
+CONSOLE = bytes.fromhex("06 05 02 1b 68 a2 00")  # the vector frame-console
+STATUS_REQUEST = bytes.fromhex("05032AC102 01 0101 0240 05CDC288CE 00")  # the worked example of chapter SER
+BYTE_SECONDS = 10 / 115_200
+
+
+@pytest.fixture
+def port(emulator: Emulator) -> Iterator[EmulatedPort]:
+    with port_for_url(f"{emulator.url}?door=serial") as opened:
+        opened.timeout = 1.0
+        yield opened
+
+
+def passed(port: EmulatedPort, since: float) -> float:
+    return port.time.monotonic() - since
+
+
+def test_it_is_a_port_of_pyserial(port: EmulatedPort, emulator: Emulator) -> None:
+    assert isinstance(port, serial.SerialBase)
+    assert (port.name, port.baudrate, port.is_open) == (emulator.url, 115_200, True)
+    assert (port.product, port.serial_number) == ("phasewire five-board array (emulated)", emulator.serial)
+
+
+def test_each_byte_takes_ten_bits_there_and_back(port: EmulatedPort) -> None:
+    """One byte and its echo: 2 · 86.8 µs, and not the whole time-out."""
+    start = port.time.monotonic()
+    assert port.write(b"v") == 1
+    assert passed(port, start) == 0
+    assert port.read(1) == b"v"
+    assert passed(port, start) == pytest.approx(2 * BYTE_SECONDS, rel=1e-3)
+
+
+@pytest.mark.parametrize("baud", [9_600, 115_200, 3_000_000])
+def test_a_request_and_its_reply_take_their_time(baud: int) -> None:
+    """The worked example has 16 bytes; the zero that the device answers and a reply of 66 content bytes have 1 + 73.
+
+    The reply is kind, tag, outcome, 64 bytes and checksum: 71, one byte of COBS and the zero.
+    """
+    port = port_for_url(f"emulator:?door=serial&baud={baud}")
+    port.timeout = 10.0
+    port.open()
+    port.write(b"\0" + STATUS_REQUEST)
+    start = port.time.monotonic()
+    assert len(port.read(1 + 73)) == 1 + 73
+    byte = 10 / baud
+    # The first byte on the line is answered while the others come; nothing is held up by more than 0.1 ms.
+    assert (16 + 1 + 73) * byte <= passed(port, start) <= (16 + 1 + 73 + 2) * byte + 2e-4
+
+
+def test_a_time_out_is_of_the_device_s_time(port: EmulatedPort) -> None:
+    start = port.time.monotonic()
+    port.timeout = 0.25
+    assert port.read(5) == b""
+    assert passed(port, start) == pytest.approx(0.25)
+    port.timeout = 0
+    assert port.read(5) == b""
+    assert passed(port, start) == pytest.approx(0.25)
+    port.time.sleep(0.5)
+    assert passed(port, start) == pytest.approx(0.75)
+
+
+def test_what_comes_while_somebody_waits_is_there_afterwards(port: EmulatedPort) -> None:
+    port.write(b"\r")
+    assert port.in_waiting == 0
+    port.time.sleep(0.01)
+    assert port.in_waiting == 4
+    assert port.read(port.in_waiting) == b"\r\n> "
+
+
+def test_many_bytes_are_held_up_as_by_a_full_buffer() -> None:
+    """65 536 bytes may wait, and the next write then waits for room; at 12 Mbaud a byte takes 0.83 µs."""
+    with port_for_url("emulator:?door=serial&baud=12000000") as port:
+        port.write(b"x" * 65_537)
+        port.write_timeout = 0.0001
+        start = port.time.monotonic()
+        assert port.write(b"x" * 65_536) == 65_536
+        assert passed(port, start) <= 0.0001
+        with pytest.raises(serial.SerialTimeoutException):
+            port.write(b"x")
+        assert passed(port, start) == pytest.approx(0.0002, rel=0.1)
+
+
+def test_a_port_is_for_one_at_a_time(port: EmulatedPort, emulator: Emulator) -> None:
+    again = port_for_url(f"{emulator.url}?door=serial")
+    with pytest.raises(serial.SerialException, match="in use") as raised:
+        again.open()
+    assert raised.value.errno == errno.EBUSY
+    port.close()
+    again.open()
+    again.close()
+
+
+def test_closing_sends_the_rest_and_is_no_news_to_the_device(port: EmulatedPort) -> None:
+    """As from a real UART: the line stays among frames, until somebody leaves them."""
+    port.write(b"\0")
+    port.close()
+    port.open()
+    assert port.in_waiting == 0  # the zero that the device answered went to nobody
+    port.timeout = 0.1
+    port.write(STATUS_REQUEST)
+    assert len(port.read(100)) == 73
+    port.write(CONSOLE)
+    assert port.read(100) == CONSOLE + b"> "
+
+
+@pytest.mark.parametrize("method", ["read", "write", "flush"])
+def test_a_closed_port_says_so(port: EmulatedPort, method: str) -> None:
+    port.close()
+    port.close()
+    with pytest.raises(serial.PortNotOpenError):
+        getattr(port, method)(*[b"x"] * (method == "write"))
+    with pytest.raises(serial.PortNotOpenError):
+        assert port.in_waiting
+
+
+def test_a_break_returns_to_the_console(port: EmulatedPort) -> None:
+    """Clause SER-010; what was written before is heard before."""
+    port.timeout = 0.1
+    port.write(b"\0")
+    port.send_break(0.1)
+    assert port.read(10) == b"\0"
+    port.write(b"\r")
+    assert port.read(10) == b"\r\n> "
+
+
+def test_control_lines_are_not_connected(port: EmulatedPort) -> None:
+    port.dtr = port.rts = False
+    port.write(b"\r")
+    assert port.read(4) == b"\r\n> "
+
+
+def test_both_ends_have_one_rate(port: EmulatedPort) -> None:
+    with pytest.raises(ValueError, match=r"9600 baud; emulator:.* has 115200"):
+        port.baudrate = 9_600
+
+
+# A device that cannot hear
+
+
+def test_a_device_that_restarts_is_back_at_its_console(port: EmulatedPort, emulator: Emulator) -> None:
+    before = emulator.line
+    port.write(b"echo 0\rreset\r")
+    assert port.read(20) == b"echo 0\r\nok\r\n> ok\r\n> "
+    port.timeout = 0.05
+    assert port.read(1) == b""
+    assert emulator.line is not before
+    port.write(b"\r")
+    assert port.read(100) == b"\r\n> "  # with echo
+
+
+def test_a_device_without_power_or_in_dfu_mode_or_unplugged_is_silent(emulator: Emulator) -> None:
+    port = port_for_url(f"{emulator.url}?door=serial")
+    port.timeout = 0.05
+    port.open()
+    port.write(b"echo 0\rdfu\r")
+    assert port.read(100).endswith(b"ok\r\n> ")
+    for _ in range(2):
+        port.write(b"\r")
+        assert port.read(100) == b""
+        emulator.power_down()
+    start = port.time.monotonic()
+    port.time.sleep(1.0)
+    assert passed(port, start) == pytest.approx(1.0)
+    emulator.power_up()
+    emulator.run_until_started()
+    port.write(b"\r")
+    assert port.read(100) == b"\r\n> "
+    emulator.unplugged = True
+    port.write(b"\r")
+    assert port.read(100) == b""
+
+
+def test_waiting_for_ever_for_one_who_has_no_power_ends(port: EmulatedPort, emulator: Emulator) -> None:
+    """A real port would wait; here nobody is left who could end it."""
+    port.timeout = None
+    emulator.power_down()
+    assert port.read(1) == b""
+
+
+# URLs
+
+
+def test_a_fresh_device_may_have_another_rate_and_another_link() -> None:
+    with port_for_url("emulator:?door=serial&baud=3000000&link=2wire") as port:
+        port.timeout = 0.05
+        assert port.baudrate == 3_000_000
+        port.write(b"echo 0\rinfo\r")
+        assert b"link_wires: 2\r\n" in port.read(1000)
+
+
+def test_a_missing_serial_number_names_those_that_are_there() -> None:
+    with pytest.raises(DeviceNotFoundError, match=r"no device at 'emulator:Z\?door=serial': nothing is plugged in"):
+        port_for_url("emulator:Z?door=serial")
+    with Emulator(serial="A"), Emulator(serial="B"), pytest.raises(DeviceNotFoundError, match="there are 'A', 'B'"):
+        port_for_url("emulator:Z?door=serial")
+
+
+def test_the_watchdog_bites_while_somebody_waits(port: EmulatedPort, emulator: Emulator) -> None:
+    """Clause SAF-003: 100 ms at power-up."""
+    port.write(b"enable\r")
+    port.time.sleep(0.09)
+    states = [emulator.running.state]
+    port.time.sleep(0.02)
+    assert [*states, emulator.running.state] == [State.READY, State.OFF]
