@@ -29,9 +29,14 @@ def console_for(json_target: str | None) -> Console:
     return _console(on_standard_error=json_target == "-")
 
 
+class _Console(Console):
+    def on_broken_pipe(self) -> None:  # rich would end the program by itself
+        raise BrokenPipeError("nobody reads the output")
+
+
 def _console(on_standard_error: bool) -> Console:
     # Texts hold the names of files, in which [red] and :key: mean nothing.
-    return Console(stderr=on_standard_error, markup=False, emoji=False, highlight=False, soft_wrap=True)
+    return _Console(stderr=on_standard_error, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
 def write_json(target: str | None, record: dict[str, Any]) -> None:

@@ -18,10 +18,11 @@ settings.load_profile("gate" if os.environ.get("CI") else "phasewire")
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Nothing is read from the user's cache, or left in it."""
+    """Nothing is read from the user's cache or file of defaults, or left there."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
         patch.setenv("PHASEWIRE_CACHE", str(folder))
+        patch.setenv("PHASEWIRE_CONFIG", os.devnull)
         yield folder
 
 

@@ -33,6 +33,7 @@ COMMANDS = (
     "stop",
     "info",
     "emulate",
+    "config",
 )
 
 
