@@ -38,12 +38,15 @@ def traced(transport: Transport) -> Transport:
     return TracedTransport(transport) if _log.isEnabledFor(logging.INFO) else transport
 
 
-class _Lines(logging.StreamHandler):  # type: ignore[type-arg]  # not generic before Python 3.12
+class _Lines(logging.Handler):
     """Lines on standard error; where nobody reads them, that is an error like any other."""
 
-    def handleError(self, record: logging.LogRecord) -> None:  # noqa: ARG002
-        """Pass an error on, which logging would print."""
-        raise  # what is being handled
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line."""
+        sys.stderr.write(f"{record.getMessage()}\n")
+
+
+_lines = _Lines()
 
 
 def print_traffic(*, each: bool) -> Callable[[], None]:
@@ -55,14 +58,12 @@ def print_traffic(*, each: bool) -> Callable[[], None]:
         Ends it.
     """
     before = _log.level
-    handler = _Lines(sys.stderr)
-    handler.setLevel(logging.DEBUG if each else logging.INFO)
-    handler.setFormatter(logging.Formatter("%(message)s"))
-    _log.setLevel(min(handler.level, before or handler.level))
-    _log.addHandler(handler)
+    level = logging.DEBUG if each else logging.INFO
+    _log.setLevel(min(level, before or level))
+    _log.addHandler(_lines)
 
     def end() -> None:
-        _log.removeHandler(handler)
+        _log.removeHandler(_lines)
         _log.setLevel(before)
 
     return end
@@ -180,8 +181,7 @@ def split_records(data: bytes) -> list[bytes]:
 def _blocks_in_short(blocks: Sequence[bytes]) -> str:
     headers = [header_fields(block) for block in blocks]
     kinds = Counter(Kind(header["kind"]).name for header in headers)
-    counted = ", ".join(f"{count} {name}" for name, count in kinds.items())
-    return f"{len(blocks)} blocks, {headers[0]['sequence']} to {headers[-1]['sequence']}: {counted}"
+    return f"{len(blocks)} blocks, {headers[0]['sequence']} to {headers[-1]['sequence']}: {_counted(kinds)}"
 
 
 def _records_in_short(records: Sequence[bytes]) -> str:
@@ -190,13 +190,16 @@ def _records_in_short(records: Sequence[bytes]) -> str:
     except ReplyError as error:
         return f"{len(records)} records ✗ {error}"
     acks = [record for record in read if isinstance(record, Ack)]
+    counted = Counter("STATUS" if isinstance(record, Status) else record.reason.name for record in read)
+    counted.update(flag.name or "" for ack in acks for flag in ack.flags)
+    summary = f"{len(read)} records: {_counted(counted)}"
     if not acks:
-        return f"{len(read)} records: {len(read)} statuses"
-    reasons = Counter(ack.reason.name for ack in acks)
-    counted = ", ".join(f"{count} {name}" for name, count in reasons.items())
-    others = f", {len(read) - len(acks)} statuses" if len(acks) < len(read) else ""
+        return summary
     last = acks[-1]
     return (
-        f"{len(read)} records, {acks[0].sequence} to {last.sequence}: {counted}{others}; the last for period "
-        f"{last.commit_period}, {last.state.name}, room for {last.free}"
+        f"{summary}; the last for {last.sequence}, period {last.commit_period}, {last.state.name}, room for {last.free}"
     )
+
+
+def _counted(names: Counter[str]) -> str:
+    return ", ".join(f"{count} {name}" for name, count in names.items())
