@@ -14,6 +14,7 @@ from typing import Any, Literal, Protocol
 
 from ..errors import DeviceNotFoundError
 from ..protocol.codes import Request
+from .tracing import traced
 
 __all__ = [
     "DEFAULT_URL",
@@ -180,4 +181,4 @@ def open_transport(url: str) -> Transport:
         Where the scheme is unknown, nothing answers, or it may not be used.
     """
     scheme: Scheme = load_by_scheme(SCHEMES, url)
-    return scheme.open(url)
+    return traced(scheme.open(url))
