@@ -20,6 +20,7 @@ from .emulator.cli import commands as emulator_commands
 from .errors import DeviceError, DeviceNotFoundError, PhasewireError
 from .hil.cli import commands as hil_commands
 from .host.cli import commands as host_commands
+from .host.flash_cli import commands as flash_commands
 from .host.tracing import print_traffic
 from .settings import commands as settings_commands
 from .settings import defaults_from_file, each_command
@@ -55,7 +56,14 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for commands in (hil_commands, solver_commands, host_commands, emulator_commands, settings_commands):
+for commands in (
+    hil_commands,
+    solver_commands,
+    host_commands,
+    flash_commands,
+    emulator_commands,
+    settings_commands,
+):
     app.add_typer(commands)
 
 

@@ -58,7 +58,9 @@ __all__ = [
     "CONSOLE_ENDPOINT_NOTIFICATION",
     "CONSOLE_ENDPOINT_OUT",
     "CONSOLE_INTERFACE",
+    "DFU_FUNCTIONAL",
     "DFU_INTERFACE",
+    "DFU_MODE_CLASS",
     "DFU_PRODUCT_ID",
     "ENDPOINT_IN",
     "ENDPOINT_OUT",
@@ -92,6 +94,7 @@ CONSOLE_ENDPOINT_OUT = 0x03
 CONSOLE_ENDPOINT_IN = 0x83
 
 ARRAY_CLASS = (0xFF, 0x50, 0x01)  # class, subclass, protocol
+DFU_MODE_CLASS = (0xFE, 0x01, 0x02)
 _SERIAL_NUMBER = re.compile(r"[A-Za-z0-9._-]{1,64}")
 LANGUAGE = 0x0409  # English (United States)
 
@@ -112,7 +115,6 @@ _BY_INTERFACE = (0x00, 0x00, 0x00)
 _CONSOLE = (0x02, 0x02, 0x00)
 _CONSOLE_DATA = (0x0A, 0x00, 0x00)
 _DFU_RUN_TIME = (0xFE, 0x01, 0x01)
-_DFU_MODE = (0xFE, 0x01, 0x02)
 
 _WINDOWS_8_1 = 0x0603_0000
 _REG_MULTI_SZ = 7
@@ -229,7 +231,7 @@ def dfu_mode(release: tuple[int, int, int], product: str, serial: str) -> Enumer
 
     No endpoint but the control endpoint is used, so that nothing depends on the speed.
     """
-    interfaces = (_interface(0, _DFU_MODE, endpoints=0, name=4), _DFU_FUNCTIONAL)
+    interfaces = (_interface(0, DFU_MODE_CLASS, endpoints=0, name=4), DFU_FUNCTIONAL)
     return Enumeration(
         device=_device(_BY_INTERFACE, DFU_PRODUCT_ID, release),
         configuration=_configuration(Configuration, interfaces),
@@ -249,7 +251,7 @@ def _strings(product: str, serial: str, *interfaces: str) -> dict[int, str]:
 _REFUSALS = {reason_string(reason): reason.text for reason in ImageReason if reason}
 """Why an image was refused, as the DFU status points to it (clause DFU-012)."""
 
-_DFU_FUNCTIONAL = DfuFunctional(DFU_ATTRIBUTES, DFU_DETACH_TIMEOUT_MS, DFU_TRANSFER_BYTES, DFU_VERSION)
+DFU_FUNCTIONAL = DfuFunctional(DFU_ATTRIBUTES, DFU_DETACH_TIMEOUT_MS, DFU_TRANSFER_BYTES, DFU_VERSION)
 
 
 def _other(speed: Speed) -> Speed:
@@ -321,7 +323,7 @@ def _run_time_interfaces(speed: Speed) -> tuple[Descriptor, ...]:
         _bulk(CONSOLE_ENDPOINT_OUT, speed),
         _bulk(CONSOLE_ENDPOINT_IN, speed),
         _interface(DFU_INTERFACE, _DFU_RUN_TIME, endpoints=0, name=6),
-        _DFU_FUNCTIONAL,
+        DFU_FUNCTIONAL,
     )
 
 

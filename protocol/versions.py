@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 __all__ = ["Version"]
 
@@ -26,3 +26,9 @@ class Version(NamedTuple):
     def bcd(self) -> int:
         """As USB's bcdDevice, 16 bits."""
         return int(f"{self.major}{self.minor}{self.patch}", 16)
+
+    @classmethod
+    def from_bcd(cls, bcd: int) -> Self:
+        """The version that a bcdDevice tells (clause FWU-004), whatever its digits are."""
+        tens, major, minor, patch = (bcd >> shift & 0xF for shift in (12, 8, 4, 0))
+        return cls(10 * tens + major, minor, patch)

@@ -32,6 +32,7 @@ COMMANDS = (
     "show",
     "stop",
     "info",
+    "flash",
     "emulate",
     "config",
 )

@@ -41,6 +41,7 @@ from phasewire.protocol.descriptors import (
 )
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Enumeration, Speed, dfu_mode, run_time
 from phasewire.protocol.layout import usb as layout
+from phasewire.protocol.versions import Version
 
 from tests.specification import codes, hex_examples, layout_rows, table
 
@@ -220,6 +221,7 @@ def test_a_line_coding_is_laid_out_as_the_specification_says() -> None:
 )
 def test_the_release_is_binary_coded_decimal(release: tuple[int, int, int], bcd: int) -> None:
     assert run_time(release, "", "S-1").device.bcdDevice == dfu_mode(release, "", "S-1").device.bcdDevice == bcd
+    assert Version.from_bcd(bcd) == release
 
 
 @pytest.mark.parametrize("release", [(1, 10, 0), (1, 0, 10), (100, 0, 0), (0, -1, 0)])

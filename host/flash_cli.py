@@ -1,0 +1,186 @@
+"""The command that gives a device new firmware: ``flash``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from ..console import JsonOption, console_for, error_console, write_json
+from ..errors import InputFileError
+from ..protocol.plain import plain
+from ..storage import check_outputs
+from .cli import DeviceOption
+from .transport import DEFAULT_URL
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+    from .flashing import OnProgress, Stage
+
+__all__ = ["commands"]
+
+commands = typer.Typer(rich_markup_mode=None)
+
+
+@commands.command()
+def flash(
+    image: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="IMAGE",
+            help="A firmware file (.dfu), as `phasewire firmware build` makes it.",
+            exists=True,
+            dir_okay=False,
+            readable=True,
+            show_default=False,
+        ),
+    ] = None,
+    device: DeviceOption = DEFAULT_URL,
+    keys: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--key",
+            metavar="PUBLIC.pem",
+            help="Send only what was signed with this Ed25519 key; may be given several times.",
+            exists=True,
+            dir_okay=False,
+            readable=True,
+        ),
+    ] = None,
+    allow_downgrade: Annotated[
+        bool, typer.Option("--allow-downgrade", help="Send an image that is older than what runs.")
+    ] = False,
+    allow_other_protocol: Annotated[
+        bool,
+        typer.Option("--allow-other-protocol", help="Send an image that speaks a protocol unknown to this program."),
+    ] = False,
+    list_devices: Annotated[bool, typer.Option("--list", help="List devices, with mode, firmware and bank.")] = False,
+    revert: Annotated[
+        bool, typer.Option("--revert", help="Have the device go back to the image that it was made with.")
+    ] = False,
+    json_target: JsonOption = None,
+) -> None:
+    """Give a device new firmware, whole or not at all, and see that it runs.
+
+    Goes over USB, by DFU. The device is silent from the beginning, and its outputs are off in the end. Whatever goes
+    wrong, also Ctrl-C, it boots what it ran before, or the new image if that was whole; then begin again.
+    """
+    if (image is not None) + list_devices + revert != 1:
+        raise ValueError("what to do? Give one of IMAGE, --list and --revert")
+    check_outputs([json_target], inputs=[image] if image else [])
+    if list_devices:
+        _list(device, json_target)
+    elif revert:
+        _revert(device, json_target)
+    else:
+        assert image is not None
+        _flash(image, device, keys or [], allow_downgrade, allow_other_protocol, json_target)
+
+
+def _flash(
+    path: Path,
+    device: str,
+    key_files: list[Path],
+    allow_downgrade: bool,
+    allow_other_protocol: bool,
+    json_target: str | None,
+) -> None:
+    from .flashing import flash, read_firmware
+
+    file, keys = path.read_bytes(), [_public_key(each) for each in key_files]
+    firmware = read_firmware(file, keys)
+    console = error_console()
+    console.print(f"{path}: firmware {firmware.image.version}, {firmware.trust.value}")
+    try:
+        with _progress(console) as on_progress:
+            report = flash(
+                device,
+                file,
+                keys=keys,
+                allow_downgrade=allow_downgrade,
+                allow_other_protocol=allow_other_protocol,
+                on_progress=on_progress,
+            )
+    except KeyboardInterrupt:
+        console.print(
+            "Stopped. The device boots its old firmware, or the new one if that was whole; to go on, give the same "
+            "command again.",
+            style="yellow",
+        )
+        raise
+    done = f"was given firmware {report.firmware}" if report.written else f"held firmware {report.firmware} already"
+    console_for(json_target).print(
+        f"{report.device} {done}, which runs on all eleven processors, from bank {report.bank.name}; before it ran "
+        f"{report.before}."
+    )
+    write_json(json_target, plain(report) | {"before": str(report.before), "firmware": str(report.firmware)})
+
+
+def _public_key(path: Path) -> Ed25519PublicKey:
+    """Read a public key in PEM."""
+    from cryptography.exceptions import UnsupportedAlgorithm
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+    from cryptography.hazmat.primitives.serialization import load_pem_public_key
+
+    try:
+        key = load_pem_public_key(path.read_bytes())
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise InputFileError(f"{path} is no public key in PEM: {error}") from error
+    if not isinstance(key, Ed25519PublicKey):
+        raise InputFileError(f"{path} is a public key of another kind; images are signed with Ed25519")
+    return key
+
+
+@contextmanager
+def _progress(console: Console) -> Iterator[OnProgress]:
+    """Show how far it is: as a bar on a terminal, elsewhere as a line for each stage."""
+    if not console.is_terminal:
+        last: list[Stage] = []
+
+        def say(stage: Stage, _done: int, _total: int) -> None:
+            if last[-1:] != [stage]:
+                last.append(stage)
+                console.print(stage.value)
+
+        yield say
+        return
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def move(stage: Stage, done: int, total: int) -> None:
+            bar.update(task, description=stage.value, completed=done, total=total or None)
+
+        yield move
+
+
+def _list(device: str, json_target: str | None) -> None:
+    from .flashing import find_flashable
+
+    found = find_flashable(device)
+    out = console_for(json_target)
+    table = Table("url", "product", "mode", "firmware", "bank", "problem", box=None, pad_edge=False)
+    for each in found:
+        bank = each.bank.name if each.bank else "–"
+        table.add_row(each.url, each.product, each.mode, str(each.firmware), bank, each.problem or "")
+    out.print(table if found else f"There is no device on the bus of {device!r}; is it switched on and plugged in?")
+    devices = [plain(each._asdict()) | {"firmware": str(each.firmware)} for each in found]
+    write_json(json_target, {"devices": devices})
+
+
+def _revert(device: str, json_target: str | None) -> None:
+    from .flashing import revert
+
+    report = revert(device)
+    console_for(json_target).print(
+        f"{report.device} is back at its factory image, firmware {report.firmware}; before it ran {report.before}."
+    )
+    write_json(json_target, {key: str(value) for key, value in report._asdict().items()})
