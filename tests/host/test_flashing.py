@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import usb.util
-from phasewire import Emulator
+from phasewire import Emulator, open_device
 from phasewire.emulator import faults
 from phasewire.emulator.door import Stall
 from phasewire.emulator.doors.backend import EmulatorBackend
@@ -25,9 +24,8 @@ from phasewire.errors import (
     InputFileError,
 )
 from phasewire.host.flashing import ATTEMPTS, Stage, find_flashable, flash, read_firmware
-from phasewire.host.usb_find import UsbBus
 from phasewire.protocol.blocks import Update
-from phasewire.protocol.codes import Bank, DfuStatus, Fault, Feature, ImageReason, Request, State
+from phasewire.protocol.codes import Bank, DfuStatus, Fault, Feature, ImageReason, State
 from phasewire.protocol.firmware import Suffix, Trust, build, parse, sign, split_suffix, with_suffix
 from phasewire.protocol.replies import Info
 from phasewire.protocol.requests import Setup
@@ -238,14 +236,12 @@ def test_a_device_without_firmware_upgrade_is_told_so(emulator: Emulator, monkey
 
 
 def test_a_device_that_is_used_by_another_program_is_not_disturbed(emulator: Emulator) -> None:
-    other = UsbBus(emulator.url).find().device
-    other.set_configuration()
-    usb.util.claim_interface(other, 0)
-    other.ctrl_transfer(0x41, Request.ENABLE, 0, 0)
-    with pytest.raises(DeviceAccessError, match="another program is using the device"):
-        flash(emulator.url, FILE)
-    assert untouched(emulator)
-    assert other.ctrl_transfer(0xC1, Request.STATUS, 0, 0, 64)[3] == State.READY
+    with open_device(emulator.url) as other:
+        other.enable()
+        with pytest.raises(DeviceAccessError, match="another program is using the device"):
+            flash(emulator.url, FILE)
+        assert untouched(emulator)
+        assert other.status().enabled
 
 
 # What the device refuses
@@ -371,9 +367,7 @@ def test_a_device_that_does_not_come_back_is_given_up(emulator: Emulator, fault:
 
 def test_a_line_that_fails_again_and_again_is_given_up(emulator: Emulator) -> None:
     listen = striking(emulator, faults.Unplugged(periods=SHORT), Stage.WRITE, times=100)
-    with pytest.raises(
-        DeviceLostError, match=rf"is gone.*\(tried {ATTEMPTS} times\)\. It boots its old"
-    ):
+    with pytest.raises(DeviceLostError, match=rf"is gone.*\(tried {ATTEMPTS} times\)\. It boots its old"):
         flash(emulator.url, FILE, on_progress=listen)
     plug_in(emulator)
     assert flash(emulator.url, FILE).attempts == 1
