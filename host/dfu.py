@@ -145,7 +145,10 @@ class DfuLine:
         self._send(len(blocks), b"", DfuState.DFU_IDLE)
 
     def upload(self) -> Iterator[bytes]:
-        """The image that would boot next, block by block, of a device in DFU_IDLE (clause DFU-014)."""
+        """The image that would boot next, block by block, of a device in DFU_IDLE (clause DFU-014).
+
+        Whoever needs the device in DFU_IDLE again makes it so.
+        """
         for number in range(IMAGE_MAX_BYTES // DFU_TRANSFER_BYTES + 1):
             block = self._ask(DfuRequest.UPLOAD, number, DFU_TRANSFER_BYTES)
             yield block
@@ -163,14 +166,14 @@ class DfuLine:
         on_bytes : callable
             Told after each block how many bytes were found to be the same.
         """
-        same = 0
+        same, differs = 0, False
         for block in self.upload():
-            if block != stored[same : same + DFU_TRANSFER_BYTES]:
-                self.make_idle()
-                return False
+            if differs := block != stored[same : same + DFU_TRANSFER_BYTES]:
+                break
             same += len(block)
             on_bytes(same)
-        return same == len(stored)
+        self.make_idle()  # a first block that is short ends nothing (clause DFU-006)
+        return not differs and same == len(stored)
 
     def boot(self) -> None:
         """Reset the bus: the device leaves it and comes back with the image that boots next (clause DFU-015)."""

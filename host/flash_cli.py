@@ -150,14 +150,19 @@ def _progress(console: Console) -> Iterator[OnProgress]:
 
         yield say
         return
-    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-    columns = TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn()
+    columns = TextColumn("{task.description}"), BarColumn(bar_width=24), DownloadColumn(), TimeRemainingColumn()
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=None)
+        tasks: dict[Stage, TaskID] = {}
 
         def move(stage: Stage, done: int, total: int) -> None:
-            bar.update(task, description=stage.value, completed=done, total=total or None)
+            if stage not in tasks:
+                for earlier in tasks.values():
+                    bar.remove_task(earlier)
+                tasks.clear()
+                tasks[stage] = bar.add_task(stage.value, total=total or None)
+            bar.update(tasks[stage], completed=done)
 
         yield move
 

@@ -164,7 +164,13 @@ class UsbBus:
         numbers = _NUMBERS.fullmatch(wanted)
         self._vendor, self._product_id = (int(n, 16) for n in numbers.groups()) if numbers else (VENDOR_ID, PRODUCT_ID)
         self._serial = "" if numbers else wanted
-        self._backend = load_by_scheme(BACKENDS, url)(url)
+        try:
+            open_backend = load_by_scheme(BACKENDS, url)
+        except DeviceNotFoundError as error:
+            raise DeviceNotFoundError(
+                f"{url!r} is no device on a USB bus, and firmware goes over USB only; name it as usb: or usb:SERIAL"
+            ) from error
+        self._backend = open_backend(url)
 
     def look(self) -> list[Sighting]:
         """Every device of ours that is there, in either mode; none of them is left open."""

@@ -1,0 +1,221 @@
+"""``phasewire flash``: what it prints, how it ends, and what it leaves behind."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_private_key
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+from phasewire import Emulator, open_device
+from phasewire.__main__ import main
+from phasewire.emulator import faults
+from phasewire.protocol.codes import Bank
+from phasewire.protocol.firmware import build
+
+from tests.host.upgrades import (
+    FACTORY,
+    FILE,
+    KEY,
+    NEW,
+    OLD,
+    STRANGER,
+    running,
+    trusting,
+    untouched,
+)
+
+
+class Outcome(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def phasewire(
+    emulator: Emulator, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Run:
+    """Run ``phasewire flash`` on an emulated device, in a folder with images and keys."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PHASEWIRE_DEVICE", emulator.url)
+    for name, content in (
+        ("new.dfu", FILE),
+        ("old.dfu", build(OLD)),
+        ("signed.dfu", build(NEW, KEY)),
+        ("bad.dfu", FILE[:3000] + b"?" + FILE[3001:]),
+        ("key.pem", public(KEY)),
+        ("stranger.pem", public(STRANGER)),
+        ("other.pem", generate_private_key(SECP256R1()).public_key().public_bytes(Encoding.PEM, SPKI)),
+    ):
+        Path(name).write_bytes(content)
+
+    def run(*arguments: str) -> Outcome:
+        with pytest.raises(SystemExit) as exited:
+            main(["flash", *arguments])
+        captured = capsys.readouterr()
+        return Outcome(int(exited.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+SPKI = PublicFormat.SubjectPublicKeyInfo
+
+
+def public(key: Ed25519PrivateKey) -> bytes:
+    return key.public_key().public_bytes(Encoding.PEM, SPKI)
+
+
+def test_an_image_is_flashed_and_what_happened_is_said(phasewire: Run, emulator: Emulator) -> None:
+    outcome = phasewire("new.dfu", "--json", "flash.json")
+    assert outcome.code == 0
+    assert outcome.out == (
+        f"phasewire five-board array (emulated) {emulator.serial} was given firmware 2.3.4, which runs on all eleven "
+        "processors, from bank A; before it ran 0.1.0.\n"
+    )
+    assert outcome.err.splitlines() == [
+        "new.dfu: firmware 2.3.4, not signed",
+        "going to DFU mode",
+        "writing",
+        "reading back",
+        "starting the new firmware",
+    ]
+    record = json.loads(Path("flash.json").read_text())
+    assert record.pop("device").endswith(emulator.serial)
+    assert record == {
+        "before": "0.1.0",
+        "firmware": "2.3.4",
+        "bank": "A",
+        "trust": "UNSIGNED",
+        "written": True,
+        "attempts": 1,
+    }
+    assert running(emulator) == (NEW.version, Bank.A)
+    outcome = phasewire("new.dfu", "--json", "-")
+    assert json.loads(outcome.out)["written"] is False
+    assert "held firmware 2.3.4 already" in outcome.err
+
+
+def test_a_terminal_shows_a_bar(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    outcome = phasewire("new.dfu")
+    assert outcome.code == 0
+    assert "starting the new firmware" in outcome.err
+    assert "\x1b" in outcome.err
+    assert "━" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (("bad.dfu",), 2, "the file does not end with a DFU suffix that is right (clause FWU-014)"),
+        (("key.pem",), 2, "(clause FWU-014)"),
+        (("missing.dfu",), 2, "'missing.dfu' does not exist"),
+        (("new.dfu", "--key", "key.pem"), 2, "the image is not signed, and 1 trusted key(s) were given"),
+        (("signed.dfu", "--key", "stranger.pem"), 2, "signed with a key that is not trusted"),
+        (("signed.dfu", "--key", "other.pem"), 2, "other.pem is a public key of another kind"),
+        (("signed.dfu", "--key", "new.dfu"), 2, "new.dfu is no public key in PEM"),
+        (("new.dfu", "--device", "emulator:NOBODY"), 3, "no device at 'emulator:NOBODY'"),
+        (("new.dfu", "--device", "serial:///dev/ttyACM0"), 3, "firmware goes over USB"),
+        ((), 2, "Give one of IMAGE, --list and --revert"),
+        (("new.dfu", "--list"), 2, "Give one of IMAGE, --list and --revert"),
+        (("new.dfu", "--json", "new.dfu"), 2, "new.dfu cannot be written: it is also what is read"),
+    ],
+)
+def test_what_cannot_be_flashed_leaves_the_device_alone(
+    phasewire: Run, emulator: Emulator, arguments: tuple[str, ...], code: int, message: str
+) -> None:
+    outcome = phasewire(*arguments)
+    assert (outcome.code, outcome.out) == (code, "")
+    assert message in " ".join(outcome.err.split())
+    assert "Traceback" not in outcome.err
+    assert untouched(emulator)
+
+
+def test_signed_images_are_flashed_with_their_key(phasewire: Run, emulator: Emulator) -> None:
+    outcome = phasewire("signed.dfu", "--key", "stranger.pem", "--key", "key.pem", "--json", "-")
+    assert outcome.code == 0
+    assert json.loads(outcome.out)["trust"] == "SIGNED"
+    assert "signed with a key that is trusted" in outcome.err
+
+
+def test_an_older_image_needs_an_option(phasewire: Run, emulator: Emulator) -> None:
+    assert phasewire("new.dfu").code == 0
+    outcome = phasewire("old.dfu")
+    assert (outcome.code, running(emulator)[0]) == (2, NEW.version)
+    assert "allow the downgrade (--allow-downgrade)" in outcome.err
+    assert phasewire("old.dfu", "--allow-downgrade").code == 0
+    assert running(emulator)[0] == OLD.version
+
+
+@pytest.fixture
+def strict() -> Iterator[Emulator]:
+    with Emulator(flash=trusting(KEY)) as emulator:
+        yield emulator
+
+
+def test_a_device_that_refuses_is_an_error_of_its_own(phasewire: Run, strict: Emulator) -> None:
+    outcome = phasewire("new.dfu", "--device", strict.url)
+    assert outcome.code == 4
+    assert "refuses the image: the signature is wrong, or the device does not trust who signed" in outcome.err
+    strict.run_until_started()
+    assert strict.running.info().firmware == FACTORY
+
+
+def test_a_device_that_goes_away_is_an_error_of_its_own(phasewire: Run, emulator: Emulator) -> None:
+    emulator.inject(faults.PowerCutInWrite(written_bytes=10_000))
+    outcome = phasewire("new.dfu")
+    assert outcome.code == 4
+    assert "switch it off and on, and look at its cable. It boots its old firmware, or the new one" in outcome.err
+
+
+def test_ctrl_c_says_how_to_go_on(phasewire: Run, emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    genuine = emulator.flash.program
+
+    def program(address: int, data: bytes) -> None:
+        if address == Bank.A.image_address + 4096:
+            raise KeyboardInterrupt
+        genuine(address, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(emulator.flash, "program", program)
+        outcome = phasewire("new.dfu")
+    assert outcome.code == 130
+    assert "Stopped. The device boots its old firmware, or the new one if that was whole" in outcome.err
+    emulator.run_until_started()
+    assert emulator.running.info().firmware == FACTORY
+    assert phasewire("new.dfu").code == 0
+    assert running(emulator)[0] == NEW.version
+
+
+def test_devices_are_listed(phasewire: Run, emulator: Emulator) -> None:
+    outcome = phasewire("--list", "--json", "list.json")
+    assert outcome.code == 0
+    assert re.search(rf"emulator:{emulator.serial} .* run time +0\.1\.0 +FACTORY", outcome.out)
+    assert json.loads(Path("list.json").read_text()) == {
+        "devices": [
+            {
+                "url": emulator.url,
+                "product": "phasewire five-board array (emulated)",
+                "serial": emulator.serial,
+                "mode": "run time",
+                "firmware": "0.1.0",
+                "bank": "FACTORY",
+                "problem": None,
+            }
+        ]
+    }
+    with open_device(emulator.url):
+        assert "FACTORY" in phasewire("--list").out
+    emulator.usb.unplug()
+    outcome = phasewire("--list", "--json", "-")
+    assert json.loads(outcome.out) == {"devices": []}
+    assert "There is no device" in outcome.err
