@@ -94,7 +94,7 @@ class Device:
         self._observe = observe
         self._session = Session(transport)
         self._enabled = False
-        self._next_entry = self._next_sample = 0
+        self._forget()
         if calibration is not None and len(calibration) != self.info.channels:
             raise ValueError(
                 f"the calibration is for {len(calibration)} transducers, the device has {self.info.channels}"
@@ -191,6 +191,7 @@ class Device:
         """Turn all outputs off and drop what is queued; what is stored stays. A stream in another thread ends."""
         with self._session.lock:
             self._enabled = False
+            self._envelope = None
             self._session.order(Request.DISABLE)
 
     def reset(self) -> None:
@@ -199,6 +200,7 @@ class Device:
             self._enabled = False
             self._session.order(Request.RESET)
             self._session.reopen()
+            self._forget()
 
     def identify(self, board: int) -> None:
         """Let the light on a board blink for five seconds."""
@@ -207,6 +209,7 @@ class Device:
     def set_watchdog(self, seconds: float) -> None:
         """How long the device waits for a sign of life before it turns its outputs off, 0.01 to 60 s."""
         self._order(Request.WATCHDOG, "watchdog time in ms", round(seconds * 1000))
+        self._watchdog = seconds
 
     def set_drive_limit(self, transducers: int) -> None:
         """Refuse what drives harder than so many full transducers; only while the outputs are off."""
@@ -332,15 +335,18 @@ class Device:
             self._sent(*(Samples(part, first + at) for at, part in _parts(values, SAMPLES_PER_BLOCK)))
             ack = self._play(body)
             self._next_sample = first + len(values)
+            self._envelope = (values, hold)
             return ack
 
     def end_modulation(self, period: int = NOW) -> Ack:
         """Let what plays go on unmodulated."""
         self._need(Feature.MODULATION)
+        self._envelope = None
         return self._play(Output(Action.END_MODULATION, period))
 
     def silence(self, period: int = NOW) -> Ack:
         """End what plays, and its modulation; the outputs stay enabled."""
+        self._envelope = None
         return self._play(Output(Action.SILENCE, period))
 
     def keep_playing(self, seconds: float) -> None:
@@ -378,7 +384,8 @@ class Device:
             How long before its period a frame is sent, in seconds, where the device's queue allows that. More makes
             gaps in the source or the host harmless, less lets a live source react sooner.
         reconnect : bool
-            Whether to go on with the next frame when a device that was lost comes back.
+            Whether to go on with the next frame when a device that was lost comes back, with the watchdog's time and
+            the modulation that it had. Frames of which is not known whether they arrived are not sent again.
         on_progress : callable, optional
             Is called with the report as it stands some ten times a second, and at the end, however that comes.
 
@@ -398,7 +405,8 @@ class Device:
             time is over where the device cannot be reached.
         """
         frames = frame_source(source, self.calibration, self.info.channels)
-        stream = Stream(self._session, frames, rate, look_ahead=look_ahead, reconnect=reconnect)
+        restore = self._restore if reconnect else None
+        stream = Stream(self._session, frames, rate, look_ahead=look_ahead, restore=restore)
         try:
             with self._session.lock:
                 self.enable()
@@ -409,6 +417,23 @@ class Device:
         finally:
             if on_progress is not None:
                 on_progress(stream.report)
+
+    def _forget(self) -> None:
+        """What the device has been told to keep: nothing, as after it was restarted."""
+        self._next_entry = self._next_sample = 0
+        self._watchdog: float | None = None
+        self._envelope: tuple[bytes, int] | None = None
+
+    def _restore(self) -> None:
+        """Make a device that has restarted go on as it was: watchdog, modulation, outputs enabled; not its slots."""
+        watchdog, envelope = self._watchdog, self._envelope
+        self.stop()  # it may be as it was, and play on
+        self._forget()
+        if watchdog is not None:
+            self.set_watchdog(watchdog)
+        self.enable()
+        if envelope is not None:
+            self.modulate(*envelope)
 
     def _silence_after_failure(self) -> None:
         try:

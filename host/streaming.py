@@ -16,7 +16,7 @@ from math import ceil, floor
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DeviceLostError
+from ..errors import DeviceLostError, DeviceStalledError, DeviceTimeoutError
 from ..protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from ..protocol.codes import AckFlag, Reason, Request
 from ..protocol.replies import ClockReading
@@ -118,8 +118,8 @@ class Stream:
         Frames per second.
     look_ahead : float
         Seconds before its period at which a frame is sent at the earliest.
-    reconnect : bool
-        Whether to go on where the device was lost and comes back.
+    restore : callable, optional
+        Makes a device that was lost and came back what it was before; without it, the stream ends there.
 
     Attributes
     ----------
@@ -128,7 +128,13 @@ class Stream:
     """
 
     def __init__(
-        self, session: Session, source: FrameSource, rate: float, *, look_ahead: float, reconnect: bool
+        self,
+        session: Session,
+        source: FrameSource,
+        rate: float,
+        *,
+        look_ahead: float,
+        restore: Callable[[], None] | None,
     ) -> None:
         most = min(session.info.max_updates_per_second, session.line().most_blocks_per_second)
         if not 0 < rate <= most:
@@ -137,13 +143,14 @@ class Stream:
             )
         if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
             raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")
-        self._session, self._source, self._reconnect = session, source, reconnect
+        self._session, self._source, self._restore = session, source, restore
         self._spacing = CARRIER_HZ / rate
         self._look_ahead = max(ceil(look_ahead * CARRIER_HZ), LEAST_LEAD_PERIODS)
         self._horizon = min(self._look_ahead, session.info.queue_blocks * self._spacing + TURN_PERIODS)
         self._next = 0
         self._start = 0.0
         self._read_at = 0.0
+        self._accepted_before = -1  # the device was lost last; where nothing was since, coming back does not help
         self.report = StreamReport(rate)
 
     def run(self, on_progress: Callable[[StreamReport], None] | None = None) -> StreamReport:
@@ -154,10 +161,14 @@ class Stream:
         while (frames := self._take()) is not None:
             try:
                 self._send(frames)
-            except DeviceLostError:
-                if not self._reconnect:
+            except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):
+                if self._restore is None or self.report.accepted == self._accepted_before:
                     raise
-                self._come_back()
+                self._accepted_before = self.report.accepted
+                self._session.reopen()
+                self._restore()
+                self._count(reconnects=1)
+                self._find_clock()
             if on_progress is not None and time.monotonic() - self._told >= PROGRESS_SECONDS:
                 self._told = time.monotonic()
                 on_progress(self.report)
@@ -264,10 +275,3 @@ class Stream:
 
     def _count(self, **more: int) -> None:
         self.report = replace(self.report, **{name: getattr(self.report, name) + by for name, by in more.items()})
-
-    def _come_back(self) -> None:
-        """Wait for a device that was lost, and go on with the next frame."""
-        self._session.reopen()
-        self._session.order(Request.ENABLE)
-        self._count(reconnects=1)
-        self._find_clock()

@@ -1,0 +1,332 @@
+"""Streams: what the outputs did is what says whether each frame had its period, not what the host counted."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from itertools import pairwise
+from math import floor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from phasewire import Device, Emulator, Pulses, open_device
+from phasewire.emulator.faults import (
+    BusReset,
+    BusSuspended,
+    FlippedUsbBit,
+    HotBoard,
+    InjectedFault,
+    PowerCut,
+    SilentHost,
+    StalledEndpoint,
+    Unplugged,
+)
+from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
+from phasewire.host.streaming import StreamReport
+from phasewire.protocol.codes import Reason
+from phasewire.protocol.quantise import PulseFrames
+
+MS = 40
+"""Carrier periods."""
+
+
+def frames(count: int) -> PulseFrames:
+    """Frames that differ from their neighbours in every transducer, so that any mix-up shows."""
+    rng = np.random.default_rng(count)
+    width = rng.integers(1, 9, (count, 320), dtype=np.uint8)
+    width[1::2] += 9
+    return PulseFrames(rng.integers(0, 50, (count, 320), dtype=np.uint8) * 2 + width % 2, width)
+
+
+def one_by_one(wanted: PulseFrames) -> Iterator[Pulses]:
+    for phase, width in zip(*wanted, strict=True):
+        yield Pulses(phase, width)
+
+
+def played(emulator: Emulator, period: int) -> Pulses:
+    """What the outputs did in a period, as pulses, from their bits; only the widths below 25 can be told so."""
+    capture = emulator.capture()
+    bits = capture.bits(50 * period, 50 * period + 50)
+    channels = capture.wiring.channels
+    levels = (bits[:, channels // 32] >> (channels % 32)) & 1
+    width = levels.sum(axis=0)
+    rises = (levels == 1) & (np.roll(levels, 1, axis=0) == 0)
+    start = rises.argmax(axis=0)
+    return Pulses((2 * start + width) % 100, width)
+
+
+def frame(wanted: PulseFrames, index: int) -> Pulses:
+    return Pulses(wanted.phase[index], wanted.width[index])
+
+
+def silent(emulator: Emulator) -> bool:
+    """Whether no output is high any more once six periods have passed (clause SAF-004)."""
+    emulator.run(7)
+    capture = emulator.capture()
+    return not capture.bits(capture.end_tick - 50, capture.end_tick).any()
+
+
+@pytest.mark.parametrize("rate", [40_000, 20_000, 13_000, 1_000, 130.5, 3])
+def test_every_frame_plays_from_its_own_period_on(rate: float) -> None:
+    count = max(int(min(rate / 20, 400)), 4)
+    wanted = frames(count)
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(wanted, rate)
+        emulator.run(5)  # the host knows the device's time but for some periods
+        begins = [report.first_period + floor(index * 40_000 / rate) for index in range(count + 1)]
+        for index, (begin, end) in enumerate(pairwise(begins)):
+            assert played(emulator, begin) == frame(wanted, index)
+            assert played(emulator, end - 1) == frame(wanted, index)
+        status = device.status()
+    assert (report.accepted, report.late, report.underruns, report.unanswered) == (count, 0, 0, 0)
+    assert (status.accepted, status.late, status.lost) == (count + 1, 0, 0)  # and the one that opened the session
+    assert report.last_period == begins[-2]
+    assert silent(emulator)
+
+
+def test_a_stream_returns_when_the_last_frame_has_had_its_time() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(frames(3), 100)
+        assert 0 <= device.clock().now // 50 - (report.last_period + 400) < 10
+
+
+@given(rate=st.floats(1, 40_000), count=st.integers(1, 40), look_ahead=st.floats(0, 0.1))
+@settings(max_examples=25, deadline=None)
+def test_frames_keep_rate_and_order_at_any_rate_and_look_ahead(rate: float, count: int, look_ahead: float) -> None:
+    wanted = frames(count)
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(one_by_one(wanted), rate, look_ahead=look_ahead)
+    assert (report.sent, report.accepted, report.late) == (count, count, 0)
+    if not report.underruns:
+        for index in range(count):
+            assert played(emulator, report.first_period + floor(index * 40_000 / rate)) == frame(wanted, index)
+
+
+def test_a_source_that_comes_too_late_moves_the_rest_and_is_counted() -> None:
+    wanted = frames(30)
+
+    def halting(device: Device) -> Iterator[Pulses]:
+        for index, pulses in enumerate(one_by_one(wanted)):
+            if index == 12:
+                device.time.sleep(0.03)
+            yield pulses
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(halting(device), 1000)
+        assert (report.underruns, report.late, report.accepted) == (1, 0, 30)
+        before, after = report.first_period, report.first_period + report.moved_periods
+        for index in range(30):
+            assert played(emulator, (before if index < 12 else after) + index * 40) == frame(wanted, index)
+        assert played(emulator, after + 12 * 40 - 1) == frame(wanted, 11), "the last frame in time plays on"
+    assert 600 < report.moved_periods < 1700
+
+
+def test_a_source_that_is_silent_for_longer_than_the_watchdog_ends_in_an_error_that_says_so() -> None:
+    def stuck(device: Device) -> Iterator[Pulses]:
+        yield frame(frames(1), 0)
+        device.time.sleep(0.5)
+        yield frame(frames(1), 0)
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        with pytest.raises(DeviceRefusedError, match=r"heard nothing for 0\.1 s; was this program held up\?") as raised:
+            device.stream(stuck(device), 100)
+        assert raised.value.reason is Reason.DISABLED
+        assert silent(emulator)
+
+
+def test_a_live_source_is_asked_for_a_frame_no_earlier_than_it_is_due() -> None:
+    asked = []
+
+    def live(device: Device) -> Iterator[Pulses]:
+        for pulses in one_by_one(frames(10)):
+            asked.append(device.clock().now / 50)
+            yield pulses
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(live(device), 200, look_ahead=0.005)
+    due = report.first_period + 200 * np.arange(10)
+    lead = (due - asked)[1:] / MS
+    assert (lead <= 5.0).all()
+    assert (lead > 4.5).all()
+
+
+def test_stop_in_another_thread_ends_a_stream_at_once() -> None:
+    reached = threading.Event()
+
+    def endless(device: Device) -> Iterator[Pulses]:
+        for index in range(100_000):
+            if index == 50:
+                reached.set()
+            yield frame(frames(2), index % 2)
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+
+        def stop() -> None:
+            assert reached.wait(20)
+            device.stop()
+
+        stopping = threading.Thread(target=stop)
+        stopping.start()
+        with pytest.raises(DeviceRefusedError, match="has turned its outputs off: it was stopped"):
+            device.stream(endless(device), 1000)
+        stopping.join(20)
+        assert silent(emulator)
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "message"),
+    [
+        (Unplugged(period=2000), DeviceLostError, "the device is gone; plug it in again"),
+        (PowerCut(period=2000), DeviceLostError, "the device is gone"),
+        (BusReset(period=2000), DeviceStalledError, "answers STALL"),
+        (BusSuspended(period=2000), DeviceLostError, "the device is gone"),
+        (SilentHost(period=2000), DeviceStalledError, "answers STALL"),
+        (StalledEndpoint(period=2000, endpoint=0x01), DeviceStalledError, "answers STALL"),
+        (StalledEndpoint(period=2000, endpoint=0x81), DeviceStalledError, "answers STALL"),
+        (HotBoard(period=2000, board=1, celsius=90), DeviceRefusedError, r"silenced by a fault \(TEMPERATURE\)"),
+        (FlippedUsbBit(period=2000, endpoint=0x81, byte=9), DeviceError, "breaks the protocol"),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, InjectedFault) else None,
+)
+def test_what_goes_wrong_ends_in_its_error_with_the_outputs_off(
+    fault: InjectedFault, error: type[DeviceError], message: str
+) -> None:
+    reports: list[StreamReport] = []
+    with Emulator() as emulator:
+        device = open_device(emulator.url)
+        emulator.inject(fault)
+        with pytest.raises(error, match=message):
+            device.stream(one_by_one(frames(1000)), 1000, on_progress=reports.append)
+        if emulator.controller is not None:
+            emulator.run(4100)  # the watchdog's time, where the host cannot be heard
+            assert silent(emulator)
+    last = reports[-1]
+    assert 10 < last.accepted < 100
+    assert last.sent == last.accepted + last.damaged + last.refused + last.unanswered
+
+
+def test_a_damaged_frame_is_counted_and_the_one_before_plays_on() -> None:
+    wanted = frames(50)
+
+    def source(emulator: Emulator) -> Iterator[Pulses]:
+        for index, pulses in enumerate(one_by_one(wanted)):
+            if index == 20:
+                emulator.inject(FlippedUsbBit(endpoint=0x01, byte=300, times=3))
+            yield pulses
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(source(emulator), 1000)
+        status = device.status()
+        emulator.run(5)
+        assert (report.sent, report.accepted, report.damaged, report.late) == (50, 47, 3, 0)
+        assert (status.accepted, status.refused, status.lost) == (48, 3, 3)
+        for index in range(50):
+            expected = 19 if index in (20, 21, 22) else index
+            assert played(emulator, report.first_period + index * 40 + 39) == frame(wanted, expected)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        PowerCut(period=3000, periods=8000),
+        Unplugged(period=3000, periods=8000),
+        BusSuspended(period=3000, periods=8000),
+        BusReset(period=3000),
+        StalledEndpoint(period=3000, endpoint=0x81),
+    ],
+    ids=lambda fault: type(fault).__name__,
+)
+def test_a_stream_goes_on_with_the_next_frame_when_a_lost_device_comes_back(fault: InjectedFault) -> None:
+    wanted = frames(200)
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        device.set_watchdog(0.05)
+        device.modulate(b"\xff", 1)
+        emulator.inject(fault)
+        report = device.stream(one_by_one(wanted), 1000, reconnect=True)
+        status = device.status()
+        assert (report.reconnects, report.sent, report.refused) == (1, 200, 0)
+        assert report.accepted + report.unanswered == 200
+        assert report.unanswered <= 2
+        assert status.watchdog_ms == 50
+        assert status.flags.name is not None
+        assert "MODULATION" in status.flags.name
+        assert played(emulator, report.last_period) == frame(wanted, 199)
+        assert played(emulator, report.last_period - 100 * 40) == frame(wanted, 99)
+
+
+def test_a_device_that_does_not_come_back_is_given_up_in_time() -> None:
+    with Emulator() as emulator:
+        device = open_device(emulator.url)
+        emulator.inject(Unplugged(period=3000))
+        began = device.time.monotonic()
+        with pytest.raises(DeviceLostError, match="has not come back within 10 s; plug it in again"):
+            device.stream(one_by_one(frames(200)), 1000, reconnect=True)
+        assert device.time.monotonic() - began < 12
+        with pytest.raises(DeviceLostError):
+            device.status()
+
+
+def test_a_device_that_fails_again_and_again_is_not_opened_for_ever() -> None:
+    def failing(emulator: Emulator) -> Iterator[Pulses]:
+        for pulses in one_by_one(frames(1000)):
+            emulator.inject(StalledEndpoint(endpoint=0x01))
+            yield pulses
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        reports: list[StreamReport] = []
+        with pytest.raises(DeviceStalledError):
+            device.stream(failing(emulator), 1000, reconnect=True, on_progress=reports.append)
+        assert reports[-1].reconnects == 1
+
+
+@pytest.mark.parametrize(
+    ("rate", "look_ahead", "message"),
+    [
+        (0, 0.01, "a rate of 0 frames/s must be more than 0, and at most 40000"),
+        (40_001, 0.01, "at most 40000"),
+        (float("nan"), 0.01, "a rate of nan"),
+        (100, -1, "a look-ahead of -1 s must lie between 0 and 10"),
+        (100, 11, "a look-ahead of 11 s"),
+    ],
+)
+def test_rates_and_look_aheads_that_cannot_be_are_refused_before_anything_is_sent(
+    rate: float, look_ahead: float, message: str
+) -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        with pytest.raises(ValueError, match=message):
+            device.stream(frames(2), rate, look_ahead=look_ahead)
+        assert device.status().accepted == 1
+
+
+def test_a_chain_or_a_bus_that_is_slower_takes_less() -> None:
+    with open_device("emulator:?link=2wire") as device, pytest.raises(ValueError, match="at most 20000"):
+        device.stream(frames(2), 20_001)
+    with open_device("emulator:?speed=full") as device, pytest.raises(ValueError, match="at most 2375"):
+        device.stream(frames(2), 2_400)
+    with open_device("emulator:?door=serial") as device, pytest.raises(ValueError, match=r"at most 22\."):
+        device.stream(frames(2), 23)
+
+
+@pytest.mark.parametrize("url", ["emulator:?speed=full", "emulator:?door=serial&baud=3000000", "emulator:?link=2wire"])
+def test_other_lines_stream_too(url: str) -> None:
+    with open_device(url) as device:
+        report = device.stream(frames(40), 400)
+        status = device.status()
+    assert (report.accepted, report.late, report.underruns, status.accepted) == (40, 0, 0, 41)
+
+
+def test_a_long_wait_for_the_next_frame_keeps_the_device_awake() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(frames(3), 0.9)
+        assert report.late == 0
+        assert played(emulator, report.last_period) == frame(frames(3), 2)
+
+
+def test_progress_is_told_and_a_report_reads_well() -> None:
+    reports: list[StreamReport] = []
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(frames(40), 1000, on_progress=reports.append)
+    assert reports[-1] == report
+    assert str(report).startswith("40 frames at 1000/s, 0 late, 0 underruns, least lead ")
