@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
 from .pulses import check_drives
 
-__all__ = ["PulseFrames", "quantise"]
+__all__ = ["PulseFrames", "check_pulses", "quantise"]
 
 
 class PulseFrames(NamedTuple):
@@ -23,6 +25,34 @@ class PulseFrames(NamedTuple):
 
     phase: NDArray[np.uint8]
     width: NDArray[np.uint8]
+
+    @classmethod
+    def joined(cls, parts: Sequence[PulseFrames], channels: int) -> PulseFrames:
+        """Some frames after each other, each of so many transducers; a single part as it is."""
+        if len(parts) == 1:
+            return parts[0]
+        none = np.empty((0, channels), np.uint8)
+        return cls(
+            np.concatenate([none, *(part.phase for part in parts)]),
+            np.concatenate([none, *(part.width for part in parts)]),
+        )
+
+
+def check_pulses(frames: PulseFrames, first: int = 0) -> None:
+    """Raise `ValueError`, naming frame and transducer, where a phase or a width is too large.
+
+    Parameters
+    ----------
+    frames : PulseFrames
+        From whoever may have made a mistake.
+    first : int
+        Number of the first of them.
+    """
+    for name, values, limit in zip(frames._fields, frames, (HALF_TICKS_PER_PERIOD - 1, MAX_WIDTH_TICKS), strict=True):
+        if values.max(initial=0) > limit:
+            frame, transducer = np.argwhere(values > limit)[0]
+            where = f"transducer {transducer} of frame {first + frame}"
+            raise ValueError(f"{name} {values[frame, transducer]} of {where} is above {limit}")
 
 
 def quantise(drives: ArrayLike, out: PulseFrames | None = None, *, first: int = 0) -> PulseFrames:
