@@ -12,15 +12,13 @@ from rich.console import Console
 from rich.table import Table
 
 from ..console import JsonOption, console_for, error_console, write_json
-from ..errors import InputFileError
 from ..protocol.plain import plain
 from ..storage import check_outputs
 from .cli import DeviceOption
+from .keys import read_public_keys
 from .transport import DEFAULT_URL
 
 if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-
     from .flashing import OnProgress, Stage
 
 __all__ = ["commands"]
@@ -93,7 +91,7 @@ def _flash(
 ) -> None:
     from .flashing import flash, read_firmware
 
-    file, keys = path.read_bytes(), [_public_key(each) for each in key_files]
+    file, keys = path.read_bytes(), read_public_keys(key_files)
     firmware = read_firmware(file, keys)
     console = error_console()
     console.print(f"{path}: firmware {firmware.image.version}, {firmware.trust.value}")
@@ -120,21 +118,6 @@ def _flash(
         f"{report.before}."
     )
     write_json(json_target, plain(report) | {"before": str(report.before), "firmware": str(report.firmware)})
-
-
-def _public_key(path: Path) -> Ed25519PublicKey:
-    """Read a public key in PEM."""
-    from cryptography.exceptions import UnsupportedAlgorithm
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
-    from cryptography.hazmat.primitives.serialization import load_pem_public_key
-
-    try:
-        key = load_pem_public_key(path.read_bytes())
-    except (ValueError, UnsupportedAlgorithm) as error:
-        raise InputFileError(f"{path} is no public key in PEM: {error}") from error
-    if not isinstance(key, Ed25519PublicKey):
-        raise InputFileError(f"{path} is a public key of another kind; images are signed with Ed25519")
-    return key
 
 
 @contextmanager

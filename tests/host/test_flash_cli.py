@@ -121,8 +121,8 @@ def test_a_terminal_shows_a_bar(phasewire: Run, monkeypatch: pytest.MonkeyPatch)
         (("missing.dfu",), 2, "'missing.dfu' does not exist"),
         (("new.dfu", "--key", "key.pem"), 2, "the image is not signed, and 1 trusted key(s) were given"),
         (("signed.dfu", "--key", "stranger.pem"), 2, "signed with a key that is not trusted"),
-        (("signed.dfu", "--key", "other.pem"), 2, "other.pem is a public key of another kind"),
-        (("signed.dfu", "--key", "new.dfu"), 2, "new.dfu is no public key in PEM"),
+        (("signed.dfu", "--key", "other.pem"), 2, "other.pem holds a key of another kind"),
+        (("signed.dfu", "--key", "new.dfu"), 2, "new.dfu holds no public key in PEM"),
         (("new.dfu", "--device", "emulator:NOBODY"), 3, "no device at 'emulator:NOBODY'"),
         (("new.dfu", "--device", "serial:///dev/ttyACM0"), 3, "firmware goes over USB"),
         ((), 2, "Give one of IMAGE, --list and --revert"),
@@ -194,6 +194,17 @@ def test_ctrl_c_says_how_to_go_on(phasewire: Run, emulator: Emulator, monkeypatc
     assert emulator.running.info().firmware == FACTORY
     assert phasewire("new.dfu").code == 0
     assert running(emulator)[0] == NEW.version
+
+
+def test_a_device_goes_back_to_its_factory_image(phasewire: Run, emulator: Emulator) -> None:
+    assert phasewire("new.dfu").code == 0
+    outcome = phasewire("--revert", "--json", "-")
+    assert outcome.code == 0
+    record = json.loads(outcome.out)
+    assert record.pop("device").endswith(emulator.serial)
+    assert record == {"before": "2.3.4", "firmware": "0.1.0"}
+    assert "is back at its factory image, firmware 0.1.0; before it ran 2.3.4." in outcome.err
+    assert running(emulator) == (FACTORY, Bank.FACTORY)
 
 
 def test_devices_are_listed(phasewire: Run, emulator: Emulator) -> None:

@@ -23,7 +23,7 @@ from phasewire.errors import (
     ImageError,
     InputFileError,
 )
-from phasewire.host.flashing import ATTEMPTS, Stage, find_flashable, flash, read_firmware
+from phasewire.host.flashing import ATTEMPTS, Stage, find_flashable, flash, read_firmware, revert
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.codes import Bank, DfuStatus, Fault, Feature, ImageReason, State
 from phasewire.protocol.firmware import Suffix, Trust, build, parse, sign, split_suffix, with_suffix
@@ -574,6 +574,59 @@ def test_a_pulled_cable_leaves_a_device_that_boots(ms: float) -> None:
 @pytest.mark.parametrize("ms", MOMENTS)
 def test_a_cable_pulled_at_any_moment_leaves_a_device_that_boots(ms: float) -> None:
     upgrade_with_pulled_cable(ms)
+
+
+# Back to the factory image: clause REQ-014
+
+
+@pytest.mark.parametrize("upgrades", [0, 1, 2])
+def test_a_device_goes_back_to_its_factory_image(emulator: Emulator, upgrades: int) -> None:
+    images = [OLD, NEW][:upgrades]
+    for image in images:
+        flash(emulator.url, build(image))
+    report = revert(emulator.url)
+    assert report.before == (images[-1].version if images else FACTORY)
+    assert report.firmware == FACTORY
+    assert running(emulator) == (FACTORY, Bank.FACTORY)
+    assert booted(emulator) == FACTORY
+    assert flash(emulator.url, FILE).bank is Bank.A
+
+
+def test_a_device_in_dfu_mode_goes_back_too(emulator: Emulator) -> None:
+    flash(emulator.url, FILE)
+    Left(emulator).half_done()
+    assert revert(emulator.url).before == NEW.version
+    assert running(emulator) == (FACTORY, Bank.FACTORY)
+
+
+@pytest.mark.parametrize(
+    "fault", [faults.WriteProtectedFlash(), faults.StuckFlashBit(address=0x101000 + 200, bit=7, value=1)]
+)
+def test_a_device_that_could_not_go_back_is_an_error(emulator: Emulator, fault: InjectedFault) -> None:
+    """Clause FWU-022: it tells no success, but comes back with what ran."""
+    flash(emulator.url, FILE)
+    emulator.inject(fault)
+    with pytest.raises(DeviceError, match=r"could not go back to its factory image and runs 2\.3\.4 still"):
+        revert(emulator.url)
+    assert running(emulator) == (NEW.version, Bank.A)
+
+
+def test_a_device_that_cannot_go_back_by_itself_says_how_else(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flash(emulator.url, FILE)
+    saying(monkeypatch, features=Feature.DFU)
+    with pytest.raises(DeviceError, match="lacks the feature REVERT"):
+        revert(emulator.url)
+    assert running(emulator)[0] == NEW.version
+
+
+def test_a_device_that_does_not_come_back_from_it_is_given_up(emulator: Emulator) -> None:
+    flash(emulator.url, FILE)
+    emulator.inject(faults.PowerCutInWrite(written_bytes=20))
+    with pytest.raises(DeviceLostError, match="has not come back in run time mode within 10 s"):
+        revert(emulator.url)
+    assert booted(emulator) in (NEW.version, FACTORY)
 
 
 # What is there
