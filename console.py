@@ -1,8 +1,12 @@
-"""How commands speak: results on standard output, everything else on standard error, JSON on request."""
+"""How commands speak: results on standard output, everything else on standard error, JSON on request.
+
+And how a shell completes what is written to them.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +15,7 @@ from rich.console import Console
 
 from .storage import replacing
 
-__all__ = ["JsonOption", "console_for", "error_console", "write_json"]
+__all__ = ["JsonOption", "among", "console_for", "error_console", "write_json"]
 
 JsonOption = Annotated[
     str | None,
@@ -49,3 +53,13 @@ def write_json(target: str | None, record: dict[str, Any]) -> None:
         return
     with replacing(Path(target)) as part:
         part.write_text(text + "\n", encoding="utf-8")
+
+
+def among(names: Iterable[str]) -> Callable[[str], list[str]]:
+    """What a shell offers for an option that is one of these."""
+    known = tuple(names)
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in known if name.startswith(incomplete)]
+
+    return complete

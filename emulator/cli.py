@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 from rich.console import Console
 
-from ..console import console_for, error_console, write_json
+from ..console import among, console_for, error_console, write_json
 from ..pictures import check_picture_path, save_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.framing import BAUD
@@ -76,7 +76,7 @@ class Wishes:
     json_target: str | None
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire emulate --serial pty --seconds 60")
 def emulate(
     usbip: Annotated[
         bool, typer.Option("--usbip", help="Offer the devices by USB/IP; so it is too where no door is asked for.")
@@ -84,7 +84,9 @@ def emulate(
     serial: Annotated[
         str | None,
         typer.Option(
-            metavar="pty|tcp", help="Offer the UART of each device, as a pseudo-terminal or as a TCP port of its own."
+            metavar="pty|tcp",
+            help="Offer the UART of each device, as a pseudo-terminal or as a TCP port of its own.",
+            autocompletion=among((PTY, TCP)),
         ),
     ] = None,
     count: Annotated[int | None, typer.Option(min=1, max=MOST_DEVICES, help="How many devices; 1 by default.")] = None,
@@ -92,17 +94,22 @@ def emulate(
         list[str] | None,
         typer.Option("--serial-number", metavar="TEXT", help="Serial number; give one for each device, or none."),
     ] = None,
-    link: Annotated[str, typer.Option(help=f"Links of the chain: {' or '.join(LINKS)}.")] = FIVE_WIRE.name,
-    speed: Annotated[str, typer.Option(help=f"Speed of the USB bus: {' or '.join(SPEEDS)}.")] = "high",
+    link: Annotated[
+        str, typer.Option(help=f"Links of the chain: {' or '.join(LINKS)}.", autocompletion=among(LINKS))
+    ] = FIVE_WIRE.name,
+    speed: Annotated[
+        str, typer.Option(help=f"Speed of the USB bus: {' or '.join(SPEEDS)}.", autocompletion=among(SPEEDS))
+    ] = "high",
     pace: Annotated[
         str,
         typer.Option(
             help="What makes the devices' time pass: wall, the clock on the wall, or fast, what they are asked to do, "
-            "and that as fast as it can be computed, so that a slow host trips no watchdog."
+            "and that as fast as it can be computed, so that a slow host trips no watchdog.",
+            autocompletion=among(PACES),
         ),
     ] = Pace.WALL.value,
     seconds: Annotated[
-        float | None, typer.Option("--for", min=0, help="How long to serve, in s; until Ctrl-C by default.")
+        float | None, typer.Option(min=0, help="How long to serve, in s; until Ctrl-C by default.")
     ] = None,
     host: Annotated[
         str,

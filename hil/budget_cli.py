@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Column, Table
 
-from ..console import JsonOption, console_for, write_json
+from ..console import JsonOption, among, console_for, write_json
 from ..pictures import check_picture_path, save_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.chain import LOAD_BYTES
@@ -45,10 +45,13 @@ BLOCKS = {
 """What a full block of each kind stores: a number of items of a memory."""
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire budget --link 2wire --picture budget.png")
 def budget(
     link: Annotated[
-        str, typer.Option("--link", metavar="LINK", help=f"Links of the chain: {' or '.join(LINKS)}.")
+        str,
+        typer.Option(
+            "--link", metavar="LINK", help=f"Links of the chain: {' or '.join(LINKS)}.", autocompletion=among(LINKS)
+        ),
     ] = FIVE_WIRE.name,
     cycles_per_symbol: Annotated[
         int, typer.Option("--cycles-per-symbol", metavar="N", help="Core cycles from symbol to symbol, at least 2.")
@@ -63,8 +66,8 @@ def budget(
         int | None, typer.Option("--baud", metavar="N", help="Blocks come by a serial line of N baud instead of USB.")
     ] = None,
     json_target: JsonOption = None,
-    plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE", help="Also draw the time line: .png, .svg or .pdf.")
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="FILE", help="Also draw the time line: .png, .svg or .pdf.")
     ] = None,
 ) -> None:
     """Say how long an update takes from the host to the outputs, how many go through, and what holds them up.
@@ -72,9 +75,9 @@ def budget(
     Times are those of the hardware's documents where these give any, and estimates of firmware and switches where they
     do not; the emulator keeps the same times.
     """
-    if plot is not None:
-        check_picture_path(plot)
-    check_outputs([plot, json_target])
+    if picture is not None:
+        check_picture_path(picture)
+    check_outputs([picture, json_target])
     if link not in LINKS:
         raise ValueError(f"unknown link {link!r}; known are {', '.join(LINKS)}")
     if not 0 <= hop_ns <= LONGEST_HOP_NS:
@@ -87,9 +90,9 @@ def budget(
     _print_time_line(out, found)
     _print_rates(out, found)
     _print_threads(out, found)
-    if plot is not None:
-        save_figure(draw_budget(found), plot)
-        out.print(f"Drawn to {plot}.")
+    if picture is not None:
+        save_figure(draw_budget(found), picture)
+        out.print(f"Drawn to {picture}.")
     write_json(json_target, _record(found))
 
 

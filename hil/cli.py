@@ -33,7 +33,7 @@ commands.add_typer(decode_commands)
 commands.add_typer(vectors_commands)
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire demo --picture demo.svg --json demo.json")
 def demo(
     picture: Annotated[
         Path, typer.Option("--picture", metavar="FILE", help="Where to draw the result: .png, .svg or .pdf.")

@@ -17,7 +17,7 @@ from typing import Annotated, Any, BinaryIO, TextIO
 import typer
 from rich.console import Console
 
-from ..console import JsonOption, console_for
+from ..console import JsonOption, among, console_for
 from ..protocol.board import COLUMNS
 from ..protocol.describe import (
     Description,
@@ -43,7 +43,7 @@ commands = typer.Typer(rich_markup_mode=None)
 PLURALS = {"status": "statuses", "reply": "replies"}
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire decode traffic.pcapng --only-invalid")
 def decode(
     source: Annotated[str | None, typer.Argument(metavar="FILE", help="The recording; - is standard input.")] = None,
     hex_text: Annotated[
@@ -52,7 +52,10 @@ def decode(
     form: Annotated[
         str,
         typer.Option(
-            "--format", metavar="NAME", help=f"What is in the file: {', '.join(FORMATS)}; auto judges by its content."
+            "--format",
+            metavar="NAME",
+            help=f"What is in the file: {', '.join(FORMATS)}; auto judges by its content.",
+            autocompletion=among(("auto", *FORMATS)),
         ),
     ] = "auto",
     usb_address: Annotated[

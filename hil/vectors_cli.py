@@ -14,7 +14,7 @@ __all__ = ["commands"]
 commands = typer.Typer(rich_markup_mode=None)
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire vectors --output vectors.json")
 def vectors(
     output: Annotated[
         Path | None,

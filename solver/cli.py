@@ -17,7 +17,7 @@ from rich import box
 from rich.table import Column, Table
 from rich.text import Text
 
-from ..console import JsonOption, console_for, error_console, write_json
+from ..console import JsonOption, among, console_for, error_console, write_json
 from ..pictures import FORMATS
 from ..storage import check_outputs
 from .array import COLUMNS, PITCH, ROWS, TransducerArray
@@ -58,6 +58,12 @@ def read_source(source: str, spacing: float | None = None) -> ControlPoints:
     raise ValueError(
         f"{source!r} is neither a shape ({', '.join(sorted(SHAPES))}) nor a file of points ({', '.join(POINT_FILES)})"
     )
+
+
+def complete_source(incomplete: str) -> list[str]:
+    """What a shell offers for a source: shapes, and files of points that are here; it knows its way to others."""
+    files = sorted(path.name for path in Path().iterdir() if path.suffix.lower() in POINT_FILES)
+    return [name for name in (*SHAPES, *files) if name.startswith(incomplete)]
 
 
 def files_in(source: str) -> list[Path]:
@@ -105,6 +111,7 @@ def read_settings(settings: Sequence[str]) -> dict[str, Any]:
 
 @commands.command(
     name="solve",
+    epilog="Example: phasewire solve sphere:radius=0.04,palm=0.18 --output sphere.npz",
     help=f"""Find the drives that make a shape, and write them to a file.
 
 SOURCE is a shape or a file of control points.
@@ -129,7 +136,12 @@ scaled alike, each at full drive with its phase, or raised and cut off at full d
 )
 def solve_command(
     source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help=f"A shape, or a file of points: {', '.join(POINT_FILES)}.")
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help=f"A shape, or a file of points: {', '.join(POINT_FILES)}.",
+            autocompletion=complete_source,
+        ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The .npz file to write.")],
     spacing: Annotated[
@@ -139,7 +151,7 @@ def solve_command(
             f"{SPACING:g}, or as many points as the paper's Figure 6 has."
         ),
     ] = None,
-    method: Annotated[str, typer.Option(help="How to solve; see above.")] = "wgs",
+    method: Annotated[str, typer.Option(help="How to solve; see above.", autocompletion=among(METHODS))] = "wgs",
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="OPTION=VALUE", help="Set an option of the method; can be given several times."),
@@ -148,9 +160,15 @@ def solve_command(
     rows: Annotated[int, typer.Option(help="Transducers along y.")] = ROWS,
     pitch: Annotated[float, typer.Option(help="Distance between transducers, in m.")] = PITCH,
     transducer: Annotated[
-        str, typer.Option(help=f"Which transducer, by its published strength: {', '.join(TRANSDUCERS)}.")
+        str,
+        typer.Option(
+            help=f"Which transducer, by its published strength: {', '.join(TRANSDUCERS)}.",
+            autocompletion=among(TRANSDUCERS),
+        ),
     ] = "MA40S4S",
-    model: Annotated[str, typer.Option(help=f"Model of the transducer: {', '.join(MODELS)}.")] = "piston",
+    model: Annotated[
+        str, typer.Option(help=f"Model of the transducer: {', '.join(MODELS)}.", autocompletion=among(MODELS))
+    ] = "piston",
     temperature: Annotated[float, typer.Option(help="Of the air, in °C.")] = 20.0,
     humidity: Annotated[
         float | None, typer.Option(help="Of air that absorbs, in %; by default nothing is absorbed.")
@@ -234,14 +252,19 @@ def check_field_output(output: Path, plane: str, quantity: str) -> None:
         raise ValueError(f"{output}: --quantity chooses what a picture shows; a {suffix} file holds the pressure")
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire field sphere.npz --plane xz --output field.png")
 def field(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A solved file.")],
     output: Annotated[
         Path,
         typer.Option("--output", "-o", metavar="FILE", help="The .png, .svg, .pdf, .npz or .vti file to write."),
     ],
-    plane: Annotated[str, typer.Option(help="xy is horizontal, xz and yz stand on the array, box is a volume.")] = "xy",
+    plane: Annotated[
+        str,
+        typer.Option(
+            help="xy is horizontal, xz and yz stand on the array, box is a volume.", autocompletion=among(PLANES)
+        ),
+    ] = "xy",
     at: Annotated[
         float | None,
         typer.Option(
@@ -255,7 +278,9 @@ def field(
     step: Annotated[
         float | None, typer.Option(help="Distance between samples, in m; 1 mm by default, of a box 2 mm.")
     ] = None,
-    quantity: Annotated[str, typer.Option(help=f"What a picture shows: {', '.join(DRAWN)}.")] = DRAWN[0],
+    quantity: Annotated[
+        str, typer.Option(help=f"What a picture shows: {', '.join(DRAWN)}.", autocompletion=among(DRAWN))
+    ] = DRAWN[0],
     json_target: JsonOption = None,
 ) -> None:
     """Compute the field of a solved file over a plane or a box, as a picture or as numbers.
@@ -301,7 +326,7 @@ def field(
     )
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire focus sphere.npz")
 def focus(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A solved file.")],
     json_target: JsonOption = None,

@@ -74,7 +74,7 @@ def _verdict(holds: bool) -> str:
     return "reproduced" if holds else "NOT reproduced"
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire reproduce figure6 --oil --output oil.png")
 def figure6(
     output: OutputOption = Path("figure6.png"),
     oil: Annotated[bool, typer.Option("--oil", help="Draw oil pushed by the field instead of the field.")] = False,
@@ -126,7 +126,7 @@ def figure_6_claims(panels: list[Rendering]) -> list[str]:
     ]
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire reproduce figure7 --json figure7.json")
 def figure7(output: OutputOption = Path("figure7.png"), json_target: JsonOption = None) -> None:
     """Time of an update against the number of control points, from 1 to 512, by every technique.
 
@@ -167,7 +167,7 @@ def figure_7_claims(timings: list[Timing]) -> list[str]:
     ]
 
 
-@commands.command(name="range")
+@commands.command(name="range", epilog="Example: phasewire reproduce range --output range.pdf")
 def range_command(output: OutputOption = Path("range.png"), json_target: JsonOption = None) -> None:
     """Strength and sharpness from 5 to 60 cm above the array."""
     found = _compute("looking from 5 to 60 cm", output, json_target, reproduce_range)
@@ -202,7 +202,7 @@ def _mm(length: float | None) -> str:
     return "more than can be seen" if length is None else f"{length * 1e3:.1f} mm"
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire reproduce figure4 --output figure4.svg")
 def figure4(output: OutputOption = Path("figure4.png"), json_target: JsonOption = None) -> None:
     """Two-sided modulation of a square of 10 cm, beside on and off."""
     results = _compute(

@@ -50,7 +50,7 @@ def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
         if "--umockdev" in arguments and shutil.which("umockdev-wrapper") is None:
             continue
         if arguments[0] == "emulate":  # which would serve until Ctrl-C
-            arguments += ["--for", "0", "--port", "0"]
+            arguments += ["--seconds", "0", "--port", "0"]
         with pytest.raises(SystemExit) as exited:
             main(arguments)
         assert not exited.value.code, command

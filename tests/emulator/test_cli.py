@@ -145,7 +145,7 @@ def test_a_serial_line_carries_text_and_frames(kind: str, pace: str) -> None:
 
 def test_on_a_terminal_it_says_what_to_type_and_how_things_are_and_ends_in_time() -> None:
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "phasewire", "emulate", "--port", "0", "--for", "0.3"]
+    command = [sys.executable, "-m", "phasewire", "emulate", "--port", "0", "--seconds", "0.3"]
     with subprocess.Popen(command, stdout=theirs, stderr=theirs, close_fds=True) as process:
         os.close(theirs)
         said = b""
@@ -195,7 +195,7 @@ def test_a_port_that_is_taken_is_named(capsys: pytest.CaptureFixture[str]) -> No
 
 def test_listening_to_everybody_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as exited:
-        main(["emulate", "--host", "0.0.0.0", "--port", "0", "--for", "0"])
+        main(["emulate", "--host", "0.0.0.0", "--port", "0", "--seconds", "0"])
     captured = capsys.readouterr()
     assert exited.value.code == 0
     assert "warning: whoever reaches 0.0.0.0" in captured.err
@@ -234,7 +234,7 @@ def test_what_the_outputs_did_is_exported_at_the_end(tmp_path: Path) -> None:
 
 def test_a_flash_is_kept_from_one_time_to_the_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "flash.bin"
-    options = ["emulate", "--port", "0", "--for", "0", "--flash", str(path), "--json", "-"]
+    options = ["emulate", "--port", "0", "--seconds", "0", "--flash", str(path), "--json", "-"]
     assert run([*options, "--serial-number", "KEPT-1"]) == 0
     capsys.readouterr()
     assert run(options) == 0
@@ -260,7 +260,7 @@ def test_a_scenario_breaks_what_it_names(tmp_path: Path, capsys: pytest.CaptureF
             assert (status.faults, status.state, status.temperature_c) == (Fault.TEMPERATURE, State.FAULT, 90)
         assert served.end(signal.SIGTERM)[0] == 0
     path.write_text('[[fault]]\nname = "cold-board"\n')
-    assert run(["emulate", "--for", "0", "--scenario", str(path)]) == 2
+    assert run(["emulate", "--seconds", "0", "--scenario", str(path)]) == 2
     assert "scenario.toml, fault 1: unknown name 'cold-board'; known are" in " ".join(capsys.readouterr().err.split())
 
 

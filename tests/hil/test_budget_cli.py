@@ -91,7 +91,7 @@ def test_the_record(budget: Run, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("name", "begin"), [("b.png", b"\x89PNG"), ("b.svg", b"<?xml")])
 def test_the_picture(budget: Run, tmp_path: Path, name: str, begin: bytes) -> None:
-    assert budget("--plot", name).code == 0
+    assert budget("--picture", name).code == 0
     assert (tmp_path / name).read_bytes().startswith(begin)
 
 
@@ -104,9 +104,9 @@ def test_the_picture(budget: Run, tmp_path: Path, name: str, begin: bytes) -> No
         (("--hop-ns", "-1"), "0 to 1000000"),
         (("--hop-ns", "nan"), "0 to 1000000"),
         (("--baud", "0"), "a serial line of 0 baud"),
-        (("--plot", "b.txt"), "a picture's name ends in"),
-        (("--plot", "nowhere/b.png"), "no folder nowhere"),
-        (("--plot", "b.png", "--json", "b.png"), "to be written twice"),
+        (("--picture", "b.txt"), "a picture's name ends in"),
+        (("--picture", "nowhere/b.png"), "no folder nowhere"),
+        (("--picture", "b.png", "--json", "b.png"), "to be written twice"),
     ],
 )
 def test_it_says_no(budget: Run, tmp_path: Path, options: tuple[str, ...], complaint: str) -> None:
