@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .calibration import Calibration
+from .completion import device_urls
 from .transport import URL_VARIABLE
 
 __all__ = ["CalibrationOption", "DeviceOption", "load_calibration"]
@@ -20,6 +21,7 @@ DeviceOption = Annotated[
         envvar=URL_VARIABLE,
         help="emulator: (a fresh emulated device), usb: (the only one plugged in), usb:SERIAL, serial:///dev/ttyACM0, "
         "socket://HOST:PORT or rfc2217://HOST:PORT; `phasewire devices` lists what is there.",
+        autocompletion=device_urls,
     ),
 ]
 
