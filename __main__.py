@@ -21,6 +21,7 @@ from .errors import DeviceError, DeviceNotFoundError, PhasewireError
 from .hil.cli import commands as hil_commands
 from .host.cli import commands as host_commands
 from .host.flash_cli import commands as flash_commands
+from .host.playing_cli import commands as playing_commands
 from .host.tracing import print_traffic
 from .settings import commands as settings_commands
 from .settings import defaults_from_file, each_command
@@ -60,6 +61,7 @@ for commands in (
     hil_commands,
     solver_commands,
     host_commands,
+    playing_commands,
     flash_commands,
     emulator_commands,
     settings_commands,

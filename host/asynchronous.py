@@ -33,7 +33,7 @@ def _awaited(method: Callable[Concatenate[Device, P], R]) -> Callable[Concatenat
     """A method of `Device`, on a thread."""
 
     @wraps(method)
-    async def call(self: AsyncDevice, *arguments: P.args, **options: P.kwargs) -> R:
+    async def call(self: AsyncDevice, /, *arguments: P.args, **options: P.kwargs) -> R:
         return await asyncio.to_thread(partial(method, self.device, *arguments, **options))
 
     return call

@@ -1,4 +1,4 @@
-"""Commands that ask a device or tell it one thing: ``show``, ``stop``, ``info``, ``read-back``, ``identify``…"""
+"""Commands that ask a device one thing or tell it one: ``show``, ``stop``, ``info`` and their like."""
 
 from __future__ import annotations
 

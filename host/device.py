@@ -94,7 +94,9 @@ class Device:
         self._observe = observe
         self._session = Session(transport)
         self._enabled = False
-        self._forget()
+        self._next_entry = self._next_sample = 0
+        self._watchdog: float | None = None
+        self._envelope: tuple[bytes, int] | None = None
         if calibration is not None and len(calibration) != self.info.channels:
             raise ValueError(
                 f"the calibration is for {len(calibration)} transducers, the device has {self.info.channels}"
@@ -421,8 +423,7 @@ class Device:
     def _forget(self) -> None:
         """What the device has been told to keep: nothing, as after it was restarted."""
         self._next_entry = self._next_sample = 0
-        self._watchdog: float | None = None
-        self._envelope: tuple[bytes, int] | None = None
+        self._watchdog = self._envelope = None
 
     def _restore(self) -> None:
         """Make a device that has restarted go on as it was: watchdog, modulation, outputs enabled; not its slots."""

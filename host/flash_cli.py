@@ -14,8 +14,8 @@ from rich.table import Table
 from ..console import JsonOption, console_for, error_console, write_json
 from ..protocol.plain import plain
 from ..storage import check_outputs
-from .cli import DeviceOption
 from .keys import read_public_keys
+from .options import DeviceOption
 from .transport import DEFAULT_URL
 
 if TYPE_CHECKING:

@@ -19,7 +19,17 @@ from ..protocol.quantise import PulseFrames, check_pulses, quantise
 from ..solver import ControlPoints, Solution, Solver
 from .calibration import Calibration
 
-__all__ = ["Frame", "FrameSource", "Frames", "PulseFrames", "StoredFrames", "frame_source", "solved", "to_pulses"]
+__all__ = [
+    "Frame",
+    "FrameSource",
+    "Frames",
+    "PulseFrames",
+    "StoredFrames",
+    "beginning",
+    "frame_source",
+    "solved",
+    "to_pulses",
+]
 
 NUMBERS = "iufc"  # kinds of types that drives may have
 
@@ -209,3 +219,31 @@ def _checked(pulses: PulseFrames, start: int, stop: int) -> PulseFrames:
 def _check_table(name: str, values: NDArray[Any], channels: int) -> None:
     if values.ndim != 2 or values.shape[1] != channels:
         raise ValueError(f"{name} of frames must have the shape (k, {channels}), not {values.shape}")
+
+
+def beginning(frames: Frames, count: int) -> Frames:
+    """The first frames of a source, at most so many."""
+    if isinstance(frames, PulseFrames):
+        return PulseFrames(frames.phase[:count], frames.width[:count])
+    if isinstance(frames, StoredFrames):
+        return _Beginning(frames, count)
+    if isinstance(frames, np.ndarray):
+        return frames[:count]
+    return islice(frames, count)
+
+
+class _Beginning:
+    """The first of stored frames."""
+
+    def __init__(self, frames: StoredFrames, count: int) -> None:
+        self._frames, self._count = frames, count
+
+    @property
+    def channels(self) -> int:
+        return self._frames.channels
+
+    def __len__(self) -> int:
+        return min(len(self._frames), self._count)
+
+    def read(self, start: int, stop: int) -> PulseFrames:
+        return self._frames.read(start, min(stop, len(self)))

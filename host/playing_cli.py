@@ -7,7 +7,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 from typing import Annotated
 
@@ -27,7 +27,7 @@ from ..solver.options import METHODS
 from ..storage import check_outputs
 from .device import Device, open_device
 from .envelopes import sine
-from .frames import Frames, solved
+from .frames import Frames, beginning, solved
 from .options import CalibrationOption, DeviceOption, load_calibration
 from .recording import SUFFIX, Recording, record
 from .streaming import LOOK_AHEAD_SECONDS, StreamReport
@@ -170,7 +170,7 @@ def stream(
                 opened.modulate(*sine(modulation))
             try:
                 report = opened.stream(
-                    frames if seconds is None else _first(frames, round(seconds * pace)),
+                    frames if seconds is None else beginning(frames, round(seconds * pace)),
                     pace,
                     look_ahead=look_ahead,
                     reconnect=reconnect,
@@ -264,14 +264,9 @@ def record_command(
     corrected = load_calibration(calibration)
     with _frames(source, None, rate, spin, method) as (frames, pace):
         total = round(seconds * pace)
-        written = record(output, _first(frames, total), pace, calibration=corrected, source=source)
+        written = record(output, beginning(frames, total), pace, calibration=corrected, source=source)
     console_for(json_target).print(f"{output}: {written} frames at {pace:g}/s.")
     write_json(json_target, {"output": str(output), "frames": written, "rate": pace})
-
-
-def _first(frames: Frames, count: int) -> Frames:
-    """At most so many frames."""
-    return frames[:count] if isinstance(frames, Recording) else islice(frames, count)
 
 
 @contextmanager

@@ -179,7 +179,7 @@ class UsbTransport:
                 usb.util.dispose_resources(device)
                 raise
 
-    def window(self, free: int | None, records: int) -> int:  # noqa: ARG002  # NAK, not credit, holds the rest back
+    def window(self, free: int | None, records: int) -> int:  # NAK, not credit, holds the rest back
         """As many as the device can acknowledge (clause ACK-007)."""
         return records
 
