@@ -58,6 +58,9 @@ Frames: TypeAlias = NDArray[Any] | PulseFrames | StoredFrames | Iterable[Frame]
 class FrameSource(Protocol):
     """Frames in turn, as pulses."""
 
+    ready: bool
+    """Whether they are there already; otherwise each is made when it is taken, and better late than early."""
+
     def take(self, most: int) -> PulseFrames:
         """The next frames, at most so many; none where there are no more.
 
@@ -156,6 +159,8 @@ def frame_source(source: Frames, calibration: Calibration | None, channels: int)
 class _Counted:
     """Frames that are there already; `read` makes pulses of those from one number to before another."""
 
+    ready = True
+
     def __init__(self, frames: int, read: Callable[[int, int], PulseFrames]) -> None:
         self._frames, self._read = frames, read
         self._next = 0
@@ -167,6 +172,8 @@ class _Counted:
 
 class _OneByOne:
     """Frames that are made as they are asked for."""
+
+    ready = False
 
     def __init__(self, frames: Iterator[Frame], calibration: Calibration | None, channels: int) -> None:
         self._frames = enumerate(frames)

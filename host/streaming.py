@@ -1,16 +1,19 @@
 """Frames to a device at a rate, each in its own carrier period.
 
 Frame k is due at period start + ⌊k · 40 000 / rate⌋ of the device's clock, and is sent a little earlier: the *look-
-ahead*. What the device's queue cannot hold yet waits in the transfer, held back by NAK or by credit. A frame that could
-not be sent in time is an *underrun*: the rest of the stream is moved to a later start, so that frames keep their
-distance and their order.
+ahead*. Frames that are there already go many in a transfer, as soon as half of the look-ahead is used up; those of a
+live source go one by one. What the device's queue cannot hold yet waits in the transfer, held back by NAK or by credit,
+but not for long. Where source or host come too late for a frame, that is an *underrun*: the rest of the stream is moved
+to a later start, so that frames keep their distance and their order.
 """
 
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from math import ceil, floor
 
 import numpy as np
@@ -34,6 +37,8 @@ LEAST_LEAD_PERIODS = 6
 FIRST_READINGS = 8
 READING_SECONDS = 0.25
 PROGRESS_SECONDS = 0.1
+COUNTS = ("sent", "accepted", "late", "damaged", "refused", "unanswered", "underruns", "moved_periods", "reconnects")
+NEVER = 2**63
 DAMAGED = [int(reason) for reason in DAMAGE]
 TURN_PERIODS = 200
 """5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
@@ -120,11 +125,6 @@ class Stream:
         Seconds before its period at which a frame is sent at the earliest.
     restore : callable, optional
         Makes a device that was lost and came back what it was before; without it, the stream ends there.
-
-    Attributes
-    ----------
-    report : StreamReport
-        As it stands.
     """
 
     def __init__(
@@ -147,33 +147,55 @@ class Stream:
         self._spacing = CARRIER_HZ / rate
         self._look_ahead = max(ceil(look_ahead * CARRIER_HZ), LEAST_LEAD_PERIODS)
         self._horizon = min(self._look_ahead, session.info.queue_blocks * self._spacing + TURN_PERIODS)
+        self._refill = self._horizon / 2 if source.ready else self._horizon
         self._next = 0
         self._start = 0.0
         self._read_at = 0.0
         self._accepted_before = -1  # the device was lost last; where nothing was since, coming back does not help
-        self.report = StreamReport(rate)
+        self._rate = rate
+        self._clock = DeviceClock()
+        self._counts = Counter[str]()
+        self._first = self._last = 0
+        self._least = NEVER
+
+    @property
+    def report(self) -> StreamReport:
+        """As it stands."""
+        return StreamReport(
+            self._rate,
+            **{name: self._counts[name] for name in COUNTS},
+            first_period=self._first,
+            last_period=self._last,
+            least_lead_periods=None if self._least == NEVER else self._least,
+            drift_ppm=self._clock.drift_ppm,
+            uncertainty=self._clock.uncertainty,
+        )
 
     def run(self, on_progress: Callable[[StreamReport], None] | None = None) -> StreamReport:
         """Play all frames, and wait until the last has had its time."""
-        self._told = time.monotonic()
+        told = time.monotonic()
         self._pause = self._session.status().watchdog_ms / 3000
         self._find_clock()
-        while (frames := self._take()) is not None:
-            try:
-                self._send(frames)
-            except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):
-                if self._restore is None or self.report.accepted == self._accepted_before:
-                    raise
-                self._accepted_before = self.report.accepted
-                self._session.reopen()
-                self._restore()
-                self._count(reconnects=1)
-                self._find_clock()
-            if on_progress is not None and time.monotonic() - self._told >= PROGRESS_SECONDS:
-                self._told = time.monotonic()
+        while len((frames := self._source.take(self._wait_for_turn())).phase):
+            self._come_back_if_lost(partial(self._send, frames))
+            if on_progress is not None and time.monotonic() - told >= PROGRESS_SECONDS:
+                told = time.monotonic()
                 on_progress(self.report)
-        self._wait_until(self._due(self._next))
+        self._come_back_if_lost(lambda: self._wait_until(self._due(self._next)))
         return self.report
+
+    def _come_back_if_lost(self, step: Callable[[], None]) -> None:
+        """Take a step; where the device is lost in it, wait until it is back, and be ready for the next frame."""
+        try:
+            step()
+        except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):
+            if self._restore is None or self._counts["accepted"] == self._accepted_before:
+                raise
+            self._accepted_before = self._counts["accepted"]
+            self._session.reopen()
+            self._restore()
+            self._counts["reconnects"] += 1
+            self._find_clock()
 
     # The device's time
 
@@ -192,7 +214,6 @@ class Stream:
             after = keeper.monotonic()
         self._clock.add(Reading(before, after, reading.now))
         self._read_at = after
-        self.report = replace(self.report, drift_ppm=self._clock.drift_ppm, uncertainty=self._clock.uncertainty)
 
     def _now(self) -> float:
         """Carrier period of the device, with its fraction."""
@@ -216,31 +237,32 @@ class Stream:
 
     # Frames
 
-    def _take(self) -> PulseFrames | None:
-        """Wait until frames are due, and take them; None where there are no more."""
-        now = self._now()
-        if self._due(self._next) - now > self._horizon:
-            self._wait_until(self._due(self._next) - self._horizon)
-            now = self._now()
-        due = floor((now + self._horizon - self._start) / self._spacing) + 1 - self._next
-        frames = self._source.take(min(max(due, 1), MOST_BLOCKS))
-        return frames if len(frames.phase) else None
+    def _wait_for_turn(self) -> int:
+        """Wait until the next frame is to be sent; how many may go with it."""
+        self._come_back_if_lost(lambda: self._wait_until(self._due(self._next) - self._refill))
+        self._keep_up()
+        due = floor((self._now() + self._horizon - self._start) / self._spacing) + 1 - self._next
+        return min(max(due, 1), MOST_BLOCKS)
+
+    def _keep_up(self) -> None:
+        """Where it is too late for the next frame, move it and all that follow."""
+        late_for, now = self._due(self._next), self._now()
+        if late_for - now < LEAST_LEAD_PERIODS:
+            self._begin_at(ceil(now) + self._look_ahead)
+            self._counts["underruns"] += 1
+            self._counts["moved_periods"] += self._due(self._next) - late_for
 
     def _send(self, frames: PulseFrames) -> None:
         """Send frames, and count what became of them."""
         count = len(frames.phase)
         with self._session.lock:
-            lead = self._due(self._next) - self._now()
-            if lead < LEAST_LEAD_PERIODS:
-                was = self._due(self._next)
-                self._begin_at(ceil(self._now()) + self._look_ahead)
-                moved = self._due(self._next) - was
-                self._count(underruns=1, moved_periods=moved)
+            self._keep_up()  # the source may have taken its time
             periods = np.floor(self._start + np.arange(self._next, self._next + count) * self._spacing)
             number, restart = self._session.upcoming
             blocks = pack_updates(frames.phase, frames.width, number, periods.astype(np.uint64), restart=restart)
             self._next += count
-            self._count(sent=count, unanswered=count)
+            self._counts["sent"] += count
+            self._counts["unanswered"] += count
             answers = Answers.none(count)
             try:
                 self._session.transfer(blocks, answers)
@@ -251,27 +273,25 @@ class Stream:
             self._read_clock()
 
     def _account(self, acks: NDArray[np.void]) -> None:
-        self._count(unanswered=-len(acks))
+        if not len(acks):
+            return
+        count = self._counts
+        count["unanswered"] -= len(acks)
         accepted = acks[acks["reason"] == Reason.ACCEPTED]
         if len(accepted):
-            leads = accepted["commit_period"].astype(np.int64) - (accepted["now"] // TICKS_PER_PERIOD).astype(np.int64)
-            least = int(leads.min())
-            known = self.report.least_lead_periods
-            self.report = replace(
-                self.report,
-                first_period=self.report.first_period or int(accepted["commit_period"][0]),
-                last_period=int(accepted["commit_period"][-1]),
-                least_lead_periods=least if known is None else min(least, known),
-            )
-        late = int(np.count_nonzero(accepted["flags"] & AckFlag.LATE))
-        damaged = int(np.isin(acks["reason"], DAMAGED).sum())
-        self._count(accepted=len(accepted), late=late, damaged=damaged, refused=len(acks) - len(accepted) - damaged)
+            begins = accepted["commit_period"]
+            count["accepted"] += len(accepted)
+            count["late"] += int(np.count_nonzero(accepted["flags"] & AckFlag.LATE))
+            self._first = self._first or int(begins[0])
+            self._last = int(begins[-1])
+            self._least = min(self._least, int((begins - accepted["now"] // TICKS_PER_PERIOD).min()))
+        if refused := len(acks) - len(accepted):
+            damaged = int(np.isin(acks["reason"], DAMAGED).sum())
+            count["damaged"] += damaged
+            count["refused"] += refused - damaged
 
     def _check(self, acks: NDArray[np.void]) -> None:
         """Raise `DeviceRefusedError` for the first frame that was refused for what it is."""
-        refused = acks[~np.isin(acks["reason"], [Reason.ACCEPTED, *DAMAGED])]
-        if len(refused):
-            self._session.check(as_ack(refused[0]))
-
-    def _count(self, **more: int) -> None:
-        self.report = replace(self.report, **{name: getattr(self.report, name) + by for name, by in more.items()})
+        for row in acks[acks["reason"] != Reason.ACCEPTED]:
+            if int(row["reason"]) not in DAMAGED:
+                self._session.check(as_ack(row))
