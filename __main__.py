@@ -20,6 +20,7 @@ from .emulator.cli import commands as emulator_commands
 from .errors import DeviceError, DeviceNotFoundError, PhasewireError
 from .hil.cli import commands as hil_commands
 from .host.cli import commands as host_commands
+from .host.firmware_cli import commands as firmware_commands
 from .host.flash_cli import commands as flash_commands
 from .host.playing_cli import commands as playing_commands
 from .host.tracing import print_traffic
@@ -67,6 +68,7 @@ for commands in (
     settings_commands,
 ):
     app.add_typer(commands)
+app.add_typer(firmware_commands, name="firmware")
 
 
 def _print_version(wanted: bool) -> None:

@@ -198,7 +198,7 @@ class Image:
     def __post_init__(self) -> None:
         """Check what the layout cannot hold."""
         if not self.version.valid:
-            raise ValueError(f"firmware version {self.version} is not between 0.0.0 and 99.9.9")
+            raise ValueError(f"firmware version {self.version}: the first number is 0 to 99, the others 0 to 9")
         if not 0 < self.protocol <= 0xFF:
             raise ValueError(f"protocol version {self.protocol} is not between 1 and 255")
         if self.hardware not in set(Hardware):

@@ -33,6 +33,7 @@ COMMANDS = (
     "stop",
     "info",
     "flash",
+    "firmware",
     "emulate",
     "config",
 )
