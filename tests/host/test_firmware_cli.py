@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -248,6 +249,21 @@ def test_it_is_a_command_of_the_program(folder: Path) -> None:
     )
     assert (ended.returncode, ended.stderr) == (1, "")
     assert "UNKNOWN_KEY" in ended.stdout
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
+def test_the_commands_of_the_document_run(tmp_path: Path) -> None:
+    document = (Path(__file__).parents[2] / "docs" / "firmware.md").read_text(encoding="utf-8")
+    script = "\n".join(re.findall(r"^```sh\n(.*?)^```", document, re.MULTILINE | re.DOTALL))
+    ended = subprocess.run(
+        ["bash", "-euc", f'phasewire() {{ "{sys.executable}" -m phasewire "$@"; }}\n{script}'],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    assert ended.stdout.splitlines()[-1].startswith("signed.dfu: SIGNED: ")
 
 
 # What is refused
