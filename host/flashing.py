@@ -57,10 +57,17 @@ BACK_SECONDS = 10.0
 LEAVE_SECONDS = 1.0
 """How long a device may stay on the bus that was told to restart."""
 LOOK_SECONDS = 0.01
+MARK_SECONDS = 0.02
+"""In which firmware that has come up has written so into its flash: that is a page, 3 ms at most (clause DFU-008)."""
 
 STILL_WHOLE = "It boots its old firmware, or the new one if that was whole; flash it again then"
 
-WORTH_ANOTHER = (DeviceLostError, DeviceTimeoutError, DeviceStalledError)
+
+class _NotStartedError(DeviceError):
+    """Something else runs than was sent: the flash is bad, or power failed in the first moments of a new image."""
+
+
+WORTH_ANOTHER = (DeviceLostError, DeviceTimeoutError, DeviceStalledError, _NotStartedError)
 ANY = 0xFFFF
 
 
@@ -219,7 +226,8 @@ def flash(
             return FlashReport(back.name, before, firmware.image.version, bank, firmware.trust, written, attempt)
         except WORTH_ANOTHER as error:
             if attempt == ATTEMPTS:
-                raise type(error)(f"{error} (tried {ATTEMPTS} times). {STILL_WHOLE}") from error
+                error.args = (f"{error} (tried {ATTEMPTS} times). {STILL_WHOLE}",)
+                raise
         attempt += 1
         seen.time.sleep(PAUSE_SECONDS)
         try:
@@ -292,18 +300,24 @@ def _confirm(bus: UsbBus, seen: Sighting, version: Version) -> Bank:
     Being asked, the firmware learns that it came up, and stays (clause FWU-020). One that did not come up everywhere
     has not come up at all: it is restarted, and the loader goes back to what ran before.
     """
-    info, reports = _info(seen), _reports(seen)
-    others = [place for place, report in enumerate(reports) if report.firmware != version]
-    if info.firmware == version and not others and (bank := reports[0].bank) is not None:
-        return bank
+    info = _info(seen)
+    seen.time.sleep(MARK_SECONDS)
+    reports = _reports(seen)
     if info.firmware != version:
-        what = f"starts firmware {Version(*info.firmware)} rather than {version}"
-    else:
-        what = f"does not run firmware {version} on processor(s) {', '.join(map(str, others))}"
+        raise _NotStartedError(
+            f"{seen.name} runs firmware {Version(*info.firmware)} rather than {version}; `phasewire info` says which "
+            "faults it has"
+        )
+    others = [place for place, report in enumerate(reports) if report.firmware != version]
+    if not others and (bank := reports[0].bank) is not None:
+        return bank
     _restart(seen, Request.RESET)
     again = bus.find_again(seen, (RUN_TIME,), BACK_SECONDS)
     now = Version(*_info(again).firmware)
-    raise DeviceError(f"{seen.name} {what}; it was restarted and runs {now}. `phasewire info` says which faults it has")
+    raise DeviceError(
+        f"{seen.name} did not get firmware {version} on processor(s) {', '.join(map(str, others))}; it was restarted "
+        f"and runs {now}. `phasewire info` says which faults it has"
+    )
 
 
 def revert(url: str) -> RevertReport:

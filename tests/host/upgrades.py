@@ -30,8 +30,9 @@ def made(major: int, size: int = 9000, protocol: int = 1) -> Image:
 OLD, NEW, NEWER = made(1), made(2), made(3)
 STORED, FILE = NEW.encode(), build(NEW)
 BLOCKS = -(-len(STORED) // BLOCK)
-WRITTEN = SECTOR + -(-len(STORED) // SECTOR) * SECTOR + len(STORED) + 48
-"""Bytes that an upgrade erases and programs: a sector for the record and those of the image, the image, the record."""
+WRITTEN = SECTOR + -(-len(STORED) // SECTOR) * SECTOR + len(STORED) + 48 + 4 + 4
+"""Bytes that an upgrade erases and programs: a sector for the record and those of the image, the image, the record, and
+the marks that it was started and came up."""
 
 
 def trusting(key: Ed25519PrivateKey) -> Flash:
