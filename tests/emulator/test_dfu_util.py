@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire import Emulator
+from phasewire.__main__ import main
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE, next_image
 from phasewire.protocol import firmware
 from phasewire.protocol.codes import Target
@@ -24,6 +25,18 @@ def made(minor: int) -> Image:
     return Image(Version(3, minor, 0), (Segment(Target.ALL_PROCESSORS, body), Segment(Target.CONTROLLER, body[:72])))
 
 
+def built(folder: Path) -> Image:
+    """The same by the command line, as new.dfu."""
+    image = made(1)
+    for target, data in image.segments:
+        (folder / target.name).write_bytes(data)
+    programs = ("--processors", str(folder / "ALL_PROCESSORS"), "--controller", str(folder / "CONTROLLER"))
+    with pytest.raises(SystemExit) as exited:
+        main(["firmware", "build", *programs, "--firmware-version", "3.1.0", "-o", str(folder / "new.dfu")])
+    assert not exited.value.code
+    return image
+
+
 @pytest.fixture
 def run(tmp_path: Path) -> Runner:
     return Runner(tmp_path)
@@ -36,11 +49,13 @@ FOUND = re.compile(r"Found (\w+): \[1209:000[12]\] ver=(\d+)")
 @pytest.mark.slow
 def test_an_image_is_downloaded_and_read_back(run: Runner, tmp_path: Path) -> None:
     """What is uploaded is what would boot next: the image as it is stored, without the suffix."""
-    emulator, new = Emulator(), made(1)
-    (tmp_path / "new.dfu").write_bytes(firmware.build(new))
+    emulator, new = Emulator(), built(tmp_path)
     script = f"""
         set -e
         cd {tmp_path}
+        dfu-util --list
+        {DFU_UTIL} --detach
+        sleep 1
         dfu-util --list
         {DFU_UTIL} --download new.dfu
         dfu-util --list
@@ -51,7 +66,7 @@ def test_an_image_is_downloaded_and_read_back(run: Runner, tmp_path: Path) -> No
     code, out, err = run("sh", "-c", script, machines=[emulator])
     assert code == 0, err
     assert "DFU state(2) = dfuIDLE, status(0) = No error condition is present\nDone!" in out
-    assert FOUND.findall(out) == [("Runtime", "0010"), ("DFU", "0010"), ("Runtime", "0310")]
+    assert FOUND.findall(out) == [("Runtime", "0010"), ("DFU", "0010"), ("DFU", "0010"), ("Runtime", "0310")]
     assert (tmp_path / "read.bin").read_bytes() == new.encode()
     assert emulator.running.info().firmware == (3, 1, 0)
 

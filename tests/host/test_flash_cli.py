@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
+import shutil
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -38,6 +41,7 @@ class Outcome(NamedTuple):
 
 
 Run = Callable[..., Outcome]
+GUIDE = (Path(__file__).parents[2] / "docs" / "flashing.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -205,6 +209,29 @@ def test_a_device_goes_back_to_its_factory_image(phasewire: Run, emulator: Emula
     assert record == {"before": "2.3.4", "firmware": "0.1.0"}
     assert "is back at its factory image, firmware 0.1.0; before it ran 2.3.4." in outcome.err
     assert running(emulator) == (FACTORY, Bank.FACTORY)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="not installed: openssl")
+def test_the_commands_of_the_guide_run(phasewire: Run, emulator: Emulator) -> None:
+    (guide,) = re.findall(r"```sh\n(.*?)```", GUIDE, re.DOTALL)
+    for name in ("processor.bin", "controller.bin"):
+        Path(name).write_bytes(name.encode())
+    for line in guide.splitlines():
+        command, *arguments = shlex.split(line, comments=True)
+        if command == "openssl":
+            subprocess.run([command, *arguments], check=True, timeout=30, capture_output=True)
+            continue
+        with pytest.raises(SystemExit) as exited:
+            main(arguments)
+        assert not exited.value.code, line
+        if arguments[:2] == ["flash", "signed.dfu"]:
+            assert running(emulator) == ((1, 2, 3), Bank.A)
+    assert running(emulator) == (FACTORY, Bank.FACTORY)
+
+
+def test_the_python_of_the_guide_runs() -> None:
+    (example,) = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
+    exec(compile(example, "flashing.md", "exec"), {})
 
 
 def test_devices_are_listed(phasewire: Run, emulator: Emulator) -> None:
