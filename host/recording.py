@@ -92,7 +92,10 @@ def record(
     pulses = frame_source(frames, calibration, len(array))
     written = 0
     with replacing(path) as part, h5py.File(part, "w", libver=HDF5_VERSION) as file:
-        file.attrs.update(CLOCK, format=FORMAT, rate_hz=float(rate), source=source, made_by=_maker())
+        for name, text in (("format", FORMAT), ("source", source), ("made_by", f"phasewire {version('phasewire')}")):
+            octets = text.encode()  # of fixed length, as others would stand where no checksum reaches
+            file.attrs.create(name, octets, dtype=h5py.string_dtype("utf-8", max(len(octets), 1)))
+        file.attrs.update(CLOCK, rate_hz=float(rate))
         _write_table(file, "positions", array.positions)
         _write_table(file, "normals", array.normals)
         file.create_group("medium").attrs.update(asdict(medium))
@@ -107,10 +110,6 @@ def record(
                 dataset[written:] = values
             written = end
     return written
-
-
-def _maker() -> str:
-    return f"phasewire {version('phasewire')}"
 
 
 def _at_once(most: int | None, taken: int) -> int:
@@ -156,7 +155,7 @@ class Recording:
 
     def __init__(self, path: Path, file: Any) -> None:
         self._path, self._file = path, file
-        if str(file.attrs.get("format")) != FORMAT:
+        if file.attrs.get("format") != FORMAT.encode():
             raise InputFileError(f"{path} is not a recording; `phasewire record` makes one")
         for name, own in CLOCK.items():
             if file.attrs[name] != own:
@@ -164,7 +163,7 @@ class Recording:
         self.rate = float(file.attrs["rate_hz"])
         if not 0 < self.rate < np.inf:
             raise ValueError(f"its rate is {self.rate:g} frames/s")
-        self.source, self.made_by = str(file.attrs["source"]), str(file.attrs["made_by"])
+        self.source, self.made_by = (file.attrs[name].decode() for name in ("source", "made_by"))
         self._rows = [file[name] for name in PulseFrames._fields]
         self._frames, self.channels = shape = self._rows[0].shape
         if any(rows.shape != shape or rows.dtype != np.uint8 for rows in self._rows) or self._frames > MOST_FRAMES:
