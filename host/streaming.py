@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from ..errors import DeviceLostError, DeviceStalledError, DeviceTimeoutError
 from ..protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
-from ..protocol.codes import AckFlag, Reason, Request
-from ..protocol.replies import ClockReading
+from ..protocol.codes import AckFlag, Fault, Reason
 from ..protocol.updates import pack_updates
 from .clock import DeviceClock, Reading
 from .frames import FrameSource, PulseFrames
@@ -37,8 +36,20 @@ LEAST_LEAD_PERIODS = 6
 FIRST_READINGS = 8
 READING_SECONDS = 0.25
 PROGRESS_SECONDS = 0.1
-COUNTS = ("sent", "accepted", "late", "damaged", "refused", "unanswered", "underruns", "moved_periods", "reconnects")
+COUNTS = (
+    "sent",
+    "accepted",
+    "late",
+    "damaged",
+    "refused",
+    "unanswered",
+    "underruns",
+    "moved_periods",
+    "reconnects",
+    "missed_commits",
+)
 NEVER = 2**63
+NO_FAULTS = Fault(0)
 DAMAGED = [int(reason) for reason in DAMAGE]
 TURN_PERIODS = 200
 """5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
@@ -72,6 +83,10 @@ class StreamReport:
         By how many carrier periods in all.
     reconnects : int
         How often the device was lost and came back.
+    missed_commits : int
+        How often a processor played on the frame before because this one had not reached it, in all.
+    faults : Fault
+        All that the device has reported meanwhile.
     first_period, last_period : int
         When the first and the last accepted frame began, by the device's clock; 0 before.
     least_lead_periods : int or None
@@ -92,6 +107,8 @@ class StreamReport:
     underruns: int = 0
     moved_periods: int = 0
     reconnects: int = 0
+    missed_commits: int = 0
+    faults: Fault = NO_FAULTS
     first_period: int = 0
     last_period: int = 0
     least_lead_periods: int | None = None
@@ -103,6 +120,10 @@ class StreamReport:
         parts = [f"{self.accepted} frames at {self.rate:g}/s", f"{self.late} late", f"{self.underruns} underruns"]
         if self.damaged or self.unanswered:
             parts.append(f"{self.damaged} damaged, {self.unanswered} unanswered")
+        if self.missed_commits:
+            parts.append(f"{self.missed_commits} commits missed")
+        if self.faults:
+            parts.append(f"faults {'+'.join(fault.name or '' for fault in self.faults)}")
         if self.reconnects:
             parts.append(f"{self.reconnects} reconnects")
         if self.least_lead_periods is not None:
@@ -155,6 +176,8 @@ class Stream:
         self._rate = rate
         self._clock = DeviceClock()
         self._counts = Counter[str]()
+        self._missed_before: int | None = None
+        self._faults = NO_FAULTS
         self._first = self._last = 0
         self._least = NEVER
 
@@ -164,6 +187,7 @@ class Stream:
         return StreamReport(
             self._rate,
             **{name: self._counts[name] for name in COUNTS},
+            faults=self._faults,
             first_period=self._first,
             last_period=self._last,
             least_lead_periods=None if self._least == NEVER else self._least,
@@ -182,6 +206,7 @@ class Stream:
                 told = time.monotonic()
                 on_progress(self.report)
         self._come_back_if_lost(lambda: self._wait_until(self._due(self._next)))
+        self._read_clock()
         return self.report
 
     def _come_back_if_lost(self, step: Callable[[], None]) -> None:
@@ -201,19 +226,24 @@ class Stream:
 
     def _find_clock(self) -> None:
         """Learn the device's time anew, and let the next frame begin a look-ahead from now."""
-        self._clock = DeviceClock()
+        self._clock, self._missed_before = DeviceClock(), None
         for _ in range(FIRST_READINGS):
             self._read_clock()
         self._begin_at(ceil(self._now()) + self._look_ahead)
 
     def _read_clock(self) -> None:
+        """Ask for the device's time, and what it says of itself besides."""
         keeper = self._session.time
         with self._session.lock:
             before = keeper.monotonic()
-            reading = self._session.ask(ClockReading.decode, Request.CLOCK)
+            status = self._session.status()
             after = keeper.monotonic()
-        self._clock.add(Reading(before, after, reading.now))
+        self._clock.add(Reading(before, after, status.now))
         self._read_at = after
+        self._faults |= status.faults
+        if self._missed_before is None:  # counts begin anew where a device was without power
+            self._missed_before = status.missed_commits - self._counts["missed_commits"]
+        self._counts["missed_commits"] = status.missed_commits - self._missed_before
 
     def _now(self) -> float:
         """Carrier period of the device, with its fraction."""
