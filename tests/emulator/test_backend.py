@@ -11,6 +11,7 @@ import pytest
 import usb.core
 import usb.util
 from phasewire import Emulator, Pulses
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.door import Handshake
 from phasewire.emulator.doors.backend import EmulatorBackend, open_backend
 from phasewire.protocol.codes import State
@@ -186,14 +187,14 @@ def test_a_time_out_comes_before_later_events(plain: Plain) -> None:
 
 
 def test_a_long_write_that_times_out_says_how_much_was_taken(plain: Plain) -> None:
-    """As pyusb does over libusb; the queue holds eight blocks."""
+    """As pyusb does over libusb; the queue takes no more than it holds."""
     _, device = plain
     device.set_configuration()
     device.ctrl_transfer(0x41, 4, 0, 0, None)
-    blocks = b"".join(update(Pulses.silent(320), n, period=10**6) for n in range(10))
-    assert device.write(0x01, blocks, timeout=10) == 8 * 512
+    blocks = b"".join(update(Pulses.silent(320), n, period=10**6) for n in range(QUEUE_BLOCKS + 2))
+    assert device.write(0x01, blocks, timeout=10) == QUEUE_BLOCKS * 512
     with pytest.raises(usb.core.USBTimeoutError):
-        device.write(0x01, blocks[8 * 512 :], timeout=10)
+        device.write(0x01, blocks[QUEUE_BLOCKS * 512 :], timeout=10)
 
 
 # Claims

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from phasewire import Emulator, Pulses
 from phasewire.emulator import Event
 from phasewire.emulator.boards.processor import Processor
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.protocol import Ack, Clock, Info, NoOp, Output, Reason, State, Status, pack
 from phasewire.protocol.blocks import Block
@@ -175,12 +176,13 @@ def test_updates_for_as_soon_as_possible_play_in_order_at_the_rate_of_the_links(
 
 def test_a_full_queue_answers_nak_until_a_block_has_left() -> None:
     emulator = ready()
-    blocks = [update(FULL, n, period=1000 + n) for n in range(9)]
+    blocks = [update(FULL, n, period=1000 + n) for n in range(QUEUE_BLOCKS + 1)]
     handshakes = [emulator.usb.bulk_out(0x01, block) for block in blocks]
-    assert handshakes == [Handshake.ACK] * 8 + [Handshake.NAK]
-    assert [(ack.sequence, ack.free) for ack in read_acks(emulator)] == [(n, 7 - n) for n in range(8)]
+    assert handshakes == [Handshake.ACK] * QUEUE_BLOCKS + [Handshake.NAK]
+    acks = [ack for _ in range(QUEUE_BLOCKS // 16) for ack in read_acks(emulator)]  # 16 fill a packet
+    assert [(ack.sequence, ack.free) for ack in acks] == [(n, QUEUE_BLOCKS - 1 - n) for n in range(QUEUE_BLOCKS)]
     emulator.run(1000)
-    assert emulator.usb.bulk_out(0x01, blocks[8]) is Handshake.ACK
+    assert emulator.usb.bulk_out(0x01, blocks[QUEUE_BLOCKS]) is Handshake.ACK
 
 
 def test_unread_acknowledgements_hold_the_endpoint() -> None:
@@ -222,11 +224,11 @@ def test_it_plays_again_after_it_was_off() -> None:
 
 def test_updates_that_were_dropped_free_the_queue() -> None:
     emulator = ready()
-    for n in range(8):
+    for n in range(QUEUE_BLOCKS):
         send(emulator, update(FULL, n, period=2**31 + n))
     order(emulator, Request.DISABLE)
     order(emulator, Request.ENABLE)
-    assert send(emulator, update(FULL, 8)).free == 7
+    assert send(emulator, update(FULL, QUEUE_BLOCKS)).free == QUEUE_BLOCKS - 1
 
 
 def test_the_horizon_is_2_to_the_32_periods() -> None:

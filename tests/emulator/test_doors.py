@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from phasewire import Emulator, Pulses
 from phasewire.emulator import Event
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.protocol.blocks import (
     Block,
@@ -58,7 +59,7 @@ class Both:
     def fill(self, first: int = 0) -> int:
         """Fill the queue by USB with changes far ahead; the period of the first."""
         at = self.device.period + 1000
-        for n in range(8):
+        for n in range(QUEUE_BLOCKS):
             assert self.device.send(Update(HALF, at + n), first + n).reason is Reason.ACCEPTED
         self.terminal.told()
         return at
@@ -121,7 +122,7 @@ def test_a_test_is_refused_like_an_update() -> None:
     device.order(Request.DISABLE)
     device.order(Request.LIMIT, 320)
     device.order(Request.ENABLE)
-    for n in range(8):
+    for n in range(QUEUE_BLOCKS):
         device.send(Update(HALF, 10**6 + n))
     assert "error 6 " in terminal.type("test 0")
     assert device.status().refused == 2
@@ -164,7 +165,7 @@ def test_a_line_does_all_that_usb_does() -> None:
     assert only_ack(terminal.send(block(0, Slot(0, pulses(7))))).reason is Reason.ACCEPTED
     assert only_ack(terminal.send(block(1, Entries((Entry(0, 10),))))).reason is Reason.ACCEPTED
     ack = only_ack(terminal.send(block(2, Sequence(0, 1, repeats=1))))
-    assert (ack.reason, ack.free) == (Reason.ACCEPTED, 7)
+    assert (ack.reason, ack.free) == (Reason.ACCEPTED, QUEUE_BLOCKS - 1)
     device.run(30)
     assert [told.state for told in terminal.told()] == [State.READY]
     begins = ack.commit_period
@@ -202,28 +203,30 @@ def test_a_block_waits_on_the_line_until_the_queue_has_room() -> None:
     """Clause SER-011: it is judged then; requests are answered meanwhile, and a second block is dropped."""
     both = Both()
     at = both.fill()
-    assert both.terminal.send(block(8, Update(FULL))) == []
+    assert both.terminal.send(block(QUEUE_BLOCKS, Update(FULL))) == []
     assert both.terminal.ask_status().free == 0
-    assert both.terminal.send(block(9)) == []
+    assert both.terminal.send(block(QUEUE_BLOCKS + 1)) == []
     assert both.terminal.ask_status().dropped_frames == 1
     both.device.run_until((at - 1) * PERIOD)
     acks = [record for record in both.terminal.records() if isinstance(record, Ack)]
-    assert [(ack.sequence, ack.reason, ack.commit_period) for ack in acks] == [(8, Reason.ACCEPTED, at + 8)]
+    assert [(ack.sequence, ack.reason, ack.commit_period) for ack in acks] == [
+        (QUEUE_BLOCKS, Reason.ACCEPTED, at + QUEUE_BLOCKS)
+    ]
     assert at - 4 < acks[0].now_period < at
-    both.device.run(20)
-    assert both.device.widths()[at + 6 : at + 10].tolist() == [12, 12, 25, 25]
-    assert both.device.send(NoOp(), 10).flags == AckFlag.GAP  # 9 is lost
+    both.device.run(QUEUE_BLOCKS + 20)
+    assert both.device.widths()[at + QUEUE_BLOCKS - 2 :][:4].tolist() == [12, 12, 25, 25]
+    assert both.device.send(NoOp(), QUEUE_BLOCKS + 2).flags == AckFlag.GAP  # the one before is lost
 
 
 def test_a_block_that_waits_is_judged_by_what_holds_then() -> None:
     both = Both()
     both.fill()
-    both.terminal.send(block(8, Update(FULL)))
-    both.terminal.send(block(9))
+    both.terminal.send(block(QUEUE_BLOCKS, Update(FULL)))
+    both.terminal.send(block(QUEUE_BLOCKS + 1))
     both.device.order(Request.DISABLE)
     records = both.terminal.records()
     acks = [record for record in records if isinstance(record, Ack)]
-    assert [(ack.sequence, ack.reason, ack.state) for ack in acks] == [(8, Reason.DISABLED, State.OFF)]
+    assert [(ack.sequence, ack.reason, ack.state) for ack in acks] == [(QUEUE_BLOCKS, Reason.DISABLED, State.OFF)]
     assert [record.state for record in records if isinstance(record, Status)] == [State.OFF]
 
 
@@ -239,8 +242,8 @@ def test_a_block_waits_on_the_line_until_a_store_has_gone() -> None:
 def test_what_waits_at_two_doors_goes_one_after_the_other() -> None:
     both = Both()
     at = both.fill()
-    usb = block(9, Update(HALF))
-    assert both.terminal.send(block(8, Update(FULL))) == []
+    usb = block(QUEUE_BLOCKS + 1, Update(HALF))
+    assert both.terminal.send(block(QUEUE_BLOCKS, Update(FULL))) == []
     assert both.device.usb.bulk_out(0x01, usb) is Handshake.NAK
     both.device.run_until((at - 1) * PERIOD)
     assert only_ack(both.terminal.records()).reason is Reason.ACCEPTED
@@ -252,10 +255,10 @@ def test_a_block_that_waits_outlives_the_host_that_sent_it() -> None:
     """Clause SER-010: its later answer is dropped."""
     both = Both()
     at = both.fill()
-    both.terminal.send(block(8, Update(FULL)))
+    both.terminal.send(block(QUEUE_BLOCKS, Update(FULL)))
     both.terminal.line.hang_up()
     both.terminal.enter_frames()
-    both.device.run_until((at + 20) * PERIOD)
+    both.device.run_until((at + QUEUE_BLOCKS + 20) * PERIOD)
     assert both.device.widths()[-1] == 25
     assert all(isinstance(record, Status) for record in both.terminal.records())
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire.emulator import faults
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.faults import FAULTS, InjectedFault
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
@@ -637,11 +638,11 @@ def test_a_record_with_a_wrong_bit_is_none() -> None:
 def test_wrong_bits_wait_for_packets_that_are_taken_and_long_enough() -> None:
     bench = playing()
     first = bench.period + 100
-    for number in range(8):
+    for number in range(QUEUE_BLOCKS):
         bench.send(Update(HALF, first + number))
     bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300, times=2))
     assert bench.emulator.usb.bulk_out(0x01, bytes(512)) is Handshake.NAK
-    bench.emulator.run_until(first + 8)
+    bench.emulator.run_until(first + QUEUE_BLOCKS)
     assert bench.emulator.usb.bulk_out(0x01, b"short") is Handshake.ACK
     reasons = [bench.send(NoOp()).reason for _ in range(3)]
     assert reasons == [Reason.CHECKSUM, Reason.CHECKSUM, Reason.ACCEPTED]

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from phasewire import Emulator, Wiring
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.protocol.codes import Action, Flag, Kind, Reason, Request
@@ -249,6 +250,12 @@ FILLED = [
 """Slots, entries and samples that a program may play."""
 
 
+CROWDS = st.sampled_from([0, 0, QUEUE_BLOCKS - 8, QUEUE_BLOCKS - 2]).map(
+    lambda count: [Step(0, "update", {"seed": n % 6, "ahead": 12 + 2 * n}) for n in range(count)]
+)
+"""Updates that wait in the queue when a program begins, and may leave little room."""
+
+
 FIELDS = ("first", "count", "hold", "repeats", "action", "entries", "samples")
 
 
@@ -317,17 +324,21 @@ def compare(link: Link, base: int, steps: Sequence[Step]) -> None:
 
 @BOTH_LINKS
 @settings(max_examples=30)
-@given(base=BASES, steps=PROGRAMS)
-def test_random_programs_play_as_the_specification_says(link: Link, base: int, steps: list[Step]) -> None:
-    compare(link, base, [*FILLED, *steps])
+@given(base=BASES, crowd=CROWDS, steps=PROGRAMS)
+def test_random_programs_play_as_the_specification_says(
+    link: Link, base: int, crowd: list[Step], steps: list[Step]
+) -> None:
+    compare(link, base, [*FILLED, *crowd, *steps])
 
 
 @pytest.mark.slow
 @BOTH_LINKS
 @settings(max_examples=700)
-@given(base=BASES, steps=PROGRAMS)
-def test_many_random_programs_play_as_the_specification_says(link: Link, base: int, steps: list[Step]) -> None:
-    compare(link, base, [*FILLED, *steps])
+@given(base=BASES, crowd=CROWDS, steps=PROGRAMS)
+def test_many_random_programs_play_as_the_specification_says(
+    link: Link, base: int, crowd: list[Step], steps: list[Step]
+) -> None:
+    compare(link, base, [*FILLED, *crowd, *steps])
 
 
 DROPPED = [

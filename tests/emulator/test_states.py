@@ -8,6 +8,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from phasewire import Emulator
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.protocol.blocks import (
     Body,
@@ -243,7 +244,7 @@ def test_whatever_ends_it_silences_and_drops_what_is_queued(state: State, name: 
     device.send(Update(HALF, later))
     LEAVING[name](device)
     at, status = device.period, device.status()
-    assert (status.free, status.since_period) == (8, 0)
+    assert (status.free, status.since_period) == (QUEUE_BLOCKS, 0)
     assert not status.flags & (StatusFlag.SEQUENCE | StatusFlag.MODULATION)
     device.run_until((later + 50) * PERIOD)
     assert max(device.high_periods(), default=0) < at + 6
@@ -456,7 +457,7 @@ def test_a_block_that_the_queue_has_no_room_for_is_no_sign_of_life() -> None:
     """Neither one that was answered with NAK nor one that waits on a line."""
     device = stocked()
     device.order(Request.ENABLE)
-    for number in range(8):
+    for number in range(QUEUE_BLOCKS):
         device.send(Update(HALF, 10**6 + number))
     since = device.cycle
     terminal = Terminal(device.emulator.line)

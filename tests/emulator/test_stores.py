@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.control.chain import Passing
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.protocol.blocks import (
@@ -358,7 +359,7 @@ def test_changes_behind_one_that_disables_are_dropped_uncounted(device: Device) 
     device.run(100)
     after = device.status()
     assert max(device.high_periods()) == at - 1
-    assert (after.state, after.free, after.faults) == (State.OFF, 8, Fault(0))
+    assert (after.state, after.free, after.faults) == (State.OFF, QUEUE_BLOCKS, Fault(0))
     assert (after.accepted, after.refused, after.late, after.lost) == (
         before.accepted,
         before.refused,
@@ -581,9 +582,9 @@ def test_stores_clocks_and_no_ops_take_no_place_and_wait_like_changes(device: De
     at = device.period + 1000
     free: list[Body] = [Slot(30, HALF), Entries((Entry(30, 1),)), Samples(b"\x80"), Clock(), NoOp()]
     for body in free:
-        assert device.send(body).free == 8
-    for n in range(8):
-        assert device.send(Update(HALF, at + n)).free == 7 - n
+        assert device.send(body).free == QUEUE_BLOCKS
+    for n in range(QUEUE_BLOCKS):
+        assert device.send(Update(HALF, at + n)).free == QUEUE_BLOCKS - 1 - n
     held_back: list[Body] = [Slot(30, HALF), Clock(), NoOp(), Update(HALF)]
     for body in held_back:
         assert device.usb.bulk_out(0x01, pack(Block(body, 10**6))) is Handshake.NAK
@@ -595,10 +596,10 @@ def test_sixteen_stores_may_wait(device: Device) -> None:
     """Behind updates that leave no room for them; the free places say that there is none."""
     device.run(100)
     acks = [device.send(Entries((Entry(1, 1),) * 120)) for _ in range(16)]
-    assert [ack.free for ack in acks] == [8] * 15 + [0]
+    assert [ack.free for ack in acks] == [QUEUE_BLOCKS] * 15 + [0]
     assert device.usb.bulk_out(0x01, pack(Block(NoOp(), 10**6))) is Handshake.NAK
     device.run(50)
-    assert device.send(NoOp()).free == 8
+    assert device.send(NoOp()).free == QUEUE_BLOCKS
 
 
 # What is read back (REQ-007)

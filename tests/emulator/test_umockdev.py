@@ -76,9 +76,10 @@ def test_lsusb_reads_every_descriptor_and_finds_no_fault(run: Runner) -> None:
     assert (code, err) == (0, "")
     assert not COMPLAINT.search(out)
     lines = [" ".join(line.split()) for line in out.splitlines()]
-    assert lines[1].startswith("Bus 001 Device 002: ID 1209:0001 phasewire phasewire five-board array (emulated)")
+    assert lines[1].startswith("Bus 001 Device 002: ID 1209:0001 ")
     expected = """
-        bcdUSB 2.01 | bDeviceClass 239 | idVendor 0x1209 | idProduct 0x0001 | iManufacturer 1 phasewire | iSerial 3 LS-1
+        bcdUSB 2.01 | bDeviceClass 239 | idVendor 0x1209 | idProduct 0x0001 | iManufacturer 1 phasewire
+        iProduct 2 phasewire five-board array (emulated) | iSerial 3 LS-1
         wTotalLength 0x0074 | bNumInterfaces 4 | bmAttributes 0xc0 | Self Powered | MaxPower 100mA
         bInterfaceClass 255 | bInterfaceSubClass 80 | bInterfaceProtocol 1 | iInterface 4 phasewire array
         bEndpointAddress 0x01 EP 1 OUT | bEndpointAddress 0x81 EP 1 IN | wMaxPacketSize 0x0200 1x 512 bytes
@@ -91,9 +92,9 @@ def test_lsusb_reads_every_descriptor_and_finds_no_fault(run: Runner) -> None:
         Binary Object Store Descriptor: | PlatformCapabilityUUID {d8dd60df-4589-4cc7-9cd2-659d9e648a9f}
         Device Status: 0x0001
     """
-    rest = iter(lines)
+    rest = iter(lines)  # what the machine's usb.ids says of a number may follow it
     for line in re.split(r"\s*[|\n]\s*", expected.strip()):
-        assert line in rest, f"{line!r} does not come, or not in its place"
+        assert any(f"{found} ".startswith(f"{line} ") for found in rest), f"{line!r} does not come, or not in its place"
 
 
 @needs("dfu-util")
@@ -120,7 +121,7 @@ with phasewire.open_device("usb:REAL-2") as device:
     code, out, err = run(sys.executable, "-c", script, machines=emulators)
     assert (code, err) == (0, "")
     *_, serial, period, accepted = out.split()
-    assert (serial, accepted) == ("REAL-2", "1")
+    assert (serial, accepted) == ("REAL-2", "2")  # the session began with a NoOp
     idle, played = (emulator.capture() for emulator in emulators)
     assert abs(played.drive(int(period))).min() == pytest.approx(1, abs=1e-6)
     assert abs(idle.drive(int(period))).max() == 0
