@@ -104,7 +104,7 @@ from .watchdog import Watchdog
 __all__ = ["FEATURES", "QUEUE_BLOCKS", "RECORDS", "Controller", "Identification"]
 
 RECORDS = 256
-QUEUE_BITS, STATE_BITS = 4, 3
+QUEUE_BITS, STATE_BITS = QUEUE_BLOCKS.bit_length(), 3
 STORES = 16
 """Stores that may wait to go onto the chain before the device answers NAK."""
 FEATURES = ~Feature(0)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.trace import Span, Tracer
 from phasewire.protocol.codes import Request, State
@@ -52,6 +53,16 @@ def test_signals_tell_of_the_queue_the_state_and_every_mailbox() -> None:
     assert [[value for _, value in changes] for changes in ones] == [[1, 0]] * 10
     # The slice for processor 9 is the tenth: 520 tokens of 8 cycles, and ten switches of 40.
     assert ones[9][0] == (arrived + 6000 + 520 * 8 + 400, 1)
+
+
+def test_every_value_fits_its_signal_while_the_queue_is_full() -> None:
+    emulator = watched(FIVE_WIRE)
+    for number in range(QUEUE_BLOCKS):
+        emulator.usb.bulk_out(0x01, update(Pulses.silent(320), number, period=10**6))
+    signals = {signal.name: signal for signal in emulator.tracer.signals()}
+    assert signals["controller.queue"].changes[-1][1] == QUEUE_BLOCKS
+    for signal in signals.values():
+        signal.check()
 
 
 def test_the_port_counter_is_seen_to_wrap() -> None:
