@@ -21,6 +21,7 @@ from typing import Any
 from urllib.parse import parse_qsl, unquote, urlencode, urlsplit
 
 import serial
+from serial import rfc2217
 from serial.tools import list_ports
 from serial.urlhandler import protocol_socket
 
@@ -45,6 +46,12 @@ EXAMPLES = {
     "socket": "socket://HOST:PORT, such as socket://127.0.0.1:7000",
     "rfc2217": "rfc2217://HOST:PORT, such as rfc2217://127.0.0.1:2217",
 }
+OPTIONS = {
+    "serial": (),
+    "socket": ("logging",),
+    "rfc2217": ("logging", "ign_set_control", "poll_modem", "timeout"),
+}
+"""Of pyserial, beside ours."""
 
 
 def port_for_url(url: str) -> Any:
@@ -59,23 +66,23 @@ def port_for_url(url: str) -> Any:
     where, _, query = rest.partition("?")
     options = dict(parse_qsl(query, keep_blank_values=True))
     baud = _baud(url, options.pop("baud", str(BAUD)))
+    for option in options:
+        if option not in OPTIONS[scheme]:
+            known = ", ".join(("baud", *OPTIONS[scheme]))
+            raise DeviceNotFoundError(f"{url!r}: {scheme}: has no option {option!r}; it has {known}")
     if scheme == "serial":
-        return _local(url, unquote(where.removeprefix("//")), options, baud)
+        return _local(url, unquote(where.removeprefix("//")), baud)
     _check_address(url, scheme)
-    address = f"{scheme}:{where}" + (f"?{urlencode(options)}" if options else "")
-    if scheme == "socket":
-        port = SocketPort(baudrate=baud, write_timeout=_write_timeout(baud))
-        port.port = address
-        return port
-    return serial.serial_for_url(address, do_not_open=True, baudrate=baud)  # it cannot have a time-out for writes
+    # pyserial cannot bound the writes of RFC 2217; the socket does, in 5 s.
+    port = Rfc2217Port(baudrate=baud) if scheme == "rfc2217" else _bounded(SocketPort, baud)
+    port.port = f"{scheme}:{where}" + (f"?{urlencode(options)}" if options else "")
+    return port
 
 
-def _local(url: str, path: str, options: dict[str, str], baud: int) -> Any:
+def _local(url: str, path: str, baud: int) -> Any:
     if not path:
         raise DeviceNotFoundError(f"{url!r} names no port; write {EXAMPLES['serial']}")
-    for option in options:
-        raise DeviceNotFoundError(f"{url!r}: a serial port has no option {option!r}; it has baud=RATE")
-    port = serial.Serial(baudrate=baud, exclusive=True, write_timeout=_write_timeout(baud))
+    port = _bounded(serial.Serial, baud, exclusive=True)
     port.port = path
     for known in _ours():
         if Path(known.device).resolve() == Path(path).resolve():
@@ -84,8 +91,10 @@ def _local(url: str, path: str, options: dict[str, str], baud: int) -> Any:
     return port
 
 
-def _write_timeout(baud: int) -> float:
-    return WRITE_SECONDS + 2 * MAX_FRAME_BYTES * UART_BITS_PER_BYTE / baud
+def _bounded(kind: Any, baud: int, **settings: Any) -> Any:
+    """A closed port of some kind, with a time-out for writes: as long as two of the longest frames take, and more."""
+    seconds = WRITE_SECONDS + 2 * MAX_FRAME_BYTES * UART_BITS_PER_BYTE / baud
+    return kind(baudrate=baud, write_timeout=seconds, **settings)
 
 
 def _baud(url: str, text: str) -> int:
@@ -104,6 +113,23 @@ def _check_address(url: str, scheme: str) -> None:
         raise DeviceNotFoundError(f"{url!r} names no host and port; write {EXAMPLES[scheme]}")
 
 
+def _disconnect(port: Any) -> None:
+    """Let go of a port's connection; pyserial forgets to where the other end has done so before."""
+    if port.is_open:
+        with suppress(OSError):
+            port._socket.shutdown(socket.SHUT_RDWR)
+        port._socket.close()
+
+
+class Rfc2217Port(rfc2217.Serial):
+    """pyserial's port by RFC 2217."""
+
+    def close(self) -> None:
+        """Disconnect."""
+        _disconnect(self)
+        super().close()
+
+
 class SocketPort(protocol_socket.Serial):
     """pyserial's port over TCP, without what makes it slow: it waited to send, and told of one byte at a time."""
 
@@ -113,11 +139,8 @@ class SocketPort(protocol_socket.Serial):
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def close(self) -> None:
-        """Disconnect, also where the other end has done so before."""
-        if self.is_open:
-            with suppress(OSError):
-                self._socket.shutdown(socket.SHUT_RDWR)
-            self._socket.close()
+        """Disconnect."""
+        _disconnect(self)
         super().close()
 
     @property

@@ -1,0 +1,143 @@
+"""Emulated devices served to the world outside this process' model: by TCP, by a pseudo-terminal, and by RFC 2217."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import serial
+from phasewire import Emulator
+from phasewire.emulator.doors.serving import Server
+from phasewire.emulator.doors.station import Pace, Station
+from phasewire.emulator.doors.uart import Uart
+from serial.rfc2217 import PortManager
+
+LOOPBACK = "127.0.0.1"
+PATIENCE = 10.0  # seconds
+BAUD = 3_000_000
+
+
+class Served:
+    """An emulated device whose UART is at a TCP port or a pseudo-terminal; its loop has a thread of its own."""
+
+    def __init__(self, *, pty: bool, pace: Pace = Pace.FAST, baud: int = BAUD) -> None:
+        self._pty, self._pace, self._baud = pty, pace, baud
+        self._open = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
+
+    async def _serve(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self.emulator = Emulator(history_periods=4_000)
+        station = Station(self.emulator.scheduler, self._pace)
+        uart = Uart(lambda: self.emulator.line, self.emulator.scheduler, self._baud)
+        async with Server({self.emulator.serial: station}, lambda line: None) as self._server:
+            if self._pty:
+                self.where = self._server.open_pty(uart, station)
+            else:
+                self.where = f"{LOOPBACK}:{await self._server.listen_serial(uart, station, LOOPBACK, 0)}"
+            self._open.set()
+            await self._server.serve(60)
+
+    def __enter__(self) -> Served:
+        self._thread.start()
+        assert self._open.wait(PATIENCE)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._loop.call_soon_threadsafe(self._server.stop)
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+
+
+class PlainPty(serial.Serial):  # type: ignore[misc]  # pyserial ships no types
+    """A pseudo-terminal has no control lines, which a server of RFC 2217 looks at."""
+
+    cts = dsr = cd = True
+    ri = False
+
+    def _update_dtr_state(self) -> None:
+        pass
+
+    def _update_rts_state(self) -> None:
+        pass
+
+    def _update_break_state(self) -> None:
+        pass
+
+
+class Redirector:
+    """A server of RFC 2217 in front of a serial port, one client after the other, by pyserial's half of it."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._listener = socket.create_server((LOOPBACK, 0))
+        self._listener.settimeout(0.05)
+        self.port = self._listener.getsockname()[1]
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def _run(self) -> None:
+        while not self._stopped.is_set():
+            with suppress(TimeoutError):
+                client, _ = self._listener.accept()
+                with client, PlainPty(self._path, timeout=0.005) as port:
+                    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    client.settimeout(0.02)
+                    self._redirect(client, port)
+
+    def _redirect(self, client: socket.socket, port: serial.Serial) -> None:
+        """Carry bytes both ways until the client goes."""
+        lock = threading.Lock()
+        over = threading.Event()
+
+        class Connection:
+            @staticmethod
+            def write(data: bytes) -> None:
+                with lock, suppress(OSError):
+                    client.sendall(data)
+
+        manager = PortManager(port, Connection)
+
+        def carry_back() -> None:
+            while not (over.is_set() or self._stopped.is_set()):
+                if data := port.read(port.in_waiting or 1):
+                    Connection.write(b"".join(manager.escape(data)))
+
+        thread = threading.Thread(target=carry_back, daemon=True)
+        thread.start()
+        try:
+            while not self._stopped.is_set():
+                with suppress(TimeoutError):
+                    data = client.recv(4096)
+                    if not data:
+                        break
+                    port.write(b"".join(manager.filter(data)))
+        except ConnectionError:
+            pass
+        finally:
+            over.set()
+            thread.join(PATIENCE)
+
+    def __enter__(self) -> Redirector:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stopped.set()
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+        self._listener.close()
+
+
+@contextmanager
+def served_url(scheme: str, *, pace: Pace = Pace.FAST, baud: int = BAUD) -> Iterator[tuple[str, Emulator]]:
+    """The URL of a fresh emulated device that is reached by a scheme."""
+    with Served(pty=scheme != "socket", pace=pace, baud=baud) as served:
+        if scheme == "rfc2217":
+            with Redirector(served.where) as redirector:
+                yield f"rfc2217://{LOOPBACK}:{redirector.port}?baud={baud}", served.emulator
+        else:
+            yield f"{scheme}://{served.where}?baud={baud}", served.emulator

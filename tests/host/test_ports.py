@@ -1,0 +1,262 @@
+"""Serial ports by URL: pseudo-terminals, sockets and RFC 2217, on loopback."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import re
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import serial
+from phasewire import Pulses, open_device
+from phasewire.emulator.doors.station import Pace
+from phasewire.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
+from phasewire.host.ports import RFC2217, SERIAL, SOCKET, SocketPort, port_for_url
+from phasewire.host.transport import Found
+
+from tests.host.serving import LOOPBACK, served_url
+
+# pyserial 3.5 names the thread of RFC 2217 in a way that Python 3.10 deprecated.
+pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")
+
+
+@contextlib.contextmanager
+def terminal() -> Iterator[tuple[int, str]]:
+    """A pseudo-terminal: our end, and the path of the other."""
+    ours, theirs = pty.openpty()
+    try:
+        yield ours, os.ttyname(theirs)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+# URLs
+
+
+@pytest.mark.parametrize(
+    ("url", "message"),
+    [
+        ("serial:", "names no port; write serial:///dev/ttyACM0 or, on Windows, serial:COM3"),
+        ("serial://?baud=9600", "names no port"),
+        ("serial:COM3?bauds=9600", "serial: has no option 'bauds'; it has baud"),
+        ("serial:COM3?baud=fast", "baud 'fast' is no rate; write bits per second, such as baud=115200"),
+        ("serial:COM3?baud=0", "baud '0' is no rate"),
+        ("serial:COM3?baud=", "baud '' is no rate"),
+        ("socket:", "names no host and port; write socket://HOST:PORT, such as socket://127.0.0.1:7000"),
+        ("socket://localhost", "names no host and port"),
+        ("socket://:7000", "names no host and port"),
+        ("socket://localhost:port", "names no host and port"),
+        ("socket://localhost:70000", "names no host and port"),
+        ("socket://localhost:1?colour=red", "socket: has no option 'colour'; it has baud, logging"),
+        ("rfc2217://localhost:1?colour=red", "it has baud, logging, ign_set_control, poll_modem, timeout"),
+        ("rfc2217:localhost:2217", "write rfc2217://HOST:PORT, such as rfc2217://127.0.0.1:2217"),
+    ],
+)
+def test_a_wrong_url_says_what_would_be_right(url: str, message: str) -> None:
+    with pytest.raises(DeviceNotFoundError, match=f"^{re.escape(repr(url))}.*{re.escape(message)}"):
+        open_device(url)
+
+
+@pytest.mark.parametrize(
+    ("url", "path", "baud"),
+    [
+        ("serial:///dev/ttyACM0", "/dev/ttyACM0", 115_200),
+        ("serial:/dev/ttyACM0?baud=3000000", "/dev/ttyACM0", 3_000_000),
+        ("serial:///dev/with%20space", "/dev/with space", 115_200),
+        ("serial:COM3?baud=9600", "COM3", 9_600),
+        ("serial://COM3", "COM3", 115_200),
+    ],
+)
+def test_a_local_port_is_ours_alone_and_bounded_in_time(url: str, path: str, baud: int) -> None:
+    port = port_for_url(url)
+    assert isinstance(port, serial.Serial)
+    assert (port.port, port.baudrate, port.exclusive, port.is_open) == (path, baud, True, False)
+    assert port.write_timeout == pytest.approx(1 + 2 * 658 * 10 / baud)
+
+
+def test_ports_on_a_network_keep_pyserial_s_own_options() -> None:
+    port = port_for_url("rfc2217://[::1]:2217?baud=9600&ign_set_control&timeout=1.5")
+    assert (port.port, port.baudrate) == ("rfc2217://[::1]:2217?ign_set_control=&timeout=1.5", 9_600)
+    plain = port_for_url("socket://host:1?baud=9600&logging=info")
+    assert isinstance(plain, SocketPort)
+    assert (plain.port, plain.baudrate) == ("socket://host:1?logging=info", 9_600)
+
+
+# What may be there
+
+
+def test_a_port_that_is_not_there_is_not_found(tmp_path: Path) -> None:
+    with pytest.raises(DeviceNotFoundError, match=r"no device at .*missing: .*No such file"):
+        open_device(f"serial://{tmp_path}/missing")
+    plain = tmp_path / "plain"
+    plain.touch()
+    with pytest.raises(DeviceNotFoundError, match=r"no device at .*plain"):
+        open_device(f"serial://{plain}")
+
+
+@pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
+def test_where_nobody_listens_nothing_is_found(scheme: str) -> None:
+    with socket.create_server((LOOPBACK, 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(DeviceNotFoundError, match=f"no device at {scheme}://.*refused"):
+        open_device(f"{scheme}://{LOOPBACK}:{port}")
+
+
+def test_a_port_without_permission_says_who_may_help(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*arguments: object) -> int:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("serial.serialposix.os.open", refuse)
+    with pytest.raises(DeviceAccessError, match="phasewire doctor"):
+        open_device("serial:///dev/ttyACM0")
+
+
+def test_a_port_that_another_program_has_open_is_not_disturbed() -> None:
+    with terminal() as (_, path), serial.Serial(path, exclusive=True), pytest.raises(DeviceAccessError, match="in use"):
+        open_device(f"serial://{path}")
+
+
+def test_a_terminal_where_nobody_answers_times_out() -> None:
+    start = time.monotonic()
+    with terminal() as (_, path), pytest.raises(DeviceTimeoutError, match="nothing comes from there"):
+        open_device(f"serial://{path}?baud=3000000")
+    assert time.monotonic() - start < 15 * (0.1 + 1316 / 300_000) + 2
+
+
+def test_a_terminal_that_reads_nothing_does_not_hold_us_up() -> None:
+    """Its buffer is full soon; pyserial gives up after a second, here after less."""
+
+    def fill(port: serial.Serial) -> None:
+        for _ in range(1_000):
+            port.write(bytes(1_000))
+
+    with terminal() as (_, path):
+        port = port_for_url(f"serial://{path}?baud=3000000")
+        port.write_timeout = 0.05
+        port.open()
+        with pytest.raises(serial.SerialTimeoutException):
+            fill(port)
+        port.close()
+
+
+def test_a_terminal_that_chatters_is_no_device() -> None:
+    with terminal() as (ours, path):
+        stop = threading.Event()
+
+        def chatter() -> None:
+            while not stop.wait(0.001):
+                if select.select([ours], [], [], 0)[0]:
+                    os.read(ours, 4096)
+                if select.select([], [ours], [], 0)[1]:
+                    os.write(ours, b"\x00\xffboot\r\n" * 8)
+
+        thread = threading.Thread(target=chatter, daemon=True)
+        thread.start()
+        with pytest.raises(DeviceTimeoutError, match="what comes from there makes no sense"):
+            open_device(f"serial://{path}?baud=3000000")
+        stop.set()
+        thread.join(5)
+
+
+@pytest.mark.parametrize("scheme", ["socket", "serial", "rfc2217"])
+def test_a_server_that_ends_is_a_lost_device(scheme: str) -> None:
+    with contextlib.ExitStack() as stack, served_url(scheme) as (url, _):
+        device = stack.enter_context(open_device(url))
+        stack.pop_all()
+    with pytest.raises(DeviceLostError, match="the port is gone"):
+        device.status()
+    device.close()
+
+
+def test_a_socket_counts_what_has_come() -> None:
+    with socket.create_server((LOOPBACK, 0)) as server:
+        port = port_for_url(f"socket://{LOOPBACK}:{server.getsockname()[1]}")
+        port.timeout = 1.0
+        port.open()
+        client, _ = server.accept()
+        assert port.in_waiting == 0
+        client.sendall(bytes(1_000))
+        assert len(port.read(1)) == 1
+        end = time.monotonic() + 5
+        while port.in_waiting < 999:
+            assert time.monotonic() < end
+        assert port.read(999) == bytes(999)
+        client.close()
+        with pytest.raises(serial.SerialException, match="disconnected"):
+            port.read(1)
+        port.close()
+        port.close()
+    assert not port.is_open
+
+
+# What is found
+
+
+def test_ports_with_our_numbers_are_listed_and_no_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def port(device: str, vid: int | None, pid: int | None, serial_number: str | None = None) -> SimpleNamespace:
+        return SimpleNamespace(device=device, vid=vid, pid=pid, product="array", serial_number=serial_number)
+
+    ports = [
+        port("/dev/ttyS0", None, None),
+        port("/dev/ttyUSB0", 0x0403, 0x6001, "FT1"),
+        port("COM3", 0x1209, 0x0001, "S-2"),
+        port("/dev/ttyACM0", 0x1209, 0x0001, "S-1"),
+        port("/dev/ttyACM1", 0x1209, 0x0002, "in DFU mode"),
+        port(str(tmp_path), 0x1209, 0x0001),
+    ]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    common = {"product": "array", "mode": "run time", "firmware": ""}
+    denied = "permission denied; `phasewire doctor` says how to get it"
+    assert SERIAL.find() == [
+        Found("serial:COM3", serial="S-2", location="COM3", **common),  # type: ignore[arg-type]
+        Found("serial:///dev/ttyACM0", serial="S-1", location="/dev/ttyACM0", **common),  # type: ignore[arg-type]
+        Found(f"serial://{tmp_path}", serial=None, location=str(tmp_path), problem=denied, **common),  # type: ignore[arg-type]
+    ]
+    assert SOCKET.find() == RFC2217.find() == []
+    known = port_for_url("serial:///dev/ttyACM0")
+    assert (known.product, known.serial_number, known.bytes_per_second) == ("array", "S-1", 53_248_000)
+    assert not hasattr(port_for_url("serial:///dev/ttyUSB0"), "bytes_per_second")
+
+
+# The command that serves
+
+
+@pytest.mark.parametrize("kind", ["tcp", "pty"])
+def test_what_phasewire_emulate_serves_is_played_on(kind: str) -> None:
+    """On the wall clock, as a process of its own; what it says on standard output is a URL or a path."""
+    command = [sys.executable, "-m", "phasewire", "emulate", "--serial", kind, "--json", "-", "--baud", "3000000"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            assert process.stdout
+            where = re.search(r'"serial_line": "([^"]+)"', process.stdout.readline())
+            assert where
+            url = where[1] if kind == "tcp" else f"serial://{where[1]}"
+            with open_device(f"{url}?baud=3000000") as device:
+                device.set_watchdog(5)
+                assert device.show(Pulses.silent(320)).commit_period > 0
+                assert device.status().enabled
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) == 0
+        finally:
+            process.kill()
+
+
+def test_the_wall_clock_s_watchdog_bites() -> None:
+    """Clause SAF-003: 100 ms without a word."""
+    with served_url("socket", pace=Pace.WALL) as (url, _), open_device(url) as device:
+        device.show(Pulses.silent(320))
+        device.time.sleep(0.3)
+        assert device.status().watchdog_fired
