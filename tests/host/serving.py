@@ -133,7 +133,7 @@ class Redirector:
 
 
 @contextmanager
-def served_url(scheme: str, *, pace: Pace = Pace.FAST, baud: int = BAUD) -> Iterator[tuple[str, Emulator]]:
+def served_url(scheme: str, *, pace: Pace = Pace.WALL, baud: int = BAUD) -> Iterator[tuple[str, Emulator]]:
     """The URL of a fresh emulated device that is reached by a scheme."""
     with Served(pty=scheme != "socket", pace=pace, baud=baud) as served:
         if scheme == "rfc2217":
