@@ -43,7 +43,6 @@ def record(
     frames: Frames,
     rate: float,
     *,
-    most: int | None = None,
     array: TransducerArray | None = None,
     medium: Medium | None = None,
     calibration: Calibration | None = None,
@@ -56,11 +55,9 @@ def record(
     path : Path
         The file, by custom with the suffix `SUFFIX`.
     frames : (k, n) complex, PulseFrames, Recording, or iterable of frames
-        What to record, see `frame_source`.
+        What to record, see `frame_source`; it must have an end.
     rate : float
         Frames per second.
-    most : int, optional
-        How many frames to record of more; all by default.
     array : TransducerArray, optional
         The n transducers; the default grid by default.
     medium : Medium, optional
@@ -103,17 +100,13 @@ def record(
             for field in fields(calibration):
                 _write_table(file.require_group("calibration"), field.name, getattr(calibration, field.name))
         rows = [_growing(file, name, len(array)) for name in PulseFrames._fields]
-        while len((taken := pulses.take(_at_once(most, written))).phase):
+        while len((taken := pulses.take(CHUNK_FRAMES)).phase):
             end = written + len(taken.phase)
             for dataset, values in zip(rows, taken, strict=True):
                 dataset.resize(end, axis=0)
                 dataset[written:] = values
             written = end
     return written
-
-
-def _at_once(most: int | None, taken: int) -> int:
-    return CHUNK_FRAMES if most is None else min(CHUNK_FRAMES, most - taken)
 
 
 def _write_table(group: Any, name: str, values: NDArray[Any]) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -195,10 +196,8 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory: pytest.TempPathFactory,
     path = tmp_path_factory.mktemp("junk") / "array.csv"
     for data in (junk, GOOD.encode() + junk):
         path.write_bytes(data)
-        try:
-            Calibration.load(path)
-        except InputFileError as error:
-            assert str(error).startswith(f"{path}: ")
+        with suppress(InputFileError):
+            assert len(Calibration.load(path))
 
 
 def test_a_missing_file_is_no_bad_file(tmp_path: Path) -> None:

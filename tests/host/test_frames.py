@@ -1,0 +1,229 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire import Circle, ControlPoints, Pulses, Solution, Solver, TransducerArray
+from phasewire.host.calibration import Calibration
+from phasewire.host.frames import FrameSource, PulseFrames, frame_source, solved, to_pulses
+
+N = 6
+GRID = TransducerArray.grid(3, 2)
+CALIBRATION = Calibration([1, 0.5, 2, 1, 1, 1], [0, 90, -45, 10, 0, 0], [1, -1, 1, 1, -1, 1], [0, 0, 0, 0, 0, 1])
+RNG = np.random.default_rng(12)
+DRIVES = RNG.uniform(-0.7, 0.7, (40, N, 2)) @ [1, 1j]
+SINGLE = DRIVES.astype(np.complex64)
+FRAMES = PulseFrames(RNG.integers(0, 100, (40, N), dtype=np.uint8), RNG.integers(0, 26, (40, N), dtype=np.uint8))
+
+
+def solution(drive: np.ndarray, array: TransducerArray = GRID) -> Solution:
+    solver = Solver(array)
+    return Solution(drive, array, ControlPoints([[0, 0, 0.2]]), solver.medium, "made up")
+
+
+def drained(source: FrameSource, takes: list[int]) -> PulseFrames:
+    """All that a source gives, by so many at a time in turn."""
+    parts: list[PulseFrames] = []
+    for turn in count():
+        taken = source.take(takes[turn % len(takes)])
+        assert taken.phase.shape == taken.width.shape
+        assert len(taken.phase) <= takes[turn % len(takes)]
+        if not len(taken.phase):
+            assert not len(source.take(5).phase)
+            return PulseFrames(*(np.concatenate(rows) for rows in zip(*parts, taken, strict=True)))
+        parts.append(taken)
+    raise AssertionError
+
+
+def by_hand(drives: np.ndarray, calibration: Calibration | None) -> PulseFrames:
+    rows = [Pulses.from_drive(drive if calibration is None else calibration.apply(drive)) for drive in drives]
+    return PulseFrames(np.array([row.phase for row in rows]), np.array([row.width for row in rows]))
+
+
+SOURCES: dict[str, Callable[[], Any]] = {
+    "an array": lambda: DRIVES,
+    "single precision": lambda: SINGLE,
+    "a list of drives": lambda: list(DRIVES),
+    "lists": lambda: DRIVES.tolist(),
+    "a generator": lambda: (drive for drive in DRIVES),
+    "solutions": lambda: map(solution, DRIVES),
+}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("calibration", [None, CALIBRATION], ids=["as they are", "calibrated"])
+@given(takes=st.lists(st.integers(1, 50), min_size=1, max_size=5))
+def test_drives_become_pulses(source: str, calibration: Calibration | None, takes: list[int]) -> None:
+    frames = SOURCES[source]()
+    expected = by_hand(SINGLE if source == "single precision" else DRIVES, calibration)
+    found = drained(frame_source(frames, calibration, N), takes)
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("calibration", [None, CALIBRATION], ids=["no calibration", "a calibration"])
+@given(takes=st.lists(st.integers(1, 50), min_size=1, max_size=5))
+def test_pulses_pass_as_they_are(calibration: Calibration | None, takes: list[int]) -> None:
+    one_by_one = [Pulses(*pair) for pair in zip(*FRAMES, strict=True)]
+    for source in (FRAMES, one_by_one, iter(one_by_one)):
+        found = drained(frame_source(source, calibration, N), takes)
+        np.testing.assert_array_equal(found, FRAMES)
+
+
+def test_frames_of_different_kinds_may_follow_each_other() -> None:
+    mixed = [DRIVES[0], Pulses(FRAMES.phase[1], FRAMES.width[1]), solution(DRIVES[2]), DRIVES[3].astype(np.complex64)]
+    found = drained(frame_source(mixed, CALIBRATION, N), [3])
+    expected = by_hand(DRIVES[[0, 0, 2, 3]], CALIBRATION)
+    expected.phase[1], expected.width[1] = FRAMES.phase[1], FRAMES.width[1]
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_real_drives_are_drives() -> None:
+    for calibration in (None, CALIBRATION):
+        found = drained(frame_source(DRIVES.real, calibration, N), [7])
+        np.testing.assert_array_equal(found, by_hand(DRIVES.real + 0j, calibration))
+
+
+def test_a_frame_is_asked_for_only_when_it_is_taken() -> None:
+    """A live source makes each at the last moment, and may go on for ever."""
+    asked: list[int] = []
+
+    def live() -> Iterator[np.ndarray]:
+        for number in count():
+            asked.append(number)
+            yield DRIVES[number % 40]
+
+    source = frame_source(live(), None, N)
+    assert asked == []
+    for expected in (1, 3, 4):
+        source.take(expected - len(asked))
+        assert asked == list(range(expected))
+
+
+def test_no_array_is_read_before_its_turn() -> None:
+    """What comes later may be changed until then, and bad frames stop nothing before them."""
+    drives = DRIVES.copy()
+    drives[30, 4] = np.nan
+    source = frame_source(drives, None, N)
+    first = source.take(10)
+    drives[10:20] = 0
+    assert not source.take(10).width.any()
+    np.testing.assert_array_equal(first, by_hand(DRIVES[:10], None))
+    source.take(10)
+    with pytest.raises(ValueError, match="drive of transducer 4 of frame 30 is"):
+        source.take(10)
+
+
+def bad(at: int, frame: Any) -> list[Any]:
+    return [*DRIVES[:at], frame]
+
+
+def changed(value: complex) -> np.ndarray:
+    drives = DRIVES.copy()
+    drives[23, 2] = value
+    return drives
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (changed(np.nan), "drive of transducer 2 of frame 23 is .*nan"),
+        (changed(1.5), "drive of transducer 2 of frame 23 has magnitude 1.5; at most 1"),
+        (list(changed(1.5)), "drive of transducer 2 of frame 23 has magnitude 1.5; at most 1"),
+        (bad(13, DRIVES[0, :5]), r"frame 13: a drive of the shape \(5,\) for a device with 6 transducers"),
+        (bad(13, DRIVES), r"frame 13: a drive of the shape \(40, 6\)"),
+        (bad(13, Pulses.silent(7)), "frame 13: 7 pulses for a device with 6 transducers"),
+        (bad(13, "silence"), r"frame 13: a frame is Pulses, a Solution, or a drive \(6,\) complex, not str"),
+        (bad(13, ControlPoints([[0, 0, 0.2]])), "frame 13: a frame is Pulses, .* not ControlPoints"),
+        (bad(13, [[1], [2, 3]]), "frame 13: "),
+        (FRAMES._replace(width=np.full((40, N), 26, np.uint8)), "width 26 of transducer 0 of frame 0 is above 25"),
+        (FRAMES._replace(phase=np.full((40, N), 100, np.uint8)), "phase 100 of transducer 0 of frame 0 is above 99"),
+    ],
+)
+@pytest.mark.parametrize("calibration", [None, CALIBRATION], ids=["no calibration", "a calibration"])
+def test_a_bad_frame_is_named_by_its_number(source: Any, message: str, calibration: Calibration | None) -> None:
+    with pytest.raises(ValueError, match=message):
+        drained(frame_source(source, calibration, N), [9])
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (DRIVES[0], r"drives of frames must have the shape \(k, 6\), not \(6,\)"),
+        (DRIVES[:, :5], r"drives of frames must have the shape \(k, 6\), not \(40, 5\)"),
+        (FRAMES._replace(phase=FRAMES.phase[:, :5]), r"phase of frames must have the shape \(k, 6\), not \(40, 5\)"),
+        (FRAMES._replace(width=FRAMES.width.astype(int)), "width of frames must be uint8, not int64"),
+        (FRAMES._replace(width=FRAMES.width[:7]), "40 frames of phases but 7 of widths"),
+        (Pulses.silent(6), "Pulses is no source of frames; an array of drives"),
+        (solution(DRIVES[0]), "Solution is no source of frames"),
+        (12, "int is no source of frames"),
+    ],
+)
+def test_what_is_no_source_is_named_at_once(source: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        frame_source(source, None, N)
+
+
+def test_a_calibration_must_be_of_the_device() -> None:
+    with pytest.raises(ValueError, match="a calibration of 5 transducers for a device with 6"):
+        frame_source(DRIVES, Calibration.perfect(5), N)
+
+
+def test_one_frame() -> None:
+    pulses = Pulses(FRAMES.phase[0], FRAMES.width[0])
+    assert to_pulses(pulses, CALIBRATION, N) is pulses
+    for frame in (DRIVES[0], DRIVES[0].tolist(), solution(DRIVES[0])):
+        assert to_pulses(frame, None, N) == Pulses.from_drive(DRIVES[0])
+        assert to_pulses(frame, CALIBRATION, N) == Pulses.from_drive(CALIBRATION.apply(DRIVES[0]))
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        (Pulses.silent(7), "7 pulses for a device with 6 transducers"),
+        (np.zeros(7, complex), r"a drive of the shape \(7,\) for a device with 6 transducers"),
+        (np.full(6, 2j), "drive of transducer 0 has magnitude 2; at most 1"),
+        (FRAMES, r"a drive of the shape \(2, 40, 6\)"),
+        (None, "a frame is Pulses, .* not NoneType"),
+    ],
+)
+def test_what_is_no_frame_is_named(frame: Any, message: str) -> None:
+    for calibration in (None, CALIBRATION):
+        with pytest.raises(ValueError, match=message):
+            to_pulses(frame, calibration, N)
+
+
+def test_no_response_is_corrected_twice() -> None:
+    """A solver that knew the responses has met them already."""
+    known = solution(DRIVES[0], GRID.calibrated(CALIBRATION.response))
+    assert to_pulses(known, None, N) == Pulses.from_drive(DRIVES[0])
+    with pytest.raises(ValueError, match="responses of its own, which a calibration would correct again"):
+        to_pulses(known, CALIBRATION, N)
+    with pytest.raises(ValueError, match="frame 1: this was solved for an array with responses of its own"):
+        frame_source([DRIVES[0], known], CALIBRATION, N).take(2)
+
+
+def test_points_are_solved_as_they_come(array: TransducerArray) -> None:
+    circle = Circle(radius=0.02).sample()
+    points = [ControlPoints(circle.positions * (1 + step / 10)) for step in range(3)]
+    found = drained(frame_source(solved(iter(points), Solver(array, "tikhonov")), None, 320), [2])
+    solver = Solver(array, "tikhonov")
+    expected = [Pulses.from_drive(solver.solve(each).drive) for each in points]
+    np.testing.assert_array_equal(found.phase, [pulses.phase for pulses in expected])
+    np.testing.assert_array_equal(found.width, [pulses.width for pulses in expected])
+
+
+def test_points_that_cannot_be_solved_for_are_named(array: TransducerArray) -> None:
+    points = [ControlPoints([[0, 0, 0.2]]), ControlPoints([[0, 0, 200]])]
+    with pytest.raises(ValueError, match=r"frame 1: control point 0 at \[0.0, 0.0, 200.0\] m is out of reach"):
+        drained(frame_source(solved(points, Solver(array)), None, 320), [1])
+
+
+def test_a_source_of_nothing_ends_at_once() -> None:
+    sources: list[Any] = [DRIVES[:0], PulseFrames(FRAMES.phase[:0], FRAMES.width[:0]), [], iter(())]
+    for source in sources:
+        assert frame_source(source, None, N).take(3).phase.shape == (0, N)
