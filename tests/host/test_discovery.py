@@ -1,0 +1,81 @@
+"""Devices on all lines, and lines of other people that fail."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+from typing import Any
+
+import pytest
+from phasewire import Emulator
+from phasewire.errors import DeviceNotFoundError
+from phasewire.host import discovery
+from phasewire.host.discovery import find_devices, search
+from phasewire.host.transport import Found
+
+HERE = Found("own:1", "somebody's array", "1", "run time", "", "shelf")
+
+
+class Works:
+    def find(self) -> list[Found]:
+        return [HERE]
+
+
+class Fails:
+    def find(self) -> list[Found]:
+        raise RuntimeError("its own bus is on fire")
+
+
+WORKS, FAILS = Works(), Fails()
+
+
+@pytest.fixture
+def lines(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Entry points of the group, by name."""
+    known: dict[str, str] = {}
+
+    def entries(*, group: str) -> list[EntryPoint]:
+        assert group == "phasewire.transports"
+        return [EntryPoint(name, value, group) for name, value in known.items()]
+
+    objects: dict[str, Any] = {"works": WORKS, "fails": FAILS}
+
+    def load(entry: EntryPoint) -> Any:
+        if entry.value not in objects:
+            raise ModuleNotFoundError(f"No module named {entry.value!r}")
+        return objects[entry.value]
+
+    monkeypatch.setattr(discovery, "entry_points", entries)
+    monkeypatch.setattr(EntryPoint, "load", load)
+    return known
+
+
+def test_one_line_that_fails_does_not_hide_the_others(lines: dict[str, str]) -> None:
+    lines.update(broken="fails", missing="nowhere", own="works")
+    found, failures = search()
+    assert found == [HERE]
+    assert failures == {"broken": "its own bus is on fire", "missing": "No module named 'nowhere'"}
+
+
+def test_an_error_without_words_is_named(lines: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    lines.update(own="works")
+    monkeypatch.setattr(WORKS, "find", lambda: (_ for _ in ()).throw(KeyError()), raising=False)
+    assert search().failures == {"own": "KeyError"}
+
+
+def test_only_some_lines_may_be_asked(lines: dict[str, str]) -> None:
+    lines.update(broken="fails", own="works")
+    assert search(["own"]) == ([HERE], {})
+    assert find_devices(["own"]) == [HERE]
+    with pytest.raises(DeviceNotFoundError, match="no transport 'usb'; known are broken, own"):
+        find_devices(["usb"])
+
+
+def test_an_emulator_that_is_plugged_in_is_found() -> None:
+    with Emulator(serial="FIND-ME"):
+        found = {each.serial: each for each in find_devices(["emulator"])}
+    assert found["FIND-ME"].url == "emulator:FIND-ME"
+    assert "FIND-ME" not in {each.serial for each in find_devices(["emulator"])}
+
+
+def test_nothing_there_is_no_failure() -> None:
+    assert search(["usb", "emulator"]).failures == {}
