@@ -1,0 +1,66 @@
+"""What a check of the doctor comes to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import StrEnum
+from typing import NamedTuple
+
+__all__ = ["Finding", "Judgement", "Verdict", "fail", "listed", "ok", "skipped", "warn"]
+
+MOST_LISTED = 4
+
+
+class Verdict(StrEnum):
+    """What a check comes to."""
+
+    OK = "ok"
+    WARN = "warn"
+    """It works, but not as it should."""
+    FAIL = "fail"
+    SKIPPED = "skipped"
+    """It could not be made, or has no meaning here."""
+
+
+class Judgement(NamedTuple):
+    """What a check comes to, what it saw, and what to do about it, if there is anything."""
+
+    verdict: Verdict
+    seen: str
+    advice: str = ""
+
+
+class Finding(NamedTuple):
+    """A judgement under the name of its check, one of `CHECKS`."""
+
+    name: str
+    verdict: Verdict
+    seen: str
+    advice: str = ""
+
+
+def ok(seen: str) -> Judgement:
+    """All is well."""
+    return Judgement(Verdict.OK, seen)
+
+
+def warn(seen: str, advice: str) -> Judgement:
+    """It works, but not as it should."""
+    return Judgement(Verdict.WARN, seen, advice)
+
+
+def fail(seen: str, advice: str) -> Judgement:
+    """It does not work."""
+    return Judgement(Verdict.FAIL, seen, advice)
+
+
+def skipped(why: str) -> Judgement:
+    """Nothing can be said."""
+    return Judgement(Verdict.SKIPPED, why)
+
+
+def listed(words: Iterable[str], separator: str = ", ") -> str:
+    """The first few of many."""
+    every = list(words)
+    more = len(every) - MOST_LISTED
+    return separator.join(every[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")

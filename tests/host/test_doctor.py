@@ -1,0 +1,570 @@
+"""The doctor: each thing that can be wrong, brought about, and what it finds and says."""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import usb.core
+from phasewire import Emulator
+from phasewire.emulator import faults
+from phasewire.emulator.doors.backend import EmulatorBackend
+from phasewire.emulator.faults import InjectedFault
+from phasewire.errors import DeviceLostError
+from phasewire.host import device_checks
+from phasewire.host.computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer, udev_rule
+from phasewire.host.device import Device
+from phasewire.host.discovery import Search
+from phasewire.host.doctor import CHECKS, examine
+from phasewire.host.findings import Finding, Verdict
+from phasewire.host.transport import Found
+from phasewire.protocol.codes import Fault, Feature
+from phasewire.protocol.enumeration import DFU_PRODUCT_ID, FULL_SPEED, PRODUCT_ID, VENDOR_ID
+from phasewire.protocol.replies import ClockReading, Info, ProcessorReport, Status
+
+OK, WARN, FAIL, SKIPPED = Verdict.OK, Verdict.WARN, Verdict.FAIL, Verdict.SKIPPED
+BACKEND = "phasewire.emulator.doors.backend.open_backend"
+GUIDE = Path(__file__).parents[2] / "docs" / "first-connection.md"
+
+
+def found_by(url: str, **options: Any) -> dict[str, Finding]:
+    findings = list(examine(url, **options))
+    assert tuple(finding.name for finding in findings) == CHECKS
+    return {finding.name: finding for finding in findings}
+
+
+def bad(findings: dict[str, Finding]) -> dict[str, Verdict]:
+    """What the device or its line has; what the computer lacks, which runs this test, is left out."""
+    return {
+        name: finding.verdict
+        for name, finding in findings.items()
+        if finding.verdict in (WARN, FAIL) and name not in COMPUTER_CHECKS
+    }
+
+
+def is_off(emulator: Emulator) -> bool:
+    return emulator.running.state.name in ("OFF", "FAULT")
+
+
+# A device that is well
+
+
+def test_a_device_that_is_well_passes_every_check(emulator: Emulator) -> None:
+    findings = found_by(emulator.url)
+    assert bad(findings) == {}
+    assert not [finding for finding in findings.values() if finding.verdict is FAIL]
+    assert findings["transducers"].verdict is SKIPPED
+    assert "--play" in findings["transducers"].seen
+    assert is_off(emulator)
+
+
+@pytest.mark.parametrize("url", ["emulator:", "emulator:?link=2wire"])
+def test_a_fresh_emulated_device_is_examined_too(url: str) -> None:
+    assert bad(found_by(url)) == {}
+
+
+def drives_by_latch(emulator: Emulator) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """What was played, of whatever began to play, in the order of time: magnitudes (k, 320)."""
+    captured = emulator.capture()
+    periods = sorted({tick // 50 for ticks in captured.latches for tick in ticks})
+    return np.array([abs(captured.drive(period)) for period in periods])
+
+
+def test_the_self_test_makes_no_sound(emulator: Emulator) -> None:
+    found_by(emulator.url)
+    drives = drives_by_latch(emulator)
+    assert len(drives) >= 2  # patterns did reach the processors
+    assert drives.max() == 0
+
+
+def heard(emulator: Emulator) -> tuple[list[int], float]:
+    """Which transducers played, each alone, in the order of their time, and how strongly at most."""
+    drives = drives_by_latch(emulator)
+    sounding = drives > 1e-6
+    assert sounding.sum(axis=1).max() == 1
+    order = np.argmax(sounding[sounding.any(axis=1)], axis=1)
+    return list(dict.fromkeys(order.tolist())), float(drives.max())
+
+
+def test_one_transducer_alone_plays_softly(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """CON-008's width 2: sin(2π/50) of the full amplitude (PUL-003)."""
+    monkeypatch.setattr(device_checks, "range", lambda channels: [300, 17, 0], raising=False)
+    assert found_by(emulator.url, play=True)["transducers"].verdict is OK
+    order, loudest = heard(emulator)
+    assert order == [300, 17, 0]
+    assert loudest == pytest.approx(np.sin(2 * np.pi / 50), rel=1e-3)
+    assert is_off(emulator)
+    assert emulator.running.status().drive_limit == 320
+
+
+@pytest.mark.slow
+def test_with_play_every_transducer_plays_alone(emulator: Emulator) -> None:
+    assert found_by(emulator.url, play=True)["transducers"].verdict is OK
+    assert heard(emulator)[0] == list(range(320))
+
+
+# What can go wrong with it, and what is found
+
+SEEN: dict[str, tuple[InjectedFault, dict[str, tuple[Verdict, str]]]] = {
+    "a slice loses a token": (
+        faults.LostToken(message="slice", processor=3),
+        {
+            "self-test": (FAIL, "32 pulses came back wrong, from board 1 processor 1"),
+            "chain": (WARN, "board 1 processor 1: 1 missed commits and 1 damaged messages"),
+            "faults": (WARN, r"CHAIN \(board 1 processor 1\)"),
+        },
+    ),
+    "a commit has a token twice": (
+        faults.DoubledToken(message="commit", processor=4),
+        {
+            "self-test": (FAIL, "32 pulses came back wrong, from board 2 processor 0"),
+            "chain": (WARN, "board 2 processor 0: 1 damaged messages"),
+            "faults": (WARN, r"CHAIN \(board 2 processor 0\)"),
+        },
+    ),
+    "a slice has a wrong bit": (
+        faults.FlippedBit(message="slice", processor=9),
+        {
+            "self-test": (FAIL, "from board 4 processor 1"),
+            "chain": (WARN, "board 4 processor 1: 1 missed commits"),
+            "faults": (WARN, "CHAIN"),
+        },
+    ),
+    "a link is slow": (
+        faults.SlowLink(link=2, cycles_per_symbol=20),
+        {"self-test": (FAIL, "came back wrong"), "chain": (WARN, "missed commits"), "faults": (WARN, "CHAIN")},
+    ),
+    "a link is so slow that it is broken": (
+        faults.SlowLink(link=2, cycles_per_symbol=2000),
+        {
+            "self-test": (FAIL, r"turned its outputs off \(FAULT\)"),
+            "chain": (FAIL, "a processor was lost"),
+            "faults": (FAIL, "PROCESSOR"),
+        },
+    ),
+    "a processor dies": (
+        faults.DeadProcessor(processor=5),
+        {"chain": (FAIL, "a processor was lost while the device ran"), "faults": (FAIL, "PROCESSOR")},
+    ),
+    "a board dies": (
+        faults.DeadBoard(board=0),
+        {"chain": (FAIL, "a processor was lost while the device ran"), "faults": (FAIL, "PROCESSOR")},
+    ),
+    "a board's clock is off": (
+        faults.ClockError(board=1, ppm=100),
+        {"faults": (FAIL, r"SYNC \(board 1\): a board has lost the common clock")},
+    ),
+    "the sync line is cut": (faults.LostSync(), {"faults": (FAIL, r"SYNC \(all boards\)")}),
+    "the sync line is cut at a board": (faults.LostSync(board=2), {"faults": (FAIL, r"SYNC \(board 2\)")}),
+    "a board is warm": (faults.HotBoard(board=2, celsius=82), {"temperature": (WARN, "82 °C at most on board 2")}),
+    "a board is too hot": (
+        faults.HotBoard(board=3, celsius=90),
+        {"temperature": (FAIL, "90 °C at most on board 3"), "faults": (FAIL, r"TEMPERATURE \(board 3\)")},
+    ),
+    "a supply is too low": (faults.WrongSupply(millivolts=9000, board=4), {"faults": (FAIL, r"SUPPLY \(board 4\)")}),
+    "a processor is slow": (
+        faults.SlowProcessor(processor=6, slowness=30),
+        {
+            "self-test": (FAIL, "from board 3 processor 0"),
+            "chain": (WARN, "board 3 processor 0: 2 missed commits"),
+            "faults": (WARN, r"OVERRUN \(board 3 processor 0\)"),
+        },
+    ),
+    "a block arrives damaged": (
+        faults.FlippedUsbBit(endpoint=1, byte=100),
+        {"blocks": (WARN, "1 refused.*last refusal CHECKSUM")},
+    ),
+    "every block arrives damaged": (
+        faults.FlippedUsbBit(endpoint=1, byte=100, times=1000),
+        {"open": (FAIL, "did not receive a block")},
+    ),
+    "records arrive damaged": (
+        faults.FlippedUsbBit(endpoint=129, byte=5, times=1000),
+        {"open": (FAIL, "breaks the protocol")},
+    ),
+    "the bus sleeps": (faults.BusSuspended(), {"access": (FAIL, "it does not answer")}),
+    "nothing arrives": (faults.SilentHost(), {"access": (FAIL, "it does not answer")}),
+    "the cable is out": (faults.Unplugged(), {"device": (FAIL, "nothing is plugged in")}),
+    "there is no power": (faults.PowerCut(), {"device": (FAIL, "nothing is plugged in")}),
+}
+
+
+@pytest.mark.parametrize(("fault", "expected"), SEEN.values(), ids=SEEN)
+def test_a_fault_is_found(fault: InjectedFault, expected: dict[str, tuple[Verdict, str]]) -> None:
+    with Emulator(serial="ILL") as emulator:
+        emulator.inject(fault)
+        if emulator.powered:
+            emulator.run(1000)
+        findings = found_by(emulator.url)
+        assert not emulator.powered or is_off(emulator)
+    assert bad(findings) == {name: verdict for name, (verdict, _) in expected.items()}
+    for name, (_, seen) in expected.items():
+        assert re.search(seen, findings[name].seen), findings[name]
+
+
+UNSEEN: dict[str, InjectedFault] = {
+    "an output that no device sees": faults.StuckLow(processor=1, bit=3),
+    "a transducer that no device sees": faults.OpenTransducer(transducer=7),
+    "a reset that opening repeats": faults.BusReset(),
+}
+
+
+@pytest.mark.parametrize("fault", UNSEEN.values(), ids=UNSEEN)
+def test_what_nobody_can_see_is_not_made_up(emulator: Emulator, fault: InjectedFault) -> None:
+    emulator.inject(fault)
+    assert bad(found_by(emulator.url)) == {}
+
+
+@pytest.mark.parametrize(
+    ("fault", "missing"),
+    [
+        (
+            faults.DeadProcessor(processor=5),
+            "5 of 10 processors answer; missing: board 2 processor 1, board 3, board 4",
+        ),
+        (faults.DeadBoard(board=0), "0 of 10 processors answer; missing: all boards"),
+    ],
+)
+def test_after_a_start_a_dead_processor_is_named(emulator: Emulator, fault: InjectedFault, missing: str) -> None:
+    emulator.inject(fault)
+    emulator.restart()
+    emulator.run_until_started()
+    findings = found_by(emulator.url)
+    assert (findings["chain"].verdict, findings["chain"].seen) == (FAIL, missing)
+    assert findings["self-test"].verdict is SKIPPED
+    assert "silenced by PROCESSOR" in findings["self-test"].seen
+
+
+def patched(monkeypatch: pytest.MonkeyPatch, record: type, **values: Any) -> None:
+    """Let a device say something else of itself."""
+    genuine = record.encode  # type: ignore[attr-defined]  # each has it
+    monkeypatch.setattr(record, "encode", lambda self: genuine(dataclasses.replace(self, **values)))
+
+
+def test_firmware_that_could_not_be_loaded_is_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    patched(monkeypatch, Status, faults=Fault.FLASH)
+    findings = found_by(emulator.url)
+    assert bad(findings) == {"firmware": WARN, "faults": WARN}
+    assert findings["firmware"].seen == "0.1.0 from the bank FACTORY; a newer one could not be loaded"
+    assert "phasewire flash" in findings["firmware"].advice
+
+
+def test_versions_without_a_common_one_say_which_is_older(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    patched(monkeypatch, Info, oldest_version=2, newest_version=3)
+    findings = found_by(emulator.url)
+    assert bad(findings) == {"open": FAIL}
+    assert "versions 2 to 3" in findings["open"].seen
+    assert "phasewire, which is the older" in findings["open"].seen
+    assert findings["protocol"].verdict is SKIPPED
+
+
+def test_processors_with_different_firmware_are_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    genuine = Device.processors
+
+    def mixed(self: Device) -> list[ProcessorReport]:
+        reports = genuine(self)
+        reports[7] = dataclasses.replace(reports[7], firmware=(0, 0, 9))
+        return reports
+
+    monkeypatch.setattr(Device, "processors", mixed)
+    findings = found_by(emulator.url)
+    assert bad(findings) == {"chain": FAIL}
+    assert findings["chain"].seen == "not all run 0.1.0: board 3 processor 1"
+
+
+def test_settings_that_somebody_left_are_found(emulator: Emulator) -> None:
+    from phasewire import open_device
+
+    with open_device(emulator.url) as device:
+        device.set_watchdog(0.05)
+        device.set_drive_limit(10)
+    findings = found_by(emulator.url)
+    assert bad(findings) == {"settings": WARN}
+    assert findings["settings"].seen == ("watchdog 50 ms, drive limit 10 transducers; at power-up 100 ms and 320")
+
+
+def test_a_wiring_table_that_is_none_is_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("phasewire.emulator.control.controller.encode_wiring", lambda wiring: bytes(640), raising=True)
+    findings = found_by(emulator.url)
+    assert findings["wiring"].verdict is FAIL
+    assert "exactly once" in findings["wiring"].seen
+
+
+@pytest.mark.parametrize(("ppm", "verdict"), [(50, OK), (500, WARN), (-500, WARN), (20_000, FAIL)])
+def test_a_clock_that_is_off_is_found(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, ppm: float, verdict: Verdict
+) -> None:
+    genuine = ClockReading.encode
+
+    def off(self: ClockReading) -> bytes:
+        return genuine(dataclasses.replace(self, now=round(self.now * (1 + ppm * 1e-6))))
+
+    monkeypatch.setattr(ClockReading, "encode", off)
+    finding = found_by(emulator.url)["clock"]
+    assert finding.verdict is verdict
+    assert float(finding.seen.split()[0]) == pytest.approx(ppm, abs=150)
+
+
+def test_a_sync_line_without_pulses_is_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    patched(monkeypatch, ClockReading, sync_pulses=7)
+    finding = found_by(emulator.url)["clock"]
+    assert finding.verdict is FAIL
+    assert "no pulses on the sync line" in finding.seen
+
+
+def test_a_device_that_cannot_be_read_back_is_tried_all_the_same(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    patched(monkeypatch, Info, features=Feature(63) & ~Feature.READ_BACK)
+    findings = found_by(emulator.url)
+    assert bad(findings) == {}
+    assert findings["self-test"].seen.endswith("cannot be read back")
+
+
+def test_pulses_that_come_back_wrong_are_told(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(device_checks, "_plays_alone", lambda device, transducer: transducer not in (17, 230))
+    findings = found_by(emulator.url, play=True)
+    assert findings["transducers"].seen == "2 did not play their pulse: 17, 230"
+    assert findings["transducers"].verdict is FAIL
+
+
+def test_a_device_that_goes_away_ends_the_examination(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unplugging(device: Device) -> Any:
+        emulator.usb.unplug()
+        return genuine(device)
+
+    genuine = device_checks.QUIET_CHECKS["wiring"]
+    monkeypatch.setitem(device_checks.QUIET_CHECKS, "wiring", unplugging)
+    findings = found_by(emulator.url)
+    assert bad(findings) == {"wiring": FAIL}
+    after = CHECKS[CHECKS.index("wiring") + 1 :]
+    assert {(findings[name].verdict, findings[name].seen) for name in after} == {(SKIPPED, "the device is gone")}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, DeviceLostError])
+def test_however_it_ends_the_outputs_are_off(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, error: type[BaseException]
+) -> None:
+    monkeypatch.setattr(Device, "read_back", raising(error("in the middle of a pattern")))
+    if error is KeyboardInterrupt:
+        with pytest.raises(KeyboardInterrupt):
+            found_by(emulator.url)
+    else:
+        found_by(emulator.url)
+    assert is_off(emulator)
+
+
+def test_a_listener_that_stops_listening_frees_the_device(emulator: Emulator) -> None:
+    findings: Iterator[Finding] = examine(emulator.url)
+    for finding in findings:
+        if finding.name == "open":
+            break
+    findings.close()  # type: ignore[attr-defined]  # a generator
+    assert bad(found_by(emulator.url)) == {}
+
+
+# The way to it
+
+
+def raising(error: BaseException) -> Callable[..., Any]:
+    def call(*arguments: object, **options: object) -> Any:
+        raise error
+
+    return call
+
+
+def test_without_permission_it_says_how_to_get_it(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr(EmulatorBackend, "ctrl_transfer", raising(usb.core.USBError("denied", None, errno.EACCES)))
+    findings = found_by(emulator.url)
+    assert bad(findings) == {"access": FAIL}
+    assert findings["access"].seen == "permission denied"
+    assert "phasewire doctor --udev-rule | sudo tee /etc/udev/rules.d/60-phasewire.rules" in findings["access"].advice
+    assert (findings["open"].verdict, findings["open"].seen) == (SKIPPED, "see access")
+
+
+def test_a_device_that_is_open_elsewhere_is_said(emulator: Emulator) -> None:
+    from phasewire import open_device
+
+    with open_device(emulator.url):
+        findings = found_by(emulator.url)
+    assert bad(findings) == {"open": FAIL}
+    assert "another program is using the device" in findings["open"].seen
+
+
+@pytest.mark.parametrize(
+    ("held", "verdict", "seen"),
+    [
+        ({0}, FAIL, "holds interface 0"),
+        ({1, 2}, OK, "serial driver has the console"),
+        (set(), OK, "interface 0 is free"),
+        (NotImplementedError(), SKIPPED, "does not tell"),
+        (usb.core.USBError("no"), SKIPPED, "cannot be asked: no"),
+    ],
+)
+def test_drivers_of_the_system(
+    emulator: Emulator,
+    monkeypatch: pytest.MonkeyPatch,
+    held: set[int] | Exception,
+    verdict: Verdict,
+    seen: str,
+) -> None:
+    def active(self: EmulatorBackend, handle: object, interface: int) -> bool:
+        if isinstance(held, Exception):
+            raise held
+        return interface in held
+
+    monkeypatch.setattr(EmulatorBackend, "is_kernel_driver_active", active)
+    finding = found_by(emulator.url)["driver"]
+    assert finding.verdict is verdict
+    assert seen in finding.seen
+
+
+def test_full_speed_is_found() -> None:
+    """USB-010: 2 375 blocks a second."""
+    with Emulator(serial="SLOW", speed=FULL_SPEED) as emulator:
+        findings = found_by(emulator.url)
+    assert bad(findings) == {"cable": WARN}
+    assert findings["cable"].seen.endswith("at most 2375 blocks a second")
+
+
+def test_a_hub_on_the_way_is_named(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    genuine = EmulatorBackend.get_device_descriptor
+
+    def behind_a_hub(self: EmulatorBackend, device: Any) -> Any:
+        described = genuine(self, device)
+        described.bus, described.port_numbers = 3, (2, 4)
+        return described
+
+    monkeypatch.setattr(EmulatorBackend, "get_device_descriptor", behind_a_hub)
+    assert found_by(emulator.url)["cable"].seen == "high speed at 3-2.4, through the hub at 3-2"
+
+
+@pytest.mark.parametrize(
+    ("problem", "verdict", "seen"), [(None, OK, "/dev/ttyACM7"), ("permission denied", WARN, "permission denied")]
+)
+def test_the_console_s_port_is_named(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, problem: str | None, verdict: Verdict, seen: str
+) -> None:
+    port = Found("serial:///dev/ttyACM7", "array", emulator.serial, "run time", "", "/dev/ttyACM7", problem)
+    monkeypatch.setattr("phasewire.host.computer_checks.search", lambda schemes=None: Search([port], {}))
+    finding = found_by(emulator.url)["console"]
+    assert finding.verdict is verdict
+    assert seen in finding.seen
+
+
+@pytest.mark.parametrize("url", ["emulator:NO-SUCH", "nonsense:", "usb:no-such-serial"])
+def test_without_a_device_the_computer_is_examined(url: str) -> None:
+    findings = found_by(url)
+    assert findings["device"].verdict is FAIL
+    after = CHECKS[CHECKS.index("device") + 1 :]
+    assert {findings[name].verdict for name in after} == {SKIPPED}
+    assert findings["python"].verdict is OK
+
+
+def test_the_only_device_needs_no_name(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device with two lines is one, and USB is the better."""
+    usb_line = Found(emulator.url, "array", emulator.serial, "run time", "0.1.0", "0-1")
+    serial_line = dataclasses.replace(usb_line, url="serial:///dev/ttyACM0")
+    other = dataclasses.replace(usb_line, url="emulator:OTHER", serial="OTHER")
+
+    def examined(*found: Found) -> Finding:
+        monkeypatch.setattr("phasewire.host.doctor.search", lambda: Search(list(found), {}))
+        return next(finding for finding in examine() if finding.name == "device")
+
+    assert examined(usb_line, serial_line).verdict is OK
+    assert examined(serial_line, usb_line).verdict is OK
+    assert "there are 2 devices; name one with --device" in examined(usb_line, other).seen
+    assert "no device can be found" in examined().seen
+
+
+# The computer
+
+
+def computer(root: Path, *, system: str = "linux", superuser: bool = False, groups: tuple[str, ...] = ()) -> Computer:
+    return Computer(system, root, superuser, frozenset(groups))
+
+
+def installed(root: Path, text: str | None = None, folder: str = "etc/udev/rules.d") -> Path:
+    path = root / folder / "60-phasewire.rules"
+    path.parent.mkdir(parents=True)
+    path.write_text(udev_rule() if text is None else text, encoding="utf-8")
+    return root
+
+
+def test_the_udev_rule_is_looked_for(tmp_path: Path) -> None:
+    check = COMPUTER_CHECKS["udev rule"]
+    assert check(computer(tmp_path, system="darwin")).verdict is SKIPPED
+    assert check(computer(tmp_path)).verdict is WARN
+    assert "phasewire doctor --udev-rule | sudo tee" in check(computer(tmp_path)).advice
+    assert check(computer(tmp_path, superuser=True)).verdict is OK
+    assert "need the group plugdev" in check(computer(installed(tmp_path / "a"))).seen
+    assert check(computer(installed(tmp_path / "b"), groups=("plugdev",))).seen.endswith("gives access")
+    assert check(computer(installed(tmp_path / "c", folder="usr/lib/udev/rules.d"))).verdict is OK
+    assert check(computer(installed(tmp_path / "d", "an older one"))).verdict is WARN
+
+
+def test_this_computer_is_known() -> None:
+    here = Computer.this()
+    assert here.root == Path("/")
+    assert COMPUTER_CHECKS["python"](here).verdict is OK
+    assert "pyusb" in COMPUTER_CHECKS["python"](here).seen
+
+
+def test_libusb_is_asked_for_its_version() -> None:
+    finding = COMPUTER_CHECKS["libusb"](Computer.this())
+    assert finding.verdict is OK
+    assert re.fullmatch(r"libusb 1\.0\.\d+", finding.seen)
+
+
+def test_without_libusb_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
+    findings = found_by("usb:")
+    assert (findings["libusb"].verdict, findings["usb bus"].verdict) == (FAIL, SKIPPED)
+    assert "pip install --force-reinstall libusb-package" in findings["libusb"].advice
+    assert findings["transports"].verdict is WARN
+    assert findings["device"].verdict is FAIL
+
+
+@pytest.mark.parametrize(("emulators", "verdict"), [(0, WARN), (1, OK)])
+def test_a_computer_without_any_usb_bus_is_a_container(
+    monkeypatch: pytest.MonkeyPatch, emulators: int, verdict: Verdict
+) -> None:
+    bus = EmulatorBackend([Emulator() for _ in range(emulators)])
+    monkeypatch.setattr("phasewire.host.computer_checks.open_backend", lambda url: bus)
+    assert COMPUTER_CHECKS["usb bus"](Computer.this()).verdict is verdict
+
+
+def test_a_line_of_somebody_else_s_that_fails_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    failed = Search([], {"theirs": "on fire"})
+    monkeypatch.setattr("phasewire.host.computer_checks.search", lambda schemes=None: failed)
+    judgement = COMPUTER_CHECKS["transports"](Computer.this())
+    assert judgement.verdict is WARN
+    assert "theirs: on fire" in judgement.seen
+
+
+# The udev rule and the guide
+
+
+def test_the_udev_rule_names_the_device_as_the_specification_does() -> None:
+    """Numbers of USB-001 and USB-013, classes of USB-005, before the file that heeds uaccess."""
+    lines = [line for line in udev_rule().splitlines() if line.startswith("SUBSYSTEM")]
+    products = [int(match, 16) for line in lines for match in re.findall(r'ATTRS?\{idProduct\}=="(\w+)"', line)]
+    vendors = {int(match, 16) for line in lines for match in re.findall(r'ATTRS?\{idVendor\}=="(\w+)"', line)}
+    assert vendors == {VENDOR_ID}
+    assert products == [PRODUCT_ID, DFU_PRODUCT_ID, PRODUCT_ID, PRODUCT_ID]
+    assert udev_rule().count('TAG+="uaccess"') == udev_rule().count('ENV{ID_MM_DEVICE_IGNORE}="1"') == 3
+    assert udev_rule().count('GROUP="plugdev"') == 2
+    assert "60-phasewire.rules" < "73-seat-late.rules"
+
+
+def test_the_guide_tells_of_every_check() -> None:
+    told = re.findall(r"^\| `([\w -]+)` \|", GUIDE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert tuple(told) == (*CHECKS, *(fault.name for fault in Fault))
+    assert set(BUS_CHECKS) < set(told)
