@@ -20,6 +20,7 @@ from .emulator.cli import commands as emulator_commands
 from .errors import DeviceError, DeviceNotFoundError, PhasewireError
 from .hil.cli import commands as hil_commands
 from .host.cli import commands as host_commands
+from .host.discovery_cli import commands as discovery_commands
 from .host.firmware_cli import commands as firmware_commands
 from .host.flash_cli import commands as flash_commands
 from .host.playing_cli import commands as playing_commands
@@ -63,6 +64,7 @@ for commands in (
     solver_commands,
     host_commands,
     playing_commands,
+    discovery_commands,
     flash_commands,
     emulator_commands,
     settings_commands,

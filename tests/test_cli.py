@@ -32,6 +32,8 @@ COMMANDS = (
     "show",
     "stop",
     "info",
+    "devices",
+    "doctor",
     "flash",
     "firmware",
     "emulate",
