@@ -137,6 +137,9 @@ class Device:
         except DeviceError:
             if kind is None:
                 raise
+        except BaseException:  # Ctrl-C came just now: first things first
+            self.stop()
+            raise
         finally:
             self._session.close()
 

@@ -7,6 +7,7 @@ import pytest
 from phasewire import Emulator, Pulses, Wiring, open_device
 from phasewire.emulator.doors.backend import Port
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceTimeoutError
+from phasewire.host.session import Session
 from phasewire.protocol import Ack, Info, Reason, Request, State, unpack
 from phasewire.protocol.codes import AckFlag
 
@@ -30,6 +31,28 @@ def test_show_plays_and_stop_stops(emulator: Emulator) -> None:
         device.show(FULL)
         assert sounding(emulator) == 320
         assert Port.of(emulator.usb).claims
+    assert not Port.of(emulator.usb).claims
+
+
+def test_ctrl_c_while_the_outputs_are_turned_off_does_not_leave_them_on(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes once: `phasewire` passes over the others."""
+    genuine, interrupts = Session.order, iter([KeyboardInterrupt])
+
+    def order(session: Session, request: Request, value: int = 0) -> None:
+        if request is Request.DISABLE and (error := next(interrupts, None)):
+            raise error
+        genuine(session, request, value)
+
+    def session() -> None:
+        with open_device(emulator.url) as device:
+            device.show(FULL)
+            monkeypatch.setattr(Session, "order", order)
+
+    with pytest.raises(KeyboardInterrupt):
+        session()
+    assert sounding(emulator) == 0
     assert not Port.of(emulator.usb).claims
 
 
