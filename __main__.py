@@ -159,11 +159,16 @@ def _heard() -> Iterator[None]:
 
 
 @contextmanager
-def _unwinding() -> Iterator[None]:
+def _unwinding(*, last: bool) -> Iterator[None]:
     """Let Ctrl-C, SIGTERM and a closed terminal unwind the program, so that it leaves a device silent.
 
     Only the first of them does: those that follow find it turning outputs off, which they must not interrupt and which
     ends in bounded time. What was ignored when the program began, as under nohup, stays so.
+
+    Parameters
+    ----------
+    last : bool
+        Whether the program ends behind this, so that nothing is left that a signal could interrupt.
     """
     heard = False
 
@@ -184,9 +189,8 @@ def _unwinding() -> Iterator[None]:
     try:
         yield
     finally:
-        if not heard:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_IGN if last else handler)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -194,7 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a sign shows a question mark
-    with _heard(), _unwinding():
+    with _heard(), _unwinding(last=arguments is None):
         try:
             command_line()(args=arguments, prog_name="phasewire")
         except MemoryError:
