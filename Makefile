@@ -43,10 +43,12 @@ bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/solver.py
 	@$(BIN)/python benchmarks/protocol.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/emulator.py
+	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/streaming.py
 
 bench-peers: $(VENV)/ready   ## beside autd3 and its emulators, acoustools and levitate, each in .peers (2 GB, made once)
 	@$(BIN)/python benchmarks/peers/run.py
 	@$(BIN)/python benchmarks/peers/run_emulation.py
+	@$(BIN)/python benchmarks/peers/run_streaming.py
 
 clean:           ## remove the environment and everything built
 	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
