@@ -19,6 +19,8 @@ from phasewire.protocol.codes import AMPLITUDES, Reason, Request
 from phasewire.protocol.replies import Ack, records
 from phasewire.solver import transfer_matrix
 
+PATIENCE_SECONDS = 1.0
+
 
 class Recording(NamedTuple):
     capture: Capture
@@ -52,11 +54,10 @@ def enter(scene: Scene) -> Entry:
         with Emulator() as emulator:
             transport = open_transport(emulator.url)
             transport.order(Request.ENABLE)
-            for block in blocks:
-                transport.write_block(pack(block))
+            transport.write_blocks(b"".join(map(pack, blocks)), PATIENCE_SECONDS)
             acks: list[Ack] = []
             while len(acks) < len(blocks):
-                acks += [ack for ack in records(transport.read_records()) if isinstance(ack, Ack)]
+                acks += [ack for ack in records(transport.read_records(PATIENCE_SECONDS)) if isinstance(ack, Ack)]
             if any(ack.reason is not Reason.ACCEPTED for ack in acks):
                 raise RuntimeError(f"refused: {acks}")
             begins = acks[-1].commit_period

@@ -1,0 +1,147 @@
+"""phasewire's own streaming: to an emulated device in this process by pyusb, and to one in a process of its own.
+
+``phasewire emulate`` is that process. It serves a UART over TCP, at the highest rate that the specification reckons
+with, where the device's time is the wall clock's; and USB/IP, where it passes as fast as it can be computed.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from itertools import cycle
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+import numpy as np
+from phasewire import Pulses
+from phasewire.host.device import Device, open_device
+from phasewire.host.serial_line import BLOCK_FRAME_BYTES
+from phasewire.protocol import PulseFrames
+from phasewire.protocol.board import CARRIER_HZ, CHANNELS
+from phasewire.protocol.framing import UART_BITS_PER_BYTE
+from throughput import Entry, Streamed, Task, Way, main
+from usbip_line import UsbIpLine
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from told_apart import Bus, open_told_apart
+
+PHASES, WIDTHS = 100, 26
+BAUD = 12_000_000
+LINE_RATE = BAUD // UART_BITS_PER_BYTE // BLOCK_FRAME_BYTES
+END_SECONDS = 10.0
+WATCHDOG_SECONDS = 60.0
+"""A busy machine is no failure."""
+
+Sender = Callable[[Device, float], int]
+
+
+@contextmanager
+def served(*doors: str) -> Iterator[dict[str, Any]]:
+    """A device that is emulated by a process of its own, and what that says of it and its doors."""
+    command = [sys.executable, "-m", "phasewire", "emulate", *doors, "--json=-"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield json.loads(process.stdout.readline())
+        finally:
+            process.terminate()
+            try:
+                process.wait(END_SECONDS)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+@contextmanager
+def by_uart() -> Iterator[Device]:
+    """Such a device, by its UART over TCP."""
+    with (
+        served("--serial=tcp", f"--baud={BAUD}") as found,
+        open_device(f"{found['devices'][0]['serial_line']}?baud={BAUD}") as device,
+    ):
+        yield device
+
+
+@contextmanager
+def by_usbip() -> Iterator[Device]:
+    """Such a device, by USB/IP."""
+    with served("--usbip", "--port=0", "--pace=fast") as found:
+        line = UsbIpLine(found["usbip"]["port"], found["devices"][0]["bus_id"])
+        with Device(line) as device:
+            yield device
+
+
+def measured(sender: Sender, device: Device, seconds: float, bus: Bus | None = None) -> Streamed:
+    """Send for about so long."""
+    device.set_watchdog(WATCHDOG_SECONDS)
+    if bus is not None:
+        bus.forget()
+    wall, processor = perf_counter(), process_time()
+    updates = sender(device, seconds)
+    wall, processor = perf_counter() - wall, process_time() - processor
+    return Streamed(updates, wall, processor, None if bus is None else processor - bus.seconds)
+
+
+def send_apart(opened: Callable[[], AbstractContextManager[Device]], sender: Sender, seconds: float) -> Streamed:
+    """Send to a device in another process."""
+    with opened() as device:
+        return measured(sender, device, seconds)
+
+
+def send_here(sender: Sender, seconds: float) -> Streamed:
+    """Send to a device in this process."""
+    device, bus = open_told_apart()
+    with device:
+        return measured(sender, device, seconds, bus)
+
+
+def enter(task: Task) -> Entry:
+    """One frame after the other, and a stream at the highest rate, over both lines."""
+    phase, width = task.random(CHANNELS, PHASES, 1), task.random(CHANNELS, WIDTHS, 2)
+    pulses = [Pulses(*frame) for frame in zip(phase, width, strict=True)]
+
+    def show(device: Device, seconds: float) -> int:
+        sent, end = 0, perf_counter() + seconds
+        for frame in cycle(pulses):
+            if perf_counter() >= end:
+                break
+            device.show(frame)
+            sent += 1
+        return sent
+
+    def stream(rate: int, device: Device, seconds: float) -> int:
+        shape = (round(rate * seconds), CHANNELS)
+        report = device.stream(PulseFrames(np.resize(phase, shape), np.resize(width, shape)), rate)
+        if report.accepted != shape[0]:
+            raise RuntimeError(f"{shape[0]} frames were sent, of which {report}")
+        return shape[0]
+
+    full = partial(stream, CARRIER_HZ)
+    return Entry(
+        CHANNELS,
+        [
+            Way("UART over TCP: show, one after the other", True, partial(send_apart, by_uart, show)),
+            Way("UART over TCP: stream", True, partial(send_apart, by_uart, partial(stream, LINE_RATE))),
+            Way("USB/IP: show, one after the other", True, partial(send_apart, by_usbip, show)),
+            Way("USB/IP: stream", True, partial(send_apart, by_usbip, full)),
+            Way("pyusb: show, one after the other", False, partial(send_here, show)),
+            Way("pyusb: stream", False, partial(send_here, full)),
+        ],
+        [
+            "Pulses come from NumPy arrays of phases and widths. Its emulator puts every change on the outputs' time "
+            "line, in the device's time.",
+            f"The UART has {BAUD / 1e6:g} Mbaud, in the emulator's time too, so that it carries at most {LINE_RATE:,} "
+            "updates per second, whatever the computer. USB/IP is spoken by the benchmark, where a kernel would do it, "
+            "and the device's time passes there as fast as it can be computed, so that its periods are not the host's.",
+            "In one process everything is done by one thread; the host's time is what is spent outside the calls of "
+            "the bus, and the rate of the host alone is one over that.",
+        ],
+    )
+
+
+if __name__ == "__main__":
+    main(enter)
