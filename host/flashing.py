@@ -362,19 +362,19 @@ def revert(url: str) -> RevertReport:
 def find_flashable(url: str) -> list[Flashable]:
     """The devices on the bus of a URL, in either mode; none of them is disturbed in what it does."""
     bus = UsbBus(url)
-    return [_flashable(bus, seen) for seen in bus.look()]
+    return [_flashable(seen) for seen in bus.look()]
 
 
-def _flashable(bus: UsbBus, seen: Sighting) -> Flashable:
+def _flashable(seen: Sighting) -> Flashable:
     bank, problem = None, None
     if seen.serial is None:
-        problem = "may not be opened; `phasewire doctor` says how to get access"
+        problem = seen.found.problem
     elif seen.mode == RUN_TIME:
         try:
             bank = _reports(seen)[0].bank
         except DeviceError as error:
             problem = str(error)
-    return Flashable(bus.url_of(seen), seen.product, seen.serial, seen.mode, seen.firmware, bank, problem)
+    return Flashable(seen.found.url, seen.product, seen.serial, seen.mode, seen.firmware, bank, problem)
 
 
 # A device in run-time mode

@@ -21,6 +21,7 @@ __all__ = [
     "SCHEMES",
     "URL_VARIABLE",
     "Found",
+    "Mode",
     "Scheme",
     "Timekeeper",
     "Transport",
@@ -104,6 +105,9 @@ class Transport(Protocol):
         """Give the line back."""
 
 
+Mode = Literal["run time", "DFU"]
+
+
 @dataclass(frozen=True)
 class Found:
     """A device that could be opened, or what speaks against it.
@@ -129,7 +133,7 @@ class Found:
     url: str
     product: str
     serial: str | None
-    mode: Literal["run time", "DFU"]
+    mode: Mode
     firmware: str
     location: str
     problem: str | None = None

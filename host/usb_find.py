@@ -1,19 +1,21 @@
-"""Devices on a USB bus: which are there, in which mode, and what pyusb's errors mean.
+"""Devices on a USB bus: which are there, in which mode, which one a URL means, and what pyusb's errors mean.
 
 A bus is an entry point in the group ``phasewire.usb_backends``: a function ``(url) -> pyusb backend``. A backend whose
 devices do not live by the wall clock has a method ``time_of(address) -> Timekeeper``. Nothing here asks a device for
-more than its descriptors.
+more than its descriptors. One of ours is known by the classes of its interfaces besides vendor and product (clauses
+USB-005 and USB-013), for these are a test pair that others use too.
 """
 
 from __future__ import annotations
 
 import errno
 import re
+import sys
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import usb.core
 import usb.util
@@ -26,20 +28,32 @@ from ..errors import (
     DeviceStalledError,
     DeviceTimeoutError,
 )
-from ..protocol.enumeration import ARRAY_CLASS, ARRAY_INTERFACE, DFU_FUNCTIONAL, DFU_MODE_CLASS, PRODUCT_ID, VENDOR_ID
+from ..protocol.enumeration import (
+    ARRAY_CLASS,
+    ARRAY_INTERFACE,
+    DFU_FUNCTIONAL,
+    DFU_MODE_CLASS,
+    LANGUAGE,
+    PRODUCT_ID,
+    VENDOR_ID,
+)
 from ..protocol.versions import Version
-from .transport import Timekeeper, load_by_scheme
+from .transport import Found, Mode, Timekeeper, load_by_scheme
 
 __all__ = [
     "ANY_MODE",
+    "BACKENDS",
     "DFU_MODE",
+    "INSTALL_RULE",
     "REQUEST_MS",
     "RUN_TIME",
     "Mode",
     "Sighting",
     "UsbBus",
     "configure",
+    "find_on",
     "opened",
+    "select",
     "translated",
 ]
 
@@ -50,12 +64,16 @@ LOOK_SECONDS = 0.05
 RIGHTS_SECONDS = 0.5
 """Passes at most, after a device has come, until udev has said who may use it."""
 
-Mode = Literal["run time", "DFU"]
+INSTALL_RULE = (
+    "phasewire doctor --udev-rule | sudo tee /etc/udev/rules.d/60-phasewire.rules; sudo udevadm control --reload"
+)
+"""What gives the users of a Linux computer access."""
+
 RUN_TIME: Mode = "run time"
 DFU_MODE: Mode = "DFU"
 ANY_MODE = (RUN_TIME, DFU_MODE)
 
-_NUMBERS = re.compile(r"([0-9a-fA-F]{4}):([0-9a-fA-F]{4})")
+_WANTED = re.compile(r"(?:(?P<vendor>[0-9a-fA-F]{4}):(?P<product>[0-9a-fA-F]{4})(?::|$))?(?P<serial>.*)")
 
 
 @contextmanager
@@ -102,12 +120,8 @@ class Sighting:
         What pyusb calls so.
     vendor, product_id : int
         Its numbers in run-time mode (clause USB-001).
-    mode : {"run time", "DFU"}
-        Whether it plays, or waits for new firmware.
-    product : str
-        Its name, empty where it cannot be read.
-    serial : str or None
-        Its serial number, None where it cannot be read.
+    found : Found
+        What can be told of it.
     time : Timekeeper
         The time by which it lives.
     """
@@ -115,10 +129,23 @@ class Sighting:
     device: usb.core.Device
     vendor: int
     product_id: int
-    mode: Mode
-    product: str
-    serial: str | None
+    found: Found
     time: Timekeeper
+
+    @property
+    def mode(self) -> Mode:
+        """Whether it plays, or waits for new firmware."""
+        return self.found.mode
+
+    @property
+    def product(self) -> str:
+        """Its name, empty where it cannot be read."""
+        return self.found.product
+
+    @property
+    def serial(self) -> str | None:
+        """Its serial number, None where it cannot be read."""
+        return self.found.serial
 
     @property
     def name(self) -> str:
@@ -129,6 +156,11 @@ class Sighting:
     def firmware(self) -> Version:
         """Of the firmware that runs, in DFU mode of that which ran (clauses FWU-004 and USB-008)."""
         return Version.from_bcd(self.device.bcdDevice)
+
+    @property
+    def full_speed(self) -> bool:
+        """Whether the bus runs at full speed, which carries fewer blocks (clause USB-010)."""
+        return bool(self.device.speed == usb.util.SPEED_FULL)
 
 
 @contextmanager
@@ -149,7 +181,7 @@ class UsbBus:
     ----------
     url : str
         ``scheme:`` for the only device, ``scheme:SERIAL``, or ``scheme:VVVV:PPPP`` for the only one whose vendor and
-        product have these hexadecimal numbers in run-time mode.
+        product have these hexadecimal numbers in run-time mode; ``scheme:VVVV:PPPP:SERIAL`` for one of several.
 
     Raises
     ------
@@ -161,9 +193,10 @@ class UsbBus:
         self._url = url
         self._scheme, _, rest = url.partition(":")
         wanted = rest.partition("?")[0]
-        numbers = _NUMBERS.fullmatch(wanted)
-        self._vendor, self._product_id = (int(n, 16) for n in numbers.groups()) if numbers else (VENDOR_ID, PRODUCT_ID)
-        self._serial = "" if numbers else wanted
+        match = _WANTED.fullmatch(wanted)
+        assert match is not None  # for anything is a serial number
+        vendor, product, self._serial = match.group("vendor", "product", "serial")
+        self._vendor, self._product_id = (int(vendor, 16), int(product, 16)) if vendor else (VENDOR_ID, PRODUCT_ID)
         try:
             open_backend = load_by_scheme(BACKENDS, url)
         except DeviceNotFoundError as error:
@@ -181,51 +214,73 @@ class UsbBus:
 
     def _mode(self, device: usb.core.Device) -> Mode | None:
         """The mode of a device of ours, by its interface: others may bear the same test numbers."""
-        if device.idProduct == self._product_id and _interface(device, ARRAY_CLASS) is not None:
-            return RUN_TIME
-        if device.idProduct == self._product_id + 1:  # clause USB-013
-            interface = _interface(device, DFU_MODE_CLASS)
-            if interface is not None and bytes(interface.extra_descriptors) == DFU_FUNCTIONAL.encode():
-                return DFU_MODE
+        with suppress(usb.core.USBError, NotImplementedError):  # what cannot be looked at cannot be known
+            if device.idProduct == self._product_id and _interface(device, ARRAY_CLASS) is not None:
+                return RUN_TIME
+            if device.idProduct == self._product_id + 1:  # clause USB-013
+                interface = _interface(device, DFU_MODE_CLASS)
+                if interface is not None and bytes(interface.extra_descriptors) == DFU_FUNCTIONAL.encode():
+                    return DFU_MODE
         return None
 
     def _sighting(self, device: usb.core.Device, mode: Mode) -> Sighting:
         clock: Timekeeper = self._backend.time_of(device.address) if hasattr(self._backend, "time_of") else time
+        serial: str | None = None
+        product, problem = "", None
         try:
-            product, serial = str(device.product or ""), str(device.serial_number or "")
-        except (ValueError, usb.core.USBError):  # pyusb's ValueError "no langid": the strings could not be read at all
-            product, serial = "", None
-        usb.util.dispose_resources(device)
-        return Sighting(device, self._vendor, self._product_id, mode, product, serial, clock)
+            serial, product = _string(device, device.iSerialNumber), _string(device, device.iProduct)
+        except (usb.core.USBError, NotImplementedError, ValueError) as error:
+            problem = _problem(error)
+        finally:
+            usb.util.dispose_resources(device)
+        found = Found(
+            self._url_of(serial),
+            product,
+            serial,
+            mode,
+            str(Version.from_bcd(device.bcdDevice)),
+            _location(device),
+            problem,
+        )
+        return Sighting(device, self._vendor, self._product_id, found, clock)
 
-    def find(self) -> Sighting:
-        """The device that the URL names, in whichever mode it is.
+    def _url_of(self, serial: str | None) -> str:
+        """The URL that names a device."""
+        usual = (self._vendor, self._product_id) == (VENDOR_ID, PRODUCT_ID)
+        numbers = "" if usual and serial else f"{self._vendor:04x}:{self._product_id:04x}"
+        return f"{self._scheme}:{':'.join(filter(None, (numbers, serial)))}"
+
+    def sight(self, modes: Collection[Mode] = ANY_MODE) -> Sighting:
+        """The device that the URL names; it may have a problem.
 
         Raises
         ------
         DeviceNotFoundError
-            Where there is none, or several and no serial number to choose by.
+            Where there is none in one of these modes, or several and no serial number to choose by.
+        """
+        there = self.look()
+        chosen = select(self._url, self._serial, [each.found for each in there], modes)
+        return next(each for each in there if each.found is chosen)
+
+    def find(self, modes: Collection[Mode] = ANY_MODE) -> Sighting:
+        """The device that the URL names, which may be opened.
+
+        Raises
+        ------
+        DeviceNotFoundError
+            Where there is none in one of these modes, or several and no serial number to choose by.
         DeviceAccessError
             Where there is one that may not be opened.
         """
-        there = self.look()
-        if unreadable := [each for each in there if each.serial is None]:
-            unreadable[0].time.sleep(RIGHTS_SECONDS)
-            there = self.look()
-        matching = [each for each in there if self._serial in ("", each.serial)]
-        if len(matching) > 1:
-            choices = " or ".join(self.url_of(each) for each in matching if each.serial)
-            raise DeviceNotFoundError(f"{self._url!r} could be any of {len(matching)} devices; name one: {choices}")
-        if matching and matching[0].serial is not None:
-            return matching[0]
-        if any(each.serial is None for each in there):
+        seen = self.sight(modes)
+        if seen.found.problem is not None:
+            seen.time.sleep(RIGHTS_SECONDS)
+            seen = self.sight(modes)
+        if seen.found.problem is not None:
             raise DeviceAccessError(
-                f"{self._url!r}: a device is there but may not be opened; `phasewire doctor` says how to get access"
+                f"{self._url!r}: the device at {seen.found.location} cannot be opened: {seen.found.problem}"
             )
-        serials = ", ".join(repr(each.serial) for each in there)
-        raise DeviceNotFoundError(
-            f"no device at {self._url!r}: {f'there are {serials}' if serials else 'nothing is plugged in'}"
-        )
+        return seen
 
     def find_again(self, known: Sighting, modes: Collection[Mode], seconds: float) -> Sighting:
         """Wait until a device is there in one of these modes, and may be opened.
@@ -258,9 +313,11 @@ class UsbBus:
             "and look at its cable"
         )
 
-    def url_of(self, seen: Sighting) -> str:
-        """The URL that names a device."""
-        return f"{self._scheme}:{seen.serial}"
+
+def find_on(scheme: str) -> list[Found]:
+    """The devices on the bus of a scheme, in both modes; errors as `UsbBus`."""
+    anyone = f"{scheme}:*"  # without a serial number an emulated bus would make a fresh device
+    return [seen.found for seen in UsbBus(anyone).look()]
 
 
 def _interface(device: usb.core.Device, wanted: tuple[int, int, int]) -> Any:
@@ -273,3 +330,93 @@ def _interface(device: usb.core.Device, wanted: tuple[int, int, int]) -> Any:
         bInterfaceSubClass=subclass,
         bInterfaceProtocol=protocol,
     )
+
+
+def _string(device: usb.core.Device, index: int) -> str:
+    # Not by the properties of pyusb's device, which hide why a string cannot be read.
+    return str(usb.util.get_string(device, index, LANGUAGE)) if index else ""
+
+
+def _location(device: usb.core.Device) -> str:
+    """Bus and ports as Linux writes them, such as 1-2.4."""
+    ports = ".".join(map(str, device.port_numbers or ()))
+    return f"{device.bus}-{ports}" if ports else f"bus {device.bus}, address {device.address}"
+
+
+def _problem(error: Exception) -> str:
+    """Why a device cannot be opened, and what to do."""
+    if isinstance(error, NotImplementedError):  # as libusb says it on Windows
+        return (
+            "it has no driver that lets programs use it: unplug it and plug it in again, so that Windows gives it "
+            "WinUSB, or choose WinUSB for it with Zadig"
+        )
+    if not isinstance(error, usb.core.USBError):
+        return f"its name cannot be read ({error}): unplug it and plug it in again"
+    if error.errno in (errno.EACCES, errno.EPERM):
+        on_linux = f"install the udev rule with `{INSTALL_RULE}`, then plug it in again"
+        return f"permission denied: {on_linux if sys.platform == 'linux' else 'close what uses it'}"
+    if error.errno == errno.EBUSY:
+        return "another program is using it: close that first"
+    return f"it does not answer ({error.strerror}): unplug it and plug it in again"
+
+
+def select(url: str, serial: str, found: Sequence[Found], modes: Collection[Mode] = ANY_MODE) -> Found:
+    """The one device that is meant.
+
+    A serial number may be cut short: the whole one is preferred, then those that begin so, then those that hold it.
+
+    Parameters
+    ----------
+    url : str
+        For the error.
+    serial : str
+        All of the serial number or a part of it; empty for any.
+    found : list of Found
+        What is there.
+    modes : collection of {"run time", "DFU"}
+        In one of which it must be.
+
+    Returns
+    -------
+    Found
+        It may have a `problem`: where no serial number fits, a device whose number cannot be read may be the one.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        Where none is meant, or more than one; it names those that are there.
+    """
+    there = [each for each in found if each.mode in modes]
+    meant = _matching(serial, there) or [each for each in there if each.serial is None][:1]
+    if len(meant) > 1:
+        choices = " or ".join(_named(each, meant) for each in meant)
+        raise DeviceNotFoundError(f"{url!r} could be any of {len(meant)} devices; name one: {choices}")
+    if meant:
+        return meant[0]
+    if others := _matching(serial, [each for each in found if each.mode not in modes]):
+        raise DeviceNotFoundError(
+            f"no device at {url!r} in {' or '.join(modes)} mode: {others[0].url} is in {others[0].mode} mode; "
+            "`phasewire flash` gives it firmware and starts it"
+        )
+    names = ", ".join(repr(each.serial) for each in there)
+    raise DeviceNotFoundError(f"no device at {url!r}: " + (f"there are {names}" if names else "nothing is plugged in"))
+
+
+def _matching(serial: str, found: Sequence[Found]) -> list[Found]:
+    """All for an empty serial number, else those that match it best."""
+    if not serial:
+        return list(found)
+    degrees: tuple[Callable[[str], bool], ...] = (
+        lambda whole: whole == serial,
+        lambda whole: whole.startswith(serial),
+        lambda whole: serial in whole,
+    )
+    known = [each for each in found if each.serial]
+    ranked = ([each for each in known if matches(each.serial or "")] for matches in degrees)
+    return next(filter(None, ranked), [])
+
+
+def _named(one: Found, choices: Sequence[Found]) -> str:
+    """A URL that tells a device from the others, or its place where none does."""
+    alike = sum(each.url == one.url for each in choices) > 1
+    return f"the one at {one.location} ({one.problem})" if alike or one.problem else one.url

@@ -1,0 +1,255 @@
+"""Devices on a bus, told from each other and from other people's."""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import usb.core
+import usb.util
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire import Emulator
+from phasewire.emulator.doors.backend import EmulatorBackend, Port
+from phasewire.errors import DeviceNotFoundError
+from phasewire.host.transport import Found
+from phasewire.host.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbBus, find_on, select
+from phasewire.protocol.codes import DfuRequest
+from phasewire.protocol.descriptors import DfuFunctional
+from phasewire.protocol.enumeration import FULL_SPEED
+from phasewire.protocol.requests import Setup
+
+
+def sightings(*emulators: Emulator, url: str = "emulator:") -> list[Sighting]:
+    """What a bus with these devices shows."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("phasewire.emulator.doors.backend.open_backend", lambda url: EmulatorBackend(emulators))
+        return UsbBus(url).look()
+
+
+def seen_on(*emulators: Emulator, url: str = "emulator:") -> list[Found]:
+    return [seen.found for seen in sightings(*emulators, url=url)]
+
+
+def in_dfu_mode(serial: str) -> Emulator:
+    emulator = Emulator(serial=serial)
+    emulator.usb.reset()
+    emulator.usb.control(Setup(0x00, 9, 1, 0, 0), b"")  # SET_CONFIGURATION
+    emulator.usb.control(Setup(0x21, DfuRequest.DETACH, 1000, 3, 0), b"")
+    emulator.scheduler.run_until(emulator.scheduler.now + 800_000_000)
+    return emulator
+
+
+def found(serial: str | None, mode: Any = RUN_TIME, problem: str | None = None) -> Found:
+    url = f"usb:{serial}" if serial else "usb:1209:0001"
+    return Found(url, "array", serial, mode, "0.1.0", "1-2", problem)
+
+
+# On the bus
+
+
+def test_a_device_is_told_with_all_that_can_be_known() -> None:
+    assert seen_on(Emulator(serial="X-1")) == [
+        Found("emulator:X-1", "phasewire five-board array (emulated)", "X-1", "run time", "0.1.0", "0-1")
+    ]
+
+
+def test_looking_neither_configures_nor_claims(emulator: Emulator) -> None:
+    seen_on(emulator)
+    assert emulator.usb.configuration == 0
+    assert not Port.of(emulator.usb).claims
+
+
+def test_a_device_in_dfu_mode_is_told(emulator: Emulator) -> None:
+    """USB-013: product 0002, the same serial number, one interface FE 01 02."""
+    waiting = in_dfu_mode("D-1")
+    told = seen_on(emulator, waiting)
+    assert [each.mode for each in told] == ["run time", "DFU"]
+    assert (told[1].serial, told[1].url, told[1].firmware) == ("D-1", "emulator:D-1", "0.1.0")
+
+
+@pytest.mark.parametrize(
+    "foreign",
+    [
+        lambda bytes_: bytes_.replace(bytes([0xFF, 0x50, 0x01]), bytes([0xFF, 0x50, 0x02])),
+        lambda bytes_: bytes_.replace(bytes([0xFF, 0x50, 0x01]), bytes([0x03, 0x00, 0x00])),
+    ],
+)
+def test_others_with_the_same_numbers_are_left_alone(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, foreign: Callable[[bytes], bytes]
+) -> None:
+    genuine = emulator.usb.enumeration
+    changed = dataclasses.replace(genuine, configuration=foreign(genuine.configuration))
+    assert changed != genuine
+    monkeypatch.setattr(emulator.usb, "enumeration", changed)
+    asked: list[object] = []
+    monkeypatch.setattr(EmulatorBackend, "open_device", lambda self, device: asked.append(device))
+    assert seen_on(emulator) == []
+    assert asked == []
+
+
+def test_another_s_boot_loader_with_the_numbers_of_dfu_mode_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its functional descriptor says something else than USB-013."""
+    waiting = in_dfu_mode("D-2")
+    genuine = waiting.usb.enumeration
+    ours, other = DfuFunctional(0x0F, 1000, 2048, 0x0110).encode(), DfuFunctional(0x0B, 255, 1024, 0x011A).encode()
+    assert ours in genuine.configuration
+    changed = dataclasses.replace(genuine, configuration=genuine.configuration.replace(ours, other))
+    monkeypatch.setattr(waiting.usb, "enumeration", changed)
+    assert seen_on(waiting) == []
+
+
+def test_another_product_number_is_found_where_the_url_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """USB-001: 0001 unless configured otherwise."""
+    emulator = Emulator(serial="OWN")
+    genuine = emulator.usb.enumeration
+    own = dataclasses.replace(genuine, device=dataclasses.replace(genuine.device, idProduct=0xABCD))
+    monkeypatch.setattr(emulator.usb, "enumeration", own)
+    assert seen_on(emulator) == []
+    assert [each.url for each in seen_on(emulator, url="emulator:1209:abcd")] == ["emulator:1209:abcd:OWN"]
+
+
+def test_full_speed_is_noticed() -> None:
+    slow, fast = Emulator(serial="SLOW", speed=FULL_SPEED), Emulator(serial="FAST")
+    assert [each.full_speed for each in sightings(slow, fast)] == [True, False]
+
+
+def raising(error: Exception) -> Callable[..., Any]:
+    def call(*arguments: object) -> None:
+        raise error
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (
+            usb.core.USBError("denied", None, errno.EACCES),
+            "permission denied: install the udev rule with `phasewire doctor --udev-rule | sudo tee",
+        ),
+        (usb.core.USBError("busy", None, errno.EBUSY), "another program is using it: close that first"),
+        (usb.core.USBError("i/o", None, errno.EIO), "it does not answer"),
+        (NotImplementedError("not supported on this platform"), "WinUSB"),  # pyusb's for LIBUSB_ERROR_NOT_SUPPORTED
+    ],
+)
+def test_a_device_whose_strings_cannot_be_read_is_told_with_the_reason(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, error: Exception, told: str
+) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr(EmulatorBackend, "ctrl_transfer", raising(error))
+    [locked] = seen_on(emulator)
+    assert (locked.url, locked.serial, locked.product) == ("emulator:1209:0001", None, "")
+    assert locked.problem is not None
+    assert told in locked.problem
+
+
+def test_a_device_that_may_not_even_be_opened_is_told(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(EmulatorBackend, "open_device", raising(usb.core.USBError("denied", None, errno.EACCES)))
+    [locked] = seen_on(emulator)
+    assert "permission denied" in (locked.problem or "")
+
+
+def test_a_device_whose_descriptors_cannot_be_read_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(EmulatorBackend, "get_configuration_descriptor", raising(usb.core.USBError("gone")))
+    assert seen_on(Emulator()) == []
+
+
+def test_a_device_without_known_ports_is_placed_by_its_address(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    genuine = EmulatorBackend.get_device_descriptor
+
+    def without_ports(self: EmulatorBackend, device: Any) -> Any:
+        described = genuine(self, device)
+        described.port_numbers = None
+        return described
+
+    monkeypatch.setattr(EmulatorBackend, "get_device_descriptor", without_ports)
+    assert seen_on(emulator)[0].location == "bus 0, address 1"
+
+
+# URLs
+
+
+@pytest.mark.parametrize(
+    ("url", "serial"),
+    [
+        ("emulator:A-1", "A-1"),
+        ("emulator:A", "A-1"),
+        ("emulator:1209:0001:A-1", "A-1"),
+        ("emulator:1209", "1209"),
+        ("emulator:120", "1209"),
+    ],
+)
+def test_urls(url: str, serial: str) -> None:
+    with Emulator(serial="A-1"), Emulator(serial="1209"):
+        assert UsbBus(url).find().serial == serial
+
+
+def test_every_device_of_a_bus_is_found() -> None:
+    with Emulator(serial="A-1"), Emulator(serial="B-1"):
+        assert {"A-1", "B-1"} <= {each.serial for each in find_on("emulator")}
+
+
+@given(st.from_regex(r"[A-Za-z0-9._-]{1,64}", fullmatch=True))
+def test_every_serial_number_that_may_be_is_found(serial: str) -> None:
+    """USB-001."""
+    assert select(f"usb:{serial}", serial, [found("other" + serial[:1]), found(serial)]).serial == serial
+    assert UsbBus(f"emulator:{serial}")._serial == serial
+
+
+# Choice
+
+
+@pytest.mark.parametrize(
+    ("url", "chosen"),
+    [
+        ("usb:PW-1", "PW-1"),  # the whole number before a beginning
+        ("usb:PW-12", "PW-12"),
+        ("usb:PW-2", "PW-20"),  # the only beginning
+        ("usb:20", "PW-20"),  # the only part
+        ("usb:12", "PW-12"),
+    ],
+)
+def test_a_serial_number_may_be_cut_short(url: str, chosen: str) -> None:
+    there = [found("PW-1"), found("PW-12"), found("PW-20")]
+    assert select(url, url.removeprefix("usb:"), there).serial == chosen
+
+
+def test_the_only_one_needs_no_name() -> None:
+    assert select("usb:", "", [found("A")]).serial == "A"
+    assert select("usb:", "", [found("A"), found("B", DFU_MODE)], (RUN_TIME,)).serial == "A"
+
+
+@pytest.mark.parametrize("serial", ["", "PW", "W-"])
+def test_several_are_named(serial: str) -> None:
+    with pytest.raises(DeviceNotFoundError, match="could be any of 2 devices; name one: usb:PW-1 or usb:PW-2"):
+        select("usb:…", serial, [found("PW-1"), found("PW-2")])
+
+
+def test_one_that_cannot_be_named_is_told_by_its_place() -> None:
+    with pytest.raises(DeviceNotFoundError, match=r"usb:A or the one at 1-2 \(permission denied\)"):
+        select("usb:", "", [found("A"), found(None, problem="permission denied")])
+
+
+def test_none_names_those_that_are_there() -> None:
+    with pytest.raises(DeviceNotFoundError, match="no device at 'usb:Z': there are 'A', 'B'"):
+        select("usb:Z", "Z", [found("A"), found("B")])
+    with pytest.raises(DeviceNotFoundError, match="no device at 'usb:': nothing is plugged in"):
+        select("usb:", "", [])
+
+
+def test_a_device_in_another_mode_is_told() -> None:
+    with pytest.raises(DeviceNotFoundError, match="no device at 'usb:A' in run time mode: usb:A is in DFU mode"):
+        select("usb:A", "A", [found("A", DFU_MODE)], (RUN_TIME,))
+    assert select("usb:A", "A", [found("A", DFU_MODE)], ANY_MODE).serial == "A"
+
+
+def test_a_device_that_cannot_be_read_may_be_the_one() -> None:
+    locked = found(None, problem="permission denied")
+    assert select("usb:A", "A", [locked]) is locked
+    assert select("usb:A", "A", [locked, found("A")]).serial == "A"
