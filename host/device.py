@@ -411,10 +411,8 @@ class Device:
         """
         frames = frame_source(source, self.calibration, self.info.channels)
         restore = self._restore if reconnect else None
-        stream = Stream(self._session, frames, rate, look_ahead=look_ahead, restore=restore)
+        stream = Stream(self._session, frames, rate, look_ahead=look_ahead, enable=self.enable, restore=restore)
         try:
-            with self._session.lock:
-                self.enable()
             return stream.run(on_progress)
         except BaseException:
             self._silence_after_failure()

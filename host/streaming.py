@@ -144,6 +144,8 @@ class Stream:
         Frames per second.
     look_ahead : float
         Seconds before its period at which a frame is sent at the earliest.
+    enable : callable
+        Enables the outputs.
     restore : callable, optional
         Makes a device that was lost and came back what it was before; without it, the stream ends there.
     """
@@ -155,6 +157,7 @@ class Stream:
         rate: float,
         *,
         look_ahead: float,
+        enable: Callable[[], None],
         restore: Callable[[], None] | None,
     ) -> None:
         most = min(session.info.max_updates_per_second, session.line().most_blocks_per_second)
@@ -164,7 +167,8 @@ class Stream:
             )
         if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
             raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")
-        self._session, self._source, self._restore = session, source, restore
+        self._session, self._source = session, source
+        self._enable, self._restore = enable, restore
         self._spacing = CARRIER_HZ / rate
         self._look_ahead = max(ceil(look_ahead * CARRIER_HZ), LEAST_LEAD_PERIODS)
         self._horizon = min(self._look_ahead, session.info.queue_blocks * self._spacing + TURN_PERIODS)
@@ -197,14 +201,18 @@ class Stream:
 
     def run(self, on_progress: Callable[[StreamReport], None] | None = None) -> StreamReport:
         """Play all frames, and wait until the last has had its time."""
+        frames = self._source.take(1)
+        pack_updates(*frames, sequence=0)  # what is compiled or read now does not keep an enabled device waiting
+        self._enable()
         told = time.monotonic()
         self._pause = self._session.status().watchdog_ms / 3000
         self._find_clock()
-        while len((frames := self._source.take(self._wait_for_turn())).phase):
+        while len(frames.phase):
             self._come_back_if_lost(partial(self._send, frames))
             if on_progress is not None and time.monotonic() - told >= PROGRESS_SECONDS:
                 told = time.monotonic()
                 on_progress(self.report)
+            frames = self._source.take(self._wait_for_turn())
         self._come_back_if_lost(lambda: self._wait_until(self._due(self._next)))
         self._read_clock()
         return self.report
