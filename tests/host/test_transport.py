@@ -10,7 +10,9 @@ from phasewire.host.transport import default_url
 
 @pytest.mark.parametrize("url", ["nonsense:", "nonsense", "", ":", "emulator", "http://127.0.0.1/"])
 def test_an_unknown_url_names_the_known_ones(url: str) -> None:
-    with pytest.raises(DeviceNotFoundError, match="the URL of a device begins with one of emulator:, usb:"):
+    with pytest.raises(
+        DeviceNotFoundError, match="the URL of a device begins with one of emulator:, rfc2217:, serial:, socket:, usb:"
+    ):
         open_device(url)
 
 
@@ -24,5 +26,10 @@ def test_the_variable_names_the_default_device(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_transports_and_buses_are_found_by_entry_point() -> None:
-    for group in ("phasewire.transports", "phasewire.usb_backends"):
-        assert {entry.name for entry in entry_points(group=group)} >= {"usb", "emulator"}
+    ports = {"serial", "socket", "rfc2217"}
+    for group, schemes in (
+        ("phasewire.transports", {"usb", "emulator"} | ports),
+        ("phasewire.usb_backends", {"usb", "emulator"}),
+        ("phasewire.serial_ports", {"emulator"} | ports),
+    ):
+        assert {entry.name for entry in entry_points(group=group)} >= schemes
