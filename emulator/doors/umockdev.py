@@ -268,7 +268,9 @@ class _Node:
         self._programs: set[_Program] = set()
         self._poll_file = PollFile(bed.root / "dev" / node_name(device))
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.bind(str(bed.root / SOCKETS / node_name(device)))
+        place = bed.root / SOCKETS / node_name(device)
+        place.unlink(missing_ok=True)  # of the one that had this address before
+        self._socket.bind(str(place))
         self._socket.listen()
         bed.watch(self._socket, self._open)
         path = f"{HUB}/{BUS}-{port}"
@@ -284,12 +286,9 @@ class _Node:
             bed.announce("add", path, properties)
 
     def remove(self) -> None:
-        """The device has gone. Programs are told so, and keep what they have open."""
-        self.device.disconnect()
-        self._bed.forget(self._socket)
-        self._socket.close()
-        (self._bed.root / SOCKETS / node_name(self.device)).unlink()
+        """The device has gone. Programs are told so, and keep what they have open or are just opening."""
         (self._bed.root / "dev" / node_name(self.device)).unlink()
+        self.device.disconnect()
         for path, (properties, _) in reversed(self._folders.items()):
             (self._bed.root / BUS_LINKS / Path(path).name).unlink()
             shutil.rmtree(self._bed.root / "sys" / path)
@@ -297,6 +296,8 @@ class _Node:
 
     def close(self) -> None:
         """Let go of programs, too."""
+        self._bed.forget(self._socket)
+        self._socket.close()
         for program in list(self._programs):
             self._leave(program)
         self._poll_file.close()

@@ -8,6 +8,7 @@ import re
 import select
 import shutil
 import signal
+import socket
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -243,6 +244,17 @@ def test_without_umockdev_it_is_said_what_to_install(monkeypatch: pytest.MonkeyP
 def test_a_program_must_be_named() -> None:
     with pytest.raises(ValueError, match="no program to run"):
         run_under_mock([], [])
+
+
+def test_a_program_that_opens_a_device_while_it_leaves_is_told_so() -> None:
+    """The preloaded library ends a program whose node nobody answers for: it may have opened that a moment before."""
+    machine = Emulator()
+    with MockUsb([machine]) as bed:
+        machine.usb.unplug()
+        bed._ports[0].run(1)
+        assert not (bed.root / "dev/bus/usb/001/002").exists()
+        with socket.socket(socket.AF_UNIX) as program:
+            program.connect(str(bed.root / "ioctl/dev/bus/usb/001/002"))
 
 
 def test_addresses_are_given_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
