@@ -28,6 +28,7 @@ from tests.host.upgrades import (
     NEW,
     OLD,
     STRANGER,
+    in_dfu_mode,
     running,
     trusting,
     untouched,
@@ -170,6 +171,7 @@ def test_a_device_that_refuses_is_an_error_of_its_own(phasewire: Run, strict: Em
     outcome = phasewire("new.dfu", "--device", strict.url)
     assert outcome.code == 4
     assert "refuses the image: the signature is wrong, or the device does not trust who signed" in outcome.err
+    assert not in_dfu_mode(strict)
     strict.run_until_started()
     assert strict.running.info().firmware == FACTORY
 
@@ -194,6 +196,7 @@ def test_ctrl_c_says_how_to_go_on(phasewire: Run, emulator: Emulator, monkeypatc
         outcome = phasewire("new.dfu")
     assert outcome.code == 130
     assert "Stopped. The device boots its old firmware, or the new one if that was whole" in outcome.err
+    assert not in_dfu_mode(emulator)
     emulator.run_until_started()
     assert emulator.running.info().firmware == FACTORY
     assert phasewire("new.dfu").code == 0

@@ -261,6 +261,7 @@ def test_a_device_with_keys_says_why_it_refuses(tmp_path: Path) -> None:
 
 def running_after_a_look(emulator: Emulator) -> Version:
     """What runs, of a device that was told to boot and may not have come back yet."""
+    assert not in_dfu_mode(emulator)
     emulator.run_until_started()
     return Version(*emulator.running.info().firmware)
 

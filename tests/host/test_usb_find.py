@@ -14,13 +14,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator
 from phasewire.emulator.doors.backend import EmulatorBackend, Port
-from phasewire.errors import DeviceNotFoundError
+from phasewire.errors import (
+    DeviceAccessError,
+    DeviceError,
+    DeviceLostError,
+    DeviceNotFoundError,
+    DeviceStalledError,
+    DeviceTimeoutError,
+)
+from phasewire.host.dfu import DfuLine, detach
 from phasewire.host.transport import Found
-from phasewire.host.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbBus, find_on, select
+from phasewire.host.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbBus, find_on, select, translated
 from phasewire.protocol.codes import DfuRequest
 from phasewire.protocol.descriptors import DfuFunctional
 from phasewire.protocol.enumeration import FULL_SPEED
 from phasewire.protocol.requests import Setup
+
+from tests.host.upgrades import FACTORY
 
 
 def sightings(*emulators: Emulator, url: str = "emulator:") -> list[Sighting]:
@@ -253,3 +263,118 @@ def test_a_device_that_cannot_be_read_may_be_the_one() -> None:
     locked = found(None, problem="permission denied")
     assert select("usb:A", "A", [locked]) is locked
     assert select("usb:A", "A", [locked, found("A")]).serial == "A"
+
+
+# From one mode to the other, and back
+
+
+def test_a_device_is_seen_in_both_modes(emulator: Emulator) -> None:
+    bus = UsbBus(emulator.url)
+    seen = bus.find()
+    assert (seen.mode, seen.serial, seen.firmware) == (RUN_TIME, emulator.serial, FACTORY)
+    assert seen.name == f"phasewire five-board array (emulated) {emulator.serial}"
+    assert seen.found.url == emulator.url
+    detach(seen)
+    seen = bus.find_again(seen, (DFU_MODE,), 2)
+    assert (seen.mode, seen.serial, seen.firmware) == (DFU_MODE, emulator.serial, FACTORY)
+    assert UsbBus(emulator.url).find().mode == DFU_MODE
+    with DfuLine(seen) as line:
+        line.boot()
+    assert bus.find_again(seen, ANY_MODE, 2).mode == RUN_TIME
+
+
+def number(monkeypatch: pytest.MonkeyPatch, emulator: Emulator, product: int) -> None:
+    """Let a device have another product number, in the mode in which it is."""
+    told = emulator.usb.enumeration
+    changed = dataclasses.replace(told, device=dataclasses.replace(told.device, idProduct=product))
+    monkeypatch.setattr(emulator.usb, "enumeration", changed)
+
+
+def test_numbers_are_those_of_run_time_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clause USB-013: another product has the next higher number in DFU mode."""
+    with Emulator() as emulator:
+        bus = UsbBus("emulator:1209:0ABC")
+        assert bus.look() == []
+        number(monkeypatch, emulator, 0x0ABC)
+        assert bus.find().mode == RUN_TIME
+        assert UsbBus(emulator.url).look() == []
+        detach(bus.find())
+        emulator.scheduler.run_until(emulator.scheduler.now + 400_000 * 200)
+        assert bus.look() == []
+        number(monkeypatch, emulator, 0x0ABD)
+        assert bus.find().mode == DFU_MODE
+        assert UsbBus(emulator.url).look() == []
+
+
+def test_rights_may_come_a_moment_after_the_device(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """udev gives access some time after the kernel has shown the device; until then its strings cannot be read."""
+    genuine, until = EmulatorBackend.open_device, emulator.scheduler.now + 400_000 * 200
+
+    def open_device(bus: EmulatorBackend, device: Any) -> Any:
+        if emulator.scheduler.now < until:
+            raise usb.core.USBError("Access denied", None, errno.EACCES)
+        return genuine(bus, device)
+
+    monkeypatch.setattr(EmulatorBackend, "open_device", open_device)
+    assert UsbBus(emulator.url).find().serial == emulator.serial
+    until = emulator.scheduler.now + 400_000 * 5000
+    with pytest.raises(DeviceAccessError, match="cannot be opened: permission denied"):
+        UsbBus(emulator.url).find()
+
+
+def test_a_device_that_comes_back_without_rights_is_told(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A udev rule that names one of the two modes only."""
+    bus = UsbBus(emulator.url)
+    seen = bus.find()
+    detach(seen)
+
+    def denied(*_: object) -> Any:
+        raise usb.core.USBError("Access denied", None, errno.EACCES)
+
+    monkeypatch.setattr(EmulatorBackend, "open_device", denied)
+    with pytest.raises(DeviceAccessError, match="the udev rule must name both modes"):
+        bus.find_again(seen, (DFU_MODE,), 2)
+
+
+def test_waiting_ends(emulator: Emulator) -> None:
+    bus = UsbBus(emulator.url)
+    seen, began = bus.find(), emulator.scheduler.now
+    with pytest.raises(DeviceLostError, match="has not come back in DFU mode within 2 s"):
+        bus.find_again(seen, (DFU_MODE,), 2)
+    assert 2 < (emulator.scheduler.now - began) / 400e6 < 2.2
+
+
+def test_another_device_is_no_answer() -> None:
+    with Emulator(serial="A") as gone:
+        bus = UsbBus("emulator:A")
+        seen = bus.find()
+        with Emulator(serial="B"):
+            bus = UsbBus("emulator:B")
+            gone.usb.unplug()
+            with pytest.raises(DeviceLostError):
+                bus.find_again(seen, ANY_MODE, 0.2)
+
+
+@pytest.mark.parametrize("url", ["serial:///dev/ttyACM0", "nothing:", "plain"])
+def test_firmware_goes_over_usb(url: str) -> None:
+    with pytest.raises(DeviceNotFoundError, match=r"no device on a USB bus.*name it as usb: or usb:SERIAL"):
+        UsbBus(url)
+
+
+@pytest.mark.parametrize(
+    ("number", "expected", "message"),
+    [
+        (errno.ETIMEDOUT, DeviceTimeoutError, "trying: no answer in time"),
+        (errno.ENODEV, DeviceLostError, "trying: the device is gone"),
+        (errno.ENOENT, DeviceLostError, "the device is gone"),
+        (errno.EIO, DeviceLostError, "the device is gone"),
+        (errno.EACCES, DeviceAccessError, "permission denied"),
+        (errno.EBUSY, DeviceAccessError, "another program is using the device"),
+        (errno.EPIPE, DeviceStalledError, "the device answers STALL"),
+        (None, DeviceError, "as it happens"),
+    ],
+)
+def test_errors_of_the_bus_become_ours(number: int | None, expected: type[DeviceError], message: str) -> None:
+    with pytest.raises(expected, match=message) as raised, translated("trying"):
+        raise usb.core.USBError("as it happens", None, number)
+    assert type(raised.value) is expected
