@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Circle, ControlPoints, Pulses, Solution, Solver, TransducerArray
 from phasewire.host.calibration import Calibration
-from phasewire.host.frames import FrameSource, PulseFrames, frame_source, solved, to_pulses
+from phasewire.host.frames import FrameSource, PulseFrames, beginning, frame_source, solved, to_pulses
 
 N = 6
 GRID = TransducerArray.grid(3, 2)
@@ -118,30 +118,66 @@ def test_no_array_is_read_before_its_turn() -> None:
         source.take(10)
 
 
+class Kept:
+    """Stored frames that give no more than there is."""
+
+    channels = N
+
+    def __len__(self) -> int:
+        return 40
+
+    def read(self, start: int, stop: int) -> PulseFrames:
+        assert 0 <= start <= stop <= 40
+        return PulseFrames(FRAMES.phase[start:stop], FRAMES.width[start:stop])
+
+
+@given(takes=st.lists(st.integers(1, 50), min_size=1, max_size=5), count=st.integers(0, 60))
+def test_stored_frames_are_asked_for_no_more_than_there_is(takes: list[int], count: int) -> None:
+    np.testing.assert_array_equal(drained(frame_source(Kept(), CALIBRATION, N), takes), FRAMES)
+    found = drained(frame_source(beginning(Kept(), count), None, N), takes)
+    np.testing.assert_array_equal(found, PulseFrames(FRAMES.phase[:count], FRAMES.width[:count]))
+
+
+@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("count", [0, 3, 40, 50])
+def test_a_beginning_is_of_any_kind(source: str, count: int) -> None:
+    first = drained(frame_source(beginning(SOURCES[source](), count), None, N), [7])
+    whole = drained(frame_source(SOURCES[source](), None, N), [7])
+    np.testing.assert_array_equal(first, PulseFrames(whole.phase[:count], whole.width[:count]))
+
+
+def test_what_is_there_already_is_ready() -> None:
+    """A live source's frames are better late than early."""
+    assert frame_source(DRIVES, None, N).ready
+    assert frame_source(FRAMES, None, N).ready
+    assert frame_source(Kept(), None, N).ready
+    assert not frame_source(iter(DRIVES), None, N).ready
+
+
 def bad(at: int, frame: Any) -> list[Any]:
     return [*DRIVES[:at], frame]
 
 
-def changed(value: complex) -> np.ndarray:
-    drives = DRIVES.copy()
-    drives[23, 2] = value
-    return drives
+def spoilt(frames: np.ndarray, value: complex) -> np.ndarray:
+    frames = frames.copy()
+    frames[23, 2] = value
+    return frames
 
 
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        (changed(np.nan), "drive of transducer 2 of frame 23 is .*nan"),
-        (changed(1.5), "drive of transducer 2 of frame 23 has magnitude 1.5; at most 1"),
-        (list(changed(1.5)), "drive of transducer 2 of frame 23 has magnitude 1.5; at most 1"),
+        (spoilt(DRIVES, np.nan), "drive of transducer 2 of frame 23 is .*nan"),
+        (spoilt(DRIVES, 1.5), "drive of transducer 2 of frame 23 has magnitude 1.5; at most 1"),
+        (list(spoilt(DRIVES, 1.5)), "drive of transducer 2 of frame 23 has magnitude 1.5; at most 1"),
         (bad(13, DRIVES[0, :5]), r"frame 13: a drive of the shape \(5,\) for a device with 6 transducers"),
         (bad(13, DRIVES), r"frame 13: a drive of the shape \(40, 6\)"),
         (bad(13, Pulses.silent(7)), "frame 13: 7 pulses for a device with 6 transducers"),
         (bad(13, "silence"), r"frame 13: a frame is Pulses, a Solution, or a drive \(6,\) complex, not str"),
         (bad(13, ControlPoints([[0, 0, 0.2]])), "frame 13: a frame is Pulses, .* not ControlPoints"),
         (bad(13, [[1], [2, 3]]), "frame 13: "),
-        (FRAMES._replace(width=np.full((40, N), 26, np.uint8)), "width 26 of transducer 0 of frame 0 is above 25"),
-        (FRAMES._replace(phase=np.full((40, N), 100, np.uint8)), "phase 100 of transducer 0 of frame 0 is above 99"),
+        (FRAMES._replace(width=spoilt(FRAMES.width, 26)), "width 26 of transducer 2 of frame 23 is above 25"),
+        (FRAMES._replace(phase=spoilt(FRAMES.phase, 100)), "phase 100 of transducer 2 of frame 23 is above 99"),
     ],
 )
 @pytest.mark.parametrize("calibration", [None, CALIBRATION], ids=["no calibration", "a calibration"])
