@@ -22,7 +22,7 @@ from phasewire.host.computer_checks import udev_rule
 from phasewire.host.doctor import CHECKS
 from phasewire.protocol.enumeration import FULL_SPEED
 
-from .test_usb_find import in_dfu_mode
+from .buses import in_dfu_mode
 
 PHASEWIRE = [sys.executable, "-m", "phasewire"]
 

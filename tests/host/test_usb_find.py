@@ -25,12 +25,12 @@ from phasewire.errors import (
 from phasewire.host.dfu import DfuLine, detach
 from phasewire.host.transport import Found
 from phasewire.host.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbBus, find_on, select, translated
-from phasewire.protocol.codes import DfuRequest
 from phasewire.protocol.descriptors import DfuFunctional
 from phasewire.protocol.enumeration import FULL_SPEED
-from phasewire.protocol.requests import Setup
 
 from tests.host.upgrades import FACTORY
+
+from .buses import in_dfu_mode
 
 
 def sightings(*emulators: Emulator, url: str = "emulator:") -> list[Sighting]:
@@ -42,15 +42,6 @@ def sightings(*emulators: Emulator, url: str = "emulator:") -> list[Sighting]:
 
 def seen_on(*emulators: Emulator, url: str = "emulator:") -> list[Found]:
     return [seen.found for seen in sightings(*emulators, url=url)]
-
-
-def in_dfu_mode(serial: str) -> Emulator:
-    emulator = Emulator(serial=serial)
-    emulator.usb.reset()
-    emulator.usb.control(Setup(0x00, 9, 1, 0, 0), b"")  # SET_CONFIGURATION
-    emulator.usb.control(Setup(0x21, DfuRequest.DETACH, 1000, 3, 0), b"")
-    emulator.scheduler.run_until(emulator.scheduler.now + 800_000_000)
-    return emulator
 
 
 def found(serial: str | None, mode: Any = RUN_TIME, problem: str | None = None) -> Found:
@@ -222,11 +213,12 @@ def test_every_serial_number_that_may_be_is_found(serial: str) -> None:
         ("usb:PW-12", "PW-12"),
         ("usb:PW-2", "PW-20"),  # the only beginning
         ("usb:20", "PW-20"),  # the only part
+        ("usb:OLD", "OLD-PW-2"),
         ("usb:12", "PW-12"),
     ],
 )
 def test_a_serial_number_may_be_cut_short(url: str, chosen: str) -> None:
-    there = [found("PW-1"), found("PW-12"), found("PW-20")]
+    there = [found("PW-1"), found("PW-12"), found("PW-20"), found("OLD-PW-2")]
     assert select(url, url.removeprefix("usb:"), there).serial == chosen
 
 
