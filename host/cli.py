@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -54,7 +54,7 @@ def differences(solution: Solution, what: Info) -> list[str]:
     return found
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire show sphere.npz --seconds 2")
 def show(
     file: Annotated[
         Path,
@@ -70,8 +70,6 @@ def show(
 
     While it plays, the device hears regular signs of life; should this program die, the device's watchdog turns the
     outputs off. Of an emulated device the time passes as fast as this computer allows.
-
-    Example: phasewire show sphere.npz --seconds 2
     """
     check_outputs([json_target], inputs=[file])
     frame, solution = load_frame(file)
@@ -81,14 +79,14 @@ def show(
         ack = opened.show(frame)
         message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
         error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
-        with suppress(KeyboardInterrupt):
+        with suppress(KeyboardInterrupt) if forever else nullcontext():
             opened.keep_playing(math.inf if forever else seconds)
         status = opened.status()
     console_for(json_target).print("Stopped; the outputs are off.")
     write_json(json_target, {"device": opened.name, "commit_period": ack.commit_period, "status": plain(status)})
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire stop --device usb:")
 def stop(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
     """Turn all outputs of a device off."""
     check_outputs([json_target])
@@ -105,7 +103,7 @@ def _versions(what: Info) -> str:
     return f"versions {what.oldest_version} to {what.newest_version}"
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire info --json -")
 def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
     """Say what a device is and what it is doing."""
     check_outputs([json_target])
@@ -137,7 +135,7 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
     write_json(json_target, {"device": opened.name, "info": plain(what), "status": plain(status)})
 
 
-@commands.command(name="read-back")
+@commands.command(name="read-back", epilog="Example: phasewire read-back --device serial:///dev/ttyACM0")
 def read_back(
     device: DeviceOption = DEFAULT_URL,
     json_target: JsonOption = None,
@@ -146,8 +144,6 @@ def read_back(
 
     Of each transducer it shows the phase, 0 to 99, and the width, 0 to 25; a dot is a silent one. While another program
     uses the device over USB, ask over its serial line.
-
-    Example: phasewire read-back --device serial:///dev/ttyACM0
     """
     check_outputs([json_target])
     with open_device(device, observe=True) as opened:
@@ -176,26 +172,20 @@ def read_back(
     )
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire identify 2")
 def identify(
     board: Annotated[int, typer.Argument(metavar="BOARD", min=0, help="Board, counted from 0.")] = 0,
     device: DeviceOption = DEFAULT_URL,
 ) -> None:
-    """Let the light on a board blink for five seconds.
-
-    Example: phasewire identify 2
-    """
+    """Let the light on a board blink for five seconds."""
     with open_device(device, observe=True) as opened:
         opened.identify(board)
         console_for(None).print(f"{opened.name}: the light on board {board} blinks for five seconds.")
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire reset --device usb:")
 def reset(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
-    """Restart a device as at power-up, and wait until it is back.
-
-    Example: phasewire reset --device usb:
-    """
+    """Restart a device as at power-up, and wait until it is back."""
     check_outputs([json_target])
     with open_device(device) as opened:
         opened.reset()

@@ -42,7 +42,9 @@ KEY_HELP = f"PEM file of the private key, not encrypted. Make one by: {MAKE_PRIV
 PUBLIC_KEY_HELP = f"PEM file of a public key that is trusted; may be given again. Make one by: {MAKE_PUBLIC_KEY}."
 
 
-@commands.command()
+@commands.command(
+    epilog="Example: phasewire firmware build --controller c.bin --processors p.bin --firmware-version 1.2.3 -o new.dfu"
+)
 def build(
     controller: Annotated[Path, typer.Option(metavar="FILE", help="The controller's program.")],
     firmware_version: Annotated[str, typer.Option(metavar="X.Y.Z", help="Version of the firmware, up to 99.9.9.")],
@@ -82,7 +84,7 @@ def build(
     _write(output, image, Suffix(vendor, product, version.bcd), json_target)
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire firmware inspect new.dfu")
 def inspect(
     file: FileArgument,
     key: Annotated[
@@ -115,7 +117,7 @@ def inspect(
     write_json(json_target, _record(file, image, suffix) | {"signature": verdict._asdict()})
 
 
-@commands.command(name="sign")
+@commands.command(name="sign", epilog="Example: phasewire firmware sign new.dfu --key key.pem -o signed.dfu")
 def sign_file(
     file: FileArgument,
     key: Annotated[Path, typer.Option(metavar="PRIVATE.pem", help=KEY_HELP)],
@@ -128,7 +130,7 @@ def sign_file(
     _write(output, sign(image, read_private_key(key)), suffix, json_target)
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire firmware verify signed.dfu --key public.pem")
 def verify(
     file: FileArgument,
     key: Annotated[list[Path], typer.Option(metavar="PUBLIC.pem", help=PUBLIC_KEY_HELP)],

@@ -26,7 +26,7 @@ __all__ = ["commands"]
 commands = typer.Typer(rich_markup_mode=None)
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire flash firmware.dfu --device usb:")
 def flash(
     image: Annotated[
         Path | None,

@@ -6,7 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from itertools import count
 from pathlib import Path
 from typing import Annotated
@@ -15,14 +15,14 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from ..console import JsonOption, console_for, error_console, write_json
+from ..console import JsonOption, among, console_for, error_console, write_json
 from ..errors import InputFileError
 from ..protocol.board import CARRIER_HZ
 from ..protocol.plain import plain
 from ..protocol.replies import Info
 from ..solver import ControlPoints, Solver, TransducerArray, two_sided
-from ..solver.cli import files_in, read_source
-from ..solver.files import read_arrays, solution_in
+from ..solver.cli import files_in, read_source, shapes_and_files
+from ..solver.files import POINT_FILES, read_arrays, solution_in
 from ..solver.options import METHODS
 from ..storage import check_outputs
 from .device import Device, open_device
@@ -47,11 +47,16 @@ SourceArgument = Annotated[
         metavar="SOURCE",
         help="A shape such as circle:radius=0.02, a file of points, a solved file, a recording, or - for frames on "
         "standard input.",
+        autocompletion=shapes_and_files((*POINT_FILES, ".npz", SUFFIX)),
     ),
 ]
 RateOption = Annotated[float, typer.Option(min=1e-3, help="Frames per second.")]
 MethodOption = Annotated[
-    str, typer.Option(help=f"How points are solved: {', '.join(METHODS)} (see `phasewire solve --help`).")
+    str,
+    typer.Option(
+        help=f"How points are solved: {', '.join(METHODS)} (see `phasewire solve --help`).",
+        autocompletion=among(METHODS),
+    ),
 ]
 SpinOption = Annotated[
     float, typer.Option(metavar="HZ", help="Turns per second of the points about the array's upright axis.")
@@ -130,7 +135,7 @@ class Meter:
             self._console.print(f"\r\x1b[K{self.last}" if self._console.is_terminal else str(self.last))
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire stream circle:radius=0.02 --spin 5 --seconds 2")
 def stream(
     source: SourceArgument,
     device: DeviceOption = DEFAULT_URL,
@@ -159,8 +164,6 @@ def stream(
     Points are solved live, frame by frame; --spin moves them. Standard input has a line of JSON for each frame:
     {"positions": [[x, y, z], ...], "amplitudes": [...]}, in m, the amplitudes optional. The time of an emulated device
     passes with what is sent to it, as fast as this computer allows.
-
-    Example: phasewire stream circle:radius=0.02 --spin 5 --seconds 2
     """
     check_outputs([json_target], inputs=files_in(source))
     meter = Meter(error_console())
@@ -184,11 +187,15 @@ def stream(
     write_json(json_target, {"device": name, "stream": plain(report), "status": plain(status)})
 
 
-@commands.command()
+@commands.command(epilog="Example: phasewire play sphere:radius=0.04 --seconds 2")
 def play(
     source: Annotated[
         str,
-        typer.Argument(metavar="SOURCE", help="A shape such as sphere:radius=0.04, or a file of points."),
+        typer.Argument(
+            metavar="SOURCE",
+            help="A shape such as sphere:radius=0.04, or a file of points.",
+            autocompletion=shapes_and_files(POINT_FILES),
+        ),
     ],
     device: DeviceOption = DEFAULT_URL,
     seconds: Annotated[float, typer.Option(min=0, help="How long to play, in s.")] = 1.0,
@@ -206,8 +213,6 @@ def play(
     The points are split in two halves that take turns, so that the array never rests (the paper's section 3.4). Two
     frames are stored; nothing more need be sent. With --unattended the device goes on by itself, also unplugged from
     this computer where it has power of its own, until `phasewire stop`.
-
-    Example: phasewire play sphere:radius=0.04 --seconds 2
     """
     check_outputs([json_target], inputs=files_in(source))
     if forever and unattended:
@@ -228,7 +233,7 @@ def play(
             + (", until `phasewire stop`" if unattended else ", until Ctrl-C" if forever else f", for {seconds:g} s")
         )
         if not unattended:
-            with suppress(KeyboardInterrupt):
+            with suppress(KeyboardInterrupt) if forever else nullcontext():
                 opened.keep_playing(math.inf if forever else seconds)
         status = opened.status()
     console_for(json_target).print("It plays on." if unattended else "Stopped; the outputs are off.")
@@ -243,7 +248,7 @@ def play(
     )
 
 
-@commands.command(name="record")
+@commands.command(name="record", epilog="Example: phasewire record circle --spin 5 --seconds 2 -o circle.h5")
 def record_command(
     source: SourceArgument,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help=f"The {SUFFIX} file to write.")],
@@ -254,10 +259,7 @@ def record_command(
     calibration: CalibrationOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.
-
-    Example: phasewire record circle:radius=0.02 --spin 5 --seconds 2 -o circle.h5
-    """
+    """Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit."""
     check_outputs([output, json_target], inputs=files_in(source))
     if output.suffix.lower() != SUFFIX:
         raise ValueError(f"{output}: a recording is an HDF5 file, with the suffix {SUFFIX}")

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any, get_args
@@ -60,10 +60,15 @@ def read_source(source: str, spacing: float | None = None) -> ControlPoints:
     )
 
 
-def complete_source(incomplete: str) -> list[str]:
-    """What a shell offers for a source: shapes, and files of points that are here; it knows its way to others."""
-    files = sorted(path.name for path in Path().iterdir() if path.suffix.lower() in POINT_FILES)
-    return [name for name in (*SHAPES, *files) if name.startswith(incomplete)]
+def shapes_and_files(suffixes: Iterable[str]) -> Callable[[str], list[str]]:
+    """What a shell offers for a source: shapes, and files that are here; it knows its way to others."""
+    wanted = tuple(suffixes)
+
+    def complete(incomplete: str) -> list[str]:
+        files = sorted(path.name for path in Path().iterdir() if path.suffix.lower() in wanted)
+        return [name for name in (*SHAPES, *files) if name.startswith(incomplete)]
+
+    return complete
 
 
 def files_in(source: str) -> list[Path]:
@@ -140,7 +145,7 @@ def solve_command(
         typer.Argument(
             metavar="SOURCE",
             help=f"A shape, or a file of points: {', '.join(POINT_FILES)}.",
-            autocompletion=complete_source,
+            autocompletion=shapes_and_files(POINT_FILES),
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The .npz file to write.")],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,29 +17,10 @@ import numpy as np
 import pytest
 import typer
 from phasewire import ControlPoints, Emulator, Medium, Sphere, Transducer, TransducerArray, open_device, pressure, solve
-from phasewire.__main__ import app, main
+from phasewire.__main__ import command_line, main
+from phasewire.settings import each_command
 from phasewire.solver import METHODS, Star
 from phasewire.solver.files import load_field, load_solution, save_solution
-
-COMMANDS = (
-    "demo",
-    "decode",
-    "budget",
-    "vectors",
-    "solve",
-    "field",
-    "focus",
-    "reproduce",
-    "show",
-    "stop",
-    "info",
-    "devices",
-    "doctor",
-    "flash",
-    "firmware",
-    "emulate",
-    "config",
-)
 
 
 class Outcome(NamedTuple):
@@ -268,22 +250,23 @@ def test_info_tells_what_the_device_is(phasewire: Run, monkeypatch: pytest.Monke
         assert "FROM-ENV" not in phasewire("info", "--device", "emulator:").out
 
 
+UNITS = (" m.", " m;", "°C", " s.", " s;", " ns", " Hz", "Frequency", "per second", "Of the modulation.")
+
+
 def test_every_command_and_option_is_explained(phasewire: Run) -> None:
-    group = typer.main.get_command(app)
-    assert isinstance(group, typer.core.TyperGroup)
-    assert set(group.commands) == set(COMMANDS)
-    for name, command in group.commands.items():
-        assert (command.help or "").strip().endswith("."), name
-        outcome = phasewire(name, "--help")
+    for context in each_command(typer.Context(command_line(), info_name="phasewire")):
+        command, path = context.command, context.command_path.split()[1:]
+        assert (command.help or "").strip().endswith("."), path
+        outcome = phasewire(*path, "--help")
         assert (outcome.code, outcome.err) == (0, "")
+        assert max(map(len, outcome.out.splitlines())) <= 100
+        assert re.search(rf"\n  Example: phasewire {' '.join(path)}\b", outcome.out), path
         for parameter in command.params:
             explanation = getattr(parameter, "help", None)
-            assert explanation, f"{name} {parameter.name}"
-            assert explanation.endswith("."), f"{name} {parameter.name}"
+            assert explanation, f"{path} {parameter.name}"
+            assert explanation.endswith("."), f"{path} {parameter.name}"
             if isinstance(getattr(parameter, "default", None), float):
-                assert any(unit in explanation for unit in (" m.", " m;", "°C", " s.", " ns")), (
-                    f"{name} {parameter.name}"
-                )
+                assert any(unit in explanation for unit in UNITS), f"{path} {parameter.name}"
     assert "Exit codes" in phasewire("--help").out
 
 

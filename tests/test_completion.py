@@ -51,6 +51,7 @@ def test_sources_are_shapes_and_files_of_points(offers: Offers, tmp_path: Path) 
         (tmp_path / name).touch()
     assert offers("solve", "") == [*SHAPES, "points.csv", "star-like.JSON"]
     assert offers("solve", "star") == ["star", "star-like.JSON"]
+    assert offers("stream", "so") == ["solved.npz"]
     assert offers("solve", "folder/") == []  # the shell's own way to files
 
 

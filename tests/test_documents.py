@@ -10,7 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from phasewire.__main__ import main
+import typer
+from phasewire.__main__ import command_line, main
+from phasewire.settings import each_command
+from typer.core import TyperGroup
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
@@ -54,6 +57,57 @@ def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
         with pytest.raises(SystemExit) as exited:
             main(arguments)
         assert not exited.value.code, command
+
+
+def shown_in(text: str) -> list[str]:
+    """Every command line that a text shows: in its blocks of shell, and between backticks."""
+    blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+    lines = [line for block in blocks for line in block.splitlines()]
+    inline = re.findall(r"`(phasewire [^`]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+    typed = (re.search(r"(?:^|[ /])phasewire ([^|>]*)", line) for line in (*lines, *inline))
+    return [match[1] for match in typed if match]
+
+
+def understood(line: str) -> str:
+    """The command that a line names, once all its options are known to it."""
+    context = typer.Context(command_line(), info_name="phasewire")
+    words = shlex.split(line, comments=True)
+    while isinstance(context.command, TyperGroup) and words and not words[0].startswith("-"):
+        name = words.pop(0)
+        assert name in context.command.commands, f"there is no command {name}: {line}"
+        context = typer.Context(context.command.commands[name], parent=context, info_name=name)
+    context.command.make_parser(context).parse_args(words)  # raises where an option is unknown
+    return context.command_path.partition(" ")[2]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_commands_that_are_shown_exist_with_their_options(document: Path) -> None:
+    for line in shown_in(document.read_text(encoding="utf-8")):
+        understood(line)
+
+
+def test_examples_in_the_help_of_commands_exist_with_their_options() -> None:
+    for context in each_command(typer.Context(command_line(), info_name="phasewire")):
+        example = (context.command.epilog or "").removeprefix("Example: phasewire ")
+        assert understood(example) == context.command_path.partition(" ")[2]
+
+
+def test_the_readme_lists_every_command() -> None:
+    listed = re.findall(r"^\| `phasewire ([\w -]+)` \|", README, re.MULTILINE)
+    context = typer.Context(command_line(), info_name="phasewire")
+    assert sorted(listed) == sorted(each.command_path.partition(" ")[2] for each in each_command(context))
+
+
+def test_a_command_that_does_not_exist_is_noticed() -> None:
+    assert understood("reproduce figure6 --oil") == "reproduce figure6"
+    assert shown_in("Say `phasewire stop`.\n```sh\n.venv/bin/phasewire info --json - | less  # see\n```") == [
+        "info --json - ",
+        "stop",
+    ]
+    with pytest.raises(AssertionError, match="there is no command dance"):
+        understood("dance")
+    with pytest.raises(typer.TyperException, match="--loud"):
+        understood("show x.npz --loud")
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import pytest
 import typer
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 from phasewire import Sphere, TransducerArray, solve
 from phasewire.__main__ import command_line
 from phasewire.settings import each_command
@@ -87,6 +88,14 @@ ROWS = {
     "play": Row("play circle --seconds 0.05", OFF),
     "record": Row("record circle --seconds 0.01 --output c.h5", r"c\.h5: 10 frames at 1000/s", makes=("c.h5",)),
     "flash": Row("flash new.dfu", r"given firmware 2\.3\.4"),
+    "firmware build": Row(
+        "firmware build --controller c.bin --processors p.bin --firmware-version 1.2.3 --output made.dfu",
+        r"1\.2\.3",
+        makes=("made.dfu",),
+    ),
+    "firmware inspect": Row("firmware inspect new.dfu", r"2\.3\.4"),
+    "firmware sign": Row("firmware sign new.dfu --key key.pem --output signed.dfu", r"", makes=("signed.dfu",)),
+    "firmware verify": Row("firmware verify new.dfu --key public.pem", r"UNSIGNED", code=1),
     "emulate": Row("emulate --seconds 0 --port 0 --serial pty", r"Ended; the devices are gone"),
     "config": Row("config", r"show +seconds +1\.0 +built-in"),
 }
@@ -152,6 +161,12 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("inputs")
     save_solution(folder / "solved.npz", solve(TransducerArray.grid(), Sphere().sample()))
     (folder / "new.dfu").write_bytes(upgrades.FILE)
+    (folder / "c.bin").write_bytes(b"controller")
+    (folder / "p.bin").write_bytes(b"processors")
+    private = upgrades.KEY.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    (folder / "key.pem").write_bytes(private)
+    public = upgrades.KEY.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    (folder / "public.pem").write_bytes(public)
     return folder
 
 
