@@ -68,8 +68,6 @@ def flash(
 
     Goes over USB, by DFU. The device is silent from the beginning, and its outputs are off in the end. Whatever goes
     wrong, also Ctrl-C, it boots what it ran before, or the new image if that was whole; then begin again.
-
-    Example: phasewire flash new.dfu --device usb:
     """
     if (image is not None) + list_devices + revert != 1:
         raise ValueError("what to do? Give one of IMAGE, --list and --revert")
