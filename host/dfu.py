@@ -30,7 +30,8 @@ from ..protocol.codes import (
 )
 from ..protocol.dfu import BUSY_LONGEST_MS, DfuReply
 from ..protocol.enumeration import ARRAY_INTERFACE, DFU_INTERFACE
-from .usb_find import REQUEST_MS, Sighting, configure, opened, translated
+from ..protocol.requests import Setup
+from .usb_find import Sighting, configure, control, opened, translated
 
 __all__ = ["DfuLine", "detach"]
 
@@ -64,9 +65,7 @@ def detach(seen: Sighting) -> None:
     """
     with opened(seen, f"asking {seen.name} to go to DFU mode") as device:
         usb.util.claim_interface(device, ARRAY_INTERFACE)  # whoever plays holds it, and is not to be cut off
-        device.ctrl_transfer(
-            CLASS_REQUEST_TYPE_OUT, DfuRequest.DETACH, DFU_DETACH_TIMEOUT_MS, DFU_INTERFACE, None, REQUEST_MS
-        )
+        control(device, Setup(CLASS_REQUEST_TYPE_OUT, DfuRequest.DETACH, DFU_DETACH_TIMEOUT_MS, DFU_INTERFACE, 0))
 
 
 class DfuLine:
@@ -239,8 +238,8 @@ class DfuLine:
 
     def _ask(self, request: DfuRequest, value: int, size: int) -> bytes:
         with translated(f"asking {self._name} for {request.name}"):
-            return bytes(self._device.ctrl_transfer(CLASS_REQUEST_TYPE_IN, request, value, INTERFACE, size, REQUEST_MS))
+            return control(self._device, Setup(CLASS_REQUEST_TYPE_IN, request, value, INTERFACE, size))
 
     def _order(self, request: DfuRequest, value: int = 0, data: bytes = b"") -> None:
         with translated(f"sending {request.name} to {self._name}"):
-            self._device.ctrl_transfer(CLASS_REQUEST_TYPE_OUT, request, value, INTERFACE, data or None, REQUEST_MS)
+            control(self._device, Setup(CLASS_REQUEST_TYPE_OUT, request, value, INTERFACE, len(data)), data)

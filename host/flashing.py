@@ -30,9 +30,10 @@ from ..protocol.codes import PROTOCOL_VERSION, REQUEST_TYPE_IN, REQUEST_TYPE_OUT
 from ..protocol.enumeration import ARRAY_INTERFACE
 from ..protocol.firmware import Image, Suffix, Trust, split_suffix, trust
 from ..protocol.replies import Info, ProcessorReport, decode_reports
+from ..protocol.requests import Setup
 from ..protocol.versions import Version
 from .dfu import DfuLine, detach
-from .usb_find import ANY_MODE, DFU_MODE, REQUEST_MS, RUN_TIME, Mode, Sighting, UsbBus, opened
+from .usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Mode, Sighting, UsbBus, control, opened
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
@@ -400,13 +401,13 @@ def _broken(seen: Sighting, error: ReplyError) -> DeviceError:
 
 def _ask(seen: Sighting, request: Request, size: int) -> bytes:
     with opened(seen, f"asking {seen.name} for {request.name}") as device:
-        return bytes(device.ctrl_transfer(REQUEST_TYPE_IN, request, 0, ARRAY_INTERFACE, size, REQUEST_MS))
+        return control(device, Setup(REQUEST_TYPE_IN, request, 0, ARRAY_INTERFACE, size))
 
 
 def _restart(seen: Sighting, request: Request) -> None:
     """Order a request that ends in a restart, and wait until the device has left the bus."""
     with opened(seen, f"ordering {seen.name} to {request.name}") as device:
-        device.ctrl_transfer(REQUEST_TYPE_OUT, request, 0, ARRAY_INTERFACE, None, REQUEST_MS)
+        control(device, Setup(REQUEST_TYPE_OUT, request, 0, ARRAY_INTERFACE, 0))
     end = seen.time.monotonic() + LEAVE_SECONDS
     with suppress(DeviceLostError):
         while seen.time.monotonic() < end:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -25,17 +26,44 @@ from ..protocol.requests import Setup
 if TYPE_CHECKING:  # a transport is traced as it is opened, there
     from .transport import Timekeeper, Transport
 
-__all__ = ["TRAFFIC", "TracedTransport", "print_traffic", "traced"]
+__all__ = ["TRAFFIC", "TracedTransport", "log_request", "print_traffic", "split_records", "traced"]
 
 TRAFFIC = "phasewire.traffic"
 """Name of the logger."""
 
 _log = logging.getLogger(TRAFFIC)
+_BEGAN = time.monotonic()
 
 
 def traced(transport: Transport) -> Transport:
     """The line itself, or one that logs what goes over it where somebody listens at level INFO."""
     return TracedTransport(transport) if _log.isEnabledFor(logging.INFO) else transport
+
+
+def log_request(setup: Setup, data: bytes | None, *, stalled: bool = False) -> None:
+    """Log a control request that goes past any line, as those of an upgrade do; its time is the program's.
+
+    Parameters
+    ----------
+    setup : Setup
+        What was asked.
+    data : bytes or None
+        What went with it, either way; None where it failed.
+    stalled : bool
+        Whether the device answered STALL.
+    """
+    if _log.isEnabledFor(logging.INFO):
+        way = "in" if setup.is_in else "out"
+        _log_described(way, describe_request(setup.encode(), data, stalled=stalled), time.monotonic() - _BEGAN)
+
+
+def _log_described(way: str, description: Description, seconds: float, level: int = logging.INFO) -> None:
+    problems = "".join(f" ✗ {' '.join(filter(None, finding))}" for finding in description.findings)
+    _log_line(way, description.kind, description.summary + problems, seconds, level)
+
+
+def _log_line(way: str, kind: str, summary: str, seconds: float, level: int = logging.INFO) -> None:
+    _log.log(level, "%12.6f s  %-3s %-16s%s", seconds, way, kind, summary)
 
 
 class _Lines(logging.Handler):
@@ -160,12 +188,13 @@ class TracedTransport:
                     self._describe(way, describe(piece), logging.DEBUG)
 
     def _describe(self, way: str, description: Description, level: int = logging.INFO) -> None:
-        problems = "".join(f" ✗ {' '.join(filter(None, finding))}" for finding in description.findings)
-        self._tell(way, description.kind, description.summary + problems, level)
+        _log_described(way, description, self._seconds(), level)
 
-    def _tell(self, way: str, kind: str, summary: str, level: int = logging.INFO) -> None:
-        seconds = self.time.monotonic() - self._began
-        _log.log(level, "%12.6f s  %-3s %-16s%s", seconds, way, kind, summary)
+    def _tell(self, way: str, kind: str, summary: str) -> None:
+        _log_line(way, kind, summary, self._seconds())
+
+    def _seconds(self) -> float:
+        return self.time.monotonic() - self._began
 
 
 def split_records(data: bytes) -> list[bytes]:

@@ -37,7 +37,9 @@ from ..protocol.enumeration import (
     PRODUCT_ID,
     VENDOR_ID,
 )
+from ..protocol.requests import Setup
 from ..protocol.versions import Version
+from .tracing import log_request
 from .transport import Found, Mode, Timekeeper, load_by_scheme
 
 __all__ = [
@@ -51,6 +53,7 @@ __all__ = [
     "Sighting",
     "UsbBus",
     "configure",
+    "control",
     "find_on",
     "opened",
     "select",
@@ -74,6 +77,34 @@ DFU_MODE: Mode = "DFU"
 ANY_MODE = (RUN_TIME, DFU_MODE)
 
 _WANTED = re.compile(r"(?:(?P<vendor>[0-9a-fA-F]{4}):(?P<product>[0-9a-fA-F]{4})(?::|$))?(?P<serial>.*)")
+
+
+def control(device: usb.core.Device, setup: Setup, data: bytes = b"") -> bytes:
+    """Make a control transfer, and log it.
+
+    Parameters
+    ----------
+    device : usb.core.Device
+        Opened.
+    setup : Setup
+        What is asked.
+    data : bytes
+        What goes out with it.
+
+    Returns
+    -------
+    bytes
+        What came in.
+    """
+    what = setup.length if setup.is_in else data or None
+    try:
+        answer = device.ctrl_transfer(setup.request_type, setup.request, setup.value, setup.index, what, REQUEST_MS)
+    except usb.core.USBError as error:
+        log_request(setup, None, stalled=error.errno == errno.EPIPE)
+        raise
+    came = bytes(answer) if setup.is_in else b""
+    log_request(setup, came if setup.is_in else data)
+    return came
 
 
 @contextmanager

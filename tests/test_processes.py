@@ -285,6 +285,17 @@ def test_ctrl_c_however_often_leaves_the_outputs_off(folder: Path, times: int) -
     assert json.loads((folder / "shown.json").read_text())["status"]["missed_commits"] == 0
 
 
+def test_ctrl_c_before_the_time_is_over_is_code_130(folder: Path) -> None:
+    with in_terminal(folder, "stream circle --seconds 60 --rate 10 -v --json streamed.json") as (process, terminal):
+        said = read_until(terminal, "UPDATE")
+        os.write(terminal, b"\x03\x03")
+        said += read_until(terminal, None)
+        assert process.wait(PATIENCE) == 130
+    assert "Traceback" not in said
+    assert orders(said)[-1] == "DISABLE"
+    assert not (folder / "streamed.json").exists()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("milliseconds", range(0, 60, 4))
 def test_ctrl_c_at_any_moment_leaves_the_outputs_off(folder: Path, milliseconds: int) -> None:

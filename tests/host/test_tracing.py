@@ -7,13 +7,17 @@ from typing import cast
 
 import numpy as np
 import pytest
-from phasewire import Pulses
+from phasewire import Emulator, Pulses
 from phasewire.errors import DeviceLostError
-from phasewire.host.tracing import TRAFFIC, TracedTransport, print_traffic, split_records, traced
+from phasewire.host.flashing import flash
+from phasewire.host.tracing import TRAFFIC, TracedTransport, log_request, print_traffic, split_records, traced
 from phasewire.host.transport import Timekeeper, Transport
 from phasewire.protocol.blocks import Block, NoOp, Update, pack
-from phasewire.protocol.codes import AckFlag, Reason, Request, State
+from phasewire.protocol.codes import REQUEST_TYPE_OUT, AckFlag, Reason, Request, State
 from phasewire.protocol.replies import Ack, Status
+from phasewire.protocol.requests import Setup
+
+from tests.host import upgrades
 
 PULSES = Pulses(np.full(320, 25), np.full(320, 25))
 
@@ -229,3 +233,16 @@ def test_printing_ends_where_it_is_ended(line: Line, capsys: pytest.CaptureFixtu
         "block",
     ]
     assert traced(line) is cast("Transport", line)
+
+
+def test_requests_that_go_past_a_line_are_told_too(emulator: Emulator, caplog: pytest.LogCaptureFixture) -> None:
+    """An upgrade's are: DFU is spoken over no line of blocks and records."""
+    caplog.set_level(logging.INFO, logger=TRAFFIC)
+    flash(emulator.url, upgrades.FILE)
+    told = [message.split(" s  ", 1)[1] for message in caplog.messages]
+    assert told[1] == "out request         DETACH"
+    assert f"out request         DNLOAD block 0, 2048 bytes: {upgrades.STORED[:4].hex(' ')} …" in told
+    assert "in  request         GETSTATUS: MANIFEST, OK, wait 2500 ms" in told
+    caplog.clear()
+    log_request(Setup(REQUEST_TYPE_OUT, Request.ENABLE, 0, 0, 0), None, stalled=True)
+    assert caplog.messages[0].endswith("s  out request         ENABLE, answered with STALL")
