@@ -96,11 +96,12 @@ class UsbTransport:
         """Send blocks in one transfer."""
         with translated("sending blocks"):
             sent = self._write(blocks, seconds)
-            if part := sent % BLOCK_BYTES:  # at full speed; a block that has begun is finished (clause USB-017)
+            if part := sent % BLOCK_BYTES:  # at full speed; a block that has begun is finished, or forgotten (USB-017)
                 rest = blocks[sent : sent + BLOCK_BYTES - part]
-                if self._write(rest, REQUEST_MS / 1000) != len(rest):
-                    raise DeviceTimeoutError(f"sending blocks: the device took only {part} bytes of one")
-                sent += len(rest)
+                if self._write(rest, REQUEST_MS / 1000) == len(rest):
+                    return sent + len(rest)
+                self._device.clear_halt(ENDPOINT_OUT)
+                return sent - part
         return sent
 
     def _write(self, data: bytes, seconds: float) -> int:
