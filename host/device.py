@@ -92,7 +92,7 @@ class Device:
 
     def __init__(self, transport: Transport, *, calibration: Calibration | None = None, observe: bool = False) -> None:
         self._observe = observe
-        self._session = Session(transport)
+        self._session = Session(transport, observe=observe)
         self._enabled = False
         self._next_entry = self._next_sample = 0
         self._watchdog: float | None = None
@@ -102,8 +102,6 @@ class Device:
                 f"the calibration is for {len(calibration)} transducers, the device has {self.info.channels}"
             )
         self.calibration = calibration
-        if not observe:
-            self.stop()
 
     @property
     def info(self) -> Info:

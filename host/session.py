@@ -68,6 +68,9 @@ class Session:
     ----------
     transport : Transport
         The line; the session closes it.
+    observe : bool
+        Whether to leave alone what the device plays. It is stopped otherwise, for a queue that an earlier host has left
+        full takes no block.
 
     Attributes
     ----------
@@ -86,8 +89,9 @@ class Session:
         Where the line or the device fails.
     """
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(self, transport: Transport, *, observe: bool = False) -> None:
         self._line = transport
+        self._observe = observe
         self._closed = False
         self.lock = RLock()
         self._begin()
@@ -105,6 +109,8 @@ class Session:
                 f"{self.name} speaks versions {self.info.oldest_version} to {self.info.newest_version} of the "
                 f"protocol, this is version {PROTOCOL_VERSION}; update the {older}, which is the older"
             )
+        if not self._observe:
+            self.order(Request.DISABLE)
         self.send(NoOp())
 
     @property
