@@ -239,7 +239,7 @@ class Session:
             raise DeviceRefusedError(
                 f"{self.name} is silenced by a fault ({faults}); `phasewire doctor` says what to do", Reason.FAULT
             )
-        why = "it was stopped, or its bus was suspended or reset"
+        why = "it was stopped, or its bus was suspended or reset."
         if status.watchdog_fired:
             why = f"it heard nothing for {status.watchdog_ms / 1000:g} s; was this program held up?"
         raise DeviceRefusedError(f"{self.name} has turned its outputs off: {why} Enable them again", Reason.DISABLED)
@@ -315,7 +315,8 @@ class Session:
     def _match(self, acks: NDArray[np.void], numbers: NDArray[np.int64], answers: Answers, done: int, sent: int) -> int:
         """Give acknowledgements to blocks done … sent; return up to which block all is known.
 
-        They come in the order of the blocks. Those of blocks that were given up before are passed over.
+        They come in the order of the blocks, and on a line that loses nothing each has one. Those of blocks that were
+        given up before are passed over, or come late.
         """
         if len(acks):
             self._free = int(acks["free"][-1])
@@ -325,18 +326,19 @@ class Session:
             return done + len(acks)
         for ack in acks:
             place = (int(ack["sequence"]) - int(numbers[0])) % NUMBERS
-            if Reason(int(ack["reason"])) in DAMAGE:  # its number may be damaged too, so its place in line counts
+            damaged = not self._line.lossy and Reason(int(ack["reason"])) in DAMAGE
+            if damaged:  # its number may be damaged too, so its place in line counts
                 place = done
             elif place >= NUMBERS // 2:
                 continue  # an older block's
-            if not done <= place < sent:
+            if place not in (range(sent) if self._line.lossy else range(done, min(done + 1, sent))):
                 raise DeviceError(
                     f"{self.name} acknowledges block {ack['sequence']}, not {numbers[min(done, len(numbers) - 1)]}; "
                     "open it again"
                 )
             answers.acks[place] = ack
             answers.answered[place] = True
-            done = place + 1
+            done = max(done, place + 1)
         return done
 
     def _read(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
