@@ -103,6 +103,7 @@ class Session:
         self._free: int | None = None
         self.notice: Status | None = None
         self.info = self.ask(Info.decode, Request.INFO)
+        self._watchdog = self.info.watchdog
         if not self.info.speaks(PROTOCOL_VERSION):
             older = "firmware" if self.info.newest_version < PROTOCOL_VERSION else "phasewire"
             raise DeviceVersionError(
@@ -172,10 +173,14 @@ class Session:
         """Make a control request that is only carried out."""
         with self.lock:
             self.line().order(request, value)
+            if request is Request.WATCHDOG:
+                self._watchdog = value / 1000
 
     def status(self) -> Status:
         """What the device is doing; a sign of life to it."""
-        return self.ask(Status.decode, Request.STATUS)
+        status = self.ask(Status.decode, Request.STATUS)
+        self._watchdog = status.watchdog_ms / 1000
+        return status
 
     # Blocks
 
@@ -273,7 +278,7 @@ class Session:
         line, count, first = self.line(), len(blocks), self._number
         numbers = (first + np.arange(count)) % NUMBERS
         data = blocks.tobytes()
-        life = self.info.watchdog / 3  # while it waits for room the device must hear that its host lives
+        life = min(self._watchdog, PATIENCE_SECONDS) / 3  # the device must hear of its host that waits for room
         sent = done = 0
         moved = line.time.monotonic()
         while done < count:
