@@ -66,8 +66,9 @@ class Transport(Protocol):
     lossy: bool
     """Whether blocks and their acknowledgements can be lost on the way, as on a serial line."""
 
-    most_blocks_per_second: float
-    """What the line can carry, infinite where it cannot tell."""
+    @property
+    def most_blocks_per_second(self) -> float:
+        """What the line can carry."""
 
     def window(self, free: int | None, records: int) -> int:
         """How many blocks may be unanswered at a time.

@@ -7,7 +7,7 @@ import errno
 import usb.core
 import usb.util
 
-from ..errors import DeviceLostError, DeviceStalledError, DeviceTimeoutError
+from ..errors import DeviceLostError, DeviceStalledError
 from ..protocol.board import CORE_HZ
 from ..protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request
 from ..protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT, FULL_SPEED

@@ -129,13 +129,12 @@ class Episode:
             HotBoard(board=some(0, 4), celsius=90, periods=some(400, 4_000)),
         ]
         if self.on_chain:
-            message = self.random.choice(["slice", "commit"])
-            places = {"message": message, "processor": some(0, 9), "times": some(1, 3)}
+            message, place = self.random.choice(["slice", "commit"]), some(0, 9)
             choices += [
-                LostToken(**places, token=some(3, 12)),
-                DoubledToken(**places, token=some(3, 12)),
-                FlippedBit(**places, token=some(3, 12), bit=some(0, 7)),
-                SlowProcessor(processor=some(0, 9), factor=3.0, periods=some(400, 4_000)),
+                LostToken(message=message, processor=place, times=some(1, 3), token=some(3, 12)),
+                DoubledToken(message=message, processor=place, times=some(1, 3), token=some(3, 12)),
+                FlippedBit(message=message, processor=place, times=some(1, 3), token=some(3, 12), bit=some(0, 7)),
+                SlowProcessor(processor=place, slowness=some(2, 30), periods=some(400, 4_000)),
             ]
         return self.random.choice(choices)
 
