@@ -14,6 +14,8 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
+from rich.control import Control
+from rich.segment import ControlType
 
 from ..console import JsonOption, among, console_for, error_console, write_json
 from ..errors import InputFileError
@@ -38,6 +40,7 @@ __all__ = ["commands"]
 commands = typer.Typer(rich_markup_mode=None)
 
 STANDARD_INPUT = "-"
+BACK = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
 RATE = 1000.0
 TACTILE_HZ = 200.0
 
@@ -127,12 +130,15 @@ class Meter:
         """Show a report in the place of the one before."""
         self.last = report
         if self._console.is_terminal:
-            self._console.print(f"\r\x1b[K{report}", end="")
+            self._console.control(BACK)
+            self._console.print(str(report)[: self._console.width - 1], end="")
 
     def end(self) -> None:
         """Leave the last report on a line of its own."""
         if self.last is not None:
-            self._console.print(f"\r\x1b[K{self.last}" if self._console.is_terminal else str(self.last))
+            if self._console.is_terminal:
+                self._console.control(BACK)
+            self._console.print(str(self.last))
 
 
 @commands.command(epilog="Example: phasewire stream circle:radius=0.02 --spin 5 --seconds 2")
