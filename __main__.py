@@ -29,7 +29,7 @@ from .settings import commands as settings_commands
 from .settings import defaults_from_file, each_command
 from .solver.cli import commands as solver_commands
 
-__all__ = ["app", "command_line", "main"]
+__all__ = ["app", "command_line", "main", "unwinding"]
 
 FAILED, WRONG_USE, NO_DEVICE, DEVICE_FAILED = 1, 2, 3, 4
 SIGNALLED = 128  # and the signal's number, as shells have it: 130 is Ctrl-C
@@ -147,10 +147,7 @@ def message(error: Exception) -> str:
 def _heard() -> Iterator[None]:
     """End the program quietly where whoever read its output, such as ``head``, has left."""
     try:
-        try:
-            yield
-        finally:
-            sys.stdout.flush()
+        yield
     except BrokenPipeError:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         for stream in (sys.stdout, sys.stderr):  # what they still hold must not fail again at the very end
@@ -159,7 +156,7 @@ def _heard() -> Iterator[None]:
 
 
 @contextmanager
-def _unwinding(*, last: bool) -> Iterator[None]:
+def unwinding(*, last: bool) -> Iterator[None]:
     """Let Ctrl-C, SIGTERM and a closed terminal unwind the program, so that it leaves a device silent.
 
     Only the first of them does: those that follow find it turning outputs off, which they must not interrupt and which
@@ -198,7 +195,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a sign shows a question mark
-    with _heard(), _unwinding(last=arguments is None):
+    with _heard(), unwinding(last=arguments is None):
         try:
             command_line()(args=arguments, prog_name="phasewire")
         except MemoryError:

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import typer
 from phasewire import ControlPoints, Emulator, Medium, Sphere, Transducer, TransducerArray, open_device, pressure, solve
-from phasewire.__main__ import command_line, main
+from phasewire.__main__ import command_line, main, unwinding
 from phasewire.settings import each_command
 from phasewire.solver import METHODS, Star
 from phasewire.solver.files import load_field, load_solution, save_solution
@@ -314,6 +314,35 @@ def test_another_carrier_is_warned_of(phasewire: Run, tmp_path: Path) -> None:
 
 def test_version(phasewire: Run) -> None:
     assert phasewire("--version").out.startswith("phasewire 0.")
+
+
+@pytest.mark.parametrize(
+    ("name", "raised"), [("SIGINT", KeyboardInterrupt), ("SIGTERM", SystemExit), ("SIGHUP", SystemExit)]
+)
+def test_the_first_signal_unwinds_and_others_do_not_disturb(name: str, raised: type[BaseException]) -> None:
+    number = signal.Signals[name]
+    before = signal.getsignal(number)
+    with unwinding(last=False):
+        with pytest.raises(raised) as error:
+            signal.raise_signal(number)
+        for later in (number, signal.SIGINT, signal.SIGTERM):
+            signal.raise_signal(later)
+    assert signal.getsignal(number) == before
+    if isinstance(error.value, SystemExit):
+        assert error.value.code == 128 + number
+
+
+def test_a_signal_that_is_ignored_stays_so_and_at_the_end_all_are() -> None:
+    """As Ctrl-C is under nohup, or in a shell's background."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        with unwinding(last=True):
+            signal.raise_signal(signal.SIGINT)
+        assert {signal.getsignal(number) for number in before} == {signal.SIG_IGN}
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 BAD = [
