@@ -12,7 +12,7 @@ import json
 import os
 import textwrap
 import tomllib
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
@@ -240,37 +240,33 @@ def example(context: typer.Context) -> str:
     context : typer.Context
         That of the command line as a whole; its default map is not heeded.
     """
-    users: dict[tuple[str, str, str], list[str]] = defaultdict(list)
-    for each in each_command(context):
-        for key, option in _named(each):
-            users[key, option.help or "", _built_in(option)].append(_table(each))
-    lines = [
-        "# Defaults of phasewire's options. A line takes effect without its #; prose keeps its.",
-        "# The command line comes first, then environment variables, then this file.",
-        "",
-        "# Options that several commands share:",
+    own = {_table(each): {key: _entry(key, option) for key, option in _named(each)} for each in each_command(context)}
+    alike: dict[str, Counter[str]] = defaultdict(Counter)
+    for entries in own.values():
+        for key, entry in entries.items():
+            alike[key][entry] += 1
+    # What most commands with such an option take alike; a key of which that is not so would mislead at the top.
+    most = {key: counted.most_common(1)[0] for key, counted in alike.items()}
+    shared = {key: entry for key, (entry, count) in most.items() if 1 < count > alike[key].total() / 2}
+    parts = [
+        "# Defaults of phasewire's options. A line takes effect without its #; prose keeps its.\n"
+        "# The command line comes first, then environment variables, then this file.\n",
+        "# Options that several commands share:\n" + "".join(shared.values()),
     ]
-    for (key, text, value), tables in users.items():
-        if len(tables) > 1:
-            lines += _entry(key, text, value)
-    for each in each_command(context):
-        own = [entry for entry, tables in users.items() if tables == [_table(each)]]
-        if own:
-            lines += ["", f"#[{_table(each)}]"]
-        for entry in own:
-            lines += _entry(*entry)
-    return "\n".join(lines) + "\n"
+    for table, entries in own.items():
+        rest = [entry for key, entry in entries.items() if entry != shared.get(key)]
+        if rest:
+            parts.append(f"#[{table}]\n" + "".join(rest))
+    return "\n".join(parts)
 
 
-def _built_in(option: TyperOption) -> str:
-    """What is built in, as TOML; empty where that is nothing."""
-    return "" if option.default in (None, ()) else _toml(option.default)
-
-
-def _entry(key: str, text: str, value: str) -> list[str]:
-    """Lines about one option."""
-    prose = textwrap.wrap(text, _WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False)
-    return [*prose, f"#{key} = {value}".rstrip()]
+def _entry(key: str, option: TyperOption) -> str:
+    """Lines about one option: its help, and what is built in, if that is anything."""
+    prose = textwrap.wrap(
+        option.help or "", _WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
+    )
+    value = "" if option.default in (None, ()) else _toml(option.default)
+    return "\n".join([*prose, f"#{key} = {value}".rstrip()]) + "\n"
 
 
 @commands.command(epilog="Example: phasewire config --init")

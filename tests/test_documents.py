@@ -47,7 +47,7 @@ def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
     commands = re.findall(r"^\.venv/bin/phasewire (.*?) +#", README, re.MULTILINE)
-    assert len(commands) == 11
+    assert len(commands) == 14
     for command in commands:
         arguments = shlex.split(command)
         if "--umockdev" in arguments and shutil.which("umockdev-wrapper") is None:
