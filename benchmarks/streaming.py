@@ -29,7 +29,7 @@ from phasewire import Solver, TransducerArray
 from phasewire.protocol import PulseFrames
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS
 from phasewire.solver import Solution
-from told_apart import open_told_apart
+from told_apart import told_apart
 
 ROUNDS = 3
 POINTS = 32
@@ -64,8 +64,7 @@ SOURCES = {"pulses, (k, 320)": fresh_pulses, "complex drives, (k, 320)": fresh_d
 
 def streamed(source: Any, warm_up: Any, length: float) -> dict[str, Any]:
     """Stream an array once; seconds of wall and processor time, host's and emulator's, per second of the stream."""
-    device, bus = open_told_apart()
-    with device:
+    with told_apart() as (device, bus):
         device.stream(warm_up, CARRIER_HZ)
         bus.forget()
         wall, processor = perf_counter(), process_time()
@@ -188,9 +187,8 @@ def live(method: str, wait: str, seconds: float) -> dict[str, Any]:
     """Stream frames that are solved live for so many seconds; the distribution of their latencies."""
     frames = round(seconds * LIVE_RATE)
     source = Live(method, WAITS[wait], WARM_UP_FRAMES + frames)
-    device, bus = open_told_apart()
-    bus.forget()
-    with device, collections() as pauses:
+    with told_apart() as (device, bus), collections() as pauses:
+        bus.forget()
         report = device.stream(source.frames(), LIVE_RATE)
     handed = np.repeat([moments for *moments, _ in bus.writes], [blocks for *_, blocks in bus.writes], axis=0)
     latency = (handed - source.begins)[WARM_UP_FRAMES:]

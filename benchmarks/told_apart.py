@@ -6,19 +6,20 @@ else the process spends is the host's: streaming, session, transport, pyusb.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import wraps
 from time import perf_counter, thread_time
-from typing import NamedTuple, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
+from unittest.mock import patch
 
-import usb.core
 from phasewire import Emulator
 from phasewire.emulator.doors.backend import EmulatorBackend
-from phasewire.host.device import Device
-from phasewire.host.usb import UsbTransport
+from phasewire.emulator.doors.device_time import DeviceTime
+from phasewire.host.device import Device, open_device
 from phasewire.protocol.codes import BLOCK_BYTES
 
-__all__ = ["Bus", "ToldApart", "open_told_apart"]
+__all__ = ["Bus", "told_apart"]
 
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
@@ -35,7 +36,7 @@ class Bus:
         Processor time spent on its side of the calls.
     writes : list of (float, float, int)
         For each transfer of blocks: when it was handed over, by the wall clock and in processor time of the thread,
-        and how many blocks it had.
+        and how many blocks of it were taken.
     """
 
     def __init__(self) -> None:
@@ -60,36 +61,31 @@ class Bus:
 
         return timed
 
-    def noted(self, write: Callable[Given, Answer]) -> Callable[Given, Answer]:
-        """The same call of ``bulk_write``, counted, whose begin is noted."""
+    def noted(self, write: Callable[Given, int]) -> Callable[Given, int]:
+        """The same call of ``bulk_write``, counted, whose begin is noted with the blocks that were taken."""
         counted = self.counted(write)
 
         @wraps(write)
-        def timed(*args: Given.args, **kwargs: Given.kwargs) -> Answer:
-            data = args[3]
-            self.writes.append((perf_counter(), thread_time(), len(data) // BLOCK_BYTES))  # type: ignore[arg-type]
-            return counted(*args, **kwargs)
+        def timed(*args: Given.args, **kwargs: Given.kwargs) -> int:
+            handed = perf_counter(), thread_time()
+            taken = counted(*args, **kwargs)
+            self.writes.append((*handed, taken // BLOCK_BYTES))
+            return taken
 
         return timed
 
 
-class ToldApart(NamedTuple):
-    """A device, and the bus that it is on."""
-
-    device: Device
-    bus: Bus
-
-
-def open_told_apart() -> ToldApart:
-    """Open a fresh emulated device by pyusb."""
-    emulator, bus = Emulator(history_periods=HISTORY_PERIODS), Bus()
-    backend = EmulatorBackend([emulator])
-    transport = UsbTransport(usb.core.find(backend=backend), emulator.serial, backend)
-    for owner, name, wrap in (
-        (backend, "bulk_write", bus.noted),
-        (backend, "bulk_read", bus.counted),
-        (backend, "ctrl_transfer", bus.counted),
-        (transport.time, "sleep", bus.counted),
-    ):
-        setattr(owner, name, wrap(getattr(owner, name)))
-    return ToldApart(Device(transport), bus)
+@contextmanager
+def told_apart() -> Iterator[tuple[Device, Bus]]:
+    """A fresh emulated device, opened by pyusb, and its bus."""
+    bus = Bus()
+    with ExitStack() as stack:
+        for owner, name, wrap in (
+            (EmulatorBackend, "bulk_write", bus.noted),
+            (EmulatorBackend, "bulk_read", bus.counted),
+            (EmulatorBackend, "ctrl_transfer", bus.counted),
+            (DeviceTime, "sleep", bus.counted),
+        ):
+            stack.enter_context(patch.object(owner, name, wrap(getattr(owner, name))))
+        emulator = stack.enter_context(Emulator(history_periods=HISTORY_PERIODS))
+        yield stack.enter_context(open_device(emulator.url)), bus

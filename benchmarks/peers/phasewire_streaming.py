@@ -1,7 +1,7 @@
 """phasewire's own streaming: to an emulated device in this process by pyusb, and to one in a process of its own.
 
-``phasewire emulate`` is that process. It serves a UART over TCP, at the highest rate that the specification reckons
-with, where the device's time is the wall clock's; and USB/IP, where it passes as fast as it can be computed.
+``phasewire emulate`` is that process, in which the device's time is the wall clock's. It serves a UART over TCP, at the
+highest rate that the specification reckons with, and USB/IP.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from throughput import Entry, Streamed, Task, Way, main
 from usbip_line import UsbIpLine
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
-from told_apart import Bus, open_told_apart
+from told_apart import Bus, told_apart
 
 PHASES, WIDTHS = 100, 26
 BAUD = 12_000_000
@@ -69,7 +69,7 @@ def by_uart() -> Iterator[Device]:
 @contextmanager
 def by_usbip() -> Iterator[Device]:
     """Such a device, by USB/IP."""
-    with served("--usbip", "--port=0", "--pace=fast") as found:
+    with served("--usbip", "--port=0") as found:
         line = UsbIpLine(found["usbip"]["port"], found["devices"][0]["bus_id"])
         with Device(line) as device:
             yield device
@@ -94,8 +94,7 @@ def send_apart(opened: Callable[[], AbstractContextManager[Device]], sender: Sen
 
 def send_here(sender: Sender, seconds: float) -> Streamed:
     """Send to a device in this process."""
-    device, bus = open_told_apart()
-    with device:
+    with told_apart() as (device, bus):
         return measured(sender, device, seconds, bus)
 
 
@@ -135,8 +134,8 @@ def enter(task: Task) -> Entry:
             "Pulses come from NumPy arrays of phases and widths. Its emulator puts every change on the outputs' time "
             "line, in the device's time.",
             f"The UART has {BAUD / 1e6:g} Mbaud, in the emulator's time too, so that it carries at most {LINE_RATE:,} "
-            "updates per second, whatever the computer. USB/IP is spoken by the benchmark, where a kernel would do it, "
-            "and the device's time passes there as fast as it can be computed, so that its periods are not the host's.",
+            f"updates per second, whatever the computer; by USB/IP a device takes {CARRIER_HZ:,}. USB/IP is spoken by "
+            "the benchmark, where a kernel would do it.",
             "In one process everything is done by one thread; the host's time is what is spent outside the calls of "
             "the bus, and the rate of the host alone is one over that.",
         ],
