@@ -54,17 +54,21 @@ class Transport(Protocol):
     A line is for one thread at a time.
     """
 
-    name: str
-    """What is at the other end, for people."""
+    @property
+    def name(self) -> str:
+        """What is at the other end, for people."""
 
-    serial: str
-    """Its serial number, empty where the line cannot tell."""
+    @property
+    def serial(self) -> str:
+        """Its serial number, empty where the line cannot tell."""
 
-    time: Timekeeper
-    """The time by which this line is waited for."""
+    @property
+    def time(self) -> Timekeeper:
+        """The time by which this line is waited for."""
 
-    lossy: bool
-    """Whether blocks and their acknowledgements can be lost on the way, as on a serial line."""
+    @property
+    def lossy(self) -> bool:
+        """Whether blocks and their acknowledgements can be lost on the way, as on a serial line."""
 
     @property
     def most_blocks_per_second(self) -> float:
