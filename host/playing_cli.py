@@ -178,19 +178,22 @@ def stream(
             if modulation:
                 opened.modulate(*sine(modulation))
             try:
-                report = opened.stream(
+                opened.stream(
                     frames if seconds is None else beginning(frames, round(seconds * pace)),
                     pace,
                     look_ahead=look_ahead,
                     reconnect=reconnect,
                     on_progress=meter,
                 )
+            except KeyboardInterrupt:
+                if seconds is not None:
+                    raise
             finally:
                 meter.end()
         status = opened.status()
         name = opened.name
     console_for(json_target).print("The outputs are off.")
-    write_json(json_target, {"device": name, "stream": plain(report), "status": plain(status)})
+    write_json(json_target, {"device": name, "stream": plain(meter.last), "status": plain(status)})
 
 
 @commands.command(epilog="Example: phasewire play sphere:radius=0.04 --seconds 2")
@@ -209,7 +212,9 @@ def play(
     unattended: Annotated[
         bool, typer.Option("--unattended", help="Leave the device playing when this command ends.")
     ] = False,
-    frequency: Annotated[float, typer.Option(metavar="HZ", help="Of the modulation.")] = TACTILE_HZ,
+    modulation: Annotated[
+        float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points take turns.")
+    ] = TACTILE_HZ,
     method: MethodOption = "wgs",
     calibration: CalibrationOption = None,
     json_target: JsonOption = None,
@@ -228,7 +233,7 @@ def play(
     opened = open_device(device, calibration=corrected)
     with leaving_on(opened) if unattended else opened:
         array = TransducerArray.grid(opened.info.columns, opened.info.rows, opened.info.pitch)
-        drives, steps = two_sided(array, points, method=method, frequency=frequency).modulation.slots()
+        drives, steps = two_sided(array, points, method=method, frequency=modulation).modulation.slots()
         for slot, drive in enumerate(drives):
             opened.store(slot, drive)
         ack = opened.play(steps, unattended=unattended)
