@@ -109,16 +109,16 @@ def spin_turns() -> int:
 
 @contextmanager
 def collections() -> Iterator[list[float]]:
-    """The pauses that the garbage collector makes meanwhile, in seconds."""
+    """The pauses that the garbage collector makes meanwhile, in seconds of processor time."""
     pauses: list[float] = []
     begun = 0.0
 
     def note(phase: str, _: dict[str, int]) -> None:
         nonlocal begun
         if phase == "start":
-            begun = perf_counter()
+            begun = thread_time()
         else:
-            pauses.append(perf_counter() - begun)
+            pauses.append(thread_time() - begun)
 
     gc.callbacks.append(note)
     try:
