@@ -300,8 +300,12 @@ class Session:
                 moved = line.time.monotonic()
             elif line.time.monotonic() - moved > PATIENCE_SECONDS:
                 if not (line.lossy and sent > done):
-                    waits = "acknowledge a block" if sent > done else "take a block: its queue has had no room"
-                    raise DeviceTimeoutError(f"{self.name} did not {waits} for {PATIENCE_SECONDS:g} s; open it again")
+                    did_not = (
+                        f"did not acknowledge a block for {PATIENCE_SECONDS:g} s; open it again"
+                        if sent > done
+                        else f"did not take a block for {PATIENCE_SECONDS:g} s: its queue is full; wait, or stop it"
+                    )
+                    raise DeviceTimeoutError(f"{self.name} {did_not}")
                 done, moved = sent, line.time.monotonic()
             else:
                 self.status()
@@ -337,10 +341,7 @@ class Session:
             elif place >= NUMBERS // 2:
                 continue  # an older block's
             if place not in (range(sent) if self._line.lossy else range(done, min(done + 1, sent))):
-                raise DeviceError(
-                    f"{self.name} acknowledges block {ack['sequence']}, not {numbers[min(done, len(numbers) - 1)]}; "
-                    "open it again"
-                )
+                raise DeviceError(f"{self.name} acknowledges block {ack['sequence']} out of turn; open it again")
             answers.acks[place] = ack
             answers.answered[place] = True
             done = max(done, place + 1)
