@@ -171,7 +171,8 @@ class BenchLine:
         """How long a record is on its way."""
         self.fails: Callable[[str], None] = lambda what: None
         """Is told of each call, and may raise."""
-        self.opened, self.closed = 1, 0
+        self.reopened_within: list[float] = []
+        self.closed = 0
 
     def window(self, free: int | None, records: int) -> int:
         if not self.lossy:
@@ -223,7 +224,7 @@ class BenchLine:
     def reopen(self, seconds: float) -> None:
         self.fails("reopen")
         self.device.says.clear()
-        self.opened += 1
+        self.reopened_within.append(seconds)
 
     def close(self) -> None:
         self.closed += 1

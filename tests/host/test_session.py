@@ -510,11 +510,10 @@ def test_a_closed_session_does_nothing_more(line: BenchLine) -> None:
 def test_a_device_that_comes_back_begins_anew(line: BenchLine) -> None:
     session = enabled(line)
     session.send(*map(sample, range(5)))
-    session.notice = session.status()
     line.device.restart()
     line.device.info = info(firmware=(9, 9, 9))
     session.reopen()
-    assert (session.info.firmware, session.notice, session.upcoming) == ((9, 9, 9), None, (1, False))
+    assert (session.info.firmware, session.upcoming) == ((9, 9, 9), (1, False))
     assert unpack(line.sent[-1]).restart
 
 
@@ -523,7 +522,7 @@ def test_one_that_goes_once_more_while_it_comes_back_is_waited_for(line: BenchLi
     session = Session(line)
     line.fails = Once(what, DeviceLostError("gone"))
     session.reopen()
-    assert line.opened == 3
+    assert len(line.reopened_within) == 2
     assert session.send(sample(3))[0].commit_period == 3
 
 
@@ -541,6 +540,7 @@ def test_one_that_keeps_going_is_given_up() -> None:
     with pytest.raises(DeviceLostError, match="gone"):
         session.reopen(3.0)
     assert 3 <= line.time.now - begun <= 4
+    assert line.reopened_within[:6] == pytest.approx([3, 2.5, 2, 1.5, 1, 0.5], abs=0.01)
 
 
 # Threads
