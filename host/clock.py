@@ -50,7 +50,8 @@ class DeviceClock:
     drift_ppm : float
         How much faster than nominal the device runs, in millionths of its rate, by the host's clock.
     uncertainty : float
-        By how much a moment may be wrong, in seconds: half of what the quickest reading took.
+        By how much the moment of the last reading may be wrong, in seconds, wherever within the readings the device
+        looked at its clock.
     """
 
     def __init__(self) -> None:
@@ -63,15 +64,20 @@ class DeviceClock:
         self._readings.append(reading)
         moments = np.array([each.middle for each in self._readings])
         ticks = np.array([each.tick - reading.tick for each in self._readings], np.float64)
-        weights = np.array([each.uncertainty for each in self._readings]) ** -2
+        uncertainties = np.array([each.uncertainty for each in self._readings])
+        weights = uncertainties**-2
+        weights /= weights.sum()
         slope = float(TICK_HZ)
-        moment, tick = np.average(moments, weights=weights), np.average(ticks, weights=weights)
+        moment, tick = weights @ moments, weights @ ticks
+        shares = weights  # of each reading in the estimate at the last one
         if moments[-1] - moments[0] >= LEAST_SPAN_SECONDS:
             away = moments - moment
-            slope = float(np.sum(weights * away * ticks) / np.sum(weights * away**2))
+            slopes = weights * away / np.sum(weights * away**2)
+            slope = float(slopes @ ticks)
+            shares = weights + slopes * away[-1]
         self._slope, self._moment, self._tick = slope, float(moment), float(tick) + reading.tick
         self.drift_ppm = (slope / TICK_HZ - 1) * 1e6
-        self.uncertainty = min(each.uncertainty for each in self._readings)
+        self.uncertainty = float(np.abs(shares) @ uncertainties)
 
     def period_at(self, moment: float) -> float:
         """Carrier period, with its fraction, at a moment of the host; there must have been a reading."""
