@@ -146,6 +146,8 @@ def _check_blocks(name: str, blocks: NDArray[Any]) -> None:
 
 def _periods(period: ArrayLike, count: int) -> NDArray[np.uint64]:
     given = np.asarray(period)
+    if given.dtype == np.uint64 and given.shape == (count,):
+        return given
     if given.dtype.kind in "iu":
         wrong = given[given < 0].tolist()
     else:  # perhaps a list of small and large numbers, of which NumPy makes floats
