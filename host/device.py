@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
-from ..errors import DeviceError, DeviceStalledError
+from ..errors import DeviceError, DeviceRefusedError, DeviceStalledError
 from ..protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Slot, Update
 from ..protocol.blocks import Sequence as SequenceBody
-from ..protocol.codes import ENTRIES_PER_BLOCK, NOW, SAMPLES_PER_BLOCK, Action, Feature, Request
+from ..protocol.codes import ENTRIES_PER_BLOCK, NOW, SAMPLES_PER_BLOCK, Action, Feature, Reason, Request
 from ..protocol.ranges import whole
 from ..protocol.replies import (
     Ack,
@@ -94,6 +95,7 @@ class Device:
         self._observe = observe
         self._session = Session(transport, observe=observe)
         self._enabled = False
+        self._last_stop = object()  # a stream that sees another one than at its beginning does not enable the outputs
         self._next_entry = self._next_sample = 0
         self._watchdog: float | None = None
         self._envelope: tuple[bytes, int] | None = None
@@ -192,6 +194,10 @@ class Device:
 
     def stop(self) -> None:
         """Turn all outputs off and drop what is queued; what is stored stays. A stream in another thread ends."""
+        self._last_stop = object()  # before waiting for the lock, which a stream holds while a lost device comes back
+        self._turn_off()
+
+    def _turn_off(self) -> None:
         with self._session.lock:
             self._enabled = False
             self._envelope = None
@@ -199,6 +205,7 @@ class Device:
 
     def reset(self) -> None:
         """Restart the device as at power-up, and open it again when it is back: its stores are empty."""
+        self._last_stop = object()
         with self._session.lock:
             self._enabled = False
             self._session.order(Request.RESET)
@@ -408,8 +415,9 @@ class Device:
             time is over where the device cannot be reached.
         """
         frames = frame_source(source, self.calibration, self.info.channels)
-        restore = self._restore if reconnect else None
-        stream = Stream(self._session, frames, rate, look_ahead=look_ahead, enable=self.enable, restore=restore)
+        enable = partial(self._unless_stopped, self._last_stop, self.enable)
+        restore = partial(self._unless_stopped, self._last_stop, self._restore) if reconnect else None
+        stream = Stream(self._session, frames, rate, look_ahead=look_ahead, enable=enable, restore=restore)
         try:
             return stream.run(on_progress)
         except BaseException:
@@ -419,6 +427,13 @@ class Device:
             if on_progress is not None:
                 on_progress(stream.report)
 
+    def _unless_stopped(self, last_stop: object, enable: Callable[[], None]) -> None:
+        """Enable the outputs for a stream that began after this stop, and before any other."""
+        with self._session.lock:
+            if self._last_stop is not last_stop:
+                raise DeviceRefusedError(f"{self.name} was stopped before its outputs were enabled", Reason.DISABLED)
+            enable()
+
     def _forget(self) -> None:
         """What the device has been told to keep: nothing, as after it was restarted."""
         self._next_entry = self._next_sample = 0
@@ -427,7 +442,7 @@ class Device:
     def _restore(self) -> None:
         """Make a device that has restarted go on as it was: watchdog, modulation, outputs enabled; not its slots."""
         watchdog, envelope = self._watchdog, self._envelope
-        self.stop()  # it may be as it was, and play on
+        self._turn_off()  # it may be as it was, and play on
         self._forget()
         if watchdog is not None:
             self.set_watchdog(watchdog)

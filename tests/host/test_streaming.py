@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from math import floor
 
@@ -25,6 +26,7 @@ from phasewire.emulator.faults import (
 )
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
 from phasewire.host.streaming import StreamReport
+from phasewire.host.usb import UsbTransport
 from phasewire.protocol.codes import Reason
 from phasewire.protocol.quantise import PulseFrames
 
@@ -173,6 +175,44 @@ def test_stop_in_another_thread_ends_a_stream_at_once() -> None:
             device.stream(endless(device), 1000)
         stopping.join(20)
         assert silent(emulator)
+
+
+def test_stop_while_the_first_frame_is_made_is_not_undone_by_the_stream() -> None:
+    def source(device: Device) -> Iterator[Pulses]:
+        device.stop()
+        yield frame(frames(1), 0)
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        with pytest.raises(DeviceRefusedError, match="was stopped before its outputs were enabled") as raised:
+            device.stream(source(device), 1000)
+        assert raised.value.reason is Reason.DISABLED
+        assert not device.status().enabled
+
+
+@pytest.mark.parametrize("end", [Device.stop, Device.reset])
+def test_stop_while_a_lost_device_comes_back_is_not_undone_by_the_stream(
+    end: Callable[[Device], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    genuine, threads = UsbTransport.reopen, []
+
+    def reopen(transport: UsbTransport, seconds: float) -> None:
+        if not threads:
+            threads.append(threading.Thread(target=end, args=(device,)))
+            threads[0].start()
+            deadline = time.monotonic() + 5
+            while device._last_stop is before and time.monotonic() < deadline:  # until it waits for the line
+                time.sleep(0.001)
+        genuine(transport, seconds)
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        before = device._last_stop
+        emulator.inject(PowerCut(period=3000, periods=8000))
+        monkeypatch.setattr(UsbTransport, "reopen", reopen)
+        with pytest.raises(DeviceRefusedError, match="was stopped"):
+            device.stream(one_by_one(frames(200)), 1000, reconnect=True)
+        threads[0].join(20)
+        assert not device.status().enabled
+        assert device.stream(one_by_one(frames(3)), 1000).accepted == 3, "what was stopped can begin again"
 
 
 @pytest.mark.parametrize(
