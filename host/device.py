@@ -218,8 +218,10 @@ class Device:
 
     def set_watchdog(self, seconds: float) -> None:
         """How long the device waits for a sign of life before it turns its outputs off, 0.01 to 60 s."""
-        self._order(Request.WATCHDOG, "watchdog time in ms", round(seconds * 1000))
-        self._watchdog = seconds
+        with self._session.lock:
+            self.status()  # a sign of life, for the last may be older than a shorter time
+            self._order(Request.WATCHDOG, "watchdog time in ms", round(seconds * 1000))
+            self._watchdog = seconds
 
     def set_drive_limit(self, transducers: int) -> None:
         """Refuse what drives harder than so many full transducers; only while the outputs are off."""
@@ -368,9 +370,8 @@ class Device:
             Where the device has turned its outputs off meanwhile.
         """
         end = self.time.monotonic() + seconds
-        pause = self.status().watchdog_ms / 3000
         while (left := end - self.time.monotonic()) > 0:
-            self.time.sleep(min(pause, left))
+            self.time.sleep(min(self._session.pause_seconds, left))
             self._session.check_enabled()
 
     def stream(

@@ -103,7 +103,6 @@ class Session:
         self._free: int | None = None
         self.notice: Status | None = None
         self.info = self.ask(Info.decode, Request.INFO)
-        self._watchdog = self.info.watchdog
         if not self.info.speaks(PROTOCOL_VERSION):
             older = "firmware" if self.info.newest_version < PROTOCOL_VERSION else "phasewire"
             raise DeviceVersionError(
@@ -112,6 +111,7 @@ class Session:
             )
         if not self._observe:
             self.order(Request.DISABLE)
+        self.status()  # the watchdog's time may be another than at power-up
         self.send(NoOp())
 
     @property
@@ -161,6 +161,11 @@ class Session:
                         raise
                     continue
                 return
+
+    @property
+    def pause_seconds(self) -> float:
+        """How long a host that waits may leave the device without a sign of life, at most a third of a second."""
+        return min(self._watchdog, PATIENCE_SECONDS) / 3
 
     # Requests
 
@@ -278,7 +283,7 @@ class Session:
         line, count, first = self.line(), len(blocks), self._number
         numbers = (first + np.arange(count)) % NUMBERS
         data = blocks.tobytes()
-        life = min(self._watchdog, PATIENCE_SECONDS) / 3  # the device must hear of its host that waits for room
+        life = self.pause_seconds  # the device must hear of its host that waits for room
         sent = done = 0
         moved = line.time.monotonic()
         while done < count:

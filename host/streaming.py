@@ -205,7 +205,6 @@ class Stream:
         pack_updates(*frames, sequence=0)  # what is compiled or read now does not keep an enabled device waiting
         self._enable()
         told = time.monotonic()
-        self._pause = self._session.status().watchdog_ms / 3000
         self._find_clock()
         while len(frames.phase):
             self._come_back_if_lost(partial(self._send, frames))
@@ -253,6 +252,11 @@ class Stream:
             self._missed_before = status.missed_commits - self._counts["missed_commits"]
         self._counts["missed_commits"] = status.missed_commits - self._missed_before
 
+    def _keep_time(self) -> None:
+        """Read the device's clock where the last reading is old: the two clocks drift apart."""
+        if self._session.time.monotonic() - self._read_at > READING_SECONDS:
+            self._read_clock()
+
     def _now(self) -> float:
         """Carrier period of the device, with its fraction."""
         return self._clock.period_at(self._session.time.monotonic())
@@ -269,9 +273,11 @@ class Stream:
         """Let time pass until a period begins, with signs of life to the device, and readings of its clock."""
         keeper = self._session.time
         while (left := self._clock.moment_of(period) - keeper.monotonic()) > 0:
-            keeper.sleep(min(left, self._pause))
-            if left > self._pause:
+            pause = self._session.pause_seconds
+            keeper.sleep(min(left, pause))
+            if left > pause:
                 self._session.check_enabled()
+                self._keep_time()
 
     # Frames
 
@@ -307,8 +313,7 @@ class Stream:
             finally:
                 self._account(answers.acks[answers.answered])
         self._check(answers.acks[answers.answered])
-        if self._session.time.monotonic() - self._read_at > READING_SECONDS:
-            self._read_clock()
+        self._keep_time()
 
     def _account(self, acks: NDArray[np.void]) -> None:
         if not len(acks):

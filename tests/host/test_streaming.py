@@ -26,6 +26,7 @@ from phasewire.emulator.faults import (
 )
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
 from phasewire.host.streaming import StreamReport
+from phasewire.host.transport import Timekeeper
 from phasewire.host.usb import UsbTransport
 from phasewire.protocol.codes import Reason
 from phasewire.protocol.quantise import PulseFrames
@@ -362,6 +363,58 @@ def test_a_long_wait_for_the_next_frame_keeps_the_device_awake() -> None:
         report = device.stream(frames(3), 0.9)
         assert report.late == 0
         assert played(emulator, report.last_period) == frame(frames(3), 2)
+
+
+class Skewed:
+    """A host's clock that runs fast by so many millionths.
+
+    Parameters
+    ----------
+    keeper : Timekeeper
+        Of the device.
+    ppm : float
+        How much faster the host's clock runs.
+    """
+
+    def __init__(self, keeper: Timekeeper, ppm: float) -> None:
+        self._keeper, self._speed = keeper, 1 + ppm * 1e-6
+
+    def monotonic(self) -> float:
+        return self._keeper.monotonic() * self._speed
+
+    def sleep(self, seconds: float, /) -> None:
+        self._keeper.sleep(seconds / self._speed)
+
+
+@pytest.mark.parametrize("ppm", [-300, 300])
+def test_frames_keep_their_periods_where_clocks_drift_apart_between_two_of_them(ppm: float) -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        line = device._session.line()
+        line.time = Skewed(line.time, ppm)
+        report = device.stream(one_by_one(frames(4)), 0.1)
+    assert (report.late, report.underruns, report.last_period) == (0, 0, report.first_period + 3 * 400_000)
+    assert report.least_lead_periods is not None
+    assert abs(report.least_lead_periods - 10 * MS) <= 5
+    assert report.drift_ppm == pytest.approx(-ppm, abs=1)
+
+
+def test_signs_of_life_follow_the_watchdog_s_time() -> None:
+    def source(device: Device) -> Iterator[Pulses]:
+        for seconds in (60, 0.01, 1):
+            device.set_watchdog(seconds)
+            yield frame(frames(1), 0)
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        assert device.stream(source(device), 2).accepted == 3
+
+
+def test_a_session_keeps_to_the_watchdog_s_time_that_an_earlier_one_has_set() -> None:
+    with Emulator() as emulator:
+        with open_device(emulator.url) as device:
+            device.set_watchdog(0.01)
+        with open_device(emulator.url) as device:
+            device.show(frame(frames(1), 0))
+            device.keep_playing(0.1)
 
 
 def test_progress_is_told_and_a_report_reads_well() -> None:
