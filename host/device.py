@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
-from ..errors import DeviceError, DeviceRefusedError, DeviceStalledError
+from ..errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
 from ..protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Slot, Update
 from ..protocol.blocks import Sequence as SequenceBody
 from ..protocol.codes import ENTRIES_PER_BLOCK, NOW, SAMPLES_PER_BLOCK, Action, Feature, Reason, Request
@@ -25,6 +26,7 @@ from ..protocol.replies import (
 from ..protocol.requests import VALUES
 from ..protocol.wiring import Wiring
 from .calibration import Calibration
+from .envelopes import Envelope
 from .frames import Frame, Frames, frame_source, to_pulses
 from .session import Session
 from .streaming import LOOK_AHEAD_SECONDS, Stream, StreamReport
@@ -93,17 +95,21 @@ class Device:
 
     def __init__(self, transport: Transport, *, calibration: Calibration | None = None, observe: bool = False) -> None:
         self._observe = observe
-        self._session = Session(transport, observe=observe)
+        self._session = Session(transport)
         self._enabled = False
-        self._last_stop = object()  # a stream that sees another one than at its beginning does not enable the outputs
+        self._stops = 0
+        self._streaming = False
         self._next_entry = self._next_sample = 0
         self._watchdog: float | None = None
+        self._drive_limit: int | None = None
         self._envelope: tuple[bytes, int] | None = None
         if calibration is not None and len(calibration) != self.info.channels:
             raise ValueError(
                 f"the calibration is for {len(calibration)} transducers, the device has {self.info.channels}"
             )
         self.calibration = calibration
+        if not observe:
+            self._session.begin()
 
     @property
     def info(self) -> Info:
@@ -131,20 +137,23 @@ class Device:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        try:
-            if not self._observe:
-                self.stop()
-        except DeviceError:
-            if kind is None:
+        self._stops += 1
+        with self._session.lock:  # so that nobody plays on between the two
+            try:
+                if not (self._observe or self._session.closed):
+                    self._turn_off()
+            except DeviceError:
+                if kind is None:
+                    raise
+            except BaseException:  # Ctrl-C came just now: first things first
+                with suppress(DeviceError):
+                    self._turn_off()
                 raise
-        except BaseException:  # Ctrl-C came just now: first things first
-            self.stop()
-            raise
-        finally:
-            self._session.close()
+            finally:
+                self._session.close()
 
     def close(self) -> None:
-        """Give the line back and leave the device as it is, playing where it may without a host."""
+        """Give the line back and leave the device as it is, playing where it may without a host, also after ``with``."""
         self._session.close()
 
     # What it is and does
@@ -189,12 +198,12 @@ class Device:
                 why = f"a fault has silenced it ({faults}); `phasewire doctor` says what to do" if faults else "not now"
                 raise DeviceStalledError(
                     f"{self.name} does not enable its outputs in {status.state.name}: {why}"
-                ) from (error)
+                ) from error
             self._enabled = True
 
     def stop(self) -> None:
         """Turn all outputs off and drop what is queued; what is stored stays. A stream in another thread ends."""
-        self._last_stop = object()  # before waiting for the lock, which a stream holds while a lost device comes back
+        self._stops += 1  # before waiting for the lock, which a stream holds while a lost device comes back
         self._turn_off()
 
     def _turn_off(self) -> None:
@@ -205,10 +214,12 @@ class Device:
 
     def reset(self) -> None:
         """Restart the device as at power-up, and open it again when it is back: its stores are empty."""
-        self._last_stop = object()
+        self._stops += 1
         with self._session.lock:
             self._enabled = False
-            self._session.order(Request.RESET)
+            with suppress(DeviceLostError):  # it may be gone before it has answered
+                self._session.order(Request.RESET)
+            self._session.wait_until_gone()
             self._session.reopen()
             self._forget()
 
@@ -226,6 +237,7 @@ class Device:
     def set_drive_limit(self, transducers: int) -> None:
         """Refuse what drives harder than so many full transducers; only while the outputs are off."""
         self._order(Request.LIMIT, "drive limit", transducers)
+        self._drive_limit = transducers
 
     def clear_faults(self) -> Status:
         """Clear the faults whose cause is gone, and say what is left."""
@@ -380,6 +392,7 @@ class Device:
         rate: float,
         *,
         look_ahead: float = LOOK_AHEAD_SECONDS,
+        envelope: Envelope | None = None,
         reconnect: bool = False,
         on_progress: Callable[[StreamReport], None] | None = None,
     ) -> StreamReport:
@@ -394,9 +407,12 @@ class Device:
         look_ahead : float
             How long before its period a frame is sent, in seconds, where the device's queue allows that. More makes
             gaps in the source or the host harmless, less lets a live source react sooner.
+        envelope : Envelope, optional
+            To modulate the frames with, as `modulate` does: `sine(200)` makes them felt.
         reconnect : bool
-            Whether to go on with the next frame when a device that was lost comes back, with the watchdog's time and
-            the modulation that it had. Frames of which is not known whether they arrived are not sent again.
+            Whether to go on with the next frame when a device that was lost comes back, with the drive limit, the
+            watchdog's time and the modulation that it had. Frames of which is not known whether they arrived are not
+            sent again.
         on_progress : callable, optional
             Is called with the report as it stands some ten times a second, and at the end, however that comes.
 
@@ -416,35 +432,51 @@ class Device:
             time is over where the device cannot be reached.
         """
         frames = frame_source(source, self.calibration, self.info.channels)
-        enable = partial(self._unless_stopped, self._last_stop, self.enable)
-        restore = partial(self._unless_stopped, self._last_stop, self._restore) if reconnect else None
-        stream = Stream(self._session, frames, rate, look_ahead=look_ahead, enable=enable, restore=restore)
+        stream = Stream(
+            self._session,
+            frames,
+            rate,
+            look_ahead=look_ahead,
+            permit=partial(self._check_not_stopped, self._stops),
+            begin=partial(self._begin_stream, envelope),
+            restore=self._restore if reconnect else None,
+        )
+        with self._session.lock:
+            if self._streaming:
+                raise DeviceError(f"{self.name} plays a stream already; wait for its end, or stop it")
+            self._streaming = True
         try:
             return stream.run(on_progress)
         except BaseException:
             self._silence_after_failure()
             raise
         finally:
+            self._streaming = False
             if on_progress is not None:
                 on_progress(stream.report)
 
-    def _unless_stopped(self, last_stop: object, enable: Callable[[], None]) -> None:
-        """Enable the outputs for a stream that began after this stop, and before any other."""
-        with self._session.lock:
-            if self._last_stop is not last_stop:
-                raise DeviceRefusedError(f"{self.name} was stopped before its outputs were enabled", Reason.DISABLED)
-            enable()
+    def _check_not_stopped(self, stops: int) -> None:
+        """Raise `DeviceRefusedError` where somebody has stopped the device since a stream was asked for."""
+        if self._stops != stops:
+            raise DeviceRefusedError(f"{self.name} has turned its outputs off: it was stopped", Reason.DISABLED)
+
+    def _begin_stream(self, envelope: Envelope | None) -> None:
+        self.enable()
+        if envelope is not None:
+            self.modulate(*envelope)
 
     def _forget(self) -> None:
         """What the device has been told to keep: nothing, as after it was restarted."""
         self._next_entry = self._next_sample = 0
-        self._watchdog = self._envelope = None
+        self._watchdog = self._drive_limit = self._envelope = None
 
     def _restore(self) -> None:
-        """Make a device that has restarted go on as it was: watchdog, modulation, outputs enabled; not its slots."""
-        watchdog, envelope = self._watchdog, self._envelope
+        """Make a device that has restarted go on as it was: limit, watchdog, modulation, enabled; not its slots."""
+        watchdog, drive_limit, envelope = self._watchdog, self._drive_limit, self._envelope
         self._turn_off()  # it may be as it was, and play on
         self._forget()
+        if drive_limit is not None:
+            self.set_drive_limit(drive_limit)
         if watchdog is not None:
             self.set_watchdog(watchdog)
         self.enable()
@@ -453,7 +485,7 @@ class Device:
 
     def _silence_after_failure(self) -> None:
         try:
-            self.stop()
+            self._turn_off()
         except DeviceError:  # out of reach: its watchdog does it
             self._enabled = False
 

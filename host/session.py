@@ -7,6 +7,8 @@ which block. What the blocks are for is its callers' business.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from math import ceil
 from threading import RLock
 from typing import NamedTuple, NoReturn, Self, TypeVar
 
@@ -17,6 +19,7 @@ from ..errors import (
     DeviceError,
     DeviceLostError,
     DeviceRefusedError,
+    DeviceStalledError,
     DeviceTimeoutError,
     DeviceVersionError,
     ReplyError,
@@ -32,10 +35,14 @@ Answer = TypeVar("Answer")
 
 PATIENCE_SECONDS = 1.0
 """How long nothing may happen to blocks before they are given up."""
+WATCHDOG_BLOCKS = 20
+"""How many blocks a line must be able to carry in the watchdog's time."""
 ATTEMPTS = 3
 """How often a block is sent that was damaged or lost on the way."""
 COMES_BACK_SECONDS = 10.0
 """How long a device may take to start."""
+LEAVES_SECONDS = 0.5
+"""How long a device that was told to restart may take to leave its line."""
 DAMAGE = frozenset({Reason.LENGTH, Reason.CHECKSUM})
 """Reasons that speak of the line rather than of the block."""
 NUMBERS = 2**32
@@ -67,19 +74,16 @@ class Session:
     Parameters
     ----------
     transport : Transport
-        The line; the session closes it.
-    observe : bool
-        Whether to leave alone what the device plays. It is stopped otherwise, for a queue that an earlier host has left
-        full takes no block.
+        The line; the session closes it. The device is asked who it is, and nothing else, until `begin`.
 
     Attributes
     ----------
     info : Info
         What the device says that it is.
+    closed : bool
+        Whether the line was given back.
     lock : RLock
         Held while the line is in use; whoever needs several steps in a row takes it for them.
-    notice : Status or None
-        What the device last said by itself: a fault, or that its watchdog fired (clause ACK-006).
 
     Raises
     ------
@@ -89,19 +93,17 @@ class Session:
         Where the line or the device fails.
     """
 
-    def __init__(self, transport: Transport, *, observe: bool = False) -> None:
+    def __init__(self, transport: Transport) -> None:
         self._line = transport
-        self._observe = observe
-        self._closed = False
+        self.closed = False
         self.lock = RLock()
-        self._begin()
+        self._meet()
 
-    def _begin(self) -> None:
-        """Begin the numbering anew, with a block that may come twice without harm (clause SER-012)."""
+    def _meet(self) -> None:
+        """Learn who the device is."""
         self._number = 0
         self._restart = True
         self._free: int | None = None
-        self.notice: Status | None = None
         self.info = self.ask(Info.decode, Request.INFO)
         if not self.info.speaks(PROTOCOL_VERSION):
             older = "firmware" if self.info.newest_version < PROTOCOL_VERSION else "phasewire"
@@ -109,10 +111,19 @@ class Session:
                 f"{self.name} speaks versions {self.info.oldest_version} to {self.info.newest_version} of the "
                 f"protocol, this is version {PROTOCOL_VERSION}; update the {older}, which is the older"
             )
-        if not self._observe:
-            self.order(Request.DISABLE)
         self.status()  # the watchdog's time may be another than at power-up
-        self.send(NoOp())
+
+    def begin(self) -> None:
+        """Stop the device, for a queue that an earlier host has left full takes no block, and begin the numbering anew.
+
+        On a line that is slow the watchdog's time is made longer where need be (clause SER-014).
+        """
+        with self.lock:
+            self.order(Request.DISABLE)
+            blocks_seconds = WATCHDOG_BLOCKS / self._line.most_blocks_per_second
+            if self._watchdog < blocks_seconds:
+                self.order(Request.WATCHDOG, ceil(blocks_seconds * 1000))
+            self.send(NoOp())
 
     @property
     def name(self) -> str:
@@ -131,14 +142,14 @@ class Session:
 
     def line(self) -> Transport:
         """The line; raise `DeviceError` where the session is over."""
-        if self._closed:
+        if self.closed:
             raise DeviceError(f"{self.name} is closed; open it again")
         return self._line
 
     def close(self) -> None:
         """Give the line back."""
         with self.lock:
-            self._closed = True
+            self.closed = True
             self._line.close()
 
     def reopen(self, seconds: float = COMES_BACK_SECONDS) -> None:
@@ -155,12 +166,24 @@ class Session:
             while True:
                 line.reopen(max(end - line.time.monotonic(), 0))
                 try:
-                    self._begin()
-                except DeviceLostError:  # it went once more
+                    self._meet()
+                    self.begin()
+                except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):  # it went once more
                     if line.time.monotonic() >= end:
                         raise
                     continue
                 return
+
+    def wait_until_gone(self) -> None:
+        """Wait until a device that restarts does not answer any more; a serial line only gets a moment to see it."""
+        with self.lock:
+            line = self.line()
+            end = line.time.monotonic() + LEAVES_SECONDS
+            with suppress(DeviceError):
+                while line.time.monotonic() < end:
+                    if not line.lossy:
+                        self.status()
+                    line.time.sleep(LEAVES_SECONDS / 50)
 
     @property
     def pause_seconds(self) -> float:
@@ -203,6 +226,8 @@ class Session:
             Where the line or the device fails.
         """
         with self.lock:
+            if self._restart and not isinstance(bodies[0], NoOp):
+                self._send(NoOp())  # the numbering begins with a block that may come twice without harm (SER-012)
             return [self._send(body) for body in bodies]
 
     def _send(self, body: Body) -> Ack:
@@ -290,10 +315,8 @@ class Session:
             progress = False
             room = min(line.window(self._free, self.info.queue_records) - (sent - done), count - sent)
             if room > 0:
-                self._number, self._restart = (
-                    (first + sent + room) % NUMBERS,
-                    False,
-                )  # used up, whatever becomes of them
+                self._number = (first + sent + room) % NUMBERS  # used up, whatever becomes of them
+                self._restart = False
                 taken = line.write_blocks(data[sent * BLOCK_BYTES : (sent + room) * BLOCK_BYTES], life) // BLOCK_BYTES
                 sent += taken
                 self._number = (first + sent) % NUMBERS
@@ -320,11 +343,8 @@ class Session:
         try:
             return decode_acks(packet)
         except ReplyError:
-            found = self._read(records, packet)
-            for record in found:
-                if isinstance(record, Status):
-                    self.notice = record
-            return self._read(decode_acks, b"".join(record.encode() for record in found if isinstance(record, Ack)))
+            acks = [record for record in self._read(records, packet) if isinstance(record, Ack)]
+            return self._read(decode_acks, b"".join(ack.encode() for ack in acks))
 
     def _match(self, acks: NDArray[np.void], numbers: NDArray[np.int64], answers: Answers, done: int, sent: int) -> int:
         """Give acknowledgements to blocks done … sent; return up to which block all is known.

@@ -54,7 +54,7 @@ DAMAGED = [int(reason) for reason in DAMAGE]
 TURN_PERIODS = 200
 """5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
 MOST_BLOCKS = 128
-"""In one transfer: at 40 000 frames a second others wait 3 ms for their turn."""
+"""In one transfer at most: at 40 000 frames a second others wait 3 ms for their turn."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,9 @@ class Stream:
         Frames per second.
     look_ahead : float
         Seconds before its period at which a frame is sent at the earliest.
-    enable : callable
+    permit : callable
+        Raises a `DeviceError` where the stream is to end.
+    begin : callable
         Enables the outputs.
     restore : callable, optional
         Makes a device that was lost and came back what it was before; without it, the stream ends there.
@@ -157,7 +159,8 @@ class Stream:
         rate: float,
         *,
         look_ahead: float,
-        enable: Callable[[], None],
+        permit: Callable[[], None],
+        begin: Callable[[], None],
         restore: Callable[[], None] | None,
     ) -> None:
         most = min(session.info.max_updates_per_second, session.line().most_blocks_per_second)
@@ -168,11 +171,15 @@ class Stream:
         if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
             raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")
         self._session, self._source = session, source
-        self._enable, self._restore = enable, restore
+        self._permit, self._begin, self._restore = permit, begin, restore
         self._spacing = CARRIER_HZ / rate
-        self._look_ahead = max(ceil(look_ahead * CARRIER_HZ), LEAST_LEAD_PERIODS)
+        per_block = CARRIER_HZ / session.line().most_blocks_per_second
+        self._least_lead = LEAST_LEAD_PERIODS + ceil(per_block)
+        self._most_blocks = max(1, min(MOST_BLOCKS, floor(TURN_PERIODS / per_block)))
+        self._look_ahead = max(ceil(look_ahead * CARRIER_HZ), 2 * self._least_lead)
         self._horizon = min(self._look_ahead, session.info.queue_blocks * self._spacing + TURN_PERIODS)
-        self._refill = self._horizon / 2 if source.ready else self._horizon
+        enough = min(self._least_lead + self._spacing, self._horizon)
+        self._refill = max(self._horizon / 2, enough) if source.ready else self._horizon
         self._next = 0
         self._start = 0.0
         self._read_at = 0.0
@@ -203,7 +210,9 @@ class Stream:
         """Play all frames, and wait until the last has had its time."""
         frames = self._source.take(1)
         pack_updates(*frames, sequence=0)  # what is compiled or read now does not keep an enabled device waiting
-        self._enable()
+        with self._session.lock:
+            self._permit()
+            self._begin()
         told = time.monotonic()
         self._find_clock()
         while len(frames.phase):
@@ -212,9 +221,13 @@ class Stream:
                 told = time.monotonic()
                 on_progress(self.report)
             frames = self._source.take(self._wait_for_turn())
-        self._come_back_if_lost(lambda: self._wait_until(self._due(self._next)))
-        self._read_clock()
+        self._come_back_if_lost(self._wait_for_the_end)
         return self.report
+
+    def _wait_for_the_end(self) -> None:
+        """Let the last frame have its time, and see how it all went."""
+        self._wait_until(self._due(self._next))
+        self._read_clock()
 
     def _come_back_if_lost(self, step: Callable[[], None]) -> None:
         """Take a step; where the device is lost in it, wait until it is back, and be ready for the next frame."""
@@ -224,8 +237,10 @@ class Stream:
             if self._restore is None or self._counts["accepted"] == self._accepted_before:
                 raise
             self._accepted_before = self._counts["accepted"]
-            self._session.reopen()
-            self._restore()
+            with self._session.lock:
+                self._session.reopen()
+                self._permit()
+                self._restore()
             self._counts["reconnects"] += 1
             self._find_clock()
 
@@ -286,12 +301,12 @@ class Stream:
         self._come_back_if_lost(lambda: self._wait_until(self._due(self._next) - self._refill))
         self._keep_up()
         due = floor((self._now() + self._horizon - self._start) / self._spacing) + 1 - self._next
-        return min(max(due, 1), MOST_BLOCKS)
+        return min(max(due, 1), self._most_blocks)
 
     def _keep_up(self) -> None:
         """Where it is too late for the next frame, move it and all that follow."""
         late_for, now = self._due(self._next), self._now()
-        if late_for - now < LEAST_LEAD_PERIODS:
+        if late_for - now < self._least_lead:
             self._begin_at(ceil(now) + self._look_ahead)
             self._counts["underruns"] += 1
             self._counts["moved_periods"] += self._due(self._next) - late_for
@@ -300,6 +315,7 @@ class Stream:
         """Send frames, and count what became of them."""
         count = len(frames.phase)
         with self._session.lock:
+            self._permit()
             self._keep_up()  # the source may have taken its time
             periods = np.floor(self._start + np.arange(self._next, self._next + count) * self._spacing)
             number, restart = self._session.upcoming

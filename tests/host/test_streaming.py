@@ -25,10 +25,11 @@ from phasewire.emulator.faults import (
     Unplugged,
 )
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
+from phasewire.host.envelopes import sine
 from phasewire.host.streaming import StreamReport
 from phasewire.host.transport import Timekeeper
 from phasewire.host.usb import UsbTransport
-from phasewire.protocol.codes import Reason
+from phasewire.protocol.codes import Reason, StatusFlag
 from phasewire.protocol.quantise import PulseFrames
 
 MS = 40
@@ -184,7 +185,7 @@ def test_stop_while_the_first_frame_is_made_is_not_undone_by_the_stream() -> Non
         yield frame(frames(1), 0)
 
     with Emulator() as emulator, open_device(emulator.url) as device:
-        with pytest.raises(DeviceRefusedError, match="was stopped before its outputs were enabled") as raised:
+        with pytest.raises(DeviceRefusedError, match="it was stopped") as raised:
             device.stream(source(device), 1000)
         assert raised.value.reason is Reason.DISABLED
         assert not device.status().enabled
@@ -201,12 +202,12 @@ def test_stop_while_a_lost_device_comes_back_is_not_undone_by_the_stream(
             threads.append(threading.Thread(target=end, args=(device,)))
             threads[0].start()
             deadline = time.monotonic() + 5
-            while device._last_stop is before and time.monotonic() < deadline:  # until it waits for the line
+            while device._stops is before and time.monotonic() < deadline:  # until it waits for the line
                 time.sleep(0.001)
         genuine(transport, seconds)
 
     with Emulator() as emulator, open_device(emulator.url) as device:
-        before = device._last_stop
+        before = device._stops
         emulator.inject(PowerCut(period=3000, periods=8000))
         monkeypatch.setattr(UsbTransport, "reopen", reopen)
         with pytest.raises(DeviceRefusedError, match="was stopped"):
@@ -423,3 +424,65 @@ def test_progress_is_told_and_a_report_reads_well() -> None:
         report = device.stream(frames(40), 1000, on_progress=reports.append)
     assert reports[-1] == report
     assert str(report).startswith("40 frames at 1000/s, 0 late, 0 underruns, least lead ")
+
+
+def test_a_first_frame_that_takes_long_costs_neither_the_modulation_nor_a_sound_before_it() -> None:
+    def slow(device: Device) -> Iterator[Pulses]:
+        assert not device.status().enabled
+        device.time.sleep(0.5)
+        yield from one_by_one(frames(3))
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(slow(device), 1000, envelope=sine(200))
+        status = device.status()
+        assert (report.accepted, report.underruns) == (3, 0)
+        assert StatusFlag.MODULATION in status.flags
+        assert not emulator.capture().bits(0, 50 * report.first_period).any()
+
+
+def test_whoever_stops_a_device_and_shows_something_else_has_it_shown() -> None:
+    other = Pulses(np.full(320, 9), np.full(320, 3))
+
+    def source(device: Device) -> Iterator[Pulses]:
+        for index, pulses in enumerate(one_by_one(frames(100))):
+            if index == 50:
+                device.stop()
+                device.show(other)
+            yield pulses
+
+    with Emulator() as emulator:
+        device = open_device(emulator.url)
+        with pytest.raises(DeviceRefusedError, match="it was stopped"):
+            device.stream(source(device), 1000)
+        assert silent(emulator), "a stream that fails leaves the outputs off, whoever enabled them"
+
+
+def test_one_stream_at_a_time() -> None:
+    def source(device: Device) -> Iterator[Pulses]:
+        with pytest.raises(DeviceError, match="plays a stream already"):
+            device.stream(frames(2), 100)
+        yield from one_by_one(frames(5))
+
+    with open_device("emulator:") as device:
+        assert device.stream(source(device), 1000).accepted == 5
+        assert device.stream(frames(2), 1000).accepted == 2
+
+
+@pytest.mark.parametrize("rate", [5, 20])
+@pytest.mark.parametrize("ready", [True, False])
+def test_on_the_slowest_line_frames_are_sent_early_enough(rate: float, ready: bool) -> None:
+    wanted = frames(8)
+    with open_device("emulator:?door=serial") as device:
+        report = device.stream(wanted if ready else one_by_one(wanted), rate)
+        assert device.status().watchdog_ms >= 900
+    assert (report.accepted, report.late, report.underruns) == (8, 0, 0)
+    assert report.least_lead_periods is not None
+    assert report.least_lead_periods >= 5
+
+
+def test_a_device_that_comes_back_has_the_drive_limit_that_it_had() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        device.set_drive_limit(200)
+        emulator.inject(PowerCut(period=3000, periods=8000))
+        report = device.stream(one_by_one(frames(100)), 1000, reconnect=True)
+        assert (report.reconnects, device.status().drive_limit) == (1, 200)
