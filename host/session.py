@@ -326,17 +326,18 @@ class Session:
                 done, progress = self._match(acks, numbers, answers, done, sent), progress or len(acks) > 0
             if progress:
                 moved = line.time.monotonic()
-            elif line.time.monotonic() - moved > PATIENCE_SECONDS:
-                if not (line.lossy and sent > done):
+                continue
+            status = self.status()
+            if line.time.monotonic() - moved > PATIENCE_SECONDS:
+                full = sent == done or (line.lossy and status.free == 0)  # where the last block waits (SER-011)
+                if full or not line.lossy:
                     did_not = (
-                        f"did not acknowledge a block for {PATIENCE_SECONDS:g} s; open it again"
-                        if sent > done
-                        else f"did not take a block for {PATIENCE_SECONDS:g} s: its queue is full; wait, or stop it"
+                        f"did not take a block for {PATIENCE_SECONDS:g} s: its queue is full; wait, or stop it"
+                        if full
+                        else f"did not acknowledge a block for {PATIENCE_SECONDS:g} s; open it again"
                     )
                     raise DeviceTimeoutError(f"{self.name} {did_not}")
                 done, moved = sent, line.time.monotonic()
-            else:
-                self.status()
 
     def _acks(self, packet: bytes) -> NDArray[np.void]:
         """The acknowledgements in what came, beside which the device may have said something by itself."""
