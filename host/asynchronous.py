@@ -9,10 +9,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterable, Awaitable, Callable, Iterator
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial, wraps
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
+from ..errors import DeviceError
 from ..protocol.replies import Info
 from .device import Device, open_device
 from .frames import Frame, Frames
@@ -25,8 +27,18 @@ R = TypeVar("R")
 
 
 async def open_device_async(url: str | None = None, **options: Any) -> AsyncDevice:
-    """Open a device as `open_device` does; use it in an ``async with`` statement."""
-    return AsyncDevice(await asyncio.to_thread(partial(open_device, url, **options)))
+    """Open a device as `open_device` does; use it in an ``async with`` statement.
+
+    When the task is cancelled the device is closed again when this returns.
+    """
+    opening = asyncio.ensure_future(asyncio.to_thread(partial(open_device, url, **options)))
+    try:
+        return AsyncDevice(await asyncio.shield(opening))
+    except asyncio.CancelledError:
+        await asyncio.wait([opening])
+        if opening.exception() is None:
+            opening.result().close()
+        raise
 
 
 def _awaited(method: Callable[Concatenate[Device, P], R]) -> Callable[Concatenate[AsyncDevice, P], Awaitable[R]]:
@@ -100,7 +112,8 @@ class AsyncDevice:
             return await asyncio.shield(running)
         except asyncio.CancelledError:
             waiting.give_up()
-            await asyncio.to_thread(self.device.stop)
+            with suppress(DeviceError):  # out of reach: its watchdog does it
+                await asyncio.to_thread(self.device.stop)
             await asyncio.wait([running])
             running.exception()  # that it was stopped is no news
             raise
@@ -123,6 +136,8 @@ class _Waiting:
 
         while not self._over:
             self._next = asyncio.run_coroutine_threadsafe(following(), self._loop)
+            if self._over:  # since the loop looked
+                self._next.cancel()
             try:
                 yield self._next.result()
             except StopAsyncIteration:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire import Device, Emulator, Pulses
+from phasewire.emulator.doors.backend import Port
+from phasewire.emulator.faults import Unplugged
 from phasewire.errors import DeviceNotFoundError, DeviceRefusedError
 from phasewire.host.asynchronous import AsyncDevice, open_device_async
 from phasewire.protocol.codes import State
@@ -118,6 +120,43 @@ def test_a_cancelled_stream_leaves_the_outputs_off_and_nothing_running(source: s
                 with pytest.raises(asyncio.CancelledError):
                     await streaming
                 assert not (await device.status()).enabled
+
+    run(main())
+
+
+def test_a_cancelled_stream_is_cancelled_also_where_its_device_is_out_of_reach() -> None:
+    begun = asyncio.Event()
+
+    async def main() -> None:
+        with Emulator() as emulator:
+            device = await open_device_async(emulator.url)
+
+            async def frames() -> AsyncIterator[Pulses]:
+                yield FULL
+                yield FULL
+                emulator.inject(Unplugged())
+                begun.set()
+                await asyncio.sleep(1000)
+
+            streaming = asyncio.create_task(device.stream(frames(), 1000))
+            await begun.wait()
+            streaming.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await streaming
+
+    run(main())
+
+
+def test_a_device_that_is_opened_when_nobody_waits_for_it_any_more_is_closed_again() -> None:
+    async def main() -> None:
+        with Emulator() as emulator:
+            opening = asyncio.create_task(open_device_async(emulator.url))
+            await asyncio.sleep(0)
+            opening.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await opening
+            assert emulator.running.status().accepted == 1, "it was opened"
+            assert not Port.of(emulator.usb).claims
 
     run(main())
 
