@@ -153,7 +153,7 @@ class Device:
                 self._session.close()
 
     def close(self) -> None:
-        """Give the line back and leave the device as it is, playing where it may without a host, also after ``with``."""
+        """Give the line back and leave the device as it is, playing where it may; the end of ``with`` changes nothing."""
         self._session.close()
 
     # What it is and does
