@@ -1,24 +1,61 @@
+"""Everything that a device can be asked for, judged by what its outputs do."""
+
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from threading import Thread
+from typing import Any
 
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, Wiring, open_device
-from phasewire.emulator.doors.backend import Port
-from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceTimeoutError
-from phasewire.host.session import Session
-from phasewire.protocol import Ack, Info, Reason, Request, State, unpack
-from phasewire.protocol.codes import AckFlag
+from phasewire.emulator import faults
+from phasewire.emulator.control.agenda import QUEUE_BLOCKS
+from phasewire.emulator.control.controller import Controller
+from phasewire.emulator.doors.backend import EmulatorBackend, Port
+from phasewire.emulator.interfaces.usb_device import UsbDevice
+from phasewire.errors import (
+    DeviceError,
+    DeviceLostError,
+    DeviceRefusedError,
+    DeviceStalledError,
+    DeviceTimeoutError,
+    DeviceVersionError,
+)
+from phasewire.host.calibration import Calibration
+from phasewire.host.device import Device
+from phasewire.protocol import Ack, Info, Reason, Request, State
+from phasewire.protocol.codes import AckFlag, Fault, Feature
+from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
+from phasewire.protocol.requests import Setup
+
+from tests.from_spec import modulated_width
 
 FULL = Pulses(np.full(320, 25), np.full(320, 25))
+HALF = Pulses(np.full(320, 25), np.full(320, 9))
+MIXED = Pulses(np.arange(320) % 100, np.arange(320) % 26)
+
+
+def wide(width: int) -> Pulses:
+    return Pulses(np.full(320, 25), np.full(320, width))
+
+
+def widths(emulator: Emulator, first: int, count: int) -> list[int]:
+    """How wide the pulses of transducer 77 are, in successive periods."""
+    emulator.run_until(max(first + count + 1, emulator.capture().periods))
+    strengths = np.abs(emulator.capture().drives(first, first + count, np.complex128)[:, 77])
+    return [int(width) for width in np.rint(50 / np.pi * np.arcsin(np.minimum(strengths, 1)))]
 
 
 def sounding(emulator: Emulator) -> int:
-    """Transducers that sound in the last period."""
-    emulator.run(5)
+    """Transducers that sound in the last period, in which what was sent has taken effect."""
+    emulator.run(6)
     capture = emulator.capture()
     return int((np.abs(capture.drive(capture.periods - 1)) > 0).sum())
+
+
+# One frame
 
 
 def test_show_plays_and_stop_stops(emulator: Emulator) -> None:
@@ -34,43 +71,36 @@ def test_show_plays_and_stop_stops(emulator: Emulator) -> None:
     assert not Port.of(emulator.usb).claims
 
 
-def test_ctrl_c_while_the_outputs_are_turned_off_does_not_leave_them_on(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It comes once: `phasewire` passes over the others."""
-    genuine, interrupts = Session.order, iter([KeyboardInterrupt])
+def test_what_is_shown_is_emitted(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        ack = device.show(MIXED)
+        emulator.run_until(ack.commit_period + 2)
+        drive = emulator.capture().drive(ack.commit_period)
+    assert np.abs(drive) == pytest.approx(np.sin(np.pi * MIXED.width / 50), abs=1e-6)
+    on = MIXED.width > 0
+    assert np.exp(1j * np.angle(drive[on])) == pytest.approx(np.exp(2j * np.pi * MIXED.phase[on] / 100), abs=1e-6)
 
-    def order(session: Session, request: Request, value: int = 0) -> None:
-        if request is Request.DISABLE and (error := next(interrupts, None)):
-            raise error
-        genuine(session, request, value)
 
-    def session() -> None:
-        with open_device(emulator.url) as device:
-            device.show(FULL)
-            monkeypatch.setattr(Session, "order", order)
+def test_a_drive_is_corrected_by_the_calibration(emulator: Emulator) -> None:
+    """A dead transducer stays silent, a reversed one is driven the other way round; pulses pass as they are."""
+    polarity, dead = np.ones(320), np.zeros(320, bool)
+    polarity[5], dead[9] = -1, True
+    calibration = Calibration(np.ones(320), np.zeros(320), polarity, dead)
+    with open_device(emulator.url, calibration=calibration) as device:
+        ack = device.show(np.full(320, 1j))
+        emulator.run_until(ack.commit_period + 2)
+        drive = emulator.capture().drive(ack.commit_period)
+        wanted = np.full(320, 1j)
+        wanted[5], wanted[9] = -1j, 0
+        assert drive == pytest.approx(wanted, abs=1e-6)
+        device.show(FULL)
+        assert sounding(emulator) == 320
 
-    with pytest.raises(KeyboardInterrupt):
-        session()
-    assert sounding(emulator) == 0
+
+def test_a_calibration_of_another_array_is_refused(emulator: Emulator) -> None:
+    with pytest.raises(ValueError, match="the calibration is for 12 transducers, the device has 320"):
+        open_device(emulator.url, calibration=Calibration.perfect(12))
     assert not Port.of(emulator.usb).claims
-
-
-@pytest.mark.parametrize("error", [None, KeyboardInterrupt, RuntimeError])
-def test_the_outputs_are_off_however_the_session_ends(emulator: Emulator, error: type[BaseException] | None) -> None:
-    def session() -> None:
-        with open_device(emulator.url) as device:
-            device.show(FULL)
-            emulator.run(5)
-            if error:
-                raise error
-
-    if error:
-        with pytest.raises(error):
-            session()
-    else:
-        session()
-    assert sounding(emulator) == 0
 
 
 def test_an_update_can_name_its_period(emulator: Emulator) -> None:
@@ -78,109 +108,18 @@ def test_an_update_can_name_its_period(emulator: Emulator) -> None:
         now = device.status().period
         ack = device.show(FULL, period=now + 40)
         assert (ack.commit_period, ack.late) == (now + 40, False)
+        assert widths(emulator, now + 38, 4) == [0, 0, 25, 25]
         assert device.show(FULL, period=1).late
-
-
-def test_sequence_numbers_count_and_wrap(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        assert [device.show(FULL).sequence for _ in range(3)] == [0, 1, 2]
-        device._sequence, device._restart = 2**32 - 1, True
-        assert [device.show(FULL).sequence for _ in range(2)] == [2**32 - 1, 0]
-
-
-def test_numbering_restarts_once_in_a_session(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    with open_device(emulator.url) as device:
-        sent: list[bytes] = []
-        genuine = device._transport.write_block
-
-        def noting(block: bytes) -> None:
-            sent.append(block)
-            genuine(block)
-
-        monkeypatch.setattr(device._transport, "write_block", noting)
-        for _ in range(3):
-            device.show(FULL)
-    assert [unpack(block).restart for block in sent] == [True, False, False]
-
-
-def test_info_and_status_tell_the_truth(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        assert (device.info.channels, device.info.boards, device.info.max_updates_per_second) == (320, 5, 40_000)
-        assert device.info.watchdog == 0.1
-        assert not device.status().enabled
-        device.show(FULL)
-        status = device.status()
-        assert (status.enabled, status.accepted, status.refused) == (True, 1, 0)
-
-
-def test_the_wiring_table_can_be_read(scrambled: Wiring) -> None:
-    with Emulator(table=scrambled) as emulator, open_device(emulator.url) as device:
-        assert device.wiring().channels.tolist() == scrambled.channels.tolist()
 
 
 def test_the_wrong_number_of_pulses_sends_nothing(emulator: Emulator) -> None:
     with open_device(emulator.url) as device:
+        before = device.status()
         with pytest.raises(ValueError, match="12 pulses for a device with 320 transducers"):
             device.show(Pulses.silent(12))
-        assert not device.status().enabled
-        assert device.status().refused == 0
-
-
-def test_a_refusal_gives_its_reason_and_the_session_goes_on(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.show(FULL)
-        device._transport.order(Request.DISABLE)  # behind the session's back, as a watchdog would
-        with pytest.raises(
-            DeviceRefusedError, match=r"has turned its outputs off, .* show again to enable them"
-        ) as refused:
-            device.show(FULL)
-        assert refused.value.reason == Reason.DISABLED
-        device.show(FULL)
-        assert sounding(emulator) == 320
-
-
-def test_after_the_watchdog_it_can_be_shown_again(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.show(FULL)
-        emulator.run(5000)
-        with pytest.raises(DeviceRefusedError, match=r"without a sign of life for 0.1 s"):
-            device.show(FULL)
-        device.show(FULL)
-        assert sounding(emulator) == 320
-
-
-def test_a_late_acknowledgement_is_not_taken_for_the_next_block_s(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with open_device(emulator.url) as device:
-        device.show(FULL)
-        with monkeypatch.context() as patch:
-            patch.setattr(device._transport, "read_records", raise_timeout)
-            with pytest.raises(DeviceTimeoutError):
-                device.show(FULL, period=500)
-        ack = device.show(FULL, period=1000)
-        assert (ack.sequence, ack.commit_period) == (2, 1000)
-
-
-def raise_timeout() -> bytes:
-    raise DeviceTimeoutError("waiting for an acknowledgement: no answer")
-
-
-def test_a_closed_device_does_nothing_more(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.show(FULL)
-    for use in (lambda: device.show(FULL), device.status, device.stop, device.wiring):
-        with pytest.raises(DeviceError, match="is closed; open it again"):
-            use()
-    assert sounding(emulator) == 0
-
-
-def test_a_queue_of_distant_updates_is_dropped_on_stop(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        for n in range(8):
-            device.show(FULL, 10**6 + n)
-        device.stop()
-        assert device.show(FULL).free == 7
+        after = device.status()
+        assert not after.enabled
+        assert (after.accepted, after.refused) == (before.accepted, 0)
 
 
 @pytest.mark.parametrize("period", [1.5, "soon"])
@@ -194,6 +133,559 @@ def test_a_period_beyond_the_horizon_is_refused(emulator: Emulator) -> None:
         with pytest.raises(DeviceRefusedError, match=r"more than 2\*\*32 ahead"):
             device.show(FULL, 2**64 - 1)
         device.show(FULL)
+        assert sounding(emulator) == 320
+
+
+def test_a_queue_of_distant_updates_is_dropped_on_stop(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        for n in range(QUEUE_BLOCKS):
+            device.show(FULL, 10**6 + n)
+        with pytest.raises(DeviceTimeoutError, match="its queue is full; wait, or stop it"):
+            device.show(FULL)
+        assert device.status().enabled  # who waits lets hear of himself
+        device.stop()
+        assert device.show(FULL).free == QUEUE_BLOCKS - 1
+        assert sounding(emulator) == 320
+
+
+def test_silence_ends_what_plays_and_its_modulation(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.modulate([128], 1)
+        device.show(FULL)
+        ack = device.silence()
+        assert widths(emulator, ack.commit_period - 1, 3) == [modulated_width(25, 128), 0, 0]
+        assert device.status().state is State.READY
+        begins = device.show(FULL).commit_period
+        assert widths(emulator, begins, 2) == [25, 25]
+
+
+# Stored frames
+
+
+def test_a_sequence_of_stored_frames(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        for slot, width in ((0, 5), (1, 9), (255, 12)):
+            assert device.store(slot, wide(width)).reason is Reason.ACCEPTED
+        assert device.status().state is State.OFF
+        ack = device.play([(0, 3), (255, 1), (1, 2)], repeats=2)
+        once = [5, 5, 5, 12, 9, 9]
+        assert widths(emulator, ack.commit_period - 1, 14) == [0, *once, *once, 0]
+        assert device.status().state is State.READY
+
+
+def test_another_sequence_takes_over_without_a_gap(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        for slot in range(4):
+            device.store(slot, wide(slot + 1))
+        first = device.play([(0, 1), (1, 1)]).commit_period
+        emulator.run(20)
+        second = device.play([(2, 3), (3, 1)], period=device.status().period + 50).commit_period
+        assert set(widths(emulator, first, second - first)) == {1, 2}
+        assert widths(emulator, second, 8) == [3, 3, 3, 4] * 2
+
+
+def test_what_plays_cannot_be_overwritten(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.store(0, wide(5))
+        begins = device.play([(0, 1)]).commit_period
+        with pytest.raises(DeviceRefusedError, match="would overwrite what plays") as refused:
+            device.store(0, wide(9))
+        assert refused.value.reason is Reason.IN_USE
+        assert device.store(1, wide(9)).reason is Reason.ACCEPTED
+        assert widths(emulator, begins, 30) == [5] * 30
+        device.stop()
+        emulator.run(7)
+        device.store(0, wide(9))
+
+
+def test_an_empty_slot_cannot_be_played(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        with pytest.raises(DeviceRefusedError, match="never stored") as refused:
+            device.play([(7, 1)])
+        assert refused.value.reason is Reason.EMPTY
+        device.store(7, FULL)
+        device.play([(7, 1)])
+        assert sounding(emulator) == 320
+
+
+def test_the_places_of_steps_are_used_in_turn(emulator: Emulator) -> None:
+    """400 at a time of 1024: the third begins at 0 again, where the first has ended."""
+    with open_device(emulator.url) as device:
+        for slot in range(3):
+            device.store(slot, wide(slot + 1))
+        for turn in range(6):
+            begins = device.play([(turn % 3, 2)] * 400).commit_period
+            assert widths(emulator, begins, 20) == [turn % 3 + 1] * 20
+
+
+def test_steps_that_fit_beside_nothing_are_refused_while_others_play(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.store(0, wide(5))
+        begins = device.play([(0, 1)] * 1024).commit_period
+        with pytest.raises(DeviceRefusedError) as refused:
+            device.play([(0, 1)] * 1024)
+        assert refused.value.reason is Reason.IN_USE
+        assert widths(emulator, begins, 1100) == [5] * 1100
+        device.stop()
+        emulator.run(7)
+        begins = device.play([(0, 1)] * 1024).commit_period
+        assert widths(emulator, begins, 10) == [5] * 10
+
+
+def test_a_sequence_plays_on_without_its_host_where_it_may(emulator: Emulator) -> None:
+    device = open_device(emulator.url)
+    device.store(0, wide(5))
+    device.play([(0, 100)], unattended=True)
+    device.close()
+    emulator.run(8000)
+    assert sounding(emulator) == 320
+    with open_device(emulator.url, observe=True) as device:
+        assert device.status().state is State.UNATTENDED
+    assert sounding(emulator) == 320
+    with open_device(emulator.url):
+        assert sounding(emulator) == 0
+
+
+@pytest.mark.parametrize(
+    ("steps", "options"),
+    [
+        ([], {}),
+        ([(0, 1)] * 1025, {}),
+        ([(256, 1)], {}),
+        ([(0, 0)], {}),
+        ([(0, 2**16)], {}),
+        ([(-1, 1)], {}),
+        ([(0, 1)], {"repeats": 2**16}),
+        ([(0, 1)], {"period": -1}),
+    ],
+)
+def test_steps_out_of_range_send_nothing(
+    emulator: Emulator, steps: list[tuple[int, int]], options: dict[str, int]
+) -> None:
+    with open_device(emulator.url) as device:
+        device.store(0, FULL)
+        before = device.status().accepted
+        with pytest.raises(ValueError, match=r"is outside 0|is outside 1"):
+            device.play(steps, **options)  # type: ignore[arg-type]  # one of several options
+        assert (device.status().accepted, device.status().enabled) == (before, False)
+
+
+@pytest.mark.parametrize("slot", [-1, 256])
+def test_a_slot_out_of_range_sends_nothing(emulator: Emulator, slot: int) -> None:
+    with open_device(emulator.url) as device:
+        before = device.status().accepted
+        with pytest.raises(ValueError, match="slot"):
+            device.store(slot, FULL)
+        assert device.status().accepted == before
+
+
+# Modulation
+
+
+def test_a_modulation_goes_round_and_ends(emulator: Emulator) -> None:
+    """Clause PUL-006."""
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        begins = device.modulate([0, 255, 128], 2).commit_period
+        once = [modulated_width(25, sample) for sample in (0, 0, 255, 255, 128, 128)]
+        assert widths(emulator, begins - 1, 13) == [25, *once, *once]
+        ends = device.end_modulation().commit_period
+        assert widths(emulator, ends, 6) == [25] * 6
+
+
+def test_another_modulation_takes_over(emulator: Emulator) -> None:
+    """1500 samples at a time of 4096: the third begins at 0 again."""
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        for sample in (40, 90, 140, 190, 240):
+            begins = device.modulate(bytes([sample]) * 1500, 1).commit_period
+            assert widths(emulator, begins, 20) == [modulated_width(25, sample)] * 20
+
+
+@pytest.mark.parametrize(
+    ("samples", "hold"), [([], 1), ([256], 1), ([-1], 1), (bytes(4097), 1), ([1], 0), ([1], 2**16)], ids=str
+)
+def test_samples_out_of_range_send_nothing(emulator: Emulator, samples: Any, hold: int) -> None:
+    with open_device(emulator.url) as device:
+        before = device.status().accepted
+        with pytest.raises(ValueError, match=r"sample"):
+            device.modulate(samples, hold)
+        assert (device.status().accepted, device.status().enabled) == (before, False)
+
+
+# What it says
+
+
+def test_info_and_status_tell_the_truth(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        assert (device.info.channels, device.info.boards, device.info.max_updates_per_second) == (320, 5, 40_000)
+        assert device.info.watchdog == 0.1
+        assert device.name == f"phasewire five-board array (emulated) {device.serial}"
+        assert emulator.url == f"emulator:{device.serial}"
+        begun = device.status()
+        assert not begun.enabled
+        device.show(FULL)
+        status = device.status()
+        assert (status.enabled, status.accepted - begun.accepted, status.refused) == (True, 1, 0)
+
+
+def test_the_wiring_table_can_be_read(scrambled: Wiring) -> None:
+    with Emulator(table=scrambled) as emulator, open_device(emulator.url) as device:
+        assert device.wiring().channels.tolist() == scrambled.channels.tolist()
+
+
+def test_what_plays_is_read_back(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        begins = device.show(MIXED).commit_period
+        emulator.run(5)
+        read = device.read_back()
+        assert (read.since_period, read.pulses.phase.tolist()) == (begins, MIXED.phase.tolist())
+        assert read.pulses.width.tolist() == MIXED.width.tolist()
+
+
+def test_the_clock_is_the_device_s(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        emulator.run(300)
+        before = emulator.running.now_tick
+        reading = device.clock()
+        assert before <= reading.now <= emulator.running.now_tick
+        begun = device.time.monotonic()
+        device.time.sleep(0.01)
+        assert device.time.monotonic() - begun == pytest.approx(0.01)
+        assert device.clock().now - reading.now == pytest.approx(20_000, abs=1000)
+
+
+def test_ten_processors_report_in_the_order_of_the_chain(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        emulator.unfold()
+        emulator.processors[3].set_temperature(61)
+        device.time.sleep(0.02)
+        assert [report.temperature_c == 61 for report in device.processors()] == [place == 3 for place in range(10)]
+
+
+def test_a_board_is_identified_by_its_light(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.identify(4)
+        assert any("board 4" in event.what for event in emulator.events)
+        with pytest.raises(ValueError, match="board"):
+            device.identify(5)
+
+
+# Switches and limits
+
+
+def test_the_watchdog_s_time(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.set_watchdog(0.02)
+        device.show(FULL)
+        emulator.run(790)
+        assert sounding(emulator) == 320
+        device.set_watchdog(0.02)  # no sign of life by itself
+        emulator.run(20)
+        assert sounding(emulator) == 0
+        for seconds in (0.009, 61):
+            with pytest.raises(ValueError, match="watchdog time in ms"):
+                device.set_watchdog(seconds)
+
+
+def test_what_plays_is_kept_playing(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        begun = device.time.monotonic()
+        device.keep_playing(0.5)
+        assert device.time.monotonic() - begun == pytest.approx(0.5, abs=0.01)
+        assert sounding(emulator) == 320
+        emulator.run(5000)
+        with pytest.raises(DeviceRefusedError, match=r"heard nothing for 0\.1 s"):
+            device.keep_playing(0.5)
+
+
+def test_the_drive_limit(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.set_drive_limit(100)
+        with pytest.raises(DeviceRefusedError) as refused:
+            device.show(FULL)
+        assert refused.value.reason is Reason.DRIVE
+        device.show(wide(5))
+        assert sounding(emulator) == 320
+        with pytest.raises(DeviceStalledError, match="LIMIT"):
+            device.set_drive_limit(320)
+        device.stop()
+        device.set_drive_limit(320)
+        device.show(FULL)
+        assert sounding(emulator) == 320
+        with pytest.raises(ValueError, match="drive limit"):
+            device.set_drive_limit(321)
+
+
+def test_a_fault_is_named_and_cleared(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        emulator.inject(faults.HotBoard(board=1, celsius=95, periods=2000))
+        device.time.sleep(0.02)
+        with pytest.raises(DeviceRefusedError, match=r"silenced by a fault \(TEMPERATURE\)") as refused:
+            device.show(FULL)
+        assert refused.value.reason is Reason.FAULT
+        with pytest.raises(
+            DeviceStalledError, match=r"does not enable its outputs in FAULT: a fault has silenced it \(TEMPERATURE\)"
+        ):
+            device.enable()
+        assert sounding(emulator) == 0
+        assert device.clear_faults().faults == Fault.TEMPERATURE  # its cause is not gone
+        device.time.sleep(0.1)
+        assert device.clear_faults().faults == Fault(0)
+        device.show(FULL)
+        assert sounding(emulator) == 320
+
+
+def test_a_reset_forgets_everything(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.store(0, FULL)
+        device.set_watchdog(7)
+        device.show(FULL)
+        device.reset()
+        assert sounding(emulator) == 0
+        status = device.status()
+        assert (status.state, status.watchdog_ms) == (State.OFF, 100)
+        with pytest.raises(DeviceRefusedError) as refused:
+            device.play([(0, 1)])
+        assert refused.value.reason is Reason.EMPTY
+        device.show(FULL)
+        assert sounding(emulator) == 320
+
+
+# What it lacks
+
+
+@pytest.mark.parametrize(
+    ("lacks", "use"),
+    [
+        (Feature.SEQUENCES, lambda device: device.store(0, FULL)),
+        (Feature.SEQUENCES, lambda device: device.play([(0, 1)])),
+        (Feature.UNATTENDED, lambda device: device.play([(0, 1)], unattended=True)),
+        (Feature.MODULATION, lambda device: device.modulate([1], 1)),
+        (Feature.MODULATION, lambda device: device.end_modulation()),
+        (Feature.READ_BACK, lambda device: device.read_back()),
+    ],
+)
+def test_what_a_device_lacks_is_said_and_not_sent(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, lacks: Feature, use: Callable[[Device], object]
+) -> None:
+    genuine = Info.encode
+    monkeypatch.setattr(
+        Info, "encode", lambda self: genuine(dataclasses.replace(self, features=self.features & ~lacks))
+    )
+    with open_device(emulator.url) as device:
+        before = device.status().accepted
+        with pytest.raises(DeviceError, match=f"has not the feature {lacks.name}; `phasewire info` lists"):
+            use(device)
+        assert (device.status().accepted, device.status().enabled) == (before, False)
+        device.show(FULL)
+        assert sounding(emulator) == 320
+
+
+# Refusals, and a device that does not keep to the protocol
+
+
+def test_a_refusal_gives_its_reason_and_the_session_goes_on(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        emulator.usb.control(Setup(0x41, Request.DISABLE, 0, 0, 0))  # behind the session's back
+        with pytest.raises(DeviceRefusedError, match=r"its outputs off: it was stopped.* Enable them") as refused:
+            device.show(FULL)
+        assert refused.value.reason is Reason.DISABLED
+        device.show(FULL)
+        assert sounding(emulator) == 320
+
+
+def test_after_the_watchdog_it_can_be_shown_again(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        emulator.run(5000)
+        assert sounding(emulator) == 0
+        with pytest.raises(DeviceRefusedError, match=r"heard nothing for 0.1 s; was this program held up\?"):
+            device.show(FULL)
+        device.show(FULL)
+        assert sounding(emulator) == 320
+
+
+def test_a_device_that_does_not_acknowledge_times_out(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_device(emulator.url) as device:
+        with monkeypatch.context() as patch:
+            patch.setattr(Controller, "accept", lambda self, packet, door: None)
+            begun = device.time.monotonic()
+            with pytest.raises(DeviceTimeoutError, match="did not acknowledge a block for 1 s; open it again"):
+                device.show(FULL)
+            assert 1 < device.time.monotonic() - begun < 1.2
+        assert device.show(HALF).flags == AckFlag.GAP
+        assert sounding(emulator) == 320
+
+
+def test_a_late_acknowledgement_is_not_taken_for_the_next_block_s(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        with monkeypatch.context() as patch:
+            patch.setattr(EmulatorBackend, "bulk_read", raising(KeyboardInterrupt()))
+            with pytest.raises(KeyboardInterrupt):
+                device.show(FULL, period=500)
+        ack = device.show(FULL, period=1000)
+        assert ack.commit_period == 1000
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (b"junk", "breaks the protocol"),
+        (Ack(Reason.ACCEPTED, 77, 1, 1, AckFlag(0), 8, State.READY).encode(), "acknowledges block 77 out of turn"),
+    ],
+)
+def test_an_acknowledgement_that_makes_no_sense_is_an_error(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, answer: bytes, message: str
+) -> None:
+    with open_device(emulator.url) as device:
+        with monkeypatch.context() as patch:
+            patch.setattr(UsbDevice, "bulk_in", lambda self, endpoint: answer)
+            with pytest.raises(DeviceError, match=message):
+                device.show(FULL)
+        device.show(FULL)
+        assert sounding(emulator) == 320
+
+
+@pytest.mark.parametrize(("oldest", "newest", "older"), [(2, 3, "phasewire"), (0, 0, "firmware")])
+def test_another_version_of_the_protocol_is_refused(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, oldest: int, newest: int, older: str
+) -> None:
+    genuine = Info.encode
+    other = {"oldest_version": oldest, "newest_version": newest}
+    monkeypatch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, **other)))
+    with pytest.raises(DeviceVersionError, match=f"speaks versions {oldest} to {newest} .* update the {older}"):
+        open_device(emulator.url)
+    assert not Port.of(emulator.usb).claims
+
+
+def test_an_information_record_that_makes_no_sense_is_an_error(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Info, "encode", lambda self: bytes(7))
+    with pytest.raises(DeviceError, match="breaks the protocol"):
+        open_device(emulator.url)
+    assert not Port.of(emulator.usb).claims
+
+
+# The end
+
+
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt, RuntimeError, DeviceTimeoutError])
+def test_the_outputs_are_off_however_the_session_ends(emulator: Emulator, error: type[BaseException] | None) -> None:
+    def session() -> None:
+        with open_device(emulator.url) as device:
+            device.show(FULL)
+            assert sounding(emulator) == 320
+            if error:
+                raise error("in the middle")
+
+    if error:
+        with pytest.raises(error, match="in the middle"):
+            session()
+    else:
+        session()
+    assert sounding(emulator) == 0
+    assert not Port.of(emulator.usb).claims
+
+
+def raising(error: BaseException) -> Callable[..., Any]:
+    def transfer(*arguments: object) -> None:
+        raise error
+
+    return transfer
+
+
+@pytest.mark.parametrize("speed", [HIGH_SPEED, FULL_SPEED], ids=["high", "full"])
+@pytest.mark.parametrize("what", ["bulk_out", "bulk_in", "control"])
+@pytest.mark.parametrize("nth", [1, 4, 11])
+@pytest.mark.parametrize("before", [True, False], ids=["before", "behind"])
+def test_ctrl_c_within_a_transfer_leaves_the_outputs_off(
+    monkeypatch: pytest.MonkeyPatch, speed: Speed, what: str, nth: int, before: bool
+) -> None:
+    """Before or behind any packet, also of a block of which a part has gone; who comes next finds the line in order."""
+    genuine = getattr(UsbDevice, what)
+    calls = [0]
+
+    def interrupted(self: UsbDevice, *arguments: Any) -> Any:
+        calls[0] += 1
+        if before and calls[0] == nth:
+            raise KeyboardInterrupt
+        answer = genuine(self, *arguments)
+        if not before and calls[0] == nth:
+            raise KeyboardInterrupt
+        return answer
+
+    def session() -> None:
+        with open_device(emulator.url) as device:
+            device.show(FULL)
+            assert sounding(emulator) == 320
+            with monkeypatch.context() as patch:
+                patch.setattr(UsbDevice, "stream_out", lambda self, endpoint, data, began, deadline: (0, began))
+                patch.setattr(UsbDevice, what, interrupted)
+                for _ in range(20):
+                    device.show(HALF)
+                    device.status()
+
+    with Emulator(speed=speed) as emulator:
+        with pytest.raises(KeyboardInterrupt):
+            session()
+        assert sounding(emulator) == 0
+        assert not Port.of(emulator.usb).claims
+        with open_device(emulator.url) as again:
+            assert again.show(FULL).reason is Reason.ACCEPTED
+            assert sounding(emulator) == 320
+
+
+def test_who_observes_leaves_alone_what_plays(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+        device.close()
+    with open_device(emulator.url, observe=True) as other:
+        assert other.status().state is State.PLAYING
+        assert sounding(emulator) == 320
+    assert sounding(emulator) == 320
+    with open_device(emulator.url):
+        assert sounding(emulator) == 0
+
+
+def test_a_queue_that_was_left_full_holds_nobody_up(emulator: Emulator) -> None:
+    """By a host that was killed, say, with a long watchdog."""
+    device = open_device(emulator.url)
+    device.set_watchdog(60)
+    for n in range(QUEUE_BLOCKS):
+        device.show(FULL, 10**6 + n)
+    device.close()
+    with open_device(emulator.url) as other:
+        assert other.show(FULL).free == QUEUE_BLOCKS - 1
+        assert sounding(emulator) == 320
+
+
+def test_a_closed_device_does_nothing_more(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.show(FULL)
+    uses: list[Callable[[], object]] = [
+        lambda: device.show(FULL),
+        lambda: device.play([(0, 1)]),
+        lambda: device.stream([FULL], 10),
+        device.status,
+        device.stop,
+        device.enable,
+        device.reset,
+        device.wiring,
+        device.clock,
+        device.read_back,
+    ]
+    for use in uses:
+        with pytest.raises(DeviceError, match="is closed; open it again"):
+            use()
+    assert sounding(emulator) == 0
 
 
 def test_unplugging_raises_and_closes(emulator: Emulator) -> None:
@@ -218,40 +710,56 @@ def test_an_error_within_the_session_is_not_hidden_by_a_lost_device() -> None:
         session()
 
 
-def test_a_device_that_does_not_acknowledge_times_out(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+# Threads
+
+
+def test_threads_share_a_device(emulator: Emulator) -> None:
+    """Each gets its own answers, whatever the others do meanwhile; no block is lost, refused or out of turn."""
+    turns = 25
+    acks: list[Ack] = []
+    wrong: list[BaseException] = []
+
+    def often(use: Callable[[], object]) -> Callable[[], None]:
+        def run() -> None:
+            try:
+                for _ in range(turns):
+                    use()
+            except BaseException as error:  # whatever it is, the test is to see it
+                wrong.append(error)
+
+        return run
+
     with open_device(emulator.url) as device:
-        monkeypatch.setattr("phasewire.emulator.control.controller.Controller.accept", lambda self, packet, door: None)
-        with pytest.raises(DeviceTimeoutError, match="waiting for an acknowledgement: no answer within 1000 ms"):
-            device.show(FULL)
+        begun = device.status()
+        device.store(0, HALF)
 
+        def clocked() -> None:
+            before, reading, after = device.clock().now, device.clock().now, device.clock().now
+            assert before < reading < after
 
-@pytest.mark.parametrize(
-    ("answer", "message"),
-    [
-        (b"junk", "breaks the protocol"),
-        (Ack(Reason.ACCEPTED, 77, 1, 1, AckFlag(0), 8, State.READY).encode(), "acknowledges block 77, not 0"),
-    ],
-)
-def test_an_acknowledgement_that_makes_no_sense_is_an_error(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, answer: bytes, message: str
-) -> None:
-    with open_device(emulator.url) as device:
-        monkeypatch.setattr(device._transport, "read_records", lambda: answer)
-        with pytest.raises(DeviceError, match=message):
-            device.show(FULL)
-
-
-def test_another_version_of_the_protocol_is_refused(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    genuine = Info.encode
-    newer = {"oldest_version": 2, "newest_version": 3}
-    monkeypatch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, **newer)))
-    with pytest.raises(DeviceError, match="speaks versions 2 to 3 of the protocol, this is version 1; update"):
-        open_device(emulator.url)
-
-
-def test_an_information_record_that_makes_no_sense_is_an_error(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Info, "encode", lambda self: bytes(7))
-    with pytest.raises(DeviceError, match="breaks the protocol"):
-        open_device(emulator.url)
+        uses = [
+            lambda: acks.append(device.show(MIXED)),
+            lambda: acks.append(device.show(HALF)),
+            lambda: acks.append(device.play([(0, 3)] * 130)),
+            lambda: acks.append(device.modulate(bytes(range(255)), 1)),
+            device.stop,
+            device.status,
+            clocked,
+            lambda: device.wiring().channels,
+        ]
+        threads = [Thread(target=often(use)) for use in uses]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(timeout=60)
+            assert not thread.is_alive()
+        assert wrong == []
+        assert len(acks) == 4 * turns
+        assert len({ack.sequence for ack in acks}) == 4 * turns
+        assert {ack.reason for ack in acks} == {Reason.ACCEPTED}
+        ended = device.status()
+        blocks = turns * (1 + 1 + 3 + 2) + 1
+        assert (ended.accepted - begun.accepted, ended.refused, ended.lost) == (blocks, 0, 0)
+        device.stop()
+        device.show(FULL)
+        assert sounding(emulator) == 320
