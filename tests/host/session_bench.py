@@ -230,9 +230,16 @@ class BenchLine:
         self.closed += 1
 
 
+def begun(line: BenchLine) -> Session:
+    """A session that has begun."""
+    session = Session(line)
+    session.begin()
+    return session
+
+
 def enabled(line: BenchLine) -> Session:
     """A session with a device whose outputs are enabled."""
-    session = Session(line)
+    session = begun(line)
     session.order(Request.ENABLE)
     return session
 

@@ -37,7 +37,7 @@ def test_a_block_waits_for_room_while_the_device_hears_of_its_host(device: Devic
 
 def test_where_there_is_no_room_for_long_it_is_given_up_and_not_sent_again(device: Device) -> None:
     fill(device, device.status().period + 60 * SECOND)
-    with pytest.raises(DeviceTimeoutError, match="did not take a block: its queue has had no room for 1 s"):
+    with pytest.raises(DeviceTimeoutError, match="did not take a block for 1 s: its queue is full; wait, or stop it"):
         device.show(FULL)
     status = device.status()
     assert (status.state, status.free, status.refused, status.dropped_frames) == (State.READY, 0, 0, 0)

@@ -195,7 +195,8 @@ def test_stop_while_the_first_frame_is_made_is_not_undone_by_the_stream() -> Non
 def test_stop_while_a_lost_device_comes_back_is_not_undone_by_the_stream(
     end: Callable[[Device], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    genuine, threads = UsbTransport.reopen, []
+    genuine = UsbTransport.reopen
+    threads: list[threading.Thread] = []
 
     def reopen(transport: UsbTransport, seconds: float) -> None:
         if not threads:
@@ -391,7 +392,7 @@ class Skewed:
 def test_frames_keep_their_periods_where_clocks_drift_apart_between_two_of_them(ppm: float) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         line = device._session.line()
-        line.time = Skewed(line.time, ppm)
+        line.time = Skewed(line.time, ppm)  # type: ignore[misc]  # which nobody else sets
         report = device.stream(one_by_one(frames(4)), 0.1)
     assert (report.late, report.underruns, report.last_period) == (0, 0, report.first_period + 3 * 400_000)
     assert report.least_lead_periods is not None
