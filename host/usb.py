@@ -21,6 +21,8 @@ READ_BYTES = 32 * BLOCK_BYTES
 LEFT_OVER_SECONDS = 0.001
 MOST_LEFT_OVER = 64
 """Reads of records that wait from an earlier session; a device holds at most some thousands."""
+REST_SECONDS = 0.02
+"""For the rest of a block that has begun; the device gets no sign of life meanwhile."""
 LOOK_SECONDS = 0.05
 """How often a device that has left the bus is looked for."""
 
@@ -98,7 +100,7 @@ class UsbTransport:
             sent = self._write(blocks, seconds)
             if part := sent % BLOCK_BYTES:  # at full speed; a block that has begun is finished, or forgotten (USB-017)
                 rest = blocks[sent : sent + BLOCK_BYTES - part]
-                if self._write(rest, REQUEST_MS / 1000) == len(rest):
+                if self._write(rest, REST_SECONDS) == len(rest):
                     return sent + len(rest)
                 self._device.clear_halt(ENDPOINT_OUT)
                 return sent - part
