@@ -383,6 +383,8 @@ def test_the_watchdog_s_time(emulator: Emulator) -> None:
         device.set_watchdog(0.02)  # no sign of life by itself
         emulator.run(20)
         assert sounding(emulator) == 0
+        device.set_watchdog(0.029)  # times 1000 this is a little less than 29
+        assert device.status().watchdog_ms == 29
         for seconds in (0.009, 61):
             with pytest.raises(ValueError, match="watchdog time in ms"):
                 device.set_watchdog(seconds)
