@@ -245,7 +245,7 @@ class Agenda:
                 count = int(np.searchsorted(item.starts, now, side="right"))
                 item.keep(count)
                 self.tail = item.tail_of(count)
-                if not count:
+                if count == item.next:  # what is left of it has taken effect
                     break
             kept.append(item)
         self._changes = kept

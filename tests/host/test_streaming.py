@@ -191,6 +191,19 @@ def test_stop_while_the_first_frame_is_made_is_not_undone_by_the_stream() -> Non
         assert not device.status().enabled
 
 
+@pytest.mark.parametrize("index", [380, 391])
+def test_a_frame_that_is_none_ends_a_stream_with_the_outputs_off(index: int) -> None:
+    drives = np.full((400, 320), 0.5 + 0j)
+    drives[index, 17] = np.nan
+    reports: list[StreamReport] = []
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        with pytest.raises(ValueError, match=f"drive of transducer 17 of frame {index} is"):
+            device.stream(drives, 1000, on_progress=reports.append)
+        assert reports[-1].sent == reports[-1].accepted <= index
+        assert not device.status().enabled
+        assert silent(emulator)
+
+
 @pytest.mark.parametrize("end", [Device.stop, Device.reset])
 def test_stop_while_a_lost_device_comes_back_is_not_undone_by_the_stream(
     end: Callable[[Device], None], monkeypatch: pytest.MonkeyPatch
