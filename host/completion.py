@@ -5,17 +5,15 @@ It is asked while somebody types: nothing here may take long, write anything, or
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
-
 from .discovery import search
-from .transport import SCHEMES
+from .transport import SCHEMES, entries
 
 __all__ = ["device_urls"]
 
 
 def device_urls(incomplete: str) -> list[tuple[str, str]]:
     """Beginnings of URLs, and the URLs of the devices that can be found, each with what it is."""
-    names = sorted({entry.name for entry in entry_points(group=SCHEMES)})
+    names = sorted(entries(SCHEMES))
     fitting = [name for name in names if f"{name}:".startswith(incomplete) or incomplete.startswith(f"{name}:")]
     offered = [(f"{name}:", "") for name in fitting]
     offered += [(found.url, f"{found.product}, {found.location}") for found in search(fitting).found]

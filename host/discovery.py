@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from importlib.metadata import entry_points
 from typing import NamedTuple
 
 from ..errors import DeviceNotFoundError
-from .transport import SCHEMES, Found, Scheme
+from .transport import SCHEMES, Found, Scheme, entries
 
-__all__ = ["Search", "find_devices", "search"]
+__all__ = ["Search", "search"]
 
 
 class Search(NamedTuple):
@@ -21,8 +20,8 @@ class Search(NamedTuple):
     """By scheme, why nothing could be found there."""
 
 
-def find_devices(schemes: Iterable[str] | None = None) -> list[Found]:
-    """The devices that can be found; `search` also tells where none could be looked for.
+def search(schemes: Iterable[str] | None = None) -> Search:
+    """Look for devices on each line; one that fails does not hide the others.
 
     Parameters
     ----------
@@ -34,12 +33,7 @@ def find_devices(schemes: Iterable[str] | None = None) -> list[Found]:
     DeviceNotFoundError
         Where a scheme is unknown.
     """
-    return search(schemes).found
-
-
-def search(schemes: Iterable[str] | None = None) -> Search:
-    """Look for devices on each line; one that fails does not hide the others. Parameters as `find_devices`."""
-    known = {entry.name: entry for entry in entry_points(group=SCHEMES)}
+    known = entries(SCHEMES)
     names = sorted(known) if schemes is None else list(schemes)
     if unknown := [name for name in names if name not in known]:
         raise DeviceNotFoundError(f"no transport {unknown[0]!r}; known are {', '.join(sorted(known))}")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from importlib.metadata import entry_points
 from typing import TypeVar
 from urllib.parse import parse_qs
 
@@ -18,6 +17,7 @@ from .device import Device, open_device
 from .device_checks import DEVICE_CHECKS, QUIET_CHECKS
 from .discovery import search
 from .findings import Finding, Judgement, Verdict, fail, skipped
+from .transport import entries
 from .usb_find import BACKENDS, RUN_TIME, Sighting, UsbBus
 
 __all__ = ["CHECKS", "FOUND", "examine"]
@@ -85,7 +85,7 @@ def _on_bus(url: str) -> Sighting | None:
     """The device as its USB bus shows it; None where the line is another."""
     scheme, _, rest = url.partition(":")
     door = parse_qs(rest.partition("?")[2]).get("door", ["usb"])[-1]
-    if door != "usb" or scheme not in {entry.name for entry in entry_points(group=BACKENDS)}:
+    if door != "usb" or scheme not in entries(BACKENDS):
         return None
     return UsbBus(url).sight((RUN_TIME,))
 

@@ -26,6 +26,7 @@ __all__ = [
     "Timekeeper",
     "Transport",
     "default_url",
+    "entries",
     "load_by_scheme",
     "open_transport",
 ]
@@ -160,7 +161,7 @@ def default_url() -> str:
 
 
 @cache
-def _entries(group: str) -> dict[str, EntryPoint]:
+def entries(group: str) -> dict[str, EntryPoint]:
     """The entry points of a group by their names; they are looked for once, for that takes milliseconds."""
     return {entry.name: entry for entry in entry_points(group=group)}
 
@@ -171,14 +172,19 @@ def load_by_scheme(group: str, url: str) -> Any:
     Raises
     ------
     DeviceNotFoundError
-        Where there is none; the known ones are named.
+        Where there is none, and the known ones are named; or where it cannot be loaded.
     """
     scheme, colon, _ = url.partition(":")
-    found = _entries(group)
+    found = entries(group)
     if not colon or scheme not in found:
         known = ", ".join(f"{name}:" for name in sorted(found))
         raise DeviceNotFoundError(f"no device at {url!r}: the URL of a device begins with one of {known}")
-    return found[scheme].load()
+    try:
+        return found[scheme].load()
+    except Exception as error:  # it may be another package's, and raise whatever it likes
+        raise DeviceNotFoundError(
+            f"{url!r}: {found[scheme].value}, which is to open it, cannot be loaded: {error}"
+        ) from error
 
 
 def open_transport(url: str) -> Transport:

@@ -15,7 +15,7 @@ from ..protocol.timing import FULL_SPEED_PACKET_CYCLES, PACKET_CYCLES
 from .transport import Found
 from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbBus, configure, find_on, translated
 
-__all__ = ["EMULATED", "USB", "UsbTransport", "open_usb"]
+__all__ = ["USB", "UsbTransport", "open_usb"]
 
 READ_BYTES = 32 * BLOCK_BYTES
 LEFT_OVER_SECONDS = 0.001
@@ -159,16 +159,7 @@ def _milliseconds(seconds: float) -> int:
 
 
 class UsbScheme:
-    """The devices on one kind of bus.
-
-    Parameters
-    ----------
-    name : str
-        With which their URLs begin.
-    """
-
-    def __init__(self, name: str) -> None:
-        self._name = name
+    """The devices on the real bus."""
 
     def open(self, url: str) -> UsbTransport:
         """Open the device that a URL names."""
@@ -176,8 +167,7 @@ class UsbScheme:
 
     def find(self) -> list[Found]:
         """The devices on the bus."""
-        return find_on(self._name)
+        return find_on("usb")
 
 
-USB = UsbScheme("usb")
-EMULATED = UsbScheme("emulator")
+USB = UsbScheme()

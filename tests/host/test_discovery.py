@@ -9,7 +9,7 @@ import pytest
 from phasewire import Emulator
 from phasewire.errors import DeviceNotFoundError
 from phasewire.host import discovery
-from phasewire.host.discovery import find_devices, search
+from phasewire.host.discovery import search
 from phasewire.host.transport import Found
 
 HERE = Found("own:1", "somebody's array", "1", "run time", "", "shelf")
@@ -33,9 +33,9 @@ def lines(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """Entry points of the group, by name."""
     known: dict[str, str] = {}
 
-    def entries(*, group: str) -> list[EntryPoint]:
+    def entries(group: str) -> dict[str, EntryPoint]:
         assert group == "phasewire.transports"
-        return [EntryPoint(name, value, group) for name, value in known.items()]
+        return {name: EntryPoint(name, value, group) for name, value in known.items()}
 
     objects: dict[str, Any] = {"works": WORKS, "fails": FAILS}
 
@@ -44,7 +44,7 @@ def lines(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
             raise ModuleNotFoundError(f"No module named {entry.value!r}")
         return objects[entry.value]
 
-    monkeypatch.setattr(discovery, "entry_points", entries)
+    monkeypatch.setattr(discovery, "entries", entries)
     monkeypatch.setattr(EntryPoint, "load", load)
     return known
 
@@ -65,16 +65,15 @@ def test_an_error_without_words_is_named(lines: dict[str, str], monkeypatch: pyt
 def test_only_some_lines_may_be_asked(lines: dict[str, str]) -> None:
     lines.update(broken="fails", own="works")
     assert search(["own"]) == ([HERE], {})
-    assert find_devices(["own"]) == [HERE]
     with pytest.raises(DeviceNotFoundError, match="no transport 'usb'; known are broken, own"):
-        find_devices(["usb"])
+        search(["usb"])
 
 
 def test_an_emulator_that_is_plugged_in_is_found() -> None:
     with Emulator(serial="FIND-ME"):
-        found = {each.serial: each for each in find_devices(["emulator"])}
+        found = {each.serial: each for each in search(["emulator"]).found}
     assert found["FIND-ME"].url == "emulator:FIND-ME"
-    assert "FIND-ME" not in {each.serial for each in find_devices(["emulator"])}
+    assert "FIND-ME" not in {each.serial for each in search(["emulator"]).found}
 
 
 def test_nothing_there_is_no_failure() -> None:
