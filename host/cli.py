@@ -153,7 +153,10 @@ def read_back(
     if found.since_period == 0:
         out.print(f"{opened.name} plays nothing (carrier period {found.read_period}).")
     else:
-        out.print(f"{opened.name} plays since carrier period {found.since_period}:")
+        since = f"since carrier period {found.since_period}"
+        if found.mixed:
+            since = "what its processors did not begin together: entries of a period or two, or a missed commit"
+        out.print(f"{opened.name} plays {since}:")
         cells = [
             f"{phase:>2}/{width:<2}" if width else "  .  "
             for phase, width in zip(pulses.phase.tolist(), pulses.width.tolist(), strict=True)
@@ -164,7 +167,8 @@ def read_back(
         json_target,
         {
             "device": opened.name,
-            "since_period": found.since_period,
+            "since_period": None if found.mixed else found.since_period,
+            "mixed": found.mixed,
             "read_period": found.read_period,
             "phase": pulses.phase.tolist(),
             "width": pulses.width.tolist(),

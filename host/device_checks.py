@@ -192,6 +192,8 @@ def _try_pulses(device: Device, pulses: Pulses, period: int) -> str:
     if differ.size:
         places = _places((device.wiring().channels[differ] // CHANNELS_PER_PROCESSOR).tolist())
         return f"{differ.size} pulses came back wrong, from {places}"
+    if read.mixed:
+        return "the processors did not begin a pattern together"
     if read.since_period != ack.commit_period:
         return f"a pattern for period {ack.commit_period} has played since {read.since_period}"
     return ""

@@ -474,7 +474,7 @@ class ReadBack:
     Parameters
     ----------
     since_period : int
-        Carrier period at which they began to play.
+        Carrier period at which they began to play; 0 where nothing plays, `MIXED` where not all began together.
     read_period : int
         Carrier period in which they were read.
     pulses : Pulses
@@ -486,6 +486,12 @@ class ReadBack:
     pulses: Pulses
 
     BYTES: ClassVar = 496
+    MIXED: ClassVar = 2**64 - 1
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the processors differed in the period, so that these are pulses of more than one frame."""
+        return self.since_period == self.MIXED
 
     def encode(self) -> bytes:
         """Encode as 496 bytes; raise `ValueError` where a field does not fit."""

@@ -115,7 +115,6 @@ READ_TIMEOUT_CYCLES = 10 * CYCLES_PER_MS
 IDENTIFY_CYCLES = 5 * CORE_HZ
 CLEARED_BELOW_C = 80
 ATTEMPTS_TO_READ = 3
-UNSURE = 2**64 - 1
 SPOKEN = (Event.WATCHDOG, Event.FAULT, Event.SUSPEND, Event.RESUME)
 """Events after which the device says its state unasked (clause ACK-006)."""
 WATCHED = (State.READY, State.PLAYING)
@@ -982,7 +981,7 @@ class Controller:
         packed = b"".join(playing.packed for playing in found)
         by_channel, wiring = unpack_pulses(packed), self._identification.wiring
         pulses = Pulses(wiring.unsort(by_channel.phase), wiring.unsort(by_channel.width))
-        return ReadBack(since.pop() if len(since) == 1 else UNSURE, read_period, pulses)
+        return ReadBack(since.pop() if len(since) == 1 else ReadBack.MIXED, read_period, pulses)
 
     def info(self) -> Info:
         """Answer the INFO request."""

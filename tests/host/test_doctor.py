@@ -26,7 +26,7 @@ from phasewire.host.findings import Finding, Verdict
 from phasewire.host.transport import Found
 from phasewire.protocol.codes import Fault, Feature
 from phasewire.protocol.enumeration import DFU_PRODUCT_ID, FULL_SPEED, PRODUCT_ID, VENDOR_ID
-from phasewire.protocol.replies import ClockReading, Info, ProcessorReport, Status
+from phasewire.protocol.replies import ClockReading, Info, ProcessorReport, ReadBack, Status
 
 OK, WARN, FAIL, SKIPPED = Verdict.OK, Verdict.WARN, Verdict.FAIL, Verdict.SKIPPED
 BACKEND = "phasewire.emulator.doors.backend.open_backend"
@@ -325,6 +325,14 @@ def test_a_device_that_cannot_be_read_back_is_tried_all_the_same(
     findings = found_by(emulator.url)
     assert bad(findings) == {}
     assert findings["self-test"].seen.endswith("cannot be read back")
+
+
+def test_processors_that_differ_in_the_period_are_told(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """REQ-007."""
+    patched(monkeypatch, ReadBack, since_period=2**64 - 1)
+    findings = found_by(emulator.url)
+    assert bad(findings) == {"self-test": FAIL}
+    assert findings["self-test"].seen == "the processors did not begin a pattern together"
 
 
 def test_pulses_that_come_back_wrong_are_told(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
