@@ -624,8 +624,9 @@ def test_no_block_takes_effect_twice_or_out_of_order_and_every_answer_is_its_blo
                 claimed.append(number)
         except DeviceTimeoutError:
             pass
-    line.time.sleep(20)
-    line.device.pass_time()
+    for _ in range(2):  # the one that waited, and then that one too
+        line.time.sleep(20)
+        line.device.pass_time()
     numbers = [sent.number for sent in line.device.accepted[begun:]]
     assert numbers == sorted(set(numbers))
     assert set(claimed) <= set(numbers)
