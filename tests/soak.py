@@ -35,6 +35,7 @@ from phasewire.emulator.faults import (
 from phasewire.errors import DeviceError
 from phasewire.host.streaming import StreamReport
 from phasewire.protocol.board import CORE_HZ
+from phasewire.protocol.codes import State
 
 RATE = 100
 BITS = 20
@@ -75,7 +76,7 @@ class Tally:
         """The counts of both sides, and what was shown, agree but for what an interruption leaves open."""
         host, device = self.host, self.device
         doubt = host["unanswered"]
-        opened = self.sessions + host["reconnects"]
+        opened = 2 * self.sessions + host["reconnects"]  # and again after a restart
         ends = sum(self.errors.values()) + host["reconnects"]
         assert host["sent"] == host["accepted"] + host["damaged"] + host["refused"] + doubt
         assert host["accepted"] <= device["accepted"] <= host["accepted"] + doubt + opened
@@ -219,7 +220,9 @@ class Episode:
         try:
             self.tally.sessions += 1
             with open_device(emulator.url) as device:
-                device.clear_faults()
+                if device.clear_faults().state is State.FAULT:
+                    self.settle(emulator)
+                    device.reset()
                 reconnect = self.random.random() < 0.7
                 device.stream(self.source(emulator, device), RATE, reconnect=reconnect, on_progress=reports.append)
         except DeviceError as error:
