@@ -5,8 +5,9 @@ BIN := $(VENV)/bin
 PYTEST_ARGS ?=
 TEST_PROCESSES ?= 2
 FUZZ_SECONDS ?= 60
+SOAK_MINUTES ?= 120
 
-.PHONY: help demo test test-slow lint format vectors fuzz bench bench-peers clean
+.PHONY: help demo test test-slow lint format vectors fuzz soak bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -23,6 +24,9 @@ test-slow: $(VENV)/ready     ## the tests that take seconds each
 
 fuzz: $(VENV)/fuzz           ## throw bytes at every decoder, FUZZ_SECONDS (60) at each group of them
 	@$(BIN)/python -m tests.fuzz $(FUZZ_SECONDS)
+
+soak: $(VENV)/ready          ## a stream of SOAK_MINUTES (120) of the device's time on which everything goes wrong at random
+	@$(BIN)/python -m tests.soak --minutes $(SOAK_MINUTES)
 
 lint: $(VENV)/ready          ## style, types, and the floors of the house
 	@$(BIN)/ruff check .
