@@ -2,16 +2,20 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-from collections.abc import AsyncIterator, Coroutine
+import threading
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
-from phasewire import Device, Emulator, Pulses
+from phasewire import Device, Emulator, Pulses, open_device
 from phasewire.emulator.doors.backend import Port
 from phasewire.emulator.faults import Unplugged
 from phasewire.errors import DeviceNotFoundError, DeviceRefusedError
+from phasewire.host import asynchronous
 from phasewire.host.asynchronous import AsyncDevice, open_device_async
+from phasewire.host.envelopes import sine
 from phasewire.protocol.codes import State
 from phasewire.protocol.quantise import PulseFrames
 
@@ -22,14 +26,48 @@ def run(main: Coroutine[Any, Any, None]) -> None:
     asyncio.run(asyncio.wait_for(main, 60))
 
 
-def test_it_has_every_method_of_a_device_but_those_that_end_it() -> None:
-    def methods(kind: type) -> set[str]:
-        return {name for name, value in vars(kind).items() if callable(value) and not name.startswith("_")}
+async def all_ended() -> None:
+    """Wait until no call is under way any more, not even for nobody."""
+    async with asyncio.timeout(5):
+        while any(thread.name == "phasewire" for thread in threading.enumerate()):
+            await asyncio.sleep(0.01)
 
-    assert methods(Device) - methods(AsyncDevice) == {"close", "keep_playing"}
-    assert methods(AsyncDevice) <= methods(Device)
-    for name in methods(AsyncDevice) - {"stream"}:
+
+def test_it_has_all_that_a_device_has() -> None:
+    def names(kind: type) -> set[str]:
+        return {name for name in vars(kind) if not name.startswith("_")}
+
+    assert names(Device) | {"calibration"} == names(AsyncDevice)
+    methods = {name for name in names(AsyncDevice) if callable(getattr(AsyncDevice, name))} - {"stream"}
+    assert {"close", "keep_playing", "show"} <= methods
+    for name in methods:
         assert inspect.signature(getattr(AsyncDevice, name)) == inspect.signature(getattr(Device, name))
+
+
+@pytest.mark.parametrize(
+    ("asynchronous", "synchronous"), [(open_device_async, open_device), (AsyncDevice.stream, Device.stream)]
+)
+def test_what_is_more_than_awaited_takes_the_same(
+    asynchronous: Callable[..., object], synchronous: Callable[..., object]
+) -> None:
+    def taken(function: Callable[..., object]) -> dict[str, tuple[object, ...]]:
+        parameters = inspect.signature(function).parameters.values()
+        return {each.name: (each.kind, each.default, each.name == "source" or each.annotation) for each in parameters}
+
+    assert taken(asynchronous) == taken(synchronous)
+
+
+def test_a_stream_is_given_all_that_it_is_asked_for_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[str, object] = {}
+    monkeypatch.setattr(Device, "stream", lambda _, *frames_and_rate, **options: given.update(options))
+    options = {"look_ahead": 0.5, "envelope": sine(200), "reconnect": True, "on_progress": print}
+
+    async def main() -> None:
+        async with await open_device_async("emulator:") as device:
+            await device.stream([FULL], 100, **options)  # type: ignore[arg-type]
+
+    run(main())
+    assert given == options
 
 
 def test_what_is_awaited_is_what_the_device_says() -> None:
@@ -42,6 +80,12 @@ def test_what_is_awaited_is_what_the_device_says() -> None:
                 assert (await device.read_back()).pulses == FULL
                 assert device.name.endswith(emulator.serial)
                 assert device.info.channels == 320
+                assert device.serial == emulator.serial
+                assert device.calibration is None
+                began = device.time.monotonic()
+                await device.keep_playing(0.25)
+                assert device.time.monotonic() - began >= 0.25
+                assert (await device.status()).state is State.PLAYING
             assert not emulator.running.status().enabled
 
     run(main())
@@ -171,5 +215,222 @@ def test_an_error_of_the_source_ends_the_stream_with_the_outputs_off() -> None:
             with pytest.raises(RuntimeError, match="no more ideas"):
                 await device.stream(frames(), 1000)
             assert not (await device.status()).enabled
+
+    run(main())
+
+
+def test_a_stop_waits_for_no_thread_that_others_keep() -> None:
+    """Not even where the event loop's own threads are all taken, as by other devices' streams."""
+
+    async def main() -> None:
+        release = threading.Event()
+        with Emulator() as emulator, ThreadPoolExecutor(1) as threads:
+            asyncio.get_running_loop().set_default_executor(threads)
+            async with await open_device_async(emulator.url) as device:
+                await device.show(FULL)
+                taken = asyncio.create_task(asyncio.to_thread(release.wait, 20))
+                try:
+                    async with asyncio.timeout(5):
+                        await device.stop()
+                        assert not (await device.status()).enabled
+                finally:
+                    release.set()
+                    await taken
+
+    run(main())
+
+
+def test_a_device_that_was_opened_for_a_cancelled_task_is_closed(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reached, release = threading.Event(), threading.Event()
+
+    def slowly(*arguments: Any, **options: Any) -> Device:
+        reached.set()
+        assert release.wait(10)
+        return open_device(*arguments, **options)
+
+    monkeypatch.setattr(asynchronous, "open_device", slowly)
+
+    async def main() -> None:
+        opening = asyncio.create_task(open_device_async(emulator.url))
+        await asyncio.to_thread(reached.wait, 10)
+        for _ in range(2):  # who is impatient cancels twice
+            opening.cancel()
+            await asyncio.sleep(0.02)
+            assert not opening.done()
+        release.set()
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+        with open_device(emulator.url) as other:  # nobody else has it
+            assert not other.status().enabled
+
+    run(main())
+
+
+def test_leaving_is_not_cut_short(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    reached, release = threading.Event(), threading.Event()
+    genuine = Device.__exit__
+
+    def slowly(self: Device, *arguments: Any) -> None:
+        reached.set()
+        assert release.wait(10)
+        genuine(self, *arguments)
+
+    monkeypatch.setattr(Device, "__exit__", slowly)
+
+    async def use() -> None:
+        async with await open_device_async(emulator.url) as device:
+            await device.show(FULL)
+
+    async def main() -> None:
+        using = asyncio.create_task(use())
+        await asyncio.to_thread(reached.wait, 10)
+        using.cancel()
+        asyncio.get_running_loop().call_later(0.05, release.set)
+        with pytest.raises(asyncio.CancelledError):
+            await using
+        assert not emulator.running.status().enabled
+
+    run(main())
+
+
+def test_a_stream_that_is_cancelled_before_it_has_begun_does_not_begin(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its source is synchronous and without end, and the device is stopped first."""
+    stopped = threading.Event()
+    stop, begin = Device.stop, Device.stream
+
+    def stopping(self: Device) -> None:
+        stop(self)
+        stopped.set()
+
+    def beginning(self: Device, *arguments: Any, **options: Any) -> object:
+        assert stopped.wait(10)
+        return begin(self, *arguments, **options)
+
+    def frames() -> Iterator[Pulses]:
+        while True:
+            yield FULL
+
+    monkeypatch.setattr(Device, "stop", stopping)
+    monkeypatch.setattr(Device, "stream", beginning)
+
+    async def main() -> None:
+        async with await open_device_async(emulator.url) as device:
+            streaming = asyncio.create_task(device.stream(frames(), 1000))
+            await asyncio.sleep(0.01)
+            streaming.cancel()
+            async with asyncio.timeout(10):
+                with pytest.raises(asyncio.CancelledError):
+                    await streaming
+            assert not (await device.status()).enabled
+            await all_ended()
+
+    run(main())
+
+
+def test_a_source_that_keeps_its_thread_waiting_keeps_nobody_else(emulator: Emulator) -> None:
+    asked, release = threading.Event(), threading.Event()
+
+    def frames() -> Iterator[Pulses]:
+        yield FULL
+        asked.set()
+        release.wait(20)
+        yield FULL
+
+    async def main() -> None:
+        async with await open_device_async(emulator.url) as device:
+            streaming = asyncio.create_task(device.stream(frames(), 1000))
+            await asyncio.to_thread(asked.wait, 10)
+            streaming.cancel()
+            async with asyncio.timeout(10):
+                with pytest.raises(asyncio.CancelledError):
+                    await streaming
+            assert not (await device.status()).enabled
+            release.set()
+            await all_ended()
+            assert not (await device.status()).enabled
+
+    run(main())
+
+
+def test_a_stream_that_is_cancelled_while_it_asks_for_a_frame_ends(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread is just about to ask the event loop, for a frame that never comes."""
+    genuine = asyncio.run_coroutine_threadsafe
+
+    async def frames() -> AsyncIterator[Pulses]:
+        yield FULL
+        await asyncio.sleep(1000)
+
+    async def main() -> None:
+        def ask(coroutine: Any, loop: asyncio.AbstractEventLoop) -> Future[Any]:
+            asked.append(coroutine)
+            if len(asked) == 2:
+                loop.call_soon_threadsafe(streaming.cancel)
+                assert stopped.wait(10)
+            return genuine(coroutine, loop)
+
+        asked: list[object] = []
+        stopped = threading.Event()
+        stop = Device.stop
+
+        def stopping(self: Device) -> None:
+            stop(self)
+            stopped.set()
+
+        monkeypatch.setattr(asyncio, "run_coroutine_threadsafe", ask)
+        monkeypatch.setattr(Device, "stop", stopping)
+        async with await open_device_async(emulator.url) as device:
+            streaming = asyncio.create_task(device.stream(frames(), 1000))
+            async with asyncio.timeout(10):
+                with pytest.raises(asyncio.CancelledError):
+                    await streaming
+            await all_ended()
+
+    run(main())
+
+
+@pytest.mark.parametrize("end", ["normal", "refused", "cancelled"])
+def test_an_asynchronous_source_is_closed_however_the_stream_ends(emulator: Emulator, end: str) -> None:
+    closed = False
+    begun = asyncio.Event()
+
+    async def frames() -> AsyncIterator[Pulses]:
+        nonlocal closed
+        try:
+            for _ in range(3):
+                yield FULL
+                begun.set()
+            if end == "cancelled":
+                await asyncio.sleep(1000)
+            if end == "refused":
+                yield Pulses(np.zeros(3), np.zeros(3))
+        finally:
+            await asyncio.sleep(0)
+            closed = True
+
+    async def main() -> None:
+        async with await open_device_async(emulator.url) as device:
+            streaming = asyncio.create_task(device.stream(frames(), 1000))
+            await begun.wait()
+            if end == "cancelled":
+                streaming.cancel()
+            await asyncio.wait([streaming])
+            assert closed
+
+    run(main())
+
+
+def test_who_no_longer_waits_does_not_keep_a_device_playing(emulator: Emulator) -> None:
+    async def main() -> None:
+        async with await open_device_async(emulator.url) as device:
+            await device.show(FULL)
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(device.keep_playing(1e6), 0.05)
+            await all_ended()
 
     run(main())
