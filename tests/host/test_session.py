@@ -89,9 +89,20 @@ def test_a_session_stops_the_device_and_begins_the_numbering(line: BenchLine) ->
 
 
 def test_one_that_has_not_begun_touches_nothing(line: BenchLine) -> None:
-    Session(line)
-    assert (line.device.orders, line.device.state) == ([], State.READY)
-    assert not line.sent
+    """As of a host that observes; where it sends a block after all, the numbering begins before."""
+    session = Session(line)
+    assert (line.device.orders, line.device.state, line.sent) == ([], State.READY, [])
+    session.send(sample(5))
+    assert line.device.accepted == [Sent(0, spec.NO_OP, 0), Sent(1, spec.SAMPLES, 5)]
+    assert [unpack(block).restart for block in line.sent] == [True, False]
+
+
+@pytest.mark.parametrize(("blocks_per_second", "watchdog_ms"), [(22.0, 910), (191.0, 105), (2303.0, 100)])
+def test_on_a_slow_line_the_watchdog_waits_longer(line: BenchLine, blocks_per_second: float, watchdog_ms: int) -> None:
+    """Clause SER-014: for twenty blocks."""
+    line.most_blocks_per_second = blocks_per_second
+    begun(line)
+    assert round(line.device.watchdog * 1000) == watchdog_ms
 
 
 def test_whatever_the_last_host_has_counted_to_the_numbering_begins_anew(line: BenchLine) -> None:
@@ -156,13 +167,15 @@ def test_an_answer_says_what_the_device_said(line: BenchLine) -> None:
 
 
 def test_statuses_in_between_are_passed_over(line: BenchLine) -> None:
+    """Clause ACK-006: the device says by itself what has changed."""
     session = begun(line)
 
     def tell(data: bytes) -> bytes:
         return line.device.status_record() + data + line.device.status_record()
 
     line.to_host = nth(2, to=tell)
-    assert transfer(session, 5).answered.all()
+    answers = transfer(session, 5)
+    assert answers.acks["commit_period"].tolist() == list(range(5))
 
 
 def test_acknowledgements_of_blocks_that_were_given_up_are_passed_over(line: BenchLine) -> None:
@@ -347,15 +360,32 @@ def test_of_many_blocks_lost_ones_are_left_unanswered(place: int) -> None:
     assert len(line.device.accepted) == 1 + 5 + 6
 
 
-def test_a_block_that_waits_for_room_for_long_is_given_up() -> None:
-    """Beside those that were queued one waits (clause SER-011); nothing is sent behind it, nor again."""
-    line = BenchLine(lossy=True, queue=1, stays=1.5)
+def test_an_answer_that_comes_after_all_is_its_block_s() -> None:
+    """Two blocks are given up after a second, and answered while the next two are on their way."""
+    line = BenchLine(lossy=True, queue=1)
+    session = begun(line)
+    line.delay = 1.5
+    answers = transfer(session, 4)
+    assert answers.answered[:2].all()
+    assert answers.acks["sequence"][:2].tolist() == [1, 2]
+    line.time.sleep(5)
+    line.delay = 0.0
+    assert session.send(sample(9))[0].commit_period == 9  # and not what is left of the others
+
+
+def test_a_block_that_waits_in_a_full_queue_is_not_sent_again() -> None:
+    """Clause SER-011: it may still take effect, once; its answer is not taken for another's."""
+    line = BenchLine(lossy=True, queue=2, stays=5.0)
     session = enabled(line)
+    session.send(change(0), change(1))
+    with pytest.raises(DeviceTimeoutError, match="its queue is full; wait, or stop it"):
+        session.send(change(2))
+    assert len(line.sent) == 4
     session.order(Request.WATCHDOG, 60_000)
-    with pytest.raises(DeviceTimeoutError, match="its queue is full"):
-        transfer(session, 4, change)
-    numbers = [unpack(block).sequence for block in line.sent]
-    assert numbers == list(range(len(numbers)))
+    line.time.sleep(5)
+    assert session.send(sample(9))[0].commit_period == 9
+    assert [sent.number for sent in line.device.accepted] == [0, 1, 2, 3, 4]
+    assert line.device.dropped == 0
 
 
 # How much is on its way
@@ -514,10 +544,13 @@ def test_a_device_that_comes_back_begins_anew(line: BenchLine) -> None:
     assert unpack(line.sent[-1]).restart
 
 
-@pytest.mark.parametrize("what", ["INFO", "write", "read"])
-def test_one_that_goes_once_more_while_it_comes_back_is_waited_for(line: BenchLine, what: str) -> None:
+@pytest.mark.parametrize("what", ["INFO", "STATUS", "DISABLE", "write", "read"])
+@pytest.mark.parametrize("error", ERRORS[:3], ids=lambda error: type(error).__name__)
+def test_one_that_goes_once_more_while_it_comes_back_is_waited_for(
+    line: BenchLine, what: str, error: DeviceError
+) -> None:
     session = begun(line)
-    line.fails = Once(what, DeviceLostError("gone"))
+    line.fails = Once(what, error)
     session.reopen()
     assert len(line.reopened_within) == 2
     assert session.send(sample(3))[0].commit_period == 3
@@ -634,4 +667,5 @@ def test_no_block_takes_effect_twice_or_out_of_order_and_every_answer_is_its_blo
     assert places == sorted(set(places))
     line.to_device = line.to_host = nth()
     line.delay = 0.0
+    line.time.sleep(20)  # what waited has a place in the queue now
     assert session.send(sample(4000))[0].commit_period == 4000
