@@ -65,6 +65,8 @@ READ_SECONDS = 0.001
 LOOK_SECONDS = 0.05
 """How often a port that went away is looked for."""
 
+NEVER_REPEATED = (Request.RESET, Request.REVERT)
+"""Both restart the device, so that nothing answers (clause SER-009)."""
 TAGS = 256
 BLOCK_FRAME_BYTES = len(DELIMITER) + frame_bytes(BLOCK_BYTES)
 ENTER_FRAMES = DELIMITER + encode(CONSOLE_FRAME) + DELIMITER
@@ -200,9 +202,9 @@ class SerialTransport:
         return self._request(f"asking for {request.name}", request, REQUEST_TYPE_IN, 0, size)
 
     def order(self, request: Request, value: int = 0) -> None:
-        """Make a control request without an answer; it is repeated, but for RESET, where nothing says that it was done.
+        """Make a control request without an answer; it is repeated where nothing says that it was done.
 
-        ENABLE and CLEAR_FAULTS are repeated only where STATUS says that they were not carried out.
+        RESET and REVERT never are, ENABLE and CLEAR_FAULTS only where STATUS says that they were not carried out.
         """
         self._request(f"ordering {request.name}", request, REQUEST_TYPE_OUT, value, 0)
 
@@ -281,7 +283,7 @@ class SerialTransport:
     # Requests
 
     def _request(self, doing: str, request: Request, request_type: int, value: int, size: int) -> bytes:
-        for attempt in range(1 if request is Request.RESET else ATTEMPTS):
+        for attempt in range(1 if request in NEVER_REPEATED else ATTEMPTS):
             if attempt and self._was_carried_out(request):
                 return b""
             self._tag = (self._tag + 1) % TAGS

@@ -104,6 +104,7 @@ class Session:
         self._number = 0
         self._restart = True
         self._free: int | None = None
+        self._heard_at = 0
         self.info = self.ask(Info.decode, Request.INFO)
         if not self.info.speaks(PROTOCOL_VERSION):
             older = "firmware" if self.info.newest_version < PROTOCOL_VERSION else "phasewire"
@@ -205,9 +206,19 @@ class Session:
                 self._watchdog = value / 1000
 
     def status(self) -> Status:
-        """What the device is doing; a sign of life to it."""
-        status = self.ask(Status.decode, Request.STATUS)
-        self._watchdog = status.watchdog_ms / 1000
+        """What the device is doing; a sign of life to it.
+
+        Raises
+        ------
+        DeviceLostError
+            Where it has restarted meanwhile, which a serial line does not tell by itself.
+        """
+        with self.lock:
+            status = self.ask(Status.decode, Request.STATUS)
+            self._watchdog = status.watchdog_ms / 1000
+            restarted, self._heard_at = status.now < self._heard_at, status.now
+        if restarted:
+            raise DeviceLostError(f"{self.name} has restarted, with its outputs off and its stores empty")
         return status
 
     # Blocks

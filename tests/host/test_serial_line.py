@@ -260,11 +260,12 @@ def test_what_must_not_be_done_twice_is_asked_for_first(
     assert port.device.done[1:] == expected
 
 
-def test_a_reset_is_never_repeated(line: SerialTransport, port: BenchPort) -> None:
+@pytest.mark.parametrize("request_", [Request.RESET, Request.REVERT])
+def test_a_restart_is_never_repeated(line: SerialTransport, port: BenchPort, request_: Request) -> None:
     port.to_host = lose(1)
-    with pytest.raises(DeviceTimeoutError, match="ordering RESET"):
-        line.order(Request.RESET)
-    assert port.device.done == [Request.INFO, Request.RESET]
+    with pytest.raises(DeviceTimeoutError, match=f"ordering {request_.name}"):
+        line.order(request_)
+    assert port.device.done == [Request.INFO, request_]
 
 
 # Blocks and records

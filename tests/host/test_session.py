@@ -255,7 +255,7 @@ def test_why_outputs_are_off_is_said(line: BenchLine, fired: bool, message: str)
 
 def test_a_fault_is_named(line: BenchLine, monkeypatch: pytest.MonkeyPatch) -> None:
     session = begun(line)
-    fields = {"state": State.FAULT, "faults": 1 + 8, "watchdog_ms": 100}
+    fields = {"state": State.FAULT, "faults": 1 + 8, "watchdog_ms": 100, "now": 10**6}
     monkeypatch.setattr(ModelDevice, "status_record", lambda self: spec.build_status(fields))
     with pytest.raises(DeviceRefusedError, match=r"silenced by a fault \(CHAIN, TEMPERATURE\).*doctor") as refused:
         session.send(change(1))

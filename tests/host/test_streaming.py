@@ -312,6 +312,29 @@ def test_a_stream_goes_on_with_the_next_frame_when_a_lost_device_comes_back(faul
         assert played(emulator, report.last_period - 100 * 40) == frame(wanted, 99)
 
 
+@pytest.mark.parametrize("periods", [1, 3000])
+@pytest.mark.parametrize("reconnect", [True, False])
+def test_a_restart_that_a_serial_line_does_not_tell_is_seen_by_the_device_s_clock(
+    periods: int, reconnect: bool
+) -> None:
+    reports: list[StreamReport] = []
+    with Emulator() as emulator:
+        emulator.run(100_000)
+        with open_device(emulator.url + "?door=serial&baud=3000000") as device:
+            emulator.inject(PowerCut(period=emulator.capture().end_tick // 50 + 4000, periods=periods))
+
+            def play() -> None:
+                device.stream(one_by_one(frames(60)), 300, reconnect=reconnect, on_progress=reports.append)
+
+            if reconnect:
+                play()
+                assert (reports[-1].sent, reports[-1].reconnects) == (60, 1)
+            else:
+                with pytest.raises(DeviceLostError, match="has restarted, with its outputs off and its stores empty"):
+                    play()
+                assert not device.status().enabled
+
+
 def test_a_device_that_does_not_come_back_is_given_up_in_time() -> None:
     with Emulator() as emulator:
         device = open_device(emulator.url)
