@@ -1,100 +1,46 @@
-"""Commands that ask a device one thing or tell it one: ``show``, ``stop``, ``info`` and their like."""
+"""Commands that ask a device one thing or tell it one: ``stop``, ``info``, ``reset`` and their like."""
 
 from __future__ import annotations
 
-import math
-from contextlib import nullcontext, suppress
-from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.table import Table
 
-from ..console import JsonOption, console_for, error_console, write_json
-from ..errors import InputFileError
+from ..console import JsonOption, console_for, write_json
+from ..protocol.codes import Request
 from ..protocol.plain import plain
-from ..protocol.pulses import Pulses
-from ..protocol.replies import Info
+from ..protocol.replies import Info, Status
+from ..protocol.requests import VALUES
 from ..protocol.versions import Version
-from ..solver import Solution, TransducerArray
-from ..solver.files import read_arrays, solution_in
 from ..storage import check_outputs
 from .device import open_device
-from .options import CalibrationOption, DeviceOption, load_calibration
+from .options import DeviceOption, command_for, note_where_fresh
 from .transport import DEFAULT_URL
 
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
-
-def load_frame(path: Path) -> tuple[Pulses | Solution, Solution | None]:
-    """A solution, also as such, or pulses as they stand in an NPZ file as ``phase`` and ``width``."""
-    arrays = read_arrays(path)
-    if "format" in arrays:
-        solution = solution_in(arrays, path)
-        return solution, solution
-    if {"phase", "width"} <= set(arrays):
-        try:
-            return Pulses(arrays["phase"], arrays["width"]), None
-        except ValueError as error:
-            raise InputFileError(f"{path}: {error}") from error
-    raise InputFileError(f"{path} holds neither a solution nor pulses (phase and width); `phasewire solve` makes one")
+WATCHDOG_MS, DRIVE_LIMITS = VALUES[Request.WATCHDOG], VALUES[Request.LIMIT]
 
 
-def differences(solution: Solution, what: Info) -> list[str]:
-    """In which ways a device differs from what a solution was solved for, so that the field will be another."""
-    found = []
-    own = TransducerArray.grid(what.columns, what.rows, what.pitch).positions
-    if own.shape == solution.array.positions.shape and not np.allclose(solution.array.positions, own, atol=1e-6):
-        found.append(f"the device has {what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart")
-    if solution.medium.frequency != what.carrier_hz:
-        found.append(f"the device's carrier has {what.carrier_hz} Hz, not {solution.medium.frequency:g} Hz")
-    return found
-
-
-@commands.command(epilog="Example: phasewire show sphere.npz --seconds 2")
-def show(
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="A solved file, or an .npz file with the arrays phase and width."),
-    ],
-    device: DeviceOption = DEFAULT_URL,
-    seconds: Annotated[float, typer.Option(min=0, help="How long to play, in s.")] = 1.0,
-    forever: Annotated[bool, typer.Option("--forever", help="Play until Ctrl-C.")] = False,
-    calibration: CalibrationOption = None,
-    json_target: JsonOption = None,
-) -> None:
-    """Play a solved file on a device, and leave its outputs off.
-
-    While it plays, the device hears regular signs of life; should this program die, the device's watchdog turns the
-    outputs off. Of an emulated device the time passes as fast as this computer allows.
-    """
-    check_outputs([json_target], inputs=[file])
-    frame, solution = load_frame(file)
-    with open_device(device, calibration=load_calibration(calibration)) as opened:
-        for difference in differences(solution, opened.info) if solution else []:
-            error_console().print(f"warning: {file} was solved for something else: {difference}", style="yellow")
-        ack = opened.show(frame)
-        message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
-        error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
-        with suppress(KeyboardInterrupt) if forever else nullcontext():
-            opened.keep_playing(math.inf if forever else seconds)
-        status = opened.status()
-    console_for(json_target).print("Stopped; the outputs are off.")
-    write_json(json_target, {"device": opened.name, "commit_period": ack.commit_period, "status": plain(status)})
+def _tell(json_target: str | None, command: str, name: str, said: str, status: Status) -> None:
+    """The result of a command that tells a device one thing."""
+    console_for(json_target).print(f"{name}{said}")
+    record = {"format": f"phasewire-{command}-1", "device": name, "status": plain(status)}
+    write_json(json_target, record)
 
 
 @commands.command(epilog="Example: phasewire stop --device usb:")
 def stop(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
     """Turn all outputs of a device off."""
     check_outputs([json_target])
+    note_where_fresh(device)
     with open_device(device) as opened:
         opened.stop()
         status = opened.status()
-    console_for(json_target).print(f"{opened.name}: the outputs are off.")
-    write_json(json_target, {"device": opened.name, "status": plain(status)})
+    _tell(json_target, "stop", opened.name, ": the outputs are off.", status)
 
 
 def _versions(what: Info) -> str:
@@ -132,7 +78,10 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
     ):
         table.add_row(label, value)
     console_for(json_target).print(table)
-    write_json(json_target, {"device": opened.name, "info": plain(what), "status": plain(status)})
+    write_json(
+        json_target,
+        {"format": "phasewire-info-1", "device": opened.name, "info": plain(what), "status": plain(status)},
+    )
 
 
 @commands.command(name="read-back", epilog="Example: phasewire read-back --device serial:///dev/ttyACM0")
@@ -166,6 +115,7 @@ def read_back(
     write_json(
         json_target,
         {
+            "format": "phasewire-read-back-1",
             "device": opened.name,
             "since_period": None if found.mixed else found.since_period,
             "mixed": found.mixed,
@@ -176,23 +126,85 @@ def read_back(
     )
 
 
-@commands.command(epilog="Example: phasewire identify 2")
+@commands.command(epilog="Example: phasewire identify 2 --device usb:")
 def identify(
     board: Annotated[int, typer.Argument(metavar="BOARD", min=0, help="Board, counted from 0.")] = 0,
     device: DeviceOption = DEFAULT_URL,
+    json_target: JsonOption = None,
 ) -> None:
     """Let the light on a board blink for five seconds."""
+    check_outputs([json_target])
+    note_where_fresh(device)
     with open_device(device, observe=True) as opened:
         opened.identify(board)
-        console_for(None).print(f"{opened.name}: the light on board {board} blinks for five seconds.")
+        status = opened.status()
+    _tell(json_target, "identify", opened.name, f": the light on board {board} blinks for five seconds.", status)
 
 
 @commands.command(epilog="Example: phasewire reset --device usb:")
 def reset(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
     """Restart a device as at power-up, and wait until it is back."""
     check_outputs([json_target])
+    note_where_fresh(device)
     with open_device(device) as opened:
         opened.reset()
         status = opened.status()
-    console_for(json_target).print(f"{opened.name} has restarted; its outputs are off and its stores are empty.")
-    write_json(json_target, {"device": opened.name, "status": plain(status)})
+    _tell(json_target, "reset", opened.name, " has restarted; its outputs are off and its stores are empty.", status)
+
+
+@commands.command(epilog="Example: phasewire watchdog 0.5 --device usb:")
+def watchdog(
+    seconds: Annotated[
+        float,
+        typer.Argument(
+            metavar="SECONDS",
+            min=WATCHDOG_MS[0] / 1000,
+            max=WATCHDOG_MS[-1] / 1000,
+            help="How long it waits, in s.",
+        ),
+    ],
+    device: DeviceOption = DEFAULT_URL,
+    json_target: JsonOption = None,
+) -> None:
+    """Set how long a device waits for a sign of life before it turns its outputs off, until it restarts."""
+    check_outputs([json_target])
+    note_where_fresh(device)
+    with open_device(device, observe=True) as opened:
+        opened.set_watchdog(seconds)
+        status = opened.status()
+    _tell(json_target, "watchdog", opened.name, f" waits {status.watchdog_ms / 1000:g} s for a sign of life.", status)
+
+
+@commands.command(epilog="Example: phasewire limit 100 --device usb:")
+def limit(
+    transducers: Annotated[
+        int,
+        typer.Argument(
+            metavar="TRANSDUCERS",
+            min=DRIVE_LIMITS[0],
+            max=DRIVE_LIMITS[-1],
+            help="Most power that it may be asked for, in fully driven transducers.",
+        ),
+    ],
+    device: DeviceOption = DEFAULT_URL,
+    json_target: JsonOption = None,
+) -> None:
+    """Turn a device's outputs off, and have it refuse whatever asks for more power, until it restarts."""
+    check_outputs([json_target])
+    note_where_fresh(device)
+    with open_device(device) as opened:
+        opened.set_drive_limit(transducers)
+        status = opened.status()
+    _tell(json_target, "limit", opened.name, f" refuses more than {status.drive_limit} full transducers.", status)
+
+
+@commands.command(name="clear-faults", epilog="Example: phasewire clear-faults --device usb:")
+def clear_faults(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
+    """Clear the faults of a device whose cause is gone, and say which are left."""
+    check_outputs([json_target])
+    note_where_fresh(device)
+    with open_device(device, observe=True) as opened:
+        status = opened.clear_faults()
+    left = ", ".join(fault.name or "" for fault in status.faults)
+    said = f" still has {left}; {command_for('doctor', device)} says what to do." if left else " has no faults."
+    _tell(json_target, "clear-faults", opened.name, said, status)
