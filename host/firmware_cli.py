@@ -144,7 +144,8 @@ def verify(
     verdict = judge_file(_read(file), read_public_keys(key))
     style = "bold green" if verdict.trusted else "bold red"
     console_for(json_target).print(f"{file}: {verdict.outcome}: {verdict.words}", style=style)
-    write_json(json_target, {"file": str(file), "trusted": verdict.trusted, **verdict._asdict()})
+    told = {"format": "phasewire-firmware-verify-1", "file": str(file), "trusted": verdict.trusted}
+    write_json(json_target, told | verdict._asdict())
     if not verdict.trusted:
         raise typer.Exit(1)
 
@@ -240,6 +241,7 @@ def _write(path: Path, image: Image, suffix: Suffix, json_target: str | None) ->
 def _record(path: Path, image: Image, suffix: Suffix) -> dict[str, Any]:
     header = ImageHeader.decode(image.encode())
     return {
+        "format": "phasewire-firmware-image-1",
         "file": str(path),
         "version": str(image.version),
         "hardware": image.hardware.name,

@@ -117,7 +117,8 @@ def _flash(
         f"{report.device} {done}, which runs on all eleven processors, from bank {report.bank.name}; before it ran "
         f"{report.before}."
     )
-    write_json(json_target, plain(report) | {"before": str(report.before), "firmware": str(report.firmware)})
+    versions = {"before": str(report.before), "firmware": str(report.firmware)}
+    write_json(json_target, {"format": "phasewire-flash-1"} | plain(report) | versions)
 
 
 @contextmanager
@@ -161,7 +162,7 @@ def _list(device: str, json_target: str | None) -> None:
         table.add_row(each.url, each.product, each.mode, str(each.firmware), bank, each.problem or "")
     out.print(table if found else f"There is no device on the bus of {device!r}; is it switched on and plugged in?")
     devices = [plain(each._asdict()) | {"firmware": str(each.firmware)} for each in found]
-    write_json(json_target, {"devices": devices})
+    write_json(json_target, {"format": "phasewire-flash-list-1", "devices": devices})
 
 
 def _revert(device: str, json_target: str | None) -> None:
@@ -171,4 +172,5 @@ def _revert(device: str, json_target: str | None) -> None:
     console_for(json_target).print(
         f"{report.device} is back at its factory image, firmware {report.firmware}; before it ran {report.before}."
     )
-    write_json(json_target, {key: str(value) for key, value in report._asdict().items()})
+    told = {key: str(value) for key, value in report._asdict().items()}
+    write_json(json_target, {"format": "phasewire-flash-revert-1"} | told)

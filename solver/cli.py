@@ -208,6 +208,7 @@ def solve_command(
     write_json(
         json_target,
         {
+            "format": "phasewire-solve-1",
             "file": str(output),
             "method": method,
             "control_points": len(points),
@@ -321,6 +322,7 @@ def field(
     write_json(
         json_target,
         {
+            "format": "phasewire-field-report-1",
             "file": str(output),
             "plane": plane,
             "centre_m": grid.centre.tolist(),

@@ -84,8 +84,11 @@ ROWS = {
     "devices": Row("devices", r"no device found|url", codes=(0, 3)),  # whether this computer has one
     "doctor": Row("doctor --device emulator:", r"\d+ ok, \d+ warn, 0 fail"),
     "read-back": Row("read-back", r"plays nothing"),
-    "identify": Row("identify 2", r"light on board 2", json=False),
+    "identify": Row("identify 2", r"light on board 2"),
     "reset": Row("reset", r"has restarted"),
+    "clear-faults": Row("clear-faults", r"has no faults"),
+    "watchdog": Row("watchdog 0.5", r"waits 0\.5 s"),
+    "limit": Row("limit 100", r"refuses more than 100 full transducers"),
     "stream": Row("stream circle:radius=0.02 --spin 5 --rate 1000 --seconds 0.05", OFF),
     "play": Row("play circle --seconds 0.05", OFF),
     "record": Row("record circle --seconds 0.01 --output c.h5", r"c\.h5: 10 frames at 1000/s", makes=("c.h5",)),
@@ -199,7 +202,7 @@ def test_a_command_says_its_result_and_leaves_nothing_behind(name: str, folder: 
     assert re.search(row.says, said), said
     assert "\x1b" not in ended.out + ended.err
     if row.json:
-        assert isinstance(json.loads(ended.out), dict)
+        assert re.fullmatch(r"phasewire-[a-z-]+-\d+", json.loads(ended.out)["format"])
 
 
 def test_a_row_asks_for_json_where_a_command_has_it() -> None:

@@ -141,6 +141,7 @@ def test_inspect_tells_all_that_the_example_says(firmware: Run) -> None:
     ):
         assert said in shown
     assert json.loads(Path("record.json").read_text(encoding="utf-8")) == {
+        "format": "phasewire-firmware-image-1",
         "file": "signed.dfu",
         "version": "1.2.3",
         "hardware": "FIVE_BOARDS",

@@ -242,6 +242,7 @@ def test_devices_are_listed(phasewire: Run, emulator: Emulator) -> None:
     assert outcome.code == 0
     assert re.search(rf"emulator:{emulator.serial} .* run time +0\.1\.0 +FACTORY", outcome.out)
     assert json.loads(Path("list.json").read_text()) == {
+        "format": "phasewire-flash-list-1",
         "devices": [
             {
                 "url": emulator.url,
@@ -252,11 +253,11 @@ def test_devices_are_listed(phasewire: Run, emulator: Emulator) -> None:
                 "bank": "FACTORY",
                 "problem": None,
             }
-        ]
+        ],
     }
     with open_device(emulator.url):
         assert "FACTORY" in phasewire("--list").out
     emulator.usb.unplug()
     outcome = phasewire("--list", "--json", "-")
-    assert json.loads(outcome.out) == {"devices": []}
+    assert json.loads(outcome.out) == {"format": "phasewire-flash-list-1", "devices": []}
     assert "There is no device" in outcome.err
