@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from ..errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
 from ..protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Slot, Update
 from ..protocol.blocks import Sequence as SequenceBody
+from ..protocol.board import CARRIER_HZ
 from ..protocol.codes import ENTRIES_PER_BLOCK, NOW, SAMPLES_PER_BLOCK, Action, Feature, Reason, Request
 from ..protocol.ranges import whole
 from ..protocol.replies import (
@@ -33,6 +34,17 @@ from .streaming import LOOK_AHEAD_SECONDS, Stream, StreamReport
 from .transport import Timekeeper, Transport, default_url, open_transport
 
 __all__ = ["Device", "open_device"]
+
+SILENT_PERIODS = 6
+"""After so many periods at most all outputs are silent that were turned off (clause SAF-004)."""
+
+
+class _Kept(NamedTuple):
+    """A sequence or a modulation as the device has stored it."""
+
+    places: range
+    period: int
+    """From which on it plays."""
 
 
 def open_device(url: str | None = None, *, calibration: Calibration | None = None, observe: bool = False) -> Device:
@@ -99,7 +111,7 @@ class Device:
         self._enabled = False
         self._stops = 0
         self._streaming = False
-        self._next_entry = self._next_sample = 0
+        self._sequences, self._modulations = list[_Kept](), list[_Kept]()
         self._watchdog: float | None = None
         self._drive_limit: int | None = None
         self._envelope: tuple[bytes, int] | None = None
@@ -323,13 +335,13 @@ class Device:
         self._need(Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
         entries = [Entry(*step) for step in steps]
         with self._session.lock:
-            first = self._place(self._next_entry, len(entries), self.info.sequence_entries, "steps")
+            first = self._place(self._sequences, len(entries), self.info.sequence_entries, "steps")
             body = SequenceBody(first, len(entries), period, repeats, unattended)
             self._sent(
                 *(Entries(tuple(part), first + at) for at, part in _parts(entries, ENTRIES_PER_BLOCK)),
             )
             ack = self._play(body)
-            self._next_entry = first + len(entries)
+            self._sequences.append(_Kept(range(first, first + len(entries)), ack.commit_period))
             return ack
 
     def modulate(self, samples: Sequence[int] | bytes, hold: int, period: int = NOW) -> Ack:
@@ -354,11 +366,11 @@ class Device:
         self._need(Feature.MODULATION)
         values = samples if isinstance(samples, bytes) else bytes(whole("sample", each, 0, 255) for each in samples)
         with self._session.lock:
-            first = self._place(self._next_sample, len(values), self.info.modulation_samples, "samples")
+            first = self._place(self._modulations, len(values), self.info.modulation_samples, "samples")
             body = Modulation(first, len(values), hold, period)
             self._sent(*(Samples(part, first + at) for at, part in _parts(values, SAMPLES_PER_BLOCK)))
             ack = self._play(body)
-            self._next_sample = first + len(values)
+            self._modulations.append(_Kept(range(first, first + len(values)), ack.commit_period))
             self._envelope = (values, hold)
             return ack
 
@@ -467,7 +479,7 @@ class Device:
 
     def _forget(self) -> None:
         """What the device has been told to keep: nothing, as after it was restarted."""
-        self._next_entry = self._next_sample = 0
+        self._sequences, self._modulations = list[_Kept](), list[_Kept]()
         self._watchdog = self._drive_limit = self._envelope = None
 
     def _restore(self) -> None:
@@ -494,11 +506,25 @@ class Device:
         if missing:
             raise DeviceError(f"{self.name} has not the feature {missing.name}; `phasewire info` lists what it has")
 
-    @staticmethod
-    def _place(begin: int, count: int, places: int, what: str) -> int:
-        """Where to store what must not overwrite what may be playing: behind it, or else at the beginning."""
+    def _place(self, kept: list[_Kept], count: int, places: int, what: str) -> int:
+        """Where to store what must not overwrite what may be playing: behind it, or else at the beginning.
+
+        What is there is in use until what was stored next has begun, or, the last, until the outputs are silent (clause
+        BLK-022); where that is soon, it is waited for.
+        """
         whole(f"number of {what}", count, 1, places)
-        return begin if begin + count <= places else 0
+        begin = kept[-1].places.stop if kept else 0
+        first = begin if begin + count <= places else 0
+        overwritten = [
+            at for at, each in enumerate(kept) if first < each.places.stop and each.places.start < first + count
+        ]
+        if overwritten:
+            after = kept[overwritten[-1] + 1 :]
+            now = self.status().period
+            left = max(after[0].period - now, 0) + 1 if after else SILENT_PERIODS + 1
+            self.time.sleep(min(left / CARRIER_HZ, self._session.pause_seconds))
+            del kept[: overwritten[-1] + 1]
+        return first
 
     def _play(self, body: Body) -> Ack:
         """Send a change, with the outputs enabled."""

@@ -712,6 +712,37 @@ def test_an_error_within_the_session_is_not_hidden_by_a_lost_device() -> None:
         session()
 
 
+# Stores that are full begin anew
+
+
+@pytest.mark.parametrize("count", [130, 512])
+def test_sequences_that_follow_each_other_at_once_find_room(emulator: Emulator, count: int) -> None:
+    with open_device(emulator.url) as device:
+        device.store(0, HALF)
+        for _ in range(20):
+            device.play([(0, 3)] * count)
+        assert device.status().refused == 0
+
+
+@pytest.mark.parametrize("count", [255, 2048])
+def test_modulations_that_follow_each_other_at_once_find_room(emulator: Emulator, count: int) -> None:
+    with open_device(emulator.url) as device:
+        for _ in range(40):
+            device.modulate(bytes(count), 1)
+        assert device.status().refused == 0
+
+
+def test_what_fills_a_store_can_follow_a_stop_at_once(emulator: Emulator) -> None:
+    with open_device(emulator.url) as device:
+        device.store(0, HALF)
+        for _ in range(3):
+            device.play([(0, 3)] * device.info.sequence_entries)
+            device.modulate(bytes(device.info.modulation_samples), 1)
+            emulator.run(10)
+            device.stop()
+        assert device.status().refused == 0
+
+
 # Threads
 
 
