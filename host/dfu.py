@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Self
 
@@ -33,7 +33,7 @@ from ..protocol.enumeration import ARRAY_INTERFACE, DFU_INTERFACE
 from ..protocol.requests import Setup
 from .usb_find import Sighting, configure, control, opened, translated
 
-__all__ = ["DfuLine", "detach"]
+__all__ = ["DfuLine", "detach", "understood"]
 
 INTERFACE = 0
 """The only one in DFU mode."""
@@ -49,6 +49,15 @@ _FLASH_FAILURES = {
     DfuStatus.PROG: "a page was not programmed",
     DfuStatus.VERIFY: "it holds something else than what was written",
 }
+
+
+@contextmanager
+def understood(name: str) -> Iterator[None]:
+    """Turn what is wrong with an answer into an error that names the device."""
+    try:
+        yield
+    except ReplyError as error:
+        raise DeviceError(f"{name} answers in a way that breaks the protocol: {error}") from error
 
 
 def detach(seen: Sighting) -> None:
@@ -78,6 +87,8 @@ class DfuLine:
 
     Raises
     ------
+    DeviceAccessError
+        Where another program gives it firmware.
     DeviceError
         Where it cannot be opened.
 
@@ -92,7 +103,12 @@ class DfuLine:
         self._name = seen.name
         self._time = seen.time
         with translated(f"opening {self._name} in DFU mode"):
-            configure(self._device)
+            try:
+                configure(self._device)
+                usb.util.claim_interface(self._device, INTERFACE)
+            except BaseException:
+                usb.util.dispose_resources(self._device)
+                raise
 
     def __enter__(self) -> Self:
         return self
@@ -104,11 +120,8 @@ class DfuLine:
 
     def status(self) -> DfuReply:
         """Ask for the state, which is a step in it, too (clauses DFU-006 and DFU-007)."""
-        answer = self._ask(DfuRequest.GETSTATUS, 0, DfuReply.BYTES)
-        try:
-            return DfuReply.decode(answer)
-        except ReplyError as error:
-            raise DeviceError(f"{self._name} answers in a way that breaks the protocol: {error}") from error
+        with understood(self._name):
+            return DfuReply.decode(self._ask(DfuRequest.GETSTATUS, 0, DfuReply.BYTES))
 
     def make_idle(self) -> None:
         """Bring the device to DFU_IDLE, from whatever state somebody left it in."""

@@ -14,13 +14,14 @@ import typer
 from rich.table import Column, Table
 
 from ..console import JsonOption, console_for, write_json
-from ..errors import ImageError, InputFileError
+from ..errors import InputFileError
 from ..protocol.board import PROCESSORS
-from ..protocol.codes import SEGMENT_MAX_BYTES, Hardware, ImageReason, Target
+from ..protocol.codes import SEGMENT_MAX_BYTES, Hardware, Target
 from ..protocol.enumeration import PRODUCT_ID, VENDOR_ID
-from ..protocol.firmware import Image, ImageHeader, Segment, Suffix, sign, split_suffix, with_suffix
+from ..protocol.firmware import Image, ImageHeader, Segment, Suffix, sign, with_suffix
 from ..protocol.versions import Version
 from ..storage import check_outputs, replacing
+from .images import read_file, read_image
 from .keys import MAKE_PRIVATE_KEY, MAKE_PUBLIC_KEY, judge, judge_file, read_private_key, read_public_keys
 
 __all__ = ["commands"]
@@ -33,8 +34,6 @@ commands = typer.Typer(
 )
 
 ANY, ANY_ID = "any", 0xFFFF
-MOST_FILE_BYTES = 1024 * 1024
-"""More than the largest image has (clause FWU-008)."""
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A firmware image, with its DFU suffix.")]
 OutputOption = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The .dfu file to write.")]
@@ -94,7 +93,7 @@ def inspect(
 ) -> None:
     """Say what a firmware image holds, what it is for, and who signed it."""
     check_outputs([json_target], [file, *(key or [])])
-    image, suffix = _load(file)
+    image, suffix = read_image(file)
     verdict = judge(image, read_public_keys(key or []))
     header = ImageHeader.decode(image.encode())
     summary = Table(title=str(file), show_header=False, title_justify="left")
@@ -126,7 +125,7 @@ def sign_file(
 ) -> None:
     """Sign a firmware image; a signature that it has is replaced, and nothing else."""
     check_outputs([output, json_target], [file, key])
-    image, suffix = _load(file)
+    image, suffix = read_image(file)
     _write(output, sign(image, read_private_key(key)), suffix, json_target)
 
 
@@ -141,7 +140,7 @@ def verify(
     The exit code is 0 if it is and 1 if it is not.
     """
     check_outputs([json_target], [file, *key])
-    verdict = judge_file(_read(file), read_public_keys(key))
+    verdict = judge_file(read_file(file), read_public_keys(key))
     style = "bold green" if verdict.trusted else "bold red"
     console_for(json_target).print(f"{file}: {verdict.outcome}: {verdict.words}", style=style)
     told = {"format": "phasewire-firmware-verify-1", "file": str(file), "trusted": verdict.trusted}
@@ -214,20 +213,6 @@ def _segment(target: Target, path: Path) -> Segment:
             f"{path} has {found} bytes; a program, this one for {target.name}, has 1 to {SEGMENT_MAX_BYTES}"
         )
     return Segment(target, data)
-
-
-def _read(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(MOST_FILE_BYTES)
-
-
-def _load(path: Path) -> tuple[Image, Suffix]:
-    """A valid image and its suffix; an error names the file."""
-    try:
-        stored, suffix = split_suffix(_read(path))
-        return Image.decode(stored), suffix
-    except ImageError as refused:
-        raise InputFileError(f"{path}: {ImageReason(refused.reason).name}: {refused}") from refused
 
 
 def _write(path: Path, image: Image, suffix: Suffix, json_target: str | None) -> None:

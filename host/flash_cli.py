@@ -14,6 +14,7 @@ from rich.table import Table
 from ..console import JsonOption, console_for, error_console, write_json
 from ..protocol.plain import plain
 from ..storage import check_outputs
+from .images import read_firmware
 from .keys import read_public_keys
 from .options import DeviceOption
 from .transport import DEFAULT_URL
@@ -89,18 +90,16 @@ def _flash(
     allow_other_protocol: bool,
     json_target: str | None,
 ) -> None:
-    from .flashing import flash, read_firmware
+    from .flashing import flash
 
-    file, keys = path.read_bytes(), read_public_keys(key_files)
-    firmware = read_firmware(file, keys)
+    firmware = read_firmware(path, read_public_keys(key_files))
     console = error_console()
     console.print(f"{path}: firmware {firmware.image.version}, {firmware.trust.value}")
     try:
         with _progress(console) as on_progress:
             report = flash(
                 device,
-                file,
-                keys=keys,
+                firmware,
                 allow_downgrade=allow_downgrade,
                 allow_other_protocol=allow_other_protocol,
                 on_progress=on_progress,

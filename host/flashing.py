@@ -9,12 +9,13 @@ begin at 0 (clause DFU-009). An image that is already there is not sent again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, TypeVar
+
+import usb.util
 
 from ..errors import (
     DeviceError,
@@ -23,32 +24,20 @@ from ..errors import (
     DeviceTimeoutError,
     ImageError,
     InputFileError,
-    ReplyError,
 )
-from ..protocol.board import PROCESSORS
 from ..protocol.codes import PROTOCOL_VERSION, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Bank, Feature, ImageReason, Request
 from ..protocol.enumeration import ARRAY_INTERFACE
-from ..protocol.firmware import Image, Suffix, Trust, split_suffix, trust
-from ..protocol.replies import Info, ProcessorReport, decode_reports
+from ..protocol.firmware import Trust
+from ..protocol.replies import ANSWER_BYTES, Info, ProcessorReport, decode_reports
 from ..protocol.requests import Setup
 from ..protocol.versions import Version
-from .dfu import DfuLine, detach
+from .dfu import DfuLine, detach, understood
+from .images import Firmware
 from .usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Mode, Sighting, UsbBus, control, opened
 
-if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+__all__ = ["FlashReport", "Flashable", "RevertReport", "Stage", "find_flashable", "flash", "revert"]
 
-__all__ = [
-    "Firmware",
-    "FlashReport",
-    "Flashable",
-    "RevertReport",
-    "Stage",
-    "find_flashable",
-    "flash",
-    "read_firmware",
-    "revert",
-]
+Answer = TypeVar("Answer")
 
 ATTEMPTS = 3
 PAUSE_SECONDS = 0.5
@@ -76,6 +65,7 @@ class Stage(Enum):
     """What `flash` is doing."""
 
     DETACH = "going to DFU mode"
+    COMPARE = "comparing with what it holds"
     WRITE = "writing"
     CHECK = "reading back"
     BOOT = "starting the new firmware"
@@ -83,14 +73,6 @@ class Stage(Enum):
 
 OnProgress = Callable[[Stage, int, int], None]
 """Told a stage, and how many of how many bytes are done in it; 0 of 0 where none are counted."""
-
-
-class Firmware(NamedTuple):
-    """A firmware file that has been read and found good."""
-
-    image: Image
-    suffix: Suffix
-    trust: Trust
 
 
 @dataclass(frozen=True)
@@ -147,41 +129,10 @@ class Flashable(NamedTuple):
     """What speaks against it, None where nothing is known to."""
 
 
-def read_firmware(source: Path | bytes, keys: Iterable[Ed25519PublicKey] = ()) -> Firmware:
-    """Read a firmware file and judge it, as far as that needs no device.
-
-    Parameters
-    ----------
-    source : Path or bytes
-        The file, or what is in it.
-    keys : iterable of Ed25519PublicKey
-        Who is trusted. Where there are any, one of them must have signed; where there are none, nobody needs to.
-
-    Raises
-    ------
-    ImageError
-        Where the file is none, is damaged, or was not signed as it must be (clauses FWU-012, FWU-014 and FWU-015).
-    OSError
-        Where it cannot be read.
-    """
-    trusted = list(keys)
-    stored, suffix = split_suffix(source.read_bytes() if isinstance(source, Path) else source)
-    image = Image.decode(stored)
-    judged = trust(image, trusted)
-    if trusted and judged is not Trust.SIGNED:
-        raise ImageError(
-            f"the image is {judged.value}, and {len(trusted)} trusted key(s) were given; `phasewire firmware sign` "
-            "signs it",
-            ImageReason.SIGNATURE,
-        )
-    return Firmware(image, suffix, judged)
-
-
 def flash(
     url: str,
-    source: Path | bytes,
+    firmware: Firmware,
     *,
-    keys: Iterable[Ed25519PublicKey] = (),
     allow_downgrade: bool = False,
     allow_other_protocol: bool = False,
     on_progress: OnProgress = lambda *_: None,
@@ -195,10 +146,8 @@ def flash(
     ----------
     url : str
         Of the device: a scheme with a USB bus, such as ``usb:`` or ``usb:SERIAL``. It may be in DFU mode already.
-    source : Path or bytes
-        A firmware file, or what is in it.
-    keys : iterable of Ed25519PublicKey
-        Who is trusted; see `read_firmware`.
+    firmware : Firmware
+        What `images.read_firmware` has read.
     allow_downgrade, allow_other_protocol : bool
         Whether the image may be older than what runs, or speak a protocol that this host does not (clause FWU-013).
     on_progress : callable
@@ -215,7 +164,6 @@ def flash(
     DeviceError
         Where line or device fail.
     """
-    firmware = read_firmware(source, keys)
     bus = UsbBus(url)
     seen = bus.find()
     before = _check(firmware, seen, allow_downgrade, allow_other_protocol)
@@ -227,8 +175,7 @@ def flash(
             return FlashReport(back.name, before, firmware.image.version, bank, firmware.trust, written, attempt)
         except WORTH_ANOTHER as error:
             if attempt == ATTEMPTS:
-                error.args = (f"{error} (tried {ATTEMPTS} times). {STILL_WHOLE}",)
-                raise
+                raise type(error)(f"{error} (tried {ATTEMPTS} times). {STILL_WHOLE}") from error
         attempt += 1
         seen.time.sleep(PAUSE_SECONDS)
         try:
@@ -274,25 +221,35 @@ def _check(firmware: Firmware, seen: Sighting, allow_downgrade: bool, allow_othe
 
 def _replace(bus: UsbBus, seen: Sighting, stored: bytes, on_progress: OnProgress) -> tuple[Sighting, bool]:
     """Have a device boot an image; the device, started anew, and whether the image had to be written."""
-    if seen.mode == RUN_TIME:
-        on_progress(Stage.DETACH, 0, 0)
-        detach(seen)
-        seen = bus.find_again(seen, (DFU_MODE,), BACK_SECONDS)
-    with DfuLine(seen) as line:
-        try:
+    total = len(stored)
+    try:
+        if seen.mode == RUN_TIME:
+            on_progress(Stage.DETACH, 0, 0)
+            detach(seen)
+            seen = bus.find_again(seen, (DFU_MODE,), BACK_SECONDS)
+        with DfuLine(seen) as line:
             line.make_idle()
-            written = not line.holds(stored)
+            on_progress(Stage.COMPARE, 0, total)
+            written = not line.holds(stored, lambda done: on_progress(Stage.COMPARE, done, total))
             if written:
-                line.download(stored, lambda done: on_progress(Stage.WRITE, done, len(stored)))
-                if not line.holds(stored, lambda done: on_progress(Stage.CHECK, done, len(stored))):
+                line.download(stored, lambda done: on_progress(Stage.WRITE, done, total))
+                if not line.holds(stored, lambda done: on_progress(Stage.CHECK, done, total)):
                     raise DeviceError(f"{seen.name} would not boot what it was sent; its flash fails, and needs repair")
-        except BaseException:  # whatever it was, the device boots what is whole
-            with suppress(DeviceError):
-                line.boot()
-            raise
-        on_progress(Stage.BOOT, 0, 0)
-        line.boot()
+            on_progress(Stage.BOOT, 0, 0)
+            line.boot()
+    except DeviceError:
+        _boot(bus, seen, 0)
+        raise
+    except BaseException:  # it may be on its way to DFU mode
+        _boot(bus, seen, BACK_SECONDS)
+        raise
     return bus.find_again(seen, (RUN_TIME,), BACK_SECONDS), written
+
+
+def _boot(bus: UsbBus, seen: Sighting, seconds: float) -> None:
+    """Have a device that is in DFU mode, or comes there in time, boot what is whole."""
+    with suppress(DeviceError), DfuLine(bus.find_again(seen, (DFU_MODE,), seconds)) as line:
+        line.boot()
 
 
 def _confirm(bus: UsbBus, seen: Sighting, version: Version) -> Bank:
@@ -382,34 +339,33 @@ def _flashable(seen: Sighting) -> Flashable:
 
 
 def _info(seen: Sighting) -> Info:
-    try:
-        return Info.decode(_ask(seen, Request.INFO, Info.BYTES))
-    except ReplyError as error:
-        raise _broken(seen, error) from error
+    return _ask(seen, Info.decode, Request.INFO)
 
 
 def _reports(seen: Sighting) -> list[ProcessorReport]:
-    try:
-        return decode_reports(_ask(seen, Request.PROCESSORS, PROCESSORS * ProcessorReport.BYTES))
-    except ReplyError as error:
-        raise _broken(seen, error) from error
+    return _ask(seen, decode_reports, Request.PROCESSORS)
 
 
-def _broken(seen: Sighting, error: ReplyError) -> DeviceError:
-    return DeviceError(f"{seen.name} answers in a way that breaks the protocol: {error}")
-
-
-def _ask(seen: Sighting, request: Request, size: int) -> bytes:
-    with opened(seen, f"asking {seen.name} for {request.name}") as device:
-        return control(device, Setup(REQUEST_TYPE_IN, request, 0, ARRAY_INTERFACE, size))
+def _ask(seen: Sighting, decode: Callable[[bytes], Answer], request: Request) -> Answer:
+    """Make a control request, which disturbs nobody who uses the device, and read its answer."""
+    setup = Setup(REQUEST_TYPE_IN, request, 0, ARRAY_INTERFACE, ANSWER_BYTES[request])
+    with opened(seen, f"asking {seen.name} for {request.name}") as device, understood(seen.name):
+        return decode(control(device, setup))
 
 
 def _restart(seen: Sighting, request: Request) -> None:
-    """Order a request that ends in a restart, and wait until the device has left the bus."""
-    with opened(seen, f"ordering {seen.name} to {request.name}") as device:
+    """Order a request that ends in a restart, and wait until the device has left the bus.
+
+    It may leave while it is spoken to. What a bus makes of that differs.
+    """
+    with (
+        suppress(DeviceLostError, DeviceTimeoutError),
+        opened(seen, f"ordering {seen.name} to {request.name}") as device,
+    ):
+        usb.util.claim_interface(device, ARRAY_INTERFACE)  # whoever plays holds it, and is not to be cut off
         control(device, Setup(REQUEST_TYPE_OUT, request, 0, ARRAY_INTERFACE, 0))
     end = seen.time.monotonic() + LEAVE_SECONDS
-    with suppress(DeviceLostError):
+    with suppress(DeviceLostError, DeviceTimeoutError, DeviceStalledError):
         while seen.time.monotonic() < end:
-            _ask(seen, Request.INFO, Info.BYTES)
+            _info(seen)
             seen.time.sleep(LOOK_SECONDS)

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import errno
+import pkgutil
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import usb.core
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from phasewire import Emulator, open_device
 from phasewire.emulator import faults
 from phasewire.emulator.door import Stall
@@ -22,12 +27,17 @@ from phasewire.errors import (
     DeviceNotFoundError,
     DeviceRefusedError,
     DeviceStalledError,
+    DeviceTimeoutError,
     ImageError,
     InputFileError,
 )
-from phasewire.host.flashing import ATTEMPTS, Stage, find_flashable, flash, read_firmware, revert
+from phasewire.host import flashing
+from phasewire.host.dfu import DfuLine, detach
+from phasewire.host.flashing import ATTEMPTS, FlashReport, Stage, find_flashable, revert
+from phasewire.host.images import read_firmware
+from phasewire.host.usb_find import DFU_MODE, Sighting, UsbBus
 from phasewire.protocol.blocks import Update
-from phasewire.protocol.codes import Bank, DfuStatus, Fault, Feature, ImageReason, State
+from phasewire.protocol.codes import Bank, DfuStatus, Fault, Feature, ImageReason, Request, State
 from phasewire.protocol.firmware import Suffix, Trust, build, parse, sign, split_suffix, with_suffix
 from phasewire.protocol.replies import Info
 from phasewire.protocol.requests import Setup
@@ -58,6 +68,11 @@ from tests.host.upgrades import (
 OURS = Suffix(0x1209, 0x0001, 0x0234)
 PUBLIC = KEY.public_key()
 Step = tuple[Stage, int, int]
+
+
+def flash(url: str, file: Path | bytes, keys: Iterable[Ed25519PublicKey] = (), **options: Any) -> FlashReport:
+    """Send what is in a file."""
+    return flashing.flash(url, read_firmware(file, keys), **options)
 
 
 # What goes well
@@ -107,6 +122,15 @@ def test_an_image_that_is_there_already_is_not_sent_again(emulator: Emulator) ->
     report = flash(emulator.url, FILE)
     assert (report.written, report.bank, report.firmware) == (False, Bank.A, NEW.version)
     np.testing.assert_array_equal(emulator.flash.erasures, erasures)
+
+
+def test_an_image_that_is_there_already_is_compared_with_progress(emulator: Emulator) -> None:
+    flash(emulator.url, FILE)
+    steps: list[Step] = []
+    flash(emulator.url, FILE, on_progress=lambda *step: steps.append(step))
+    ends = [*range(0, len(STORED), BLOCK), len(STORED)]
+    assert [step[1:] for step in steps if step[0] is Stage.COMPARE] == [(done, len(STORED)) for done in ends]
+    assert [stage for stage, *_ in steps if stage is not Stage.COMPARE] == [Stage.DETACH, Stage.BOOT]
 
 
 def test_the_outputs_are_off_throughout(emulator: Emulator) -> None:
@@ -242,8 +266,26 @@ def test_a_device_that_is_used_by_another_program_is_not_disturbed(emulator: Emu
         other.enable()
         with pytest.raises(DeviceAccessError, match="another program is using the device"):
             flash(emulator.url, FILE)
+        with pytest.raises(DeviceAccessError, match="another program is using the device"):
+            revert(emulator.url)
         assert untouched(emulator)
         assert other.status().enabled
+
+
+def test_two_programs_do_not_flash_one_device(emulator: Emulator) -> None:
+    bus = UsbBus(emulator.url)
+    seen = bus.find()
+    detach(seen)
+    with DfuLine(bus.find_again(seen, (DFU_MODE,), 2)) as first:
+        first.make_idle()
+        with pytest.raises(DeviceAccessError, match="another program is using the device"):
+            flash(emulator.url, build(NEWER))
+        with pytest.raises(DeviceAccessError, match="another program is using the device"):
+            revert(emulator.url)
+        first.download(STORED)
+        first.boot()
+    report = flash(emulator.url, FILE)
+    assert (report.written, report.attempts) == (False, 1)
 
 
 # What the device refuses
@@ -370,8 +412,10 @@ def test_a_device_that_does_not_come_back_is_given_up(emulator: Emulator, fault:
 
 def test_a_line_that_fails_again_and_again_is_given_up(emulator: Emulator) -> None:
     listen = striking(emulator, faults.Unplugged(periods=SHORT), Stage.WRITE, times=100)
-    with pytest.raises(DeviceLostError, match=rf"is gone.*\(tried {ATTEMPTS} times\)\. It boots its old"):
+    with pytest.raises(DeviceLostError, match=rf"is gone.*\(tried {ATTEMPTS} times\)\. It boots its old") as given_up:
         flash(emulator.url, FILE, on_progress=listen)
+    assert type(given_up.value.__cause__) is DeviceLostError
+    assert "tried" not in str(given_up.value.__cause__)
     plug_in(emulator)
     assert flash(emulator.url, FILE).attempts == 1
 
@@ -394,6 +438,31 @@ def test_ctrl_c_leaves_a_device_that_runs_what_it_ran(emulator: Emulator) -> Non
     with pytest.raises(KeyboardInterrupt):
         flash(emulator.url, FILE, on_progress=interrupt)
     assert running_after_a_look(emulator) == FACTORY
+    assert flash(emulator.url, FILE).firmware == NEW.version
+
+
+@pytest.mark.parametrize(
+    "moment",
+    ["phasewire.host.flashing.detach", "phasewire.host.usb_find.UsbBus.find_again", "phasewire.host.dfu.configure"],
+)
+def test_ctrl_c_on_the_way_to_dfu_mode_leaves_a_device_that_boots(
+    emulator: Emulator, moment: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes when a step has been taken, and what that gave is lost."""
+    room, _, name = moment.rpartition(".")
+    place = pkgutil.resolve_name(room)
+    genuine = getattr(place, name)
+
+    def interrupted(*arguments: Any) -> None:
+        monkeypatch.setattr(place, name, genuine)
+        genuine(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(place, name, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        flash(emulator.url, FILE)
+    assert running_after_a_look(emulator) == FACTORY
+    assert not emulator.flash.erasures.any()
     assert flash(emulator.url, FILE).firmware == NEW.version
 
 
@@ -635,6 +704,42 @@ def test_a_device_that_cannot_go_back_by_itself_says_how_else(
     assert running(emulator)[0] == NEW.version
 
 
+@pytest.mark.parametrize("number", [errno.ENODEV, errno.EIO, errno.ETIMEDOUT])
+def test_a_device_that_leaves_while_it_is_told_to_has_heard(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    flash(emulator.url, FILE)
+    genuine = EmulatorBackend.ctrl_transfer
+
+    def leave(self: EmulatorBackend, handle: Any, kind: int, request: int, *rest: Any) -> int:
+        count = genuine(self, handle, kind, request, *rest)
+        if (kind, request) == (0x41, Request.REVERT):
+            raise usb.core.USBError("it left", errno=number)
+        return count
+
+    monkeypatch.setattr(EmulatorBackend, "ctrl_transfer", leave)
+    assert revert(emulator.url).firmware == FACTORY
+
+
+@pytest.mark.parametrize("error", [DeviceLostError, DeviceTimeoutError, DeviceStalledError])
+def test_a_device_that_leaves_while_it_is_asked_has_left(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, error: type[DeviceError]
+) -> None:
+    flash(emulator.url, FILE)
+    genuine, asked = flashing._info, 0
+
+    def info(seen: Sighting) -> Info:
+        nonlocal asked
+        asked += 1
+        if asked == 2:
+            raise error("it left")
+        return genuine(seen)
+
+    monkeypatch.setattr(flashing, "_info", info)
+    assert revert(emulator.url).firmware == FACTORY
+    assert asked == 3
+
+
 def test_a_device_that_does_not_come_back_from_it_is_given_up(emulator: Emulator) -> None:
     flash(emulator.url, FILE)
     emulator.inject(faults.PowerCutInWrite(written_bytes=20))
@@ -670,3 +775,19 @@ def test_a_stall_that_does_not_end_is_given_up(emulator: Emulator, monkeypatch: 
 
 def test_the_image_is_the_file_s() -> None:
     assert read_firmware(FILE).image == parse(FILE) == NEW
+
+
+def test_of_a_file_no_more_is_read_than_an_image_can_have(tmp_path: Path) -> None:
+    path = tmp_path / "endless.dfu"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(ImageError, match=r"endless\.dfu: SUFFIX: the file does not end with a DFU suffix"):
+        read_firmware(path)
+
+
+def test_an_error_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "plain.dfu"
+    path.write_bytes(FILE)
+    with pytest.raises(ImageError, match=r"plain\.dfu: SIGNATURE: the image is not signed, and 1 trusted") as refused:
+        read_firmware(path, [PUBLIC])
+    assert refused.value.reason is ImageReason.SIGNATURE

@@ -10,6 +10,7 @@ import pytest
 from phasewire import Emulator, Pulses
 from phasewire.errors import DeviceLostError
 from phasewire.host.flashing import flash
+from phasewire.host.images import read_firmware
 from phasewire.host.tracing import TRAFFIC, TracedTransport, log_request, print_traffic, split_records, traced
 from phasewire.host.transport import Timekeeper, Transport
 from phasewire.protocol.blocks import Block, NoOp, Update, pack
@@ -238,7 +239,7 @@ def test_printing_ends_where_it_is_ended(line: Line, capsys: pytest.CaptureFixtu
 def test_requests_that_go_past_a_line_are_told_too(emulator: Emulator, caplog: pytest.LogCaptureFixture) -> None:
     """An upgrade's are: DFU is spoken over no line of blocks and records."""
     caplog.set_level(logging.INFO, logger=TRAFFIC)
-    flash(emulator.url, upgrades.FILE)
+    flash(emulator.url, read_firmware(upgrades.FILE))
     told = [message.split(" s  ", 1)[1] for message in caplog.messages]
     assert told[1] == "out request         DETACH"
     assert f"out request         DNLOAD block 0, 2048 bytes: {upgrades.STORED[:4].hex(' ')} …" in told
