@@ -16,7 +16,7 @@ from ..protocol.plain import plain
 from ..storage import check_outputs
 from .images import read_firmware
 from .keys import read_public_keys
-from .options import DeviceOption
+from .options import DeviceOption, given, note_where_fresh
 from .transport import DEFAULT_URL
 
 if TYPE_CHECKING:
@@ -26,9 +26,13 @@ __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
+FOR_IMAGES = ("keys", "allow_downgrade", "allow_other_protocol")
+"""Parameters that mean something only where there is an image to send."""
+
 
 @commands.command(epilog="Example: phasewire flash firmware.dfu --device usb:")
 def flash(
+    context: typer.Context,
     image: Annotated[
         Path | None,
         typer.Argument(
@@ -72,7 +76,10 @@ def flash(
     """
     if (image is not None) + list_devices + revert != 1:
         raise ValueError("what to do? Give one of IMAGE, --list and --revert")
+    if image is None and any(given(context, option) for option in FOR_IMAGES):
+        raise ValueError("--key, --allow-downgrade and --allow-other-protocol have no effect without IMAGE")
     check_outputs([json_target], inputs=[image] if image else [])
+    note_where_fresh(device)
     if list_devices:
         _list(device, json_target)
     elif revert:

@@ -89,6 +89,7 @@ def test_an_image_is_flashed_and_what_happened_is_said(phasewire: Run, emulator:
     assert outcome.err.splitlines() == [
         "new.dfu: firmware 2.3.4, not signed",
         "going to DFU mode",
+        "comparing with what it holds",
         "writing",
         "reading back",
         "starting the new firmware",
@@ -121,7 +122,7 @@ def test_a_terminal_shows_a_bar(phasewire: Run, monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (("bad.dfu",), 2, "the file does not end with a DFU suffix that is right (clause FWU-014)"),
+        (("bad.dfu",), 2, "bad.dfu: SUFFIX: the file does not end with a DFU suffix that is right (clause FWU-014)"),
         (("key.pem",), 2, "(clause FWU-014)"),
         (("missing.dfu",), 2, "'missing.dfu' does not exist"),
         (("new.dfu", "--key", "key.pem"), 2, "the image is not signed, and 1 trusted key(s) were given"),
@@ -132,6 +133,8 @@ def test_a_terminal_shows_a_bar(phasewire: Run, monkeypatch: pytest.MonkeyPatch)
         (("new.dfu", "--device", "serial:///dev/ttyACM0"), 3, "firmware goes over USB"),
         ((), 2, "Give one of IMAGE, --list and --revert"),
         (("new.dfu", "--list"), 2, "Give one of IMAGE, --list and --revert"),
+        (("--list", "--key", "key.pem"), 2, "have no effect without IMAGE"),
+        (("--revert", "--allow-downgrade"), 2, "have no effect without IMAGE"),
         (("new.dfu", "--json", "new.dfu"), 2, "new.dfu cannot be written: it is also what is read"),
     ],
 )
@@ -225,7 +228,7 @@ def test_the_commands_of_the_guide_run(phasewire: Run, emulator: Emulator) -> No
             subprocess.run([command, *arguments], check=True, timeout=30, capture_output=True)
             continue
         with pytest.raises(SystemExit) as exited:
-            main(arguments)
+            main([emulator.url if argument == "usb:" else argument for argument in arguments])
         assert not exited.value.code, line
         if arguments[:2] == ["flash", "signed.dfu"]:
             assert running(emulator) == ((1, 2, 3), Bank.A)
@@ -235,6 +238,15 @@ def test_the_commands_of_the_guide_run(phasewire: Run, emulator: Emulator) -> No
 def test_the_python_of_the_guide_runs() -> None:
     (example,) = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
     exec(compile(example, "flashing.md", "exec"), {})
+
+
+@pytest.mark.parametrize("arguments", [("new.dfu",), ("--list",), ("--revert",)])
+def test_a_fresh_emulated_device_is_not_taken_for_a_real_one(phasewire: Run, arguments: tuple[str, ...]) -> None:
+    said = "note: emulator: is a fresh emulated device, which is gone when this command ends"
+    outcome = phasewire(*arguments, "--device", "emulator:")
+    assert outcome.code == 0
+    assert said in " ".join(outcome.err.split())
+    assert said not in phasewire(*arguments).err
 
 
 def test_devices_are_listed(phasewire: Run, emulator: Emulator) -> None:
