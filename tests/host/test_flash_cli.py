@@ -97,6 +97,7 @@ def test_an_image_is_flashed_and_what_happened_is_said(phasewire: Run, emulator:
     record = json.loads(Path("flash.json").read_text())
     assert record.pop("device").endswith(emulator.serial)
     assert record == {
+        "format": "phasewire-flash-1",
         "before": "0.1.0",
         "firmware": "2.3.4",
         "bank": "A",
@@ -212,7 +213,7 @@ def test_a_device_goes_back_to_its_factory_image(phasewire: Run, emulator: Emula
     assert outcome.code == 0
     record = json.loads(outcome.out)
     assert record.pop("device").endswith(emulator.serial)
-    assert record == {"before": "2.3.4", "firmware": "0.1.0"}
+    assert record == {"format": "phasewire-flash-revert-1", "before": "2.3.4", "firmware": "0.1.0"}
     assert "is back at its factory image, firmware 0.1.0; before it ran 2.3.4." in outcome.err
     assert running(emulator) == (FACTORY, Bank.FACTORY)
 
