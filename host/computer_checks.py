@@ -187,7 +187,8 @@ def _console(seen: Sighting) -> Judgement:
     if not ports:
         return skipped("no serial port of it is to be seen; phasewire does not need one")
     if ports[0].problem:
-        return warn(f"{ports[0].location}: {ports[0].problem}", _INSTALL)
+        problem, _, _ = ports[0].problem.partition("; `phasewire doctor`")
+        return warn(f"{ports[0].location}: {problem}", _INSTALL)
     return ok(f"a terminal finds it at {ports[0].location}, phasewire at {ports[0].url}")
 
 

@@ -29,7 +29,7 @@ from ..protocol.replies import ProcessorReport
 from ..protocol.versions import Version
 from .clock import DeviceClock, Reading
 from .device import Device
-from .findings import Judgement, fail, listed, ok, skipped, warn
+from .findings import CLEAR_FAULTS, FLASH, RESET, Judgement, fail, listed, ok, skipped, warn
 
 __all__ = ["DEVICE_CHECKS", "QUIET_CHECKS"]
 
@@ -92,7 +92,7 @@ def _settings(device: Device) -> Judgement:
         return ok(seen)
     return warn(
         f"{seen}; at power-up {info.watchdog_ms} ms and {info.drive_limit}",
-        "another program has set them so; where that is not meant, power the device off and on",
+        f"another program has set them so; where that is not meant, `{RESET}`",
     )
 
 
@@ -142,8 +142,11 @@ def _transducers(device: Device) -> Judgement:
     try:
         wrong = [transducer for transducer in range(device.info.channels) if not _plays_alone(device, transducer)]
     finally:
-        _silence(device)
-        device.set_drive_limit(before)
+        try:
+            _silence(device)
+        finally:
+            device.stop()  # as long as they are enabled the limit stays
+            device.set_drive_limit(before)
     if wrong:
         return fail(f"{len(wrong)} did not play their pulse: {listed(map(str, wrong))}", "see chain and faults")
     return ok(f"{device.info.channels} played, one after the other; whether they sounded only a microphone can tell")
@@ -227,13 +230,11 @@ def _chain(device: Device) -> Judgement:
     if len(versions) > 1:
         usual = versions.most_common(1)[0][0]
         others = (place for place, report in enumerate(reports) if report.firmware != usual)
-        return fail(
-            f"not all run {Version(*usual)}: {_places(others)}", "write the firmware anew: phasewire flash IMAGE"
-        )
+        return fail(f"not all run {Version(*usual)}: {_places(others)}", f"write the firmware anew: `{FLASH}`")
     if Fault.PROCESSOR in device.status().faults:
         return fail(
             "a processor was lost while the device ran; until it starts anew it cannot say which",
-            "power the device off and on, and run the doctor again: it then names the board",
+            f"`{RESET}`, and run the doctor again: it then names the board",
         )
     troubled = [text for place, report in enumerate(reports) if (text := _trouble(place, report))]
     if troubled:
@@ -261,31 +262,31 @@ class Meaning(NamedTuple):
 _FAULTS: Mapping[Fault, Meaning] = {
     Fault.CHAIN: Meaning(
         "a message on the chain was damaged, or a commit missed",
-        "check the cables between the boards that chain names, then power the device off and on",
+        f"check the cables between the boards that chain names, then `{CLEAR_FAULTS}`; where it stays, `{RESET}`",
     ),
     Fault.PROCESSOR: Meaning(
         "a processor does not answer, so the outputs are off",
-        "power the device off and on; where it stays, check power and cables of the board that chain names",
+        f"`{RESET}`; where it stays, check power and cables of the board that chain names",
     ),
     Fault.SYNC: Meaning(
         "a board has lost the common clock, so the outputs are off",
-        "check the sync line and the oscillator's cable to each board, then power the device off and on",
+        f"check the sync line and the oscillator's cable to each board, then `{RESET}`",
     ),
     Fault.TEMPERATURE: Meaning(
         f"a board is or was above {TOO_HOT_C} °C, so the outputs are off",
-        f"let it cool below {HOT_C} °C and blow air at it, then power the device off and on",
+        f"let it cool below {HOT_C} °C and blow air at it, then `{CLEAR_FAULTS}`",
     ),
     Fault.SUPPLY: Meaning(
         "the amplifiers' supply is or was outside 12 to 18 V, so the outputs are off",
-        "check the supply and its plugs, then power the device off and on",
+        f"check the supply and its plugs, then `{CLEAR_FAULTS}`",
     ),
     Fault.OVERRUN: Meaning(
         "a processor could not make its pulses ready in time and played on what it had",
-        "write the newest firmware: phasewire flash IMAGE; play fewer updates a second meanwhile",
+        f"write the newest firmware: `{FLASH}`; play fewer updates a second meanwhile",
     ),
     Fault.FLASH: Meaning(
         "the newest firmware could not be loaded, so an older one or the factory's runs",
-        "write the firmware anew: phasewire flash IMAGE",
+        f"write the firmware anew: `{FLASH}`",
     ),
 }
 

@@ -6,9 +6,25 @@ from collections.abc import Iterable
 from enum import StrEnum
 from typing import NamedTuple
 
-__all__ = ["Finding", "Judgement", "Verdict", "fail", "listed", "ok", "skipped", "warn"]
+__all__ = [
+    "CLEAR_FAULTS",
+    "FLASH",
+    "RESET",
+    "Finding",
+    "Judgement",
+    "Verdict",
+    "fail",
+    "listed",
+    "ok",
+    "skipped",
+    "warn",
+]
 
 MOST_LISTED = 4
+CLEAR_FAULTS, RESET, FLASH = (
+    f"phasewire {command} --device URL" for command in ("clear-faults", "reset", "flash IMAGE")
+)
+"""Commands that an advice may name, of whatever device is examined."""
 
 
 class Verdict(StrEnum):

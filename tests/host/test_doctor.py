@@ -16,7 +16,7 @@ from phasewire import Emulator
 from phasewire.emulator import faults
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.faults import InjectedFault
-from phasewire.errors import DeviceLostError
+from phasewire.errors import DeviceLostError, DeviceTimeoutError
 from phasewire.host import device_checks
 from phasewire.host.computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer, udev_rule
 from phasewire.host.device import Device
@@ -206,6 +206,7 @@ def test_a_fault_is_found(fault: InjectedFault, expected: dict[str, tuple[Verdic
     assert bad(findings) == {name: verdict for name, (verdict, _) in expected.items()}
     for name, (_, seen) in expected.items():
         assert re.search(seen, findings[name].seen), findings[name]
+    assert [finding for finding in findings.values() if finding.verdict in (WARN, FAIL) and not finding.advice] == []
 
 
 UNSEEN: dict[str, InjectedFault] = {
@@ -377,6 +378,32 @@ def test_a_listener_that_stops_listening_frees_the_device(emulator: Emulator) ->
     assert bad(found_by(emulator.url)) == {}
 
 
+@pytest.mark.parametrize(
+    ("fault", "cure"),
+    [
+        (faults.WrongSupply(millivolts=9000), "phasewire clear-faults"),
+        (faults.LostSync(), "phasewire reset"),
+        (faults.DeadBoard(board=0), "phasewire reset"),
+    ],
+)
+def test_what_clears_a_fault_is_named_with_the_device(emulator: Emulator, fault: InjectedFault, cure: str) -> None:
+    """REQ-011."""
+    emulator.inject(fault)
+    emulator.run(1000)
+    assert f"`{cure} --device {emulator.url}`" in found_by(emulator.url)["faults"].advice
+
+
+def test_a_limit_is_as_before_whatever_happens_while_transducers_are_tried(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(device_checks, "range", lambda channels: [7], raising=False)
+    monkeypatch.setattr(device_checks, "_silence", raising(DeviceTimeoutError("no answer")))
+    findings = found_by(emulator.url, play=True)
+    assert findings["transducers"].verdict is FAIL
+    assert "switch it off and on" in findings["transducers"].advice
+    assert emulator.running.status().drive_limit == 320
+
+
 # The way to it
 
 
@@ -432,6 +459,17 @@ def test_drivers_of_the_system(
     finding = found_by(emulator.url)["driver"]
     assert finding.verdict is verdict
     assert seen in finding.seen
+
+
+def test_a_serial_port_without_permission_has_a_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the message says that the doctor knows more, he does."""
+    error = PermissionError(errno.EACCES, "Permission denied")
+    monkeypatch.setattr("serial.Serial.open", raising(error))
+    finding = found_by("serial:///dev/ttyS0")["open"]
+    assert finding.verdict is FAIL
+    assert "lack permission" in finding.seen
+    assert "doctor" not in finding.seen
+    assert "usermod -aG dialout" in finding.advice
 
 
 def test_full_speed_is_found() -> None:

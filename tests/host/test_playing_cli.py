@@ -108,7 +108,7 @@ BAD: dict[str, tuple[dict[str, NDArray[Any]], str]] = {
 @pytest.mark.parametrize("name", BAD)
 def test_a_file_of_something_else_is_refused(phasewire: Run, tmp_path: Path, name: str) -> None:
     arrays, said = BAD[name]
-    np.savez(tmp_path / name, **arrays)
+    np.savez(tmp_path / name, allow_pickle=False, **arrays)
     outcome = phasewire("stream", name)
     assert outcome.code == 2
     assert said in " ".join(outcome.err.split())
