@@ -19,12 +19,12 @@ from .console import error_console
 from .emulator.cli import commands as emulator_commands
 from .errors import DeviceError, DeviceNotFoundError, PhasewireError
 from .hil.cli import commands as hil_commands
-from .host.cli import commands as host_commands
-from .host.discovery_cli import commands as discovery_commands
-from .host.firmware_cli import commands as firmware_commands
-from .host.flash_cli import commands as flash_commands
-from .host.playing_cli import commands as playing_commands
-from .host.tracing import print_traffic
+from .host.commands.cli import commands as host_commands
+from .host.commands.discovery_cli import commands as discovery_commands
+from .host.commands.firmware_cli import commands as firmware_commands
+from .host.commands.flash_cli import commands as flash_commands
+from .host.commands.playing_cli import commands as playing_commands
+from .host.lines.tracing import print_traffic
 from .settings import commands as settings_commands
 from .settings import defaults_from_file, each_command
 from .solver.cli import commands as solver_commands

@@ -16,7 +16,7 @@ from unittest.mock import patch
 from phasewire import Emulator
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.doors.device_time import DeviceTime
-from phasewire.host.device import Device, open_device
+from phasewire.host.playing.device import Device, open_device
 from phasewire.protocol.codes import BLOCK_BYTES
 
 __all__ = ["Bus", "told_apart"]

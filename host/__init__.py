@@ -7,14 +7,14 @@ and never imports it.
 
 from __future__ import annotations
 
-from .asynchronous import AsyncDevice, open_device_async
-from .calibration import Calibration
-from .device import Device, open_device
-from .envelopes import Envelope, sine
-from .frames import Frame, Frames, FrameSource, solved
-from .recording import Recording, record
-from .streaming import StreamReport
-from .transport import Found, Scheme, Timekeeper, Transport
+from .lines.transport import Found, Scheme, Timekeeper, Transport
+from .playing.asynchronous import AsyncDevice, open_device_async
+from .playing.calibration import Calibration
+from .playing.device import Device, open_device
+from .playing.envelopes import Envelope, sine
+from .playing.frames import Frame, Frames, FrameSource, solved
+from .playing.recording import Recording, record
+from .playing.streaming import StreamReport
 
 __all__ = [
     "AsyncDevice",

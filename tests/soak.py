@@ -33,7 +33,7 @@ from phasewire.emulator.faults import (
     Unplugged,
 )
 from phasewire.errors import DeviceError
-from phasewire.host.streaming import StreamReport
+from phasewire.host.playing.streaming import StreamReport
 from phasewire.protocol.board import CORE_HZ
 from phasewire.protocol.codes import State
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from phasewire.__main__ import main
-from phasewire.host.discovery import Search
-from phasewire.host.transport import Found
+from phasewire.host.finding.discovery import Search
+from phasewire.host.lines.transport import Found
 from phasewire.solver import METHODS
 from phasewire.solver.shapes import SHAPES
 
@@ -72,7 +72,7 @@ def test_devices_are_offered_by_scheme_and_by_name(offers: Offers, monkeypatch: 
             [Found(f"{name}:PLUGGED", "array", "PLUGGED", "run time", "1.0.0", "1-2") for name in schemes], {}
         )
 
-    monkeypatch.setattr("phasewire.host.completion.search", search)
+    monkeypatch.setattr("phasewire.host.commands.completion.search", search)
     assert {"emulator:", "emulator:PLUGGED", "usb:", "usb:PLUGGED"} <= set(offers("info", "--device", ""))
     assert offers("info", "--device", "emu") == ["emulator:", "emulator:PLUGGED"]
     assert offers("info", "--device", "emulator:P") == ["emulator:PLUGGED"]
@@ -93,8 +93,8 @@ def test_nothing_slow_is_imported_for_it() -> None:
     code = f"""
 import sys
 from phasewire.__main__ import main
-from phasewire.host.discovery import Search
-from phasewire.host.transport import Found
+from phasewire.host.finding.discovery import Search
+from phasewire.host.lines.transport import Found
 try:
     main([])
 finally:

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 from phasewire import Pulses
-from phasewire.host.device import Device, open_device
-from phasewire.host.serial_line import BLOCK_FRAME_BYTES
+from phasewire.host.lines.serial_line import BLOCK_FRAME_BYTES
+from phasewire.host.playing.device import Device, open_device
 from phasewire.protocol import PulseFrames
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS
 from phasewire.protocol.framing import UART_BITS_PER_BYTE

@@ -12,7 +12,7 @@ import struct
 import time
 from itertools import count
 
-from phasewire.host.transport import Timekeeper
+from phasewire.host.lines.transport import Timekeeper
 from phasewire.protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request, StandardRequest
 from phasewire.protocol.enumeration import CONFIGURATION_VALUE, ENDPOINT_IN, ENDPOINT_OUT
 from phasewire.protocol.requests import DIRECTION_IN, Setup

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from phasewire.host.session import Session
+from phasewire.host.playing.session import Session
 from phasewire.protocol import Info
 from phasewire.protocol.codes import Reason, Request, State
 from phasewire.protocol.replies import ClockReading

@@ -13,9 +13,9 @@ from phasewire import Device, Emulator, Pulses, open_device
 from phasewire.emulator.doors.backend import Port
 from phasewire.emulator.faults import Unplugged
 from phasewire.errors import DeviceNotFoundError, DeviceRefusedError
-from phasewire.host import asynchronous
-from phasewire.host.asynchronous import AsyncDevice, open_device_async
-from phasewire.host.envelopes import sine
+from phasewire.host.playing import asynchronous
+from phasewire.host.playing.asynchronous import AsyncDevice, open_device_async
+from phasewire.host.playing.envelopes import sine
 from phasewire.protocol.codes import State
 from phasewire.protocol.quantise import PulseFrames
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from phasewire import Emulator, Solution, open_device, pressure
 from phasewire.errors import InputFileError
-from phasewire.host import calibration as module
-from phasewire.host.calibration import Calibration
+from phasewire.host.playing import calibration as module
+from phasewire.host.playing.calibration import Calibration
 
 from tests.strategies import drives
 

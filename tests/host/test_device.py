@@ -23,8 +23,8 @@ from phasewire.errors import (
     DeviceTimeoutError,
     DeviceVersionError,
 )
-from phasewire.host.calibration import Calibration
-from phasewire.host.device import Device
+from phasewire.host.playing.calibration import Calibration
+from phasewire.host.playing.device import Device
 from phasewire.protocol import Ack, Info, Reason, Request, State
 from phasewire.protocol.codes import AckFlag, Fault, Feature
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed

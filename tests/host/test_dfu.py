@@ -11,8 +11,8 @@ from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.firmware.flash import Times
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.errors import DeviceError, DeviceRefusedError, DeviceStalledError, DeviceTimeoutError
-from phasewire.host.dfu import DfuLine, detach
-from phasewire.host.usb_find import DFU_MODE, RUN_TIME, UsbBus
+from phasewire.host.firmware.dfu import DfuLine, detach
+from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME, UsbBus
 from phasewire.protocol.codes import DfuRequest, DfuState, DfuStatus, ImageReason
 from phasewire.protocol.dfu import DfuReply
 

@@ -18,8 +18,8 @@ from phasewire import Emulator
 from phasewire.__main__ import main
 from phasewire.emulator import faults
 from phasewire.emulator.doors.umockdev import run_under_mock
-from phasewire.host.computer_checks import udev_rule
-from phasewire.host.doctor import CHECKS
+from phasewire.host.finding.computer_checks import udev_rule
+from phasewire.host.finding.doctor import CHECKS
 from phasewire.protocol.enumeration import FULL_SPEED
 
 from .buses import in_dfu_mode

@@ -17,13 +17,13 @@ from phasewire.emulator import faults
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.emulator.faults import InjectedFault
 from phasewire.errors import DeviceLostError, DeviceTimeoutError
-from phasewire.host import device_checks
-from phasewire.host.computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer, udev_rule
-from phasewire.host.device import Device
-from phasewire.host.discovery import Search
-from phasewire.host.doctor import CHECKS, examine
-from phasewire.host.findings import Finding, Verdict
-from phasewire.host.transport import Found
+from phasewire.host.finding import device_checks
+from phasewire.host.finding.computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer, udev_rule
+from phasewire.host.finding.discovery import Search
+from phasewire.host.finding.doctor import CHECKS, examine
+from phasewire.host.finding.findings import Finding, Verdict
+from phasewire.host.lines.transport import Found
+from phasewire.host.playing.device import Device
 from phasewire.protocol.codes import Fault, Feature
 from phasewire.protocol.enumeration import DFU_PRODUCT_ID, FULL_SPEED, PRODUCT_ID, VENDOR_ID
 from phasewire.protocol.replies import ClockReading, Info, ProcessorReport, ReadBack, Status
@@ -499,7 +499,7 @@ def test_the_console_s_port_is_named(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch, problem: str | None, verdict: Verdict, seen: str
 ) -> None:
     port = Found("serial:///dev/ttyACM7", "array", emulator.serial, "run time", "", "/dev/ttyACM7", problem)
-    monkeypatch.setattr("phasewire.host.computer_checks.search", lambda schemes=None: Search([port], {}))
+    monkeypatch.setattr("phasewire.host.finding.computer_checks.search", lambda schemes=None: Search([port], {}))
     finding = found_by(emulator.url)["console"]
     assert finding.verdict is verdict
     assert seen in finding.seen
@@ -521,7 +521,7 @@ def test_the_only_device_needs_no_name(emulator: Emulator, monkeypatch: pytest.M
     other = dataclasses.replace(usb_line, url="emulator:OTHER", serial="OTHER")
 
     def examined(*found: Found) -> Finding:
-        monkeypatch.setattr("phasewire.host.doctor.search", lambda: Search(list(found), {}))
+        monkeypatch.setattr("phasewire.host.finding.doctor.search", lambda: Search(list(found), {}))
         return next(finding for finding in examine() if finding.name == "device")
 
     assert examined(usb_line, serial_line).verdict is OK
@@ -583,13 +583,13 @@ def test_a_computer_without_any_usb_bus_is_a_container(
     monkeypatch: pytest.MonkeyPatch, emulators: int, verdict: Verdict
 ) -> None:
     bus = EmulatorBackend([Emulator() for _ in range(emulators)])
-    monkeypatch.setattr("phasewire.host.computer_checks.open_backend", lambda url: bus)
+    monkeypatch.setattr("phasewire.host.finding.computer_checks.open_backend", lambda url: bus)
     assert COMPUTER_CHECKS["usb bus"](Computer.this()).verdict is verdict
 
 
 def test_a_line_of_somebody_else_s_that_fails_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     failed = Search([], {"theirs": "on fire"})
-    monkeypatch.setattr("phasewire.host.computer_checks.search", lambda schemes=None: failed)
+    monkeypatch.setattr("phasewire.host.finding.computer_checks.search", lambda schemes=None: failed)
     judgement = COMPUTER_CHECKS["transports"](Computer.this())
     assert judgement.verdict is WARN
     assert "theirs: on fire" in judgement.seen

@@ -13,7 +13,7 @@ import pytest
 from phasewire import Emulator, Pulses, open_device
 from phasewire.emulator.faults import FAULTS, InjectedFault
 from phasewire.errors import DeviceError
-from phasewire.host.streaming import StreamReport
+from phasewire.host.playing.streaming import StreamReport
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "host.md"
 PERIOD = 3000

@@ -17,7 +17,7 @@ PHASEWIRE = """
 import os, signal, sys
 import libusb_package, usb.backend.libusb1
 from phasewire.__main__ import main
-from phasewire.host.dfu import DfuLine
+from phasewire.host.firmware.dfu import DfuLine
 # The libusb of the system: that of libusb-package does not hear under umockdev that a device has come back.
 libusb_package.get_libusb1_backend = usb.backend.libusb1.get_backend
 genuine = DfuLine._send

@@ -31,11 +31,11 @@ from phasewire.errors import (
     ImageError,
     InputFileError,
 )
-from phasewire.host import flashing
-from phasewire.host.dfu import DfuLine, detach
-from phasewire.host.flashing import ATTEMPTS, FlashReport, Stage, find_flashable, revert
-from phasewire.host.images import read_firmware
-from phasewire.host.usb_find import DFU_MODE, Sighting, UsbBus
+from phasewire.host.firmware import flashing
+from phasewire.host.firmware.dfu import DfuLine, detach
+from phasewire.host.firmware.flashing import ATTEMPTS, FlashReport, Stage, find_flashable, revert
+from phasewire.host.firmware.images import read_firmware
+from phasewire.host.lines.usb_find import DFU_MODE, Sighting, UsbBus
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.codes import Bank, DfuStatus, Fault, Feature, ImageReason, Request, State
 from phasewire.protocol.firmware import Suffix, Trust, build, parse, sign, split_suffix, with_suffix
@@ -443,7 +443,11 @@ def test_ctrl_c_leaves_a_device_that_runs_what_it_ran(emulator: Emulator) -> Non
 
 @pytest.mark.parametrize(
     "moment",
-    ["phasewire.host.flashing.detach", "phasewire.host.usb_find.UsbBus.find_again", "phasewire.host.dfu.configure"],
+    [
+        "phasewire.host.firmware.flashing.detach",
+        "phasewire.host.lines.usb_find.UsbBus.find_again",
+        "phasewire.host.firmware.dfu.configure",
+    ],
 )
 def test_ctrl_c_on_the_way_to_dfu_mode_leaves_a_device_that_boots(
     emulator: Emulator, moment: str, monkeypatch: pytest.MonkeyPatch

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Circle, ControlPoints, Pulses, Solution, Solver, TransducerArray
-from phasewire.host.calibration import Calibration
-from phasewire.host.frames import FrameSource, PulseFrames, beginning, frame_source, solved, to_pulses
+from phasewire.host.playing.calibration import Calibration
+from phasewire.host.playing.frames import FrameSource, PulseFrames, beginning, frame_source, solved, to_pulses
 
 N = 6
 GRID = TransducerArray.grid(3, 2)

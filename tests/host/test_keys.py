@@ -18,7 +18,14 @@ from cryptography.hazmat.primitives.serialization import (
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.errors import InputFileError
-from phasewire.host.keys import MAKE_PRIVATE_KEY, MAKE_PUBLIC_KEY, judge, judge_file, read_private_key, read_public_keys
+from phasewire.host.firmware.keys import (
+    MAKE_PRIVATE_KEY,
+    MAKE_PUBLIC_KEY,
+    judge,
+    judge_file,
+    read_private_key,
+    read_public_keys,
+)
 from phasewire.protocol.codes import Target
 from phasewire.protocol.firmware import Image, Segment, Signature, Suffix, build, sign, with_suffix
 from phasewire.protocol.versions import Version

@@ -22,8 +22,8 @@ import serial
 from phasewire import Pulses, open_device
 from phasewire.emulator.doors.station import Pace
 from phasewire.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
-from phasewire.host.ports import RFC2217, SERIAL, SOCKET, SocketPort, port_for_url
-from phasewire.host.transport import Found
+from phasewire.host.lines.ports import RFC2217, SERIAL, SOCKET, SocketPort, port_for_url
+from phasewire.host.lines.transport import Found
 
 from tests.host.serving import LOOPBACK, served_url
 

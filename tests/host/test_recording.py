@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phasewire import Emulator, Medium, TransducerArray, open_device
 from phasewire.errors import InputFileError
-from phasewire.host.calibration import Calibration
-from phasewire.host.frames import PulseFrames, frame_source
-from phasewire.host.recording import CHUNK_FRAMES, Recording, record
+from phasewire.host.playing.calibration import Calibration
+from phasewire.host.playing.frames import PulseFrames, frame_source
+from phasewire.host.playing.recording import CHUNK_FRAMES, Recording, record
 
 N = 6
 GRID = TransducerArray.grid(3, 2, pitch=0.009)

@@ -23,7 +23,7 @@ from phasewire.errors import (
     DeviceStalledError,
     DeviceTimeoutError,
 )
-from phasewire.host.serial_line import SerialTransport
+from phasewire.host.lines.serial_line import SerialTransport
 from phasewire.protocol import Info, Status
 from phasewire.protocol.codes import Fault, FrameKind, Outcome, Request, State
 from phasewire.protocol.framing import SerialReply

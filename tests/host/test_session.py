@@ -17,7 +17,7 @@ from phasewire.errors import (
     DeviceTimeoutError,
     DeviceVersionError,
 )
-from phasewire.host.session import Answers, Session
+from phasewire.host.playing.session import Answers, Session
 from phasewire.protocol import Ack, NoOp, Reason, State
 from phasewire.protocol.blocks import Block, Body, Output, Samples, pack, unpack
 from phasewire.protocol.codes import AckFlag, Action, Request

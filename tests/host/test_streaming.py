@@ -25,10 +25,10 @@ from phasewire.emulator.faults import (
     Unplugged,
 )
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
-from phasewire.host.envelopes import sine
-from phasewire.host.streaming import StreamReport
-from phasewire.host.transport import Timekeeper
-from phasewire.host.usb import UsbTransport
+from phasewire.host.lines.transport import Timekeeper
+from phasewire.host.lines.usb import UsbTransport
+from phasewire.host.playing.envelopes import sine
+from phasewire.host.playing.streaming import StreamReport
 from phasewire.protocol.codes import Reason, StatusFlag
 from phasewire.protocol.quantise import PulseFrames
 

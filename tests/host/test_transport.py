@@ -5,8 +5,8 @@ from importlib.metadata import EntryPoint, entry_points
 import pytest
 from phasewire import Emulator, open_device
 from phasewire.errors import DeviceNotFoundError
-from phasewire.host import transport
-from phasewire.host.transport import default_url, load_by_scheme
+from phasewire.host.lines import transport
+from phasewire.host.lines.transport import default_url, load_by_scheme
 
 
 @pytest.mark.parametrize("url", ["nonsense:", "nonsense", "", ":", "emulator", "http://127.0.0.1/"])

@@ -21,7 +21,7 @@ from phasewire.errors import (
     DeviceStalledError,
     DeviceTimeoutError,
 )
-from phasewire.host.usb import UsbTransport, open_usb
+from phasewire.host.lines.usb import UsbTransport, open_usb
 from phasewire.protocol import Ack, Info, NoOp, Reason, State, Status, pack
 from phasewire.protocol.blocks import Block
 from phasewire.protocol.codes import Request

@@ -22,9 +22,9 @@ from phasewire.errors import (
     DeviceStalledError,
     DeviceTimeoutError,
 )
-from phasewire.host.dfu import DfuLine, detach
-from phasewire.host.transport import Found
-from phasewire.host.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbBus, find_on, select, translated
+from phasewire.host.firmware.dfu import DfuLine, detach
+from phasewire.host.lines.transport import Found
+from phasewire.host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbBus, find_on, select, translated
 from phasewire.protocol.descriptors import DfuFunctional
 from phasewire.protocol.enumeration import FULL_SPEED
 

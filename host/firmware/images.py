@@ -1,0 +1,95 @@
+"""Firmware images in files: read up to a bound, judged, and refused by the name of the file. No device is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from ...errors import ImageError
+from ...protocol.codes import ImageReason
+from ...protocol.firmware import Image, Suffix, Trust, split_suffix, trust
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+__all__ = ["Firmware", "read_file", "read_firmware", "read_image"]
+
+MOST_FILE_BYTES = 1024 * 1024
+"""More than the largest image has (clause FWU-008)."""
+
+
+class Firmware(NamedTuple):
+    """A firmware file that has been read and found good."""
+
+    image: Image
+    suffix: Suffix
+    trust: Trust
+
+
+def read_file(path: Path) -> bytes:
+    """What is in a file, or more of it than any image has; raise `OSError` where it cannot be read."""
+    with path.open("rb") as file:
+        return file.read(MOST_FILE_BYTES)
+
+
+def read_image(source: Path | bytes) -> tuple[Image, Suffix]:
+    """Read a firmware file, whoever has signed it.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        The file, or what is in it.
+
+    Raises
+    ------
+    ImageError
+        Where the file is none or is damaged (clauses FWU-014 and FWU-015).
+    OSError
+        Where it cannot be read.
+    """
+    with _named(source):
+        stored, suffix = split_suffix(read_file(source) if isinstance(source, Path) else source)
+        return Image.decode(stored), suffix
+
+
+def read_firmware(source: Path | bytes, keys: Iterable[Ed25519PublicKey] = ()) -> Firmware:
+    """Read a firmware file and judge it, as far as that needs no device.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        The file, or what is in it.
+    keys : iterable of Ed25519PublicKey
+        Who is trusted. Where there are any, one of them must have signed; where there are none, nobody needs to.
+
+    Raises
+    ------
+    ImageError
+        Where the file is none, is damaged, or was not signed as it must be (clauses FWU-012, FWU-014 and FWU-015).
+    OSError
+        Where it cannot be read.
+    """
+    image, suffix = read_image(source)
+    trusted = list(keys)
+    with _named(source):
+        judged = trust(image, trusted)
+        if trusted and judged is not Trust.SIGNED:
+            raise ImageError(
+                f"the image is {judged.value}, and {len(trusted)} trusted key(s) were given; `phasewire firmware sign` "
+                "signs it",
+                ImageReason.SIGNATURE,
+            )
+    return Firmware(image, suffix, judged)
+
+
+@contextmanager
+def _named(source: Path | bytes) -> Iterator[None]:
+    """Let an error say which file it is about."""
+    try:
+        yield
+    except ImageError as refused:
+        if not isinstance(source, Path):
+            raise
+        raise ImageError(f"{source}: {ImageReason(refused.reason).name}: {refused}", refused.reason) from refused

@@ -1,0 +1,143 @@
+"""Keys of firmware images in PEM files, and what an image's signature is worth to whoever has some of them.
+
+The keys are Ed25519 (RFC 8032, clause FWU-011), in the files that openssl writes. A private key is read to sign and is
+kept nowhere; no key is made here, for openssl does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from ...errors import ImageError, InputFileError
+from ...protocol.codes import ImageReason
+from ...protocol.firmware import Image, Trust, parse, trust
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+__all__ = [
+    "MAKE_PRIVATE_KEY",
+    "MAKE_PUBLIC_KEY",
+    "Verdict",
+    "judge",
+    "judge_file",
+    "read_private_key",
+    "read_public_keys",
+]
+
+MAKE_PRIVATE_KEY = "openssl genpkey -algorithm ed25519 -out key.pem"
+MAKE_PUBLIC_KEY = "openssl pkey -in key.pem -pubout -out public.pem"
+PRIVATE, PUBLIC = b"PRIVATE KEY-----", b"-----BEGIN PUBLIC KEY-----"
+MOST_BYTES = 64 * 1024
+"""More than any key has."""
+
+
+def read_private_key(path: Path) -> Ed25519PrivateKey:
+    """Read a key to sign with.
+
+    Raises
+    ------
+    InputFileError
+        Where the file holds no private Ed25519 key, or one that is encrypted.
+    OSError
+        Where it cannot be read.
+    """
+    from cryptography.exceptions import UnsupportedAlgorithm  # few commands sign, and this takes long to import
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+    text = _read(path)
+    if PUBLIC in text:
+        raise InputFileError(f"{path} holds a public key; who signs needs the private one that belongs to it")
+    try:
+        key = load_pem_private_key(text, password=None)
+    except TypeError as error:  # what cryptography raises where a password is needed
+        raise InputFileError(
+            f"{path} holds a private key that is encrypted; decrypt it first: openssl pkey -in {path} -out PLAIN.pem"
+        ) from error
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise InputFileError(f"{path} holds no private key in PEM; this makes one: {MAKE_PRIVATE_KEY}") from error
+    if not isinstance(key, Ed25519PrivateKey):
+        raise _wrong_kind(path, key)
+    return key
+
+
+def read_public_keys(paths: Iterable[Path]) -> tuple[Ed25519PublicKey, ...]:
+    """Read the keys of those who are trusted to sign.
+
+    Raises
+    ------
+    InputFileError
+        Where a file holds no public Ed25519 key.
+    OSError
+        Where it cannot be read.
+    """
+    return tuple(_read_public_key(path) for path in paths)
+
+
+def _read_public_key(path: Path) -> Ed25519PublicKey:
+    from cryptography.exceptions import UnsupportedAlgorithm
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+    from cryptography.hazmat.primitives.serialization import load_pem_public_key
+
+    text = _read(path)
+    if PRIVATE in text:
+        raise InputFileError(f"{path} holds a private key; its public half is enough: {MAKE_PUBLIC_KEY}")
+    try:
+        key = load_pem_public_key(text)
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise InputFileError(
+            f"{path} holds no public key in PEM; this makes one of a private key: {MAKE_PUBLIC_KEY}"
+        ) from error
+    if not isinstance(key, Ed25519PublicKey):
+        raise _wrong_kind(path, key)
+    return key
+
+
+def _read(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(MOST_BYTES)
+
+
+def _wrong_kind(path: Path, key: object) -> InputFileError:
+    return InputFileError(
+        f"{path} holds a key of another kind, {type(key).__name__}; images are signed with Ed25519: {MAKE_PRIVATE_KEY}"
+    )
+
+
+class Verdict(NamedTuple):
+    """What an image is worth to somebody, by the four cases of clause FWU-012."""
+
+    outcome: str
+    """The name of a `Trust`, or of the `ImageReason` to refuse it: SIGNATURE where the signature is wrong."""
+    words: str
+
+    @property
+    def trusted(self) -> bool:
+        """Whether a trusted key has signed the image."""
+        return self.outcome == Trust.SIGNED.name
+
+
+def judge(image: Image, keys: Iterable[Ed25519PublicKey]) -> Verdict:
+    """What the signature of an image is worth to whoever trusts these keys."""
+    try:
+        found = trust(image, keys)
+    except ImageError as refused:
+        return _refusal(refused)
+    number = "" if image.signature is None else f" (key {image.signature.key_id.hex()})"
+    return Verdict(found.name, found.value + number)
+
+
+def judge_file(file: bytes, keys: Iterable[Ed25519PublicKey]) -> Verdict:
+    """The same for the file of an image, which may be anything."""
+    try:
+        image = parse(file)
+    except ImageError as refused:
+        return _refusal(refused)
+    return judge(image, keys)
+
+
+def _refusal(refused: ImageError) -> Verdict:
+    return Verdict(ImageReason(refused.reason).name, str(refused))

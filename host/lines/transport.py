@@ -1,0 +1,199 @@
+"""Transports: how blocks and requests reach a device, found by the scheme of its URL.
+
+A scheme is an entry point in the group ``phasewire.transports`` that names a `Scheme`. Other packages may add their
+own.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Literal, Protocol
+
+from ...errors import DeviceNotFoundError
+from ...protocol.codes import Request
+from .tracing import traced
+
+__all__ = [
+    "DEFAULT_URL",
+    "SCHEMES",
+    "URL_VARIABLE",
+    "Found",
+    "Mode",
+    "Scheme",
+    "Timekeeper",
+    "Transport",
+    "default_url",
+    "entries",
+    "load_by_scheme",
+    "open_transport",
+]
+
+DEFAULT_URL = "emulator:"
+URL_VARIABLE = "PHASEWIRE_DEVICE"
+SCHEMES = "phasewire.transports"
+
+
+class Timekeeper(Protocol):
+    """A clock, and a way to wait by it. Python's module `time` is one.
+
+    An emulated device in this process has a time of its own, which passes only while it is used or somebody waits.
+    """
+
+    def monotonic(self) -> float:
+        """Seconds since some moment."""
+
+    def sleep(self, seconds: float, /) -> None:
+        """Let time pass."""
+
+
+class Transport(Protocol):
+    """A line to one device. Every method raises a `DeviceError` where the line or the device fails.
+
+    A line is for one thread at a time.
+    """
+
+    @property
+    def name(self) -> str:
+        """What is at the other end, for people."""
+
+    @property
+    def serial(self) -> str:
+        """Its serial number, empty where the line cannot tell."""
+
+    @property
+    def time(self) -> Timekeeper:
+        """The time by which this line is waited for."""
+
+    @property
+    def lossy(self) -> bool:
+        """Whether blocks and their acknowledgements can be lost on the way, as on a serial line."""
+
+    @property
+    def most_blocks_per_second(self) -> float:
+        """What the line can carry."""
+
+    def window(self, free: int | None, records: int) -> int:
+        """How many blocks may be unanswered at a time.
+
+        Parameters
+        ----------
+        free : int or None
+            Free places of the newest acknowledgement, None before the first.
+        records : int
+            Acknowledgements that the device can hold, as INFO says.
+        """
+
+    def write_blocks(self, blocks: bytes, seconds: float) -> int:
+        """Send blocks of 512 bytes, one behind the other.
+
+        Returns
+        -------
+        int
+            Bytes taken in time, whole blocks; fewer than all only where the time is over.
+        """
+
+    def read_records(self, seconds: float) -> bytes:
+        """Wait for what the device sends by itself: whole records, none where none came in time."""
+
+    def ask(self, request: Request, size: int) -> bytes:
+        """Make a control request that is answered with up to ``size`` bytes."""
+
+    def order(self, request: Request, value: int = 0) -> None:
+        """Make a control request that is only carried out."""
+
+    def reopen(self, seconds: float) -> None:
+        """Find the same device again, once it was lost or has restarted; it may take so long to come back."""
+
+    def close(self) -> None:
+        """Give the line back."""
+
+
+Mode = Literal["run time", "DFU"]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A device that could be opened, or what speaks against it.
+
+    Parameters
+    ----------
+    url : str
+        By which it is opened.
+    product : str
+        Its name, empty where it cannot be read.
+    serial : str or None
+        Its serial number, None where it cannot be read.
+    mode : {"run time", "DFU"}
+        Whether it plays, or waits for new firmware.
+    firmware : str
+        Version of its firmware, empty where the line does not say.
+    location : str
+        Where it is plugged in, for people.
+    problem : str or None
+        Why it cannot be opened, and what to do; None where nothing is known to be wrong.
+    """
+
+    url: str
+    product: str
+    serial: str | None
+    mode: Mode
+    firmware: str
+    location: str
+    problem: str | None = None
+
+
+class Scheme(Protocol):
+    """All lines whose URLs begin alike."""
+
+    def open(self, url: str) -> Transport:
+        """Open the line that a URL names; raise a `DeviceError` where nothing answers or it may not be used."""
+
+    def find(self) -> list[Found]:
+        """The devices that can be found without knowing where they are."""
+
+
+def default_url() -> str:
+    """The device to use where none is named: ``$PHASEWIRE_DEVICE``, else the emulator."""
+    return os.environ.get(URL_VARIABLE) or DEFAULT_URL
+
+
+@cache
+def entries(group: str) -> dict[str, EntryPoint]:
+    """The entry points of a group by their names; they are looked for once, for that takes milliseconds."""
+    return {entry.name: entry for entry in entry_points(group=group)}
+
+
+def load_by_scheme(group: str, url: str) -> Any:
+    """Load the entry point of a group that is named as the URL's scheme.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        Where there is none, and the known ones are named; or where it cannot be loaded.
+    """
+    scheme, colon, _ = url.partition(":")
+    found = entries(group)
+    if not colon or scheme not in found:
+        known = ", ".join(f"{name}:" for name in sorted(found))
+        raise DeviceNotFoundError(f"no device at {url!r}: the URL of a device begins with one of {known}")
+    try:
+        return found[scheme].load()
+    except Exception as error:  # it may be another package's, and raise whatever it likes
+        raise DeviceNotFoundError(
+            f"{url!r}: {found[scheme].value}, which is to open it, cannot be loaded: {error}"
+        ) from error
+
+
+def open_transport(url: str) -> Transport:
+    """Open the line that a URL names.
+
+    Raises
+    ------
+    DeviceError
+        Where the scheme is unknown, nothing answers, or it may not be used.
+    """
+    scheme: Scheme = load_by_scheme(SCHEMES, url)
+    return traced(scheme.open(url))

@@ -1,0 +1,173 @@
+"""The USB line, by pyusb. Which bus it looks on, a real one or an emulated one, is the URL's scheme (`usb_find`)."""
+
+from __future__ import annotations
+
+import errno
+
+import usb.core
+import usb.util
+
+from ...errors import DeviceLostError, DeviceStalledError
+from ...protocol.board import CORE_HZ
+from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request
+from ...protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT, FULL_SPEED
+from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, PACKET_CYCLES
+from .transport import Found
+from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbBus, configure, find_on, translated
+
+__all__ = ["USB", "UsbTransport", "open_usb"]
+
+READ_BYTES = 32 * BLOCK_BYTES
+LEFT_OVER_SECONDS = 0.001
+MOST_LEFT_OVER = 64
+"""Reads of records that wait from an earlier session; a device holds at most some thousands."""
+REST_SECONDS = 0.02
+"""For the rest of a block that has begun; the device gets no sign of life meanwhile."""
+LOOK_SECONDS = 0.05
+"""How often a device that has left the bus is looked for."""
+
+
+def _is_timeout(error: usb.core.USBError) -> bool:
+    return isinstance(error, usb.core.USBTimeoutError) or error.errno == errno.ETIMEDOUT
+
+
+def open_usb(url: str) -> UsbTransport:
+    """Open the device in run-time mode that a URL names, as `UsbBus` reads it.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        Where there is none, or several and no serial number to choose by.
+    DeviceError
+        Where it cannot be used.
+    """
+    bus = UsbBus(url)
+    return UsbTransport(bus, bus.find((RUN_TIME,)))
+
+
+class UsbTransport:
+    """A line to a device over pyusb.
+
+    Parameters
+    ----------
+    bus : UsbBus
+        Where it is.
+    seen : Sighting
+        What was found there, perhaps not yet configured.
+    """
+
+    lossy = False
+
+    def __init__(self, bus: UsbBus, seen: Sighting) -> None:
+        self.serial = seen.serial or ""
+        self.time = seen.time
+        self.name = seen.name
+        self._bus = bus
+        self._begin(seen)
+
+    @property
+    def most_blocks_per_second(self) -> float:
+        """As the speed of the bus allows (clauses USB-010 and BUD-004)."""
+        cycles = PACKET_CYCLES
+        if self._device.speed != usb.util.SPEED_HIGH:
+            cycles = BLOCK_BYTES // FULL_SPEED.bulk_bytes * FULL_SPEED_PACKET_CYCLES
+        return CORE_HZ / cycles
+
+    def _begin(self, seen: Sighting) -> None:
+        """Make a device ours, without what whoever used it before left behind, and without touching what it plays."""
+        self._seen, self._device = seen, seen.device
+        device = self._device
+        with translated(f"opening device {self.serial}"):
+            try:
+                configure(device)
+                usb.util.claim_interface(device, ARRAY_INTERFACE)
+                for endpoint in (ENDPOINT_OUT, ENDPOINT_IN):
+                    device.clear_halt(endpoint)  # and forget a part of a block (clause USB-015)
+                for _ in range(MOST_LEFT_OVER):
+                    if not self.read_records(LEFT_OVER_SECONDS):
+                        break
+            except BaseException:
+                usb.util.dispose_resources(device)
+                raise
+
+    def window(self, free: int | None, records: int) -> int:  # NAK, not credit, holds the rest back
+        """As many as the device can acknowledge (clause ACK-007)."""
+        return records
+
+    def write_blocks(self, blocks: bytes, seconds: float) -> int:
+        """Send blocks in one transfer."""
+        with translated("sending blocks"):
+            sent = self._write(blocks, seconds)
+            if part := sent % BLOCK_BYTES:  # at full speed; a block that has begun is finished, or forgotten (USB-017)
+                rest = blocks[sent : sent + BLOCK_BYTES - part]
+                if self._write(rest, REST_SECONDS) == len(rest):
+                    return sent + len(rest)
+                self._device.clear_halt(ENDPOINT_OUT)
+                return sent - part
+        return sent
+
+    def _write(self, data: bytes, seconds: float) -> int:
+        try:
+            return int(self._device.write(ENDPOINT_OUT, data, _milliseconds(seconds)))
+        except usb.core.USBError as error:
+            if not _is_timeout(error):
+                raise
+            return 0
+
+    def read_records(self, seconds: float) -> bytes:
+        """Wait for packets of acknowledgements and statuses."""
+        with translated("waiting for an acknowledgement"):
+            try:
+                return bytes(self._device.read(ENDPOINT_IN, READ_BYTES, _milliseconds(seconds)))
+            except usb.core.USBError as error:
+                if not _is_timeout(error):
+                    raise
+                return b""
+
+    def ask(self, request: Request, size: int) -> bytes:
+        """Make a control request with an answer."""
+        with translated(f"asking for {request.name}"):
+            return bytes(self._device.ctrl_transfer(REQUEST_TYPE_IN, request, 0, ARRAY_INTERFACE, size, REQUEST_MS))
+
+    def order(self, request: Request, value: int = 0) -> None:
+        """Make a control request without an answer."""
+        with translated(f"ordering {request.name}"):
+            self._device.ctrl_transfer(REQUEST_TYPE_OUT, request, value, ARRAY_INTERFACE, None, REQUEST_MS)
+
+    def reopen(self, seconds: float) -> None:
+        """Look for the same serial number on the bus until it is there."""
+        self.close()
+        end = self.time.monotonic() + seconds
+        while True:
+            seen = self._bus.find_again(self._seen, (RUN_TIME,), max(end - self.time.monotonic(), 0))
+            try:
+                self._begin(seen)
+            except (DeviceLostError, DeviceStalledError):  # it left once more
+                if self.time.monotonic() >= end:
+                    raise
+                self.time.sleep(LOOK_SECONDS)
+            else:
+                return
+
+    def close(self) -> None:
+        """Release the interface and the device."""
+        usb.util.dispose_resources(self._device)
+
+
+def _milliseconds(seconds: float) -> int:
+    return max(1, round(seconds * 1000))  # 0 would be for ever
+
+
+class UsbScheme:
+    """The devices on the real bus."""
+
+    def open(self, url: str) -> UsbTransport:
+        """Open the device that a URL names."""
+        return open_usb(url)
+
+    def find(self) -> list[Found]:
+        """The devices on the bus."""
+        return find_on("usb")
+
+
+USB = UsbScheme()

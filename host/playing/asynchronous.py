@@ -1,0 +1,268 @@
+"""The asyncio face of a device: the methods of `Device`, awaited, and streams from asynchronous sources.
+
+Each call runs on a thread of its own, so that the event loop goes on, and no call, `stop` least of all, waits for a
+thread that another one keeps; the device itself lets one call after the other at its line. Who cancels a call that was
+begun lets go of its result, and no more, but for three: a device that is being opened is closed again, a stream is
+ended, and leaving the ``async with`` statement is not cut short.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterable, Awaitable, Callable, Iterator
+from concurrent import futures
+from concurrent.futures import Future
+from contextlib import suppress
+from contextvars import copy_context
+from functools import partial, wraps
+from threading import Thread
+from types import TracebackType
+from typing import Concatenate, ParamSpec, Self, TypeVar
+
+from ...errors import DeviceError
+from ...protocol.replies import Info
+from ..lines.transport import Timekeeper
+from .calibration import Calibration
+from .device import Device, open_device
+from .envelopes import Envelope
+from .frames import Frame, Frames
+from .streaming import LOOK_AHEAD_SECONDS, StreamReport
+
+__all__ = ["AsyncDevice", "open_device_async"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+STOPS, STOP_SECONDS = 10, 0.1
+"""How often a stream is told to end, and how long each time it may take to do so."""
+SLICE_SECONDS = 0.1
+"""How long a device is kept playing for somebody who may no longer wait for it."""
+
+
+def _on_thread(call: Callable[[], R]) -> Future[R]:
+    """Make a call on a thread of its own, which no executor makes wait, and no interpreter waits for."""
+    future = Future[R]()
+    future.set_running_or_notify_cancel()  # it cannot be taken back
+
+    def run() -> None:
+        try:
+            future.set_result(call())
+        except BaseException as error:
+            future.set_exception(error)
+
+    Thread(target=copy_context().run, args=(run,), name="phasewire", daemon=True).start()
+    return future
+
+
+async def _to_the_end(future: Future[R]) -> R:
+    """The result of a call that is waited for even by a task that is cancelled; it is cancelled afterwards."""
+    waited = asyncio.wrap_future(future)
+    cancelled: asyncio.CancelledError | None = None
+    while not waited.done():
+        try:
+            await asyncio.wait([waited])
+        except asyncio.CancelledError as error:
+            cancelled = error
+    if cancelled is not None:
+        waited.exception()  # comes second
+        raise cancelled
+    return waited.result()
+
+
+async def open_device_async(
+    url: str | None = None, *, calibration: Calibration | None = None, observe: bool = False
+) -> AsyncDevice:
+    """Open a device as `open_device` does; use it in an ``async with`` statement.
+
+    When the task is cancelled meanwhile, the device has been closed again when this returns.
+    """
+    opening = _on_thread(partial(open_device, url, calibration=calibration, observe=observe))
+    try:
+        return AsyncDevice(await asyncio.wrap_future(opening))
+    except asyncio.CancelledError:
+        await _to_the_end(_on_thread(partial(_close, opening)))
+        raise
+
+
+def _close(opening: Future[Device]) -> None:
+    """Wait until a device is open, and close it."""
+    with suppress(DeviceError, ValueError), opening.result():
+        pass
+
+
+def _awaited(method: Callable[Concatenate[Device, P], R]) -> Callable[Concatenate[AsyncDevice, P], Awaitable[R]]:
+    """A method of `Device`, on a thread."""
+
+    @wraps(method)
+    async def call(self: AsyncDevice, /, *arguments: P.args, **options: P.kwargs) -> R:
+        return await asyncio.wrap_future(_on_thread(partial(method, self.device, *arguments, **options)))
+
+    return call
+
+
+class AsyncDevice:
+    """A device whose methods are awaited. They take and give what those of `Device` do, and raise the same errors.
+
+    Parameters
+    ----------
+    device : Device
+        It may be used beside this one, from any thread.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+
+    @property
+    def info(self) -> Info:
+        """What the device says that it is."""
+        return self.device.info
+
+    @property
+    def name(self) -> str:
+        """Product and serial number."""
+        return self.device.name
+
+    @property
+    def serial(self) -> str:
+        """Serial number, empty where the line cannot tell."""
+        return self.device.serial
+
+    @property
+    def time(self) -> Timekeeper:
+        """The time that this device lives by; to wait by it keeps the event loop waiting."""
+        return self.device.time
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """What each transducer really does, as given."""
+        return self.device.calibration
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        await _to_the_end(_on_thread(partial(self.device.__exit__, kind, error, traceback)))
+
+    close = _awaited(Device.close)
+
+    status = _awaited(Device.status)
+    clock = _awaited(Device.clock)
+    wiring = _awaited(Device.wiring)
+    processors = _awaited(Device.processors)
+    read_back = _awaited(Device.read_back)
+    enable = _awaited(Device.enable)
+    stop = _awaited(Device.stop)
+    reset = _awaited(Device.reset)
+    identify = _awaited(Device.identify)
+    set_watchdog = _awaited(Device.set_watchdog)
+    set_drive_limit = _awaited(Device.set_drive_limit)
+    clear_faults = _awaited(Device.clear_faults)
+    show = _awaited(Device.show)
+    store = _awaited(Device.store)
+    play = _awaited(Device.play)
+    modulate = _awaited(Device.modulate)
+    end_modulation = _awaited(Device.end_modulation)
+    silence = _awaited(Device.silence)
+
+    async def keep_playing(self, seconds: float) -> None:
+        """Let what plays go on for a time, as `Device.keep_playing` does; who is cancelled keeps it no longer."""
+        end = self.time.monotonic() + seconds
+        part = _awaited(Device.keep_playing)
+        await part(self, min(seconds, SLICE_SECONDS))
+        while (left := end - self.time.monotonic()) > 0:
+            await part(self, min(left, SLICE_SECONDS))
+
+    async def stream(
+        self,
+        source: Frames | AsyncIterable[Frame],
+        rate: float,
+        *,
+        look_ahead: float = LOOK_AHEAD_SECONDS,
+        envelope: Envelope | None = None,
+        reconnect: bool = False,
+        on_progress: Callable[[StreamReport], None] | None = None,
+    ) -> StreamReport:
+        """Play frames as `Device.stream` does. The source may be asynchronous, and is closed in the end.
+
+        When the task is cancelled the outputs are turned off, and the stream has ended when this returns. Only a
+        synchronous source that keeps its thread waiting is left behind: what it gives is not played any more. It is
+        iterated over, and `on_progress` is called, on that thread, not on the event loop's.
+        """
+        feed: _Feed | None = None
+        frames: Frames
+        if isinstance(source, AsyncIterable):
+            frames = feed = _Feed(source)
+        else:
+            frames = source
+        cancelled = False
+
+        def play() -> StreamReport:
+            if cancelled:
+                raise asyncio.CancelledError
+            return self.device.stream(
+                frames,
+                rate,
+                look_ahead=look_ahead,
+                envelope=envelope,
+                reconnect=reconnect,
+                on_progress=on_progress,
+            )
+
+        playing = _on_thread(play)
+        try:
+            return await asyncio.wrap_future(playing)
+        except asyncio.CancelledError:
+            cancelled = True
+            if feed is not None:
+                feed.give_up()
+            await _to_the_end(_on_thread(partial(self._end, playing)))
+            raise
+        finally:
+            if feed is not None and playing.done():
+                await feed.close()
+
+    def _end(self, playing: Future[StreamReport]) -> None:
+        """Stop until a stream has ended, for it may have been about to begin when it was stopped first."""
+        for _ in range(STOPS):
+            with suppress(DeviceError):  # out of reach: its watchdog does it
+                self.device.stop()
+            if futures.wait([playing], STOP_SECONDS).done:
+                return
+
+
+class _Feed:
+    """An asynchronous source, for a thread that iterates over its items; all else is for the event loop's thread."""
+
+    def __init__(self, source: AsyncIterable[Frame]) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._items = aiter(source)
+        self._asking: asyncio.Task[Frame] | None = None
+        self._over = False
+
+    def __iter__(self) -> Iterator[Frame]:
+        while True:
+            following = asyncio.run_coroutine_threadsafe(self._following(), self._loop)
+            try:
+                item = following.result()
+            except StopAsyncIteration:
+                return
+            yield item
+
+    async def _following(self) -> Frame:
+        if self._over:
+            raise asyncio.CancelledError
+        self._asking = asyncio.current_task()
+        return await anext(self._items)
+
+    def give_up(self) -> None:
+        """Let the thread wait no longer."""
+        self._over = True
+        if self._asking is not None:
+            self._asking.cancel()
+
+    async def close(self) -> None:
+        """End a source that can be ended, as an asynchronous generator can: it cleans up after itself now."""
+        if hasattr(self._items, "aclose"):
+            await self._items.aclose()

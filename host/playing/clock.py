@@ -1,0 +1,88 @@
+"""The clock of a device, as the host's clock sees it: offset and drift from readings that took time to come.
+
+A reading says that the device's clock stood at a tick at some moment between two moments of the host. The middle of
+the two is wrong by at most half their distance, so readings that took less count for more.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from ...protocol.board import TICK_HZ, TICKS_PER_PERIOD
+
+__all__ = ["DeviceClock", "Reading"]
+
+READINGS = 64
+LEAST_SPAN_SECONDS = 1.0
+"""Between the first and the last reading before a drift is believed: half a millisecond over it is 500 ppm."""
+FINEST_SECONDS = 1e-6
+"""A reading is never believed more closely than this."""
+
+
+class Reading(NamedTuple):
+    """The device's clock stood at `tick` between two moments of the host, in seconds."""
+
+    before: float
+    after: float
+    tick: int
+
+    @property
+    def middle(self) -> float:
+        """The best guess of the moment."""
+        return (self.before + self.after) / 2
+
+    @property
+    def uncertainty(self) -> float:
+        """By how much that guess can be wrong, in seconds."""
+        return max((self.after - self.before) / 2, FINEST_SECONDS)
+
+
+class DeviceClock:
+    """An estimate of a device's clock, from the last 64 readings.
+
+    While they span less than a second the device is taken to run at its nominal rate of 2 MHz.
+
+    Attributes
+    ----------
+    drift_ppm : float
+        How much faster than nominal the device runs, in millionths of its rate, by the host's clock.
+    uncertainty : float
+        By how much the moment of the last reading may be wrong, in seconds, wherever within the readings the device
+        looked at its clock.
+    """
+
+    def __init__(self) -> None:
+        self._readings: deque[Reading] = deque(maxlen=READINGS)
+        self.drift_ppm = 0.0
+        self.uncertainty = float("inf")
+
+    def add(self, reading: Reading) -> None:
+        """Take one more reading, not older than the last."""
+        self._readings.append(reading)
+        moments = np.array([each.middle for each in self._readings])
+        ticks = np.array([each.tick - reading.tick for each in self._readings], np.float64)
+        uncertainties = np.array([each.uncertainty for each in self._readings])
+        weights = uncertainties**-2
+        weights /= weights.sum()
+        slope = float(TICK_HZ)
+        moment, tick = weights @ moments, weights @ ticks
+        shares = weights  # of each reading in the estimate at the last one
+        if moments[-1] - moments[0] >= LEAST_SPAN_SECONDS:
+            away = moments - moment
+            slopes = weights * away / np.sum(weights * away**2)
+            slope = float(slopes @ ticks)
+            shares = weights + slopes * away[-1]
+        self._slope, self._moment, self._tick = slope, float(moment), float(tick) + reading.tick
+        self.drift_ppm = (slope / TICK_HZ - 1) * 1e6
+        self.uncertainty = float(np.abs(shares) @ uncertainties)
+
+    def period_at(self, moment: float) -> float:
+        """Carrier period, with its fraction, at a moment of the host; there must have been a reading."""
+        return ((moment - self._moment) * self._slope + self._tick) / TICKS_PER_PERIOD
+
+    def moment_of(self, period: float) -> float:
+        """When a carrier period begins, by the host's clock in seconds."""
+        return (period * TICKS_PER_PERIOD - self._tick) / self._slope + self._moment

@@ -1,0 +1,547 @@
+"""A device as its user sees it, whatever line leads to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from functools import partial
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+from ...errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
+from ...protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Slot, Update
+from ...protocol.blocks import Sequence as SequenceBody
+from ...protocol.board import CARRIER_HZ
+from ...protocol.codes import ENTRIES_PER_BLOCK, NOW, SAMPLES_PER_BLOCK, Action, Feature, Reason, Request
+from ...protocol.ranges import whole
+from ...protocol.replies import (
+    Ack,
+    ClockReading,
+    Info,
+    ProcessorReport,
+    ReadBack,
+    Status,
+    decode_reports,
+    decode_wiring,
+)
+from ...protocol.requests import VALUES
+from ...protocol.wiring import Wiring
+from ..lines.transport import Timekeeper, Transport, default_url, open_transport
+from .calibration import Calibration
+from .envelopes import Envelope
+from .frames import Frame, Frames, frame_source, to_pulses
+from .session import Session
+from .streaming import LOOK_AHEAD_SECONDS, Stream, StreamReport
+
+__all__ = ["Device", "open_device"]
+
+SILENT_PERIODS = 6
+"""After so many periods at most all outputs are silent that were turned off (clause SAF-004)."""
+
+
+class _Kept(NamedTuple):
+    """A sequence or a modulation as the device has stored it."""
+
+    places: range
+    period: int
+    """From which on it plays."""
+
+
+def open_device(url: str | None = None, *, calibration: Calibration | None = None, observe: bool = False) -> Device:
+    """Open a device by its URL.
+
+    Parameters
+    ----------
+    url : str, optional
+        ``emulator:`` (a fresh emulated device), ``emulator:SERIAL`` (one that this process has plugged in), ``usb:``
+        (the only one), ``usb:SERIAL``, ``serial:///dev/ttyACM0?baud=…``, ``socket://host:port`` or
+        ``rfc2217://host:port``. By default ``$PHASEWIRE_DEVICE``, else ``emulator:``.
+    calibration : Calibration, optional
+        What each transducer really does; drives are corrected for it on their way to pulses.
+    observe : bool
+        Whether to leave alone what the device plays, now and at the end. Its outputs are turned off otherwise.
+
+    Returns
+    -------
+    Device
+        Use it in a ``with`` statement: the outputs are off when it ends, however it ends.
+
+    Raises
+    ------
+    DeviceError
+        Where nothing answers, it may not be used, or it speaks another version of the protocol.
+    """
+    transport = open_transport(url if url is not None else default_url())
+    try:
+        return Device(transport, calibration=calibration, observe=observe)
+    except BaseException:  # whatever it was, the line is not ours to keep
+        transport.close()
+        raise
+
+
+class Device:
+    """A device that plays pulses.
+
+    Any thread may call any method at any time: calls wait for each other, and a stream lets others pass between its
+    transfers, so that `stop` ends it within a few milliseconds. Every method raises a `DeviceError` where the line or
+    the device fails: `DeviceLostError` where it went away, `DeviceTimeoutError` where it does not answer,
+    `DeviceStalledError` where it does not do what is asked in its state.
+
+    A *frame*, where one is asked for, is `Pulses`, a `Solution`, or a drive, (n,) complex of magnitude at most 1.
+    A *period* is one of the device's clock (`clock`), `NOW` for as soon as possible.
+
+    Parameters
+    ----------
+    transport : Transport
+        The line to it.
+    calibration : Calibration, optional
+        What each transducer really does.
+    observe : bool
+        Whether to leave alone what plays, now and at the end.
+
+    Attributes
+    ----------
+    calibration : Calibration or None
+        As given.
+    """
+
+    def __init__(self, transport: Transport, *, calibration: Calibration | None = None, observe: bool = False) -> None:
+        self._observe = observe
+        self._session = Session(transport)
+        self._enabled = False
+        self._stops = 0
+        self._streaming = False
+        self._sequences, self._modulations = list[_Kept](), list[_Kept]()
+        self._watchdog: float | None = None
+        self._drive_limit: int | None = None
+        self._envelope: tuple[bytes, int] | None = None
+        if calibration is not None and len(calibration) != self.info.channels:
+            raise ValueError(
+                f"the calibration is for {len(calibration)} transducers, the device has {self.info.channels}"
+            )
+        self.calibration = calibration
+        if not observe:
+            self._session.begin()
+
+    @property
+    def info(self) -> Info:
+        """What the device says that it is."""
+        return self._session.info
+
+    @property
+    def name(self) -> str:
+        """Product and serial number."""
+        return self._session.name
+
+    @property
+    def serial(self) -> str:
+        """Serial number, empty where the line cannot tell."""
+        return self._session.serial
+
+    @property
+    def time(self) -> Timekeeper:
+        """The time that this device lives by: the wall clock's, but for an emulated device in this process."""
+        return self._session.time
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stops += 1
+        with self._session.lock:  # so that nobody plays on between the two
+            try:
+                if not (self._observe or self._session.closed):
+                    self._turn_off()
+            except DeviceError:
+                if kind is None:
+                    raise
+            except BaseException:  # Ctrl-C came just now: first things first
+                with suppress(DeviceError):
+                    self._turn_off()
+                raise
+            finally:
+                self._session.close()
+
+    def close(self) -> None:
+        """Give the line back and leave the device as it is, playing where it may; ``with`` then ends without a stop."""
+        self._session.close()
+
+    # What it is and does
+
+    def status(self) -> Status:
+        """What the device is doing now; a sign of life to its watchdog."""
+        return self._session.status()
+
+    def clock(self) -> ClockReading:
+        """The device's time, and the last pulse on its sync line."""
+        return self._session.ask(ClockReading.decode, Request.CLOCK)
+
+    def wiring(self) -> Wiring:
+        """The table by which the device sorts transducers to its outputs."""
+        return self._session.ask(decode_wiring, Request.WIRING)
+
+    def processors(self) -> list[ProcessorReport]:
+        """What each of the ten processors last said of itself, in the order of the chain."""
+        return self._session.ask(decode_reports, Request.PROCESSORS)
+
+    def read_back(self) -> ReadBack:
+        """The pulses that play now, collected from the processors that play them, before any modulation."""
+        self._need(Feature.READ_BACK)
+        return self._session.ask(ReadBack.decode, Request.PULSES)
+
+    # Switches
+
+    def enable(self) -> None:
+        """Enable the outputs, which `show`, `play` and `stream` do by themselves.
+
+        Raises
+        ------
+        DeviceStalledError
+            Where a fault silences the outputs; it is named.
+        """
+        with self._session.lock:
+            try:
+                self._session.order(Request.ENABLE)
+            except DeviceStalledError as error:
+                status = self.status()
+                faults = ", ".join(fault.name or "" for fault in status.faults)
+                why = f"a fault has silenced it ({faults}); `phasewire doctor` says what to do" if faults else "not now"
+                raise DeviceStalledError(
+                    f"{self.name} does not enable its outputs in {status.state.name}: {why}"
+                ) from error
+            self._enabled = True
+
+    def stop(self) -> None:
+        """Turn all outputs off and drop what is queued; what is stored stays. A stream in another thread ends."""
+        self._stops += 1  # before waiting for the lock, which a stream holds while a lost device comes back
+        self._turn_off()
+
+    def _turn_off(self) -> None:
+        with self._session.lock:
+            self._enabled = False
+            self._envelope = None
+            self._session.order(Request.DISABLE)
+
+    def reset(self) -> None:
+        """Restart the device as at power-up, and open it again when it is back: its stores are empty."""
+        self._stops += 1
+        with self._session.lock:
+            self._enabled = False
+            with suppress(DeviceLostError):  # it may be gone before it has answered
+                self._session.order(Request.RESET)
+            self._session.wait_until_gone()
+            self._session.reopen()
+            self._forget()
+
+    def identify(self, board: int) -> None:
+        """Let the light on a board blink for five seconds."""
+        self._order(Request.IDENTIFY, "board", board)
+
+    def set_watchdog(self, seconds: float) -> None:
+        """How long the device waits for a sign of life before it turns its outputs off, 0.01 to 60 s."""
+        with self._session.lock:
+            self.status()  # a sign of life, for the last may be older than a shorter time
+            self._order(Request.WATCHDOG, "watchdog time in ms", round(seconds * 1000))
+            self._watchdog = seconds
+
+    def set_drive_limit(self, transducers: int) -> None:
+        """Refuse what drives harder than so many full transducers; only while the outputs are off."""
+        self._order(Request.LIMIT, "drive limit", transducers)
+        self._drive_limit = transducers
+
+    def clear_faults(self) -> Status:
+        """Clear the faults whose cause is gone, and say what is left."""
+        with self._session.lock:
+            self._session.order(Request.CLEAR_FAULTS)
+            return self.status()
+
+    def _order(self, request: Request, what: str, value: int) -> None:
+        self._session.order(request, whole(what, value, VALUES[request][0], VALUES[request][-1]))
+
+    # What it plays
+
+    def show(self, frame: Frame, period: int = NOW) -> Ack:
+        """Play a frame until something else follows or the host falls silent.
+
+        The outputs are enabled first if they are not. The device turns them off when it hears nothing for its
+        watchdog's time; `status` is a sign of life.
+
+        Parameters
+        ----------
+        frame : Pulses, Solution or (n,) complex
+            What to play.
+        period : int
+            When to begin.
+
+        Returns
+        -------
+        Ack
+            Says at which period it begins, and whether that is later than asked for.
+
+        Raises
+        ------
+        ValueError
+            Where the frame does not fit the device; nothing is sent.
+        DeviceRefusedError
+            Where the device refuses it.
+        """
+        return self._play(Update(to_pulses(frame, self.calibration, self.info.channels), period))
+
+    def store(self, slot: int, frame: Frame) -> Ack:
+        """Keep a frame in a numbered slot, 0 to `info.slots` - 1, for `play`.
+
+        Raises
+        ------
+        ValueError
+            Where the frame or the number does not fit the device; nothing is sent.
+        DeviceRefusedError
+            Where the device refuses it, as it does while a sequence plays that slot.
+        """
+        self._need(Feature.SEQUENCES)
+        return self._sent(Slot(slot, to_pulses(frame, self.calibration, self.info.channels)))
+
+    def play(
+        self,
+        steps: Iterable[tuple[int, int]],
+        *,
+        repeats: int = 0,
+        unattended: bool = False,
+        period: int = NOW,
+    ) -> Ack:
+        """Play stored slots one after the other, again and again, without the host's help.
+
+        The outputs are enabled first if they are not. Another sequence may be playing: this one is stored beside it.
+
+        Parameters
+        ----------
+        steps : iterable of (slot, periods)
+            Which slots, and for how many carrier periods each; 1 to `info.sequence_entries`.
+        repeats : int
+            How many times; 0 for as long as nothing else follows.
+        unattended : bool
+            Whether it goes on when the host falls silent.
+        period : int
+            When to begin.
+
+        Raises
+        ------
+        ValueError
+            Where a step is out of range; nothing is sent.
+        DeviceRefusedError
+            Where the device refuses it, as it does where a slot is empty.
+        """
+        self._need(Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
+        entries = [Entry(*step) for step in steps]
+        with self._session.lock:
+            first = self._place(self._sequences, len(entries), self.info.sequence_entries, "steps")
+            body = SequenceBody(first, len(entries), period, repeats, unattended)
+            self._sent(
+                *(Entries(tuple(part), first + at) for at, part in _parts(entries, ENTRIES_PER_BLOCK)),
+            )
+            ack = self._play(body)
+            self._sequences.append(_Kept(range(first, first + len(entries)), ack.commit_period))
+            return ack
+
+    def modulate(self, samples: Sequence[int] | bytes, hold: int, period: int = NOW) -> Ack:
+        """Let amplitudes modulate whatever plays, again and again, until `end_modulation`.
+
+        Parameters
+        ----------
+        samples : bytes or sequence of int
+            Amplitudes, 0 (silent) to 255 (as it is); 1 to `info.modulation_samples`.
+        hold : int
+            For how many carrier periods each holds: 40 000 / (hold · number of samples) is the frequency in Hz.
+        period : int
+            When to begin.
+
+        Raises
+        ------
+        ValueError
+            Where a value is out of range; nothing is sent.
+        DeviceRefusedError
+            Where the device refuses it.
+        """
+        self._need(Feature.MODULATION)
+        values = samples if isinstance(samples, bytes) else bytes(whole("sample", each, 0, 255) for each in samples)
+        with self._session.lock:
+            first = self._place(self._modulations, len(values), self.info.modulation_samples, "samples")
+            body = Modulation(first, len(values), hold, period)
+            self._sent(*(Samples(part, first + at) for at, part in _parts(values, SAMPLES_PER_BLOCK)))
+            ack = self._play(body)
+            self._modulations.append(_Kept(range(first, first + len(values)), ack.commit_period))
+            self._envelope = (values, hold)
+            return ack
+
+    def end_modulation(self, period: int = NOW) -> Ack:
+        """Let what plays go on unmodulated."""
+        self._need(Feature.MODULATION)
+        self._envelope = None
+        return self._play(Output(Action.END_MODULATION, period))
+
+    def silence(self, period: int = NOW) -> Ack:
+        """End what plays, and its modulation; the outputs stay enabled."""
+        self._envelope = None
+        return self._play(Output(Action.SILENCE, period))
+
+    def keep_playing(self, seconds: float) -> None:
+        """Let what plays go on for a time, with signs of life to the watchdog.
+
+        Raises
+        ------
+        DeviceRefusedError
+            Where the device has turned its outputs off meanwhile.
+        """
+        end = self.time.monotonic() + seconds
+        while (left := end - self.time.monotonic()) > 0:
+            self.time.sleep(min(self._session.pause_seconds, left))
+            self._session.check_enabled()
+
+    def stream(
+        self,
+        source: Frames,
+        rate: float,
+        *,
+        look_ahead: float = LOOK_AHEAD_SECONDS,
+        envelope: Envelope | None = None,
+        reconnect: bool = False,
+        on_progress: Callable[[StreamReport], None] | None = None,
+    ) -> StreamReport:
+        """Play frames one after the other at a rate, each in its own period, to the end of the last.
+
+        Parameters
+        ----------
+        source : (k, n) complex, PulseFrames, Recording, or iterable of frames
+            An iterable is asked for a frame when that is due, not before.
+        rate : float
+            Frames per second, at most `info.max_updates_per_second`.
+        look_ahead : float
+            How long before its period a frame is sent, in seconds, where the device's queue allows that. More makes
+            gaps in the source or the host harmless, less lets a live source react sooner.
+        envelope : Envelope, optional
+            To modulate the frames with, as `modulate` does: `sine(200)` makes them felt.
+        reconnect : bool
+            Whether to go on with the next frame when a device that was lost comes back, with the drive limit, the
+            watchdog's time and the modulation that it had. Frames of which is not known whether they arrived are not
+            sent again.
+        on_progress : callable, optional
+            Is called with the report as it stands some ten times a second, and at the end, however that comes.
+
+        Returns
+        -------
+        StreamReport
+            What became of every frame.
+
+        Raises
+        ------
+        ValueError
+            Where rate or look-ahead is out of range, or a frame does not fit the device.
+        DeviceRefusedError
+            Where the device refuses a frame, as it does when `stop` was called or its watchdog has fired.
+        DeviceError
+            Where the line or the device fails. After any error the outputs are off, or will be when the watchdog's
+            time is over where the device cannot be reached.
+        """
+        frames = frame_source(source, self.calibration, self.info.channels)
+        stream = Stream(
+            self._session,
+            frames,
+            rate,
+            look_ahead=look_ahead,
+            permit=partial(self._check_not_stopped, self._stops),
+            begin=partial(self._begin_stream, envelope),
+            restore=self._restore if reconnect else None,
+        )
+        with self._session.lock:
+            if self._streaming:
+                raise DeviceError(f"{self.name} plays a stream already; wait for its end, or stop it")
+            self._streaming = True
+        try:
+            return stream.run(on_progress)
+        except BaseException:
+            self._silence_after_failure()
+            raise
+        finally:
+            self._streaming = False
+            if on_progress is not None:
+                on_progress(stream.report)
+
+    def _check_not_stopped(self, stops: int) -> None:
+        """Raise `DeviceRefusedError` where somebody has stopped the device since a stream was asked for."""
+        if self._stops != stops:
+            raise DeviceRefusedError(f"{self.name} has turned its outputs off: it was stopped", Reason.DISABLED)
+
+    def _begin_stream(self, envelope: Envelope | None) -> None:
+        self.enable()
+        if envelope is not None:
+            self.modulate(*envelope)
+
+    def _forget(self) -> None:
+        """What the device has been told to keep: nothing, as after it was restarted."""
+        self._sequences, self._modulations = list[_Kept](), list[_Kept]()
+        self._watchdog = self._drive_limit = self._envelope = None
+
+    def _restore(self) -> None:
+        """Make a device that has restarted go on as it was: limit, watchdog, modulation, enabled; not its slots."""
+        watchdog, drive_limit, envelope = self._watchdog, self._drive_limit, self._envelope
+        self._turn_off()  # it may be as it was, and play on
+        self._forget()
+        if drive_limit is not None:
+            self.set_drive_limit(drive_limit)
+        if watchdog is not None:
+            self.set_watchdog(watchdog)
+        self.enable()
+        if envelope is not None:
+            self.modulate(*envelope)
+
+    def _silence_after_failure(self) -> None:
+        try:
+            self._turn_off()
+        except DeviceError:  # out of reach: its watchdog does it
+            self._enabled = False
+
+    def _need(self, feature: Feature) -> None:
+        missing = feature & ~self.info.features
+        if missing:
+            raise DeviceError(f"{self.name} has not the feature {missing.name}; `phasewire info` lists what it has")
+
+    def _place(self, kept: list[_Kept], count: int, places: int, what: str) -> int:
+        """Where to store what must not overwrite what may be playing: behind it, or else at the beginning.
+
+        What is there is in use until what was stored next has begun, or, the last, until the outputs are silent (clause
+        BLK-022); where that is soon, it is waited for.
+        """
+        whole(f"number of {what}", count, 1, places)
+        begin = kept[-1].places.stop if kept else 0
+        first = begin if begin + count <= places else 0
+        overwritten = [
+            at for at, each in enumerate(kept) if first < each.places.stop and each.places.start < first + count
+        ]
+        if overwritten:
+            after = kept[overwritten[-1] + 1 :]
+            now = self.status().period
+            left = max(after[0].period - now, 0) + 1 if after else SILENT_PERIODS + 1
+            self.time.sleep(min(left / CARRIER_HZ, self._session.pause_seconds))
+            del kept[: overwritten[-1] + 1]
+        return first
+
+    def _play(self, body: Body) -> Ack:
+        """Send a change, with the outputs enabled."""
+        with self._session.lock:
+            if not self._enabled:
+                self.enable()
+            return self._sent(body)
+
+    def _sent(self, *bodies: Body) -> Ack:
+        """Send blocks; the answer to the last."""
+        try:
+            return self._session.send(*bodies)[-1]
+        except DeviceError:
+            self._enabled = False  # ask again: ENABLE is a sign of life where they are
+            raise
+
+
+def _parts(items: Any, most: int) -> list[tuple[int, Any]]:
+    """A sequence in pieces of at most so many items, each with its place."""
+    return [(at, items[at : at + most]) for at in range(0, len(items), most)]

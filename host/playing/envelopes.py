@@ -1,0 +1,52 @@
+"""Envelopes for `Device.modulate`: what skin feels is not the carrier but how its strength changes."""
+
+from __future__ import annotations
+
+from math import ceil
+from typing import NamedTuple
+
+from ...protocol.board import CARRIER_HZ
+from ...protocol.codes import AMPLITUDES, MODULATION_SAMPLES
+from ...solver.modulation import Modulation
+
+__all__ = ["Envelope", "sine"]
+
+STEPS = 200
+"""In one period of the modulation, where the carrier leaves room for so many."""
+LOWEST_HZ = CARRIER_HZ / (MODULATION_SAMPLES * (2**16 - 1))
+
+
+class Envelope(NamedTuple):
+    """Amplitudes, 0 to 255, and for how many carrier periods each holds."""
+
+    samples: bytes
+    hold: int
+
+    @property
+    def frequency(self) -> float:
+        """How often it repeats, in Hz."""
+        return CARRIER_HZ / (len(self.samples) * self.hold)
+
+
+def sine(frequency: float, depth: float = 1.0) -> Envelope:
+    """An amplitude that falls and rises as a cosine.
+
+    Parameters
+    ----------
+    frequency : float
+        In Hz, up to 20 000; it comes out as the nearest that whole carrier periods make (`Envelope.frequency`). Skin
+        feels 40 to 400 Hz, 200 Hz best.
+    depth : float
+        1 down to silence, 0 not at all.
+
+    Raises
+    ------
+    ValueError
+        Where a number is out of range.
+    """
+    if not LOWEST_HZ < frequency <= CARRIER_HZ / 2:
+        raise ValueError(f"a modulation of {frequency:g} Hz must lie between {LOWEST_HZ:.1g} and {CARRIER_HZ / 2:g} Hz")
+    hold = ceil(CARRIER_HZ / (frequency * STEPS))
+    count = max(2, round(CARRIER_HZ / (frequency * hold)))
+    weights = Modulation.sine([1.0], CARRIER_HZ / (count * hold), depth, samples=count, carrier=CARRIER_HZ).weights
+    return Envelope(bytes(round(float(weight) * (AMPLITUDES - 1)) for weight in weights[:, 0]), hold)

@@ -1,0 +1,256 @@
+"""Frames and sources of frames: whatever can be shown becomes pulses here, and only here is a calibration applied.
+
+A *frame* is `Pulses`, a `Solution`, or a drive, (n,) complex. Pulses pass as they are: a calibration corrects drives.
+A *source* gives frames in turn; nothing here knows when they are due, or sends them anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from itertools import islice
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...protocol.pulses import Pulses
+from ...protocol.quantise import PulseFrames, check_pulses, quantise
+from ...solver import ControlPoints, Solution, Solver
+from .calibration import Calibration
+
+__all__ = [
+    "Frame",
+    "FrameSource",
+    "Frames",
+    "PulseFrames",
+    "StoredFrames",
+    "beginning",
+    "frame_source",
+    "solved",
+    "to_pulses",
+]
+
+NUMBERS = "iufc"  # kinds of types that drives may have
+
+Frame: TypeAlias = Pulses | Solution | NDArray[Any]
+"""What can be shown: pulses as they are, or a drive, (n,) complex of magnitude at most 1, by itself or as solved."""
+
+
+@runtime_checkable
+class StoredFrames(Protocol):
+    """Pulses of frames that are kept somewhere, such as a `Recording`."""
+
+    @property
+    def channels(self) -> int:
+        """Transducers for which they are."""
+
+    def __len__(self) -> int: ...
+
+    def read(self, start: int, stop: int) -> PulseFrames:
+        """Frames from one number to before another."""
+
+
+Frames: TypeAlias = NDArray[Any] | PulseFrames | StoredFrames | Iterable[Frame]
+"""What can be streamed: drives (k, n), pulses of k frames, a recording, or frames one by one."""
+
+
+class FrameSource(Protocol):
+    """Frames in turn, as pulses."""
+
+    ready: bool
+    """Whether they are there already; otherwise each is made when it is taken, and better late than early."""
+
+    def take(self, most: int) -> PulseFrames:
+        """The next frames, at most so many; none where there are no more.
+
+        Raises
+        ------
+        ValueError
+            Where a frame is none; it is named by its number in the source, from 0.
+        """
+
+
+def to_pulses(frame: Frame, calibration: Calibration | None, channels: int) -> Pulses:
+    """The pulses of one frame.
+
+    Parameters
+    ----------
+    frame : Pulses, Solution or (n,) complex
+        What to show.
+    calibration : Calibration, optional
+        Of the device, applied to a drive.
+    channels : int
+        Transducers of the device.
+
+    Raises
+    ------
+    ValueError
+        Where the frame is for another number of transducers, its drive is not finite or beyond 1, or a calibration
+        would be applied to what was solved for calibrated transducers.
+    """
+    if isinstance(frame, Pulses):
+        if len(frame) != channels:
+            raise ValueError(f"{len(frame)} pulses for a device with {channels} transducers")
+        return frame
+    drive = _drive(frame, calibration, channels)
+    return Pulses.from_drive(drive if calibration is None else calibration.apply(drive))
+
+
+def solved(points: Iterable[ControlPoints], solver: Solver) -> Iterator[Solution]:
+    """Frames from control points, each solved when it is asked for.
+
+    Raises
+    ------
+    ValueError
+        Where points cannot be solved for; the frame is named.
+    """
+    for number, frame in enumerate(points):
+        try:
+            solution = solver.solve(frame)
+        except ValueError as error:
+            raise ValueError(f"frame {number}: {error}") from error
+        yield solution
+
+
+def frame_source(source: Frames, calibration: Calibration | None, channels: int) -> FrameSource:
+    """A source of pulses from whatever frames come in.
+
+    Parameters
+    ----------
+    source : (k, n) complex, PulseFrames, Recording, or iterable of frames
+        Arrays and recordings are read piece by piece, and never copied as a whole. Of an iterable no frame is asked for
+        before it is taken, so it may be without end, and make each frame at the last moment.
+    calibration : Calibration, optional
+        Of the device, applied to drives.
+    channels : int
+        Transducers of the device.
+
+    Raises
+    ------
+    ValueError
+        Where the source is none, or for another number of transducers.
+    """
+    if calibration is not None and len(calibration) != channels:
+        raise ValueError(f"a calibration of {len(calibration)} transducers for a device with {channels}")
+    if isinstance(source, StoredFrames):
+        if source.channels != channels:
+            raise ValueError(f"frames of {source.channels} transducers for a device with {channels}")
+        return _Counted(len(source), source.read)
+    if isinstance(source, PulseFrames):
+        for name, values in source._asdict().items():
+            _check_table(name, values, channels)
+            if values.dtype != np.uint8:
+                raise ValueError(f"{name} of frames must be uint8, not {values.dtype}")
+        if len(source.phase) != len(source.width):
+            raise ValueError(f"{len(source.phase)} frames of phases but {len(source.width)} of widths")
+        return _Counted(len(source.phase), partial(_checked, source))
+    if isinstance(source, np.ndarray) and source.dtype.kind in NUMBERS:
+        _check_table("drives", source, channels)
+        return _Counted(len(source), lambda start, stop: _quantised(source[start:stop], calibration, start))
+    if isinstance(source, Pulses | Solution) or not isinstance(source, Iterable):
+        raise ValueError(
+            f"{type(source).__name__} is no source of frames; an array of drives (k, {channels}), PulseFrames, a "
+            "recording, or an iterable of frames is one"
+        )
+    return _OneByOne(iter(source), calibration, channels)
+
+
+class _Counted:
+    """Frames that are there already; `read` makes pulses of those from one number to before another."""
+
+    ready = True
+
+    def __init__(self, frames: int, read: Callable[[int, int], PulseFrames]) -> None:
+        self._frames, self._read = frames, read
+        self._next = 0
+
+    def take(self, most: int) -> PulseFrames:
+        start, self._next = self._next, min(self._next + most, self._frames)
+        return self._read(start, self._next)
+
+
+class _OneByOne:
+    """Frames that are made as they are asked for."""
+
+    ready = False
+
+    def __init__(self, frames: Iterator[Frame], calibration: Calibration | None, channels: int) -> None:
+        self._frames = enumerate(frames)
+        self._calibration, self._channels = calibration, channels
+
+    def take(self, most: int) -> PulseFrames:
+        taken = [self._pulses(number, frame) for number, frame in islice(self._frames, most)]
+        return PulseFrames.joined(taken, self._channels)
+
+    def _pulses(self, number: int, frame: Frame) -> PulseFrames:
+        try:
+            if isinstance(frame, Pulses):
+                pulses = to_pulses(frame, None, self._channels)
+                return PulseFrames(pulses.phase[None], pulses.width[None])
+            drive = _drive(frame, self._calibration, self._channels)
+        except ValueError as error:
+            raise ValueError(f"frame {number}: {error}") from error
+        return _quantised(drive[None], self._calibration, number)
+
+
+def _drive(frame: Solution | NDArray[Any], calibration: Calibration | None, channels: int) -> NDArray[Any]:
+    """The drive of a frame that is no pulses, (n,) complex."""
+    if isinstance(frame, Solution):
+        if calibration is not None and (frame.array.response != 1).any():
+            raise ValueError(
+                "this was solved for an array with responses of its own, which a calibration would correct again; "
+                "leave one of the two out"
+            )
+        frame = frame.drive
+    drive = np.asarray(frame)
+    if drive.dtype.kind not in NUMBERS:
+        raise ValueError(f"a frame is Pulses, a Solution, or a drive ({channels},) complex, not {type(frame).__name__}")
+    if drive.shape != (channels,):
+        raise ValueError(f"a drive of the shape {drive.shape} for a device with {channels} transducers")
+    return drive
+
+
+def _quantised(drives: NDArray[Any], calibration: Calibration | None, first: int) -> PulseFrames:
+    """Pulses of (k, n) drives, of which the first has this number."""
+    return quantise(drives if calibration is None else calibration.apply(drives, first), first=first)
+
+
+def _checked(pulses: PulseFrames, start: int, stop: int) -> PulseFrames:
+    """Those from one number to before another."""
+    part = PulseFrames(pulses.phase[start:stop], pulses.width[start:stop])
+    check_pulses(part, start)
+    return part
+
+
+def _check_table(name: str, values: NDArray[Any], channels: int) -> None:
+    if values.ndim != 2 or values.shape[1] != channels:
+        raise ValueError(f"{name} of frames must have the shape (k, {channels}), not {values.shape}")
+
+
+def beginning(frames: Frames, count: int) -> Frames:
+    """The first frames of a source, at most so many."""
+    if isinstance(frames, PulseFrames):
+        return PulseFrames(frames.phase[:count], frames.width[:count])
+    if isinstance(frames, StoredFrames):
+        return _Beginning(frames, count)
+    if isinstance(frames, np.ndarray):
+        return frames[:count]
+    return islice(frames, count)
+
+
+class _Beginning:
+    """The first of stored frames."""
+
+    def __init__(self, frames: StoredFrames, count: int) -> None:
+        self._frames, self._count = frames, count
+
+    @property
+    def channels(self) -> int:
+        return self._frames.channels
+
+    def __len__(self) -> int:
+        return min(len(self._frames), self._count)
+
+    def read(self, start: int, stop: int) -> PulseFrames:
+        return self._frames.read(start, min(stop, len(self)))

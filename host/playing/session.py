@@ -1,0 +1,404 @@
+"""A session with one device: blocks numbered and answered, requests in between, by one thread at a time.
+
+The session alone knows sequence numbers, how many blocks may be on their way, and which acknowledgement belongs to
+which block. What the blocks are for is its callers' business.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from math import ceil
+from threading import RLock
+from typing import NamedTuple, NoReturn, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import (
+    DeviceError,
+    DeviceLostError,
+    DeviceRefusedError,
+    DeviceStalledError,
+    DeviceTimeoutError,
+    DeviceVersionError,
+    ReplyError,
+)
+from ...protocol.blocks import Block, Body, NoOp, pack
+from ...protocol.codes import BLOCK_BYTES, PROTOCOL_VERSION, AckFlag, Reason, Request, State
+from ...protocol.replies import ACKS, ANSWER_BYTES, Ack, Info, Status, decode_acks, records
+from ..lines.transport import Timekeeper, Transport
+
+__all__ = ["Answers", "Session"]
+
+Answer = TypeVar("Answer")
+
+PATIENCE_SECONDS = 1.0
+"""How long nothing may happen to blocks before they are given up."""
+WATCHDOG_BLOCKS = 20
+"""How many blocks a line must be able to carry in the watchdog's time."""
+ATTEMPTS = 3
+"""How often a block is sent that was damaged or lost on the way."""
+COMES_BACK_SECONDS = 10.0
+"""How long a device may take to start."""
+LEAVES_SECONDS = 0.5
+"""How long a device that was told to restart may take to leave its line."""
+DAMAGE = frozenset({Reason.LENGTH, Reason.CHECKSUM})
+"""Reasons that speak of the line rather than of the block."""
+NUMBERS = 2**32
+
+
+class Answers(NamedTuple):
+    """What became of k blocks.
+
+    Parameters
+    ----------
+    acks : (k,) structured
+        Their acknowledgements, with the fields of `protocol.replies.ACKS`; nothing where there was none.
+    answered : (k,) bool
+        Whether there was one. Without, the block or its acknowledgement was lost on the way.
+    """
+
+    acks: NDArray[np.void]
+    answered: NDArray[np.bool_]
+
+    @classmethod
+    def none(cls, count: int) -> Self:
+        """Nothing is known yet of so many blocks."""
+        return cls(np.zeros(count, ACKS), np.zeros(count, np.bool_))
+
+
+class Session:
+    """A session with the device at the end of a line.
+
+    Parameters
+    ----------
+    transport : Transport
+        The line; the session closes it. The device is asked who it is, and nothing else, until `begin`.
+
+    Attributes
+    ----------
+    info : Info
+        What the device says that it is.
+    closed : bool
+        Whether the line was given back.
+    lock : RLock
+        Held while the line is in use; whoever needs several steps in a row takes it for them.
+
+    Raises
+    ------
+    DeviceVersionError
+        Where host and device have no version of the protocol in common.
+    DeviceError
+        Where the line or the device fails.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self._line = transport
+        self.closed = False
+        self.lock = RLock()
+        self._meet()
+
+    def _meet(self) -> None:
+        """Learn who the device is."""
+        self._number = 0
+        self._restart = True
+        self._free: int | None = None
+        self._heard_at = 0
+        self.info = self.ask(Info.decode, Request.INFO)
+        if not self.info.speaks(PROTOCOL_VERSION):
+            older = "firmware" if self.info.newest_version < PROTOCOL_VERSION else "phasewire"
+            raise DeviceVersionError(
+                f"{self.name} speaks versions {self.info.oldest_version} to {self.info.newest_version} of the "
+                f"protocol, this is version {PROTOCOL_VERSION}; update the {older}, which is the older"
+            )
+        self.status()  # the watchdog's time may be another than at power-up
+
+    def begin(self) -> None:
+        """Stop the device, for a queue that an earlier host has left full takes no block, and begin the numbering anew.
+
+        On a line that is slow the watchdog's time is made longer where need be (clause SER-014).
+        """
+        with self.lock:
+            self.order(Request.DISABLE)
+            blocks_seconds = WATCHDOG_BLOCKS / self._line.most_blocks_per_second
+            if self._watchdog < blocks_seconds:
+                self.order(Request.WATCHDOG, ceil(blocks_seconds * 1000))
+            self.send(NoOp())
+
+    @property
+    def name(self) -> str:
+        """What is at the other end, for people."""
+        return self._line.name
+
+    @property
+    def serial(self) -> str:
+        """Serial number, empty where the line cannot tell."""
+        return self._line.serial
+
+    @property
+    def time(self) -> Timekeeper:
+        """The time by which the line is waited for."""
+        return self._line.time
+
+    def line(self) -> Transport:
+        """The line; raise `DeviceError` where the session is over."""
+        if self.closed:
+            raise DeviceError(f"{self.name} is closed; open it again")
+        return self._line
+
+    def close(self) -> None:
+        """Give the line back."""
+        with self.lock:
+            self.closed = True
+            self._line.close()
+
+    def reopen(self, seconds: float = COMES_BACK_SECONDS) -> None:
+        """Begin anew with the same device, which was lost or has restarted, once it comes back.
+
+        Raises
+        ------
+        DeviceLostError
+            Where it does not come back in time.
+        """
+        with self.lock:
+            line = self.line()
+            end = line.time.monotonic() + seconds
+            while True:
+                line.reopen(max(end - line.time.monotonic(), 0))
+                try:
+                    self._meet()
+                    self.begin()
+                except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):  # it went once more
+                    if line.time.monotonic() >= end:
+                        raise
+                    continue
+                return
+
+    def wait_until_gone(self) -> None:
+        """Wait until a device that restarts does not answer any more; a serial line only gets a moment to see it."""
+        with self.lock:
+            line = self.line()
+            end = line.time.monotonic() + LEAVES_SECONDS
+            with suppress(DeviceError):
+                while line.time.monotonic() < end:
+                    if not line.lossy:
+                        self.status()
+                    line.time.sleep(LEAVES_SECONDS / 50)
+
+    @property
+    def pause_seconds(self) -> float:
+        """How long a host that waits may leave the device without a sign of life, at most a third of a second."""
+        return min(self._watchdog, PATIENCE_SECONDS) / 3
+
+    # Requests
+
+    def ask(self, decode: Callable[[bytes], Answer], request: Request) -> Answer:
+        """Make a control request and read its answer; raise `DeviceError` where that breaks the protocol."""
+        with self.lock:
+            return self._read(decode, self.line().ask(request, ANSWER_BYTES[request]))
+
+    def order(self, request: Request, value: int = 0) -> None:
+        """Make a control request that is only carried out."""
+        with self.lock:
+            self.line().order(request, value)
+            if request is Request.WATCHDOG:
+                self._watchdog = value / 1000
+
+    def status(self) -> Status:
+        """What the device is doing; a sign of life to it.
+
+        Raises
+        ------
+        DeviceLostError
+            Where it has restarted meanwhile, which a serial line does not tell by itself.
+        """
+        with self.lock:
+            status = self.ask(Status.decode, Request.STATUS)
+            self._watchdog = status.watchdog_ms / 1000
+            restarted, self._heard_at = status.now < self._heard_at, status.now
+        if restarted:
+            raise DeviceLostError(f"{self.name} has restarted, with its outputs off and its stores empty")
+        return status
+
+    # Blocks
+
+    def send(self, *bodies: Body) -> list[Ack]:
+        """Send blocks one after the other, each when the one before was accepted.
+
+        A block that was damaged or lost on the way is sent again under its number (clause SER-012). Where only its
+        acknowledgement was lost, `Ack.commit_period` is 0.
+
+        Raises
+        ------
+        DeviceRefusedError
+            Where the device refuses one; those behind it are not sent.
+        DeviceError
+            Where the line or the device fails.
+        """
+        with self.lock:
+            if self._restart and not isinstance(bodies[0], NoOp):
+                self._send(NoOp())  # the numbering begins with a block that may come twice without harm (SER-012)
+            return [self._send(body) for body in bodies]
+
+    def _send(self, body: Body) -> Ack:
+        number = self._number
+        block = np.frombuffer(pack(Block(body, number, self._restart)), np.uint8).reshape(1, BLOCK_BYTES)
+        lost = False
+        for _ in range(ATTEMPTS):
+            answers = Answers.none(1)
+            self.transfer(block, answers)
+            self._number = number  # until it is known to have been accepted
+            if not answers.answered[0]:
+                lost = True
+                continue
+            ack = as_ack(answers.acks[0])
+            if ack.reason in DAMAGE:
+                continue
+            self._number = (number + 1) % NUMBERS
+            if ack.reason is Reason.SEQUENCE and lost:  # the first of the two had arrived
+                return Ack(Reason.ACCEPTED, number, 0, ack.now, AckFlag(0), ack.free, ack.state)
+            self.check(ack)
+            return ack
+        self._number = (number + 1) % NUMBERS
+        raise DeviceTimeoutError(
+            f"{self.name} did not receive a block that was sent {ATTEMPTS} times; check the line, and its rate"
+        )
+
+    def check_enabled(self) -> None:
+        """Give a sign of life; raise `DeviceRefusedError` where the outputs are not enabled any more."""
+        if not self.status().enabled:
+            self._say_disabled()
+
+    def check(self, ack: Ack) -> None:
+        """Raise `DeviceRefusedError` for an acknowledgement that says no."""
+        if ack.reason in (Reason.DISABLED, Reason.FAULT):
+            self._say_disabled()
+        if ack.reason is not Reason.ACCEPTED:
+            raise DeviceRefusedError(f"{self.name} refuses block {ack.sequence}: {ack.reason.text}", ack.reason)
+
+    def _say_disabled(self) -> NoReturn:
+        """Raise a `DeviceRefusedError` that says why the outputs are off."""
+        status = self.status()
+        if status.state is State.FAULT:
+            faults = ", ".join(fault.name or "" for fault in status.faults)
+            raise DeviceRefusedError(
+                f"{self.name} is silenced by a fault ({faults}); `phasewire doctor` says what to do", Reason.FAULT
+            )
+        why = "it was stopped, or its bus was suspended or reset."
+        if status.watchdog_fired:
+            why = f"it heard nothing for {status.watchdog_ms / 1000:g} s; was this program held up?"
+        raise DeviceRefusedError(f"{self.name} has turned its outputs off: {why} Enable them again", Reason.DISABLED)
+
+    @property
+    def upcoming(self) -> tuple[int, bool]:
+        """Number of the next block, and whether the numbering begins with it."""
+        return self._number, self._restart
+
+    def transfer(self, blocks: NDArray[np.uint8], answers: Answers) -> None:
+        """Send blocks, as many at a time as the line and the device allow, and wait for what becomes of each.
+
+        Parameters
+        ----------
+        blocks : (k, 512) uint8
+            Numbered from `upcoming` on.
+        answers : Answers
+            Of k blocks; what is known of each is written here as it comes, whatever happens then.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            Where nothing moves for a second, or, on a line that loses nothing, an acknowledgement is missing.
+        DeviceError
+            Where the line or the device fails. How much was sent is then unknown, and the numbers are used up.
+        """
+        with self.lock:
+            self._transfer(blocks, answers)
+
+    def _transfer(self, blocks: NDArray[np.uint8], answers: Answers) -> None:
+        line, count, first = self.line(), len(blocks), self._number
+        numbers = (first + np.arange(count)) % NUMBERS
+        data = blocks.tobytes()
+        life = self.pause_seconds  # the device must hear of its host that waits for room
+        sent = done = 0
+        moved = line.time.monotonic()
+        while done < count:
+            progress = False
+            room = min(line.window(self._free, self.info.queue_records) - (sent - done), count - sent)
+            if room > 0:
+                self._number = (first + sent + room) % NUMBERS  # used up, whatever becomes of them
+                self._restart = False
+                taken = line.write_blocks(data[sent * BLOCK_BYTES : (sent + room) * BLOCK_BYTES], life) // BLOCK_BYTES
+                sent += taken
+                self._number = (first + sent) % NUMBERS
+                progress = taken > 0
+            if sent > done:
+                acks = self._acks(line.read_records(life))
+                done, progress = self._match(acks, numbers, answers, done, sent), progress or len(acks) > 0
+            if progress:
+                moved = line.time.monotonic()
+                continue
+            status = self.status()
+            if line.time.monotonic() - moved > PATIENCE_SECONDS:
+                full = sent == done or (line.lossy and status.free == 0)  # where the last block waits (SER-011)
+                if full or not line.lossy:
+                    did_not = (
+                        f"did not take a block for {PATIENCE_SECONDS:g} s: its queue is full; wait, or stop it"
+                        if full
+                        else f"did not acknowledge a block for {PATIENCE_SECONDS:g} s; open it again"
+                    )
+                    raise DeviceTimeoutError(f"{self.name} {did_not}")
+                done, moved = sent, line.time.monotonic()
+
+    def _acks(self, packet: bytes) -> NDArray[np.void]:
+        """The acknowledgements in what came, beside which the device may have said something by itself."""
+        try:
+            return decode_acks(packet)
+        except ReplyError:
+            acks = [record for record in self._read(records, packet) if isinstance(record, Ack)]
+            return self._read(decode_acks, b"".join(ack.encode() for ack in acks))
+
+    def _match(self, acks: NDArray[np.void], numbers: NDArray[np.int64], answers: Answers, done: int, sent: int) -> int:
+        """Give acknowledgements to blocks done … sent; return up to which block all is known.
+
+        They come in the order of the blocks, and on a line that loses nothing each has one. Those of blocks that were
+        given up before are passed over, or come late.
+        """
+        if len(acks):
+            self._free = int(acks["free"][-1])
+        if len(acks) <= sent - done and (acks["sequence"] == numbers[done : done + len(acks)]).all():
+            answers.acks[done : done + len(acks)] = acks
+            answers.answered[done : done + len(acks)] = True
+            return done + len(acks)
+        for ack in acks:
+            place = (int(ack["sequence"]) - int(numbers[0])) % NUMBERS
+            damaged = not self._line.lossy and Reason(int(ack["reason"])) in DAMAGE
+            if damaged:  # its number may be damaged too, so its place in line counts
+                place = done
+            elif place >= NUMBERS // 2:
+                continue  # an older block's
+            if place not in (range(sent) if self._line.lossy else range(done, min(done + 1, sent))):
+                raise DeviceError(f"{self.name} acknowledges block {ack['sequence']} out of turn; open it again")
+            answers.acks[place] = ack
+            answers.answered[place] = True
+            done = max(done, place + 1)
+        return done
+
+    def _read(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
+        try:
+            return decode(data)
+        except ReplyError as error:
+            raise DeviceError(f"{self.name} answers in a way that breaks the protocol: {error}") from error
+
+
+def as_ack(row: np.void) -> Ack:
+    """One row of `Answers.acks` as a value."""
+    return Ack(
+        Reason(int(row["reason"])),
+        int(row["sequence"]),
+        int(row["commit_period"]),
+        int(row["now"]),
+        AckFlag(int(row["flags"])),
+        int(row["free"]),
+        State(int(row["state"])),
+    )

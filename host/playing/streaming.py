@@ -1,0 +1,356 @@
+"""Frames to a device at a rate, each in its own carrier period.
+
+Frame k is due at period start + ⌊k · 40 000 / rate⌋ of the device's clock, and is sent a little earlier: the *look-
+ahead*. Frames that are there already go many in a transfer, as soon as half of the look-ahead is used up; those of a
+live source go one by one. What the device's queue cannot hold yet waits in the transfer, held back by NAK or by credit,
+but not for long. Where source or host come too late for a frame, that is an *underrun*: the rest of the stream is moved
+to a later start, so that frames keep their distance and their order.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from math import ceil, floor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import DeviceLostError, DeviceStalledError, DeviceTimeoutError
+from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
+from ...protocol.codes import AckFlag, Fault, Reason
+from ...protocol.updates import pack_updates
+from .clock import DeviceClock, Reading
+from .frames import FrameSource, PulseFrames
+from .session import DAMAGE, Answers, Session, as_ack
+
+__all__ = ["LOOK_AHEAD_SECONDS", "Stream", "StreamReport"]
+
+LOOK_AHEAD_SECONDS = 0.01
+MOST_LOOK_AHEAD_SECONDS = 10.0
+LEAST_LEAD_PERIODS = 6
+"""A change for the fifth period after its arrival is in time (clause BLK-005); one more for the way there."""
+FIRST_READINGS = 8
+READING_SECONDS = 0.25
+PROGRESS_SECONDS = 0.1
+COUNTS = (
+    "sent",
+    "accepted",
+    "late",
+    "damaged",
+    "refused",
+    "unanswered",
+    "underruns",
+    "moved_periods",
+    "reconnects",
+    "missed_commits",
+)
+NEVER = 2**63
+NO_FAULTS = Fault(0)
+DAMAGED = [int(reason) for reason in DAMAGE]
+TURN_PERIODS = 200
+"""5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
+MOST_BLOCKS = 128
+"""In one transfer at most: at 40 000 frames a second others wait 3 ms for their turn."""
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """What became of the frames of a stream; each is counted once as accepted, damaged, refused or unanswered.
+
+    Parameters
+    ----------
+    rate : float
+        Frames per second, as asked for.
+    sent : int
+        Frames that were given to the line.
+    accepted : int
+        Frames that the device has accepted.
+    late : int
+        Of these, how many could not begin in the period that they named, and began later.
+    damaged : int
+        Frames that arrived damaged, and so were not played.
+    refused : int
+        Frames that the device refused, at which the stream ended.
+    unanswered : int
+        Frames of which is not known whether they arrived: the line or the device was lost before it could say.
+    underruns : int
+        How often source or host came too late, and the rest of the stream was moved.
+    moved_periods : int
+        By how many carrier periods in all.
+    reconnects : int
+        How often the device was lost and came back.
+    missed_commits : int
+        How often a processor played on the frame before because this one had not reached it, in all.
+    faults : Fault
+        All that the device has reported meanwhile.
+    first_period, last_period : int
+        When the first and the last accepted frame began, by the device's clock; 0 before.
+    least_lead_periods : int or None
+        The fewest periods between the arrival of a frame and its beginning, None before the first.
+    drift_ppm : float
+        How much faster than nominal the device's clock runs by the host's.
+    uncertainty : float
+        Of the device's clock as the host knows it, in seconds.
+    """
+
+    rate: float
+    sent: int = 0
+    accepted: int = 0
+    late: int = 0
+    damaged: int = 0
+    refused: int = 0
+    unanswered: int = 0
+    underruns: int = 0
+    moved_periods: int = 0
+    reconnects: int = 0
+    missed_commits: int = 0
+    faults: Fault = NO_FAULTS
+    first_period: int = 0
+    last_period: int = 0
+    least_lead_periods: int | None = None
+    drift_ppm: float = 0.0
+    uncertainty: float = 0.0
+
+    def __str__(self) -> str:
+        """One line for people."""
+        parts = [f"{self.accepted} frames at {self.rate:g}/s", f"{self.late} late", f"{self.underruns} underruns"]
+        if self.damaged or self.unanswered:
+            parts.append(f"{self.damaged} damaged, {self.unanswered} unanswered")
+        if self.missed_commits:
+            parts.append(f"{self.missed_commits} commits missed")
+        if self.faults:
+            parts.append(f"faults {'+'.join(fault.name or '' for fault in self.faults)}")
+        if self.reconnects:
+            parts.append(f"{self.reconnects} reconnects")
+        if self.least_lead_periods is not None:
+            parts.append(f"least lead {self.least_lead_periods / CARRIER_HZ * 1e3:.2f} ms")
+        return ", ".join([*parts, f"clock {self.drift_ppm:+.1f} ppm"])
+
+
+class Stream:
+    """One run of frames to a device.
+
+    Parameters
+    ----------
+    session : Session
+        With the device.
+    source : FrameSource
+        The frames.
+    rate : float
+        Frames per second.
+    look_ahead : float
+        Seconds before its period at which a frame is sent at the earliest.
+    permit : callable
+        Raises a `DeviceError` where the stream is to end.
+    begin : callable
+        Enables the outputs.
+    restore : callable, optional
+        Makes a device that was lost and came back what it was before; without it, the stream ends there.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        source: FrameSource,
+        rate: float,
+        *,
+        look_ahead: float,
+        permit: Callable[[], None],
+        begin: Callable[[], None],
+        restore: Callable[[], None] | None,
+    ) -> None:
+        most = min(session.info.max_updates_per_second, session.line().most_blocks_per_second)
+        if not 0 < rate <= most:
+            raise ValueError(
+                f"a rate of {rate:g} frames/s must be more than 0, and at most {most:g} with this device and its line"
+            )
+        if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
+            raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")
+        self._session, self._source = session, source
+        self._permit, self._begin, self._restore = permit, begin, restore
+        self._spacing = CARRIER_HZ / rate
+        per_block = CARRIER_HZ / session.line().most_blocks_per_second
+        self._least_lead = LEAST_LEAD_PERIODS + ceil(per_block)
+        self._most_blocks = max(1, min(MOST_BLOCKS, floor(TURN_PERIODS / per_block)))
+        self._look_ahead = max(ceil(look_ahead * CARRIER_HZ), 2 * self._least_lead)
+        self._horizon = min(self._look_ahead, session.info.queue_blocks * self._spacing + TURN_PERIODS)
+        enough = min(self._least_lead + self._spacing, self._horizon)
+        self._refill = max(self._horizon / 2, enough) if source.ready else self._horizon
+        self._next = 0
+        self._start = 0.0
+        self._read_at = 0.0
+        self._accepted_before = -1  # the device was lost last; where nothing was since, coming back does not help
+        self._rate = rate
+        self._clock = DeviceClock()
+        self._counts = Counter[str]()
+        self._missed_before: int | None = None
+        self._faults = NO_FAULTS
+        self._first = self._last = 0
+        self._least = NEVER
+
+    @property
+    def report(self) -> StreamReport:
+        """As it stands."""
+        return StreamReport(
+            self._rate,
+            **{name: self._counts[name] for name in COUNTS},
+            faults=self._faults,
+            first_period=self._first,
+            last_period=self._last,
+            least_lead_periods=None if self._least == NEVER else self._least,
+            drift_ppm=self._clock.drift_ppm,
+            uncertainty=self._clock.uncertainty,
+        )
+
+    def run(self, on_progress: Callable[[StreamReport], None] | None = None) -> StreamReport:
+        """Play all frames, and wait until the last has had its time."""
+        frames = self._source.take(1)
+        pack_updates(*frames, sequence=0)  # what is compiled or read now does not keep an enabled device waiting
+        with self._session.lock:
+            self._permit()
+            self._begin()
+        told = time.monotonic()
+        self._find_clock()
+        while len(frames.phase):
+            self._come_back_if_lost(partial(self._send, frames))
+            if on_progress is not None and time.monotonic() - told >= PROGRESS_SECONDS:
+                told = time.monotonic()
+                on_progress(self.report)
+            frames = self._source.take(self._wait_for_turn())
+        self._come_back_if_lost(self._wait_for_the_end)
+        return self.report
+
+    def _wait_for_the_end(self) -> None:
+        """Let the last frame have its time, and see how it all went."""
+        self._wait_until(self._due(self._next))
+        self._read_clock()
+
+    def _come_back_if_lost(self, step: Callable[[], None]) -> None:
+        """Take a step; where the device is lost in it, wait until it is back, and be ready for the next frame."""
+        try:
+            step()
+        except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):
+            if self._restore is None or self._counts["accepted"] == self._accepted_before:
+                raise
+            self._accepted_before = self._counts["accepted"]
+            with self._session.lock:
+                self._session.reopen()
+                self._permit()
+                self._restore()
+            self._counts["reconnects"] += 1
+            self._find_clock()
+
+    # The device's time
+
+    def _find_clock(self) -> None:
+        """Learn the device's time anew, and let the next frame begin a look-ahead from now."""
+        self._clock, self._missed_before = DeviceClock(), None
+        for _ in range(FIRST_READINGS):
+            self._read_clock()
+        self._begin_at(ceil(self._now()) + self._look_ahead)
+
+    def _read_clock(self) -> None:
+        """Ask for the device's time, and what it says of itself besides."""
+        keeper = self._session.time
+        with self._session.lock:
+            before = keeper.monotonic()
+            status = self._session.status()
+            after = keeper.monotonic()
+        self._clock.add(Reading(before, after, status.now))
+        self._read_at = after
+        self._faults |= status.faults
+        if self._missed_before is None:  # counts begin anew where a device was without power
+            self._missed_before = status.missed_commits - self._counts["missed_commits"]
+        self._counts["missed_commits"] = status.missed_commits - self._missed_before
+
+    def _keep_time(self) -> None:
+        """Read the device's clock where the last reading is old: the two clocks drift apart."""
+        if self._session.time.monotonic() - self._read_at > READING_SECONDS:
+            self._read_clock()
+
+    def _now(self) -> float:
+        """Carrier period of the device, with its fraction."""
+        return self._clock.period_at(self._session.time.monotonic())
+
+    def _due(self, index: int) -> int:
+        """Period in which a frame begins."""
+        return floor(self._start + index * self._spacing)
+
+    def _begin_at(self, period: int) -> None:
+        """Let the next frame begin in a period."""
+        self._start = period - self._next * self._spacing
+
+    def _wait_until(self, period: float) -> None:
+        """Let time pass until a period begins, with signs of life to the device, and readings of its clock."""
+        keeper = self._session.time
+        while (left := self._clock.moment_of(period) - keeper.monotonic()) > 0:
+            pause = self._session.pause_seconds
+            keeper.sleep(min(left, pause))
+            if left > pause:
+                self._session.check_enabled()
+                self._keep_time()
+
+    # Frames
+
+    def _wait_for_turn(self) -> int:
+        """Wait until the next frame is to be sent; how many may go with it."""
+        self._come_back_if_lost(lambda: self._wait_until(self._due(self._next) - self._refill))
+        self._keep_up()
+        due = floor((self._now() + self._horizon - self._start) / self._spacing) + 1 - self._next
+        return min(max(due, 1), self._most_blocks)
+
+    def _keep_up(self) -> None:
+        """Where it is too late for the next frame, move it and all that follow."""
+        late_for, now = self._due(self._next), self._now()
+        if late_for - now < self._least_lead:
+            self._begin_at(ceil(now) + self._look_ahead)
+            self._counts["underruns"] += 1
+            self._counts["moved_periods"] += self._due(self._next) - late_for
+
+    def _send(self, frames: PulseFrames) -> None:
+        """Send frames, and count what became of them."""
+        count = len(frames.phase)
+        with self._session.lock:
+            self._permit()
+            self._keep_up()  # the source may have taken its time
+            periods = np.floor(self._start + np.arange(self._next, self._next + count) * self._spacing)
+            number, restart = self._session.upcoming
+            blocks = pack_updates(frames.phase, frames.width, number, periods.astype(np.uint64), restart=restart)
+            self._next += count
+            self._counts["sent"] += count
+            self._counts["unanswered"] += count
+            answers = Answers.none(count)
+            try:
+                self._session.transfer(blocks, answers)
+            finally:
+                self._account(answers.acks[answers.answered])
+        self._check(answers.acks[answers.answered])
+        self._keep_time()
+
+    def _account(self, acks: NDArray[np.void]) -> None:
+        if not len(acks):
+            return
+        count = self._counts
+        count["unanswered"] -= len(acks)
+        accepted = acks[acks["reason"] == Reason.ACCEPTED]
+        if len(accepted):
+            begins = accepted["commit_period"]
+            count["accepted"] += len(accepted)
+            count["late"] += int(np.count_nonzero(accepted["flags"] & AckFlag.LATE))
+            self._first = self._first or int(begins[0])
+            self._last = int(begins[-1])
+            self._least = min(self._least, int((begins - accepted["now"] // TICKS_PER_PERIOD).min()))
+        if refused := len(acks) - len(accepted):
+            damaged = int(np.isin(acks["reason"], DAMAGED).sum())
+            count["damaged"] += damaged
+            count["refused"] += refused - damaged
+
+    def _check(self, acks: NDArray[np.void]) -> None:
+        """Raise `DeviceRefusedError` for the first frame that was refused for what it is."""
+        for row in acks[acks["reason"] != Reason.ACCEPTED]:
+            if int(row["reason"]) not in DAMAGED:
+                self._session.check(as_ack(row))
