@@ -443,13 +443,13 @@ class Device:
             Where the line or the device fails. After any error the outputs are off, or will be when the watchdog's
             time is over where the device cannot be reached.
         """
-        frames = frame_source(source, self.calibration, self.info.channels)
+        frames, stops = frame_source(source, self.calibration, self.info.channels), self._stops
         stream = Stream(
             self._session,
             frames,
             rate,
             look_ahead=look_ahead,
-            permit=partial(self._check_not_stopped, self._stops),
+            permit=partial(self._check_not_stopped, stops),
             begin=partial(self._begin_stream, envelope),
             restore=self._restore if reconnect else None,
         )
@@ -460,7 +460,8 @@ class Device:
         try:
             return stream.run(on_progress)
         except BaseException:
-            self._silence_after_failure()
+            if self._stops == stops:  # otherwise they are off, or play what was begun since
+                self._silence_after_failure()
             raise
         finally:
             self._streaming = False
