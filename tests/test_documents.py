@@ -34,8 +34,11 @@ def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> No
     assert spread < 0.5  # per cent
 
 
-@pytest.mark.parametrize(("name", "count"), [("protocol.md", 2), ("emulator.md", 1), ("faults.md", 1)])
-def test_the_python_of_the_documents_runs(name: str, count: int) -> None:
+@pytest.mark.parametrize(("name", "count"), [("protocol.md", 2), ("emulator.md", 1), ("faults.md", 1), ("host.md", 3)])
+def test_the_python_of_the_documents_runs(
+    name: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     guide = (ROOT / "docs" / name).read_text(encoding="utf-8")
     examples = re.findall(r"```python\n(.*?)```", guide, re.DOTALL)
     assert len(examples) == count

@@ -200,7 +200,7 @@ def stream(
         float, typer.Option(metavar="HZ", help="Frequency at which the device modulates the frames, or 0 for none.")
     ] = TACTILE_HZ,
     look_ahead: Annotated[
-        float, typer.Option(min=0, help="How long before its time a frame is sent, in s; a slow line needs more.")
+        float, typer.Option(min=0, help="How long before its time a frame is sent, in s.")
     ] = LOOK_AHEAD_SECONDS,
     reconnect: Annotated[
         bool, typer.Option("--reconnect", help="Go on with the next frame when a lost device comes back.")
