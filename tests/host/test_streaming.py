@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from phasewire import Device, Emulator, Pulses, open_device
 from phasewire.emulator.faults import (
     BusReset,
@@ -19,6 +20,7 @@ from phasewire.emulator.faults import (
     FlippedUsbBit,
     HotBoard,
     InjectedFault,
+    LostToken,
     PowerCut,
     SilentHost,
     StalledEndpoint,
@@ -28,9 +30,11 @@ from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, D
 from phasewire.host.lines.transport import Timekeeper
 from phasewire.host.lines.usb import UsbTransport
 from phasewire.host.playing.envelopes import sine
+from phasewire.host.playing.session import Answers, Session
 from phasewire.host.playing.streaming import StreamReport
 from phasewire.protocol.codes import Reason, StatusFlag
 from phasewire.protocol.quantise import PulseFrames
+from phasewire.protocol.timing import TWO_WIRE
 
 MS = 40
 """Carrier periods."""
@@ -312,6 +316,21 @@ def test_a_stream_goes_on_with_the_next_frame_when_a_lost_device_comes_back(faul
         assert played(emulator, report.last_period - 100 * 40) == frame(wanted, 99)
 
 
+def test_missed_commits_are_counted_over_restarts() -> None:
+    def source(emulator: Emulator) -> Iterator[Pulses]:
+        for index, pulses in enumerate(one_by_one(frames(1200))):
+            if index in (50, 100, 900):
+                emulator.inject(LostToken(message="slice", processor=3, token=9))
+            if index == 600:
+                emulator.inject(PowerCut(periods=3000))
+            yield pulses
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = device.stream(source(emulator), 1000, reconnect=True)
+        assert device.status().missed_commits == 1
+    assert (report.reconnects, report.missed_commits) == (1, 3)
+
+
 @pytest.mark.parametrize("periods", [1, 3000])
 @pytest.mark.parametrize("reconnect", [True, False])
 def test_a_restart_that_a_serial_line_does_not_tell_is_seen_by_the_device_s_clock(
@@ -453,6 +472,38 @@ def test_a_session_keeps_to_the_watchdog_s_time_that_an_earlier_one_has_set() ->
         with open_device(emulator.url) as device:
             device.show(frame(frames(1), 0))
             device.keep_playing(0.1)
+
+
+@pytest.mark.parametrize("left", range(12))
+def test_a_frame_that_cannot_be_in_time_is_moved_and_not_late(left: int) -> None:
+    """Whatever number of periods a source leaves between its frame and the time that it was due."""
+
+    def slow(device: Device) -> Iterator[Pulses]:
+        for index, pulses in enumerate(one_by_one(frames(6))):
+            if index:
+                device.time.sleep((10 * MS - left) / 40_000)
+            yield pulses
+
+    with Emulator(link=TWO_WIRE) as emulator, open_device(emulator.url) as device:
+        report = device.stream(slow(device), 50)
+    assert (report.accepted, report.late) == (6, 0)
+
+
+def test_a_stream_holds_the_line_for_some_milliseconds_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where its look-ahead is for more frames than the device's queue holds."""
+    held = []
+    genuine = Session.transfer
+
+    def transfer(session: Session, blocks: NDArray[np.uint8], answers: Answers) -> None:
+        began = session.time.monotonic()
+        genuine(session, blocks, answers)
+        held.append(session.time.monotonic() - began)
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        monkeypatch.setattr(Session, "transfer", transfer)
+        report = device.stream(frames(90), 100, look_ahead=1)
+    assert (report.accepted, report.late) == (90, 0)
+    assert max(held) < 0.006
 
 
 def test_progress_is_told_and_a_report_reads_well() -> None:
