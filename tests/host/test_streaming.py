@@ -506,6 +506,48 @@ def test_a_stream_holds_the_line_for_some_milliseconds_at_most(monkeypatch: pyte
     assert max(held) < 0.006
 
 
+@pytest.mark.parametrize(
+    ("url", "rate", "least", "most"), [("emulator:", 1000, 4, 6), ("emulator:?door=serial&baud=3000000", 500, 1, 2)]
+)
+def test_frames_that_are_there_go_many_in_a_transfer_but_not_for_longer_than_a_turn(
+    url: str, rate: float, least: float, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """1000 frames/s, half of 10 ms at a time; on a serial line 5 ms are two blocks and a bit."""
+    counts = []
+    genuine = Session.transfer
+
+    def transfer(session: Session, blocks: NDArray[np.uint8], answers: Answers) -> None:
+        counts.append(len(blocks))
+        genuine(session, blocks, answers)
+
+    with open_device(url) as device:
+        monkeypatch.setattr(Session, "transfer", transfer)
+        report = device.stream(frames(120), rate)
+    assert max(counts[1:]) <= most
+    assert sum(counts) / len(counts) >= least
+    assert (report.accepted, report.late) == (120, 0)
+
+
+def test_the_least_lead_is_that_of_the_frame_that_came_last_before_its_time() -> None:
+    with open_device("emulator:") as device:
+        report = device.stream(frames(120), 1000)
+    assert report.least_lead_periods == pytest.approx(5 * MS, abs=8)
+
+
+def test_damaged_and_refused_frames_of_one_transfer_are_counted_apart() -> None:
+    reports: list[StreamReport] = []
+    wanted = PulseFrames(np.full((10, 320), 20, np.uint8), np.full((10, 320), 2, np.uint8))
+    wanted.width[2] = 25
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        device.set_drive_limit(100)
+        emulator.inject(FlippedUsbBit(endpoint=0x01, byte=300, times=2))
+        with pytest.raises(DeviceRefusedError) as refused:
+            device.stream(wanted, 20_000, on_progress=reports.append)
+    assert refused.value.reason is Reason.DRIVE
+    last = reports[-1]
+    assert (last.damaged, last.refused, last.accepted + last.unanswered) == (2, 1, last.sent - 3)
+
+
 def test_progress_is_told_and_a_report_reads_well() -> None:
     reports: list[StreamReport] = []
     with Emulator() as emulator, open_device(emulator.url) as device:
