@@ -173,9 +173,9 @@ class Stream:
         self._session, self._source = session, source
         self._permit, self._begin, self._restore = permit, begin, restore
         self._spacing = CARRIER_HZ / rate
-        per_block = CARRIER_HZ / session.line().most_blocks_per_second
-        self._least_lead = LEAST_LEAD_PERIODS + ceil(per_block)
-        self._most_blocks = max(1, min(MOST_BLOCKS, floor(TURN_PERIODS / per_block)))
+        blocks_per_period = session.line().most_blocks_per_second / CARRIER_HZ  # of some lines infinite
+        self._least_lead = LEAST_LEAD_PERIODS + ceil(1 / blocks_per_period)
+        self._most_blocks = max(1, int(min(MOST_BLOCKS, TURN_PERIODS * blocks_per_period)))
         self._look_ahead = max(ceil(look_ahead * CARRIER_HZ), 2 * self._least_lead)
         self._horizon = min(self._look_ahead, session.info.queue_blocks * self._spacing + TURN_PERIODS)
         enough = min(self._least_lead + self._spacing, self._horizon)

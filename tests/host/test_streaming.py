@@ -615,3 +615,9 @@ def test_a_device_that_comes_back_has_the_drive_limit_that_it_had() -> None:
         emulator.inject(PowerCut(period=3000, periods=8000))
         report = device.stream(one_by_one(frames(100)), 1000, reconnect=True)
         assert (report.reconnects, device.status().drive_limit) == (1, 200)
+
+
+def test_a_line_that_says_of_no_rate_that_it_is_too_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(UsbTransport, "most_blocks_per_second", float("inf"))
+    with open_device("emulator:") as device:
+        assert device.stream(frames(50), 1000).accepted == 50
