@@ -83,9 +83,9 @@ class Device:
     """A device that plays pulses.
 
     Any thread may call any method at any time: calls wait for each other, and a stream lets others pass between its
-    transfers, so that `stop` ends it within a few milliseconds. Every method raises a `DeviceError` where the line or
-    the device fails: `DeviceLostError` where it went away, `DeviceTimeoutError` where it does not answer,
-    `DeviceStalledError` where it does not do what is asked in its state.
+    transfers, so that `stop` ends it within a few milliseconds, or when it has given up a device that is lost. Every
+    method raises a `DeviceError` where the line or the device fails: `DeviceLostError` where it went away,
+    `DeviceTimeoutError` where it does not answer, `DeviceStalledError` where it does not do what is asked in its state.
 
     A *frame*, where one is asked for, is `Pulses`, a `Solution`, or a drive, (n,) complex of magnitude at most 1.
     A *period* is one of the device's clock (`clock`), `NOW` for as soon as possible.
@@ -312,7 +312,8 @@ class Device:
     ) -> Ack:
         """Play stored slots one after the other, again and again, without the host's help.
 
-        The outputs are enabled first if they are not. Another sequence may be playing: this one is stored beside it.
+        The outputs are enabled first if they are not. Another sequence may be playing: this one is stored beside it,
+        where both have room.
 
         Parameters
         ----------
@@ -330,7 +331,7 @@ class Device:
         ValueError
             Where a step is out of range; nothing is sent.
         DeviceRefusedError
-            Where the device refuses it, as it does where a slot is empty.
+            Where the device refuses it, as it does where a slot is empty, or would have to overwrite what plays.
         """
         self._need(Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
         entries = [Entry(*step) for step in steps]
