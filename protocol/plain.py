@@ -12,7 +12,12 @@ import numpy as np
 
 from .pulses import Pulses
 
-__all__ = ["plain", "runs"]
+__all__ = ["flag_names", "plain", "runs"]
+
+
+def flag_names(flags: IntFlag) -> str:
+    """The names of the flags that are set, with commas between; nothing where none is."""
+    return ", ".join(flag.name or "" for flag in flags)
 
 
 def runs(pulses: Pulses) -> list[list[int]]:

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from ...console import JsonOption, console_for, write_json
 from ...protocol.codes import Request
-from ...protocol.plain import plain
+from ...protocol.plain import flag_names, plain
 from ...protocol.replies import Info, Status
 from ...protocol.requests import VALUES
 from ...protocol.versions import Version
@@ -66,11 +66,11 @@ def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> 
         ),
         ("output", f"{what.ticks_per_period} ticks per period of {what.carrier_hz / 1e3:g} kHz"),
         ("rate", f"{what.max_updates_per_second:g} updates/s at most, {what.queue_blocks} queued"),
-        ("features", ", ".join(feature.name or "" for feature in what.features) or "none"),
+        ("features", flag_names(what.features) or "none"),
         ("watchdog", f"{status.watchdog_ms} ms"),
         ("drive limit", f"{status.drive_limit} fully driven transducers"),
         ("temperature", f"{status.temperature_c} °C"),
-        ("faults", ", ".join(fault.name or "" for fault in status.faults) or "none"),
+        ("faults", flag_names(status.faults) or "none"),
         ("outputs", f"{'enabled' if status.enabled else 'off'} ({status.state.name})"),
         ("carrier period", str(status.period)),
         ("blocks", f"{status.accepted} accepted, {status.refused} refused, {status.late} late, {status.lost} lost"),
@@ -205,6 +205,6 @@ def clear_faults(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = N
     note_where_fresh(device)
     with open_device(device, observe=True) as opened:
         status = opened.clear_faults()
-    left = ", ".join(fault.name or "" for fault in status.faults)
+    left = flag_names(status.faults)
     said = f" still has {left}; {command_for('doctor', device)} says what to do." if left else " has no faults."
     _tell(json_target, "clear-faults", opened.name, said, status)

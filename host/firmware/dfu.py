@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
 import usb.core
 import usb.util
 
-from ...errors import DeviceError, DeviceRefusedError, DeviceStalledError, DeviceTimeoutError, ReplyError
+from ...errors import DeviceError, DeviceRefusedError, DeviceStalledError, DeviceTimeoutError
 from ...protocol.codes import (
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,
@@ -31,9 +31,10 @@ from ...protocol.codes import (
 from ...protocol.dfu import BUSY_LONGEST_MS, DfuReply
 from ...protocol.enumeration import ARRAY_INTERFACE, DFU_INTERFACE
 from ...protocol.requests import Setup
+from ..lines.transport import understood
 from ..lines.usb_find import Sighting, configure, control, opened, translated
 
-__all__ = ["DfuLine", "detach", "understood"]
+__all__ = ["DfuLine", "detach"]
 
 INTERFACE = 0
 """The only one in DFU mode."""
@@ -49,15 +50,6 @@ _FLASH_FAILURES = {
     DfuStatus.PROG: "a page was not programmed",
     DfuStatus.VERIFY: "it holds something else than what was written",
 }
-
-
-@contextmanager
-def understood(name: str) -> Iterator[None]:
-    """Turn what is wrong with an answer into an error that names the device."""
-    try:
-        yield
-    except ReplyError as error:
-        raise DeviceError(f"{name} answers in a way that breaks the protocol: {error}") from error
 
 
 def detach(seen: Sighting) -> None:

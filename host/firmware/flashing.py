@@ -31,8 +31,9 @@ from ...protocol.firmware import Trust
 from ...protocol.replies import ANSWER_BYTES, Info, ProcessorReport, decode_reports
 from ...protocol.requests import Setup
 from ...protocol.versions import Version
+from ..lines.transport import understood
 from ..lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Mode, Sighting, UsbBus, control, opened
-from .dfu import DfuLine, detach, understood
+from .dfu import DfuLine, detach
 from .images import Firmware
 
 __all__ = ["FlashReport", "Flashable", "RevertReport", "Stage", "find_flashable", "flash", "revert"]

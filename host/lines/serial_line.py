@@ -24,7 +24,6 @@ from ...errors import (
     DeviceStalledError,
     DeviceTimeoutError,
     FrameError,
-    ReplyError,
 )
 from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, FrameKind, Outcome, Request
 from ...protocol.framing import (
@@ -42,7 +41,7 @@ from ...protocol.framing import (
     frame_bytes,
 )
 from ...protocol.replies import Ack, Info, Status
-from .transport import Timekeeper, load_by_scheme
+from .transport import Timekeeper, load_by_scheme, understood
 
 __all__ = ["PORTS", "SerialTransport", "open_serial_line"]
 
@@ -275,10 +274,8 @@ class SerialTransport:
         return self._decoded(Info.decode, self.ask(Request.INFO, Info.BYTES)).unique_id
 
     def _decoded(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
-        try:
+        with understood(self.name):
             return decode(data)
-        except ReplyError as error:
-            raise DeviceError(f"{self.name} answers in a way that breaks the protocol: {error}") from error
 
     # Requests
 

@@ -7,12 +7,14 @@ own.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal, Protocol
 
-from ...errors import DeviceNotFoundError
+from ...errors import DeviceError, DeviceNotFoundError, ReplyError
 from ...protocol.codes import Request
 from .tracing import traced
 
@@ -29,11 +31,21 @@ __all__ = [
     "entries",
     "load_by_scheme",
     "open_transport",
+    "understood",
 ]
 
 DEFAULT_URL = "emulator:"
 URL_VARIABLE = "PHASEWIRE_DEVICE"
 SCHEMES = "phasewire.transports"
+
+
+@contextmanager
+def understood(name: str) -> Iterator[None]:
+    """Turn what is wrong with an answer into an error that names the device."""
+    try:
+        yield
+    except ReplyError as error:
+        raise DeviceError(f"{name} answers in a way that breaks the protocol: {error}") from error
 
 
 class Timekeeper(Protocol):

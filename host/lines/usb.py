@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-
 import usb.core
 import usb.util
 
@@ -13,7 +11,7 @@ from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Re
 from ...protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT, FULL_SPEED
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, PACKET_CYCLES
 from .transport import Found
-from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbBus, configure, find_on, translated
+from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbBus, configure, find_on, is_timeout, translated
 
 __all__ = ["USB", "UsbTransport", "open_usb"]
 
@@ -24,11 +22,7 @@ MOST_LEFT_OVER = 64
 REST_SECONDS = 0.02
 """For the rest of a block that has begun; the device gets no sign of life meanwhile."""
 LOOK_SECONDS = 0.05
-"""How often a device that has left the bus is looked for."""
-
-
-def _is_timeout(error: usb.core.USBError) -> bool:
-    return isinstance(error, usb.core.USBTimeoutError) or error.errno == errno.ETIMEDOUT
+"""After a device has left once more, until it is looked for again."""
 
 
 def open_usb(url: str) -> UsbTransport:
@@ -110,7 +104,7 @@ class UsbTransport:
         try:
             return int(self._device.write(ENDPOINT_OUT, data, _milliseconds(seconds)))
         except usb.core.USBError as error:
-            if not _is_timeout(error):
+            if not is_timeout(error):
                 raise
             return 0
 
@@ -120,7 +114,7 @@ class UsbTransport:
             try:
                 return bytes(self._device.read(ENDPOINT_IN, READ_BYTES, _milliseconds(seconds)))
             except usb.core.USBError as error:
-                if not _is_timeout(error):
+                if not is_timeout(error):
                     raise
                 return b""
 

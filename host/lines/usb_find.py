@@ -107,13 +107,18 @@ def control(device: usb.core.Device, setup: Setup, data: bytes = b"") -> bytes:
     return came
 
 
+def is_timeout(error: usb.core.USBError) -> bool:
+    """Whether an error of pyusb says that there was no answer in time."""
+    return isinstance(error, usb.core.USBTimeoutError) or error.errno == errno.ETIMEDOUT
+
+
 @contextmanager
 def translated(doing: str) -> Iterator[None]:
     """Turn pyusb's errors into ours, by their errno."""
     try:
         yield
     except usb.core.USBError as error:
-        if isinstance(error, usb.core.USBTimeoutError) or error.errno == errno.ETIMEDOUT:
+        if is_timeout(error):
             raise DeviceTimeoutError(
                 f"{doing}: no answer in time; if this happens again, unplug the device and plug it in"
             ) from error

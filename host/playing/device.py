@@ -13,6 +13,7 @@ from ...protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples
 from ...protocol.blocks import Sequence as SequenceBody
 from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import ENTRIES_PER_BLOCK, NOW, SAMPLES_PER_BLOCK, Action, Feature, Reason, Request
+from ...protocol.plain import flag_names
 from ...protocol.ranges import whole
 from ...protocol.replies import (
     Ack,
@@ -206,7 +207,7 @@ class Device:
                 self._session.order(Request.ENABLE)
             except DeviceStalledError as error:
                 status = self.status()
-                faults = ", ".join(fault.name or "" for fault in status.faults)
+                faults = flag_names(status.faults)
                 why = f"a fault has silenced it ({faults}); `phasewire doctor` says what to do" if faults else "not now"
                 raise DeviceStalledError(
                     f"{self.name} does not enable its outputs in {status.state.name}: {why}"

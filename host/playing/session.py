@@ -26,8 +26,9 @@ from ...errors import (
 )
 from ...protocol.blocks import Block, Body, NoOp, pack
 from ...protocol.codes import BLOCK_BYTES, PROTOCOL_VERSION, AckFlag, Reason, Request, State
+from ...protocol.plain import flag_names
 from ...protocol.replies import ACKS, ANSWER_BYTES, Ack, Info, Status, decode_acks, records
-from ..lines.transport import Timekeeper, Transport
+from ..lines.transport import Timekeeper, Transport, understood
 
 __all__ = ["Answers", "Session"]
 
@@ -281,7 +282,7 @@ class Session:
         """Raise a `DeviceRefusedError` that says why the outputs are off."""
         status = self.status()
         if status.state is State.FAULT:
-            faults = ", ".join(fault.name or "" for fault in status.faults)
+            faults = flag_names(status.faults)
             raise DeviceRefusedError(
                 f"{self.name} is silenced by a fault ({faults}); `phasewire doctor` says what to do", Reason.FAULT
             )
@@ -385,10 +386,8 @@ class Session:
         return done
 
     def _read(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
-        try:
+        with understood(self.name):
             return decode(data)
-        except ReplyError as error:
-            raise DeviceError(f"{self.name} answers in a way that breaks the protocol: {error}") from error
 
 
 def as_ack(row: np.void) -> Ack:
