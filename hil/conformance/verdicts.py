@@ -1,0 +1,147 @@
+"""Verdicts: what came of a case, why, and what was seen; and what came of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+__all__ = ["Evidence", "Provenance", "Result", "Run", "Verdict"]
+
+
+class Verdict(StrEnum):
+    """What came of a case."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    """The device breaks a MUST, or what the specification says of it."""
+    WARN = "warn"
+    """It does not do what it SHOULD."""
+    INCONCLUSIVE = "inconclusive"
+    """It cannot be seen or done here; never counted as a pass."""
+    NOT_APPLICABLE = "not applicable"
+    """The device does not have it: INFO or its profile says so."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Something that was seen.
+
+    Parameters
+    ----------
+    label : str
+        What it is, such as ``sent`` or ``status``.
+    text : str
+        The thing itself, in words or hexadecimal.
+    """
+
+    label: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of one case.
+
+    Parameters
+    ----------
+    case : str
+        ``group/name-of-the-case``, and ``[parameter]`` where it has some.
+    clauses : tuple of str
+        What it shows, such as ``BLK-003`` or, of several MUSTs in a clause, ``BLK-005/1``.
+    sentence : str
+        What it does and why.
+    verdict : Verdict
+    reason : str
+        Why, where it is no pass; empty for a pass.
+    evidence : tuple of Evidence
+        In the order in which it was seen.
+    seconds : float
+        How long it took by the wall clock.
+    known : str or None
+        Why it is expected to fail, where it is (`known-failures.toml`).
+    """
+
+    case: str
+    clauses: tuple[str, ...]
+    sentence: str
+    verdict: Verdict
+    reason: str = ""
+    evidence: tuple[Evidence, ...] = ()
+    seconds: float = 0.0
+    known: str | None = None
+
+    @property
+    def group(self) -> str:
+        """The file that the case stands in."""
+        return self.case.partition("/")[0]
+
+    @property
+    def breaks(self) -> bool:
+        """Whether it makes the run fail: a failure that nobody expected, or an expected one that did not come."""
+        if self.known is None:
+            return self.verdict is Verdict.FAIL
+        return self.verdict in (Verdict.PASS, Verdict.WARN)
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Who asked whom, when, and with what.
+
+    Parameters
+    ----------
+    suite : str
+        Version of phasewire.
+    specification : str
+        Version of the protocol, and the SHA-256 of SPEC.md (its first 16 digits).
+    device : mapping of str to str
+        What the device says of itself: URL, product, serial number, firmware, protocol, hardware, link.
+    began : str
+        ISO 8601, in UTC.
+    seconds : float
+        How long it took.
+    profile : str
+        Name of the device's profile, or ``none``.
+    capture : str
+        What its outputs were seen by: ``emulator``, ``sigrok:FILE`` or ``none``.
+    allowed : tuple of str
+        Risks that were allowed.
+    seed : int
+        Of everything random.
+    """
+
+    suite: str
+    specification: str
+    device: dict[str, str]
+    began: str
+    seconds: float
+    profile: str
+    capture: str
+    allowed: tuple[str, ...]
+    seed: int
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a run.
+
+    Parameters
+    ----------
+    provenance : Provenance
+    results : tuple of Result
+        In the order of the cases.
+    trouble : tuple of str
+        What is wrong with the run itself, such as a known failure of no case; it fails the run.
+    """
+
+    provenance: Provenance
+    results: tuple[Result, ...]
+    trouble: tuple[str, ...] = field(default=())
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing speaks against the device, as far as it could be seen."""
+        return not self.trouble and not any(result.breaks for result in self.results)
+
+    def count(self, verdict: Verdict) -> int:
+        """How many cases came to a verdict."""
+        return sum(result.verdict is verdict for result in self.results)
