@@ -1,0 +1,495 @@
+"""The bench: a device under test, all that a case may ask of it, and a note of all that passed.
+
+A case gets the device disabled, without faults and without records that wait; its first block begins the numbering
+anew. What a case changes besides, it need not put right, but for what lasts: firmware, power, the bus.
+"""
+
+from __future__ import annotations
+
+import random
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from ...errors import DeviceError, ReplyError
+from ...protocol.blocks import Block, Body, Slot, Update, pack
+from ...protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
+from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Reason, Request, State
+from ...protocol.pulses import Pulses
+from ...protocol.replies import (
+    ANSWER_BYTES,
+    Ack,
+    ClockReading,
+    Info,
+    ProcessorReport,
+    ReadBack,
+    Status,
+    decode_reports,
+    decode_wiring,
+    records,
+)
+from ...protocol.requests import Setup
+from .capture import Mark, Seen, Sight, Unseen
+from .cases import Inconclusive, Need, Risk
+from .levers import Levers
+from .lines.line import RawLine
+from .lines.serial import CdcWire, SerialLine
+from .lines.usb import UsbLine
+from .verdicts import Evidence
+
+__all__ = ["LOW_DRIVE", "Bench", "Lost"]
+
+LOW_DRIVE = 32
+"""Transducers' worth of total drive that a case may use where hard driving was not allowed: a tenth of the array."""
+ACK_SECONDS = 1.0
+QUIET_SECONDS = 0.002
+NOTES = 60
+"""Pieces of evidence that are kept of a case: the first half, and the newest."""
+RETURN_SECONDS = 15.0
+"""For a device to come back after it was restarted."""
+SHOWN_BYTES = 64
+SILENT_PERIODS = 6
+"""Clause SAF-004."""
+MARK_WIDTH_TICKS = 3
+
+
+class Lost(Exception):
+    """The device cannot be brought back; no further case can be judged."""
+
+
+class Bench:
+    """A device under test.
+
+    Parameters
+    ----------
+    line : RawLine
+        The line that blocks and requests go by.
+    levers : Levers
+        What can be done to the device besides.
+    sight : Sight or None
+        By what its outputs are seen.
+    allowed : frozenset of Risk
+        What may be risked.
+    seed : int
+        Of everything random.
+
+    Attributes
+    ----------
+    line : RawLine
+    levers : Levers
+    info : Info
+        As the device answered at first.
+    wiring : Wiring
+    random : random.Random
+        For this case: the same for the same seed, whatever ran before.
+    unasked : list of Status
+        Status records that came of the device's own accord, since the case began or `unasked` was cleared.
+    """
+
+    def __init__(self, line: RawLine, levers: Levers, sight: Sight | None, allowed: frozenset[Risk], seed: int) -> None:
+        self.line = line
+        self.levers = levers
+        self.sight = sight
+        self.allowed = allowed
+        self._seed = seed
+        self._serial: SerialLine | None = line if isinstance(line, SerialLine) else None
+        self._notes: deque[tuple[str, str | bytes]] = deque()
+        self._dropped = 0
+        self.deferred: list[Callable[[], None]] = []
+        self._marks: list[Mark] = []
+        self.random = random.Random(seed)
+        self.unasked: list[Status] = []
+        self._number: int | None = None
+        self.info = Info.decode(self.ask(Request.INFO))
+        self.wiring = decode_wiring(self.ask(Request.WIRING))
+
+    # What there is
+
+    @property
+    def usb(self) -> UsbLine:
+        """The line as a USB line; inconclusive where it is none."""
+        if not isinstance(self.line, UsbLine):
+            raise Inconclusive("this concerns USB, and the device is at the end of a serial line")
+        return self.line
+
+    @property
+    def serial(self) -> SerialLine:
+        """A serial line of the device: the line itself, or on USB its console's endpoints, which start as a console."""
+        if self._serial is None:
+            self._serial = SerialLine(CdcWire(self.usb))
+        return self._serial
+
+    def can(self, need: Need) -> bool:
+        """Whether the bench can see or do something."""
+        return need in self.levers.can or (need is Need.CAPTURE and self.sight is not None)
+
+    @property
+    def drive_limit(self) -> int:
+        """Transducers' worth of total drive that a case may use."""
+        return self.info.drive_limit if Risk.DRIVE in self.allowed else min(LOW_DRIVE, self.info.drive_limit)
+
+    # Evidence
+
+    def note(self, label: str, what: object) -> None:
+        """Keep something as evidence; bytes are shown in hexadecimal."""
+        self._notes.append((label, bytes(what) if isinstance(what, bytes | bytearray) else str(what)))
+        if len(self._notes) > NOTES:
+            del self._notes[NOTES // 2]
+            self._dropped += 1
+
+    @property
+    def evidence(self) -> tuple[Evidence, ...]:
+        """What was noted since the case began."""
+        shown = [Evidence(label, _hex(what) if isinstance(what, bytes) else what) for label, what in self._notes]
+        if self._dropped:
+            shown.insert(NOTES // 2, Evidence("…", f"{self._dropped} more"))
+        return tuple(shown)
+
+    # Cases
+
+    def begin_case(self, name: str) -> None:
+        """Bring the device to where every case begins.
+
+        Raises
+        ------
+        Lost
+            Where it cannot be brought there, by no means that are allowed.
+        """
+        self._notes.clear()
+        self._dropped = 0
+        self.deferred = []
+        self._marks = []
+        self.random = random.Random(zlib.crc32(name.encode()) ^ self._seed)
+        try:
+            self._settle()
+        except (DeviceError, ReplyError, AssertionError) as first:
+            self.note("recovery", f"the device was not where a case begins: {first}")
+            self._recover()
+        self._notes.clear()
+        self.unasked.clear()
+
+    def end_case(self) -> None:
+        """Leave the device off."""
+        try:
+            self.order(Request.DISABLE)
+            self.note("status at the end", self.status())
+        except (DeviceError, ReplyError, AssertionError) as error:
+            self.note("end", f"the device cannot be left off: {error}")
+
+    def _settle(self) -> None:
+        """Everything as a case finds it, by requests alone."""
+        if isinstance(self.line, SerialLine):
+            self.line.enter_frames()
+        self.order(Request.DISABLE)
+        self.wait(2 * SILENT_PERIODS / CARRIER_HZ)
+        for _ in range(1000):
+            if not self.line.receive_records(QUIET_SECONDS):
+                break
+        status = self.status()
+        if status.state is State.FAULT or status.faults:
+            self.order(Request.CLEAR_FAULTS)
+            status = self.status()
+        if status.state is not State.OFF:
+            raise DeviceError(f"the device is {status.state.name} after DISABLE and CLEAR_FAULTS")
+        self.order(Request.WATCHDOG, self.info.watchdog_ms)
+        self.order(Request.LIMIT, self.drive_limit)
+        self._number = None
+
+    def _recover(self) -> None:
+        """Bring back a device that does not answer as it should: open it anew, reset the bus, cut its power."""
+        ways: list[Callable[[], None]] = [lambda: self.line.reopen(RETURN_SECONDS)]
+        if Risk.RESET in self.allowed and isinstance(self.line, UsbLine):
+            ways.append(self.usb.reset)
+        if Risk.RESET in self.allowed and Need.POWER in self.levers.can:
+            ways.append(self.power_cycle)
+        problems = []
+        for way in ways:
+            try:
+                way()
+                self._settle()
+            except (DeviceError, ReplyError, AssertionError, OSError) as error:
+                problems.append(str(error))
+            else:
+                return
+        raise Lost("the device cannot be brought back: " + "; then ".join(problems))
+
+    # Time
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass."""
+        self.line.time.sleep(seconds)
+
+    def wait_periods(self, periods: float) -> None:
+        """Let carrier periods pass."""
+        self.wait(periods / CARRIER_HZ)
+
+    def wait_until(self, period: int) -> None:
+        """Let time pass until a carrier period of the device has begun, by its own clock."""
+        while (left := period * TICKS_PER_PERIOD - self.clock().now) > 0:
+            self.wait((left + 1) / TICK_HZ)
+
+    # Requests
+
+    def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
+        """Make any control request; what came back, None for STALL."""
+        answer = self.line.request(setup, data)
+        self.note("request", f"{setup.encode().hex(' ')}{f' with {_hex(data)}' if data else ''}")
+        self.note("answer", "STALL" if answer is None else answer)
+        return answer
+
+    def ask(self, request: Request, value: int = 0) -> bytes:
+        """Make a vendor request with an answer; fail where it is answered with STALL or with another length."""
+        size = ANSWER_BYTES[request]
+        answer = self.request(Setup(REQUEST_TYPE_IN, request, value, 0, size))
+        assert answer is not None, f"{request.name} is answered with STALL"
+        assert len(answer) == size, f"{request.name} answers {len(answer)} bytes, should be {size}"
+        return answer
+
+    def order(self, request: Request, value: int = 0) -> None:
+        """Make a vendor request without an answer; fail where it is answered with STALL."""
+        assert self.try_order(request, value), f"{request.name} with value {value} is answered with STALL"
+
+    def try_order(self, request: Request, value: int = 0) -> bool:
+        """Make a vendor request without an answer; whether it was done, and not answered with STALL."""
+        return self.request(Setup(REQUEST_TYPE_OUT, request, value, 0, 0)) is not None
+
+    def status(self) -> Status:
+        """Ask for STATUS."""
+        return Status.decode(self.ask(Request.STATUS))
+
+    def clock(self) -> ClockReading:
+        """Ask for CLOCK."""
+        return ClockReading.decode(self.ask(Request.CLOCK))
+
+    def read_back(self) -> ReadBack:
+        """Ask for PULSES."""
+        return ReadBack.decode(self.ask(Request.PULSES))
+
+    def processors(self) -> list[ProcessorReport]:
+        """Ask for PROCESSORS."""
+        return decode_reports(self.ask(Request.PROCESSORS))
+
+    def period(self) -> int:
+        """The carrier period that the device is in, by its own clock."""
+        return self.clock().now // TICKS_PER_PERIOD
+
+    def enable(self) -> None:
+        """Enable the outputs."""
+        self.order(Request.ENABLE)
+
+    def disable(self) -> None:
+        """Disable the outputs, and wait until they are silent."""
+        self.order(Request.DISABLE)
+        self.wait_periods(SILENT_PERIODS)
+
+    # Blocks
+
+    def numbered(self, body: Body, *, restart: bool = False, number: int | None = None) -> Block:
+        """A block with the next number, or a number of one's own, from which the next count on.
+
+        The first block of a case begins the numbering anew.
+        """
+        if number is None:
+            first = self._number is None
+            number = self.random.randrange(2**32) if self._number is None else (self._number + 1) % 2**32
+            restart = restart or first
+        self._number = number
+        if isinstance(body, Update | Slot):
+            power = body.pulses.total_drive / 1000
+            if power > self.drive_limit:
+                raise RuntimeError(f"a case drives {power:g} transducers; {self.drive_limit} are allowed here")
+        return Block(body, number, restart)
+
+    def send(self, body: Body, **numbering: int | bool) -> Ack:
+        """Send a block; its acknowledgement."""
+        return self.send_raw(pack(self.numbered(body, **numbering)))[0]  # type: ignore[arg-type]
+
+    def send_all(self, bodies: Iterable[Body]) -> list[Ack]:
+        """Send blocks in one go, and collect their acknowledgements, in order."""
+        return self.send_raw(*(pack(self.numbered(body)) for body in bodies))
+
+    def must(self, body: Body, **numbering: int | bool) -> Ack:
+        """Send a block that has to be accepted."""
+        ack = self.send(body, **numbering)
+        assert ack.reason is Reason.ACCEPTED, f"{type(body).__name__.upper()} is refused with {_name(ack.reason)}"
+        return ack
+
+    def send_raw(self, *blocks: bytes) -> list[Ack]:
+        """Send blocks of 512 bytes as they are; their acknowledgements, which must come in order, each with its number.
+
+        Fails where one does not come within a second, or another comes.
+        """
+        self._write(blocks)
+        acks = [self._next_ack(block) for block in blocks]
+        self.note("acknowledged", ", ".join(_brief(ack) for ack in acks[:8]) + (" …" if len(acks) > 8 else ""))
+        return acks
+
+    def _write(self, blocks: Sequence[bytes]) -> None:
+        for block in blocks[:4]:
+            self.note("block", block)
+        if len(blocks) > 4:
+            self.note("blocks", f"and {len(blocks) - 4} more")
+        data = b"".join(blocks)
+        self._acks: deque[Ack] = deque()
+        sent, end = 0, self.line.time.monotonic() + ACK_SECONDS + len(blocks) / 100
+        at_once = len(data) if self.line.kind == "usb" else BLOCK_BYTES
+        while sent < len(data):
+            sent += self.line.send_blocks(data[sent : sent + at_once], 0.01)
+            behind = len(blocks) - len(self._acks) > 1 and self.line.kind == "serial"
+            self._collect(ACK_SECONDS if behind else 0.0)
+            assert self.line.time.monotonic() < end, (
+                f"only {sent} of {len(data)} bytes of blocks were taken in {ACK_SECONDS + len(blocks) / 100:g} s"
+            )
+
+    def _collect(self, seconds: float) -> None:
+        """Take in records: acknowledgements wait to be told, status records are unasked."""
+        for record in records(self.line.receive_records(max(seconds, QUIET_SECONDS / 2))):
+            if isinstance(record, Ack):
+                self._acks.append(record)
+            else:
+                self.note("status, unasked", record)
+                self.unasked.append(record)
+
+    def _next_ack(self, block: bytes) -> Ack:
+        number = int.from_bytes(block[4:8], "little")
+        end = self.line.time.monotonic() + ACK_SECONDS
+        while not self._acks:
+            assert self.line.time.monotonic() < end, f"block {number} is not acknowledged within {ACK_SECONDS:g} s"
+            self._collect(end - self.line.time.monotonic())
+        ack = self._acks.popleft()
+        assert ack.sequence == number, f"the acknowledgement of block {number} should come, not of {ack.sequence}"
+        return ack
+
+    def await_unasked(self, seconds: float) -> Status:
+        """Wait for a status record that nobody asked for; the oldest that came since `unasked` was cleared."""
+        end = self.line.time.monotonic() + seconds
+        self._acks = deque()
+        while not self.unasked:
+            left = end - self.line.time.monotonic()
+            assert left > 0, f"no status record comes of the device's own accord within {seconds:g} s"
+            self._collect(left)
+        return self.unasked.pop(0)
+
+    def listen(self, seconds: float) -> list[Ack | Status]:
+        """Everything that comes of the device's own accord in this time."""
+        end, found = self.line.time.monotonic() + seconds, b""
+        while (left := end - self.line.time.monotonic()) > 0:
+            found += self.line.receive_records(left)
+        if found:
+            self.note("came", found)
+        return records(found)
+
+    def keep_alive(self, seconds: float, every: float = 0.02) -> None:
+        """Let time pass with a sign of life every so often (clause SAF-003)."""
+        end = self.line.time.monotonic() + seconds
+        while (left := end - self.line.time.monotonic()) > 0:
+            self.wait(min(left, every))
+            self.line.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
+
+    # Pulses
+
+    def weak(self, share: float = 1.0) -> Pulses:
+        """Random pulses of all transducers whose total drive is as much as is allowed, or a share of it."""
+        rng = np.random.default_rng(self.random.randrange(2**32))
+        phase = rng.integers(0, 100, CHANNELS)
+        width = rng.integers(1, 26, CHANNELS)
+        pulses = Pulses(phase, width)
+        order = rng.permutation(CHANNELS)
+        keep = np.zeros(CHANNELS, bool)
+        room = 1000 * self.drive_limit * share
+        for transducer in order:
+            power = _power(int(width[transducer]))
+            if power <= room:
+                keep[transducer] = True
+                room -= power
+        return Pulses(pulses.phase, np.where(keep, pulses.width, 0))
+
+    # Restarts
+
+    def restart(self, how: Callable[[], None]) -> None:
+        """Let the device restart in some way, and find it again; INFO must be what it was."""
+        how()
+        self.line.reopen(RETURN_SECONDS)
+        self._number = None
+
+    def power_cycle(self) -> None:
+        """Cut the power for a tenth of a second."""
+
+        def cut() -> None:
+            self.levers.power_down()
+            self.wait(0.1)
+            self.levers.power_up()
+
+        self.restart(cut)
+
+    # What the outputs did
+
+    def judge(self, first: int, last: int, check: Callable[[Seen], None]) -> None:
+        """Judge what the outputs did from a period to another, not included, by a function that fails like a case.
+
+        The periods must be over. Where the outputs are seen only after the run, the judgement comes then.
+
+        Raises
+        ------
+        Inconclusive
+            Where nothing sees them.
+        """
+        if self.sight is None:
+            raise Inconclusive(f"this needs {Need.CAPTURE}: --capture sigrok:FILE")
+        sight = self.sight
+        self.wait_until(last + 1)
+
+        def look() -> None:
+            try:
+                seen = sight.seen(first, last)
+            except Unseen as error:
+                raise Inconclusive(str(error)) from None
+            check(seen)
+
+        if sight.deferred:
+            self.deferred.append(look)
+        else:
+            look()
+
+    def play_mark(self) -> None:
+        """Let the outputs show a mark, by which a recording of this case is known (see `Mark`)."""
+        self._settle()
+        self.enable()
+        on, off = Pulses(np.zeros(CHANNELS, int), np.full(CHANNELS, MARK_WIDTH_TICKS)), Pulses.silent(CHANNELS)
+        changes = []
+        for gap, is_on in Mark.plan(self.random):
+            period = self.period() + gap + 8
+            ack = self.must(Update(on if is_on else off, period))
+            self.wait_until(ack.commit_period)
+            changes.append((ack.commit_period, is_on))
+        self.disable()
+        self._marks.append(Mark(tuple(changes)))
+
+    @property
+    def marks(self) -> Sequence[Mark]:
+        """Those that were played in this case."""
+        return self._marks
+
+
+def _power(width: int) -> int:
+    """Clause SAF-006."""
+    return int(np.floor(1000 * np.sin(np.pi * width / 50) ** 2 + 0.5))
+
+
+def _hex(data: bytes) -> str:
+    """Bytes in hexadecimal, those of the beginning where there are many."""
+    if len(data) <= SHOWN_BYTES:
+        return data.hex(" ")
+    return f"{data[:SHOWN_BYTES].hex(' ')} … ({len(data)} bytes, CRC-32 {zlib.crc32(data):08X})"
+
+
+def _name(code: int) -> str:
+    return getattr(code, "name", str(code))
+
+
+def _brief(ack: Ack) -> str:
+    late = " late" if ack.late else ""
+    at = f" for period {ack.commit_period}" if ack.commit_period else ""
+    return f"{ack.sequence} {_name(ack.reason)}{at}{late} at tick {ack.now}, {ack.free} free, {ack.state.name}"

@@ -1,0 +1,147 @@
+"""What a case says of itself: its clauses, what it needs, what it risks; and how it comes to another verdict than pass.
+
+A case is a function of pytest in `groups` with the decorator `case`. Its docstring's first paragraph says what it does
+and why. It fails by an `AssertionError`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal, TypeVar
+
+from ...protocol.codes import Feature
+from .clauses import resolve
+
+__all__ = ["Case", "Inconclusive", "Need", "NotApplicable", "Risk", "case", "case_of", "expect"]
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+ATTRIBUTE = "phasewire_case"
+NO_FEATURES = Feature(0)
+
+
+class Need(StrEnum):
+    """What a bench must be able to see, or to do to the device besides speaking to it."""
+
+    CAPTURE = "a capture of the outputs"
+    POWER = "power that can be cut"
+    SUSPEND = "a bus that can be suspended"
+    PLUG = "a cable that can be pulled"
+    FAULTS = "faults that can be caused"
+
+
+class Risk(StrEnum):
+    """What must be allowed first."""
+
+    FLASH = "flash"
+    """Firmware is written."""
+    RESET = "reset"
+    """The device is restarted, the bus reset, power cut."""
+    DRIVE = "drive"
+    """Many transducers are driven hard."""
+
+
+LineKind = Literal["usb", "serial"]
+
+
+class Inconclusive(Exception):
+    """The case cannot be judged here; the text says why."""
+
+
+class NotApplicable(Exception):
+    """The device does not have what the case is about; the text says why."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a case says of itself.
+
+    Parameters
+    ----------
+    clauses : tuple of str
+        What it shows.
+    sentence : str
+        What it does and why.
+    needs : tuple of Need
+    risks : tuple of Risk
+    line : {"usb", "serial"} or None
+        The kind of line that it concerns, None for any. A device on USB has a serial line too, its console.
+    features : Feature
+        Without one of these in INFO it is not applicable.
+    should : bool
+        Whether it shows a SHOULD: what fails is a warning.
+    """
+
+    clauses: tuple[str, ...]
+    sentence: str
+    needs: tuple[Need, ...] = ()
+    risks: tuple[Risk, ...] = ()
+    line: LineKind | None = None
+    features: Feature = NO_FEATURES
+    should: bool = False
+
+
+def case(
+    *clauses: str,
+    needs: Collection[Need] = (),
+    allow: Collection[Risk] = (),
+    line: LineKind | None = None,
+    features: Feature = NO_FEATURES,
+    should: bool = False,
+) -> Callable[[Function], Function]:
+    """Make a function a case.
+
+    Parameters
+    ----------
+    *clauses : str
+        What it shows, such as ``BLK-003`` or ``BLK-005/1``.
+    needs, allow, line, features, should
+        See `Case`; ``allow`` are its risks.
+
+    Raises
+    ------
+    ValueError
+        Where no clause is named, one of them is unknown, or there is no sentence.
+    """
+
+    def mark(function: Function) -> Function:
+        if not clauses:
+            raise ValueError(f"{function.__name__} names no clause")
+        for clause in clauses:
+            resolve(clause)
+        sentence = re.sub(r"\s+", " ", inspect.getdoc(function) or "").strip()
+        if not sentence:
+            raise ValueError(f"{function.__name__} has no sentence that says what it does and why")
+        about = Case(clauses, sentence, tuple(needs), tuple(allow), line, features, should)
+        setattr(function, ATTRIBUTE, about)
+        return function
+
+    return mark
+
+
+def case_of(function: Callable[..., object]) -> Case | None:
+    """What a function says of itself as a case, None where it is none."""
+    about: Case | None = getattr(function, ATTRIBUTE, None)
+    return about
+
+
+def expect(what: str, seen: object, wanted: object) -> None:
+    """Fail unless what was seen is what is wanted.
+
+    Raises
+    ------
+    AssertionError
+        Naming the thing, its value, and what would be right.
+    """
+    assert seen == wanted, f"{what} is {_shown(seen)}, should be {_shown(wanted)}"
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, bytes | bytearray):
+        return value.hex(" ") or "nothing"
+    name = getattr(value, "name", None)
+    return name if isinstance(name, str) else repr(value)

@@ -1,0 +1,187 @@
+"""What SPEC.md asks for: its clauses, and the sentences of each that say MUST.
+
+Cases and the reasons why there is none name clauses and requirements by the identifiers made here; nothing here knows
+of either.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+
+from ... import protocol
+
+__all__ = ["Clause", "Requirement", "clauses", "read_clauses", "requirements", "resolve"]
+
+CHAPTER = re.compile(r"^## ([A-Z]{3}): (.+)$")
+CLAUSE = re.compile(r"^\*\*([A-Z]{3}-\d{3})\*\* ")
+SENTENCE_END = re.compile(r"(?<!e\.g)(?<!i\.e)(\.[)”\"]?)\s+")
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A sentence that says MUST.
+
+    Parameters
+    ----------
+    identifier : str
+        ``BLK-003`` where it is the only one of its clause, ``BLK-005/1``, ``BLK-005/2``, … where it is one of several.
+    sentence : str
+        In the words of SPEC.md, on one line.
+    """
+
+    identifier: str
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Clause:
+    """A clause of SPEC.md.
+
+    Parameters
+    ----------
+    identifier : str
+        Such as ``BLK-003``.
+    chapter : str
+        Such as ``BLK``.
+    title : str
+        Of the chapter, such as ``blocks, from the host``.
+    sentences : tuple of str
+        What it says, in the order of the text, a line each: its prose, and the cells of its tables that say MUST.
+        Other cells, examples and diagrams are left out.
+    requirements : tuple of Requirement
+        Those of the sentences that say MUST.
+    """
+
+    identifier: str
+    chapter: str
+    title: str
+    sentences: tuple[str, ...]
+    requirements: tuple[Requirement, ...]
+
+    @property
+    def text(self) -> str:
+        """All sentences, on one line."""
+        return " ".join(self.sentences)
+
+    @property
+    def recommendations(self) -> tuple[str, ...]:
+        """The sentences that say SHOULD, and not MUST."""
+        return tuple(text for text in self.others if "SHOULD" in text)
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """The sentences that do not say MUST."""
+        return tuple(text for text in self.sentences if "MUST" not in text)
+
+
+@cache
+def clauses() -> Mapping[str, Clause]:
+    """All clauses of SPEC.md by their identifiers, in the order of the text."""
+    text = files(protocol).joinpath("SPEC.md").read_text(encoding="utf-8")
+    return MappingProxyType({clause.identifier: clause for clause in read_clauses(text)})
+
+
+@cache
+def requirements() -> Mapping[str, Requirement]:
+    """All requirements of SPEC.md by their identifiers, in the order of the text."""
+    return MappingProxyType({each.identifier: each for clause in clauses().values() for each in clause.requirements})
+
+
+def resolve(name: str) -> Clause | Requirement:
+    """What a case names.
+
+    Parameters
+    ----------
+    name : str
+        ``BLK-003`` or ``BLK-005/2``.
+
+    Returns
+    -------
+    Clause or Requirement
+        The requirement of this name; or else the clause, which says MUST in several sentences or in none.
+
+    Raises
+    ------
+    ValueError
+        Where there is no such clause, or no such requirement in it.
+    """
+    found = requirements().get(name) or clauses().get(name)
+    if found is None:
+        raise ValueError(f"{name}: SPEC.md has no such clause or requirement; {_what_there_is(name)}")
+    return found
+
+
+def _what_there_is(name: str) -> str:
+    """What may have been meant by a name that is unknown."""
+    if (clause := clauses().get(name.partition("/")[0])) is not None:
+        return {
+            0: f"{clause.identifier} says MUST nowhere and is named {clause.identifier}",
+            1: f"{clause.identifier} says MUST in one sentence and is named {clause.identifier}",
+        }.get(
+            len(clause.requirements),
+            f"{clause.identifier} has {', '.join(each.identifier for each in clause.requirements)}",
+        )
+    near = get_close_matches(name.upper(), {**clauses(), **requirements()}, n=3)
+    return f"did you mean {' or '.join(near)}?" if near else "they are named as BLK-003, or BLK-005/1"
+
+
+def read_clauses(text: str) -> Iterator[Clause]:
+    """The clauses of a text that is written like SPEC.md.
+
+    Raises
+    ------
+    ValueError
+        Where a clause stands under no chapter's heading, or under that of another chapter.
+    """
+    chapter, title = "", ""
+    identifier: str | None = None
+    paragraphs: list[str] = []
+    for paragraph in _paragraphs(text):
+        begins = CLAUSE.match(paragraph)
+        heading = paragraph.startswith("#")
+        if identifier is not None and (begins or heading):
+            yield _clause(identifier, chapter, title, paragraphs)
+            identifier = None
+        if (found := CHAPTER.match(paragraph)) is not None:
+            chapter, title = found.groups()
+        if begins is not None:
+            identifier, paragraphs = begins[1], [paragraph[begins.end() :]]
+            if not identifier.startswith(f"{chapter}-"):
+                raise ValueError(
+                    f"{identifier} stands in chapter {chapter or 'none'}; it belongs into {identifier[:3]}"
+                )
+        elif identifier is not None:
+            paragraphs.append(paragraph)
+    if identifier is not None:
+        yield _clause(identifier, chapter, title, paragraphs)
+
+
+def _paragraphs(text: str) -> Iterator[str]:
+    """Paragraphs, headings and tables, without fenced blocks and comments."""
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    prose = re.sub(r"^<!--.*?-->$", "", prose, flags=re.MULTILINE)
+    yield from (part.strip() for part in re.split(r"\n\s*\n", prose) if part.strip())
+
+
+def _clause(identifier: str, chapter: str, title: str, paragraphs: list[str]) -> Clause:
+    """A clause from its paragraphs."""
+    sentences = tuple(sentence for paragraph in paragraphs for sentence in _sentences(paragraph))
+    musts = [sentence for sentence in sentences if "MUST" in sentence]
+    names = [identifier] if len(musts) == 1 else [f"{identifier}/{number}" for number in range(1, len(musts) + 1)]
+    return Clause(identifier, chapter, title, sentences, tuple(map(Requirement, names, musts)))
+
+
+def _sentences(paragraph: str) -> Iterator[str]:
+    """The sentences of a paragraph; of a table the cells that say MUST."""
+    if paragraph.startswith("|"):
+        cells = (cell.strip() for line in paragraph.splitlines() for cell in line.strip("| ").split(" | "))
+        yield from (cell for cell in cells if "MUST" in cell)
+    else:
+        line = " ".join(paragraph.split())
+        yield from (part for part in SENTENCE_END.sub(r"\1\n", line).split("\n") if part)

@@ -1,0 +1,106 @@
+"""Levers: what a bench can do to a device besides speaking to it, where it can.
+
+Behind an emulated device in this process all of them are there. A real device has none, unless somebody builds them:
+cases that need one are inconclusive then.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ...emulator import Emulator
+from ...emulator.faults import InjectedFault
+from ...protocol.board import CYCLES_PER_MS
+from .cases import Need
+
+__all__ = ["EmulatorLevers", "Levers", "NoLevers"]
+
+
+class Levers(Protocol):
+    """What can be done to a device; each only where `can` says so."""
+
+    can: frozenset[Need]
+
+    def power_down(self) -> None:
+        """Take the power away."""
+
+    def power_up(self) -> None:
+        """Give the power back; the device needs some time to come up."""
+
+    def suspend(self) -> None:
+        """Suspend the bus."""
+
+    def resume(self) -> None:
+        """Resume the bus."""
+
+    def unplug(self) -> None:
+        """Pull the USB cable."""
+
+    def plug(self) -> None:
+        """Plug it in again."""
+
+    def cause(self, fault: InjectedFault) -> None:
+        """Let something go wrong, as `emulator.faults` names it."""
+
+
+class NoLevers:
+    """Of a device of which nothing is known but its line."""
+
+    can: frozenset[Need] = frozenset()
+
+    def _cannot(self) -> None:
+        raise RuntimeError("this bench has no levers; a case that needs one says so in its decorator")
+
+    power_down = power_up = suspend = resume = unplug = plug = _cannot
+
+    def cause(self, fault: InjectedFault) -> None:
+        """No."""
+        self._cannot()
+
+
+class EmulatorLevers:
+    """Of an emulated device in this process.
+
+    Parameters
+    ----------
+    emulator : Emulator
+    """
+
+    can = frozenset({Need.POWER, Need.SUSPEND, Need.PLUG, Need.FAULTS})
+
+    def __init__(self, emulator: Emulator) -> None:
+        self._emulator = emulator
+
+    def power_down(self) -> None:
+        """Take the power away."""
+        self._emulator.power_down()
+
+    def power_up(self) -> None:
+        """Give the power back."""
+        self._emulator.power_up()
+
+    def suspend(self) -> None:
+        """Leave the bus idle, so that the device notices after 3 ms."""
+        self._pass(3)
+        self._emulator.usb.suspend()
+
+    def resume(self) -> None:
+        """Let the bus be driven again for 20 ms."""
+        self._emulator.usb.resume()
+        self._pass(20)
+
+    def unplug(self) -> None:
+        """Pull the USB cable."""
+        self._emulator.usb.unplug()
+
+    def plug(self) -> None:
+        """Plug it in again."""
+        self._emulator.usb.plug()
+
+    def cause(self, fault: InjectedFault) -> None:
+        """Let something go wrong."""
+        self._emulator.inject(fault)
+
+    def _pass(self, milliseconds: int) -> None:
+        scheduler = self._emulator.scheduler
+        scheduler.run_until(scheduler.now + milliseconds * CYCLES_PER_MS)

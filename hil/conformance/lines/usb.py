@@ -1,0 +1,202 @@
+"""The raw USB line, by pyusb: any packet to any endpoint, any control request, in either mode of the device."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Collection
+from contextlib import suppress
+
+import usb.core
+import usb.util
+
+from ....errors import DeviceError, DeviceLostError, DeviceStalledError
+from ....host.lines.transport import Timekeeper
+from ....host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Mode, Sighting, UsbBus, configure, translated
+from ....protocol.codes import BLOCK_BYTES
+from ....protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT
+from ....protocol.requests import Setup
+
+__all__ = ["CONSOLE_IN", "CONSOLE_OUT", "REQUEST_SECONDS", "UsbLine"]
+
+REQUEST_SECONDS = 2.0
+READ_BYTES = 32 * BLOCK_BYTES
+CONSOLE_OUT, CONSOLE_IN = 0x03, 0x83
+"""Clause USB-005."""
+CONFIGURATION = 1
+
+
+class UsbLine:
+    """A device on a USB bus, from its first sight; it may leave the bus and come back in either mode.
+
+    Parameters
+    ----------
+    url : str
+        As `UsbBus` reads it.
+
+    Attributes
+    ----------
+    device : usb.core.Device
+        As pyusb knows it now.
+
+    Raises
+    ------
+    DeviceError
+        Where there is none, or it may not be opened.
+    """
+
+    kind = "usb"
+
+    def __init__(self, url: str) -> None:
+        self._bus = UsbBus(url)
+        self._take(self._bus.find(ANY_MODE))
+        if self.mode == DFU_MODE:
+            raise DeviceError(
+                f"{self.name} waits for new firmware; reset it, or flash it, so that it comes back in run-time mode"
+            )
+
+    def _take(self, seen: Sighting) -> None:
+        self._seen = seen
+        self.device: usb.core.Device = seen.device
+        self.time: Timekeeper = seen.time
+        self.name = seen.name
+        with translated(f"opening {self.name}"):
+            configure(self.device)
+            if seen.mode == RUN_TIME:
+                self._claim()
+
+    def _claim(self) -> None:
+        for interface in self.device.get_active_configuration():
+            number = interface.bInterfaceNumber
+            with suppress(usb.core.USBError, NotImplementedError):
+                if self.device.is_kernel_driver_active(number):
+                    self.device.detach_kernel_driver(number)
+        usb.util.claim_interface(self.device, ARRAY_INTERFACE)
+
+    @property
+    def mode(self) -> Mode:
+        """Whether the device plays or waits for firmware, as last seen."""
+        return self._seen.mode
+
+    @property
+    def serial(self) -> str:
+        """Its serial number."""
+        return self._seen.serial or ""
+
+    @property
+    def bulk_bytes(self) -> int:
+        """The largest packet of its bulk endpoints, as its descriptors say."""
+        return next(
+            int(endpoint.wMaxPacketSize)
+            for interface in self.device.get_active_configuration()
+            for endpoint in interface
+            if endpoint.bEndpointAddress == ENDPOINT_OUT
+        )
+
+    # What any line can do
+
+    def send_blocks(self, blocks: bytes, seconds: float) -> int:
+        """Send blocks to 01 OUT in one transfer; how many bytes were taken in time."""
+        return self.write(ENDPOINT_OUT, blocks, seconds)
+
+    def receive_records(self, seconds: float) -> bytes:
+        """Wait for a transfer of records from 81 IN."""
+        return self.read(ENDPOINT_IN, READ_BYTES, seconds) or b""
+
+    def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
+        """Make a control request; what came back, None for STALL."""
+        what = setup.length if setup.is_in else data or None
+        with translated(f"request {setup.request} of type {setup.request_type:02X}"):
+            try:
+                answer = self.device.ctrl_transfer(
+                    setup.request_type, setup.request, setup.value, setup.index, what, round(1000 * REQUEST_SECONDS)
+                )
+            except usb.core.USBError as error:
+                if error.errno == errno.EPIPE:
+                    return None
+                raise
+        return bytes(answer) if setup.is_in else b""
+
+    def reopen(self, seconds: float, modes: Collection[Mode] = (RUN_TIME,)) -> None:
+        """Find the device again in one of some modes."""
+        usb.util.dispose_resources(self.device)
+        end = self.time.monotonic() + seconds
+        while True:
+            seen = self._bus.find_again(self._seen, modes, max(end - self.time.monotonic(), 0))
+            try:
+                self._take(seen)
+            except (DeviceLostError, DeviceStalledError):  # it left once more
+                if self.time.monotonic() >= end:
+                    raise
+                self.time.sleep(0.05)
+            else:
+                return
+
+    def close(self) -> None:
+        """Give the device back."""
+        usb.util.dispose_resources(self.device)
+
+    # What only USB can do
+
+    def write(self, endpoint: int, data: bytes, seconds: float) -> int:
+        """Send bytes to an endpoint in one transfer, an empty packet where there are none; how many were taken in time.
+
+        Raises
+        ------
+        DeviceStalledError
+            Where the endpoint is halted.
+        """
+        with translated(f"sending to endpoint {endpoint:02X}"):
+            try:
+                return int(self.device.write(endpoint, data, _milliseconds(seconds)))
+            except usb.core.USBTimeoutError:
+                return 0
+
+    def read(self, endpoint: int, size: int, seconds: float) -> bytes | None:
+        """Receive one transfer of at most so many bytes, which ends with a short packet; None where none came.
+
+        Raises
+        ------
+        DeviceStalledError
+            Where the endpoint is halted.
+        """
+        with translated(f"receiving from endpoint {endpoint:02X}"):
+            try:
+                return bytes(self.device.read(endpoint, size, _milliseconds(seconds)))
+            except usb.core.USBTimeoutError:
+                return None
+
+    def clear_halt(self, endpoint: int) -> None:
+        """End the halt of an endpoint."""
+        with translated(f"ending the halt of endpoint {endpoint:02X}"):
+            self.device.clear_halt(endpoint)
+
+    def set_configuration(self) -> None:
+        """Configure the device anew."""
+        with translated("configuring the device"):
+            usb.util.dispose_resources(self.device)
+            self.device.set_configuration(CONFIGURATION)
+            self._claim()
+
+    def set_interface(self, interface: int) -> None:
+        """Choose setting 0 of an interface, as a kernel does it."""
+        with translated(f"choosing setting 0 of interface {interface}"):
+            usb.util.claim_interface(self.device, interface)
+            self.device.set_interface_altsetting(interface, 0)
+
+    def reset(self) -> None:
+        """Reset the bus; in run-time mode the device is configured again, and where it came back otherwise found."""
+        with translated("resetting the bus"):
+            try:
+                self.device.reset()
+            except usb.core.USBError as error:
+                if error.errno not in (errno.ENOENT, errno.ENODEV):
+                    raise
+                self.reopen(10, ANY_MODE)
+
+    def wait_for(self, mode: Mode, seconds: float) -> None:
+        """Wait until the device is back on the bus in a mode."""
+        self.reopen(seconds, (mode,))
+
+
+def _milliseconds(seconds: float) -> int:
+    return max(1, round(1000 * seconds))

@@ -1,0 +1,267 @@
+"""The pytest plugin: which cases run, what a case gets, and what became of it.
+
+It alone knows that pytest runs the cases. An unknown clause fails collection, for the decorator `case` refuses it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pytest
+
+from ...errors import DeviceError, ReplyError
+from .bench import Bench, Lost
+from .cases import Case, Inconclusive, Need, NotApplicable, Risk, case_of
+from .profile import Profile
+from .verdicts import Result, Verdict
+
+__all__ = ["Catalogue", "Entry", "Judge", "Watcher", "case_id", "wanted"]
+
+PREFIX = "test_"
+ONLY_ON = {
+    "usb": "this concerns USB, and the device is at the end of a serial line",
+    "serial": "this concerns serial lines, and the device has none",
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A case in the catalogue.
+
+    Parameters
+    ----------
+    identifier : str
+        ``group/name[parameter]``.
+    about : Case
+        What it says of itself.
+    """
+
+    identifier: str
+    about: Case
+
+    @property
+    def group(self) -> str:
+        """The file that it stands in."""
+        return self.identifier.partition("/")[0]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What it can be called by: itself, its group, its clauses, their chapters."""
+        clauses = [clause.partition("/")[0] for clause in self.about.clauses]
+        return (self.identifier, self.group, *self.about.clauses, *clauses, *(clause[:3] for clause in clauses))
+
+
+def wanted(entry: Entry, only: tuple[str, ...]) -> bool:
+    """Whether a case is among those asked for: all where nothing is, else those with a name that begins so."""
+    return not only or any(name.startswith(prefix) for name in entry.names for prefix in only)
+
+
+def case_id(item: pytest.Function) -> str:
+    """The identifier of a case."""
+    group = item.path.stem.removeprefix(PREFIX).replace("_", "-")
+    name, bracket, parameter = item.name.removeprefix(PREFIX).partition("[")
+    return f"{group}/{name.replace('_', '-')}{bracket}{parameter}"
+
+
+class Catalogue:
+    """Collects the cases and runs none.
+
+    Attributes
+    ----------
+    entries : list of Entry
+    """
+
+    def __init__(self) -> None:
+        self.entries: list[Entry] = []
+        self.trouble: list[str] = []
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
+        """Take note of the cases."""
+        self.entries, self.trouble = _entries(items)
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """Take note of what cannot be collected."""
+        if report.failed:
+            self.trouble.append(f"{report.nodeid}: {report.longrepr}")
+
+
+def _entries(items: list[pytest.Function]) -> tuple[list[Entry], list[str]]:
+    entries, trouble = [], []
+    for item in items:
+        about = case_of(item.function)
+        if about is None:
+            trouble.append(f"{item.nodeid} is no case: it has no decorator `case`")
+        else:
+            entries.append(Entry(case_id(item), about))
+    return entries, trouble
+
+
+class Watcher:
+    """Told how a run goes on; this one does nothing."""
+
+    def began(self, case: str, number: int, of: int) -> None:
+        """A case has begun: the number-th of so many, from 1."""
+
+    def ended(self, result: Result) -> None:
+        """A case has ended."""
+
+
+@dataclass
+class Judge:
+    """Runs the cases against a bench and gathers what came of them.
+
+    Parameters
+    ----------
+    bench : Bench
+    profile : Profile
+        What does not apply to the device.
+    known : mapping of str to str
+        Why cases are known to fail.
+    only : tuple of str
+        The cases asked for.
+    watcher : Watcher
+
+    Attributes
+    ----------
+    results : list of Result
+    trouble : list of str
+    """
+
+    bench: Bench
+    profile: Profile
+    known: Mapping[str, str]
+    only: tuple[str, ...]
+    watcher: Watcher
+    results: list[Result] = field(default_factory=list)
+    trouble: list[str] = field(default_factory=list)
+    pending: list[tuple[int, list[Callable[[], None]]]] = field(default_factory=list)
+    _count: int = 0
+    _lost: str | None = None
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
+        """Leave out what was not asked for."""
+        entries, trouble = _entries(items)
+        self.trouble += trouble
+        known = {entry.identifier for entry in entries}
+        self.trouble += [f"the known failure {name!r} names no case" for name in self.known if name not in known]
+        items[:] = [
+            item
+            for item in items
+            if (about := case_of(item.function)) and wanted(Entry(case_id(item), about), self.only)
+        ]
+        self._count = len(items)
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """Take note of what cannot be collected."""
+        if report.failed:
+            self.trouble.append(f"{report.nodeid}: {report.longrepr}")
+
+    @pytest.fixture(name="bench")
+    def fixture(self, request: pytest.FixtureRequest) -> Iterator[Bench]:
+        """The bench, at rest."""
+        item = request.node
+        about = case_of(item.function)
+        assert about is not None
+        self._check(case_id(item), about)
+        try:
+            self.bench.begin_case(case_id(item))
+            marked = self.bench.sight is not None and self.bench.sight.deferred and Need.CAPTURE in about.needs
+            if marked:
+                self.bench.play_mark()
+        except Lost as error:
+            self._lost = str(error)
+            raise
+        yield self.bench
+        if marked:
+            self.bench.play_mark()
+        self.bench.end_case()
+
+    def _check(self, identifier: str, about: Case) -> None:
+        """Raise what says that a case is not to be judged."""
+        if self._lost is not None:
+            raise Inconclusive(self._lost)
+        reason = self.profile.reason_for(identifier, identifier.partition("/")[0], about.clauses)
+        if reason is not None:
+            raise NotApplicable(reason)
+        if missing := about.features & ~self.bench.info.features:
+            raise NotApplicable(f"INFO does not name the feature {missing.name}")
+        if about.line == "usb" and self.bench.line.kind != "usb":
+            raise Inconclusive(ONLY_ON["usb"])
+        for risk in Risk:
+            if risk in about.risks and risk not in self.bench.allowed:
+                raise Inconclusive(f"this was not allowed: --allow {risk}")
+        for need in about.needs:
+            if not self.bench.can(need):
+                raise Inconclusive(f"this needs {need}")
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Function, nextitem: pytest.Item | None) -> bool:
+        """Run one case from beginning to end."""
+        from _pytest.runner import runtestprotocol
+
+        identifier = case_id(item)
+        self.watcher.began(identifier, len(self.results) + 1, self._count)
+        began = time.perf_counter()
+        about = case_of(item.function)
+        assert about is not None
+        verdict, reason = Verdict.PASS, ""
+        for report in runtestprotocol(item, log=False, nextitem=nextitem):
+            if report.outcome != "passed" and verdict is Verdict.PASS:
+                verdict, reason = report.phasewire_verdict
+        result = Result(
+            identifier,
+            about.clauses,
+            about.sentence,
+            verdict,
+            reason,
+            self.bench.evidence if verdict not in (Verdict.NOT_APPLICABLE,) else (),
+            time.perf_counter() - began,
+            self.known.get(identifier),
+        )
+        if self.bench.deferred and verdict is Verdict.PASS:
+            self.pending.append((len(self.results), self.bench.deferred))
+        self.results.append(result)
+        self.watcher.ended(result)
+        return True
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self, item: pytest.Function, call: pytest.CallInfo[None]) -> Any:
+        """Keep what an exception means."""
+        report = yield
+        if call.excinfo is not None:
+            about = case_of(item.function)
+            assert about is not None
+            report.phasewire_verdict = verdict_of(call.excinfo.value, about)
+        return report
+
+    def finish(self) -> None:
+        """Judge what could only be judged after the run."""
+        for index, looks in self.pending:
+            result = self.results[index]
+            try:
+                for look in looks:
+                    look()
+            except Exception as error:
+                about = Case(result.clauses, result.sentence)
+                verdict, reason = verdict_of(error, about)
+                self.results[index] = replace(result, verdict=verdict, reason=reason)
+
+
+def verdict_of(error: BaseException, about: Case) -> tuple[Verdict, str]:
+    """What an exception of a case means, and why."""
+    match error:
+        case Inconclusive():
+            return Verdict.INCONCLUSIVE, str(error)
+        case NotApplicable():
+            return Verdict.NOT_APPLICABLE, str(error)
+        case Lost():
+            return Verdict.FAIL, str(error)
+        case AssertionError():
+            return (Verdict.WARN if about.should else Verdict.FAIL), str(error) or "an assertion without words failed"
+        case DeviceError() | ReplyError():
+            return Verdict.FAIL, str(error)
+        case _:
+            return Verdict.FAIL, f"the suite did not expect this: {type(error).__name__}: {error}"

@@ -1,0 +1,141 @@
+"""Profiles: what a device's makers declare of it before it is judged, in TOML.
+
+What it does not have, each with a reason; the numbers it must show on USB; and where a logic analyser's probes sit::
+
+    name = "revision C without a UART"
+
+    [not-applicable]
+    serial = "no UART is fitted"
+    "BLK-021" = "sequences are played from a card"
+
+    [device]
+    vendor = "1209"
+    product = 0x0001
+
+    [capture.channels]
+    D0 = "b2p1_07"
+    D1 = "t160"
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...emulator.ports.export import chosen_channels
+from ...protocol.wiring import Wiring
+from .tables import Table, read_table
+
+__all__ = ["Profile", "read_profile"]
+
+NAME, NOT_APPLICABLE, DEVICE, CAPTURE, CHANNELS = "name", "not-applicable", "device", "capture", "channels"
+VENDOR, PRODUCT = "vendor", "product"
+MOST_NUMBER = 0xFFFF
+_CLAUSE = re.compile(r"[A-Z]{3}-\d{3}(/[1-9]\d*)?", re.ASCII)
+_GROUP_OR_CASE = re.compile(r"[a-z][^/\s]*(/\S.*)?")
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What is declared of a device.
+
+    Parameters
+    ----------
+    name : str
+        What people call it.
+    not_applicable : mapping of str to str
+        Clauses, requirements, groups and cases that do not apply, and why.
+    vendor, product : int, optional
+        The numbers that it must show on USB; None where nothing is said of them.
+    probes : mapping of str to str
+        The output that each probe of a logic analyser sits at, such as ``b2p1_07`` or ``t160``.
+    """
+
+    name: str = "none"
+    not_applicable: Mapping[str, str] = field(default_factory=dict)
+    vendor: int | None = None
+    product: int | None = None
+    probes: Mapping[str, str] = field(default_factory=dict)
+
+    def reason_for(self, case_id: str, group: str, clauses: tuple[str, ...]) -> str | None:
+        """Why a case does not apply; None where it does.
+
+        A case applies only where all its clauses do: what does not have a thing cannot be judged by what it shows
+        together with another. A clause stands for each of its requirements, a case for each of its parameters.
+        """
+        whole = (clause.partition("/")[0] for clause in clauses)
+        names = (case_id, case_id.partition("[")[0], group, *clauses, *whole)
+        return next((self.not_applicable[name] for name in names if name in self.not_applicable), None)
+
+    def channels(self, wiring: Wiring) -> dict[str, int]:
+        """The output channel that each probe sits at, on a device with this wiring."""
+        return {probe: chosen_channels(output, wiring)[0] for probe, output in self.probes.items()}
+
+
+def read_profile(path: Path) -> Profile:
+    """The profile in a file.
+
+    Raises
+    ------
+    InputFileError
+        Where the file is no TOML or no profile; it names the key, its value and what would be right.
+    OSError
+        Where the file cannot be read.
+    """
+    whole = read_table(path)
+    whole.check_keys([NAME, NOT_APPLICABLE, DEVICE, CAPTURE])
+    device, capture = whole.table(DEVICE), whole.table(CAPTURE)
+    device.check_keys([VENDOR, PRODUCT])
+    capture.check_keys([CHANNELS])
+    return Profile(
+        whole.text(NAME),
+        _reasons(whole.table(NOT_APPLICABLE)),
+        _usb_number(device, VENDOR),
+        _usb_number(device, PRODUCT),
+        _probes(capture.table(CHANNELS)),
+    )
+
+
+def _reasons(table: Table) -> dict[str, str]:
+    for key in table.values:
+        if _CLAUSE.fullmatch(key) is None and _GROUP_OR_CASE.fullmatch(key) is None:
+            raise table.error(
+                key,
+                'it names nothing that may not apply; a clause ("BLK-003", "BLK-005/1"), a group ("blocks") or a case '
+                '("blocks/a-flipped-bit-is-refused") would',
+            )
+    return {key: table.text(key) for key in table.values}
+
+
+def _usb_number(table: Table, key: str) -> int | None:
+    if key not in table.values:
+        return None
+    value = table.values[key]
+    number = _hexadecimal(value) if isinstance(value, str) else value
+    if type(number) is not int or not 0 <= number <= MOST_NUMBER:
+        raise table.error(key, 'it must be a number of 16 bits: "1209" in hexadecimal, or 0x1209')
+    return number
+
+
+def _hexadecimal(text: str) -> int | None:
+    return int(text, 16) if re.fullmatch(r"(0[xX])?[0-9a-fA-F]{1,4}", text) else None
+
+
+def _probes(table: Table) -> dict[str, str]:
+    probes: dict[str, str] = {}
+    for probe in table.values:
+        output = table.text(probe)
+        try:
+            channels = chosen_channels(output, Wiring.strips())  # what exists does not depend on the wiring
+        except ValueError as error:
+            raise table.error(probe, str(error)) from error
+        if len(channels) != 1:
+            raise table.error(
+                probe, f"a probe sits at one output, not at {len(channels)}; b2p1_07 or t160 would be one"
+            )
+        if output in probes.values():
+            raise table.error(probe, "another probe sits at this output")
+        probes[probe] = output
+    return probes

@@ -1,0 +1,223 @@
+"""Running the suite: a bench is opened, pytest runs the cases, and what came of them becomes a `Run`."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+
+import pytest
+
+from ...emulator import Emulator
+from ...emulator.doors.address import Address
+from ...emulator.machine import plugged
+from ...errors import DeviceNotFoundError
+from ...protocol.codes import PROTOCOL_VERSION
+from .bench import Bench
+from .capture import EmulatorSight, Sight
+from .cases import Risk
+from .levers import EmulatorLevers, Levers, NoLevers
+from .lines.line import RawLine
+from .lines.serial import PortWire, SerialLine
+from .lines.usb import UsbLine
+from .plugin import Catalogue, Entry, Judge, Watcher
+from .profile import Profile
+from .verdicts import Provenance, Run
+
+__all__ = ["Options", "catalogue", "open_bench", "run_conformance"]
+
+GROUPS = Path(__file__).with_name("groups")
+EMULATOR = "emulator"
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is asked of a run.
+
+    Parameters
+    ----------
+    url : str
+        Of the device, as the host finds it.
+    capture : str or None
+        ``emulator``, ``sigrok:FILE`` or ``none``; None for the best that there is without a file.
+    allowed : frozenset of Risk or None
+        What may be risked; None for nothing, but for everything where the device is emulated in this process.
+    profile : Profile
+    known : mapping of str to str
+        Cases that are known to fail, and why.
+    only : tuple of str
+        Groups, cases, clauses or chapters, or how they begin; all where it is empty.
+    seed : int
+        Of everything random.
+    """
+
+    url: str
+    capture: str | None = None
+    allowed: frozenset[Risk] | None = None
+    profile: Profile = field(default_factory=Profile)
+    known: Mapping[str, str] = field(default_factory=dict)
+    only: tuple[str, ...] = ()
+    seed: int = SEED
+
+
+def catalogue() -> list[Entry]:
+    """All cases, in their order.
+
+    Raises
+    ------
+    RuntimeError
+        Where one cannot be collected.
+    """
+    found = Catalogue()
+    _pytest(found, "--collect-only")
+    if found.trouble:
+        raise RuntimeError("; ".join(found.trouble))
+    return found.entries
+
+
+def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
+    """Run the suite against a device.
+
+    Parameters
+    ----------
+    options : Options
+    watcher : Watcher, optional
+        Is told how it goes on.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    DeviceError
+        Where the device cannot be opened or does not say what it is.
+    """
+    began, started = datetime.now(UTC), perf_counter()
+    with open_bench(options) as bench:
+        judge = Judge(bench, options.profile, options.known, options.only, watcher or Watcher())
+        _pytest(judge)
+        judge.finish()
+        provenance = Provenance(
+            version("phasewire"),
+            f"version {PROTOCOL_VERSION}, SPEC.md {_specification_digest()}",
+            _about(options.url, bench),
+            began.isoformat(timespec="seconds"),
+            perf_counter() - started,
+            options.profile.name,
+            bench.sight.name if bench.sight else "none",
+            tuple(sorted(bench.allowed)),
+            options.seed,
+        )
+    return Run(provenance, tuple(judge.results), tuple(judge.trouble))
+
+
+def _pytest(plugin: object, *arguments: str) -> None:
+    """Let pytest run the cases with one plugin and nothing from the surroundings."""
+    quiet = ["-p", "no:terminal", "-p", "no:cacheprovider", "-p", "no:faulthandler", "-p", "no:logging", "--capture=no"]
+    alone = ["--import-mode=importlib", f"--rootdir={GROUPS}", f"--confcutdir={GROUPS}", "-c", os.devnull]
+    with _environment(PYTEST_DISABLE_PLUGIN_AUTOLOAD="1", PYTEST_ADDOPTS=""):
+        pytest.main([*quiet, *alone, *arguments, str(GROUPS)], plugins=[plugin])
+
+
+@contextmanager
+def _environment(**variables: str) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _specification_digest() -> str:
+    text = Path(__file__).parents[2] / "protocol" / "SPEC.md"
+    return hashlib.sha256(text.read_bytes()).hexdigest()[:16]
+
+
+def _about(url: str, bench: Bench) -> dict[str, str]:
+    info = bench.info
+    return {
+        "url": url,
+        "name": bench.line.name,
+        "unique id": info.unique_id.hex(),
+        "firmware": ".".join(map(str, info.firmware)),
+        "protocol": f"{info.oldest_version} to {info.newest_version}",
+        "hardware": str(int(info.hardware)),
+        "features": info.features.name or "none",
+        "links": f"{info.link_wires} wires, {info.cycles_per_symbol} cycles a symbol",
+    }
+
+
+@contextmanager
+def open_bench(options: Options) -> Iterator[Bench]:
+    """The bench for a URL: a device emulated in this process with all its levers and outputs, or any other as it is.
+
+    Raises
+    ------
+    DeviceError
+        Where the device cannot be opened.
+    InputFileError
+        Where a recording cannot be used.
+    ValueError
+        Where the outputs of a device that is not emulated here are to be seen by the emulator.
+    """
+    with ExitStack() as stack:
+        emulator, url = _emulated(options.url, stack)
+        line = _line(url)
+        stack.callback(line.close)
+        levers: Levers = NoLevers() if emulator is None else EmulatorLevers(emulator)
+        sight = _sight(options, emulator)
+        allowed = options.allowed
+        if allowed is None:
+            allowed = frozenset() if emulator is None else frozenset(Risk)
+        yield Bench(line, levers, sight, allowed, options.seed)
+
+
+def _emulated(url: str, stack: ExitStack) -> tuple[Emulator | None, str]:
+    """The emulated device that a URL means, plugged in, and the URL by which the host finds it."""
+    scheme, _, rest = url.partition(":")
+    if scheme != EMULATOR:
+        return None, url
+    address = Address.parse(url)
+    if address.serial:
+        there = {emulator.serial: emulator for emulator in plugged()}
+        if address.serial not in there:
+            raise DeviceNotFoundError(f"no device at {url!r}: nothing of this serial number is plugged in")
+        return there[address.serial], url
+    emulator = stack.enter_context(address.make())
+    options = [option for option in rest.removeprefix("?").split("&") if option.startswith(("door=", "baud="))]
+    return emulator, emulator.url + ("?" + "&".join(options) if options else "")
+
+
+def _line(url: str) -> RawLine:
+    scheme = url.partition(":")[0]
+    if scheme == "usb" or (scheme == EMULATOR and "door=serial" not in url):
+        return UsbLine(url)
+    line = SerialLine(PortWire(url))
+    line.enter_frames()
+    return line
+
+
+def _sight(options: Options, emulator: Emulator | None) -> Sight | None:
+    choice = options.capture if options.capture is not None else ("none" if emulator is None else EMULATOR)
+    if choice == "none":
+        return None
+    if choice == EMULATOR:
+        if emulator is None:
+            raise ValueError(
+                f"--capture emulator: {options.url!r} is not emulated in this process; sigrok:FILE or none would do"
+            )
+        return EmulatorSight(emulator)
+    raise NotImplementedError

@@ -1,0 +1,89 @@
+"""Tables of TOML that people write, and errors that say what stands where, and what would be right.
+
+It knows nothing of what the tables mean.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputFileError
+
+__all__ = ["Table", "read_table"]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a TOML file, and where it stands.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    name : str
+        The table's name; empty for the whole file.
+    values : dict
+        What is in it.
+    """
+
+    path: Path
+    name: str
+    values: dict[str, Any]
+
+    def error(self, key: str, problem: str) -> InputFileError:
+        """What is wrong with a key of this table, to be raised."""
+        where = f"{self.path}, [{self.name}]" if self.name else str(self.path)
+        value = self.values.get(key)
+        shown = key if value is None or isinstance(value, dict) else f"{key} = {value!r}"
+        return InputFileError(f"{where}: {shown}: {problem}")
+
+    def check_keys(self, known: Iterable[str]) -> None:
+        """Raise `InputFileError` where a key is none of these."""
+        names = tuple(known)
+        for key in self.values:
+            if key not in names:
+                raise self.error(key, f"no such key; known are {', '.join(names)}")
+
+    def text(self, key: str) -> str:
+        """What a key says; `InputFileError` where it is missing, no text, or empty."""
+        value = self.values.get(key)
+        if value is None:
+            raise self.error(key, "it is missing; it must be text that is not empty")
+        if not isinstance(value, str) or not value.strip():
+            raise self.error(key, "it must be text that is not empty, in quotes")
+        return value.strip()
+
+    def table(self, key: str) -> Table:
+        """A table in this one, empty where there is none; `InputFileError` where the key is something else."""
+        value = self.values.get(key, {})
+        name = f"{self.name}.{_written(key)}" if self.name else _written(key)
+        if not isinstance(value, dict):
+            raise self.error(key, f"it must be a table, which begins with [{name}]")
+        return Table(self.path, name, value)
+
+
+def _written(key: str) -> str:
+    """A key as TOML writes it."""
+    return key if re.fullmatch(r"[\w-]+", key, re.ASCII) else json.dumps(key, ensure_ascii=False)
+
+
+def read_table(path: Path) -> Table:
+    """The whole of a TOML file.
+
+    Raises
+    ------
+    InputFileError
+        Where it is no TOML, or not UTF-8.
+    OSError
+        Where it cannot be read.
+    """
+    try:
+        return Table(path, "", tomllib.loads(path.read_bytes().decode()))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputFileError(f"{path}: it is no TOML: {error}") from error
