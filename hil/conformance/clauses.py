@@ -50,7 +50,7 @@ class Clause:
     chapter : str
         Such as ``BLK``.
     title : str
-        Of the chapter, such as ``blocks, from the host``.
+        Of the chapter, such as ``blocks``.
     sentences : tuple of str
         What it says, in the order of the text, a line each: its prose, and the cells of its tables that say MUST.
         Other cells, examples and diagrams are left out.
@@ -120,12 +120,11 @@ def resolve(name: str) -> Clause | Requirement:
 def _what_there_is(name: str) -> str:
     """What may have been meant by a name that is unknown."""
     if (clause := clauses().get(name.partition("/")[0])) is not None:
-        return {
-            0: f"{clause.identifier} says MUST nowhere and is named {clause.identifier}",
-            1: f"{clause.identifier} says MUST in one sentence and is named {clause.identifier}",
-        }.get(
-            len(clause.requirements),
-            f"{clause.identifier} has {', '.join(each.identifier for each in clause.requirements)}",
+        names = [each.identifier for each in clause.requirements]
+        if len(names) > 1:
+            return f"{clause.identifier} has {', '.join(names)}"
+        return (
+            f"{clause.identifier} says MUST in {'one sentence' if names else 'none'} and is named {clause.identifier}"
         )
     near = get_close_matches(name.upper(), {**clauses(), **requirements()}, n=3)
     return f"did you mean {' or '.join(near)}?" if near else "they are named as BLK-003, or BLK-005/1"
