@@ -1,0 +1,234 @@
+"""Which case shows what of SPEC.md, and what nobody shows.
+
+A `Matrix` has chapters, a chapter clauses, a clause rows; a row is a requirement, or what else the clause says, with
+the cases that show it or the reason why there is none. It is told of cases by `Claim` and runs none.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import groupby
+from operator import attrgetter
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from .clauses import Clause, clauses, requirements, resolve
+from .unobserved import REASONS
+
+__all__ = ["Chapter", "Claim", "ClauseRows", "Level", "Matrix", "Row"]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What a case says that it shows.
+
+    Parameters
+    ----------
+    case : str
+        ``group/name-of-the-case``, and ``[parameter]`` where it has some.
+    clauses : tuple of str
+        Such as ``BLK-003`` or, of several MUSTs in a clause, ``BLK-005/1``.
+    sentence : str
+        What it does and why.
+    """
+
+    case: str
+    clauses: tuple[str, ...]
+    sentence: str
+
+
+class Level(StrEnum):
+    """How much SPEC.md asks for something."""
+
+    MUST = "MUST"
+    SHOULD = "SHOULD"
+    NONE = "none"
+    """It says how something is, and shows in a device all the same."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A requirement, or what else a clause says.
+
+    Parameters
+    ----------
+    name : str
+        Of the requirement, or else of the clause: ``BLK-005/1``, ``BLK-012``.
+    sentence : str
+        In the words of SPEC.md; empty where the clause is a table alone.
+    level : Level
+    cases : tuple of str
+        Those that name it, in the order of the claims.
+    reason : str or None
+        Why none can, of a requirement.
+    """
+
+    name: str
+    sentence: str
+    level: Level
+    cases: tuple[str, ...]
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class ClauseRows:
+    """A clause and its rows: its requirements first, then what else it says."""
+
+    clause: Clause
+    rows: tuple[Row, ...]
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A chapter of SPEC.md: ``BLK``, ``blocks``, and its clauses."""
+
+    name: str
+    title: str
+    clauses: tuple[ClauseRows, ...]
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """Clauses, requirements and cases.
+
+    Parameters
+    ----------
+    chapters : tuple of Chapter
+        All of SPEC.md, in the order of the text.
+    claims : tuple of Claim
+        All cases, as they were given.
+    """
+
+    chapters: tuple[Chapter, ...]
+    claims: tuple[Claim, ...]
+
+    @classmethod
+    def of(cls, claims: Iterable[Claim], reasons: Mapping[str, str] = REASONS) -> Matrix:
+        """The matrix of some cases.
+
+        Parameters
+        ----------
+        claims : iterable of Claim
+        reasons : mapping of str to str
+            Requirements that no case can show, and why.
+
+        Raises
+        ------
+        ValueError
+            Where a case names what SPEC.md does not have, or a reason is given for what is no requirement.
+        """
+        claims = tuple(claims)
+        cases: dict[str, list[str]] = defaultdict(list)
+        for claim in claims:
+            for name in dict.fromkeys(claim.clauses):
+                try:
+                    cases[resolve(name).identifier].append(claim.case)
+                except ValueError as error:
+                    raise ValueError(f"{claim.case}: {error}") from None
+        if unknown := [name for name in reasons if name not in requirements()]:
+            raise ValueError(f"reasons for {', '.join(unknown)}: only requirements have reasons, such as BLK-003")
+        shown = {name: tuple(names) for name, names in cases.items()}
+        chapters = (
+            Chapter(
+                name, title, tuple(ClauseRows(clause, tuple(_rows(clause, shown, reasons))) for clause in of_chapter)
+            )
+            for (name, title), of_chapter in groupby(clauses().values(), attrgetter("chapter", "title"))
+        )
+        return cls(tuple(chapters), claims)
+
+    def rows(self) -> Iterator[Row]:
+        """All rows, in the order of the text."""
+        return (row for chapter in self.chapters for clause in chapter.clauses for row in clause.rows)
+
+    def requirements(self) -> tuple[Row, ...]:
+        """The rows of requirements."""
+        return tuple(row for row in self.rows() if row.level is Level.MUST)
+
+    def missing(self) -> tuple[Row, ...]:
+        """Requirements that have neither a case nor a reason."""
+        return tuple(row for row in self.requirements() if not row.cases and row.reason is None)
+
+    def needless(self) -> tuple[Row, ...]:
+        """Requirements that have both: what a case shows needs no reason why none can."""
+        return tuple(row for row in self.requirements() if row.cases and row.reason is not None)
+
+    def counts(self) -> dict[str, int]:
+        """How many there are of what."""
+        found = self.requirements()
+        return {
+            "clauses": sum(len(chapter.clauses) for chapter in self.chapters),
+            "requirements": len(found),
+            "with_a_case": sum(bool(row.cases) for row in found),
+            "with_a_reason": sum(row.reason is not None for row in found),
+            "missing": len(self.missing()),
+            "needless": len(self.needless()),
+            "cases": len(self.claims),
+        }
+
+    def record(self) -> dict[str, Any]:
+        """All of it, as JSON takes it."""
+        return {
+            "counts": self.counts(),
+            "cases": {claim.case: claim.sentence for claim in self.claims},
+            "chapters": [
+                {
+                    "name": chapter.name,
+                    "title": chapter.title,
+                    "clauses": [
+                        {
+                            "name": clause.clause.identifier,
+                            "rows": [
+                                {
+                                    "name": row.name,
+                                    "level": row.level.value,
+                                    "sentence": row.sentence,
+                                    "cases": list(row.cases),
+                                    "reason": row.reason,
+                                }
+                                for row in clause.rows
+                            ],
+                        }
+                        for clause in chapter.clauses
+                    ],
+                }
+                for chapter in self.chapters
+            ],
+        }
+
+    def table(self) -> Table:
+        """All of it, for people: a line for each row, with its cases, its reason, or what it lacks."""
+        table = Table("clause", "level", "cases, or why there is none", box=None)
+        for chapter in self.chapters:
+            table.add_row(Text(chapter.name, "bold"), "", Text(chapter.title, "bold"))
+            for clause in chapter.clauses:
+                for row in clause.rows:
+                    table.add_row(row.name, "" if row.level is Level.NONE else row.level.value, _shown_by(row))
+        return table
+
+
+def _shown_by(row: Row) -> Text:
+    """The cases of a row, its reason, or what it lacks."""
+    cases = "\n".join(row.cases)
+    if row.cases and row.reason is not None:
+        return Text(f"{cases}\na reason that it does not need: {row.reason}", "red")
+    if row.level is Level.MUST and not row.cases:
+        return Text("neither a case nor a reason", "red") if row.reason is None else Text(row.reason, "dim")
+    return Text(cases)
+
+
+def _rows(clause: Clause, shown: Mapping[str, tuple[str, ...]], reasons: Mapping[str, str]) -> Iterator[Row]:
+    """The rows of a clause: its requirements, what it recommends and, if it is named for that, what it says besides."""
+    for each in clause.requirements:
+        name = each.identifier
+        yield Row(name, each.sentence, Level.MUST, shown.get(name, ()), reasons.get(name))
+    alone = len(clause.requirements) == 1  # then the clause's own name is that of its requirement
+    cases = () if alone else shown.get(clause.identifier, ())
+    for sentence in clause.recommendations:
+        yield Row(clause.identifier, sentence, Level.SHOULD, cases)
+    if not clause.recommendations and (cases or not clause.requirements):
+        yield Row(clause.identifier, " ".join(clause.others), Level.NONE, cases)
