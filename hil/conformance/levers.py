@@ -48,14 +48,10 @@ class NoLevers:
 
     can: frozenset[Need] = frozenset()
 
-    def _cannot(self) -> None:
+    def _cannot(self, *_what: InjectedFault) -> None:
         raise RuntimeError("this bench has no levers; a case that needs one says so in its decorator")
 
-    power_down = power_up = suspend = resume = unplug = plug = _cannot
-
-    def cause(self, fault: InjectedFault) -> None:
-        """No."""
-        self._cannot()
+    power_down = power_up = suspend = resume = unplug = plug = cause = _cannot
 
 
 class EmulatorLevers:

@@ -10,7 +10,7 @@ from phasewire.protocol.codes import Reason
 
 @case("BLK-003", "ACK-003")
 def test_a_flipped_bit_is_refused(bench: Bench) -> None:
-    """A block with one bit flipped is refused with CHECKSUM and has no other effect, for damaged pulses must not play."""
+    """A block with a flipped bit is refused with CHECKSUM and has no other effect: damaged pulses must not play."""
     block = bytearray(pack(bench.numbered(NoOp())))
     block[100] ^= 4
     before = bench.status()

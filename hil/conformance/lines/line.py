@@ -17,9 +17,17 @@ class RawLine(Protocol):
     Methods raise a `DeviceError` where the line or the device fails.
     """
 
-    kind: LineKind
-    name: str
-    time: Timekeeper
+    @property
+    def kind(self) -> LineKind:
+        """Whether it is USB or a serial line."""
+
+    @property
+    def name(self) -> str:
+        """What is at its other end, for people."""
+
+    @property
+    def time(self) -> Timekeeper:
+        """The time by which it is waited for."""
 
     def send_blocks(self, blocks: bytes, seconds: float) -> int:
         """Send blocks of 512 bytes one behind the other; how many bytes were taken in time."""

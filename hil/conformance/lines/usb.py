@@ -15,6 +15,7 @@ from ....host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Mode, Sighting
 from ....protocol.codes import BLOCK_BYTES
 from ....protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT
 from ....protocol.requests import Setup
+from ..cases import LineKind
 
 __all__ = ["CONSOLE_IN", "CONSOLE_OUT", "REQUEST_SECONDS", "UsbLine"]
 
@@ -44,7 +45,7 @@ class UsbLine:
         Where there is none, or it may not be opened.
     """
 
-    kind = "usb"
+    kind: LineKind = "usb"
 
     def __init__(self, url: str) -> None:
         self._bus = UsbBus(url)
