@@ -120,8 +120,9 @@ def check_play(seen: Seen, steps: Iterable[tuple[int, Words]], last: int | None 
     known = list(steps)
     numbers = np.array([period for period, _ in known])
     play = np.stack([words for _, words in known]) & seen.observed
-    assert numbers[0] >= seen.first_period and last <= seen.last_period, (
-        f"periods {numbers[0]} to {last} should be judged, but {seen.first_period} to {seen.last_period} are seen"
+    within = seen.first_period <= numbers[0] <= last <= seen.last_period
+    assert within, (
+        f"{numbers[0]} to {last} should be within the periods seen, {seen.first_period} to {seen.last_period}"
     )
     assert all(one < other for one, other in pairwise(numbers)), f"steps should be in rising order, not {numbers}"
     for begin in range(int(numbers[0]), last, CHUNK_PERIODS):
