@@ -12,6 +12,7 @@ from ...errors import DeviceNotFoundError, InputFileError
 from ...protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from ...protocol.framing import BAUD
 from ...protocol.timing import FIVE_WIRE, LINKS, Link
+from ..firmware.flash import Flash
 from ..machine import Emulator
 from ..scenario import read_scenario
 from .uart import MOST_BAUD
@@ -87,15 +88,15 @@ class Address:
             _baud(url, options.get("baud", str(BAUD))),
         )
 
-    def make(self) -> Emulator:
-        """Make the fresh emulator.
+    def make(self, flash: Flash | None = None) -> Emulator:
+        """Make the fresh emulator, with a flash or as it leaves the factory.
 
         Raises
         ------
         InputFileError
             Where the scenario cannot be read, or what is in it cannot happen.
         """
-        emulator = Emulator(link=self.link, speed=self.speed)
+        emulator = Emulator(link=self.link, speed=self.speed, flash=flash)
         if self.faults is None:
             return emulator
         try:

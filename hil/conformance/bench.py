@@ -426,10 +426,11 @@ class Bench:
 
     # What the outputs did
 
-    def judge(self, first: int, last: int, check: Callable[[Seen], None]) -> None:
+    def judge(self, first: int, last: int, check: Callable[[Seen], None], *, over: bool = False) -> None:
         """Judge what the outputs did from a period to another, not included, by a function that fails like a case.
 
-        The periods must be over. Where the outputs are seen only after the run, the judgement comes then.
+        It waits until the periods are over by the device's clock, unless they are said to be, as where the device
+        answers no request. Where the outputs are seen only after the run, the judgement comes then.
 
         Raises
         ------
@@ -439,7 +440,8 @@ class Bench:
         if self.sight is None:
             raise Inconclusive(f"this needs {Need.CAPTURE}: --capture sigrok:FILE")
         sight = self.sight
-        self.wait_until(last + 1)
+        if not over:
+            self.wait_until(last + 1)
 
         def look() -> None:
             try:

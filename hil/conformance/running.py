@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from time import perf_counter
 
@@ -16,9 +17,14 @@ import pytest
 
 from ...emulator import Emulator
 from ...emulator.doors.address import Address
+from ...emulator.firmware.flash import Flash
+from ...emulator.firmware.loader import Identity, make_flash
 from ...emulator.machine import plugged
 from ...errors import DeviceNotFoundError
-from ...protocol.codes import PROTOCOL_VERSION
+from ...protocol.codes import PROTOCOL_VERSION, Target
+from ...protocol.firmware import Image, Segment
+from ...protocol.versions import Version
+from ...protocol.wiring import Wiring
 from .bench import Bench
 from .capture import EmulatorSight, Sight
 from .cases import Risk
@@ -35,6 +41,7 @@ __all__ = ["Options", "catalogue", "open_bench", "run_conformance"]
 GROUPS = Path(__file__).with_name("groups")
 EMULATOR = "emulator"
 SEED = 1
+_serials = count(1)
 
 
 @dataclass(frozen=True)
@@ -196,9 +203,15 @@ def _emulated(url: str, stack: ExitStack) -> tuple[Emulator | None, str]:
         if address.serial not in there:
             raise DeviceNotFoundError(f"no device at {url!r}: nothing of this serial number is plugged in")
         return there[address.serial], url
-    emulator = stack.enter_context(address.make())
+    emulator = stack.enter_context(address.make(_flash()))
     options = [option for option in rest.removeprefix("?").split("&") if option.startswith(("door=", "baud="))]
     return emulator, emulator.url + ("?" + "&".join(options) if options else "")
+
+
+def _flash() -> Flash:
+    """Of a device whose firmware is as large as real firmware is in blocks and sectors, though nothing executes it."""
+    segments = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(Target.CONTROLLER, bytes(6000)))
+    return make_flash(Identity(f"CONFORMANCE-{next(_serials)}", Wiring.strips()), Image(Version(1, 0, 0), segments))
 
 
 def _line(url: str) -> RawLine:

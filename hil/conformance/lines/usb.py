@@ -55,11 +55,13 @@ class UsbLine:
                 f"{self.name} waits for new firmware; reset it, or flash it, so that it comes back in run-time mode"
             )
 
-    def _take(self, seen: Sighting) -> None:
+    def _take(self, seen: Sighting, *, configured: bool = True) -> None:
         self._seen = seen
         self.device: usb.core.Device = seen.device
         self.time: Timekeeper = seen.time
         self.name = seen.name
+        if not configured:
+            return
         with translated(f"opening {self.name}"):
             configure(self.device)
             if seen.mode == RUN_TIME:
@@ -117,14 +119,14 @@ class UsbLine:
                 raise
         return bytes(answer) if setup.is_in else b""
 
-    def reopen(self, seconds: float, modes: Collection[Mode] = (RUN_TIME,)) -> None:
-        """Find the device again in one of some modes."""
+    def reopen(self, seconds: float, modes: Collection[Mode] = (RUN_TIME,), *, configured: bool = True) -> None:
+        """Find the device again in one of some modes, and configure it unless it is to be left as it came."""
         usb.util.dispose_resources(self.device)
         end = self.time.monotonic() + seconds
         while True:
             seen = self._bus.find_again(self._seen, modes, max(end - self.time.monotonic(), 0))
             try:
-                self._take(seen)
+                self._take(seen, configured=configured)
             except (DeviceLostError, DeviceStalledError):  # it left once more
                 if self.time.monotonic() >= end:
                     raise
@@ -184,19 +186,28 @@ class UsbLine:
             usb.util.claim_interface(self.device, interface)
             self.device.set_interface_altsetting(interface, 0)
 
-    def reset(self) -> None:
-        """Reset the bus; in run-time mode the device is configured again, and where it came back otherwise found."""
+    @property
+    def is_configured(self) -> bool:
+        """Whether the device is configured, as the computer knows it."""
+        try:
+            self.device.get_active_configuration()
+        except usb.core.USBError:
+            return False
+        return True
+
+    def reset(self, *, configured: bool = True) -> None:
+        """Reset the bus; a configured device is configured again, and one that came back as another found again."""
         with translated("resetting the bus"):
             try:
                 self.device.reset()
             except usb.core.USBError as error:
                 if error.errno not in (errno.ENOENT, errno.ENODEV):
                     raise
-                self.reopen(10, ANY_MODE)
+                self.reopen(10, ANY_MODE, configured=configured)
 
-    def wait_for(self, mode: Mode, seconds: float) -> None:
-        """Wait until the device is back on the bus in a mode."""
-        self.reopen(seconds, (mode,))
+    def wait_for(self, mode: Mode, seconds: float, *, configured: bool = True) -> None:
+        """Wait until the device is back on the bus in a mode, and configure it unless it is to be left as it came."""
+        self.reopen(seconds, (mode,), configured=configured)
 
 
 def _milliseconds(seconds: float) -> int:

@@ -1,0 +1,439 @@
+"""DFU: the states of DFU 1.1, the times it names, and what it refuses (chapter DFU)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from phasewire.emulator import faults
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.images import Forgery, large_image
+from phasewire.hil.conformance.lines.dfu import DfuLine, dfu_mode
+from phasewire.hil.conformance.waveforms import check_silent
+from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME
+from phasewire.protocol.blocks import Update
+from phasewire.protocol.board import CARRIER_HZ
+from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Feature, ImageReason, Request, State
+
+FLASH = {"allow": (Risk.FLASH, Risk.RESET), "line": "usb", "features": Feature.DFU}
+RESET = {"allow": (Risk.RESET,), "line": "usb", "features": Feature.DFU}
+UNKNOWN_REQUEST = 7
+BLOCK = 2048
+SECTOR, PAGE = 4096, 256
+SILENT_PERIODS = 6
+LEAST_SECONDS = 0.01
+"""Between DETACH and leaving the bus (clause DFU-002)."""
+
+IDLE, SYNC, DNBUSY, DNLOAD_IDLE = DfuState.DFU_IDLE, DfuState.DNLOAD_SYNC, DfuState.DNBUSY, DfuState.DNLOAD_IDLE
+MANIFEST_SYNC, MANIFEST, UPLOAD_IDLE = DfuState.MANIFEST_SYNC, DfuState.MANIFEST, DfuState.UPLOAD_IDLE
+ERROR = DfuState.ERROR
+
+DRAWN = {
+    (IDLE, "DNLOAD"): SYNC,
+    (IDLE, "UPLOAD"): UPLOAD_IDLE,
+    (IDLE, "ABORT"): IDLE,
+    (SYNC, "GETSTATUS"): DNBUSY,
+    (DNLOAD_IDLE, "DNLOAD"): SYNC,
+    (DNLOAD_IDLE, "ABORT"): IDLE,
+    (MANIFEST_SYNC, "GETSTATUS"): MANIFEST,
+    (UPLOAD_IDLE, "UPLOAD"): UPLOAD_IDLE,
+    (UPLOAD_IDLE, "ABORT"): IDLE,
+    (ERROR, "CLRSTATUS"): IDLE,
+}
+"""The arrows of DFU-006 that begin with a request, while the device is busy as long as it can be."""
+DEAF = (DNBUSY, MANIFEST)
+
+
+class Walk:
+    """A device in DFU mode, a large image, and the way to each state."""
+
+    def __init__(self, line: DfuLine, image: bytes) -> None:
+        self.line = line
+        self.image = image
+
+    def reach(self, state: DfuState) -> None:
+        """Go from dfuIDLE to a state."""
+        blocks = -(-len(self.image) // BLOCK)
+        match state:
+            case DfuState.DNLOAD_SYNC | DfuState.DNBUSY:
+                self.line.download(0, self.image[:BLOCK])
+            case DfuState.DNLOAD_IDLE:
+                self.line.send(self.image, 0, 1)
+            case DfuState.MANIFEST_SYNC | DfuState.MANIFEST:
+                self.line.send(self.image)
+                self.line.download(blocks, b"")
+            case DfuState.UPLOAD_IDLE:
+                self.line.upload(0)
+            case DfuState.ERROR:
+                self.line.clear()
+        if state in DEAF:
+            reply = self.line.status()
+            expect("the state after GETSTATUS", reply and reply.state, state)
+        else:
+            expect("the state", self.line.state(), state)
+
+    def ask(self, request: str, state: DfuState) -> bool:
+        """Make a request as it would be right if the state allowed it; whether it was answered."""
+        match request:
+            case "DETACH":
+                return self.line.detach()
+            case "DNLOAD":
+                at = BLOCK if state is DNLOAD_IDLE else 0
+                return self.line.download(at // BLOCK, self.image[at : at + BLOCK])
+            case "DNLOAD_END":
+                return self.line.download(0, b"")
+            case "UPLOAD":
+                return self.line.upload(1 if state is UPLOAD_IDLE else 0) is not None
+            case "GETSTATUS":
+                return self.line.status() is not None
+            case "CLRSTATUS":
+                return self.line.clear()
+            case "GETSTATE":
+                return self.line.state() is not None
+            case "ABORT":
+                return self.line.abort()
+        return self.line.request(UNKNOWN_REQUEST) is not None
+
+
+REQUESTS = (
+    "DETACH",
+    "DNLOAD",
+    "DNLOAD_END",
+    "UPLOAD",
+    "GETSTATUS",
+    "CLRSTATUS",
+    "GETSTATE",
+    "ABORT",
+    "an unknown request",
+)
+STATES = (IDLE, SYNC, DNBUSY, DNLOAD_IDLE, MANIFEST_SYNC, MANIFEST, UPLOAD_IDLE, ERROR)
+
+
+@pytest.mark.parametrize("state", STATES, ids=lambda state: state.name.lower().replace("_", "-"))
+@case("DFU-006", "DFU-004", "DFU-003", **FLASH)
+def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench, state: DfuState) -> None:
+    """Each request in this state leads to the state that is drawn, or is answered with STALL and leads to dfuERROR."""
+    with dfu_mode(bench) as line:
+        walk = Walk(line, large_image(line))
+        own = line.image()
+        for request in REQUESTS:
+            line.rest()
+            walk.reach(state)
+            if (state, request) == (UPLOAD_IDLE, "UPLOAD") and len(own) < BLOCK:
+                continue  # it is over with its first block, and there is no other
+            answered = walk.ask(request, state)
+            drawn = DRAWN.get((state, request))
+            asks = request in ("GETSTATUS", "GETSTATE") and state not in DEAF
+            expect(f"whether {request} in {state.name} is answered", answered, drawn is not None or asks)
+            after = ERROR if not answered else drawn if drawn is not None else state
+            if (state, request) == (UPLOAD_IDLE, "UPLOAD") and len(own) < 2 * BLOCK:
+                after = IDLE
+            if after in DEAF:  # the answer said so, and to ask is an error now
+                line.wait(1)
+                expect(f"whether GETSTATE is answered in {after.name}", line.state(), None)
+                after = ERROR
+            expect(f"the state after {request} in {state.name}", line.state(), after)
+
+
+@case("DFU-006", "USB-024", **RESET)
+def test_run_time_mode_knows_the_questions_and_detach_alone(bench: Bench) -> None:
+    """In run-time mode GETSTATUS and GETSTATE say OK and appIDLE, and all else but DETACH is answered with STALL."""
+    line = DfuLine(bench)
+    status = line.status()
+    assert status is not None, "GETSTATUS is answered with STALL at run time"
+    expect("the status", (status.status, status.poll_ms, status.state), (DfuStatus.OK, 0, DfuState.APP_IDLE))
+    expect("the state", line.state(), DfuState.APP_IDLE)
+    for name, answered in (
+        ("DNLOAD", line.download(0, bytes(BLOCK))),
+        ("UPLOAD", line.upload(0) is not None),
+        ("CLRSTATUS", line.clear()),
+        ("ABORT", line.abort()),
+        ("an unknown request", line.request(UNKNOWN_REQUEST) is not None),
+    ):
+        assert not answered, f"{name} at run time is not answered with STALL"
+        expect(f"the state after {name}", line.state(), DfuState.APP_IDLE)
+
+
+@case("DFU-002", "DFU-006", "USB-024", **RESET)
+def test_detach_is_answered_before_the_device_leaves_and_comes_back(bench: Bench) -> None:
+    """After DETACH the device says appDETACH, leaves within 1000 ms whatever is refused meanwhile, and comes back as itself."""
+    line, serial = DfuLine(bench), bench.usb.serial
+    began = bench.line.time.monotonic()
+    assert line.detach(), "DETACH is answered with STALL"
+    try:
+        expect("the state after DETACH", line.state(), DfuState.APP_DETACH)
+        assert not line.abort(), "ABORT after DETACH is not answered with STALL"
+        expect("the state after a refused request", line.state(), DfuState.APP_IDLE)
+        while (left := began + LEAST_SECONDS - bench.line.time.monotonic()) > 0.002:
+            bench.wait(min(left, 0.001))
+            expect("the state within 10 ms of DETACH", line.state(), DfuState.APP_IDLE)
+        bench.usb.wait_for(DFU_MODE, 1.5)
+        expect("the serial number in DFU mode", bench.usb.serial, serial)
+        expect("the state in DFU mode", line.state(), IDLE)
+    finally:
+        _come_back(bench, line)
+
+
+@case("DFU-002", **RESET)
+def test_a_bus_reset_after_detach_hastens_it(bench: Bench) -> None:
+    """A bus reset between DETACH and leaving has the same effect, as hosts that know no WillDetach do it."""
+    line = DfuLine(bench)
+    assert line.detach(), "DETACH is answered with STALL"
+    try:
+        bench.usb.reset()
+        bench.usb.wait_for(DFU_MODE, 1.5)
+        expect("the state in DFU mode", line.state(), IDLE)
+    finally:
+        _come_back(bench, line)
+
+
+def _come_back(bench: Bench, line: DfuLine) -> None:
+    """Bring the device to run-time mode, wherever a case left it on the way to DFU mode."""
+    if bench.usb.mode != DFU_MODE:
+        bench.usb.wait_for(DFU_MODE, 2)
+    line.leave()
+
+
+@case("DFU-002", "SAF-004/1", "SAF-001", "STA-003", needs=(Need.CAPTURE,), **FLASH)
+def test_detach_silences_the_outputs_for_as_long_as_dfu_mode_lasts(bench: Bench) -> None:
+    """DETACH silences the outputs within six periods, and they stay low while firmware is loaded."""
+    bench.enable()
+    ack = bench.must(Update(bench.weak()))
+    bench.wait_until(ack.commit_period + 4)
+    clock, began = bench.clock(), bench.line.time.monotonic()
+    with dfu_mode(bench) as line:
+        line.send(large_image(line), 0, 2)
+        passed = bench.line.time.monotonic() - began
+        detached = clock.now // 50 + SILENT_PERIODS + round(0.002 * CARRIER_HZ)
+        last = clock.now // 50 + int(passed * CARRIER_HZ * 0.999)
+        bench.judge(detached, last, check_silent, over=True)
+
+
+@case("DFU-008/1", "DFU-007", "DFU-008", **FLASH)
+def test_the_poll_times_are_those_of_the_flash(bench: Bench) -> None:
+    """Block 0 takes 128 ms, other even blocks 68 ms, odd ones 8 ms, and no answer but a busy one names a time."""
+    with dfu_mode(bench) as line:
+        image = large_image(line)
+        for number in range(4):
+            idle = line.status()
+            expect("poll time in an idle state", idle and idle.poll_ms, 0)
+            line.download(number, image[BLOCK * number :][:BLOCK])
+            busy = line.status()
+            assert busy is not None, "GETSTATUS after DNLOAD is answered with STALL"
+            expect(f"the state with block {number}", busy.state, DNBUSY)
+            expect(f"poll time of block {number}", busy.poll_ms, 128 if number == 0 else 8 if number % 2 else 68)
+            line.wait(busy.poll_ms)
+            reply = line.poll()
+            expect("the answer after it", (reply.state, reply.poll_ms, reply.status), (DNLOAD_IDLE, 0, DfuStatus.OK))
+
+
+@case("DFU-008/2", **FLASH)
+def test_the_busy_state_ends_with_its_poll_time(bench: Bench) -> None:
+    """A device that named a time answers as soon as it is over: who waits as he was told must not meet a STALL."""
+    with dfu_mode(bench) as line:
+        image = large_image(line)
+        for number in range(3):
+            line.download(number, image[BLOCK * number :][:BLOCK])
+            busy = line.status()
+            assert busy is not None, "GETSTATUS after DNLOAD is answered with STALL"
+            expect("the state", busy.state, DNBUSY)
+            line.wait(busy.poll_ms)
+            expect("the state when the time is over", line.state(), SYNC)
+            line.poll()
+        line.send(image, 3)
+        line.download(0, b"")
+        busy = line.status()
+        assert busy is not None, "GETSTATUS after the end of the download is answered with STALL"
+        expect("the state", busy.state, MANIFEST)
+        expect("its poll time", busy.poll_ms, 2500)
+        line.wait(busy.poll_ms)
+        expect("the state when the time is over", line.state(), MANIFEST_SYNC)
+        line.poll()
+
+
+@case("DFU-009", "DFU-006", **FLASH)
+def test_blocks_out_of_turn_are_refused_with_address(bench: Bench) -> None:
+    """A block with another number, a short one before the end, one too long or too many ends the download (ADDRESS)."""
+    with dfu_mode(bench) as line:
+        image = large_image(line)
+        last = (len(image) - 1) // BLOCK
+        tries: list[tuple[str, int, Callable[[], bool]]] = [
+            ("a download that begins with block 1", 0, lambda: line.download(1, image[:BLOCK])),
+            ("block 2 after block 0", 1, lambda: line.download(2, image[BLOCK : 2 * BLOCK])),
+            ("block 0 twice", 1, lambda: line.download(0, image[:BLOCK])),
+            ("a short block", 1, lambda: line.download(1, image[BLOCK : 2 * BLOCK - 4])),
+            ("a last block that is too long", last, lambda: line.download(last, image[BLOCK * last :] + bytes(4))),
+            ("a block behind the last", last + 1, lambda: line.download(last + 1, bytes(4))),
+        ]
+        for what, blocks, send in tries:
+            line.rest()
+            if blocks:
+                expect("the state before it", line.send(image, 0, blocks).state, DNLOAD_IDLE)
+            assert not send(), f"{what} is not answered with STALL"
+            _expect_error(line, DfuStatus.ADDRESS, what)
+
+
+def _expect_error(line: DfuLine, status: DfuStatus, what: str, string: int | None = 0) -> None:
+    reply = line.status()
+    assert reply is not None, f"GETSTATUS in dfuERROR is answered with STALL after {what}"
+    expect(f"state and status after {what}", (reply.state, reply.status), (ERROR, status))
+    if string is not None:
+        expect(f"the string after {what}", reply.string, string)
+
+
+@case("DFU-009", "DFU-005", **FLASH)
+def test_a_download_must_not_end_early(bench: Bench) -> None:
+    """DNLOAD without data before the last block is NOTDONE, and in dfuIDLE STALLEDPKT: half an image is none."""
+    with dfu_mode(bench) as line:
+        image = large_image(line)
+        assert not line.download(0, b""), "a download of nothing is not answered with STALL"
+        _expect_error(line, DfuStatus.STALLEDPKT, "a download of nothing")
+        line.rest()
+        line.send(image, 0, 2)
+        assert not line.download(2, b""), "an early end is not answered with STALL"
+        _expect_error(line, DfuStatus.NOTDONE, "an early end")
+
+
+@case("DFU-006", **FLASH)
+def test_the_first_failure_is_the_one_that_is_told(bench: Bench) -> None:
+    """In dfuERROR the status stays that of the first failure, until CLRSTATUS sets it to OK."""
+    with dfu_mode(bench) as line:
+        assert not line.download(5, large_image(line)[:BLOCK]), "block 5 at first is not answered with STALL"
+        assert not line.abort(), "ABORT in dfuERROR is not answered with STALL"
+        assert not line.download(0, b""), "DNLOAD in dfuERROR is not answered with STALL"
+        _expect_error(line, DfuStatus.ADDRESS, "more refusals")
+        assert line.clear(), "CLRSTATUS in dfuERROR is answered with STALL"
+        reply = line.status()
+        expect("the answer after CLRSTATUS", reply and (reply.state, reply.status), (IDLE, DfuStatus.OK))
+
+
+@case("DFU-010", "DFU-012", "FWU-015", "FWU-001", "DFU-009", **FLASH)
+def test_a_first_block_that_is_no_header_is_refused_for_its_length(bench: Bench) -> None:
+    """A first block that is shorter than header and table is refused as LENGTH before anything is erased."""
+    with dfu_mode(bench) as line:
+        own = line.image()
+        line.rest()
+        for size in (1, 31, 32, 127):
+            assert not line.download(0, own[:size]), f"a first block of {size} bytes is not answered with STALL"
+            _expect_error(line, DfuStatus.FILE, f"a first block of {size} bytes", 16 + ImageReason.LENGTH)
+            line.rest()
+        expect("the image that would boot next", line.image(), own)
+
+
+@pytest.mark.parametrize("forgery", Forgery.of_headers(), ids=str)
+@case("DFU-010", "DFU-012", "FWU-015", "FWU-004", "FWU-005", "FWU-007", "FWU-008", "FWU-009", **FLASH)
+def test_a_wrong_header_is_refused_with_the_first_block(bench: Bench, forgery: Forgery) -> None:
+    """An image with this wrong in header or table is refused when block 0 has come, with its reason in words."""
+    with dfu_mode(bench) as line:
+        own = line.image()
+        line.rest()
+        wrong = forgery.of(own)
+        line.download(0, wrong[:BLOCK])
+        _expect_reason(line, line.poll, forgery.reason)
+        line.rest()
+        expect("the image that would boot next", line.image(), own)
+
+
+@pytest.mark.parametrize("forgery", Forgery.of_contents(), ids=str)
+@case("DFU-011", "DFU-012", "FWU-015", "FWU-009", "FWU-010", "FWU-011", **FLASH)
+def test_a_wrong_image_is_refused_when_it_has_come(bench: Bench, forgery: Forgery) -> None:
+    """An image with this wrong behind its header ends manifestation in dfuERROR, with its reason in words."""
+    with dfu_mode(bench) as line:
+        own = line.image()
+        line.rest()
+        line.send(forgery.of(own))
+        line.download(0, b"")
+        _expect_reason(line, line.poll, forgery.reason)
+        line.rest()
+        expect("the image that would boot next", line.image(), own)
+
+
+def _expect_reason(line: DfuLine, poll: Callable[[], object], reason: ImageReason) -> None:
+    poll()
+    status = DfuStatus.TARGET if reason in (ImageReason.MAGIC, ImageReason.HARDWARE) else DfuStatus.FILE
+    _expect_error(line, status, f"an image with a wrong {reason.name}", 16 + reason)
+    assert line.string(16 + reason), f"string {16 + reason} says nothing about {reason.name}"
+
+
+@case("DFU-014", "DFU-006", **FLASH)
+def test_an_upload_gives_the_image_block_by_block(bench: Bench) -> None:
+    """UPLOAD gives 2048 bytes a block, the last shorter, the same each time, and takes no number out of turn."""
+    with dfu_mode(bench) as line:
+        own = line.image()
+        expect("the state behind the last block", line.state(), IDLE if len(own) >= BLOCK else UPLOAD_IDLE)
+        line.rest()
+        expect("its magic", own[:4], b"PWFW")
+        expect("its size, as its header says", len(own), int.from_bytes(own[12:16], "little"))
+        expect("what a second upload gives", line.image(), own)
+        line.rest()
+        for what, number, length in (
+            ("an upload that begins with block 1", 1, BLOCK),
+            ("an upload of 1024 bytes", 0, 1024),
+            ("an upload of 4096 bytes", 0, 4096),
+        ):
+            expect(what, line.upload(number, length), None)
+            _expect_error(line, DfuStatus.ADDRESS, what)
+            line.rest()
+        line.upload(0)
+        if line.state() is UPLOAD_IDLE:
+            expect("block 0 after block 0", line.upload(0), None)
+            _expect_error(line, DfuStatus.ADDRESS, "block 0 twice")
+            line.rest()
+
+
+@case("DFU-015", "DFU-016", **RESET)
+def test_a_device_waits_for_a_bus_reset_in_dfu_mode(bench: Bench) -> None:
+    """A device in DFU mode stays there while its host is silent, and a bus reset boots it into run-time mode."""
+    before = bench.info
+    with dfu_mode(bench) as line:
+        bench.wait(3)
+        expect("the state after 3 s", line.state(), IDLE)
+    expect("the mode after a bus reset", bench.usb.mode, RUN_TIME)
+    bench.begin_case("again")
+    expect("INFO after it", bench.ask(Request.INFO), before.encode())
+    expect("the state", bench.status().state, State.OFF)
+
+
+@case("DFU-015", **RESET)
+def test_resets_of_enumeration_do_not_boot_the_device(bench: Bench) -> None:
+    """A bus reset before a host has configured the device in DFU mode leaves it there: hosts reset more than once."""
+    line = DfuLine(bench)
+    assert line.detach(), "DETACH is answered with STALL"
+    try:
+        bench.usb.wait_for(DFU_MODE, 15, configured=False)
+        if bench.usb.is_configured:
+            raise Inconclusive("the computer configures the device by itself, before a program can reset it")
+        for _ in range(2):
+            bench.usb.reset(configured=False)
+            expect("the mode after a reset", bench.usb.mode, DFU_MODE)
+    finally:
+        if bench.usb.mode == DFU_MODE:
+            bench.usb.wait_for(DFU_MODE, 15)
+            line.leave()
+
+
+@case("DFU-013", "DFU-005", "DFU-010", needs=(Need.FAULTS,), **FLASH)
+@pytest.mark.parametrize(
+    "status", [DfuStatus.WRITE, DfuStatus.ERASE, DfuStatus.PROG, DfuStatus.VERIFY], ids=lambda status: status.name
+)
+def test_a_failure_of_the_flash_is_told_as_what_it_is(bench: Bench, status: DfuStatus) -> None:
+    """What fails while a block is written leads to dfuERROR with its own status; what ran before would still boot."""
+    bank = Bank.B if bench.processors()[0].bank is Bank.A else Bank.A
+    address = bank.image_address
+    spoil = {
+        DfuStatus.WRITE: faults.WriteProtectedFlash(periods=400_000),
+        DfuStatus.ERASE: faults.FailingSector(sector=address // SECTOR, periods=400_000),
+        DfuStatus.PROG: faults.FailingPage(page=address // PAGE, periods=400_000),
+        DfuStatus.VERIFY: faults.StuckFlashBit(address=address, bit=0, value=1, periods=400_000),
+    }[status]
+    with dfu_mode(bench) as line:
+        own = line.image()
+        line.rest()
+        bench.levers.cause(spoil)
+        line.download(0, large_image(line)[:BLOCK])
+        line.poll()
+        _expect_error(line, status, "a failure of the flash")
+        line.rest()
+        expect("the image that would boot next", line.image(), own)
+    bench.wait(10)

@@ -1,0 +1,172 @@
+"""Firmware images for a device under test: its own, and its own with one thing wrong (chapter FWU).
+
+Nothing here makes firmware up: what is flashed to the end is what the device itself gave.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
+
+from ...protocol.codes import ImageReason
+from .cases import Inconclusive, NotApplicable
+from .lines.dfu import DfuLine
+
+__all__ = ["Forgery", "as_version", "large_image", "reseal"]
+
+BLOCK = 2048
+LEAST_BLOCKS = 5
+HEADER, ENTRY, SIGNATURE = 32, 48, 64
+Edit = Callable[[bytearray], None]
+
+
+def large_image(line: DfuLine) -> bytes:
+    """The device's own image, where it has at least five blocks, which is needed to see sectors and pages at work."""
+    image = line.image()
+    line.rest()
+    if len(image) < LEAST_BLOCKS * BLOCK:
+        raise Inconclusive(f"the firmware has {len(image)} bytes; this needs five blocks of 2048")
+    return image
+
+
+def reseal(image: bytes | bytearray) -> bytes:
+    """An image with the checksum that belongs to its header and table (clause FWU-003)."""
+    table = image[HEADER : HEADER + ENTRY * image[5]]
+    return bytes(image[:28]) + zlib.crc32(table, zlib.crc32(image[:28])).to_bytes(4, "little") + bytes(image[HEADER:])
+
+
+def as_version(image: bytes, version: tuple[int, int, int]) -> bytes:
+    """The same firmware under another version, not signed; not applicable where it is signed."""
+    if image[16:24] != bytes(8):
+        raise NotApplicable("the firmware is signed, so that nobody but its maker can give it another version")
+    return reseal(image[:8] + bytes(version) + image[11:])
+
+
+@dataclass(frozen=True)
+class Forgery:
+    """Something wrong with an image.
+
+    Parameters
+    ----------
+    what : str
+        In a few words.
+    reason : ImageReason
+        For which it must be refused.
+    edit : callable
+        Makes it wrong.
+    sealed : bool
+        Whether the checksum of header and table is put right behind it.
+    """
+
+    what: str
+    reason: ImageReason
+    edit: Edit
+    sealed: bool = True
+
+    def __str__(self) -> str:
+        """Its words, as part of a case's name."""
+        return self.what.replace(" ", "-")
+
+    def of(self, image: bytes) -> bytes:
+        """An image with this wrong."""
+        wrong = bytearray(image)
+        self.edit(wrong)
+        return reseal(wrong) if self.sealed else bytes(wrong)
+
+    def with_later(self, later: Forgery) -> Self:
+        """Both, of which the earlier reason counts."""
+
+        def edit(image: bytearray) -> None:
+            self.edit(image)
+            later.edit(image)
+
+        return type(self)(f"{self.what} and {later.what}", self.reason, edit, self.sealed and later.sealed)
+
+    @classmethod
+    def of_headers(cls) -> list[Self]:
+        """What is wrong in header or table, each alone, and each with the next of another reason."""
+        alone = [
+            cls("magic", ImageReason.MAGIC, _put(0, b"PWFX")),
+            cls("version of the container", ImageReason.VERSION, _put(4, b"\x02")),
+            cls("checksum", ImageReason.CHECKSUM, _flip(28), sealed=False),
+            cls("reserved bytes of the header", ImageReason.RESERVED, _put(24, b"\x01")),
+            cls("major version 100", ImageReason.RESERVED, _put(8, b"\x64")),
+            cls("minor version 10", ImageReason.RESERVED, _put(9, b"\x0a")),
+            cls("patch 10", ImageReason.RESERVED, _put(10, b"\x0a")),
+            cls("protocol 0", ImageReason.RESERVED, _put(11, b"\x00")),
+            cls("reserved bytes of the table", ImageReason.RESERVED, _put(HEADER + 3, b"\x80")),
+            cls("hardware", ImageReason.HARDWARE, _put(6, b"\x63\x00")),
+            cls("an unknown target", ImageReason.TARGETS, _put(HEADER, b"\x0c")),
+            cls("a target twice", ImageReason.TARGETS, _repeat_target),
+            cls("a segment of no bytes", ImageReason.SIZE, _put(HEADER + 8, bytes(4))),
+            cls("a segment of 65537 bytes", ImageReason.SIZE, _put(HEADER + 8, (65_537).to_bytes(4, "little"))),
+            cls("a gap before a segment", ImageReason.OFFSET, _add(HEADER + 4, 4)),
+            cls("a total of four bytes more", ImageReason.OFFSET, _add(12, 4)),
+        ]
+        both = [earlier.with_later(later) for earlier, later in pairwise(alone) if earlier.reason is not later.reason]
+        return alone + both
+
+    @classmethod
+    def of_contents(cls) -> list[Self]:
+        """What is wrong behind header and table."""
+        return [
+            cls("padding", ImageReason.PADDING, _spoil_padding),
+            cls("a byte of a segment", ImageReason.HASH, _spoil_segment),
+            cls("the CRC-32 of a segment", ImageReason.HASH, _flip(HEADER + 12)),
+            cls("the SHA-256 of a segment", ImageReason.HASH, _flip(HEADER + 16)),
+            cls("a signature without a key", ImageReason.SIGNATURE, _sign_without_key),
+        ]
+
+
+def _put(at: int, data: bytes) -> Edit:
+    def edit(image: bytearray) -> None:
+        image[at : at + len(data)] = data
+
+    return edit
+
+
+def _flip(at: int) -> Edit:
+    def edit(image: bytearray) -> None:
+        image[at] ^= 0x10
+
+    return edit
+
+
+def _add(at: int, much: int) -> Edit:
+    def edit(image: bytearray) -> None:
+        value = int.from_bytes(image[at : at + 4], "little") + much
+        image[at : at + 4] = value.to_bytes(4, "little")
+
+    return edit
+
+
+def _repeat_target(image: bytearray) -> None:
+    image[HEADER + ENTRY] = image[HEADER]
+
+
+def _segment(image: bytearray) -> tuple[int, int]:
+    """Where the first segment begins and ends."""
+    offset, size = (int.from_bytes(image[HEADER + at :][:4], "little") for at in (4, 8))
+    return offset, offset + size
+
+
+def _spoil_padding(image: bytearray) -> None:
+    _, end = _segment(image)
+    if end % 4 == 0:
+        raise NotApplicable("the first segment of the firmware has no padding behind it")
+    image[end] = 1
+
+
+def _spoil_segment(image: bytearray) -> None:
+    begin, _ = _segment(image)
+    image[begin] ^= 1
+
+
+def _sign_without_key(image: bytearray) -> None:
+    image[16:24] = bytes(8)
+    image[-SIGNATURE] ^= 1
+    if not any(image[-SIGNATURE:]):
+        image[-1] = 1

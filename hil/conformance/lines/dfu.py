@@ -1,0 +1,183 @@
+"""The raw line of firmware upgrade: any DFU request in either mode of the device, and what a whole download asks.
+
+It polls no sooner than it was told (clause DFU-008), but does nothing else that a case has not asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ....host.lines.usb_find import DFU_MODE, RUN_TIME
+from ....protocol.codes import (
+    CLASS_REQUEST_TYPE_IN,
+    CLASS_REQUEST_TYPE_OUT,
+    DFU_TRANSFER_BYTES,
+    DfuRequest,
+    DfuState,
+)
+from ....protocol.dfu import DfuReply
+from ....protocol.enumeration import DFU_INTERFACE, LANGUAGE
+from ....protocol.requests import DIRECTION_IN, Setup
+from ..bench import Bench
+
+__all__ = ["BUSY", "DfuLine", "dfu_mode"]
+
+DETACH_MS = 1000
+RETURN_SECONDS = 15.0
+"""Until a device is back in either mode."""
+MOST_POLLS = 200
+BUSY = (DfuState.DNBUSY, DfuState.MANIFEST)
+STRING = 3
+GET_DESCRIPTOR = 6
+
+
+class DfuLine:
+    """DFU requests to a device.
+
+    Parameters
+    ----------
+    bench : Bench
+        The device, on USB.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._usb = bench.usb
+
+    def request(self, request: int, value: int = 0, length: int = 0, data: bytes = b"") -> bytes | None:
+        """Make any class request to the DFU interface; what came back, None for STALL. A length makes it go in."""
+        interface = 0 if self._usb.mode == DFU_MODE else DFU_INTERFACE
+        kind = CLASS_REQUEST_TYPE_IN if length else CLASS_REQUEST_TYPE_OUT
+        return self._bench.request(Setup(kind, request, value, interface, length or len(data)), data)
+
+    def status(self) -> DfuReply | None:
+        """GETSTATUS; None for STALL."""
+        answer = self.request(DfuRequest.GETSTATUS, length=DfuReply.BYTES)
+        return None if answer is None else DfuReply.decode(answer)
+
+    def state(self) -> DfuState | None:
+        """GETSTATE; None for STALL."""
+        answer = self.request(DfuRequest.GETSTATE, length=1)
+        return None if answer is None else DfuState(answer[0])
+
+    def detach(self) -> bool:
+        """DETACH; whether it was not answered with STALL."""
+        return self.request(DfuRequest.DETACH, DETACH_MS) is not None
+
+    def download(self, number: int, data: bytes) -> bool:
+        """DNLOAD of one block, or its end without data; whether it was not answered with STALL."""
+        return self.request(DfuRequest.DNLOAD, number, data=data) is not None
+
+    def upload(self, number: int, length: int = DFU_TRANSFER_BYTES) -> bytes | None:
+        """UPLOAD of one block; None for STALL."""
+        return self.request(DfuRequest.UPLOAD, number, length)
+
+    def abort(self) -> bool:
+        """ABORT; whether it was not answered with STALL."""
+        return self.request(DfuRequest.ABORT) is not None
+
+    def clear(self) -> bool:
+        """CLRSTATUS; whether it was not answered with STALL."""
+        return self.request(DfuRequest.CLRSTATUS) is not None
+
+    def string(self, index: int) -> str | None:
+        """A string descriptor; None for STALL."""
+        answer = self._bench.request(Setup(DIRECTION_IN, GET_DESCRIPTOR, STRING << 8 | index, LANGUAGE, 255))
+        return None if answer is None else answer[2:].decode("utf-16-le")
+
+    def wait(self, milliseconds: float) -> None:
+        """Let time pass."""
+        self._bench.wait(milliseconds / 1000)
+
+    # Steps that take more than one request
+
+    def poll(self) -> DfuReply:
+        """Ask for the status, as often as the device says that it is busy, no sooner than it says.
+
+        Raises
+        ------
+        AssertionError
+            Where the device stalls, or is busy without end.
+        """
+        for _ in range(MOST_POLLS):
+            reply = self.status()
+            assert reply is not None, "GETSTATUS is answered with STALL"
+            if reply.state not in BUSY:
+                return reply
+            self.wait(reply.poll_ms)
+        raise AssertionError(f"the device is still busy after {MOST_POLLS} polls")
+
+    def send(self, image: bytes, first: int = 0, last: int | None = None) -> DfuReply:
+        """Download the blocks of an image from one to another, not included; what the last poll said.
+
+        It stops with the first that is refused or fails.
+        """
+        blocks = [image[at : at + DFU_TRANSFER_BYTES] for at in range(0, len(image), DFU_TRANSFER_BYTES)]
+        for number in range(first, len(blocks) if last is None else last):
+            taken = self.download(number, blocks[number])
+            reply = self.poll()
+            if not taken or reply.state is DfuState.ERROR:
+                break
+        return reply
+
+    def end(self) -> DfuReply:
+        """End a download, and wait until the image is judged."""
+        assert self.download(0, b""), "a DNLOAD without data behind the last block is answered with STALL"
+        return self.poll()
+
+    def flash(self, image: bytes) -> None:
+        """Download an image that must be taken."""
+        reply = self.send(image)
+        assert reply.state is DfuState.DNLOAD_IDLE, f"the download ends in {reply.state.name}, {reply.status.name}"
+        reply = self.end()
+        assert reply.state is DfuState.DFU_IDLE, f"manifestation ends in {reply.state.name}, {reply.status.name}"
+
+    def image(self) -> bytes:
+        """Upload the image that would boot next."""
+        found, number = b"", 0
+        while True:
+            block = self.upload(number)
+            assert block is not None, f"UPLOAD of block {number} is answered with STALL"
+            found += block
+            if len(block) < DFU_TRANSFER_BYTES:
+                return found
+            number += 1
+
+    def rest(self) -> None:
+        """Come to dfuIDLE from any state in which requests are answered, or that ends by itself."""
+        for _ in range(4):
+            state = self.state()
+            if state is None:  # busy: to ask was an error
+                state = self.state()
+            if state is DfuState.DFU_IDLE:
+                return
+            if state is DfuState.ERROR:
+                self.clear()
+            elif state in (DfuState.DNLOAD_IDLE, DfuState.UPLOAD_IDLE):
+                self.abort()
+            else:
+                self.poll()
+        raise AssertionError(f"the device does not come to rest; it is in {state.name if state is not None else '?'}")
+
+    def enter(self) -> None:
+        """Go to DFU mode."""
+        assert self.detach(), "DETACH is answered with STALL"
+        self._usb.wait_for(DFU_MODE, RETURN_SECONDS)
+
+    def leave(self) -> None:
+        """Boot by a bus reset, and wait for run-time mode."""
+        self._usb.reset()
+        self._usb.wait_for(RUN_TIME, RETURN_SECONDS)
+
+
+@contextmanager
+def dfu_mode(bench: Bench) -> Iterator[DfuLine]:
+    """A device in DFU mode, brought back to run-time mode in the end, however the case ends."""
+    line = DfuLine(bench)
+    line.enter()
+    try:
+        yield line
+    finally:
+        if bench.usb.mode == DFU_MODE:
+            line.leave()
