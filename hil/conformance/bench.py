@@ -9,7 +9,8 @@ from __future__ import annotations
 import random
 import zlib
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
 
@@ -74,6 +75,8 @@ class Bench:
         What may be risked.
     seed : int
         Of everything random.
+    spare : callable, optional
+        Gives a bench with a fresh device of the same kind, as a context manager.
 
     Attributes
     ----------
@@ -88,12 +91,21 @@ class Bench:
         Status records that came of the device's own accord, since the case began or `unasked` was cleared.
     """
 
-    def __init__(self, line: RawLine, levers: Levers, sight: Sight | None, allowed: frozenset[Risk], seed: int) -> None:
+    def __init__(
+        self,
+        line: RawLine,
+        levers: Levers,
+        sight: Sight | None,
+        allowed: frozenset[Risk],
+        seed: int,
+        spare: Callable[[], AbstractContextManager[Bench]] | None = None,
+    ) -> None:
         self.line = line
         self.levers = levers
         self.sight = sight
         self.allowed = allowed
         self._seed = seed
+        self._spare = spare
         self._serial: SerialLine | None = line if isinstance(line, SerialLine) else None
         self._notes: deque[tuple[str, str | bytes]] = deque()
         self._dropped = 0
@@ -123,7 +135,17 @@ class Bench:
 
     def can(self, need: Need) -> bool:
         """Whether the bench can see or do something."""
-        return need in self.levers.can or (need is Need.CAPTURE and self.sight is not None)
+        seen = need is Need.CAPTURE and self.sight is not None
+        return need in self.levers.can or seen or (need is Need.SPARE and self._spare is not None)
+
+    @contextmanager
+    def spare(self) -> Iterator[Bench]:
+        """A bench with a fresh device of the same kind, which may be broken for good; what passes is noted here too."""
+        if self._spare is None:
+            raise Inconclusive(f"this needs {Need.SPARE}")
+        with self._spare() as other:
+            other._notes = self._notes
+            yield other
 
     @property
     def drive_limit(self) -> int:

@@ -32,6 +32,7 @@ class Need(StrEnum):
     SUSPEND = "a bus that can be suspended"
     PLUG = "a cable that can be pulled"
     FAULTS = "faults that can be caused"
+    SPARE = "a second device, which may be broken for good"
 
 
 class Risk(StrEnum):

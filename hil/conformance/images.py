@@ -5,17 +5,20 @@ Nothing here makes firmware up: what is flashed to the end is what the device it
 
 from __future__ import annotations
 
+import hashlib
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
 from ...protocol.codes import ImageReason
 from .cases import Inconclusive, NotApplicable
 from .lines.dfu import DfuLine
 
-__all__ = ["Forgery", "as_version", "large_image", "reseal"]
+__all__ = ["Forgery", "as_version", "large_image", "reseal", "signed_by"]
 
 BLOCK = 2048
 LEAST_BLOCKS = 5
@@ -170,3 +173,10 @@ def _sign_without_key(image: bytearray) -> None:
     image[-SIGNATURE] ^= 1
     if not any(image[-SIGNATURE:]):
         image[-1] = 1
+
+
+def signed_by(image: bytes, key: Ed25519PrivateKey | None) -> bytes:
+    """The same firmware, signed by another key, or by none (clause FWU-011)."""
+    identifier = bytes(8) if key is None else hashlib.sha256(key.public_key().public_bytes_raw()).digest()[:8]
+    body = reseal(image[:16] + identifier + image[24:-SIGNATURE])
+    return body + (bytes(SIGNATURE) if key is None else key.sign(body))

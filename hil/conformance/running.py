@@ -6,8 +6,9 @@ import hashlib
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -189,7 +190,14 @@ def open_bench(options: Options) -> Iterator[Bench]:
         allowed = options.allowed
         if allowed is None:
             allowed = frozenset() if emulator is None else frozenset(Risk)
-        yield Bench(line, levers, sight, allowed, options.seed)
+        spare = None if emulator is None else partial(open_bench, replace(options, url=_fresh(options.url)))
+        yield Bench(line, levers, sight, allowed, options.seed, spare)
+
+
+def _fresh(url: str) -> str:
+    """The URL of a fresh emulated device that is reached in the same way."""
+    scheme, _, rest = url.partition(":")
+    return f"{scheme}:?{rest.partition('?')[2]}".removesuffix("?")
 
 
 def _emulated(url: str, stack: ExitStack) -> tuple[Emulator | None, str]:

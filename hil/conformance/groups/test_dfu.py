@@ -157,7 +157,7 @@ def test_run_time_mode_knows_the_questions_and_detach_alone(bench: Bench) -> Non
 
 @case("DFU-002", "DFU-006", "USB-024", **RESET)
 def test_detach_is_answered_before_the_device_leaves_and_comes_back(bench: Bench) -> None:
-    """After DETACH the device says appDETACH, leaves within 1000 ms whatever is refused meanwhile, and comes back as itself."""
+    """After DETACH the device says appDETACH, leaves within 1000 ms whatever is refused, and comes back as itself."""
     line, serial = DfuLine(bench), bench.usb.serial
     began = bench.line.time.monotonic()
     assert line.detach(), "DETACH is answered with STALL"
@@ -436,4 +436,4 @@ def test_a_failure_of_the_flash_is_told_as_what_it_is(bench: Bench, status: DfuS
         _expect_error(line, status, "a failure of the flash")
         line.rest()
         expect("the image that would boot next", line.image(), own)
-    bench.wait(10)
+    bench.wait(11)
