@@ -89,7 +89,8 @@ def test_an_image_that_never_came_up_does_not_boot_again(bench: Bench) -> None:
 def test_an_image_that_never_came_up_does_not_boot_after_a_cut_erasure(bench: Bench) -> None:
     """Where an upgrade that overwrites such an image is cut short, what was given up does not boot after all."""
     before = upgraded(bench)
-    for byte in (0, 20, 47, 48, *(48 + bench.random.randrange(4096) for _ in range(8))):
+    # Few bits change in the first bytes' time of an erasure: a record stays whole then, and a mark may not.
+    for byte in (20, 47, 50, 60, 500, 3000, *(1 + number % 12 for number in range(24))):
         with dfu_mode(bench) as line:
             image = large_image(line)
             line.flash(image)
