@@ -38,6 +38,7 @@ from .levers import Levers
 from .lines.line import RawLine
 from .lines.serial import CdcWire, SerialLine
 from .lines.usb import UsbLine
+from .profile import Profile
 from .verdicts import Evidence
 
 __all__ = ["LOW_DRIVE", "Bench", "Lost"]
@@ -75,6 +76,8 @@ class Bench:
         What may be risked.
     seed : int
         Of everything random.
+    profile : Profile
+        What is declared of the device.
     spare : callable, optional
         Gives a bench with a fresh device of the same kind, as a context manager.
 
@@ -98,6 +101,8 @@ class Bench:
         sight: Sight | None,
         allowed: frozenset[Risk],
         seed: int,
+        *,
+        profile: Profile,
         spare: Callable[[], AbstractContextManager[Bench]] | None = None,
     ) -> None:
         self.line = line
@@ -106,6 +111,7 @@ class Bench:
         self.allowed = allowed
         self._seed = seed
         self._spare = spare
+        self.profile = profile
         self._serial: SerialLine | None = line if isinstance(line, SerialLine) else None
         self._notes: deque[tuple[str, str | bytes]] = deque()
         self._dropped = 0
@@ -257,8 +263,9 @@ class Bench:
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
         """Make any control request; what came back, None for STALL."""
         answer = self.line.request(setup, data)
-        self.note("request", f"{setup.encode().hex(' ')}{f' with {_hex(data)}' if data else ''}")
-        self.note("answer", "STALL" if answer is None else answer)
+        sent = f"{setup.encode().hex(' ')} {_request_name(setup)}"
+        self.note("request", f"{sent}, with {_hex(data)}" if data else sent)
+        self.note("answer", "STALL" if answer is None else answer or "done")
         return answer
 
     def ask(self, request: Request, value: int = 0) -> bytes:
@@ -507,6 +514,12 @@ def _hex(data: bytes) -> str:
     if len(data) <= SHOWN_BYTES:
         return data.hex(" ")
     return f"{data[:SHOWN_BYTES].hex(' ')} … ({len(data)} bytes, CRC-32 {zlib.crc32(data):08X})"
+
+
+def _request_name(setup: Setup) -> str:
+    """What a request is called, where it is one of chapter REQ."""
+    vendor = setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT)
+    return _name(Request(setup.request)) if vendor and setup.request in set(Request) else ""
 
 
 def _name(code: int) -> str:

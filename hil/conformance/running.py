@@ -191,7 +191,7 @@ def open_bench(options: Options) -> Iterator[Bench]:
         if allowed is None:
             allowed = frozenset() if emulator is None else frozenset(Risk)
         spare = None if emulator is None else partial(open_bench, replace(options, url=_fresh(options.url)))
-        yield Bench(line, levers, sight, allowed, options.seed, spare)
+        yield Bench(line, levers, sight, allowed, options.seed, profile=options.profile, spare=spare)
 
 
 def _fresh(url: str) -> str:

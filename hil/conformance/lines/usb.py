@@ -49,6 +49,7 @@ class UsbLine:
 
     def __init__(self, url: str) -> None:
         self._bus = UsbBus(url)
+        self._from_kernel: set[int] = set()
         self._take(self._bus.find(ANY_MODE))
         if self.mode == DFU_MODE:
             raise DeviceError(
@@ -68,11 +69,13 @@ class UsbLine:
                 self._claim()
 
     def _claim(self) -> None:
+        """Hold interface 0, and take the console from the kernel, which gets it back in `close`."""
         for interface in self.device.get_active_configuration():
             number = interface.bInterfaceNumber
             with suppress(usb.core.USBError, NotImplementedError):
                 if self.device.is_kernel_driver_active(number):
                     self.device.detach_kernel_driver(number)
+                    self._from_kernel.add(number)
         usb.util.claim_interface(self.device, ARRAY_INTERFACE)
 
     @property
@@ -136,6 +139,10 @@ class UsbLine:
 
     def close(self) -> None:
         """Give the device back."""
+        usb.util.dispose_resources(self.device)
+        for number in self._from_kernel:
+            with suppress(usb.core.USBError, NotImplementedError):
+                self.device.attach_kernel_driver(number)
         usb.util.dispose_resources(self.device)
 
     # What only USB can do
