@@ -1,0 +1,40 @@
+"""Failures that are known: cases that a device's makers expect to fail, each with a reason, in TOML.
+
+A table is named by the case, in quotes, and says why::
+
+    ["blocks/a-flipped-bit-is-refused"]
+    reason = "the checksum is not looked at before revision C"
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from .tables import read_table
+
+__all__ = ["read_known_failures"]
+
+REASON = "reason"
+_CASE = re.compile(r"[^/\s]+/\S.*")
+
+
+def read_known_failures(path: Path) -> dict[str, str]:
+    """Cases that are expected to fail, and why.
+
+    Raises
+    ------
+    InputFileError
+        Where the file is no TOML, an entry names no case, or one has no reason; it says which, and what would be right.
+    OSError
+        Where the file cannot be read.
+    """
+    whole = read_table(path)
+    reasons = {}
+    for case in whole.values:
+        if _CASE.fullmatch(case) is None:
+            raise whole.error(case, 'it names no case; a table begins as in ["blocks/a-flipped-bit-is-refused"]')
+        entry = whole.table(case)
+        entry.check_keys([REASON])
+        reasons[case] = entry.text(REASON)
+    return reasons
