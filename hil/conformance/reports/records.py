@@ -1,0 +1,68 @@
+"""A run as a record that programs read: its format is ``phasewire-conformance-1``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from ..matrix import Matrix
+from ..verdicts import Result, Run, Verdict
+from .summary import Standing, outcome, standing, verdict_line, worst
+
+__all__ = ["FORMAT", "record"]
+
+FORMAT = "phasewire-conformance-1"
+
+
+def record(run: Run, matrix: Matrix) -> dict[str, Any]:
+    """All of a run, as JSON takes it; the order of the keys is always the same.
+
+    Returns
+    -------
+    dict
+        ``outcome`` is ``fail``, ``pass``, or ``part`` where nothing broke but not all has been shown. ``counts`` has
+        each verdict, and beside them what was expected. A row of the matrix has the worst verdict of its cases; null
+        where none of them ran.
+    """
+    verdicts = {result.case: result.verdict for result in run.results}
+    standings = [standing(result) for result in run.results]
+    expected = (Standing.KNOWN_FAILURE, Standing.UNEXPECTED_PASS)
+    return {
+        "format": FORMAT,
+        "outcome": outcome(run).value,
+        "passed": run.passed,
+        "summary": verdict_line(run),
+        "provenance": asdict(run.provenance),
+        "counts": {verdict.value: run.count(verdict) for verdict in Verdict}
+        | {kind.value: standings.count(kind) for kind in expected},
+        "trouble": list(run.trouble),
+        "results": [_result(result) for result in run.results],
+        "matrix": _matrix(matrix, verdicts),
+    }
+
+
+def _result(result: Result) -> dict[str, Any]:
+    return {
+        "case": result.case,
+        "group": result.group,
+        "clauses": list(result.clauses),
+        "sentence": result.sentence,
+        "verdict": result.verdict.value,
+        "standing": standing(result).value,
+        "breaks": result.breaks,
+        "reason": result.reason,
+        "known": result.known,
+        "seconds": result.seconds,
+        "evidence": [asdict(item) for item in result.evidence],
+    }
+
+
+def _matrix(matrix: Matrix, verdicts: Mapping[str, Verdict]) -> dict[str, Any]:
+    """The matrix's own record, and in each row what came of its cases."""
+    found = matrix.record()
+    for chapter in found["chapters"]:
+        for clause in chapter["clauses"]:
+            for row in clause["rows"]:
+                row["verdict"] = worst(verdicts[case] for case in row["cases"] if case in verdicts)
+    return found

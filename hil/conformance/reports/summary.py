@@ -1,0 +1,130 @@
+"""What every report says of a run: where each result stands, how many stand there, and the line that sums up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from enum import StrEnum
+
+from ..verdicts import Provenance, Result, Run, Verdict
+
+__all__ = [
+    "Outcome",
+    "Standing",
+    "by_reason",
+    "groups",
+    "outcome",
+    "provenance_rows",
+    "standing",
+    "verdict_line",
+    "worst",
+]
+
+
+class Standing(StrEnum):
+    """Where a result stands once it is known what was expected; the order is that in which they are told."""
+
+    FAIL = "fail"
+    UNEXPECTED_PASS = "unexpected pass"
+    WARN = "warn"
+    KNOWN_FAILURE = "known failure"
+    INCONCLUSIVE = "inconclusive"
+    NOT_APPLICABLE = "not applicable"
+    PASS = "pass"
+
+
+class Outcome(StrEnum):
+    """What came of a run as a whole."""
+
+    FAIL = "fail"
+    """Something broke."""
+    PART = "part"
+    """Nothing broke, but not all that was to be shown has been."""
+    PASS = "pass"
+    """All that was to be shown has been."""
+
+
+def standing(result: Result) -> Standing:
+    """Where a result stands."""
+    if result.known is not None and result.verdict is Verdict.FAIL:
+        return Standing.KNOWN_FAILURE
+    if result.known is not None and result.breaks:
+        return Standing.UNEXPECTED_PASS
+    return Standing(result.verdict.value)
+
+
+def outcome(run: Run) -> Outcome:
+    """What came of a run; one of which anything is inconclusive, or nothing passed, is no whole pass."""
+    if not run.passed:
+        return Outcome.FAIL
+    clean = {Standing.PASS, Standing.NOT_APPLICABLE}
+    whole = run.count(Verdict.PASS) and all(standing(result) in clean for result in run.results)
+    return Outcome.PASS if whole else Outcome.PART
+
+
+def verdict_line(run: Run) -> str:
+    """A run in one line; it promises no more than was seen."""
+    standings = [standing(result) for result in run.results]
+    passed, of = standings.count(Standing.PASS), len(standings)
+    broken = sum(result.breaks for result in run.results)
+    also = [f"{passed} passed"] if passed else []
+    if broken:
+        said = [f"FAIL: {broken} of {_cases(of)} broke", *also]
+    elif run.trouble:
+        said = ["FAIL: no case broke, but the run itself is not in order", *also]
+    elif not passed:
+        said = ["NOTHING SHOWN: nothing broke, and no case passed"]
+    elif passed == of:
+        said = [f"PASS: nothing broke; {'the only case' if of == 1 else f'all {_cases(of)}'} passed"]
+    else:
+        said = [f"PASS: nothing broke; {_cases(passed)} passed"]
+    others = (
+        (Standing.WARN, "should do otherwise"),
+        (Standing.KNOWN_FAILURE, "failed as is known"),
+        (Standing.INCONCLUSIVE, "could not be judged here"),
+        (Standing.NOT_APPLICABLE, "did not apply"),
+    )
+    said += [f"{standings.count(kind)} {words}" for kind, words in others if kind in standings]
+    return ", ".join(said)
+
+
+def _cases(number: int) -> str:
+    return "1 case" if number == 1 else f"{number} cases"
+
+
+def groups(run: Run) -> dict[str, list[Result]]:
+    """The results of each group, in the order of the run."""
+    found: dict[str, list[Result]] = {}
+    for result in run.results:
+        found.setdefault(result.group, []).append(result)
+    return found
+
+
+def by_reason(results: Iterable[Result]) -> dict[str, list[Result]]:
+    """Results by the reason that they have, the most frequent first."""
+    found: dict[str, list[Result]] = {}
+    for result in results:
+        found.setdefault(result.reason, []).append(result)
+    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
+
+
+def worst(verdicts: Iterable[Verdict]) -> Verdict | None:
+    """What several cases show together, the worst of all; None where there is none.
+
+    Something that could not be judged is not made good by something else that passed.
+    """
+    found = set(verdicts)
+    order = (Verdict.FAIL, Verdict.WARN, Verdict.INCONCLUSIVE, Verdict.PASS, Verdict.NOT_APPLICABLE)
+    return next((verdict for verdict in order if verdict in found), None)
+
+
+def provenance_rows(provenance: Provenance) -> Iterator[tuple[str, str]]:
+    """Who asked whom, when, and with what: a name and what stands there, in order."""
+    yield from provenance.device.items()
+    yield "suite", f"phasewire {provenance.suite}"
+    yield "specification", provenance.specification
+    yield "began", provenance.began
+    yield "took", f"{provenance.seconds:.1f} s"
+    yield "profile", provenance.profile
+    yield "capture", provenance.capture
+    yield "allowed", ", ".join(provenance.allowed) or "nothing"
+    yield "seed", str(provenance.seed)

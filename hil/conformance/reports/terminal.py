@@ -1,0 +1,174 @@
+"""A run on a terminal: the case that runs, then what came of all.
+
+Off a terminal nothing is written that is taken back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from types import TracebackType
+
+from rich import box
+from rich.console import Console
+from rich.control import Control
+from rich.padding import Padding
+from rich.segment import ControlType
+from rich.table import Column, Table
+from rich.text import Text
+
+from ..verdicts import Evidence, Result, Run, Verdict
+from .markup import legible
+from .summary import (
+    Outcome,
+    Standing,
+    by_reason,
+    groups,
+    outcome,
+    provenance_rows,
+    standing,
+    verdict_line,
+)
+
+__all__ = ["LiveLine", "print_run"]
+
+MOST_EVIDENCE = 8
+MOST_CHARACTERS = 400
+"""Of one piece of evidence; the other reports hold all of it."""
+STYLES = {
+    Standing.FAIL: "bold red",
+    Standing.UNEXPECTED_PASS: "bold red",
+    Standing.WARN: "yellow",
+    Standing.KNOWN_FAILURE: "magenta",
+    Standing.INCONCLUSIVE: "cyan",
+    Standing.NOT_APPLICABLE: "dim",
+    Standing.PASS: "green",
+}
+OUTCOME_STYLES = {Outcome.FAIL: "bold red", Outcome.PART: "bold yellow", Outcome.PASS: "bold green"}
+
+
+class LiveLine:
+    """Tells of cases while they run: on a terminal the one that runs and what breaks, elsewhere each that is no pass.
+
+    It is a context manager, at the end of which the line is gone.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+
+    def __enter__(self) -> LiveLine:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._erase()
+
+    def began(self, case: str, number: int, of: int) -> None:
+        """A case begins: the how-manieth, from 1, of how many."""
+        if not self._console.is_terminal:
+            return
+        self._erase()
+        line = Text(f"{number:{len(str(of))}}/{of}  {legible(case)}")
+        line.truncate(self._console.width - 1, overflow="ellipsis")
+        self._console.print(line, end="")
+
+    def ended(self, result: Result) -> None:
+        """A case has come to a verdict."""
+        self._erase()
+        if result.breaks or (result.verdict is not Verdict.PASS and not self._console.is_terminal):
+            why = " ".join(legible(result.reason).split())
+            self._console.print(_headed(result).append(f": {why}" if why else ""))
+
+    def _erase(self) -> None:
+        self._console.control(Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2)))
+
+
+def print_run(out: Console, run: Run) -> None:
+    """Say what came of a run: how many in each group, what must be looked at, where it comes from, and the verdict."""
+    told = {kind: [result for result in run.results if standing(result) is kind] for kind in Standing}
+    out.print(_table(run))
+    for kind in (Standing.FAIL, Standing.UNEXPECTED_PASS, Standing.WARN):
+        for result in told[kind]:
+            _print_whole(out, result)
+    for kind, heading in (
+        (Standing.INCONCLUSIVE, "Could not be judged here:"),
+        (Standing.NOT_APPLICABLE, "Did not apply:"),
+    ):
+        _print_reasons(out, heading, told[kind])
+    if told[Standing.KNOWN_FAILURE]:
+        out.print("\nFailed as is known:")
+        for result in told[Standing.KNOWN_FAILURE]:
+            _print_indented(out, Text(f"{legible(result.case)}: {legible(result.known or '')}"))
+    if run.trouble:
+        out.print("\nWrong with the run itself:", style="bold red")
+        for trouble in run.trouble:
+            _print_indented(out, Text(legible(trouble)))
+    _print_provenance(out, run)
+    out.print(Text(f"\n{verdict_line(run)}", OUTCOME_STYLES[outcome(run)]))
+
+
+def _headed(result: Result) -> Text:
+    """Where a case stands, and its name."""
+    kind = standing(result)
+    return Text.assemble((kind.value, STYLES[kind]), "  ", (legible(result.case), "bold"))
+
+
+def _table(run: Run) -> Table:
+    """How many came to which verdict, of each group and of all."""
+    numbers = (Column(verdict.value, justify="right", no_wrap=True) for verdict in Verdict)
+    table = Table("group", *numbers, box=box.SIMPLE_HEAD, pad_edge=False)
+    for group, results in groups(run).items():
+        table.add_row(legible(group), *_counts(results))
+    table.add_section()
+    table.add_row("all", *_counts(run.results), style="bold")
+    return table
+
+
+def _counts(results: Sequence[Result]) -> list[Text]:
+    verdicts = [result.verdict for result in results]
+    counts = [(verdict, verdicts.count(verdict)) for verdict in Verdict]
+    return [Text(str(count), STYLES[Standing(verdict.value)] if count else "dim") for verdict, count in counts]
+
+
+def _print_whole(out: Console, result: Result) -> None:
+    """All of a result that somebody needs who is to repair it."""
+    out.print()
+    out.print(_headed(result))
+    _print_indented(out, Text(legible(result.sentence)))
+    if standing(result) is Standing.UNEXPECTED_PASS:
+        _print_indented(out, Text(f"It was expected to fail, and did not: {legible(result.known or '')}", "bold"))
+    if result.reason:
+        _print_indented(out, Text(legible(result.reason), "bold"))
+    _print_indented(out, Text(f"shows {', '.join(map(legible, result.clauses))}", "dim"))
+    if (left := len(result.evidence) - MOST_EVIDENCE) > 0:
+        _print_indented(out, Text(f"… and {left} before these, which --html and --json tell", "dim"))
+    for item in result.evidence[-MOST_EVIDENCE:]:
+        _print_indented(out, _evidence(item))
+
+
+def _evidence(item: Evidence) -> Text:
+    text = legible(item.text)
+    if len(text) > MOST_CHARACTERS:
+        text = f"{text[:MOST_CHARACTERS]}… ({len(text)} characters)"
+    return Text.assemble((f"{legible(item.label)}: ", "cyan"), text)
+
+
+def _print_reasons(out: Console, heading: str, results: Iterable[Result]) -> None:
+    """How many have each reason."""
+    found = by_reason(results)
+    if found:
+        out.print(f"\n{heading}")
+    for reason, cases in found.items():
+        _print_indented(out, Text(f"{len(cases)} {'case' if len(cases) == 1 else 'cases'}: {legible(reason)}"))
+
+
+def _print_provenance(out: Console, run: Run) -> None:
+    """The device in a line, and in another who asked it, when and with what."""
+    rows = [legible(f"{name} {text}") for name, text in provenance_rows(run.provenance)]
+    of_device = len(run.provenance.device)
+    out.print(Text(f"\n{', '.join(rows[:of_device])}\n{', '.join(rows[of_device:])}", "dim"))
+
+
+def _print_indented(out: Console, text: Text) -> None:
+    """A paragraph that is wrapped on a terminal, and a single line elsewhere, where it may be searched."""
+    out.print(Padding.indent(text, 4), soft_wrap=not out.is_terminal)

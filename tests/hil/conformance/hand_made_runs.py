@@ -1,0 +1,94 @@
+"""Runs written by hand: a result of every standing, and texts that no report may take for more than texts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from phasewire.hil.conformance.clauses import Clause
+from phasewire.hil.conformance.matrix import Chapter, ClauseRows, Level, Matrix, Row
+from phasewire.hil.conformance.verdicts import Evidence, Provenance, Result, Run, Verdict
+
+__all__ = ["CLEAN", "EVERY", "HOSTILE", "MATRIX", "PROVENANCE"]
+
+HOSTILE = "<script>alert(1)</script> & \"quoted\" 'text' ]]> \x00\x07\x1b[31m\x9b\ud800\ufffe [red] Ωµ"
+"""What a device may call itself; legible is all but the seven controls and halves of characters."""
+
+PROVENANCE = Provenance(
+    suite="0.1.0",
+    specification="1 (0123456789abcdef)",
+    device={"URL": "emulator:", "product": "Array <b>", "serial number": "A&B", "firmware": "1.2.3"},
+    began="2026-11-20T16:00:00Z",
+    seconds=12.34,
+    profile="none",
+    capture="none",
+    allowed=("reset", "drive"),
+    seed=7,
+)
+
+SEEN = tuple(Evidence(f"step {number}", f"{number:02x} 00") for number in range(1, 11))
+
+EVERY = Run(
+    PROVENANCE,
+    (
+        Result("blocks/good", ("BLK-003",), "A good block is taken.", Verdict.PASS, seconds=0.25),
+        Result(
+            "blocks/bad[a b]",
+            ("BLK-003", "ACK-003/1"),
+            "A bad block is refused, for damage must not play.",
+            Verdict.FAIL,
+            "status is 0, should be 1",
+            (*SEEN, Evidence("device", HOSTILE)),
+            0.5,
+        ),
+        Result("blocks/known", ("BLK-006/1",), "Known to fail.", Verdict.FAIL, "it did", known="revision C"),
+        Result("blocks/healed", ("BLK-006/1",), "Known, but passes.", Verdict.PASS, known="revision B"),
+        Result("usb/slow", ("USB-001",), "Should be quick.", Verdict.WARN, "it took 3 s"),
+        Result("usb/lines", ("USB-002",), "Lines are seen.", Verdict.INCONCLUSIVE, "needs an analyser: --capture X"),
+        Result("usb/more", ("USB-002",), "Lines are seen.", Verdict.INCONCLUSIVE, "needs an analyser: --capture X"),
+        Result("usb/cut", ("USB-003",), "Power is cut.", Verdict.INCONCLUSIVE, "needs --allow reset"),
+        Result("serial/port", ("SER-001",), "A UART talks.", Verdict.NOT_APPLICABLE, "no UART is fitted"),
+    ),
+    ("known failure blocks/ghost names no case",),
+)
+"""Two of nine break, and something is wrong with the run."""
+
+CLEAN = replace(EVERY, results=EVERY.results[:1], trouble=())
+
+
+def _clause(identifier: str, title: str, *rows: Row) -> ClauseRows:
+    return ClauseRows(Clause(identifier, identifier[:3], title, tuple(row.sentence for row in rows), ()), rows)
+
+
+MATRIX = Matrix(
+    (
+        Chapter(
+            "BLK",
+            "blocks & more",
+            (
+                _clause(
+                    "BLK-003",
+                    "blocks & more",
+                    Row("BLK-003", "Damage MUST be refused.", Level.MUST, ("blocks/good", "blocks/bad[a b]")),
+                ),
+                _clause(
+                    "BLK-006",
+                    "blocks & more",
+                    Row("BLK-006/1", "It MUST <heal>.", Level.MUST, ("blocks/known", "blocks/healed")),
+                    Row("BLK-006/2", "It MUST not be seen.", Level.MUST, (), "nobody can see it"),
+                    Row("BLK-006/3", "It MUST be forgotten.", Level.MUST, ()),
+                    Row("BLK-006", "It is so.", Level.NONE, ("blocks/left-out",)),
+                ),
+            ),
+        ),
+        Chapter(
+            "USB",
+            "enumeration",
+            (
+                _clause("USB-001", "enumeration", Row("USB-001", "It SHOULD be quick.", Level.SHOULD, ("usb/slow",))),
+                _clause("USB-002", "enumeration", Row("USB-002", "Lines.", Level.NONE, ("usb/lines", "usb/more"))),
+            ),
+        ),
+    ),
+    (),
+)
+"""Of some of the cases of `EVERY`, and one that did not run."""

@@ -1,0 +1,93 @@
+"""The JSON record of a run."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from phasewire.hil.conformance.reports.records import record
+
+from tests.hil.conformance.hand_made_runs import CLEAN, EVERY, HOSTILE, MATRIX
+
+
+def written() -> dict[str, Any]:
+    """As a program reads it."""
+    whole: dict[str, Any] = json.loads(json.dumps(record(EVERY, MATRIX), allow_nan=False))
+    return whole
+
+
+def test_it_has_a_format_and_its_keys_are_always_in_the_same_order() -> None:
+    found = written()
+    assert found["format"] == "phasewire-conformance-1"
+    assert list(found) == [
+        "format",
+        "outcome",
+        "passed",
+        "summary",
+        "provenance",
+        "counts",
+        "trouble",
+        "results",
+        "matrix",
+    ]
+    assert list(record(CLEAN, MATRIX)) == list(found)
+
+
+def test_it_counts_what_came_of_the_cases() -> None:
+    found = written()
+    assert (found["outcome"], found["passed"]) == ("fail", False)
+    assert found["counts"] == {
+        "pass": 2,
+        "fail": 2,
+        "warn": 1,
+        "inconclusive": 3,
+        "not applicable": 1,
+        "known failure": 1,
+        "unexpected pass": 1,
+    }
+    assert found["trouble"] == ["known failure blocks/ghost names no case"]
+    assert (record(CLEAN, MATRIX)["outcome"], record(CLEAN, MATRIX)["passed"]) == ("pass", True)
+
+
+def test_every_field_of_a_result_is_told_and_texts_are_left_as_they_were() -> None:
+    bad = written()["results"][1]
+    assert {key: value for key, value in bad.items() if key != "evidence"} == {
+        "case": "blocks/bad[a b]",
+        "group": "blocks",
+        "clauses": ["BLK-003", "ACK-003/1"],
+        "sentence": "A bad block is refused, for damage must not play.",
+        "verdict": "fail",
+        "standing": "fail",
+        "breaks": True,
+        "reason": "status is 0, should be 1",
+        "known": None,
+        "seconds": 0.5,
+    }
+    assert bad["evidence"][0] == {"label": "step 1", "text": "01 00"}
+    assert bad["evidence"][-1] == {"label": "device", "text": HOSTILE}
+    assert [(one["standing"], one["breaks"]) for one in written()["results"][2:4]] == [
+        ("known failure", False),
+        ("unexpected pass", True),
+    ]
+
+
+def test_provenance_is_told_whole() -> None:
+    told = written()["provenance"]
+    assert (told["device"]["serial number"], told["seed"], told["allowed"]) == ("A&B", 7, ["reset", "drive"])
+    assert (told["began"], told["specification"]) == ("2026-11-20T16:00:00Z", "1 (0123456789abcdef)")
+
+
+def test_each_row_of_the_matrix_has_the_worst_verdict_of_its_cases() -> None:
+    rows = [
+        row for chapter in written()["matrix"]["chapters"] for clause in chapter["clauses"] for row in clause["rows"]
+    ]
+    assert {row["name"]: row["verdict"] for row in rows} == {
+        "BLK-003": "fail",
+        "BLK-006/1": "fail",
+        "BLK-006/2": None,
+        "BLK-006/3": None,
+        "BLK-006": None,
+        "USB-001": "warn",
+        "USB-002": "inconclusive",
+    }
+    assert (rows[0]["cases"], rows[2]["reason"]) == (["blocks/good", "blocks/bad[a b]"], "nobody can see it")

@@ -1,0 +1,100 @@
+"""The line that sums a run up, and what it may never promise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations_with_replacement
+
+import pytest
+from phasewire.hil.conformance.reports.summary import Outcome, by_reason, groups, outcome, standing, verdict_line, worst
+from phasewire.hil.conformance.verdicts import Result, Run, Verdict
+
+from tests.hil.conformance.hand_made_runs import CLEAN, EVERY, PROVENANCE
+
+
+def run(*verdicts: Verdict, known: str | None = None, trouble: tuple[str, ...] = ()) -> Run:
+    results = (Result(f"a/{number}", ("BLK-003",), "", verdict, known=known) for number, verdict in enumerate(verdicts))
+    return Run(PROVENANCE, tuple(results), trouble)
+
+
+PASS, FAIL, WARN, OPEN, NONE = Verdict
+
+
+@pytest.mark.parametrize(
+    ("found", "line", "came"),
+    [
+        (EVERY, "FAIL: 2 of 9 cases broke, 1 passed, 1 should do otherwise, 1 failed as is known, "
+         "3 could not be judged here, 1 did not apply", Outcome.FAIL),
+        (CLEAN, "PASS: nothing broke; the only case passed", Outcome.PASS),
+        (run(PASS, PASS), "PASS: nothing broke; all 2 cases passed", Outcome.PASS),
+        (run(PASS, PASS, OPEN), "PASS: nothing broke; 2 cases passed, 1 could not be judged here", Outcome.PART),
+        (run(PASS, WARN), "PASS: nothing broke; 1 case passed, 1 should do otherwise", Outcome.PART),
+        (run(PASS, NONE), "PASS: nothing broke; 1 case passed, 1 did not apply", Outcome.PASS),
+        (run(PASS, FAIL), "FAIL: 1 of 2 cases broke, 1 passed", Outcome.FAIL),
+        (run(FAIL, known="x"), "NOTHING SHOWN: nothing broke, and no case passed, 1 failed as is known", Outcome.PART),
+        (run(PASS, known="x"), "FAIL: 1 of 1 case broke", Outcome.FAIL),
+        (run(OPEN), "NOTHING SHOWN: nothing broke, and no case passed, 1 could not be judged here", Outcome.PART),
+        (run(NONE), "NOTHING SHOWN: nothing broke, and no case passed, 1 did not apply", Outcome.PART),
+        (run(), "NOTHING SHOWN: nothing broke, and no case passed", Outcome.PART),
+        (run(PASS, trouble=("x",)), "FAIL: no case broke, but the run itself is not in order, 1 passed", Outcome.FAIL),
+    ],
+)  # fmt: skip
+def test_a_run_is_summed_up_in_a_line(found: Run, line: str, came: Outcome) -> None:
+    assert (verdict_line(found), outcome(found)) == (line, came)
+
+
+def test_what_is_inconclusive_is_always_told_and_never_a_whole_pass() -> None:
+    for others in combinations_with_replacement(Verdict, 3):
+        for known in (None, "x"):
+            found = run(OPEN, *others, known=known)
+            assert f"{found.count(OPEN)} could not be judged here" in verdict_line(found)
+            assert "conform" not in verdict_line(found)
+            assert outcome(found) is not Outcome.PASS
+
+
+def test_the_line_and_the_outcome_agree_with_the_run() -> None:
+    for verdicts in combinations_with_replacement(Verdict, 3):
+        for known in (None, "x"):
+            found = run(*verdicts, known=known)
+            assert verdict_line(found).startswith("FAIL") == (not found.passed) == (outcome(found) is Outcome.FAIL)
+
+
+def test_results_stand_where_they_were_expected() -> None:
+    assert [standing(result).value for result in EVERY.results] == [
+        "pass",
+        "fail",
+        "known failure",
+        "unexpected pass",
+        "warn",
+        "inconclusive",
+        "inconclusive",
+        "inconclusive",
+        "not applicable",
+    ]
+    unexpected = replace(EVERY.results[4], known="x")  # a warning, where a failure was expected
+    assert standing(unexpected) == "unexpected pass"
+
+
+def test_results_are_grouped_in_the_order_of_the_run_and_reasons_by_how_many_have_them() -> None:
+    assert {name: len(found) for name, found in groups(EVERY).items()} == {"blocks": 4, "usb": 4, "serial": 1}
+    inconclusive = [result for result in reversed(EVERY.results) if result.verdict is OPEN]
+    found = by_reason(inconclusive)
+    assert [(reason, len(cases)) for reason, cases in found.items()] == [
+        ("needs an analyser: --capture X", 2),
+        ("needs --allow reset", 1),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "expected"),
+    [
+        ([], None),
+        ([PASS, FAIL, OPEN], FAIL),
+        ([PASS, WARN, OPEN], WARN),
+        ([PASS, OPEN, NONE], OPEN),
+        ([NONE, PASS], PASS),
+        ([NONE], NONE),
+    ],
+)
+def test_several_cases_show_no_more_than_the_worst(verdicts: list[Verdict], expected: Verdict | None) -> None:
+    assert worst(verdicts) is expected
