@@ -68,20 +68,20 @@ def page(run: Run, matrix: Matrix) -> str:
 
 def _device(run: Run) -> str:
     device = run.provenance.device
-    return " ".join(device[key] for key in ("product", "serial number") if device.get(key)) or "A device"
+    return device.get("name") or device.get("url") or "A device"
 
 
 def _sections(run: Run, matrix: Matrix) -> Iterator[Element | None]:
     told = {kind: [result for result in run.results if standing(result) is kind] for kind in Standing}
+    rows = (element("div", element("dt", name), element("dd", text)) for name, text in provenance_rows(run.provenance))
+    yield _section("provenance", "Provenance", element("dl", *rows))
+    yield _section("counts", "Counts", _scrolling(_counts(run)))
     yield _listed("trouble", "Wrong with the run itself", (element("li", text) for text in run.trouble))
     yield _listed("broke", "What broke", map(_finding, told[Standing.FAIL] + told[Standing.UNEXPECTED_PASS]))
     yield _listed("warnings", "What should be otherwise", map(_finding, told[Standing.WARN]))
-    yield _section("counts", "Counts", _scrolling(_counts(run)))
     yield _listed("inconclusive", "What could not be judged here", _reasons(told[Standing.INCONCLUSIVE]))
     yield _listed("known", "What failed as is known", map(_finding, told[Standing.KNOWN_FAILURE]))
     yield _listed("not-applicable", "What did not apply", _reasons(told[Standing.NOT_APPLICABLE]))
-    rows = (element("div", element("dt", name), element("dd", text)) for name, text in provenance_rows(run.provenance))
-    yield _section("provenance", "Provenance", element("dl", *rows, class_="provenance"))
     results = {result.case: result for result in run.results}
     yield _section("clauses", "Clauses", *(_chapter(chapter, results) for chapter in matrix.chapters))
     yield _section("cases", "Cases", *(part for name, found in groups(run).items() for part in _group(name, found)))

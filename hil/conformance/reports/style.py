@@ -107,9 +107,10 @@ td ul {{ margin: 0; padding: 0; list-style: none; }}
 .counts tfoot th, .counts tfoot td {{ font-weight: 700; border-bottom: 0; }}
 .counts .none {{ color: var(--none); }}
 .counts .some {{ font-weight: 600; }}
-.clauses th[scope=row] {{ white-space: nowrap; font-weight: 600; }}
-.clauses td:nth-child(2) {{ min-width: 16rem; width: 45%; }}
-.clauses td:nth-child(3) {{ min-width: 14rem; }}
+.clauses {{ table-layout: fixed; min-width: 46rem; }}
+.clauses th:first-child {{ width: 7rem; }}
+.clauses th:last-child {{ width: 9.5rem; }}
+.clauses tbody:last-child tr:last-child > * {{ border-bottom: 0; }}
 details {{ margin: .35rem 0; padding: .45rem .8rem; background: var(--raised); border-radius: .4rem; }}
 details > :not(summary) {{ margin-top: .5rem; }}
 summary {{ cursor: pointer; }}
@@ -119,7 +120,9 @@ dt {{ color: var(--quiet); overflow-wrap: anywhere; }}
 dd {{ margin: 0; white-space: pre-wrap; overflow-wrap: anywhere; }}
 .evidence dd {{ font: .875rem/1.45 ui-monospace, monospace; }}
 @media print {{
-  body {{ max-width: none; padding: 0; font-size: 10pt; }}
+  :root {{ font-size: 9pt; }}
+  body {{ max-width: none; padding: 0; }}
+  .clauses {{ min-width: 0; }}
   nav {{ display: none; }}
   h2, h3, summary {{ break-after: avoid; }}
   tr, .findings > li, summary, dl > div {{ break-inside: avoid; }}

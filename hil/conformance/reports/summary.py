@@ -74,7 +74,7 @@ def verdict_line(run: Run) -> str:
     elif not passed:
         said = ["NOTHING SHOWN: nothing broke, and no case passed"]
     elif passed == of:
-        said = [f"PASS: nothing broke; {'the only case' if of == 1 else f'all {_cases(of)}'} passed"]
+        said = [f"PASS: nothing broke; {'the only case' if of == 1 else f'all {_cases(of)}'} that ran passed"]
     else:
         said = [f"PASS: nothing broke; {_cases(passed)} passed"]
     others = (

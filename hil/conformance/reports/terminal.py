@@ -31,6 +31,7 @@ from .summary import (
 
 __all__ = ["LiveLine", "print_run"]
 
+INDENT = 4
 MOST_EVIDENCE = 8
 MOST_CHARACTERS = 400
 """Of one piece of evidence; the other reports hold all of it."""
@@ -170,5 +171,9 @@ def _print_provenance(out: Console, run: Run) -> None:
 
 
 def _print_indented(out: Console, text: Text) -> None:
-    """A paragraph that is wrapped on a terminal, and a single line elsewhere, where it may be searched."""
-    out.print(Padding.indent(text, 4), soft_wrap=not out.is_terminal)
+    """A paragraph: wrapped on a terminal; elsewhere each of its lines is whole, so that it can be searched."""
+    if out.is_terminal:
+        out.print(Padding.indent(text, INDENT), soft_wrap=False)
+        return
+    for line in text.split("\n"):
+        out.print(Text(INDENT * " ").append_text(line))

@@ -63,7 +63,7 @@ def test_clauses_and_provenance_are_properties() -> None:
     suite = WHOLE.find("testsuite/properties")
     assert suite is not None
     told = {one.get("name"): one.get("value") for one in suite}
-    assert (told["product"], told["serial number"], told["seed"]) == ("Array <b>", "A&B", "7")
+    assert (told["name"], told["unique id"], told["seed"]) == ("Array <b>", "A&B", "7")
     assert (told["allowed"], told["capture"]) == ("reset, drive", "none")
 
 

@@ -73,7 +73,7 @@ def test_every_field_of_a_result_is_told_and_texts_are_left_as_they_were() -> No
 
 def test_provenance_is_told_whole() -> None:
     told = written()["provenance"]
-    assert (told["device"]["serial number"], told["seed"], told["allowed"]) == ("A&B", 7, ["reset", "drive"])
+    assert (told["device"]["unique id"], told["seed"], told["allowed"]) == ("A&B", 7, ["reset", "drive"])
     assert (told["began"], told["specification"]) == ("2026-11-20T16:00:00Z", "1 (0123456789abcdef)")
 
 

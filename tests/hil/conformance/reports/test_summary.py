@@ -25,8 +25,8 @@ PASS, FAIL, WARN, OPEN, NONE = Verdict
     [
         (EVERY, "FAIL: 2 of 9 cases broke, 1 passed, 1 should do otherwise, 1 failed as is known, "
          "3 could not be judged here, 1 did not apply", Outcome.FAIL),
-        (CLEAN, "PASS: nothing broke; the only case passed", Outcome.PASS),
-        (run(PASS, PASS), "PASS: nothing broke; all 2 cases passed", Outcome.PASS),
+        (CLEAN, "PASS: nothing broke; the only case that ran passed", Outcome.PASS),
+        (run(PASS, PASS), "PASS: nothing broke; all 2 cases that ran passed", Outcome.PASS),
         (run(PASS, PASS, OPEN), "PASS: nothing broke; 2 cases passed, 1 could not be judged here", Outcome.PART),
         (run(PASS, WARN), "PASS: nothing broke; 1 case passed, 1 should do otherwise", Outcome.PART),
         (run(PASS, NONE), "PASS: nothing broke; 1 case passed, 1 did not apply", Outcome.PASS),

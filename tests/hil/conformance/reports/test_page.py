@@ -1,0 +1,179 @@
+"""The page: read by a parser of HTML that did not write it."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import pytest
+from phasewire.hil.conformance.reports.page import page
+from phasewire.hil.conformance.reports.style import DARK, KINDS, LIGHT, STYLE
+
+from tests.hil.conformance.hand_made_runs import CLEAN, EVERY, MATRIX
+
+VOID = ("meta", "br", "hr", "img", "link", "input")
+
+
+class Reader(HTMLParser):
+    """The tags of a page with their attributes and the texts in them; fails where tags do not match."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[tuple[tuple[str, ...], str]] = []
+        self._open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append((tuple(self._open), data))
+
+    def text(self, tag: str) -> str:
+        """All that stands inside tags of a name."""
+        return "".join(data for inside, data in self.texts if tag in inside)
+
+    def all(self, attribute: str) -> list[str]:
+        return [value for _, attributes in self.tags if (value := attributes.get(attribute)) is not None]
+
+
+WRITTEN = page(EVERY, MATRIX)
+READ = Reader(WRITTEN)
+
+
+def test_it_is_a_whole_document_with_a_title_and_the_verdict() -> None:
+    assert WRITTEN.startswith('<!DOCTYPE html>\n<html lang="en">')
+    assert READ.text("title") == "FAIL – conformance to the phasewire protocol"
+    assert READ.text("h1") == "Array <b>"
+    assert "FAIL: 2 of 9 cases broke" in READ.text("header")
+
+
+def test_it_needs_nothing_besides_itself() -> None:
+    assert {tag for tag, _ in READ.tags}.isdisjoint({"script", "link", "img", "iframe", "object", "base", "form"})
+    assert all(href.startswith("#") for href in READ.all("href"))
+    assert READ.all("src") == READ.all("style") == READ.all("onclick") == []
+    assert "url(" not in STYLE
+    assert "@import" not in STYLE
+    assert "default-src 'none'; style-src 'unsafe-inline'" in READ.all("content")
+
+
+def test_all_links_lead_somewhere_and_no_place_stands_twice() -> None:
+    places = READ.all("id")
+    assert len(places) == len(set(places))
+    assert not any(re.search(r"\s", place) for place in places)
+    leading = {href[1:] for href in READ.all("href")}
+    # The matrix of this test has not every clause that its cases name.
+    assert leading - set(places) == {"ACK-003", "USB-003", "SER-001"}
+
+
+def test_text_of_devices_is_text() -> None:
+    texts = [data for _, data in READ.texts]
+    assert "<script>alert(1)</script> & \"quoted\" 'text' ]]> [31m [red] Ωµ" in texts
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", WRITTEN)
+    WRITTEN.encode("utf-8")
+
+
+def test_sections_stand_in_the_order_in_which_they_matter() -> None:
+    headings = [data for inside, data in READ.texts if inside[-1:] == ("h2",)]
+    assert headings == [
+        "Provenance",
+        "Counts",
+        "Wrong with the run itself",
+        "What broke",
+        "What should be otherwise",
+        "What could not be judged here",
+        "What failed as is known",
+        "What did not apply",
+        "Clauses",
+        "Cases",
+    ]
+    assert [data for inside, data in READ.texts if "nav" in inside] == headings
+
+
+def test_a_clean_run_has_no_section_of_what_is_not() -> None:
+    read = Reader(page(CLEAN, MATRIX))
+    assert [data for inside, data in read.texts if inside[-1:] == ("h2",)] == [
+        "Provenance",
+        "Counts",
+        "Clauses",
+        "Cases",
+    ]
+    assert read.text("title").startswith("PASS")
+
+
+def cells(of: str) -> list[list[str]]:
+    """The rows of the tables of a class, each cell as plain text."""
+    (tables, *_) = [re.findall(rf'<table class="{of}">(.*?)</table>', WRITTEN)]
+    rows = [row for table in tables for row in re.findall(r"<tr>(.*?)</tr>", table)]
+    found = [re.findall(r"<t[hd].*?>(.*?)</t[hd]>", row) for row in rows]
+    return [[" ".join(re.sub(r"<[^>]+>", " ", cell).split()) for cell in row] for row in found]
+
+
+def test_counts_and_clauses_are_tables_in_words() -> None:
+    counts = cells("counts")
+    assert ["usb", "0", "0", "1", "3", "0"] in counts
+    assert counts[-1] == ["all", "2", "2", "1", "3", "1"]
+    clauses = cells("clauses")
+    assert [
+        "BLK-003",
+        "Damage MUST be refused.",
+        "✓ pass blocks/good ✗ fail blocks/bad[a b]",
+        "✗ fail",
+    ] in clauses
+    assert ["BLK-006/2", "It MUST not be seen.", "nobody can see it", "cannot be seen"] in clauses
+    assert ["BLK-006/3", "It MUST be forgotten.", "", "no case"] in clauses
+    assert ["BLK-006", "It is so.", "blocks/left-out (did not run)", "did not run"] in clauses
+    assert ["USB-002", "Lines.", "? inconclusive usb/lines ? inconclusive usb/more", "? inconclusive"] in clauses
+
+
+def test_each_case_has_its_evidence_and_only_what_broke_is_open() -> None:
+    cases = [attributes for tag, attributes in READ.tags if tag == "details" and "id" in attributes]
+    assert [(one["id"], "open" in one) for one in cases] == [
+        ("blocks/good", False),
+        ("blocks/bad%5Ba%20b%5D", True),
+        ("blocks/known", False),
+        ("blocks/healed", True),
+        ("usb/slow", False),
+        ("usb/lines", False),
+        ("usb/more", False),
+        ("usb/cut", False),
+        ("serial/port", False),
+    ]
+    assert [data for inside, data in READ.texts if inside[-3:] == ("dl", "div", "dd")].count("0a 00") == 1
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance as WCAG 2.2 defines it."""
+    channels = [int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+    linear = [value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4 for value in channels]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(one: str, other: str) -> float:
+    dark, light = sorted((luminance(one), luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+@pytest.mark.parametrize("colours", [LIGHT, DARK], ids=["light", "dark"])
+def test_everyone_can_read_the_colours(colours: dict[str, str]) -> None:
+    assert contrast("#000000", "#ffffff") == pytest.approx(21)
+    pairs = [(name, f"{name}-ground") for name in KINDS.values()]
+    pairs += [(name, ground) for name in ("text", "quiet", "link") for ground in ("ground", "raised")]
+    for text, ground in pairs:
+        assert contrast(colours[text], colours[ground]) >= 4.5, (text, ground)
+    assert list(LIGHT) == list(DARK)
+
+
+def test_headings_do_not_jump() -> None:
+    levels = [int(tag[1]) for tag, _ in READ.tags if re.fullmatch(r"h\d", tag)]
+    assert levels[0] == 1
+    assert all(second <= first + 1 for first, second in pairwise(levels))

@@ -1,0 +1,145 @@
+"""What is said on a terminal, and off one."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from io import StringIO
+
+from phasewire.hil.conformance.reports.terminal import LiveLine, print_run
+from phasewire.hil.conformance.verdicts import Run
+from rich.console import Console
+
+from tests.hil.conformance.hand_made_runs import CLEAN, EVERY
+
+
+def console(*, terminal: bool, width: int = 100) -> Console:
+    return Console(
+        file=StringIO(),
+        force_terminal=terminal,
+        width=width,
+        markup=False,
+        emoji=False,
+        highlight=False,
+        soft_wrap=True,
+        color_system=None,
+        _environ={},
+    )
+
+
+def written(out: Console) -> str:
+    assert isinstance(out.file, StringIO)
+    return out.file.getvalue()
+
+
+def told(run: Run) -> str:
+    out = console(terminal=False)
+    print_run(out, run)
+    return written(out)
+
+
+def watched(out: Console) -> str:
+    with LiveLine(out) as watcher:
+        for number, result in enumerate(EVERY.results, start=1):
+            watcher.began(result.case, number, len(EVERY.results))
+            watcher.ended(result)
+    return written(out)
+
+
+def test_off_a_terminal_each_case_that_is_no_pass_has_a_line_and_nothing_is_taken_back() -> None:
+    assert watched(console(terminal=False)).splitlines() == [
+        "fail  blocks/bad[a b]: status is 0, should be 1",
+        "known failure  blocks/known: it did",
+        "unexpected pass  blocks/healed",
+        "warn  usb/slow: it took 3 s",
+        "inconclusive  usb/lines: needs an analyser: --capture X",
+        "inconclusive  usb/more: needs an analyser: --capture X",
+        "inconclusive  usb/cut: needs --allow reset",
+        "not applicable  serial/port: no UART is fitted",
+    ]
+
+
+def test_on_a_terminal_one_line_follows_the_cases_and_what_breaks_stays() -> None:
+    shown = watched(console(terminal=True))
+    assert "2/9  blocks/bad[a b]" in shown
+    stays = [line.split("\x1b[2K")[-1] for line in shown.split("\n")]
+    assert stays == ["fail  blocks/bad[a b]: status is 0, should be 1", "unexpected pass  blocks/healed", ""]
+    assert shown.count("\n") == 2
+
+
+def test_the_live_line_fits_into_the_terminal() -> None:
+    out = console(terminal=True, width=20)
+    LiveLine(out).began("blocks/" + 50 * "x", 1, 100)
+    (line,) = re.findall(r"  1/100.*", written(out))
+    assert len(line) < 20
+    assert line.endswith("…")
+
+
+def test_counts_stand_in_a_row_for_each_group() -> None:
+    rows = [line.split() for line in told(EVERY).splitlines()]
+    assert ["blocks", "2", "2", "0", "0", "0"] in rows
+    assert ["usb", "0", "0", "1", "3", "0"] in rows
+    assert ["serial", "0", "0", "0", "0", "1"] in rows
+    assert ["all", "2", "2", "1", "3", "1"] in rows
+
+
+def test_a_failure_is_told_with_what_somebody_needs_to_repair_it() -> None:
+    text = told(EVERY)
+    after = text.partition("\nfail  blocks/bad[a b]\n")[2].partition("\n\n")[0].splitlines()
+    assert [line.strip() for line in after] == [
+        "A bad block is refused, for damage must not play.",
+        "status is 0, should be 1",
+        "shows BLK-003, ACK-003/1",
+        "… and 3 before these, which --html and --json tell",
+        *(f"step {number}: {number:02x} 00" for number in range(4, 11)),
+        "device: <script>alert(1)</script> & \"quoted\" 'text' ]]> [31m [red] Ωµ",
+    ]
+
+
+def test_no_control_character_of_a_device_reaches_the_terminal() -> None:
+    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", told(EVERY))
+
+
+def test_failures_come_before_warnings_before_what_was_not_judged_and_the_verdict_is_last() -> None:
+    text = told(EVERY)
+    places = [
+        text.index(part)
+        for part in (
+            "fail  blocks/bad",
+            "unexpected pass  blocks/healed",
+            "It was expected to fail, and did not: revision B",
+            "warn  usb/slow",
+            "    2 cases: needs an analyser: --capture X\n    1 case: needs --allow reset\n",
+            "    1 case: no UART is fitted\n",
+            "    blocks/known: revision C\n",
+            "    known failure blocks/ghost names no case\n",
+            "url emulator:, name Array <b>, unique id A&B, firmware 1.2.3\nsuite phasewire 0.1.0",
+            "FAIL: 2 of 9 cases broke",
+        )
+    ]
+    assert places == sorted(places)
+    assert text.splitlines()[-1].startswith("FAIL: 2 of 9")
+
+
+def test_a_clean_run_says_little() -> None:
+    lines = told(CLEAN).splitlines()
+    assert lines[-1] == "PASS: nothing broke; the only case that ran passed"
+    assert not any(line.endswith(":") for line in lines)
+
+
+def test_a_reason_of_several_lines_is_indented_whole_and_wrapped_on_a_terminal_alone() -> None:
+    long = "first line\n" + " ".join(50 * ["word"])
+    run = replace(CLEAN, results=(replace(EVERY.results[1], reason=long, evidence=()),))
+    assert "    first line\n    word word" in told(run)
+    assert f"    {long.splitlines()[1]}\n" in told(run)
+    out = console(terminal=True, width=60)
+    print_run(out, run)
+    wrapped = [line for line in written(out).splitlines() if "word" in line]
+    assert len(wrapped) == 5
+    assert all(line.startswith("    ") and len(line) <= 60 for line in wrapped)
+
+
+def test_long_evidence_is_cut_and_says_so() -> None:
+    bad = EVERY.results[1]
+    long = replace(bad, evidence=(replace(bad.evidence[0], text=1000 * "ab "),))
+    assert "… (3000 characters)\n" in told(replace(CLEAN, results=(long,)))
