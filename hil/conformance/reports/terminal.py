@@ -16,6 +16,7 @@ from rich.segment import ControlType
 from rich.table import Column, Table
 from rich.text import Text
 
+from ..plugin import Watcher
 from ..verdicts import Evidence, Result, Run, Verdict
 from .markup import legible
 from .summary import (
@@ -47,7 +48,7 @@ STYLES = {
 OUTCOME_STYLES = {Outcome.FAIL: "bold red", Outcome.PART: "bold yellow", Outcome.PASS: "bold green"}
 
 
-class LiveLine:
+class LiveLine(Watcher):
     """Tells of cases while they run: on a terminal the one that runs and what breaks, elsewhere each that is no pass.
 
     It is a context manager, at the end of which the line is gone.

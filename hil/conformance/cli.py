@@ -1,0 +1,170 @@
+"""The command that judges a device: ``conformance``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ...console import JsonOption, among, console_for, error_console, write_json
+from ...host.commands.options import DeviceOption, note_where_fresh
+from ...host.lines.transport import DEFAULT_URL
+from ...storage import check_outputs, replacing
+from .cases import Risk
+from .known import read_known_failures
+from .matrix import Claim, Matrix
+from .profile import Profile, read_profile
+from .reports.junit import junit
+from .reports.page import page
+from .reports.records import record
+from .verdicts import Run, Verdict
+
+__all__ = ["commands"]
+
+EMULATOR, SIGROK, NONE = "emulator", "sigrok:", "none"
+LIST_FORMAT = "phasewire-conformance-matrix-1"
+
+commands = typer.Typer(rich_markup_mode=None)
+
+
+@commands.command(epilog="Example: phasewire conformance --device usb: --allow reset --html report.html")
+def conformance(
+    url: DeviceOption = DEFAULT_URL,
+    capture: Annotated[
+        str | None,
+        typer.Option(
+            "--capture",
+            metavar="emulator|sigrok:FILE|none",
+            help="What the outputs are seen by: the emulator, a logic analyser's recording of the run, the outputs of "
+            "whose probes the profile names, or nothing. By default the emulator where it runs in this process.",
+            autocompletion=among((EMULATOR, SIGROK, NONE)),
+        ),
+    ] = None,
+    allow: Annotated[
+        list[Risk] | None,
+        typer.Option(
+            "--allow",
+            metavar="|".join(Risk),
+            help="What may be risked: writing firmware, restarting the device, driving many transducers hard; may "
+            "be given again. By default nothing, and all where the device is emulated in this process.",
+        ),
+    ] = None,
+    profile: Annotated[
+        Path | None,
+        typer.Option("--profile", metavar="FILE", help="What is declared of the device, in TOML."),
+    ] = None,
+    known_failures: Annotated[
+        Path | None,
+        typer.Option("--known-failures", metavar="FILE", help="Cases that are known to fail, and why, in TOML."),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="TEXT",
+            help="Run the cases alone whose group, name, clause or chapter begins so; may be given again.",
+        ),
+    ] = None,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Fail too where something could not be judged, or should be done otherwise."),
+    ] = False,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of everything random.")] = 1,
+    list_cases: Annotated[
+        bool,
+        typer.Option("--list", help="List the clauses of the specification with their cases, and run nothing."),
+    ] = False,
+    html: Annotated[
+        Path | None, typer.Option("--html", metavar="FILE", help="Also write a page for browsers and printers.")
+    ] = None,
+    junit_xml: Annotated[
+        Path | None, typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, as CI systems read it.")
+    ] = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Judge a device by the specification: what it does, what it answers and, where they can be seen, its outputs.
+
+    Each case shows some clauses. It passes, fails, warns where the device does not do what it should, is inconclusive
+    where it cannot be judged here, or is not applicable. What is inconclusive is never counted as a pass.
+
+    The exit code is 0 if nothing broke, which says nothing of what was inconclusive, and 1 if something did.
+    """
+    recording = [Path(capture.removeprefix(SIGROK))] if capture is not None and _is_recording(capture) else []
+    inputs = [path for path in (profile, known_failures, *recording) if path is not None]
+    check_outputs([html, junit_xml, json_target], inputs)
+    if list_cases:
+        _list(json_target, [name for name, target in (("--html", html), ("--junit", junit_xml)) if target is not None])
+        return
+
+    from .reports.terminal import LiveLine, print_run
+    from .running import Options, run_conformance  # which import pytest, and so does the line; that takes long
+
+    options = Options(
+        url,
+        capture,
+        frozenset(allow) if allow else None,
+        Profile() if profile is None else read_profile(profile),
+        {} if known_failures is None else read_known_failures(known_failures),
+        tuple(only or ()),
+        seed,
+    )
+    note_where_fresh(url)
+    with LiveLine(error_console()) as watcher:
+        run = run_conformance(options, watcher)
+    if not run.results and not run.trouble:
+        raise ValueError(f"no case begins with {' or '.join(map(repr, options.only))}; --list names all")
+    if strict:
+        run = _strictly(run)
+    _write(run, html, junit_xml, json_target)
+    print_run(console_for(json_target), run)
+    if not run.passed:
+        raise typer.Exit(1)
+
+
+def _is_recording(capture: str) -> bool:
+    """Whether outputs are seen by a recording; `ValueError` where the text names no way to see them."""
+    if capture in (EMULATOR, NONE):
+        return False
+    if not capture.startswith(SIGROK) or capture == SIGROK:
+        raise ValueError(f"--capture {capture!r}: it must be {EMULATOR}, {SIGROK}FILE or {NONE}")
+    return True
+
+
+def _strictly(run: Run) -> Run:
+    """The run, which is in trouble where something could not be judged, or should be done otherwise."""
+    counts = ((Verdict.INCONCLUSIVE, "could not be judged"), (Verdict.WARN, "should do otherwise"))
+    told = tuple(f"--strict: {run.count(verdict)} {words}" for verdict, words in counts if run.count(verdict))
+    return replace(run, trouble=(*run.trouble, *told))
+
+
+def _matrix() -> Matrix:
+    """All clauses and all cases, whichever of them ran."""
+    from .running import catalogue
+
+    return Matrix.of(Claim(entry.identifier, entry.about.clauses, entry.about.sentence) for entry in catalogue())
+
+
+def _list(json_target: str | None, meaningless: list[str]) -> None:
+    if meaningless:
+        raise ValueError(f"--list runs nothing, of which {' and '.join(meaningless)} could tell; leave one of them out")
+    matrix = _matrix()
+    console_for(json_target).print(matrix.table())
+    write_json(json_target, {"format": LIST_FORMAT} | matrix.record())
+
+
+def _write(run: Run, html: Path | None, junit_xml: Path | None, json_target: str | None) -> None:
+    """Write the reports that are asked for."""
+    if html is not None or json_target is not None:
+        matrix = _matrix()
+        if html is not None:
+            _replace(html, page(run, matrix))
+        write_json(json_target, record(run, matrix))
+    if junit_xml is not None:
+        _replace(junit_xml, junit(run))
+
+
+def _replace(path: Path, text: str) -> None:
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8")

@@ -1,0 +1,221 @@
+"""``phasewire conformance``: what it asks of a run, what it writes, and how it says no."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import pytest
+from phasewire.__main__ import app, main
+from phasewire.errors import DeviceNotFoundError
+from phasewire.hil.conformance.cases import Risk
+from phasewire.hil.conformance.cli import commands
+from phasewire.hil.conformance.plugin import Watcher
+from phasewire.hil.conformance.profile import Profile
+from phasewire.hil.conformance.running import Options
+from phasewire.hil.conformance.verdicts import Run, Verdict
+from typer.models import TyperInfo
+
+from tests.hil.conformance.hand_made_runs import CLEAN, EVERY
+
+
+class Outcome(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Phasewire = Callable[..., Outcome]
+
+
+@pytest.fixture
+def phasewire(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Phasewire:
+    """Run the command in a new folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
+    monkeypatch.setattr(app, "registered_groups", [*app.registered_groups, TyperInfo(commands)])
+
+    def run(*arguments: str) -> Outcome:
+        with pytest.raises(SystemExit) as exited:
+            main(["conformance", *arguments])
+        captured = capsys.readouterr()
+        return Outcome(int(exited.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+class Suite:
+    """Stands in for the suite: it takes note of what is asked, and gives what it is told to."""
+
+    def __init__(self) -> None:
+        self.run = CLEAN
+        self.asked: list[Options] = []
+
+    def __call__(self, options: Options, watcher: Watcher | None = None) -> Run:
+        self.asked.append(options)
+        assert watcher is not None
+        for number, result in enumerate(self.run.results, start=1):
+            watcher.began(result.case, number, len(self.run.results))
+            watcher.ended(result)
+        return self.run
+
+
+@pytest.fixture
+def suite(monkeypatch: pytest.MonkeyPatch) -> Suite:
+    stand_in = Suite()
+    monkeypatch.setattr("phasewire.hil.conformance.running.run_conformance", stand_in)
+    return stand_in
+
+
+def test_without_options_a_fresh_emulated_device_is_judged(phasewire: Phasewire, suite: Suite) -> None:
+    outcome = phasewire()
+    assert outcome.code == 0
+    assert outcome.out.splitlines()[-1] == "PASS: nothing broke; the only case that ran passed"
+    assert "emulator: is a fresh emulated device" in outcome.err
+    assert suite.asked == [Options("emulator:", None, None, Profile(), {}, (), 1)]
+
+
+def test_all_that_is_asked_for_reaches_the_suite(phasewire: Phasewire, suite: Suite, tmp_path: Path) -> None:
+    (tmp_path / "device.toml").write_text('name = "mine"\n[not-applicable]\nserial = "none is fitted"\n')
+    (tmp_path / "known.toml").write_text('["blocks/a"]\nreason = "revision C"\n')
+    outcome = phasewire(
+        *("--device", "usb:", "--capture", "sigrok:run.sr", "--allow", "reset", "--allow", "drive"),
+        *(
+            "--profile",
+            "device.toml",
+            "--known-failures",
+            "known.toml",
+            "--only",
+            "BLK",
+            "--only",
+            "usb/",
+            "--seed",
+            "9",
+        ),
+    )
+    assert (outcome.code, outcome.err) == (0, "")
+    assert suite.asked == [
+        Options(
+            "usb:",
+            "sigrok:run.sr",
+            frozenset({Risk.RESET, Risk.DRIVE}),
+            Profile("mine", {"serial": "none is fitted"}),
+            {"blocks/a": "revision C"},
+            ("BLK", "usb/"),
+            9,
+        )
+    ]
+
+
+def test_what_breaks_is_exit_code_1_and_is_told_while_it_runs(phasewire: Phasewire, suite: Suite) -> None:
+    suite.run = EVERY
+    outcome = phasewire("--device", "usb:")
+    assert outcome.code == 1
+    assert outcome.out.splitlines()[-1].startswith("FAIL: 2 of 9 cases broke")
+    assert outcome.err.splitlines()[0] == "fail  blocks/bad[a b]: status is 0, should be 1"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"), [(Verdict.INCONCLUSIVE, "1 could not be judged"), (Verdict.WARN, "1 should do otherwise")]
+)
+def test_strictly_what_could_not_be_judged_and_what_should_be_otherwise_fails(
+    phasewire: Phasewire, suite: Suite, verdict: Verdict, words: str
+) -> None:
+    suite.run = replace(CLEAN, results=(*CLEAN.results, replace(CLEAN.results[0], verdict=verdict, reason="so")))
+    assert phasewire().code == 0
+    outcome = phasewire("--strict", "--json", "c.json")
+    assert outcome.code == 1
+    assert f"--strict: {words}\n" in outcome.out
+    assert outcome.out.splitlines()[-1].startswith("FAIL: no case broke, but the run itself is not in order")
+    assert json.loads(Path("c.json").read_text())["trouble"] == [f"--strict: {words}"]
+
+
+def test_strictly_a_clean_run_passes(phasewire: Phasewire, suite: Suite) -> None:
+    assert phasewire("--strict").code == 0
+
+
+def test_reports_are_written_whether_it_passes_or_not(phasewire: Phasewire, suite: Suite) -> None:
+    suite.run = EVERY
+    assert phasewire("--html", "c.html", "--junit", "c.xml", "--json", "c.json").code == 1
+    assert Path("c.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert ElementTree.parse("c.xml").getroot().get("failures") == "2"
+    found = json.loads(Path("c.json").read_text())
+    assert (found["format"], len(found["results"])) == ("phasewire-conformance-1", 9)
+    assert {chapter["name"] for chapter in found["matrix"]["chapters"]} >= {"TIM", "BLK", "VER"}
+
+
+def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Suite) -> None:
+    outcome = phasewire("--json", "-")
+    assert json.loads(outcome.out)["outcome"] == "pass"
+    assert "PASS: nothing broke" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("--html", "nowhere/c.html"), "there is no folder nowhere"),
+        (("--html", "c.html", "--junit", "c.html"), "c.html cannot be written: it is to be written twice"),
+        (("--json", "p.toml", "--profile", "p.toml"), "p.toml cannot be written: it is also what is read"),
+        (("--junit", "run.sr", "--capture", "sigrok:run.sr"), "run.sr cannot be written: it is also what is read"),
+        (("--capture", "scope"), "--capture 'scope': it must be emulator, sigrok:FILE or none"),
+        (("--capture", "sigrok:"), "--capture 'sigrok:': it must be emulator, sigrok:FILE or none"),
+        (("--allow", "everything"), "'flash', 'reset', 'drive'"),
+        (("--seed", "-1"), "--seed"),
+        (("--profile", "p.toml"), "p.toml: name: it is missing"),
+        (("--known-failures", "p.toml"), "p.toml: colour = 'red': it names no case"),
+        (("--profile", "absent.toml"), "absent.toml: No such file"),
+        (
+            ("--list", "--html", "c.html", "--junit", "c.xml"),
+            "--list runs nothing, of which --html and --junit could tell",
+        ),
+    ],
+)
+def test_wrong_use_is_told_before_anything_is_sent(
+    phasewire: Phasewire, suite: Suite, tmp_path: Path, arguments: tuple[str, ...], complaint: str
+) -> None:
+    (tmp_path / "p.toml").write_text('colour = "red"\n')
+    outcome = phasewire(*arguments)
+    assert outcome.code == 2
+    assert complaint in " ".join(outcome.err.replace("│", " ").split())
+    assert suite.asked == []
+
+
+def test_a_choice_that_no_case_fits_is_wrong_use_and_writes_nothing(phasewire: Phasewire, suite: Suite) -> None:
+    suite.run = replace(CLEAN, results=())
+    outcome = phasewire("--only", "nothing", "--only", "none", "--html", "c.html")
+    assert outcome.code == 2
+    assert "no case begins with 'nothing' or 'none'; --list names all" in outcome.err
+    assert not Path("c.html").exists()
+
+
+def test_no_device_is_exit_code_3(phasewire: Phasewire, monkeypatch: pytest.MonkeyPatch) -> None:
+    def find_none(options: Options, watcher: Watcher | None = None) -> Run:
+        raise DeviceNotFoundError("nothing is plugged in")
+
+    monkeypatch.setattr("phasewire.hil.conformance.running.run_conformance", find_none)
+    outcome = phasewire("--device", "usb:", "--junit", "c.xml")
+    assert (outcome.code, outcome.out) == (3, "")
+    assert outcome.err == "phasewire: nothing is plugged in\n"
+    assert not Path("c.xml").exists()
+
+
+def test_the_list_names_all_clauses_and_needs_no_device(phasewire: Phasewire, suite: Suite) -> None:
+    outcome = phasewire("--list", "--json", "list.json")
+    assert (outcome.code, outcome.err, suite.asked) == (0, "", [])
+    found = json.loads(Path("list.json").read_text())
+    assert found["format"] == "phasewire-conformance-matrix-1"
+    names = [clause["name"] for chapter in found["chapters"] for clause in chapter["clauses"]]
+    assert names[0] == "TIM-001"
+    assert all(name in outcome.out for name in names)
+
+
+def test_an_emulated_device_is_judged_by_the_real_suite(phasewire: Phasewire) -> None:
+    outcome = phasewire("--only", "blocks/", "--json", "-")
+    found = json.loads(outcome.out)
+    assert (outcome.code, found["passed"]) == (0, True)
+    assert found["counts"]["pass"] > 0
+    assert {result["group"] for result in found["results"]} == {"blocks"}
