@@ -37,8 +37,8 @@ def conformance(
         typer.Option(
             "--capture",
             metavar="emulator|sigrok:FILE|none",
-            help="What the outputs are seen by: the emulator, a logic analyser's recording of the run, the outputs of "
-            "whose probes the profile names, or nothing. By default the emulator where it runs in this process.",
+            help="What the outputs are seen by: the emulator, a logic analyser's recording of the run, of which the "
+            "profile says where each probe sits, or nothing. By default the emulator, where it runs in this process.",
             autocompletion=among((EMULATOR, SIGROK, NONE)),
         ),
     ] = None,

@@ -130,8 +130,9 @@ def _about(result: Result) -> Iterator[Element]:
     if result.known is not None:
         yield element("p", f"Expected to fail: {result.known}", class_="reason")
     links = [element("a", clause, href=f"#{clause.partition('/')[0]}") for clause in result.clauses]
-    separated = [part for link in links for part in (", ", link)][1:]
-    yield element("p", "Shows ", *separated, f"; took {result.seconds:.3f} s.", class_="small")
+    for link in links[:-1]:
+        link.tail = ", "
+    yield element("p", "Shows ", *links, f"; took {result.seconds:.3f} s.", class_="small")
 
 
 def _reasons(results: Iterable[Result]) -> Iterator[Element]:

@@ -165,7 +165,7 @@ def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Sui
         (("--capture", "sigrok:"), "--capture 'sigrok:': it must be emulator, sigrok:FILE or none"),
         (("--allow", "everything"), "'flash', 'reset', 'drive'"),
         (("--seed", "-1"), "--seed"),
-        (("--profile", "p.toml"), "p.toml: name: it is missing"),
+        (("--profile", "p.toml"), "p.toml: colour = 'red': no such key; known are name"),
         (("--known-failures", "p.toml"), "p.toml: colour = 'red': it names no case"),
         (("--profile", "absent.toml"), "absent.toml: No such file"),
         (
