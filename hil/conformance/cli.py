@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ...console import JsonOption, among, console_for, error_console, write_json
-from ...host.commands.options import DeviceOption, note_where_fresh
+from ...host.commands.options import DeviceOption, given, note_where_fresh
 from ...host.lines.transport import DEFAULT_URL
 from ...storage import check_outputs, replacing
 from .cases import Risk
@@ -21,6 +21,11 @@ from .reports.page import page
 from .reports.records import record
 from .verdicts import Run, Verdict
 
+if TYPE_CHECKING:
+    from .mutants.patching import Mutant
+    from .plugin import Watcher
+    from .running import Options
+
 __all__ = ["commands"]
 
 EMULATOR, SIGROK, NONE = "emulator", "sigrok:", "none"
@@ -29,8 +34,16 @@ LIST_FORMAT = "phasewire-conformance-matrix-1"
 commands = typer.Typer(rich_markup_mode=None)
 
 
+def _offered_mutants(incomplete: str) -> list[str]:
+    """What a shell offers for a mutant."""
+    from .mutants.catalogue import MUTANTS
+
+    return among(MUTANTS)(incomplete)
+
+
 @commands.command(epilog="Example: phasewire conformance --device usb: --allow reset --html report.html")
 def conformance(
+    context: typer.Context,
     url: DeviceOption = DEFAULT_URL,
     capture: Annotated[
         str | None,
@@ -67,6 +80,15 @@ def conformance(
             help="Run the cases alone whose group, name, clause or chapter begins so; may be given again.",
         ),
     ] = None,
+    mutant: Annotated[
+        str | None,
+        typer.Option(
+            "--mutant",
+            metavar="NAME",
+            help="Judge this emulated device, which is broken on purpose, to see what the suite makes of it.",
+            autocompletion=_offered_mutants,
+        ),
+    ] = None,
     strict: Annotated[
         bool,
         typer.Option("--strict", help="Fail too where something could not be judged, or should be done otherwise."),
@@ -98,6 +120,10 @@ def conformance(
         _list(json_target, [name for name, target in (("--html", html), ("--junit", junit_xml)) if target is not None])
         return
 
+    if mutant is not None and given(context, "url"):
+        raise ValueError("--mutant brings a device of its own; leave out one of --device and --mutant")
+    broken = None if mutant is None else _mutant(mutant)
+
     from .reports.terminal import LiveLine, print_run
     from .running import Options, run_conformance  # which import pytest, and so does the line; that takes long
 
@@ -110,9 +136,10 @@ def conformance(
         tuple(only or ()),
         seed,
     )
-    note_where_fresh(url)
+    if broken is None:
+        note_where_fresh(url)
     with LiveLine(error_console()) as watcher:
-        run = run_conformance(options, watcher)
+        run = run_conformance(options, watcher) if broken is None else _run_mutant(broken, options, watcher)
     if not run.results and not run.trouble:
         raise ValueError(f"no case begins with {' or '.join(map(repr, options.only))}; --list names all")
     if strict:
@@ -137,6 +164,25 @@ def _strictly(run: Run) -> Run:
     counts = ((Verdict.INCONCLUSIVE, "could not be judged"), (Verdict.WARN, "should do otherwise"))
     told = tuple(f"--strict: {run.count(verdict)} {words}" for verdict, words in counts if run.count(verdict))
     return replace(run, trouble=(*run.trouble, *told))
+
+
+def _mutant(name: str) -> Mutant:
+    from .mutants.catalogue import MUTANTS
+
+    if name not in MUTANTS:
+        raise ValueError(f"there is no mutant {name!r}; there are {', '.join(MUTANTS)}")
+    return MUTANTS[name]
+
+
+def _run_mutant(broken: Mutant, options: Options, watcher: Watcher) -> Run:
+    """The run of a mutant, whose reports say that it is one."""
+    from .mutants.patching import applied
+    from .running import run_conformance
+
+    with applied(broken):
+        run = run_conformance(replace(options, url=broken.url), watcher)
+    device = run.provenance.device | {"mutant": f"{broken.name}: {broken.sentence}"}
+    return replace(run, provenance=replace(run.provenance, device=device))
 
 
 def _matrix() -> Matrix:

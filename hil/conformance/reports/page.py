@@ -176,8 +176,8 @@ def _chapter(chapter: Chapter, results: Mapping[str, Result]) -> Element:
         for case in row.cases
         if case in results
     )
-    badge = [" ", _badge(Standing(verdict.value))] if verdict else []
-    title = element("summary", element("b", chapter.name), f" {chapter.title}", *badge)
+    badge = [] if verdict is None else [_badge(Standing(verdict.value))]
+    title = element("summary", element("b", chapter.name), f" {chapter.title} ", *badge)
     return element("details", title, _scrolling(table))
 
 

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 from phasewire.__main__ import app, main
+from phasewire.emulator.control import controller
 from phasewire.errors import DeviceNotFoundError
 from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.cli import commands
@@ -54,9 +55,11 @@ class Suite:
     def __init__(self) -> None:
         self.run = CLEAN
         self.asked: list[Options] = []
+        self.look: Callable[[Options], None] = lambda _: None
 
     def __call__(self, options: Options, watcher: Watcher | None = None) -> Run:
         self.asked.append(options)
+        self.look(options)
         assert watcher is not None
         for number, result in enumerate(self.run.results, start=1):
             watcher.began(result.case, number, len(self.run.results))
@@ -167,6 +170,8 @@ def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Sui
         (("--seed", "-1"), "--seed"),
         (("--profile", "p.toml"), "p.toml: colour = 'red': no such key; known are name"),
         (("--known-failures", "p.toml"), "p.toml: colour = 'red': it names no case"),
+        (("--mutant", "no-such"), "there is no mutant 'no-such'; there are "),
+        (("--mutant", "horizon-is-not-judged", "--device", "usb:"), "--mutant brings a device of its own"),
         (("--profile", "absent.toml"), "absent.toml: No such file"),
         (
             ("--list", "--html", "c.html", "--junit", "c.xml"),
@@ -219,3 +224,20 @@ def test_an_emulated_device_is_judged_by_the_real_suite(phasewire: Phasewire) ->
     assert (outcome.code, found["passed"]) == (0, True)
     assert found["counts"]["pass"] > 0
     assert {result["group"] for result in found["results"]} == {"blocks"}
+
+
+def test_a_mutant_is_judged_and_its_reports_say_that_it_is_one(phasewire: Phasewire, suite: Suite) -> None:
+    horizons = []
+
+    def look(options: Options) -> None:
+        horizons.append(vars(controller)["HORIZON_PERIODS"])
+
+    suite.look = look
+    before = vars(controller)["HORIZON_PERIODS"]
+    outcome = phasewire("--mutant", "horizon-is-not-judged", "--json", "-")
+    assert outcome.code == 0
+    assert suite.asked[0].url == "emulator:"
+    assert horizons != [before] == [vars(controller)["HORIZON_PERIODS"]]
+    mutant = json.loads(outcome.out)["provenance"]["device"]["mutant"]
+    assert mutant.startswith("horizon-is-not-judged: Any period is accepted")
+    assert "fresh" not in outcome.err

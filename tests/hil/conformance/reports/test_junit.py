@@ -74,7 +74,7 @@ def test_evidence_is_the_output_and_what_xml_forbids_is_left_out() -> None:
 
 
 def test_another_parser_reads_it_too_and_the_parts_of_a_case_have_the_usual_order() -> None:
-    assert parseString(junit(EVERY).encode()).documentElement.tagName == "testsuites"
+    assert len(parseString(junit(EVERY).encode()).getElementsByTagName("testcase")) == 10
     order = ["properties", "skipped", "failure", "error", "system-out"]
     for case in WHOLE.iter("testcase"):
         tags = [part.tag for part in case]
