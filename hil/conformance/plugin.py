@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from ...errors import DeviceError, ReplyError
+from ...protocol.codes import Feature
 from .bench import Bench, Lost
 from .cases import Case, Inconclusive, Need, NotApplicable, Risk, case_of
 from .profile import Profile
@@ -21,10 +22,7 @@ from .verdicts import Result, Verdict
 __all__ = ["Catalogue", "Entry", "Judge", "Watcher", "case_id", "wanted"]
 
 PREFIX = "test_"
-ONLY_ON = {
-    "usb": "this concerns USB, and the device is at the end of a serial line",
-    "serial": "this concerns serial lines, and the device has none",
-}
+NOT_ON_USB = "this concerns USB, and the device is at the end of a serial line"
 
 
 @dataclass(frozen=True)
@@ -137,7 +135,7 @@ class Judge:
     watcher: Watcher
     results: list[Result] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
-    pending: list[tuple[int, list[Callable[[], None]]]] = field(default_factory=list)
+    _pending: list[tuple[int, Case, list[Callable[[], None]]]] = field(default_factory=list)
     _count: int = 0
     _lost: str | None = None
 
@@ -186,10 +184,11 @@ class Judge:
         reason = self.profile.reason_for(identifier, identifier.partition("/")[0], about.clauses)
         if reason is not None:
             raise NotApplicable(reason)
-        if missing := about.features & ~self.bench.info.features:
+        needed = about.features | (Feature.CONSOLE if about.line == "serial" else Feature(0))
+        if missing := needed & ~self.bench.info.features:
             raise NotApplicable(f"INFO does not name the feature {missing.name}")
         if about.line == "usb" and self.bench.line.kind != "usb":
-            raise Inconclusive(ONLY_ON["usb"])
+            raise Inconclusive(NOT_ON_USB)
         for risk in Risk:
             if risk in about.risks and risk not in self.bench.allowed:
                 raise Inconclusive(f"this was not allowed: --allow {risk}")
@@ -222,7 +221,7 @@ class Judge:
             self.known.get(identifier),
         )
         if self.bench.deferred and verdict is Verdict.PASS:
-            self.pending.append((len(self.results), self.bench.deferred))
+            self._pending.append((len(self.results), about, self.bench.deferred))
         self.results.append(result)
         self.watcher.ended(result)
         return True
@@ -239,15 +238,13 @@ class Judge:
 
     def finish(self) -> None:
         """Judge what could only be judged after the run."""
-        for index, looks in self.pending:
-            result = self.results[index]
+        for index, about, looks in self._pending:
             try:
                 for look in looks:
                     look()
             except Exception as error:
-                about = Case(result.clauses, result.sentence)
                 verdict, reason = verdict_of(error, about)
-                self.results[index] = replace(result, verdict=verdict, reason=reason)
+                self.results[index] = replace(self.results[index], verdict=verdict, reason=reason)
 
 
 def verdict_of(error: BaseException, about: Case) -> tuple[Verdict, str]:

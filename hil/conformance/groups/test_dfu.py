@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 from phasewire.emulator import faults
@@ -16,8 +17,8 @@ from phasewire.protocol.blocks import Update
 from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Feature, ImageReason, Request, State
 
-FLASH = {"allow": (Risk.FLASH, Risk.RESET), "line": "usb", "features": Feature.DFU}
-RESET = {"allow": (Risk.RESET,), "line": "usb", "features": Feature.DFU}
+flashing = partial(case, allow=(Risk.FLASH, Risk.RESET), line="usb", features=Feature.DFU)
+restarting = partial(case, allow=(Risk.RESET,), line="usb", features=Feature.DFU)
 UNKNOWN_REQUEST = 7
 BLOCK = 2048
 SECTOR, PAGE = 4096, 256
@@ -111,7 +112,7 @@ STATES = (IDLE, SYNC, DNBUSY, DNLOAD_IDLE, MANIFEST_SYNC, MANIFEST, UPLOAD_IDLE,
 
 
 @pytest.mark.parametrize("state", STATES, ids=lambda state: state.name.lower().replace("_", "-"))
-@case("DFU-006", "DFU-004", "DFU-003", **FLASH)
+@flashing("DFU-006", "DFU-004", "DFU-003")
 def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench, state: DfuState) -> None:
     """Each request in this state leads to the state that is drawn, or is answered with STALL and leads to dfuERROR."""
     with dfu_mode(bench) as line:
@@ -136,7 +137,7 @@ def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench,
             expect(f"the state after {request} in {state.name}", line.state(), after)
 
 
-@case("DFU-006", "USB-024", **RESET)
+@restarting("DFU-006", "USB-024")
 def test_run_time_mode_knows_the_questions_and_detach_alone(bench: Bench) -> None:
     """In run-time mode GETSTATUS and GETSTATE say OK and appIDLE, and all else but DETACH is answered with STALL."""
     line = DfuLine(bench)
@@ -155,7 +156,7 @@ def test_run_time_mode_knows_the_questions_and_detach_alone(bench: Bench) -> Non
         expect(f"the state after {name}", line.state(), DfuState.APP_IDLE)
 
 
-@case("DFU-002", "DFU-006", "USB-024", **RESET)
+@restarting("DFU-002", "DFU-006", "USB-024")
 def test_detach_is_answered_before_the_device_leaves_and_comes_back(bench: Bench) -> None:
     """After DETACH the device says appDETACH, leaves within 1000 ms whatever is refused, and comes back as itself."""
     line, serial = DfuLine(bench), bench.usb.serial
@@ -175,7 +176,7 @@ def test_detach_is_answered_before_the_device_leaves_and_comes_back(bench: Bench
         _come_back(bench, line)
 
 
-@case("DFU-002", **RESET)
+@restarting("DFU-002")
 def test_a_bus_reset_after_detach_hastens_it(bench: Bench) -> None:
     """A bus reset between DETACH and leaving has the same effect, as hosts that know no WillDetach do it."""
     line = DfuLine(bench)
@@ -195,7 +196,7 @@ def _come_back(bench: Bench, line: DfuLine) -> None:
     line.leave()
 
 
-@case("DFU-002", "SAF-004/1", "SAF-001", "STA-003", needs=(Need.CAPTURE,), **FLASH)
+@flashing("DFU-002", "SAF-004/1", "SAF-001", "STA-003", needs=(Need.CAPTURE,))
 def test_detach_silences_the_outputs_for_as_long_as_dfu_mode_lasts(bench: Bench) -> None:
     """DETACH silences the outputs within six periods, and they stay low while firmware is loaded."""
     bench.enable()
@@ -210,7 +211,7 @@ def test_detach_silences_the_outputs_for_as_long_as_dfu_mode_lasts(bench: Bench)
         bench.judge(detached, last, check_silent, over=True)
 
 
-@case("DFU-008/1", "DFU-007", "DFU-008", **FLASH)
+@flashing("DFU-008/1", "DFU-007", "DFU-008")
 def test_the_poll_times_are_those_of_the_flash(bench: Bench) -> None:
     """Block 0 takes 128 ms, other even blocks 68 ms, odd ones 8 ms, and no answer but a busy one names a time."""
     with dfu_mode(bench) as line:
@@ -228,7 +229,7 @@ def test_the_poll_times_are_those_of_the_flash(bench: Bench) -> None:
             expect("the answer after it", (reply.state, reply.poll_ms, reply.status), (DNLOAD_IDLE, 0, DfuStatus.OK))
 
 
-@case("DFU-008/2", **FLASH)
+@flashing("DFU-008/2")
 def test_the_busy_state_ends_with_its_poll_time(bench: Bench) -> None:
     """A device that named a time answers as soon as it is over: who waits as he was told must not meet a STALL."""
     with dfu_mode(bench) as line:
@@ -252,7 +253,7 @@ def test_the_busy_state_ends_with_its_poll_time(bench: Bench) -> None:
         line.poll()
 
 
-@case("DFU-009", "DFU-006", **FLASH)
+@flashing("DFU-009", "DFU-006")
 def test_blocks_out_of_turn_are_refused_with_address(bench: Bench) -> None:
     """A block with another number, a short one before the end, one too long or too many ends the download (ADDRESS)."""
     with dfu_mode(bench) as line:
@@ -282,7 +283,7 @@ def _expect_error(line: DfuLine, status: DfuStatus, what: str, string: int | Non
         expect(f"the string after {what}", reply.string, string)
 
 
-@case("DFU-009", "DFU-005", **FLASH)
+@flashing("DFU-009", "DFU-005")
 def test_a_download_must_not_end_early(bench: Bench) -> None:
     """DNLOAD without data before the last block is NOTDONE, and in dfuIDLE STALLEDPKT: half an image is none."""
     with dfu_mode(bench) as line:
@@ -295,7 +296,7 @@ def test_a_download_must_not_end_early(bench: Bench) -> None:
         _expect_error(line, DfuStatus.NOTDONE, "an early end")
 
 
-@case("DFU-006", **FLASH)
+@flashing("DFU-006")
 def test_the_first_failure_is_the_one_that_is_told(bench: Bench) -> None:
     """In dfuERROR the status stays that of the first failure, until CLRSTATUS sets it to OK."""
     with dfu_mode(bench) as line:
@@ -308,7 +309,7 @@ def test_the_first_failure_is_the_one_that_is_told(bench: Bench) -> None:
         expect("the answer after CLRSTATUS", reply and (reply.state, reply.status), (IDLE, DfuStatus.OK))
 
 
-@case("DFU-010", "DFU-012", "FWU-015", "FWU-001", "DFU-009", **FLASH)
+@flashing("DFU-010", "DFU-012", "FWU-015", "FWU-001", "DFU-009")
 def test_a_first_block_that_is_no_header_is_refused_for_its_length(bench: Bench) -> None:
     """A first block that is shorter than header and table is refused as LENGTH before anything is erased."""
     with dfu_mode(bench) as line:
@@ -322,7 +323,7 @@ def test_a_first_block_that_is_no_header_is_refused_for_its_length(bench: Bench)
 
 
 @pytest.mark.parametrize("forgery", Forgery.of_headers(), ids=str)
-@case("DFU-010", "DFU-012", "FWU-015", "FWU-004", "FWU-005", "FWU-007", "FWU-008", "FWU-009", **FLASH)
+@flashing("DFU-010", "DFU-012", "FWU-015", "FWU-004", "FWU-005", "FWU-007", "FWU-008", "FWU-009")
 def test_a_wrong_header_is_refused_with_the_first_block(bench: Bench, forgery: Forgery) -> None:
     """An image with this wrong in header or table is refused when block 0 has come, with its reason in words."""
     with dfu_mode(bench) as line:
@@ -336,7 +337,7 @@ def test_a_wrong_header_is_refused_with_the_first_block(bench: Bench, forgery: F
 
 
 @pytest.mark.parametrize("forgery", Forgery.of_contents(), ids=str)
-@case("DFU-011", "DFU-012", "FWU-015", "FWU-009", "FWU-010", "FWU-011", **FLASH)
+@flashing("DFU-011", "DFU-012", "FWU-015", "FWU-009", "FWU-010", "FWU-011")
 def test_a_wrong_image_is_refused_when_it_has_come(bench: Bench, forgery: Forgery) -> None:
     """An image with this wrong behind its header ends manifestation in dfuERROR, with its reason in words."""
     with dfu_mode(bench) as line:
@@ -356,7 +357,7 @@ def _expect_reason(line: DfuLine, poll: Callable[[], object], reason: ImageReaso
     assert line.string(16 + reason), f"string {16 + reason} says nothing about {reason.name}"
 
 
-@case("DFU-014", "DFU-006", **FLASH)
+@flashing("DFU-014", "DFU-006")
 def test_an_upload_gives_the_image_block_by_block(bench: Bench) -> None:
     """UPLOAD gives 2048 bytes a block, the last shorter, the same each time, and takes no number out of turn."""
     with dfu_mode(bench) as line:
@@ -382,7 +383,7 @@ def test_an_upload_gives_the_image_block_by_block(bench: Bench) -> None:
             line.rest()
 
 
-@case("DFU-015", "DFU-016", **RESET)
+@restarting("DFU-015", "DFU-016")
 def test_a_device_waits_for_a_bus_reset_in_dfu_mode(bench: Bench) -> None:
     """A device in DFU mode stays there while its host is silent, and a bus reset boots it into run-time mode."""
     before = bench.info
@@ -395,7 +396,7 @@ def test_a_device_waits_for_a_bus_reset_in_dfu_mode(bench: Bench) -> None:
     expect("the state", bench.status().state, State.OFF)
 
 
-@case("DFU-015", **RESET)
+@restarting("DFU-015")
 def test_resets_of_enumeration_do_not_boot_the_device(bench: Bench) -> None:
     """A bus reset before a host has configured the device in DFU mode leaves it there: hosts reset more than once."""
     line = DfuLine(bench)
@@ -413,7 +414,7 @@ def test_resets_of_enumeration_do_not_boot_the_device(bench: Bench) -> None:
             line.leave()
 
 
-@case("DFU-013", "DFU-005", "DFU-010", needs=(Need.FAULTS,), **FLASH)
+@flashing("DFU-013", "DFU-005", "DFU-010", needs=(Need.FAULTS,))
 @pytest.mark.parametrize(
     "status", [DfuStatus.WRITE, DfuStatus.ERASE, DfuStatus.PROG, DfuStatus.VERIFY], ids=lambda status: status.name
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from phasewire.emulator import faults
@@ -13,8 +15,8 @@ from phasewire.hil.conformance.lines.dfu import DfuLine, dfu_mode
 from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Feature, ImageReason, Request, State
 
-FLASH = {"allow": (Risk.FLASH, Risk.RESET), "line": "usb", "features": Feature.DFU}
-REVERT = FLASH | {"features": Feature.DFU | Feature.REVERT}
+flashing = partial(case, allow=(Risk.FLASH, Risk.RESET), line="usb", features=Feature.DFU)
+reverting = partial(case, allow=(Risk.FLASH, Risk.RESET), line="usb", features=Feature.DFU | Feature.REVERT)
 BLOCK = 2048
 STUCK_SECONDS = 12.0
 """For how long a bit of the flash sticks: a restart takes less, and nothing is left of it for the next case."""
@@ -53,7 +55,7 @@ def _own(line: DfuLine) -> bytes:
     return image
 
 
-@case("FWU-018/2", "FWU-018", "FWU-016", "FWU-019", "FWU-020/2", "DFU-011", "DFU-015", **FLASH)
+@flashing("FWU-018/2", "FWU-018", "FWU-016", "FWU-019", "FWU-020/2", "DFU-011", "DFU-015")
 def test_upgrades_go_to_the_bank_that_does_not_run_and_boot_from_it(bench: Bench) -> None:
     """Three upgrades with the same firmware boot from A and B in turn, A first where the factory's image ran."""
     running = bank_of(bench)
@@ -63,7 +65,7 @@ def test_upgrades_go_to_the_bank_that_does_not_run_and_boot_from_it(bench: Bench
         expect("the faults", bench.status().faults, Fault(0))
 
 
-@case("FWU-020/2", "FWU-020", needs=(Need.POWER,), **FLASH)
+@flashing("FWU-020/2", "FWU-020", needs=(Need.POWER,))
 def test_an_image_that_came_up_boots_again_and_again(bench: Bench) -> None:
     """Firmware that a host has configured once is confirmed: it boots again whenever power comes back."""
     running = upgraded(bench)
@@ -73,7 +75,7 @@ def test_an_image_that_came_up_boots_again_and_again(bench: Bench) -> None:
         expect("the faults", bench.status().faults, Fault(0))
 
 
-@case("FWU-020/1", "FWU-020", "FWU-019", needs=(Need.POWER,), **FLASH)
+@flashing("FWU-020/1", "FWU-020", "FWU-019", needs=(Need.POWER,))
 def test_an_image_that_never_came_up_does_not_boot_again(bench: Bench) -> None:
     """New firmware that was started and not confirmed is given up for what ran before, and FLASH says so."""
     before = upgraded(bench)
@@ -85,7 +87,7 @@ def test_an_image_that_never_came_up_does_not_boot_again(bench: Bench) -> None:
     upgraded(bench)  # over what never came up
 
 
-@case("FWU-018/3", "FWU-018/2", needs=(Need.FAULTS, Need.POWER), **FLASH)
+@flashing("FWU-018/3", "FWU-018/2", needs=(Need.FAULTS, Need.POWER))
 def test_an_image_that_never_came_up_does_not_boot_after_a_cut_erasure(bench: Bench) -> None:
     """Where an upgrade that overwrites such an image is cut short, what was given up does not boot after all."""
     before = upgraded(bench)
@@ -121,7 +123,7 @@ def _power(bench: Bench) -> None:
     bench.wait(UP_SECONDS)
 
 
-@case("FWU-018/1", "FWU-018/2", "DFU-010", "DFU-015", needs=(Need.POWER,), **FLASH)
+@flashing("FWU-018/1", "FWU-018/2", "DFU-010", "DFU-015", needs=(Need.POWER,))
 def test_power_may_go_at_any_time_of_a_download(bench: Bench) -> None:
     """After a power cut anywhere in a download or manifestation the device boots, from a bank that is whole."""
     running = bank_of(bench)
@@ -144,7 +146,7 @@ def test_power_may_go_at_any_time_of_a_download(bench: Bench) -> None:
         running = found
 
 
-@case("FWU-018/1", "FWU-018/2", "FWU-018", needs=(Need.FAULTS, Need.POWER), **FLASH)
+@flashing("FWU-018/1", "FWU-018/2", "FWU-018", needs=(Need.FAULTS, Need.POWER))
 def test_power_may_go_at_any_byte_that_is_written(bench: Bench) -> None:
     """A write to the flash that is cut short at any byte leaves what ran before, or the new image whole."""
     running = bank_of(bench)
@@ -176,7 +178,7 @@ def _send_while_there(bench: Bench, line: DfuLine, image: bytes) -> None:
     raise AssertionError("the power should have gone while the image was written")
 
 
-@case("FWU-019", "FWU-017", needs=(Need.FAULTS,), **FLASH)
+@flashing("FWU-019", "FWU-017", needs=(Need.FAULTS,))
 def test_an_image_that_has_gone_bad_does_not_boot(bench: Bench) -> None:
     """Where the newest image is not what its record says, the one before it boots, and FLASH says so."""
     before = upgraded(bench)
@@ -193,7 +195,7 @@ def _stick(bench: Bench, bank: Bank) -> None:
     bench.levers.cause(faults.StuckFlashBit(address=bank.image_address, bit=0, value=1, periods=periods))
 
 
-@case("REQ-014", "FWU-022/1", "FWU-022", **REVERT)
+@reverting("REQ-014", "FWU-022/1", "FWU-022")
 def test_revert_goes_back_to_the_factory_image(bench: Bench) -> None:
     """REVERT boots the factory's image, gives up both upgrades for good, and resets everything as RESET does."""
     upgraded(bench)
@@ -210,7 +212,7 @@ def test_revert_goes_back_to_the_factory_image(bench: Bench) -> None:
         expect("the bank that boots after power-up", settled(bench), Bank.FACTORY)
 
 
-@case("FWU-022/1", "REQ-014", needs=(Need.FAULTS, Need.POWER), **REVERT)
+@reverting("FWU-022/1", "REQ-014", needs=(Need.FAULTS, Need.POWER))
 def test_a_revert_that_is_cut_short_leaves_the_newer_image_or_the_factory_s(bench: Bench) -> None:
     """Power that goes while REVERT writes leaves what would have booted without it, or the factory's image."""
     for byte in (0, 1, 47, 48, 49, 95):
@@ -225,7 +227,7 @@ def test_a_revert_that_is_cut_short_leaves_the_newer_image_or_the_factory_s(benc
         expect("the bank that boots after a whole REVERT", settled(bench), Bank.FACTORY)
 
 
-@case("FWU-022/2", needs=(Need.FAULTS,), **REVERT)
+@reverting("FWU-022/2", needs=(Need.FAULTS,))
 def test_revert_gives_up_nothing_where_the_factory_image_is_bad(bench: Bench) -> None:
     """Where the factory's image is not what its record says, REVERT restarts the device with the upgrade it has."""
     running = upgraded(bench)
@@ -235,7 +237,7 @@ def test_revert_gives_up_nothing_where_the_factory_image_is_bad(bench: Bench) ->
     bench.wait(STUCK_SECONDS)
 
 
-@case("FWU-013/1", "FWU-004", "USB-008", **FLASH)
+@flashing("FWU-013/1", "FWU-004", "USB-008")
 def test_an_older_version_is_taken_like_a_newer_one(bench: Bench) -> None:
     """An image of version 0.0.1 is taken and boots: a bad upgrade must be able to be undone."""
     with dfu_mode(bench) as line:
@@ -250,7 +252,7 @@ def test_an_older_version_is_taken_like_a_newer_one(bench: Bench) -> None:
     settled(bench)
 
 
-@case("FWU-012/1", "FWU-011", **FLASH)
+@flashing("FWU-012/1", "FWU-011")
 def test_keys_decide_whose_images_are_taken(bench: Bench) -> None:
     """A device that trusts keys refuses images that are not signed, or by another key; one without keys takes both."""
     stranger = Ed25519PrivateKey.from_private_bytes(bench.random.randbytes(32))
@@ -276,7 +278,7 @@ def test_keys_decide_whose_images_are_taken(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("processor", [0, 4, 9])
-@case("FWU-021", "CHN-024", "TIM-002/2", "SAF-007/1", needs=(Need.SPARE, Need.FAULTS, Need.POWER), **FLASH)
+@flashing("FWU-021", "CHN-024", "TIM-002/2", "SAF-007/1", needs=(Need.SPARE, Need.FAULTS, Need.POWER))
 def test_a_device_without_all_its_processors_stays_on_the_bus(bench: Bench, processor: int) -> None:
     """Where a processor does not start, the device reports PROCESSOR, keeps its outputs off and takes firmware."""
     with bench.spare() as broken:
