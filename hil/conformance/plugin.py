@@ -78,7 +78,8 @@ class Catalogue:
 
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
         """Take note of the cases."""
-        self.entries, self.trouble = _entries(items)
+        self.entries, trouble = _entries(items)
+        self.trouble += trouble
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         """Take note of what cannot be collected."""

@@ -183,10 +183,10 @@ def open_bench(options: Options) -> Iterator[Bench]:
     """
     with ExitStack() as stack:
         emulator, url = _emulated(options.url, stack)
-        line = _line(url)
-        stack.callback(line.close)
         levers: Levers = NoLevers() if emulator is None else EmulatorLevers(emulator)
         sight = _sight(options, emulator)
+        line = _line(url)
+        stack.callback(line.close)
         allowed = options.allowed
         if allowed is None:
             allowed = frozenset() if emulator is None else frozenset(Risk)

@@ -26,9 +26,11 @@ UP_SECONDS = 5.0
 
 def bank_of(bench: Bench) -> Bank:
     """The bank that all processors' firmware came from."""
-    banks = {report.bank for report in bench.processors()}
-    assert len(banks) == 1, f"the processors run firmware from different banks: {sorted(banks)}"
-    return Bank(banks.pop())
+    first, *others = (report.bank for report in bench.processors())
+    assert first is not None, "processor 0 names no bank that its firmware came from"
+    for processor, bank in enumerate(others, start=1):
+        expect(f"the bank that processor {processor}'s firmware came from", bank, first)
+    return first
 
 
 def idle_bank(running: Bank) -> Bank:

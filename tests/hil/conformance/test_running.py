@@ -1,0 +1,316 @@
+"""How cases become verdicts, by hand-made cases against an emulated device."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+from phasewire.errors import DeviceNotFoundError
+from phasewire.hil.conformance import Result, Run, Verdict, running
+from phasewire.hil.conformance.cases import Risk
+from phasewire.hil.conformance.plugin import Watcher
+from phasewire.hil.conformance.profile import Profile
+from phasewire.hil.conformance.running import Options, catalogue, run_conformance
+
+HEAD = """
+from __future__ import annotations
+import pytest
+from phasewire.emulator import faults
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
+from phasewire.protocol.blocks import NoOp, Update
+from phasewire.protocol.codes import Feature, Request, State
+from phasewire.protocol.pulses import Pulses
+"""
+ALL_VERDICTS = '''
+@case("BLK-020")
+def test_that_passes(bench: Bench) -> None:
+    """A block that does nothing is accepted, for
+    hosts live by it."""
+    bench.must(NoOp())
+
+@case("BLK-020", "ACK-001")
+def test_that_fails(bench: Bench) -> None:
+    """It fails."""
+    expect("the state", bench.status().state, State.PLAYING)
+
+@case("BLK-020", should=True)
+def test_that_warns(bench: Bench) -> None:
+    """It should not be so."""
+    assert not bench.info, "there is a device"
+
+@case("BLK-020")
+def test_that_cannot_tell(bench: Bench) -> None:
+    """It cannot tell."""
+    raise Inconclusive("nobody looks")
+
+@case("BLK-020")
+def test_that_does_not_apply(bench: Bench) -> None:
+    """It does not apply."""
+    raise NotApplicable("it has no wheels")
+
+@pytest.mark.parametrize("kind", ["one", "two"])
+@case("BLK-020")
+def test_of_kinds(bench: Bench, kind: str) -> None:
+    """It has parameters."""
+
+@case("BLK-020")
+def test_that_is_wrong_itself(bench: Bench) -> None:
+    """It is wrong itself."""
+    raise TypeError("oh")
+
+@case("BLK-020")
+def test_that_asks_in_vain(bench: Bench) -> None:
+    """Something is answered with STALL."""
+    bench.order(Request.LIMIT, 60_000)
+'''
+
+
+@pytest.fixture
+def groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of groups, which is empty."""
+    monkeypatch.setattr(running, "GROUPS", tmp_path)
+    return tmp_path
+
+
+def write(groups: Path, name: str, cases: str) -> None:
+    """Write a group, which pytest must not take for another one of that name."""
+    sys.modules.pop(f"test_{name}", None)
+    (groups / f"test_{name}.py").write_text(HEAD + textwrap.dedent(cases), encoding="utf-8")
+
+
+def judged(run: Run) -> dict[str, Verdict]:
+    return {result.case: result.verdict for result in run.results}
+
+
+def test_what_a_case_does_decides_its_verdict(groups: Path) -> None:
+    write(groups, "some_things", ALL_VERDICTS)
+    run = run_conformance(Options("emulator:"))
+    assert judged(run) == {
+        "some-things/that-passes": Verdict.PASS,
+        "some-things/that-fails": Verdict.FAIL,
+        "some-things/that-warns": Verdict.WARN,
+        "some-things/that-cannot-tell": Verdict.INCONCLUSIVE,
+        "some-things/that-does-not-apply": Verdict.NOT_APPLICABLE,
+        "some-things/of-kinds[one]": Verdict.PASS,
+        "some-things/of-kinds[two]": Verdict.PASS,
+        "some-things/that-is-wrong-itself": Verdict.FAIL,
+        "some-things/that-asks-in-vain": Verdict.FAIL,
+    }
+    by_name = {result.case.partition("/")[2]: result for result in run.results}
+    assert by_name["that-fails"].reason == "the state is OFF, should be PLAYING"
+    assert by_name["that-fails"].clauses == ("BLK-020", "ACK-001")
+    assert by_name["that-passes"].reason == ""
+    assert by_name["that-passes"].sentence == "A block that does nothing is accepted, for hosts live by it."
+    assert by_name["that-cannot-tell"].reason == "nobody looks"
+    assert by_name["that-is-wrong-itself"].reason == "the suite did not expect this: TypeError: oh"
+    assert by_name["that-asks-in-vain"].reason == "LIMIT with value 60000 is answered with STALL"
+    assert not run.passed
+    assert run.trouble == ()
+    assert run.provenance.seed == 1
+    assert run.provenance.capture == "emulator"
+    assert run.provenance.device["url"] == "emulator:"
+
+
+def test_a_case_leaves_its_blocks_requests_and_answers_as_evidence(groups: Path) -> None:
+    write(groups, "one", ALL_VERDICTS)
+    (result,) = run_conformance(Options("emulator:", only=("one/that-passes",))).results
+    labels = [evidence.label for evidence in result.evidence]
+    assert labels[:2] == ["block", "acknowledged"]
+    assert result.evidence[0].text.startswith("50 57 01 09 ")
+    assert "ACCEPTED" in result.evidence[1].text
+    assert labels[-1] == "status at the end"
+
+
+@pytest.mark.parametrize(
+    ("only", "names"),
+    [
+        ("some-things", 9),
+        ("some-things/that-f", 1),
+        ("ACK", 1),
+        ("ACK-001", 1),
+        ("BLK-020", 9),
+        ("some-things/of-kinds[two]", 1),
+        ("wheels", 0),
+    ],
+)
+def test_only_what_was_asked_for_runs(groups: Path, only: str, names: int) -> None:
+    write(groups, "some_things", ALL_VERDICTS)
+    assert len(run_conformance(Options("emulator:", only=(only,))).results) == names
+
+
+def test_known_failures_do_not_break_a_run_but_their_passes_and_unknown_ones_do(groups: Path) -> None:
+    write(groups, "some_things", ALL_VERDICTS)
+    known = {f"some-things/{name}": "we know" for name in ("that-fails", "that-is-wrong-itself", "that-asks-in-vain")}
+    run = run_conformance(Options("emulator:", known=known))
+    assert run.passed
+    assert {result.known for result in run.results} == {None, "we know"}
+    unexpected = run_conformance(Options("emulator:", known=known | {"some-things/that-passes": "we thought"}))
+    assert [result.case for result in unexpected.results if result.breaks] == ["some-things/that-passes"]
+    unknown = run_conformance(Options("emulator:", known=known | {"no/such-case": "it was renamed"}))
+    assert unknown.trouble == ("the known failure 'no/such-case' names no case",)
+    assert not unknown.passed
+
+
+def test_a_profile_takes_out_what_does_not_apply(groups: Path) -> None:
+    write(groups, "some_things", ALL_VERDICTS)
+    profile = Profile("mine", {"ACK-001": "no records", "some-things/that-is-wrong-itself": "gone"})
+    run = run_conformance(Options("emulator:", profile=profile))
+    verdicts = judged(run)
+    assert verdicts["some-things/that-fails"] is Verdict.NOT_APPLICABLE
+    assert verdicts["some-things/that-is-wrong-itself"] is Verdict.NOT_APPLICABLE
+    assert verdicts["some-things/that-passes"] is Verdict.PASS
+    assert run.provenance.profile == "mine"
+
+
+GATED = '''
+@case("SAF-001", allow=(Risk.RESET,))
+def test_a_risk(bench: Bench) -> None:
+    """It restarts the device."""
+
+@case("SAF-001", needs=(Need.CAPTURE,))
+def test_a_need(bench: Bench) -> None:
+    """It looks at the outputs."""
+    bench.judge(bench.period(), bench.period() + 2, lambda seen: expect("the outputs", seen.words.any(), False))
+
+@case("SAF-001", needs=(Need.FAULTS,))
+def test_a_fault(bench: Bench) -> None:
+    """It lets something go wrong."""
+
+@case("SAF-001", line="usb")
+def test_usb(bench: Bench) -> None:
+    """It is about USB."""
+    assert bench.usb.serial
+'''
+
+
+def test_what_is_not_allowed_or_not_there_is_inconclusive(groups: Path) -> None:
+    write(groups, "gated", GATED)
+    allowed = judged(run_conformance(Options("emulator:")))
+    assert set(allowed.values()) == {Verdict.PASS}
+    run = run_conformance(Options("emulator:?door=serial", capture="none", allowed=frozenset({Risk.DRIVE})))
+    assert [(result.verdict, result.reason) for result in run.results] == [
+        (Verdict.INCONCLUSIVE, "this was not allowed: --allow reset"),
+        (Verdict.INCONCLUSIVE, "this needs a capture of the outputs"),
+        (Verdict.PASS, ""),
+        (Verdict.INCONCLUSIVE, "this concerns USB, and the device is at the end of a serial line"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("cases", "what"),
+    [
+        ('@case("BLK-999")\ndef test_it(bench):\n    """It."""\n', "BLK-999"),
+        ('@case("BLK-020")\ndef test_it(bench):\n    pass\n', "no sentence"),
+        ("def test_it(bench):\n    pass\n", "no case"),
+        ("import wheels\n", "wheels"),
+    ],
+)
+def test_a_case_that_names_no_clause_or_says_nothing_cannot_be_collected(groups: Path, cases: str, what: str) -> None:
+    write(groups, "bad", cases)
+    with pytest.raises(RuntimeError, match=what):
+        catalogue()
+    write(groups, "bad", cases)
+    run = run_conformance(Options("emulator:"))
+    assert len(run.trouble) == 1
+    assert what in run.trouble[0]
+    assert not run.passed
+
+
+LOSING = '''
+@case("SAF-001")
+def test_first(bench: Bench) -> None:
+    """It loses the device."""
+    bench.levers.power_down()
+
+@case("SAF-001")
+def test_second(bench: Bench) -> None:
+    """It finds it again where it may."""
+    bench.must(NoOp())
+
+@case("SAF-001")
+def test_third(bench: Bench) -> None:
+    """So does this."""
+    bench.must(NoOp())
+'''
+
+
+def test_a_device_that_is_lost_is_brought_back_where_that_is_allowed(groups: Path) -> None:
+    write(groups, "losing", LOSING)
+    assert list(judged(run_conformance(Options("emulator:"))).values()) == [Verdict.PASS] * 3
+    run = run_conformance(Options("emulator:", allowed=frozenset()))
+    assert list(judged(run).values()) == [Verdict.PASS, Verdict.FAIL, Verdict.INCONCLUSIVE]
+    assert "cannot be brought back" in run.results[1].reason
+    assert not run.passed
+
+
+def test_a_watcher_is_told_of_every_case(groups: Path) -> None:
+    write(groups, "some_things", ALL_VERDICTS)
+    told: list[tuple[object, ...]] = []
+
+    class Told(Watcher):
+        def began(self, case: str, number: int, of: int) -> None:
+            told.append((case, number, of))
+
+        def ended(self, result: Result) -> None:
+            told.append((result.case,))
+
+    run = run_conformance(Options("emulator:"), Told())
+    names = [result.case for result in run.results]
+    assert told == [
+        entry for number, name in enumerate(names, start=1) for entry in ((name, number, len(names)), (name,))
+    ]
+
+
+DRIVING = '''
+@case("SAF-006")
+def test_too_much(bench: Bench) -> None:
+    """It drives too hard."""
+    bench.send(Update(Pulses([0] * 320, [25] * 320)))
+
+@case("SAF-006")
+def test_as_much_as_is_allowed(bench: Bench) -> None:
+    """It drives as hard as it may."""
+    total = bench.weak().total_drive / 1000
+    assert 0.9 * bench.drive_limit < total <= bench.drive_limit, f"{total}"
+    bench.note("drive limit", bench.drive_limit)
+    expect("the limit", bench.status().drive_limit, bench.drive_limit)
+'''
+
+
+def test_the_drive_is_low_unless_more_is_allowed(groups: Path) -> None:
+    write(groups, "driving", DRIVING)
+    run = run_conformance(Options("emulator:", allowed=frozenset({Risk.RESET})))
+    first, second = run.results
+    assert "a case drives 320 transducers; 32 are allowed here" in first.reason
+    assert second.verdict is Verdict.PASS
+    assert ("drive limit", "32") in [(evidence.label, evidence.text) for evidence in second.evidence]
+    assert run_conformance(Options("emulator:")).results[0].verdict is Verdict.PASS
+
+
+def test_a_device_that_is_not_there_is_no_run(groups: Path) -> None:
+    with pytest.raises(DeviceNotFoundError):
+        run_conformance(Options("emulator:NO-SUCH"))
+    with pytest.raises(ValueError, match="not emulated in this process"):
+        run_conformance(Options("usb:", capture="emulator"))
+
+
+def test_a_spare_device_breaks_alone(groups: Path) -> None:
+    write(
+        groups,
+        "spare",
+        '''
+        @case("SAF-008", needs=(Need.SPARE,))
+        def test_spare(bench: Bench) -> None:
+            """Only the spare one breaks."""
+            with bench.spare() as other:
+                other.levers.cause(faults.DeadBoard(board=2))
+                other.wait(0.1)
+                expect("the spare one", other.status().state, State.FAULT)
+            expect("the device", bench.status().state, State.OFF)
+        ''',
+    )
+    (result,) = run_conformance(Options("emulator:")).results
+    assert (result.verdict, result.reason) == (Verdict.PASS, "")
