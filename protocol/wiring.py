@@ -38,6 +38,11 @@ class Pin(NamedTuple):
         processor, bit = divmod(channel, CHANNELS_PER_PROCESSOR)
         return cls(*divmod(processor, PROCESSORS_PER_BOARD), bit)
 
+    @property
+    def name(self) -> str:
+        """``b2p1_07`` is bit 7 of the port of board 2's processor 1."""
+        return f"b{self.board}p{self.processor}_{self.bit:02}"
+
 
 @dataclass(frozen=True, eq=False)
 class Wiring:

@@ -101,8 +101,8 @@ class Excerpt:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the outputs: ``b2p1_07`` is bit 7 of the port of board 2's processor 1."""
-        return tuple(f"b{board}p{processor}_{bit:02}" for board, processor, bit in map(Pin.of, self.channels))
+        """Of the outputs' pins."""
+        return tuple(Pin.of(channel).name for channel in self.channels)
 
     @property
     def transducers(self) -> tuple[int, ...]:
