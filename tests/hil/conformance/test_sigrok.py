@@ -1,0 +1,299 @@
+"""Recordings of an emulator's outputs by analysers of many kinds, against what the emulator says it did."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tracemalloc
+from collections.abc import Mapping
+from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from phasewire import Wiring
+from phasewire.emulator.ports.export import export
+from phasewire.errors import InputFileError
+from phasewire.hil.conformance import sigrok
+from phasewire.hil.conformance.capture import Seen, Unseen
+from phasewire.hil.conformance.sigrok import SessionFile, SigrokSight, probe_channels
+
+from tests.hil.conformance.recorded import Analyser, Played, play, write
+
+NAMES = [f"b{board}p{processor}_{bit:02}" for board in range(5) for processor in range(2) for bit in range(32)]
+TWO_BOARDS = {channel: NAMES[channel] for channel in range(64, 192)}
+SEVEN = {channel: NAMES[channel] for channel in (5, 40, 70, 167, 200, 260, 319)}
+
+
+@pytest.fixture(scope="module")
+def played() -> Played:
+    return play(2, updates=30)
+
+
+def equal(seen: Seen, played: Played, channels: Mapping[int, object]) -> bool:
+    """Whether every bit of these outputs is what the emulator did, and the others are said not to be observed."""
+    mask = np.zeros(10, np.uint32)
+    for channel in channels:
+        mask[channel // 32] |= np.uint32(1 << channel % 32)
+    bits = played.capture.bits(seen.first_period * 50, seen.last_period * 50)
+    assert (bits & mask).any()
+    return np.array_equal(seen.observed, mask) and np.array_equal(seen.words, bits & mask)
+
+
+def record(
+    path: Path, played: Played, analyser: Analyser, probes: Mapping[int, str], start: float = 0.0, seed: int = 0
+) -> None:
+    samples = analyser.sample(played.capture.bits(0, played.capture.end_tick), start, seed)
+    parts = sorted(np.random.default_rng(seed).integers(1, len(samples), 12).tolist())
+    write(path, analyser.rate, samples, probes, parts)
+
+
+@pytest.mark.parametrize("channels", [range(320), range(64, 192), [319, 5, 167]])
+def test_our_own_export_is_read_to_the_bit(played: Played, channels: list[int], tmp_path: Path) -> None:
+    export(played.capture, tmp_path / "a.sr", list(channels))
+    sight = SigrokSight(tmp_path / "a.sr", {}, played.marks)
+    assert equal(sight.seen(*played.stretch), played, dict.fromkeys(channels))
+    assert (sight.name, sight.deferred) == (f"sigrok:{tmp_path / 'a.sr'}", True)
+
+
+def test_an_export_that_begins_in_the_middle_is_read_from_its_second_mark(played: Played, tmp_path: Path) -> None:
+    begin = played.marks[1].changes[0][0] * 50 + 17
+    export(played.capture, tmp_path / "a.sr", ticks=(begin, played.capture.end_tick))
+    sight = SigrokSight(tmp_path / "a.sr", {}, played.marks)
+    last = played.stretch[1]
+    assert equal(sight.seen(played.marks[1].last_period, last), played, dict.fromkeys(range(320)))
+    with pytest.raises(Unseen, match=rf"periods {played.stretch[0]} to {last} lie nowhere in .*a\.sr between"):
+        sight.seen(played.stretch[0], last)
+
+
+@pytest.mark.parametrize("ppm", [-60.0, 0.0, 60.0])
+@pytest.mark.parametrize(("rate", "per_tick"), [("24 MHz", 12.0), ("12.5 MHz", 6.25), ("8000000", 4.0)])
+def test_an_analyser_s_clock_does_not_matter(
+    played: Played, rate: str, per_tick: float, ppm: float, tmp_path: Path
+) -> None:
+    """Two boards, a clock of its own, jitter of a sample, and a start in the middle of a tick."""
+    record(tmp_path / "a.sr", played, Analyser(rate, per_tick, ppm, jitter=True), TWO_BOARDS, start=1234.56)
+    seen = SigrokSight(tmp_path / "a.sr", {}, played.marks).seen(*played.stretch)
+    assert equal(seen, played, TWO_BOARDS)
+
+
+@settings(max_examples=15)
+@given(
+    st.sampled_from([("4 MHz", 2.0), ("6 MHz", 3.0), ("8 MHz", 4.0), ("10 MHz", 5.0), ("16.6 MHz", 8.3)]),
+    st.floats(-100, 100),
+    st.floats(0, 5000),
+    st.integers(0, 2**32 - 1),
+)
+def test_any_rate_and_any_start_will_do(
+    played: Played,
+    tmp_path_factory: pytest.TempPathFactory,
+    rate: tuple[str, float],
+    ppm: float,
+    start: float,
+    seed: int,
+) -> None:
+    path = tmp_path_factory.mktemp("any") / "a.sr"
+    jitter = rate[1] >= 4
+    record(path, played, Analyser(*rate, ppm, jitter), SEVEN, start, seed)
+    assert equal(SigrokSight(path, {}, played.marks).seen(*played.stretch), played, SEVEN)
+
+
+def test_one_probe_is_enough(played: Played, tmp_path: Path) -> None:
+    record(tmp_path / "a.sr", played, Analyser("24 MHz", 12.0, 20.0), {167: "D7"}, start=5000.1)
+    seen = SigrokSight(tmp_path / "a.sr", {"D7": 167}, played.marks).seen(*played.stretch)
+    assert equal(seen, played, {167: ""})
+
+
+def test_probes_are_where_the_profile_says(played: Played, tmp_path: Path, scrambled: Wiring) -> None:
+    names = {170: "D0", int(scrambled.channels[160]): "left = right", 66: "b1p0_02"}
+    record(tmp_path / "a.sr", played, Analyser("10 MHz", 5.0), names)
+    channels = probe_channels({"D0": "b2p1_10", "left = right": "t160"}, scrambled)
+    assert channels == {"D0": 170, "left = right": scrambled.channels[160]}
+    assert equal(SigrokSight(tmp_path / "a.sr", channels, played.marks).seen(*played.stretch), played, names)
+
+
+@pytest.mark.parametrize("name", ["b2p1", "t320", "b2p1_07,b2p1_08", "D0", "", "b5p0_00"])
+def test_a_probe_is_at_one_output(name: str) -> None:
+    with pytest.raises(ValueError, match=rf"probe D3: '{name}' is not one output; b2p1_07 or t160 would be"):
+        probe_channels({"D3": name}, Wiring.strips())
+
+
+def test_small_pieces_give_the_same(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is read at a time bounds the memory; here some samples, some ticks."""
+    export(played.capture, tmp_path / "a.sr", range(160, 200))
+    monkeypatch.setattr(sigrok, "PIECE_BYTES", 999)
+    monkeypatch.setattr(sigrok, "TICKS_AT_A_TIME", 77)
+    sight = SigrokSight(tmp_path / "a.sr", {}, played.marks)
+    first, _ = played.stretch
+    assert equal(sight.seen(first - 10, first + 100), played, dict.fromkeys(range(160, 200)))
+
+
+def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
+    path = archive(tmp_path / "a.sr", {"logic-1-1": bytes(2**27)}, ZIP_DEFLATED)
+    file = SessionFile.open(path)
+    tracemalloc.start()
+    assert file.silences([0], 1.0).tolist() == [[0, 2**26]]
+    assert not file.at(np.array([2**26 - 1])).any()
+    assert tracemalloc.get_traced_memory()[1] < 2**26
+    tracemalloc.stop()
+
+
+def test_a_recording_of_another_run_is_refused(played: Played, tmp_path: Path) -> None:
+    export(played.capture, tmp_path / "a.sr", range(64))
+    other = play(77, updates=1)
+    sight = SigrokSight(tmp_path / "a.sr", {}, other.marks)
+    with pytest.raises(InputFileError, match=r"a\.sr was not recorded during this run: none of the 3 marks"):
+        sight.seen(*other.stretch)
+
+
+def test_a_mark_that_is_missing_does_no_harm_but_to_what_is_next_to_it(played: Played, tmp_path: Path) -> None:
+    export(played.capture, tmp_path / "a.sr", range(64))
+    foreign = play(77, updates=1).marks[0]
+    assert equal(
+        SigrokSight(tmp_path / "a.sr", {}, [played.marks[0], foreign, *played.marks[2:]]).seen(*played.stretch),
+        played,
+        dict.fromkeys(range(64)),
+    )
+    with pytest.raises(Unseen, match="nowhere"):
+        SigrokSight(tmp_path / "a.sr", {}, [played.marks[0], foreign]).seen(*played.stretch)
+
+
+def test_a_device_that_began_anew_passes_the_same_periods_again(tmp_path: Path) -> None:
+    """The recording goes on; which life is meant is told by the marks around it."""
+    lives = [play(30, marks=2), play(40, marks=2)]
+    words = [life.capture.bits(0, life.capture.end_tick) for life in lives]
+    write(tmp_path / "a.sr", "2 MHz", np.concatenate([words[0], np.zeros((1003, 10), np.uint32), words[1]]), SEVEN)
+    marks = [mark for life in lives for mark in life.marks]
+    sight = SigrokSight(tmp_path / "a.sr", {}, marks)
+    for life in lives:
+        assert equal(sight.between(*life.marks).seen(*life.stretch), life, SEVEN)
+    first = max(life.stretch[0] for life in lives)
+    with pytest.raises(Unseen, match="more than once"):
+        sight.seen(first, first + 10)
+    with pytest.raises(Unseen, match="nowhere"):
+        sight.between(marks[1], marks[2]).seen(first, first + 10)
+
+
+def test_2_mhz_are_enough_for_the_device_s_own_clock_alone(played: Played, tmp_path: Path) -> None:
+    record(tmp_path / "a.sr", played, Analyser("2 MHz", 1.0, 0.0), SEVEN, start=77.3)
+    assert equal(SigrokSight(tmp_path / "a.sr", {}, played.marks).seen(*played.stretch), played, SEVEN)
+    record(tmp_path / "b.sr", played, Analyser("2 MHz", 1.0, 60.0), SEVEN, start=77.3)
+    with pytest.raises(Unseen, match=r"b\.sr was sampled at 2 MHz by another clock .*; 8 MHz would do"):
+        SigrokSight(tmp_path / "b.sr", {}, played.marks).seen(*played.stretch)
+
+
+@pytest.mark.parametrize(("rate", "told"), [("5 MHz", "5 MHz"), ("7.999999 MHz", "8 MHz"), ("1 MHz", "1 MHz")])
+def test_too_slow_an_analyser_is_refused(played: Played, rate: str, told: str, tmp_path: Path) -> None:
+    write(tmp_path / "a.sr", rate, np.zeros((9, 10), np.uint32), SEVEN)
+    with pytest.raises(InputFileError, match=rf"a\.sr was sampled at {told}; it must be 8 MHz or more, or 2, 4 or 6"):
+        SigrokSight(tmp_path / "a.sr", {}, played.marks).seen(1, 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "rate"),
+    [("24 MHz", 24_000_000), ("12.5 MHz", 12_500_000), ("500 kHz", 500_000), ("1GHz", 10**9), ("24m", 24_000_000)],
+)
+def test_rates_as_sigrok_writes_them(text: str, rate: int, tmp_path: Path) -> None:
+    write(tmp_path / "a.sr", text, np.zeros((9, 10), np.uint32), SEVEN)
+    assert SessionFile.open(tmp_path / "a.sr").rate == rate
+
+
+METADATA = """
+[device 1]
+capturefile=logic-1
+total probes=2
+samplerate=24 MHz
+probe1=b0p0_00
+unitsize=2
+"""
+
+
+def archive(path: Path, members: Mapping[str, str | bytes], compression: int = ZIP_STORED) -> Path:
+    """A session file with some of its members replaced, or left out where they are empty."""
+    there = {"version": "2", "metadata": METADATA, "logic-1-1": bytes(100), **members}
+    with ZipFile(path, "w", compression) as out:
+        for name, content in there.items():
+            if content:
+                out.writestr(name, content)
+    return path
+
+
+def metadata(old: str, new: str) -> dict[str, str | bytes]:
+    assert old in METADATA
+    return {"metadata": METADATA.replace(old, new)}
+
+
+@pytest.mark.parametrize(
+    ("members", "complaint"),
+    [
+        ({"version": ""}, "is no sigrok session file: there is no version and metadata"),
+        ({"metadata": ""}, "is no sigrok session file: there is no version and metadata"),
+        ({"version": "3"}, "version '3'; 1 and 2 are known"),
+        ({"metadata": b"\xff\xfe"}, "no text"),
+        ({"metadata": "nonsense"}, "its metadata cannot be read"),
+        (metadata("[device 1]", "[device 2]"), r"no logic samples; .* \[device 1\]"),
+        (metadata("capturefile=logic-1\n", ""), "no logic samples"),
+        (metadata("unitsize=2", ""), "unitsize is ''; it must be a whole number from 1 on"),
+        (metadata("unitsize=2", "unitsize=0"), "unitsize is '0'"),
+        (metadata("24 MHz", "fast"), "samplerate is 'fast'; it must be one such as 24 MHz"),
+        (metadata("24 MHz", "0 MHz"), "samplerate is '0 MHz'"),
+        (metadata("probe1", "probe17"), "there is a probe17, but a sample of 2 bytes has 16 bits"),
+        (metadata("probe1=b0p0_00", "probe1=a\nprobe2=a"), "two probes are named 'a'"),
+        (metadata("probe1=b0p0_00\n", ""), r"none of its probes \(none\) is known to be at an output"),
+        (metadata("b0p0_00", "D0"), r"none of its probes \(D0\) is known .*\[capture.channels\]"),
+        ({"logic-1-1": ""}, "no logic samples; there should be a logic-1-1"),
+        ({"logic-1-3": bytes(2)}, "damaged: there is no logic-1-2, but 2 parts"),
+        ({"logic-1-2": bytes(3)}, "logic-1-2 has 3 bytes, which is no whole number of samples of 2"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(
+    members: dict[str, str | bytes], complaint: str, played: Played, tmp_path: Path
+) -> None:
+    path = archive(tmp_path / "a.sr", members)
+    with pytest.raises(InputFileError, match=rf"a\.sr.*{complaint}"):
+        SigrokSight(path, {}, played.marks).seen(1, 2)
+
+
+def test_a_map_of_other_probes_is_said(played: Played, tmp_path: Path) -> None:
+    path = archive(tmp_path / "a.sr", metadata("probe1=b0p0_00", "probe1=b0p0_00\nprobe2=D1"))
+    with pytest.raises(InputFileError, match=r"a\.sr has no probe 'D7'; it has b0p0_00, D1"):
+        SigrokSight(path, {"D7": 5}, played.marks).seen(1, 2)
+    with pytest.raises(InputFileError, match=r"a\.sr: two probes are at output b0p0_00"):
+        SigrokSight(path, {"D1": 0}, played.marks).seen(1, 2)
+
+
+def test_what_is_no_archive_or_a_part_of_one_is_said(played: Played, tmp_path: Path) -> None:
+    path = tmp_path / "a.sr"
+    path.write_text("b0p0_00,0,0,1\n")
+    with pytest.raises(InputFileError, match=r"a\.sr is no sigrok session file, or damaged"):
+        SigrokSight(path, {}, played.marks).seen(1, 2)
+    export(played.capture, path, range(64))
+    path.write_bytes(path.read_bytes()[:-500])
+    with pytest.raises(InputFileError, match=r"a\.sr is no sigrok session file, or damaged"):
+        SigrokSight(path, {}, played.marks).seen(1, 2)
+
+
+def test_a_flipped_bit_in_the_samples_is_said(played: Played, tmp_path: Path) -> None:
+    path = archive(tmp_path / "a.sr", {"logic-1-2": bytes(1000) + b"here" + bytes(1000)})
+    path.write_bytes(path.read_bytes().replace(b"here", b"hera"))
+    with pytest.raises(InputFileError, match=r"a\.sr is damaged: .*logic-1-2"):
+        SigrokSight(path, {}, played.marks).seen(1, 2)
+
+
+def test_a_file_that_is_not_there_is_an_os_error(played: Played, tmp_path: Path) -> None:
+    sight = SigrokSight(tmp_path / "a.sr", {}, played.marks)
+    with pytest.raises(FileNotFoundError):
+        sight.seen(1, 2)
+
+
+@pytest.mark.slow
+def test_what_sigrok_writes_is_read(played: Played, tmp_path: Path) -> None:
+    if shutil.which("sigrok-cli") is None:
+        pytest.skip("there is no sigrok-cli here")
+    export(played.capture, tmp_path / "a.sr", list(TWO_BOARDS))
+    command = ["sigrok-cli", "-i", str(tmp_path / "a.sr"), "-o", str(tmp_path / "b.sr")]
+    subprocess.run(command, check=True, timeout=60, capture_output=True)
+    seen = SigrokSight(tmp_path / "b.sr", {}, played.marks).seen(*played.stretch)
+    assert equal(seen, played, TWO_BOARDS)
