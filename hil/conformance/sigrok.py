@@ -176,17 +176,15 @@ class SessionFile:
         mask = np.zeros(self.unit * 8, np.uint8)
         mask[list(bits)] = 1
         mask = np.packbits(mask, bitorder="little")
-        found, fall, high = [np.empty((0, 2), np.int64)], 0, False
+        found = [np.empty((0, 2), np.int64)]
+        fall = np.array([0])  # that was not followed by a rise yet; none while it is high
         for first, samples in self.pieces(0, self.samples):
             levels = 2 * _count(samples & mask) > len(bits)
-            edges = first + np.flatnonzero(np.diff(levels, prepend=high))
-            if not high:
-                edges = np.concatenate([[fall], edges])
-            pairs = edges[: edges.size // 2 * 2].reshape(-1, 2)
+            edges = np.concatenate([fall, first + np.flatnonzero(np.diff(levels, prepend=not fall.size))])
+            pairs, fall = edges[: edges.size // 2 * 2].reshape(-1, 2), edges[edges.size // 2 * 2 :]
             found.append(pairs[np.diff(pairs)[:, 0] > longer_than])
-            fall, high = int(edges[-1]) if edges.size else fall, bool(levels[-1])
-        if not high and self.samples - fall > longer_than:
-            found.append(np.array([[fall, self.samples]]))
+        if fall.size and self.samples - fall[0] > longer_than:
+            found.append(np.array([[fall[0], self.samples]]))
         return np.concatenate(found)
 
 

@@ -131,7 +131,7 @@ def test_time_runs_straight_from_mark_to_mark() -> None:
         (anchor(399_999, 79_999_800.0), True),
         (anchor(400_000, 80_000_000.0), False),  # 10 s
         (anchor(10_000, 90_000_000.0), False),  # the device began anew in between
-        (Anchor(anchor(0, 0.0).mark, -1_000.0, 4_000.0), False),
+        (Anchor(anchor(0, 0.0).mark, -1_000.0, -4_000.0), False),  # they are not in the order of time
     ],
 )
 def test_between_marks_time_is_known_where_they_are_near_and_agree(second: Anchor, linked: bool) -> None:

@@ -140,6 +140,25 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     tracemalloc.stop()
 
 
+@pytest.mark.parametrize("piece", [1, 2, 3, 5, 100])
+def test_silences_of_a_recording_written_by_hand(piece: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Most of three outputs are low; a fourth probe is somewhere else."""
+    waves = {
+        "b0p0_00": "0000110000011000100000",
+        "b0p0_01": "0001110000011001100000",
+        "b0p0_02": "1001100010010000010000",
+        "else": "1111111111111111111111",
+    }
+    samples = [sum(int(level) << bit for bit, level in enumerate(at)) for at in zip(*waves.values(), strict=True)]
+    probes = "".join(f"probe{number}={name}\n" for number, name in enumerate(waves, 1))
+    text = METADATA.replace("probe1=b0p0_00\n", probes).replace("unitsize=2", "unitsize=1")
+    file = SessionFile.open(archive(tmp_path / "a.sr", {"metadata": text, "logic-1-1": bytes(samples)}))
+    monkeypatch.setattr(sigrok, "PIECE_BYTES", piece)
+    assert file.silences([0, 1, 2], 2).tolist() == [[0, 3], [6, 11], [13, 16], [17, 22]]
+    assert file.silences([0, 1, 2], 3).tolist() == [[6, 11], [17, 22]]
+    assert file.silences([3], 0).tolist() == []
+
+
 def test_a_recording_of_another_run_is_refused(played: Played, tmp_path: Path) -> None:
     export(played.capture, tmp_path / "a.sr", range(64))
     other = play(77, updates=1)
