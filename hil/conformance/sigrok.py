@@ -31,7 +31,7 @@ from ...protocol.wiring import Pin, Wiring
 from .capture import Seen, Unseen, check_stretch
 from .marks import LONGEST_PULSE_GAP, Anchor, Mark, TimeBase, find_mark, time_bases
 
-__all__ = ["SessionFile", "SigrokSight", "find_marks", "probe_channels"]
+__all__ = ["Probe", "SessionFile", "SigrokSight", "find_marks", "probe_channels"]
 
 VERSIONS = ("1", "2")
 DEVICE = "device 1"
@@ -43,10 +43,19 @@ PIECE_BYTES = 2**22
 TICKS_AT_A_TIME = 20_000
 
 _RATE = re.compile(r"(\d+(?:\.\d+)?)\s*([kMG]?)(?:Hz)?", re.ASCII | re.IGNORECASE)
+_PROBE = re.compile(r"probe(?P<number>[1-9]\d*)", re.ASCII)
 _FACTORS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _DAMAGES = (BadZipFile, zlib.error, EOFError, RuntimeError)  # what zipfile raises
 
 CHANNEL_NAMES = {Pin.of(channel).name: channel for channel in range(CHANNELS)}
+
+
+class Probe(NamedTuple):
+    """Where the analyser has touched something."""
+
+    name: str
+    bit: int
+    """Of a sample, from the first byte's lowest on."""
 
 
 class _Member(NamedTuple):
@@ -68,8 +77,7 @@ class SessionFile:
         Samples a second, by the analyser's clock.
     unit : int
         Bytes of a sample.
-    probes : mapping of str to int
-        Names of the probes, and the bit of each in a sample, from the first byte's lowest on.
+    probes : tuple of Probe
     members : tuple
         The parts of which the samples consist, in their order.
     """
@@ -77,7 +85,7 @@ class SessionFile:
     path: Path
     rate: int
     unit: int
-    probes: Mapping[str, int]
+    probes: tuple[Probe, ...]
     members: tuple[_Member, ...]
 
     @classmethod
@@ -113,7 +121,7 @@ class SessionFile:
             )
         values = _values(path, metadata)
         unit = _number(path, values, "unitsize")
-        return cls(path, _rate(path, values), unit, _probes(path, values, unit), _members(path, values, sizes, unit))
+        return cls(path, _rate(path, values), unit, _probes(values), _members(path, values, sizes, unit))
 
     @property
     def samples(self) -> int:
@@ -225,19 +233,10 @@ def _rate(path: Path, values: Mapping[str, str]) -> int:
     return rate
 
 
-def _probes(path: Path, values: Mapping[str, str], unit: int) -> Mapping[str, int]:
-    """The names of probes, and the bit of each; unnamed ones were not recorded."""
-    probes: dict[str, int] = {}
-    for key, name in values.items():
-        number = key.removeprefix("probe")
-        if number == key or not number.isdigit():
-            continue
-        if not 1 <= int(number) <= 8 * unit:
-            raise InputFileError(f"{path}: there is a {key}, but a sample of {unit} bytes has {8 * unit} bits")
-        if name in probes:
-            raise InputFileError(f"{path}: two probes are named {name!r}; each needs a name of its own")
-        probes[name] = int(number) - 1
-    return probes
+def _probes(values: Mapping[str, str]) -> tuple[Probe, ...]:
+    """The probes; unnamed ones were not recorded."""
+    found = [(_PROBE.fullmatch(key), name) for key, name in values.items()]
+    return tuple(Probe(name, int(key["number"]) - 1) for key, name in found if key)
 
 
 def _members(path: Path, values: Mapping[str, str], sizes: Mapping[str, int], unit: int) -> tuple[_Member, ...]:
@@ -287,18 +286,28 @@ def probe_channels(names: Mapping[str, str], wiring: Wiring) -> dict[str, int]:
 
 def _wired(file: SessionFile, channels: Mapping[str, int]) -> dict[int, int]:
     """The output channels that were recorded, and the bit of each in a sample."""
-    for probe in channels:
-        if probe not in file.probes:
-            raise InputFileError(f"{file.path} has no probe {probe!r}; it has {', '.join(file.probes) or 'none'}")
-    named = {probe: CHANNEL_NAMES[probe] for probe in file.probes if probe in CHANNEL_NAMES} | dict(channels)
+    known, names = CHANNEL_NAMES | dict(channels), [probe.name for probe in file.probes]
+    there = ", ".join(names) or "none"
+    if missing := [name for name in channels if name not in names]:
+        raise InputFileError(f"{file.path} has no probe {missing[0]!r}; it has {there}")
     wired: dict[int, int] = {}
-    for probe, channel in named.items():
-        if channel in wired:
-            raise InputFileError(f"{file.path}: two probes are at output {Pin.of(channel).name}; one of them is not")
-        wired[channel] = file.probes[probe]
+    for name, bit in file.probes:
+        if name not in known:
+            continue
+        if known[name] in wired:
+            raise InputFileError(
+                f"{file.path}: two probes are at output {Pin.of(known[name]).name}, one of them named {name!r}; "
+                "each is somewhere else"
+            )
+        if bit >= 8 * file.unit:
+            raise InputFileError(
+                f"{file.path} is damaged: {name} is probe {bit + 1}, but a sample of {file.unit} bytes has "
+                f"{8 * file.unit} bits"
+            )
+        wired[known[name]] = bit
     if not wired:
         raise InputFileError(
-            f"{file.path}: none of its probes ({', '.join(file.probes) or 'none'}) is known to be at an output; "
+            f"{file.path}: none of its probes ({there}) is known to be at an output; "
             "name them such as b2p1_07, or say in the profile, under [capture.channels], where they are"
         )
     return wired

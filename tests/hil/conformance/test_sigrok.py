@@ -114,6 +114,12 @@ def test_probes_are_where_the_profile_says(played: Played, tmp_path: Path, scram
     assert equal(SigrokSight(tmp_path / "a.sr", channels, played.marks).seen(*played.stretch), played, names)
 
 
+def test_probes_that_are_nowhere_may_share_a_name(tmp_path: Path) -> None:
+    path = archive(tmp_path / "a.sr", metadata("probe1=b0p0_00", "probe1=NC\nprobe2=NC\nprobe3=b0p0_00\nprobe17=NC"))
+    with pytest.raises(InputFileError, match="was not recorded during this run"):
+        SigrokSight(path, {}, []).seen(1, 2)
+
+
 @pytest.mark.parametrize("name", ["b2p1", "t320", "b2p1_07,b2p1_08", "D0", "", "b5p0_00"])
 def test_a_probe_is_at_one_output(name: str) -> None:
     with pytest.raises(ValueError, match=rf"probe D3: '{name}' is not one output; b2p1_07 or t160 would be"):
@@ -258,8 +264,8 @@ def metadata(old: str, new: str) -> dict[str, str | bytes]:
         (metadata("unitsize=2", "unitsize=0"), "unitsize is '0'"),
         (metadata("24 MHz", "fast"), "samplerate is 'fast'; it must be one such as 24 MHz"),
         (metadata("24 MHz", "0 MHz"), "samplerate is '0 MHz'"),
-        (metadata("probe1", "probe17"), "there is a probe17, but a sample of 2 bytes has 16 bits"),
-        (metadata("probe1=b0p0_00", "probe1=a\nprobe2=a"), "two probes are named 'a'"),
+        (metadata("probe1", "probe17"), "damaged: b0p0_00 is probe 17, but a sample of 2 bytes has 16 bits"),
+        (metadata("probe1=b0p0_00", "probe1=b0p0_00\nprobe2=b0p0_00"), "two probes are at output b0p0_00, one of"),
         (metadata("probe1=b0p0_00\n", ""), r"none of its probes \(none\) is known to be at an output"),
         (metadata("b0p0_00", "D0"), r"none of its probes \(D0\) is known .*\[capture.channels\]"),
         ({"logic-1-1": ""}, "no logic samples; there should be a logic-1-1"),
