@@ -32,12 +32,13 @@ from ...protocol.replies import (
     records,
 )
 from ...protocol.requests import Setup
-from .capture import Mark, Seen, Sight, Unseen
+from .capture import Seen, Sight, Unseen
 from .cases import Inconclusive, Need, Risk
 from .levers import Levers
 from .lines.line import RawLine
 from .lines.serial import CdcWire, SerialLine
 from .lines.usb import UsbLine
+from .marks import MARK_PULSES, Mark
 from .profile import Profile
 from .verdicts import Evidence
 
@@ -54,7 +55,6 @@ RETURN_SECONDS = 15.0
 SHOWN_BYTES = 64
 SILENT_PERIODS = 6
 """Clause SAF-004."""
-MARK_WIDTH_TICKS = 3
 
 
 class Lost(Exception):
@@ -488,11 +488,10 @@ class Bench:
         """Let the outputs show a mark, by which a recording of this case is known (see `Mark`)."""
         self._settle()
         self.enable()
-        on, off = Pulses(np.zeros(CHANNELS, int), np.full(CHANNELS, MARK_WIDTH_TICKS)), Pulses.silent(CHANNELS)
         changes = []
         for gap, is_on in Mark.plan(self.random):
             period = self.period() + gap + 8
-            ack = self.must(Update(on if is_on else off, period))
+            ack = self.must(Update(MARK_PULSES if is_on else Pulses.silent(CHANNELS), period))
             self.wait_until(ack.commit_period)
             changes.append((ack.commit_period, is_on))
         self.disable()

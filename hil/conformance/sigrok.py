@@ -297,7 +297,7 @@ def _wired(file: SessionFile, channels: Mapping[str, int]) -> dict[int, int]:
         if known[name] in wired:
             raise InputFileError(
                 f"{file.path}: two probes are at output {Pin.of(known[name]).name}, one of them named {name!r}; "
-                "each is somewhere else"
+                "it should be one"
             )
         if bit >= 8 * file.unit:
             raise InputFileError(
