@@ -10,11 +10,11 @@ import random
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 
 import numpy as np
 
-from ...errors import DeviceError, ReplyError
+from ...errors import DeviceError, InputFileError, ReplyError
 from ...protocol.blocks import Block, Body, Slot, Update, pack
 from ...protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Reason, Request, State
@@ -40,6 +40,7 @@ from .lines.serial import CdcWire, SerialLine
 from .lines.usb import UsbLine
 from .marks import MARK_PULSES, Mark
 from .profile import Profile
+from .sigrok import SigrokSight
 from .verdicts import Evidence
 
 __all__ = ["LOW_DRIVE", "Bench", "Lost"]
@@ -90,6 +91,8 @@ class Bench:
     wiring : Wiring
     random : random.Random
         For this case: the same for the same seed, whatever ran before.
+    marks : list of Mark
+        All that were played in this run.
     unasked : list of Status
         Status records that came of the device's own accord, since the case began or `unasked` was cleared.
     """
@@ -117,6 +120,7 @@ class Bench:
         self._dropped = 0
         self.deferred: list[Callable[[], None]] = []
         self._marks: list[Mark] = []
+        self.marks: list[Mark] = []
         self.random = random.Random(seed)
         self.unasked: list[Status] = []
         self._number: int | None = None
@@ -205,6 +209,11 @@ class Bench:
             self.note("status at the end", self.status())
         except (DeviceError, ReplyError, AssertionError) as error:
             self.note("end", f"the device cannot be left off: {error}")
+
+    def leave_off(self) -> None:
+        """Leave the device off at the end of everything, if it can be reached."""
+        with suppress(DeviceError, AssertionError):
+            self.try_order(Request.DISABLE)
 
     def _settle(self) -> None:
         """Everything as a case finds it, by requests alone."""
@@ -468,14 +477,15 @@ class Bench:
         """
         if self.sight is None:
             raise Inconclusive(f"this needs {Need.CAPTURE}: --capture sigrok:FILE")
-        sight = self.sight
+        sight, marks = self.sight, self._marks
         if not over:
             self.wait_until(last + 1)
 
         def look() -> None:
             try:
-                seen = sight.seen(first, last)
-            except Unseen as error:
+                part = sight.between(marks[0], marks[-1]) if isinstance(sight, SigrokSight) else sight
+                seen = part.seen(first, last)
+            except (Unseen, InputFileError, OSError) as error:
                 raise Inconclusive(str(error)) from None
             check(seen)
 
@@ -489,18 +499,14 @@ class Bench:
         self._settle()
         self.enable()
         changes = []
-        for gap, is_on in Mark.plan(self.random):
+        for gap, is_on in Mark.plan(random.Random()):  # never the same, so that another run's recording is not taken
             period = self.period() + gap + 8
             ack = self.must(Update(MARK_PULSES if is_on else Pulses.silent(CHANNELS), period))
             self.wait_until(ack.commit_period)
             changes.append((ack.commit_period, is_on))
         self.disable()
         self._marks.append(Mark(tuple(changes)))
-
-    @property
-    def marks(self) -> Sequence[Mark]:
-        """Those that were played in this case."""
-        return self._marks
+        self.marks.append(self._marks[-1])
 
 
 def _power(width: int) -> int:

@@ -6,9 +6,8 @@ It alone knows that pytest runs the cases. An unknown clause fails collection, f
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import pytest
 
@@ -107,6 +106,9 @@ class Watcher:
     def ended(self, result: Result) -> None:
         """A case has ended."""
 
+    def waits(self, what: str) -> None:
+        """Somebody has to do something before the run can go on."""
+
 
 @dataclass
 class Judge:
@@ -127,6 +129,8 @@ class Judge:
     ----------
     results : list of Result
     trouble : list of str
+    interruption : BaseException or None
+        What ended the run before its time.
     """
 
     bench: Bench
@@ -137,6 +141,8 @@ class Judge:
     results: list[Result] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
     _pending: list[tuple[int, Case, list[Callable[[], None]]]] = field(default_factory=list)
+    interruption: BaseException | None = None
+    _outcome: tuple[Verdict, str] = (Verdict.PASS, "")
     _count: int = 0
     _lost: str | None = None
 
@@ -197,45 +203,49 @@ class Judge:
             if not self.bench.can(need):
                 raise Inconclusive(f"this needs {need}")
 
-    @pytest.hookimpl(tryfirst=True)
-    def pytest_runtest_protocol(self, item: pytest.Function, nextitem: pytest.Item | None) -> bool:
-        """Run one case from beginning to end."""
-        from _pytest.runner import runtestprotocol
-
-        identifier = case_id(item)
-        self.watcher.began(identifier, len(self.results) + 1, self._count)
-        began = time.perf_counter()
-        about = case_of(item.function)
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Function) -> Generator[None, object, object]:
+        """Take note of what one case comes to, from beginning to end."""
+        identifier, about = case_id(item), case_of(item.function)
         assert about is not None
-        verdict, reason = Verdict.PASS, ""
-        for report in runtestprotocol(item, log=False, nextitem=nextitem):
-            if report.outcome != "passed" and verdict is Verdict.PASS:
-                verdict, reason = report.phasewire_verdict
-        result = Result(
-            identifier,
-            about.clauses,
-            about.sentence,
-            verdict,
-            reason,
-            self.bench.evidence if verdict not in (Verdict.NOT_APPLICABLE,) else (),
-            time.perf_counter() - began,
-            self.known.get(identifier),
-        )
+        self.watcher.began(identifier, len(self.results) + 1, self._count)
+        self._outcome, began = (Verdict.PASS, ""), time.perf_counter()
+        done = yield
+        verdict, reason = self._outcome
         if self.bench.deferred and verdict is Verdict.PASS:
             self._pending.append((len(self.results), about, self.bench.deferred))
+        evidence = () if verdict is Verdict.NOT_APPLICABLE else self.bench.evidence
+        seconds, known = time.perf_counter() - began, self.known.get(identifier)
+        result = Result(identifier, about.clauses, about.sentence, verdict, reason, evidence, seconds, known)
         self.results.append(result)
         self.watcher.ended(result)
-        return True
+        return done
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_makereport(self, item: pytest.Function, call: pytest.CallInfo[None]) -> Any:
-        """Keep what an exception means."""
+    def pytest_runtest_makereport(
+        self, item: pytest.Function, call: pytest.CallInfo[None]
+    ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        """Keep what the first exception of a case means."""
         report = yield
         if call.excinfo is not None:
-            about = case_of(item.function)
+            error, about = call.excinfo.value, case_of(item.function)
             assert about is not None
-            report.phasewire_verdict = verdict_of(call.excinfo.value, about)
+            if not isinstance(error, Exception):  # a signal, which pytest takes for a failure like another
+                self.interruption = error
+                item.session.shouldstop = "interrupted"
+            if self._outcome[0] is Verdict.PASS:
+                self._outcome = verdict_of(error, about)
         return report
+
+    def pytest_keyboard_interrupt(self, excinfo: pytest.ExceptionInfo[BaseException]) -> None:
+        """Keep that somebody has pressed Ctrl-C; pytest's own end of a session looks like it."""
+        if not isinstance(excinfo.value, pytest.Session.Interrupted):
+            self.interruption = excinfo.value
+
+    @property
+    def awaits_recording(self) -> bool:
+        """Whether cases can be judged only when a recording is there."""
+        return bool(self._pending)
 
     def finish(self) -> None:
         """Judge what could only be judged after the run."""

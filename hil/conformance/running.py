@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
-from time import perf_counter
+from time import monotonic, perf_counter, sleep
 
 import pytest
 
@@ -21,7 +21,7 @@ from ...emulator.doors.address import Address
 from ...emulator.firmware.flash import Flash
 from ...emulator.firmware.loader import Identity, make_flash
 from ...emulator.machine import plugged
-from ...errors import DeviceNotFoundError
+from ...errors import DeviceNotFoundError, InputFileError
 from ...protocol.codes import PROTOCOL_VERSION, Target
 from ...protocol.firmware import Image, Segment
 from ...protocol.versions import Version
@@ -35,12 +35,15 @@ from .lines.serial import PortWire, SerialLine
 from .lines.usb import UsbLine
 from .plugin import Catalogue, Entry, Judge, Watcher
 from .profile import Profile
+from .sigrok import SessionFile, SigrokSight
 from .verdicts import Provenance, Run
 
 __all__ = ["Options", "catalogue", "open_bench", "run_conformance"]
 
 GROUPS = Path(__file__).with_name("groups")
-EMULATOR = "emulator"
+EMULATOR, SIGROK = "emulator", "sigrok:"
+RECORDING_SECONDS = 600.0
+LOOK_SECONDS = 0.5
 SEED = 1
 _serials = count(1)
 
@@ -112,6 +115,10 @@ def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
     with open_bench(options) as bench:
         judge = Judge(bench, options.profile, options.known, options.only, watcher or Watcher())
         _pytest(judge)
+        if judge.interruption is not None:
+            raise judge.interruption
+        if judge.awaits_recording and isinstance(bench.sight, SigrokSight):
+            _await_recording(bench.sight.path, began.timestamp(), judge.watcher)
         judge.finish()
         provenance = Provenance(
             version("phasewire"),
@@ -127,7 +134,7 @@ def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
     return Run(provenance, tuple(judge.results), tuple(judge.trouble))
 
 
-def _pytest(plugin: object, *arguments: str) -> None:
+def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:
     """Let pytest run the cases with one plugin and nothing from the surroundings."""
     quiet = ["-p", "no:terminal", "-p", "no:cacheprovider", "-p", "no:faulthandler", "-p", "no:logging", "--capture=no"]
     alone = ["--import-mode=importlib", f"--rootdir={GROUPS}", f"--confcutdir={GROUPS}", "-c", os.devnull]
@@ -191,7 +198,11 @@ def open_bench(options: Options) -> Iterator[Bench]:
         if allowed is None:
             allowed = frozenset() if emulator is None else frozenset(Risk)
         spare = None if emulator is None else partial(open_bench, replace(options, url=_fresh(options.url)))
-        yield Bench(line, levers, sight, allowed, options.seed, profile=options.profile, spare=spare)
+        bench = Bench(line, levers, sight, allowed, options.seed, profile=options.profile, spare=spare)
+        if (path := _recording(options.capture)) is not None:
+            bench.sight = SigrokSight(path, options.profile.channels(bench.wiring), bench.marks)
+        stack.callback(bench.leave_off)
+        yield bench
 
 
 def _fresh(url: str) -> str:
@@ -232,13 +243,47 @@ def _line(url: str) -> RawLine:
 
 
 def _sight(options: Options, emulator: Emulator | None) -> Sight | None:
+    """What sees the outputs, but for a recording, for which the device's wiring must be known first."""
     choice = options.capture if options.capture is not None else ("none" if emulator is None else EMULATOR)
-    if choice == "none":
+    if choice != EMULATOR:
         return None
-    if choice == EMULATOR:
-        if emulator is None:
-            raise ValueError(
-                f"--capture emulator: {options.url!r} is not emulated in this process; sigrok:FILE or none would do"
-            )
-        return EmulatorSight(emulator)
-    raise NotImplementedError
+    if emulator is None:
+        raise ValueError(
+            f"--capture emulator: {options.url!r} is not emulated in this process; sigrok:FILE or none would do"
+        )
+    return EmulatorSight(emulator)
+
+
+def _recording(capture: str | None) -> Path | None:
+    """The recording by which the outputs are to be seen, if it is one."""
+    return Path(capture.removeprefix(SIGROK)) if capture is not None and capture.startswith(SIGROK) else None
+
+
+def _await_recording(path: Path, since: float, watcher: Watcher) -> None:
+    """Wait until a recording of this run is there; Ctrl-C and ten minutes end that.
+
+    Parameters
+    ----------
+    path : path
+        Where it will be saved.
+    since : float
+        When the run began, in seconds since the epoch: what is older is no recording of it.
+    watcher : Watcher
+        Is told what to do.
+    """
+    end = monotonic() + RECORDING_SECONDS
+    with suppress(KeyboardInterrupt):
+        if not _is_saved(path, since):
+            watcher.waits(f"end the recording and save it as {path}; Ctrl-C goes on without it")
+        while not _is_saved(path, since) and monotonic() < end:
+            sleep(LOOK_SECONDS)
+
+
+def _is_saved(path: Path, since: float) -> bool:
+    try:
+        if path.stat().st_mtime < since:
+            return False
+        SessionFile.open(path)
+    except (OSError, InputFileError):
+        return False
+    return True

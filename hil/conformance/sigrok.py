@@ -31,7 +31,7 @@ from ...protocol.wiring import Pin, Wiring
 from .capture import Seen, Unseen, check_stretch
 from .marks import LONGEST_PULSE_GAP, Anchor, Mark, TimeBase, find_mark, time_bases
 
-__all__ = ["Probe", "SessionFile", "SigrokSight", "find_marks", "probe_channels"]
+__all__ = ["Probe", "SessionFile", "SigrokSight", "find_marks"]
 
 VERSIONS = ("1", "2")
 DEVICE = "device 1"
@@ -260,30 +260,6 @@ def _members(path: Path, values: Mapping[str, str], sizes: Mapping[str, int], un
     return tuple(members)
 
 
-def probe_channels(names: Mapping[str, str], wiring: Wiring) -> dict[str, int]:
-    """The output channels that a profile's probes stand for.
-
-    Parameters
-    ----------
-    names : mapping of str to str
-        Names of probes, and for each an output such as ``b2p1_07`` or a transducer such as ``t160``.
-    wiring : Wiring
-        Which output a transducer is driven by.
-
-    Raises
-    ------
-    ValueError
-        Where one of them is no output.
-    """
-    channels = {}
-    for probe, name in names.items():
-        try:
-            (channels[probe],) = chosen_channels(name, wiring)
-        except ValueError as error:
-            raise ValueError(f"probe {probe}: {name!r} is not one output; b2p1_07 or t160 would be") from error
-    return channels
-
-
 def _wired(file: SessionFile, channels: Mapping[str, int]) -> dict[int, int]:
     """The output channels that were recorded, and the bit of each in a sample."""
     known, names = CHANNEL_NAMES | dict(channels), [probe.name for probe in file.probes]
@@ -393,6 +369,11 @@ class SigrokSight:
     def name(self) -> str:
         """``sigrok:FILE``."""
         return f"sigrok:{self._recording.path}"
+
+    @property
+    def path(self) -> Path:
+        """Where the recording is, or will be."""
+        return self._recording.path
 
     def between(self, before: Mark, after: Mark) -> SigrokSight:
         """The same, from one mark to another alone: a device that began anew passes the same periods again."""

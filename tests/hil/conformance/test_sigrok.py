@@ -18,7 +18,8 @@ from phasewire.emulator.ports.export import export
 from phasewire.errors import InputFileError
 from phasewire.hil.conformance import sigrok
 from phasewire.hil.conformance.capture import Seen, Unseen
-from phasewire.hil.conformance.sigrok import SessionFile, SigrokSight, probe_channels
+from phasewire.hil.conformance.profile import Profile
+from phasewire.hil.conformance.sigrok import SessionFile, SigrokSight
 
 from tests.hil.conformance.recorded import Analyser, Played, play, write
 
@@ -109,7 +110,7 @@ def test_one_probe_is_enough(played: Played, tmp_path: Path) -> None:
 def test_probes_are_where_the_profile_says(played: Played, tmp_path: Path, scrambled: Wiring) -> None:
     names = {170: "D0", int(scrambled.channels[160]): "left = right", 66: "b1p0_02"}
     record(tmp_path / "a.sr", played, Analyser("10 MHz", 5.0), names)
-    channels = probe_channels({"D0": "b2p1_10", "left = right": "t160"}, scrambled)
+    channels = Profile(probes={"D0": "b2p1_10", "left = right": "t160"}).channels(scrambled)
     assert channels == {"D0": 170, "left = right": scrambled.channels[160]}
     assert equal(SigrokSight(tmp_path / "a.sr", channels, played.marks).seen(*played.stretch), played, names)
 
@@ -118,12 +119,6 @@ def test_probes_that_are_nowhere_may_share_a_name(tmp_path: Path) -> None:
     path = archive(tmp_path / "a.sr", metadata("probe1=b0p0_00", "probe1=NC\nprobe2=NC\nprobe3=b0p0_00\nprobe17=NC"))
     with pytest.raises(InputFileError, match="was not recorded during this run"):
         SigrokSight(path, {}, []).seen(1, 2)
-
-
-@pytest.mark.parametrize("name", ["b2p1", "t320", "b2p1_07,b2p1_08", "D0", "", "b5p0_00"])
-def test_a_probe_is_at_one_output(name: str) -> None:
-    with pytest.raises(ValueError, match=rf"probe D3: '{name}' is not one output; b2p1_07 or t160 would be"):
-        probe_channels({"D3": name}, Wiring.strips())
 
 
 def test_small_pieces_give_the_same(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
