@@ -1,0 +1,943 @@
+"""Endpoints and sessions: halts, packets that are cut or empty, the console's interfaces, and what begins anew when."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from phasewire.errors import DeviceError, DeviceStalledError
+from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
+from phasewire.hil.conformance.capture import Seen
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.forge import forged
+from phasewire.hil.conformance.lines.usb import CONSOLE_IN, CONSOLE_OUT
+from phasewire.host.lines.usb_find import DFU_MODE
+from phasewire.protocol.blocks import (
+    Body,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+    pack,
+)
+from phasewire.protocol.codes import AckFlag, Feature, Reason, Request, State
+from phasewire.protocol.replies import Ack, Status, records
+from phasewire.protocol.requests import Setup
+
+BLOCKS_OUT, RECORDS_IN, NOTIFICATIONS_IN = 0x01, 0x81, 0x82
+ENDPOINTS = (BLOCKS_OUT, RECORDS_IN, NOTIFICATIONS_IN, CONSOLE_OUT, CONSOLE_IN)
+ARRAY, CONSOLE, CONSOLE_DATA, FIRMWARE = 0, 1, 2, 3
+BLOCK_BYTES = 512
+ACK_BYTES = 32
+SOON = 0.5
+"""Seconds within which a device that can answer has answered, however slow the host is."""
+LONG_READ = 2.0
+QUIET = 0.03
+"""Seconds in which something that must not come would have come."""
+SILENT_PERIODS = 6
+"""Clause SAF-004."""
+LONG_WATCHDOG_MS = 10_000
+LINE_CODING_AT_FIRST = bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])
+"""115 200 baud, one stop bit, no parity, eight bits (clause USB-023)."""
+SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE = 0x20, 0x21, 0x22
+PROMPT = b"> "
+
+
+# Endpoints
+
+
+def halt(bench: Bench, endpoint: int) -> None:
+    """SET_FEATURE of ENDPOINT_HALT."""
+    answer = bench.request(Setup(0x02, 3, 0, endpoint, 0))
+    assert answer is not None, f"SET_FEATURE of ENDPOINT_HALT for endpoint {endpoint:02X} is answered with STALL"
+
+
+def is_halted(bench: Bench, endpoint: int) -> bool:
+    """What GET_STATUS says."""
+    answer = bench.request(Setup(0x82, 0, 0, endpoint, 2))
+    assert answer in (b"\x00\x00", b"\x01\x00"), (
+        f"the status of endpoint {endpoint:02X} is {answer!r}, should be 00 00 or 01 00"
+    )
+    return answer == b"\x01\x00"
+
+
+def expect_halts(bench: Bench, *halted: int) -> None:
+    """These endpoints are halted, and no others."""
+    found = [f"{endpoint:02X}" for endpoint in ENDPOINTS if is_halted(bench, endpoint)]
+    expect("the list of halted endpoints", found, [f"{endpoint:02X}" for endpoint in ENDPOINTS if endpoint in halted])
+
+
+def expect_stall(what: str, transfer: Callable[[], object]) -> None:
+    """A transfer to or from an endpoint that is answered with STALL."""
+    try:
+        found = transfer()
+    except DeviceStalledError:
+        return
+    raise AssertionError(f"{what} comes to {found!r}, should be answered with STALL")
+
+
+def write(bench: Bench, data: bytes) -> None:
+    """Send a transfer to 01 OUT, all of which must be taken."""
+    bench.note("to 01 OUT", data)
+    expect("the count of bytes that were taken", bench.usb.write(BLOCKS_OUT, data, SOON), len(data))
+
+
+def is_full_speed(bench: Bench) -> bool:
+    """Whether a block takes several packets."""
+    return bench.usb.bulk_bytes < BLOCK_BYTES
+
+
+def without_watchdog(bench: Bench) -> None:
+    """Let the watchdog wait for longer than a case takes."""
+    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
+
+
+def leave_records(bench: Bench, count: int) -> list[int]:
+    """Send so many blocks whose records are left to wait; their numbers."""
+    before = bench.status().accepted
+    blocks = [bench.numbered(NoOp()) for _ in range(count)]
+    write(bench, b"".join(map(pack, blocks)))
+    end = bench.line.time.monotonic() + SOON
+    while (seen := bench.status().accepted) != (before + count) % 2**32:
+        assert bench.line.time.monotonic() < end, f"{seen - before} of {count} blocks were accepted in {SOON:g} s"
+    return [block.sequence for block in blocks]
+
+
+def let_watchdog_fire(bench: Bench) -> None:
+    """So that a status record waits that nobody asked for."""
+    bench.order(Request.WATCHDOG, 10)
+    bench.enable()
+    bench.wait(0.02)
+
+
+def read_records(bench: Bench, size: int = 32 * BLOCK_BYTES) -> list[Ack | Status]:
+    """One transfer from 81 IN, which must end by itself."""
+    began = bench.line.time.monotonic()
+    data = bench.usb.read(RECORDS_IN, size, LONG_READ)
+    assert data is not None, "no record comes on 81 IN"
+    bench.note("from 81 IN", data)
+    took = bench.line.time.monotonic() - began
+    assert took < LONG_READ / 2, f"a transfer of {len(data)} bytes from 81 IN does not end: no short packet behind it"
+    return records(data)
+
+
+def numbers(found: list[Ack | Status]) -> list[int]:
+    """The numbers of the blocks that records acknowledge."""
+    return [record.sequence for record in found if isinstance(record, Ack)]
+
+
+@case("USB-015", "BLK-008", line="usb")
+def test_wrong_blocks_halt_no_endpoint(bench: Bench) -> None:
+    """Blocks that are wrong in every way are answered with their reasons and halt no endpoint, so that the next one plays."""
+    good = pack(bench.numbered(NoOp()))
+    (first,) = bench.send_raw(good)
+    expect("the reason of a good block", first.reason, Reason.ACCEPTED)
+    wrong = {
+        Reason.LENGTH: good[:100],
+        Reason.CHECKSUM: forged(good, checksum=0),
+        Reason.MAGIC: forged(good, magic=0),
+        Reason.VERSION: forged(good, version=255),
+        Reason.KIND: forged(good, kind=200),
+        Reason.FIELD: forged(good, reserved=1),
+        Reason.PULSE: forged(good, kind=1, flags=0, payload=b"\xff\xff\xff"),
+        Reason.DISABLED: forged(good, kind=1, flags=0),
+        Reason.SEQUENCE: forged(good, flags=0),
+    }
+    for reason, block in wrong.items():
+        (ack,) = bench.send_raw(block)
+        expect("the reason", ack.reason, reason)
+    expect_halts(bench)
+    bench.must(NoOp())
+
+
+@case("USB-015", "USB-014", line="usb")
+@pytest.mark.parametrize("endpoint", ENDPOINTS, ids=lambda endpoint: f"{endpoint:02x}")
+def test_a_host_halts_an_endpoint_and_ends_that(bench: Bench, endpoint: int) -> None:
+    """SET_FEATURE halts the one endpoint that it names, which answers STALL until CLEAR_FEATURE, and GET_STATUS says so."""
+    halt(bench, endpoint)
+    try:
+        expect_halts(bench, endpoint)
+        if endpoint & 0x80:
+            expect_stall(f"a read from {endpoint:02X}", lambda: bench.usb.read(endpoint, BLOCK_BYTES, SOON))
+        else:
+            expect_stall(f"a write to {endpoint:02X}", lambda: bench.usb.write(endpoint, bytes(BLOCK_BYTES), SOON))
+        expect_halts(bench, endpoint)
+    finally:
+        bench.usb.clear_halt(endpoint)
+    expect_halts(bench)
+    bench.must(NoOp())
+
+
+@case("USB-015", line="usb")
+def test_what_plays_goes_on_while_01_out_is_halted(bench: Bench) -> None:
+    """A halt of 01 OUT keeps blocks out and nothing else: what plays goes on, what is queued plays, the numbering goes on."""
+    without_watchdog(bench)
+    bench.enable()
+    first = bench.must(Update(bench.weak()))
+    second = bench.must(Update(bench.weak(), first.now // 50 + 2000))
+    bench.wait_until(first.commit_period)
+    halt(bench, BLOCKS_OUT)
+    try:
+        expect_stall("a write to 01", lambda: bench.usb.write(BLOCKS_OUT, bytes(BLOCK_BYTES), SOON))
+        expect("the state while 01 OUT is halted", bench.status().state, State.PLAYING)
+        bench.wait_until(second.commit_period + 1)
+        status = bench.status()
+        expect("the state, with 01 OUT still halted", status.state, State.PLAYING)
+        expect("what plays since", status.since_period, second.commit_period)
+    finally:
+        bench.usb.clear_halt(BLOCKS_OUT)
+    after = bench.status()
+    expect("the state", after.state, State.PLAYING)
+    expect("what plays since", after.since_period, second.commit_period)
+    expect("the count of refused blocks", after.refused, status.refused)
+    expect("the reason for a number once more", bench.send(NoOp(), number=second.sequence).reason, Reason.SEQUENCE)
+    ack = bench.must(NoOp(), number=(second.sequence + 1) % 2**32)
+    expect("the flags of the next number", ack.flags, AckFlag(0))
+
+
+@case("USB-015", line="usb")
+def test_records_are_kept_while_81_in_is_halted(bench: Bench) -> None:
+    """Records that wait when 81 IN is halted, and those that come up meanwhile, are all there once the halt ends."""
+    waiting = leave_records(bench, 3)
+    halt(bench, RECORDS_IN)
+    try:
+        expect_stall("a read from 81", lambda: bench.usb.read(RECORDS_IN, BLOCK_BYTES, SOON))
+        waiting += leave_records(bench, 2)
+        expect_stall("a read from 81", lambda: bench.usb.read(RECORDS_IN, BLOCK_BYTES, SOON))
+    finally:
+        bench.usb.clear_halt(RECORDS_IN)
+    expect("the numbers that are acknowledged", numbers(read_records(bench)), waiting)
+    bench.must(NoOp())
+
+
+@case("USB-015", line="usb")
+@pytest.mark.parametrize("endpoint", [BLOCKS_OUT, RECORDS_IN], ids=["01", "81"])
+@pytest.mark.parametrize("transfers", [1, 2], ids=["odd", "even"])
+def test_clear_feature_begins_with_data0(bench: Bench, endpoint: int, transfers: int) -> None:
+    """CLEAR_FEATURE of an endpoint that is not halted sets its toggle to DATA0 too, so that no packet is taken for old."""
+    for _ in range(transfers):
+        bench.must(NoOp())
+    waiting = leave_records(bench, 1)
+    bench.usb.clear_halt(endpoint)
+    waiting += leave_records(bench, 1)
+    found: list[int] = []
+    while len(found) < len(waiting):
+        found += numbers(read_records(bench))
+    expect("the numbers that are acknowledged", found, waiting)
+    for _ in range(3):
+        bench.must(NoOp())
+
+
+# Blocks from packets
+
+
+def needs_full_speed(bench: Bench) -> None:
+    """Inconclusive where a packet is a block."""
+    if not is_full_speed(bench):
+        raise Inconclusive("a part of a block can arrive at full speed only, and this bus runs at high speed")
+
+
+@case("USB-017/1", "ACK-003", "ACK-002", line="usb")
+@pytest.mark.parametrize("size", [1, 4, 5, 7, 8, 31, 32, 63, 64, 65, 128, 448, 480, 510, 511])
+def test_a_block_that_is_cut_short_is_refused(bench: Bench, size: int) -> None:
+    """What ends before its 512th byte is refused with LENGTH and shifts nothing: the next packet begins the next block."""
+    before = bench.status()
+    whole = pack(bench.numbered(NoOp()))
+    at_once = size % bench.usb.bulk_bytes != 0
+    write(bench, whole[:size])
+    if not at_once:
+        write(bench, b"")  # else the next packet belongs to it
+    (ack,) = read_records(bench)
+    assert isinstance(ack, Ack), f"the answer is {ack}, should be an acknowledgement"
+    expect("the reason", ack.reason, Reason.LENGTH)
+    expect("the number", ack.sequence, int.from_bytes(whole[4 : min(size, 8)], "little"))
+    expect("the period of effect", ack.commit_period, 0)
+    (accepted,) = bench.send_raw(whole)
+    expect("the reason of the whole block behind it", accepted.reason, Reason.ACCEPTED)
+    after = bench.status()
+    expect("the count of refused blocks", after.refused, (before.refused + 1) % 2**32)
+    expect("the count of accepted blocks", after.accepted, (before.accepted + 1) % 2**32)
+    expect("the last refusal", after.last_refusal, Reason.LENGTH)
+
+
+@case("USB-017", "USB-017/1", line="usb")
+def test_what_follows_the_last_byte_is_another_block(bench: Bench) -> None:
+    """A transfer of a block and some more bytes is that block and a second one that is too short, for blocks end by size."""
+    good = pack(bench.numbered(NoOp()))
+    write(bench, good + b"more")
+    found = read_records(bench)
+    while len(found) < 2:
+        found += read_records(bench)
+    reasons = [record.reason for record in found if isinstance(record, Ack)]
+    expect("the list of reasons", [reason.name for reason in reasons], ["ACCEPTED", "LENGTH"])
+    bench.must(NoOp())
+
+
+@case("USB-018", line="usb")
+@pytest.mark.parametrize("count", [1, 2, 7])
+def test_empty_packets_carry_nothing(bench: Bench, count: int) -> None:
+    """Empty packets between blocks get no answer and are counted as nothing, for hosts may end any transfer with one."""
+    before = bench.status()
+    for _ in range(count):
+        write(bench, b"")
+    expect("what comes behind empty packets", bench.listen(QUIET), [])
+    bench.must(NoOp())
+    write(bench, b"")
+    bench.must(NoOp())
+    after = bench.status()
+    expect("the count of refused blocks", after.refused, before.refused)
+    expect("the count of accepted blocks", after.accepted, (before.accepted + 2) % 2**32)
+    expect("the count of lost blocks", after.lost, before.lost)
+
+
+@case("USB-018", "ACK-001", line="usb")
+@pytest.mark.parametrize("ended", [False, True], ids=["alone", "empty-packet-behind"])
+def test_many_blocks_travel_in_one_transfer(bench: Bench, ended: bool) -> None:
+    """A host may send any number of blocks in one transfer; each gets its answer, in order."""
+    blocks = [bench.numbered(NoOp()) for _ in range(12)]
+    write(bench, b"".join(map(pack, blocks)))
+    if ended:
+        write(bench, b"")
+    found: list[int] = []
+    while len(found) < len(blocks):
+        found += numbers(read_records(bench))
+    expect("the numbers that are acknowledged", found, [block.sequence for block in blocks])
+    expect("what comes behind them", bench.listen(QUIET), [])
+
+
+@case("USB-017", "USB-010", line="usb")
+@pytest.mark.parametrize("end", ["empty-packet", "clear-feature", "set-interface", "set-configuration"])
+def test_a_part_of_a_block_is_given_up(bench: Bench, end: str) -> None:
+    """A block whose transfer was given up spoils no other: an empty packet ends it, the others let it be forgotten."""
+    needs_full_speed(bench)
+    bench.must(NoOp())
+    before = bench.status()
+    write(bench, pack(bench.numbered(NoOp()))[: 3 * bench.usb.bulk_bytes])
+    expect("what comes of a part", bench.listen(QUIET), [])
+    match end:
+        case "empty-packet":
+            write(bench, b"")
+            (ack,) = read_records(bench)
+            assert isinstance(ack, Ack), f"the answer is {ack}, should be an acknowledgement"
+            expect("the reason", ack.reason, Reason.LENGTH)
+        case "clear-feature":
+            bench.usb.clear_halt(BLOCKS_OUT)
+        case "set-interface":
+            bench.usb.set_interface(ARRAY)
+        case _:
+            bench.usb.set_configuration()
+    refused = bench.status().refused
+    expect("the count of refused blocks", refused, before.refused + (end == "empty-packet"))
+    bench.must(NoOp())
+    expect("the count of refused blocks afterwards", bench.status().refused, refused)
+
+
+# Packets of records
+
+
+@case("USB-019", "ACK-005", line="usb")
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 15, 16])
+def test_the_last_packet_of_records_is_short(bench: Bench, count: int) -> None:
+    """However many records wait, the last packet is shorter than the largest, or a host's transfer would never end."""
+    waiting = leave_records(bench, count)
+    expect("the numbers that are acknowledged", numbers(read_records(bench)), waiting)
+    expect("what comes behind them", bench.listen(QUIET), [])
+
+
+@case("USB-019", "ACK-005", line="usb")
+def test_packets_hold_whole_records(bench: Bench) -> None:
+    """Each packet holds whole acknowledgements and status records, so that a host may read packet by packet."""
+    size = bench.usb.bulk_bytes
+    before = size // ACK_BYTES - 1  # so that a status record does not fit into what is left of a packet
+    waiting = leave_records(bench, before)
+    let_watchdog_fire(bench)
+    found, end = [], bench.line.time.monotonic() + SOON
+    while sum(isinstance(record, Status) for record in found) == 0:
+        assert bench.line.time.monotonic() < end, "no status record comes once the watchdog has fired"
+        packet = bench.usb.read(RECORDS_IN, size, SOON) or b""
+        bench.note("a packet", packet)
+        assert len(packet) % ACK_BYTES == 0, f"a packet has {len(packet)} bytes, should hold whole records"
+        found += records(packet)
+    expect("the numbers that are acknowledged", numbers(found), waiting)
+    assert isinstance(found[-1], Status), "the status record should come behind the acknowledgements that wait"
+    expect("the state that it says", found[-1].state, State.OFF)
+    bench.listen(QUIET)
+
+
+@case("ACK-005", should=True, line="usb")
+def test_a_packet_holds_as_many_records_as_fit(bench: Bench) -> None:
+    """A device puts as many of the records that wait into a packet as fit, for a packet takes its time."""
+    fit = bench.usb.bulk_bytes // ACK_BYTES
+    waiting = leave_records(bench, min(fit, 16))
+    packet = bench.usb.read(RECORDS_IN, bench.usb.bulk_bytes, SOON) or b""
+    bench.listen(QUIET)
+    expect("the numbers in the first packet", numbers(records(packet)), waiting)
+
+
+# Sessions
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to begin a session anew (clause USB-026)."""
+
+    name: str
+    go: Callable[[Bench], None]
+    lowers_dtr: bool
+
+
+def set_configuration(bench: Bench) -> None:
+    """SET_CONFIGURATION to 1."""
+    bench.usb.set_configuration()
+
+
+def set_configuration_twice(bench: Bench) -> None:
+    """SET_CONFIGURATION to 0, and then to 1."""
+    answer = bench.request(Setup(0x00, 9, 0, 0, 0))
+    assert answer is not None, "SET_CONFIGURATION to 0 is answered with STALL"
+    bench.usb.set_configuration()
+
+
+def set_interface(bench: Bench) -> None:
+    """SET_INTERFACE of interface 0."""
+    bench.usb.set_interface(ARRAY)
+
+
+def reset_bus(bench: Bench) -> None:
+    """A bus reset, and configuration behind it."""
+    bench.usb.reset()
+
+
+WAYS = [
+    Way("set-configuration-1", set_configuration, True),
+    Way("set-configuration-0", set_configuration_twice, True),
+    Way("set-interface", set_interface, False),
+]
+BUS_RESET = Way("bus-reset", reset_bus, True)
+each_way = pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
+CLAUSES = ("USB-003", "USB-016", "USB-026", "STA-003")
+
+
+def play_and_queue(bench: Bench) -> tuple[Ack, Ack]:
+    """Something plays, and something is queued for 50 ms later."""
+    without_watchdog(bench)
+    bench.enable()
+    first = bench.must(Update(bench.weak()))
+    second = bench.must(Update(bench.weak(), first.now // 50 + 4000))
+    bench.wait_until(first.commit_period)
+    expect("the state before", bench.status().state, State.PLAYING)
+    return first, second
+
+
+def check_outputs_are_turned_off(bench: Bench, way: Way) -> None:
+    """Nothing plays and nothing is queued afterwards, and changes are refused; no count begins anew."""
+    _, queued = play_and_queue(bench)
+    before = bench.status()
+    way.go(bench)
+    after = bench.status()
+    expect("the state", after.state, State.OFF)
+    expect("what plays since", after.since_period, 0)
+    expect("the room in the queue", after.free, bench.info.queue_blocks)
+    for name in ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages", "faults"):
+        expect(f"the status' {name}", getattr(after, name), getattr(before, name))
+    assert after.now > before.now, f"the time is {after.now}, should go on from {before.now}"
+    expect("the reason for an update", bench.send(Update(bench.weak()), restart=True).reason, Reason.DISABLED)
+    bench.wait_until(queued.commit_period + 2)
+    expect("the state, past the period of what was queued", bench.status().state, State.OFF)
+    bench.enable()
+    bench.wait_periods(4)
+    expect("the state, enabled again", bench.status().state, State.READY)
+
+
+@case(*CLAUSES, line="usb")
+@each_way
+def test_a_new_session_turns_the_outputs_off(bench: Bench, way: Way) -> None:
+    """SET_CONFIGURATION to 1 or 0 and SET_INTERFACE turn the outputs off and empty the queue, for the host is another."""
+    check_outputs_are_turned_off(bench, way)
+
+
+@case(*CLAUSES, allow=(Risk.RESET,), line="usb")
+def test_a_bus_reset_turns_the_outputs_off(bench: Bench) -> None:
+    """A bus reset turns the outputs off and empties the queue, for the host is another."""
+    check_outputs_are_turned_off(bench, BUS_RESET)
+
+
+def check_outputs_are_silent(bench: Bench, way: Way) -> None:
+    """From six periods after it on, all outputs are low."""
+    play_and_queue(bench)
+    way.go(bench)
+    first = bench.period() + SILENT_PERIODS + 1
+    bench.judge(first, first + 100, is_silent)
+
+
+def is_silent(seen: Seen) -> None:
+    """Fail where an output is high."""
+    high = np.argwhere(seen.words & seen.observed)
+    if len(high):
+        tick, processor = map(int, high[0])
+        raise AssertionError(
+            f"an output of processor {processor} is high in period {seen.first_period + tick // 50}, tick {tick % 50}; "
+            "all should be low"
+        )
+
+
+@case("USB-003", "USB-016", "STA-001", needs=(Need.CAPTURE,), line="usb")
+@each_way
+def test_a_new_session_silences_the_outputs(bench: Bench, way: Way) -> None:
+    """All outputs are low within six periods of a new session, whatever was queued."""
+    check_outputs_are_silent(bench, way)
+
+
+@case("USB-003", "STA-001", needs=(Need.CAPTURE,), allow=(Risk.RESET,), line="usb")
+def test_a_bus_reset_silences_the_outputs(bench: Bench) -> None:
+    """All outputs are low once the bus was reset, whatever was queued."""
+    check_outputs_are_silent(bench, BUS_RESET)
+
+
+def check_unattended_ends(bench: Bench, way: Way) -> None:
+    """A sequence that may go on without its host ends."""
+    store_sequence(bench)
+    bench.enable()
+    ack = bench.must(Sequence(0, 1, unattended=True))
+    bench.wait_until(ack.commit_period)
+    expect("the state before", bench.status().state, State.UNATTENDED)
+    way.go(bench)
+    status = bench.status()
+    expect("the state", status.state, State.OFF)
+    expect("the flags", int(status.flags), 0)
+    expect("what plays since", status.since_period, 0)
+
+
+@case("USB-003", "USB-016", "SAF-005", features=Feature.UNATTENDED, line="usb")
+@each_way
+def test_a_new_session_ends_what_plays_unattended(bench: Bench, way: Way) -> None:
+    """A sequence that goes on without its host ends when a host begins a session, for that one knows nothing of it."""
+    check_unattended_ends(bench, way)
+
+
+@case("USB-003", "SAF-005", features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
+def test_a_bus_reset_ends_what_plays_unattended(bench: Bench) -> None:
+    """A sequence that goes on without its host ends with a bus reset, for a host comes then."""
+    check_unattended_ends(bench, BUS_RESET)
+
+
+def check_records_are_dropped(bench: Bench, way: Way) -> None:
+    """Nothing of what waited on 81 IN comes, nor a status record of the new session."""
+    leave_records(bench, 5)
+    let_watchdog_fire(bench)
+    way.go(bench)
+    expect("what comes of its own accord", bench.listen(QUIET), [])
+    ack = bench.must(NoOp())
+    expect("the state", ack.state, State.OFF)
+
+
+@case("USB-003", "USB-016", "USB-026", line="usb")
+@each_way
+def test_a_new_session_drops_the_records_that_wait(bench: Bench, way: Way) -> None:
+    """Acknowledgements and status records that nobody fetched are dropped, or a host takes them for its own."""
+    check_records_are_dropped(bench, way)
+
+
+@case("USB-003", "USB-026", allow=(Risk.RESET,), line="usb")
+def test_a_bus_reset_drops_the_records_that_wait(bench: Bench) -> None:
+    """Records that nobody fetched before a bus reset are dropped, or a host takes them for its own."""
+    check_records_are_dropped(bench, BUS_RESET)
+
+
+def check_numbering_begins_anew(bench: Bench, way: Way) -> None:
+    """A number that would be refused is accepted, without a gap, and the next are judged by it."""
+    start = bench.must(NoOp()).sequence
+    expect("the reason for an old number", bench.send(NoOp(), number=(start - 1000) % 2**32).reason, Reason.SEQUENCE)
+    before = bench.status()
+    way.go(bench)
+    first = (start - 1000) % 2**32
+    ack = bench.must(NoOp(), number=first)
+    expect("its flags", ack.flags, AckFlag(0))
+    expect("the count of lost blocks", bench.status().lost, before.lost)
+    expect("the reason for its number again", bench.send(NoOp(), number=first).reason, Reason.SEQUENCE)
+    gap = bench.must(NoOp(), number=(first + 3) % 2**32)
+    expect("the flags behind two that are missing", gap.flags, AckFlag.GAP)
+    expect("the count of lost blocks", bench.status().lost, (before.lost + 2) % 2**32)
+
+
+@case("NUM-004", "USB-026", line="usb")
+@each_way
+def test_a_new_session_accepts_any_number(bench: Bench, way: Way) -> None:
+    """The first block of a session is accepted whatever its number, and the count begins with it."""
+    check_numbering_begins_anew(bench, way)
+
+
+@case("NUM-004", "USB-026", allow=(Risk.RESET,), line="usb")
+def test_a_bus_reset_accepts_any_number(bench: Bench) -> None:
+    """The first block after a bus reset is accepted whatever its number, and the count begins with it."""
+    check_numbering_begins_anew(bench, BUS_RESET)
+
+
+def store_sequence(bench: Bench) -> None:
+    """A slot and an entry that plays it."""
+    bench.must(Slot(0, bench.weak(0.5)))
+    bench.must(Entries((Entry(0, 40),)))
+
+
+def check_what_stays(bench: Bench, way: Way) -> None:
+    """What is stored can be played, and watchdog time and drive limit are as they were set."""
+    limit = bench.drive_limit - 1
+    bench.order(Request.WATCHDOG, 12_345)
+    bench.order(Request.LIMIT, limit)
+    features = bench.info.features
+    if Feature.SEQUENCES in features:
+        store_sequence(bench)
+    if Feature.MODULATION in features:
+        bench.must(Samples(bytes([255, 128]), 4000))
+    way.go(bench)
+    status = bench.status()
+    expect("the watchdog's time", status.watchdog_ms, 12_345)
+    expect("the drive limit", status.drive_limit, limit)
+    bench.enable()
+    plays: list[Body] = [Sequence(0, 1)] if Feature.SEQUENCES in features else []
+    plays += [Modulation(4000, 2, 1)] if Feature.MODULATION in features else []
+    for body in plays:
+        bench.must(body)
+
+
+@case("USB-026", "BLK-013", line="usb")
+@each_way
+def test_what_is_stored_stays_over_a_new_session(bench: Bench, way: Way) -> None:
+    """Slots, entries, samples, watchdog time and drive limit stay, so that a host that opens a device anew has them."""
+    check_what_stays(bench, way)
+
+
+@case("USB-026", "BLK-013", allow=(Risk.RESET,), line="usb")
+def test_what_is_stored_stays_over_a_bus_reset(bench: Bench) -> None:
+    """Slots, entries, samples, watchdog time and drive limit stay over a bus reset, which is no restart."""
+    check_what_stays(bench, BUS_RESET)
+
+
+@case("USB-015", "USB-026", line="usb")
+def test_clear_feature_of_01_out_begins_no_session(bench: Bench) -> None:
+    """CLEAR_FEATURE of 01 OUT leaves the outputs, the queue, the records and the numbering as they are."""
+    first, second = play_and_queue(bench)
+    waiting = leave_records(bench, 2)
+    bench.usb.clear_halt(BLOCKS_OUT)
+    status = bench.status()
+    expect("the state", status.state, State.PLAYING)
+    expect("what plays since", status.since_period, first.commit_period)
+    expect("the numbers that are acknowledged", numbers(read_records(bench)), waiting)
+    expect("the reason for an old number", bench.send(NoOp(), number=second.sequence).reason, Reason.SEQUENCE)
+    bench.wait_until(second.commit_period + 1)
+    expect("what plays since, past the next period", bench.status().since_period, second.commit_period)
+
+
+@case("USB-016", line="usb")
+def test_set_interface_ends_the_halts_of_its_endpoints(bench: Bench) -> None:
+    """SET_INTERFACE ends the halts of the interface's own endpoints and leaves those of the others."""
+    for endpoint in ENDPOINTS:
+        halt(bench, endpoint)
+    try:
+        bench.usb.set_interface(ARRAY)
+        expect_halts(bench, NOTIFICATIONS_IN, CONSOLE_OUT, CONSOLE_IN)
+        bench.usb.set_interface(CONSOLE)
+        expect_halts(bench, CONSOLE_OUT, CONSOLE_IN)
+        bench.usb.set_interface(CONSOLE_DATA)
+        expect_halts(bench)
+    finally:
+        bench.usb.set_configuration()
+    bench.must(NoOp())
+
+
+@case("USB-016", "USB-015", line="usb")
+def test_set_configuration_ends_all_halts(bench: Bench) -> None:
+    """SET_CONFIGURATION ends the halt of every endpoint, for hosts begin with it."""
+    for endpoint in ENDPOINTS:
+        halt(bench, endpoint)
+    bench.usb.set_configuration()
+    expect_halts(bench)
+    bench.must(NoOp())
+
+
+@case("USB-016", "USB-025", line="usb")
+@pytest.mark.parametrize("interface", [CONSOLE, CONSOLE_DATA, FIRMWARE])
+def test_set_interface_of_others_leaves_the_array_alone(bench: Bench, interface: int) -> None:
+    """SET_INTERFACE of another interface than 0 is no new session: what plays goes on, and so does the numbering."""
+    first, second = play_and_queue(bench)
+    waiting = leave_records(bench, 2)
+    bench.usb.set_interface(interface)
+    status = bench.status()
+    expect("the state", status.state, State.PLAYING)
+    expect("what plays since", status.since_period, first.commit_period)
+    expect("the numbers that are acknowledged", numbers(read_records(bench)), waiting)
+    expect("the reason for an old number", bench.send(NoOp(), number=second.sequence).reason, Reason.SEQUENCE)
+
+
+@case("USB-003", "SER-016", features=Feature.CONSOLE, line="usb")
+@each_way
+def test_a_new_session_turns_off_what_another_door_enabled(bench: Bench, way: Way) -> None:
+    """Outputs that were enabled through the console are turned off too: the device has one state."""
+    bench.serial.wire.hang_up()
+    bench.serial.enter_frames()
+    without_watchdog(bench)
+    answer = bench.serial.request(Setup(0x41, Request.ENABLE, 0, 0, 0))
+    assert answer is not None, "ENABLE by the console is answered with STALL"
+    expect("the state before", bench.status().state, State.READY)
+    way.go(bench)
+    expect("the state", bench.status().state, State.OFF)
+
+
+# The console's interfaces
+
+
+def line_coding(bench: Bench, length: int = 7) -> bytes | None:
+    """GET_LINE_CODING."""
+    return bench.request(Setup(0xA1, GET_LINE_CODING, 0, CONSOLE, length))
+
+
+def set_line_coding(bench: Bench, coding: bytes) -> bytes | None:
+    """SET_LINE_CODING."""
+    return bench.request(Setup(0x21, SET_LINE_CODING, 0, CONSOLE, len(coding)), coding)
+
+
+def set_dtr(bench: Bench, value: int) -> None:
+    """SET_CONTROL_LINE_STATE: bit 0 is DTR."""
+    answer = bench.request(Setup(0x21, SET_CONTROL_LINE_STATE, value, CONSOLE, 0))
+    assert answer is not None, f"SET_CONTROL_LINE_STATE to {value} is answered with STALL"
+
+
+def type_in(bench: Bench, text: bytes) -> int:
+    """Send text to the console; how many bytes were taken."""
+    bench.note("to 03 OUT", text)
+    return bench.usb.write(CONSOLE_OUT, text, SOON)
+
+
+def text_until(bench: Bench, end: bytes, seconds: float = SOON) -> bytes:
+    """What the console says, up to some text, or until the time is over."""
+    over, found = bench.line.time.monotonic() + seconds, b""
+    while not found.endswith(end) and (left := over - bench.line.time.monotonic()) > 0:
+        found += bench.usb.read(CONSOLE_IN, 64 * BLOCK_BYTES, left) or b""
+    bench.note("from 83 IN", found)
+    return found
+
+
+@case("USB-023", "USB-026", line="usb")
+def test_the_line_coding_is_as_at_first_after_configuration(bench: Bench) -> None:
+    """A device that was just configured says 115 200 baud, 8N1, whatever its last host set."""
+    set_line_coding(bench, bytes([0x80, 0x25, 0, 0, 2, 1, 7]))
+    bench.usb.set_configuration()
+    expect("the line coding", line_coding(bench), LINE_CODING_AT_FIRST)
+
+
+@case("USB-023", "SER-001", line="usb")
+@pytest.mark.parametrize(
+    "coding",
+    [
+        bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8]),
+        bytes([0x2C, 0x01, 0x00, 0x00, 2, 4, 5]),
+        bytes([0x00, 0x1B, 0xB7, 0x00, 1, 3, 16]),
+        bytes([0x01, 0x00, 0x00, 0x00, 0, 1, 6]),
+        bytes([0xFF] * 7),
+        bytes(7),
+    ],
+    ids=lambda coding: coding.hex(),
+)
+def test_every_line_coding_is_accepted_and_read_back(bench: Bench, coding: bytes) -> None:
+    """The console takes every line coding, tells it again and works as before, for there is no line behind it."""
+    assert set_line_coding(bench, coding) is not None, f"SET_LINE_CODING to {coding.hex(' ')} is answered with STALL"
+    expect("the line coding", line_coding(bench), coding)
+    expect("the first four bytes of it", line_coding(bench, 4), coding[:4])
+    expect("the line coding, with room for more", line_coding(bench, 64), coding)
+    if Feature.CONSOLE in bench.info.features:
+        set_dtr(bench, 0)
+        set_dtr(bench, 1)
+        type_in(bench, b"echo 0\r")
+        text_until(bench, PROMPT)
+        type_in(bench, b"faults\r")
+        expect("what the console says", text_until(bench, PROMPT), b"faults: none\r\nok\r\n> ")
+    bench.usb.set_interface(ARRAY)
+    expect("the line coding after SET_INTERFACE of interface 0", line_coding(bench), coding)
+
+
+@case("USB-023", "USB-004", line="usb")
+@pytest.mark.parametrize(
+    ("setup", "data"),
+    [
+        (Setup(0x21, SET_LINE_CODING, 0, CONSOLE, 6), bytes(6)),
+        (Setup(0x21, SET_LINE_CODING, 0, CONSOLE, 8), bytes(8)),
+        (Setup(0x21, 0x00, 0, CONSOLE, 1), b"A"),
+        (Setup(0xA1, 0x01, 0, CONSOLE, 8), b""),
+        (Setup(0x21, 0x02, 1, CONSOLE, 2), bytes(2)),
+        (Setup(0xA1, 0x03, 1, CONSOLE, 2), b""),
+        (Setup(0x21, 0x23, 100, CONSOLE, 0), b""),
+        (Setup(0xA1, 0x20, 0, CONSOLE, 7), b""),
+        (Setup(0xA1, 0x22, 0, CONSOLE, 7), b""),
+        (Setup(0x21, 0x21, 0, CONSOLE, 0), b""),
+        (Setup(0xA1, GET_LINE_CODING, 0, ARRAY, 7), b""),
+        (Setup(0xA1, GET_LINE_CODING, 0, CONSOLE_DATA, 7), b""),
+        (Setup(0xA1, GET_LINE_CODING, 0, FIRMWARE, 7), b""),
+        (Setup(0xC1, GET_LINE_CODING, 0, CONSOLE, 7), b""),
+    ],
+    ids=lambda value: value.encode().hex() if isinstance(value, Setup) else "",
+)
+def test_other_class_requests_to_the_console_stall(bench: Bench, setup: Setup, data: bytes) -> None:
+    """Class requests that USB-023 does not name, or of another size, are answered with STALL and leave the line coding."""
+    coding = bytes([0x80, 0x25, 0, 0, 2, 1, 7])
+    set_line_coding(bench, coding)
+    answer = bench.request(setup, data)
+    assert answer is None, f"{setup} is answered with {answer!r}, should be with STALL"
+    expect("the line coding", line_coding(bench), coding)
+
+
+@case("USB-023", "CON-002", features=Feature.CONSOLE, line="usb")
+def test_a_console_is_silent_before_dtr(bench: Bench) -> None:
+    """Without DTR the console says nothing, not even to RTS or to a command: text would stand before another's frames."""
+    bench.usb.set_configuration()
+    for value in (0, 2):
+        set_dtr(bench, value)
+        type_in(bench, b"version\r")
+        expect("what the console says without DTR", text_until(bench, PROMPT, QUIET), b"")
+    set_dtr(bench, 0)
+    set_dtr(bench, 1)
+    expect("what the console says once DTR is set", text_until(bench, PROMPT, QUIET), b"")
+    type_in(bench, b"\r")
+    assert text_until(bench, PROMPT).endswith(PROMPT), "the console shows no prompt once DTR is set"
+
+
+@case("USB-026", "SER-010", features=Feature.CONSOLE, line="usb")
+def test_the_console_stays_as_it_is_over_set_interface(bench: Bench) -> None:
+    """SET_INTERFACE of interface 0 leaves the console's line among frames, for it is another function."""
+    bench.serial.wire.hang_up()
+    bench.serial.enter_frames()
+    bench.usb.set_interface(ARRAY)
+    answer = bench.serial.request(Setup(0xC1, Request.INFO, 0, 0, 64))
+    expect("INFO in a frame", None if answer is None else len(answer), 64)
+
+
+@case("USB-026", "SER-010", features=Feature.CONSOLE, line="usb")
+def test_the_console_is_a_console_again_after_configuration(bench: Bench) -> None:
+    """SET_CONFIGURATION brings the line back from frames to text, with DTR low, for its host is another."""
+    bench.serial.wire.hang_up()
+    bench.serial.enter_frames()
+    bench.usb.set_configuration()
+    type_in(bench, b"\r")
+    expect("what the console says without DTR", text_until(bench, PROMPT, QUIET), b"")
+    set_dtr(bench, 1)
+    type_in(bench, b"echo 0\r")
+    text_until(bench, PROMPT)
+    type_in(bench, b"faults\r")
+    expect("what the console says", text_until(bench, PROMPT), b"faults: none\r\nok\r\n> ")
+
+
+# One interface and another
+
+
+@case("USB-025", features=Feature.CONSOLE, line="usb")
+def test_a_console_that_is_not_read_holds_up_nothing(bench: Bench) -> None:
+    """Blocks, records and requests go on while nobody reads the console, and its endpoint takes no more bytes."""
+    set_dtr(bench, 0)
+    set_dtr(bench, 1)
+    for _ in range(20):
+        if bench.usb.write(CONSOLE_OUT, b"help\r" * 40, 0.01) < 200:
+            break
+    for _ in range(5):
+        bench.must(NoOp())
+    without_watchdog(bench)
+    bench.enable()
+    ack = bench.must(Update(bench.weak()))
+    expect("the flags of an update", ack.flags, AckFlag(0))
+    bench.wait_until(ack.commit_period)
+    expect("the state", bench.status().state, State.PLAYING)
+    set_dtr(bench, 0)
+    expect("the state once DTR is low", bench.status().state, State.PLAYING)
+
+
+@case("USB-025", line="usb")
+def test_halts_of_the_console_hold_up_nothing(bench: Bench) -> None:
+    """Blocks and records go on while all endpoints of the console are halted."""
+    for endpoint in (NOTIFICATIONS_IN, CONSOLE_OUT, CONSOLE_IN):
+        halt(bench, endpoint)
+    try:
+        for _ in range(3):
+            bench.must(NoOp())
+        without_watchdog(bench)
+        bench.enable()
+        ack = bench.must(Update(bench.weak()))
+        bench.wait_until(ack.commit_period)
+        expect("the state", bench.status().state, State.PLAYING)
+    finally:
+        for endpoint in (NOTIFICATIONS_IN, CONSOLE_OUT, CONSOLE_IN):
+            bench.usb.clear_halt(endpoint)
+
+
+@case("USB-025", features=Feature.CONSOLE, line="usb")
+def test_halts_of_the_array_leave_the_console_alone(bench: Bench) -> None:
+    """The console answers while 01 OUT and 81 IN are halted, so that a person can see what is the matter."""
+    set_dtr(bench, 0)
+    set_dtr(bench, 1)
+    for endpoint in (BLOCKS_OUT, RECORDS_IN):
+        halt(bench, endpoint)
+    try:
+        type_in(bench, b"echo 0\r")
+        text_until(bench, PROMPT)
+        type_in(bench, b"faults\r")
+        expect("what the console says", text_until(bench, PROMPT), b"faults: none\r\nok\r\n> ")
+    finally:
+        for endpoint in (BLOCKS_OUT, RECORDS_IN):
+            bench.usb.clear_halt(endpoint)
+    bench.must(NoOp())
+
+
+# DFU at run time
+
+
+@case("USB-024", "DFU-003", line="usb")
+def test_the_dfu_interface_is_idle(bench: Bench) -> None:
+    """At run time GETSTATUS says OK and appIDLE and GETSTATE appIDLE, so that tools know that DETACH comes first."""
+    expect("GETSTATUS", bench.request(Setup(0xA1, 3, 0, FIRMWARE, 6)), bytes(6))
+    expect("GETSTATE", bench.request(Setup(0xA1, 5, 0, FIRMWARE, 1)), bytes(1))
+
+
+@case("USB-024", "DFU-006", "USB-004", line="usb")
+@pytest.mark.parametrize(
+    ("setup", "data"),
+    [
+        (Setup(0x21, 1, 0, FIRMWARE, 64), bytes(64)),
+        (Setup(0x21, 1, 0, FIRMWARE, 0), b""),
+        (Setup(0xA1, 2, 0, FIRMWARE, 64), b""),
+        (Setup(0x21, 4, 0, FIRMWARE, 0), b""),
+        (Setup(0x21, 6, 0, FIRMWARE, 0), b""),
+        (Setup(0x21, 7, 0, FIRMWARE, 0), b""),
+        (Setup(0xA1, 0, 0, FIRMWARE, 6), b""),
+        (Setup(0x21, 3, 0, FIRMWARE, 0), b""),
+    ],
+    ids=["dnload", "dnload-end", "upload", "clrstatus", "abort", "request-7", "detach-in", "getstatus-out"],
+)
+def test_other_dfu_requests_stall_at_run_time(bench: Bench, setup: Setup, data: bytes) -> None:
+    """At run time all other requests of DFU are answered with STALL, stay without effect and lead to appIDLE."""
+    bench.enable()
+    answer = bench.request(setup, data)
+    assert answer is None, f"{setup} is answered with {answer!r}, should be with STALL"
+    expect("GETSTATUS", bench.request(Setup(0xA1, 3, 0, FIRMWARE, 6)), bytes(6))
+    expect("the state", bench.status().state, State.READY)
+    bench.must(NoOp())
+
+
+@case("USB-024", "DFU-002", "SAF-004/1", needs=(Need.CAPTURE,), features=Feature.DFU, allow=(Risk.RESET,), line="usb")
+def test_detach_silences_the_outputs_first(bench: Bench) -> None:
+    """On DETACH the outputs are off before the device leaves the bus, for nobody drives them in DFU mode."""
+    play_and_queue(bench)
+    bench.request(Setup(0x21, 0, 1000, FIRMWARE, 0))
+    try:
+        status = bench.status()
+        expect("the state", status.state, State.DFU)
+        first = status.period + SILENT_PERIODS + 1
+        bench.judge(first, first + 40, is_silent)
+    except DeviceError as error:
+        raise Inconclusive(f"the device had left the bus before it could be asked: {error}") from error
+    finally:
+        bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
+        bench.restart(bench.usb.reset)
