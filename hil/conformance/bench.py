@@ -193,6 +193,8 @@ class Bench:
         self._dropped = 0
         self.deferred = []
         self._marks = []
+        if self._serial is not self.line:
+            self._serial = None  # whatever a case before left of it
         self.random = random.Random(zlib.crc32(name.encode()) ^ self._seed)
         try:
             self._settle()

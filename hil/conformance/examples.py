@@ -1,4 +1,4 @@
-"""The worked examples of SPEC.md, byte for byte as they stand there: what a device answers is held against the text itself.
+"""The worked examples of SPEC.md, byte for byte, so that what a device answers is held against the text itself.
 
 Nothing here knows what the bytes mean.
 """

@@ -10,15 +10,15 @@ from contextlib import contextmanager
 import pytest
 import usb.util
 from phasewire.errors import DeviceLostError
-from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.examples import example
-from phasewire.host.lines.usb_find import DFU_MODE
+from phasewire.hil.conformance.lines.dfu import dfu_mode
 from phasewire.protocol.codes import Request, State
 from phasewire.protocol.requests import Setup
 
 VENDOR, PRODUCT = 0x1209, 0x0001
-"""Clause USB-001, where a device is not configured otherwise."""
+"""Clause USB-001, where a profile does not say that the device was configured otherwise."""
 DEVICE, CONFIGURATION, STRING, INTERFACE, ENDPOINT, QUALIFIER, OTHER_SPEED, BOS = 1, 2, 3, 4, 5, 6, 7, 15
 WHOLE = 1024
 """More than any descriptor has."""
@@ -28,7 +28,6 @@ ENDPOINTS = (0x01, 0x81, 0x82, 0x03, 0x83)
 CONTROL_ENDPOINT = (0x00, 0x80)
 BULK, INTERRUPT = 2, 3
 SERIAL_NUMBER = re.compile(r"[A-Za-z0-9._-]{1,64}", re.ASCII)
-DFU_DETACH = Setup(0x21, 0, 1000, 3, 0)
 
 
 def descriptor(bench: Bench, kind: int, index: int = 0, language: int = 0, length: int = WHOLE) -> bytes | None:
@@ -88,7 +87,9 @@ def device_descriptor(bench: Bench) -> bytes:
     """The example of clause USB-008 with the device's own numbers."""
     data = bytearray(example("USB_DEVICE"))
     major, minor, patch = bench.info.firmware
-    data[8:10], data[10:12] = VENDOR.to_bytes(2, "little"), PRODUCT.to_bytes(2, "little")
+    vendor, product = bench.profile.vendor, bench.profile.product
+    data[8:10] = (VENDOR if vendor is None else vendor).to_bytes(2, "little")
+    data[10:12] = (PRODUCT if product is None else product).to_bytes(2, "little")
     data[12:14] = bytes([minor << 4 | patch, major // 10 << 4 | major % 10])
     return bytes(data)
 
@@ -122,7 +123,7 @@ def unconfigured(bench: Bench) -> Iterator[None]:
 
 @case("USB-006", "USB-008", "USB-001", "FWU-004", line="usb")
 def test_the_device_descriptor_is_as_printed(bench: Bench) -> None:
-    """The device descriptor is that of USB-008 with the firmware version of INFO, by which hosts choose their drivers."""
+    """The device descriptor is that of USB-008 with the firmware's version, by which hosts choose their drivers."""
     expect("the device descriptor", descriptor(bench, DEVICE), device_descriptor(bench))
 
 
@@ -225,7 +226,7 @@ def test_the_strings_are_in_english_alone(bench: Bench) -> None:
 
 @case("USB-007", "USB-001", line="usb")
 def test_every_string_that_a_descriptor_names_is_there(bench: Bench) -> None:
-    """Manufacturer, product, serial number and the names of the interfaces can be read, so that people see what it is."""
+    """Manufacturer, product, serial number and the interfaces' names can be read, so that people see what it is."""
     for index in range(1, 7):
         text = string(bench, index)
         assert text.strip(), f"string {index} is empty"
@@ -272,14 +273,10 @@ def test_the_serial_number_is_kept_over_a_loss_of_power(bench: Bench) -> None:
 
 @case("USB-013", "USB-001", "USB-006", "USB-007", "USB-010", "USB-011", "USB-012", allow=(Risk.RESET,), line="usb")
 def test_the_descriptors_in_dfu_mode_are_as_printed(bench: Bench) -> None:
-    """In DFU mode the device is the next product with one interface and the same serial number, so that tools find it."""
+    """In DFU mode the device is the next product with one interface and the same serial number, for tools to find."""
     serial, run_time = string(bench, 3), device_descriptor(bench)
-    bench.request(DFU_DETACH)
-    bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
-    try:
+    with dfu_mode(bench):
         check_dfu_mode(bench, serial, run_time)
-    finally:
-        bench.restart(bench.usb.reset)
     expect("the device descriptor, back at run time", descriptor(bench, DEVICE), run_time)
 
 
@@ -317,7 +314,7 @@ def test_get_status_of_the_device(bench: Bench) -> None:
 
 @case("USB-014", line="usb")
 def test_get_status_of_interfaces_and_endpoints(bench: Bench) -> None:
-    """GET_STATUS answers 00 00 for each interface, and for each endpoint, the control endpoint too, while none is halted."""
+    """GET_STATUS answers 00 00 for each interface and each endpoint, the control endpoint too: none is halted."""
     for interface in INTERFACES:
         expect(f"the status of interface {interface}", bench.request(Setup(0x81, 0, 0, interface, 2)), bytes(2))
     for endpoint in (*CONTROL_ENDPOINT, *ENDPOINTS):
@@ -326,7 +323,7 @@ def test_get_status_of_interfaces_and_endpoints(bench: Bench) -> None:
 
 @case("USB-014", "USB-005", line="usb")
 def test_configuration_and_settings_can_be_read(bench: Bench) -> None:
-    """GET_CONFIGURATION answers 1 and GET_INTERFACE 0 for each interface: there is one configuration, and one setting."""
+    """GET_CONFIGURATION answers 1 and GET_INTERFACE 0, for there is one configuration, and one setting of each."""
     expect("the configuration", bench.request(Setup(0x80, 8, 0, 0, 1)), b"\x01")
     for interface in INTERFACES:
         expect(f"the setting of interface {interface}", bench.request(Setup(0x81, 10, 0, interface, 1)), b"\x00")
@@ -384,7 +381,7 @@ def test_unknown_requests_stall_and_change_nothing(bench: Bench, setup: Setup) -
 
 @case("USB-014", "USB-004", needs=(Need.POWER,), allow=(Risk.RESET,), line="usb")
 def test_test_mode_is_of_high_speed(bench: Bench) -> None:
-    """SET_FEATURE of TEST_MODE is done at high speed, where only a loss of power ends it, and is unknown at full speed."""
+    """SET_FEATURE of TEST_MODE is done at high speed, where a loss of power ends it, and unknown at full speed."""
     setup = Setup(0x00, 3, 2, 0x0300, 0)
     if is_full_speed(bench):
         stalls(bench, setup)

@@ -107,7 +107,7 @@ class PortWire:
 
 
 class CdcWire:
-    """The console's endpoints of a device on USB; DTR is set.
+    """The console's endpoints of a device on USB, which begin with text; DTR is set.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class CdcWire:
     def __init__(self, usb: UsbLine) -> None:
         self._usb = usb
         self.name = f"console of {usb.name}"
-        self.set_dtr(True)
+        self.hang_up()
 
     @property
     def time(self) -> Timekeeper:

@@ -1,0 +1,595 @@
+"""Power and the bus: restarts, suspend and resume, an unplugged cable; what begins anew, and what goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from operator import attrgetter
+
+import pytest
+from phasewire.emulator.faults import HotBoard
+from phasewire.errors import DeviceError
+from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.forge import forged
+from phasewire.hil.conformance.waveforms import check_play, check_silent, expected_words
+from phasewire.protocol.blocks import Entries, Entry, Modulation, NoOp, Samples, Sequence, Slot, Update, pack
+from phasewire.protocol.board import CARRIER_HZ, PROCESSORS, TICK_HZ
+from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag
+from phasewire.protocol.framing import Mode, SerialReply
+from phasewire.protocol.pulses import Pulses
+from phasewire.protocol.replies import Ack, Status
+from phasewire.protocol.requests import Setup
+
+RECORDS_IN = 0x81
+CONSOLE = 1
+LONG_WATCHDOG_MS = 20_000
+OFF_PERIODS = 400
+"""10 ms, within which the outputs are off on a bus that fell silent (clause USB-020)."""
+SYNC_PERIODS = 4096
+"""Clause CHN-026."""
+CLOCK_ERROR = 0.01
+"""How far the clocks of host and device are apart at most."""
+MOST_JUDGED = 4000
+"""Periods of silence that are looked at, of many."""
+SOON = 0.5
+LEAVES_SECONDS = 2.0
+LINE_CODING = bytes([0x80, 0x25, 0, 0, 2, 1, 7])
+LINE_CODING_AT_FIRST = bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])
+COUNTERS = ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages")
+
+
+NAME = attrgetter("name")
+
+
+# Restarts
+
+
+def reset(bench: Bench) -> None:
+    """The request RESET."""
+    bench.restart(lambda: bench.order(Request.RESET))
+
+
+def cut_power(bench: Bench) -> None:
+    """Power is taken away and given back."""
+    if not bench.can(Need.POWER):
+        raise Inconclusive(f"this needs {Need.POWER}")
+    bench.power_cycle()
+
+
+Restart = Callable[[Bench], None]
+either_restart = pytest.mark.parametrize("restart", [reset, cut_power], ids=["reset", "power"])
+
+
+def store_everything(bench: Bench) -> None:
+    """An entry of slot 3 at place 7, and two samples at place 9, as far as the device keeps them."""
+    if Feature.SEQUENCES in bench.info.features:
+        bench.must(Slot(3, bench.weak(0.5)))
+        bench.must(Entries((Entry(3, 40),), 7))
+    if Feature.MODULATION in bench.info.features:
+        bench.must(Samples(bytes([255, 128]), 9))
+
+
+def play(bench: Bench) -> Ack:
+    """An update that plays, and that no watchdog ends."""
+    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
+    bench.enable()
+    ack = bench.must(Update(bench.weak()))
+    bench.wait_until(ack.commit_period)
+    expect("the state before", bench.status().state, State.PLAYING)
+    return ack
+
+
+@case("REQ-013", "REQ-003", "STA-006", "SAF-006", "REQ-009", "REQ-010", "TIM-002", allow=(Risk.RESET,))
+@either_restart
+def test_everything_begins_anew_with_a_restart(bench: Bench, restart: Restart) -> None:
+    """After RESET and power-up the device is OFF, and counts, time, watchdog and limit are as at first."""
+    first = bench.must(NoOp())
+    bench.must(NoOp(), number=(first.sequence + 5) % 2**32)
+    bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=0))
+    bench.order(Request.LIMIT, bench.drive_limit - 1)
+    play(bench)
+    if Feature.MODULATION in bench.info.features:
+        bench.must(Samples(bytes([255])))
+        bench.must(Modulation(0, 1, 1))
+    began = bench.line.time.monotonic()
+    restart(bench)
+    status = bench.status()
+    passed = bench.line.time.monotonic() - began
+    expect("the state", status.state, State.OFF)
+    expect("the faults", status.faults, Fault(0))
+    expect("the last refusal", status.last_refusal, Reason.ACCEPTED)
+    expect("the flags", status.flags, StatusFlag(0))
+    expect("what plays since", status.since_period, 0)
+    for name in COUNTERS:
+        expect(f"the status' {name}", getattr(status, name), 0)
+    expect("the room in the queue", status.free, bench.info.queue_blocks)
+    expect("the watchdog's time", status.watchdog_ms, bench.info.watchdog_ms)
+    expect("the drive limit", status.drive_limit, bench.info.drive_limit)
+    most = passed * (1 + CLOCK_ERROR)
+    assert status.now / TICK_HZ <= most, (
+        f"the time is {status.now / TICK_HZ:.6f} s, {passed:.6f} s after the restart was asked for; should begin anew"
+    )
+
+
+@case("REQ-002", "REQ-013", "USB-001", allow=(Risk.RESET,))
+@either_restart
+def test_what_the_device_is_stays_over_a_restart(bench: Bench, restart: Restart) -> None:
+    """INFO and WIRING are the same after RESET and power-up: it is the same device."""
+    before = [bench.ask(Request.INFO), bench.ask(Request.WIRING)]
+    restart(bench)
+    expect("INFO", bench.ask(Request.INFO), before[0])
+    expect("WIRING", bench.ask(Request.WIRING), before[1])
+
+
+@case("BLK-013", "REQ-013", "BLK-021", features=Feature.SEQUENCES, allow=(Risk.RESET,))
+@either_restart
+def test_slots_and_entries_are_empty_after_a_restart(bench: Bench, restart: Restart) -> None:
+    """A sequence that was stored before RESET or power-up is refused as EMPTY until entry and slot are stored again."""
+    store_everything(bench)
+    restart(bench)
+    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
+    bench.order(Request.LIMIT, bench.drive_limit)
+    bench.enable()
+    expect("the reason without an entry", bench.send(Sequence(7, 1)).reason, Reason.EMPTY)
+    bench.must(Entries((Entry(3, 40),), 7))
+    expect("the reason without a slot", bench.send(Sequence(7, 1)).reason, Reason.EMPTY)
+    bench.must(Slot(3, bench.weak(0.5)))
+    bench.must(Sequence(7, 1))
+
+
+@case("BLK-021", "REQ-013", features=Feature.MODULATION, allow=(Risk.RESET,))
+@either_restart
+def test_samples_are_empty_after_a_restart(bench: Bench, restart: Restart) -> None:
+    """A modulation of samples from before RESET or power-up is refused as EMPTY until they are stored again."""
+    store_everything(bench)
+    restart(bench)
+    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
+    bench.enable()
+    expect("the reason without samples", bench.send(Modulation(9, 2, 1)).reason, Reason.EMPTY)
+    bench.must(Samples(bytes([255]), 9))
+    expect("the reason with one of two", bench.send(Modulation(9, 2, 1)).reason, Reason.EMPTY)
+    bench.must(Samples(bytes([128]), 10))
+    bench.must(Modulation(9, 2, 1))
+
+
+@case("NUM-004", allow=(Risk.RESET,))
+@either_restart
+def test_any_number_is_accepted_after_a_restart(bench: Bench, restart: Restart) -> None:
+    """The first block after RESET or power-up is accepted whatever its number, and the count begins with it."""
+    old = (bench.must(NoOp()).sequence - 1000) % 2**32
+    expect("the reason for an old number", bench.send(NoOp(), number=old).reason, Reason.SEQUENCE)
+    restart(bench)
+    ack = bench.must(NoOp(), number=old, restart=False)
+    expect("its flags", ack.flags, AckFlag(0))
+    expect("the count of lost blocks", bench.status().lost, 0)
+    expect("the reason for its number again", bench.send(NoOp(), number=old).reason, Reason.SEQUENCE)
+
+
+@case("TIM-002/2", "CHN-026", allow=(Risk.RESET,))
+@either_restart
+def test_a_device_that_answers_counts_periods_and_knows_its_processors(bench: Bench, restart: Restart) -> None:
+    """The first that a host hears after RESET or power-up knows all ten processors and a pulse on the sync line."""
+    restart(bench)
+    reports, clock, status = bench.processors(), bench.clock(), bench.status()
+    expect("the count of processors", len(reports), PROCESSORS)
+    for place, report in enumerate(reports):
+        expect(f"the faults of processor {place}", report.faults, Fault(0))
+        assert report.bank is not None, f"processor {place} is not there yet"
+        expect(f"the firmware of processor {place}", report.firmware, bench.info.firmware)
+    expect("the faults", status.faults, Fault(0))
+    assert clock.sync_pulses >= 1, "there was no pulse on the sync line yet, should be one at period 0"
+    expect("the period of the last pulse", clock.sync_period, SYNC_PERIODS * (clock.sync_pulses - 1))
+
+
+@case("SAF-001", "REQ-013", "STA-006", needs=(Need.CAPTURE,), allow=(Risk.RESET,))
+@either_restart
+def test_the_outputs_are_low_after_a_restart(bench: Bench, restart: Restart) -> None:
+    """All outputs are low from period 0 on, whatever played before, until a host enables them and sends something."""
+    play(bench)
+    restart(bench)
+    bench.must(NoOp())
+    bench.enable()
+    bench.wait_periods(40)
+    last = bench.period()
+    bench.judge(max(last - MOST_JUDGED, 0), last, check_silent)
+
+
+@case("SAF-001", "REQ-013", needs=(Need.CAPTURE,), allow=(Risk.RESET,))
+@either_restart
+def test_the_outputs_are_low_while_a_device_starts(bench: Bench, restart: Restart) -> None:
+    """All outputs are low in the first periods after RESET and power-up, while nobody has asked for anything yet."""
+    play(bench)
+    restart(bench)
+    bench.judge(0, min(bench.period(), MOST_JUDGED), check_silent)
+
+
+def play_in(bench: Bench, state: State) -> None:
+    """Bring the device to a state."""
+    match state:
+        case State.READY:
+            bench.enable()
+        case State.PLAYING:
+            play(bench)
+        case State.UNATTENDED:
+            play_unattended(bench)
+        case State.FAULT:
+            if not bench.can(Need.FAULTS):
+                raise Inconclusive(f"this needs {Need.FAULTS}")
+            bench.enable()
+            bench.levers.cause(HotBoard(board=2, celsius=100, periods=4000))
+            bench.wait(0.05)
+            bench.wait_periods(4000)
+
+
+@case("STA-003", "REQ-013", allow=(Risk.RESET,))
+@pytest.mark.parametrize("state", [State.OFF, State.READY, State.PLAYING, State.UNATTENDED, State.FAULT], ids=NAME)
+def test_reset_leads_to_off_from_every_state(bench: Bench, state: State) -> None:
+    """RESET leads to OFF without faults from every state, also while a fault waits to be cleared."""
+    if state is State.UNATTENDED and Feature.UNATTENDED not in bench.info.features:
+        raise Inconclusive("this device has no sequences that go on without the host")
+    play_in(bench, state)
+    expect("the state before", bench.status().state, state)
+    reset(bench)
+    status = bench.status()
+    expect("the state", status.state, State.OFF)
+    expect("the faults", status.faults, Fault(0))
+    expect("what plays since", status.since_period, 0)
+
+
+@case("REQ-013", "USB-004", allow=(Risk.RESET,), line="usb")
+def test_reset_leaves_the_bus(bench: Bench) -> None:
+    """RESET is answered, and then the device leaves the bus, so that the host's system forgets what it knew of it."""
+    bench.order(Request.RESET)
+    end, left = bench.line.time.monotonic() + LEAVES_SECONDS, False
+    while not left and bench.line.time.monotonic() < end:
+        bench.wait(0.01)
+        try:
+            bench.line.request(Setup(0xC1, Request.STATUS, 0, 0, Status.BYTES))
+        except DeviceError:
+            left = True
+    bench.restart(lambda: None)
+    assert left, f"the device still answers on the same bus {LEAVES_SECONDS:g} s after RESET"
+
+
+@case("REQ-001", "REQ-013", allow=(Risk.RESET,))
+@pytest.mark.parametrize(
+    ("setup", "data"),
+    [
+        (Setup(0x41, Request.RESET, 1, 0, 0), b""),
+        (Setup(0x41, Request.RESET, 0, 1, 0), b""),
+        (Setup(0x41, Request.RESET, 0, 0, 1), b"\0"),
+        (Setup(0xC1, Request.RESET, 0, 0, 1), b""),
+    ],
+    ids=["value", "index", "data", "in"],
+)
+def test_what_is_no_reset_restarts_nothing(bench: Bench, setup: Setup, data: bytes) -> None:
+    """RESET with another value, index or direction, or with data, is answered with STALL and nothing restarts."""
+    bench.must(NoOp())
+    before = bench.status()
+    answer = bench.request(setup, data)
+    assert answer is None, f"{setup} is answered with {answer!r}, should be with STALL"
+    bench.wait(0.05)
+    after = bench.status()
+    expect("the count of accepted blocks", after.accepted, before.accepted)
+    assert after.now > before.now, f"the time is {after.now}, should go on from {before.now}"
+
+
+@case("REQ-013", "SER-010", features=Feature.CONSOLE, allow=(Risk.RESET,))
+def test_reset_over_a_serial_line_is_answered_first(bench: Bench) -> None:
+    """RESET in a frame is answered with its REPLY, then CONSOLE, and only then does the device restart."""
+    bench.must(NoOp())
+    line = bench.serial
+    line.enter_frames()
+    line.send_frame(FrameKind.REQUEST, bytes([0x5A]) + Setup(0x41, Request.RESET, 0, 0, 0).encode())
+    try:
+        line.listen(line.patience(), lambda: line.mode is Mode.CONSOLE and line.events != [])
+    except DeviceError as error:
+        bench.note("the line", error)
+    seen, replies = list(line.events), [SerialReply.decode(body) for body in line.frames(FrameKind.REPLY)]
+    bench.restart(lambda: None)
+    expect("the list of replies", replies, [SerialReply(0x5A, Outcome.DONE)])
+    assert seen[-1:] == [Mode.CONSOLE], f"no CONSOLE follows the reply, but {seen}"
+    status = bench.status()
+    expect("the state", status.state, State.OFF)
+    expect("the count of accepted blocks", status.accepted, 0)
+
+
+@case("USB-026", "REQ-013", allow=(Risk.RESET,), line="usb")
+@either_restart
+def test_the_console_is_as_at_first_after_a_restart(bench: Bench, restart: Restart) -> None:
+    """Line coding and DTR are as at first after RESET and power-up."""
+    bench.request(Setup(0x21, 0x20, 0, CONSOLE, 7), LINE_CODING)
+    restart(bench)
+    expect("the line coding", bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7)), LINE_CODING_AT_FIRST)
+
+
+# Suspend
+
+
+@contextmanager
+def suspended(bench: Bench) -> Iterator[None]:
+    """The bus is suspended for a while."""
+    bench.note("lever", "suspend")
+    bench.levers.suspend()
+    try:
+        yield
+    finally:
+        bench.levers.resume()
+        bench.note("lever", "resume")
+
+
+def play_unattended(bench: Bench, *, periods: int = 40, repeats: int = 0) -> tuple[Ack, Pulses]:
+    """A sequence of one slot that may go on without its host; what it plays."""
+    pulses = bench.weak(0.5)
+    bench.must(Slot(3, pulses))
+    bench.must(Entries((Entry(3, periods),), 7))
+    bench.enable()
+    ack = bench.must(Sequence(7, 1, repeats=repeats, unattended=True))
+    bench.wait_until(ack.commit_period)
+    expect("the state before", bench.status().state, State.UNATTENDED)
+    return ack, pulses
+
+
+SUSPEND = (Need.SUSPEND,)
+
+
+@case("USB-020", "STA-003", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
+@pytest.mark.parametrize("state", [State.OFF, State.READY, State.PLAYING], ids=NAME)
+def test_suspend_turns_the_outputs_off(bench: Bench, state: State) -> None:
+    """A suspended bus turns the outputs off and empties the queue; after resume they stay off until ENABLE."""
+    play_in(bench, state)
+    queued = None
+    if state is not State.OFF:
+        bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
+        queued = bench.must(Update(bench.weak(), bench.period() + 4000))
+    before = bench.status()
+    expect("the state before", before.state, state)
+    with suspended(bench):
+        bench.wait(0.02)
+    after = bench.status()
+    expect("the state after resume", after.state, State.OFF)
+    expect("the flags", after.flags, StatusFlag(0))
+    expect("what plays since", after.since_period, 0)
+    expect("the room in the queue", after.free, bench.info.queue_blocks)
+    for name in (*COUNTERS, "faults", "watchdog_ms", "drive_limit"):
+        expect(f"the status' {name}", getattr(after, name), getattr(before, name))
+    expect("the reason for an update", bench.send(Update(bench.weak()), restart=True).reason, Reason.DISABLED)
+    bench.enable()
+    if queued is not None:
+        bench.wait_until(queued.commit_period + 2)
+        expect("the state past the period of what was queued", bench.status().state, State.READY)
+    bench.must(Update(bench.weak()))
+
+
+@case("USB-020", "ACK-006", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
+def test_suspend_keeps_the_records(bench: Bench) -> None:
+    """Records that wait are kept over a suspension, and one status record behind them says what came of it."""
+    blocks = [bench.numbered(NoOp()) for _ in range(3)]
+    before = bench.status().accepted
+    bench.usb.write(1, b"".join(map(pack, blocks)), SOON)
+    bench.enable()
+    while bench.status().accepted != (before + len(blocks)) % 2**32:
+        pass
+    with suspended(bench):
+        bench.wait(0.005)
+    found = bench.listen(0.05)
+    sequences = [record.sequence for record in found if isinstance(record, Ack)]
+    expect("the numbers that are acknowledged", sequences, [block.sequence for block in blocks])
+    statuses = [record for record in found if isinstance(record, Status)]
+    expect("the count of status records", len(statuses), 1)
+    expect("the place of the status record", found.index(statuses[0]), len(blocks))
+    expect("the state that it says", statuses[0].state, State.OFF)
+
+
+@case("USB-020", "NUM-004", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
+def test_a_device_that_resumes_is_configured_as_before(bench: Bench) -> None:
+    """Configuration, halts, numbering, line coding and stores are as before a suspension: no host has come or gone."""
+    first = bench.must(NoOp())
+    store_everything(bench)
+    bench.request(Setup(0x21, 0x20, 0, CONSOLE, 7), LINE_CODING)
+    bench.request(Setup(0x02, 3, 0, 0x83, 0))
+    last = bench.must(NoOp())
+    try:
+        with suspended(bench):
+            bench.wait(0.02)
+        expect("the configuration", bench.request(Setup(0x80, 8, 0, 0, 1)), b"\x01")
+        expect("the halt of endpoint 83", bench.request(Setup(0x82, 0, 0, 0x83, 2)), b"\x01\x00")
+        expect("the line coding", bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7)), LINE_CODING)
+    finally:
+        bench.usb.clear_halt(0x83)
+    expect("the reason for an old number", bench.send(NoOp(), number=first.sequence).reason, Reason.SEQUENCE)
+    ack = bench.must(NoOp(), number=(last.sequence + 3) % 2**32)
+    expect("the flags behind two that are missing", ack.flags, AckFlag.GAP)
+    bench.enable()
+    if Feature.SEQUENCES in bench.info.features:
+        bench.must(Sequence(7, 1))
+
+
+@case("USB-020", "TIM-002", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
+def test_time_goes_on_while_the_bus_is_suspended(bench: Bench) -> None:
+    """The device counts its periods on while the bus is suspended, for time is never set."""
+    before, began = bench.clock().now, bench.line.time.monotonic()
+    with suspended(bench):
+        bench.wait(0.3)
+    passed, ticks = bench.line.time.monotonic() - began, bench.clock().now - before
+    assert abs(ticks / TICK_HZ - passed) <= CLOCK_ERROR * passed + 0.02, (
+        f"{ticks / TICK_HZ:.4f} s passed for the device, should be {passed:.4f} s"
+    )
+
+
+@case("USB-020", "SAF-004/1", needs=(*SUSPEND, Need.CAPTURE), allow=(Risk.RESET,), line="usb")
+def test_the_outputs_are_off_while_the_bus_is_suspended(bench: Bench) -> None:
+    """All outputs are low from 10 ms after the last activity on the bus, and stay low after resume."""
+    play(bench)
+    with suspended(bench):
+        began = bench.line.time.monotonic()
+        bench.wait(0.05)
+    passed = bench.line.time.monotonic() - began
+    last = bench.period()
+    first = last - int(CARRIER_HZ * passed * (1 - CLOCK_ERROR)) + OFF_PERIODS + 1
+    bench.judge(first, last, check_silent)
+
+
+@case("USB-020", "SAF-005", "STA-003", needs=SUSPEND, features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
+def test_what_plays_unattended_goes_on_while_the_bus_is_suspended(bench: Bench) -> None:
+    """A sequence with permission plays on through a suspension, and no status record says that anything changed."""
+    ack, _ = play_unattended(bench)
+    bench.listen(0.02)
+    with suspended(bench):
+        bench.wait(0.2)
+    expect("what comes of its own accord", bench.listen(0.02), [])
+    status = bench.status()
+    expect("the state", status.state, State.UNATTENDED)
+    expect("what plays since", status.since_period, ack.commit_period)
+
+
+@case(
+    "USB-020", "SAF-005", needs=(*SUSPEND, Need.CAPTURE), features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb"
+)
+def test_the_outputs_go_on_unattended_while_the_bus_is_suspended(bench: Bench) -> None:
+    """The outputs play a sequence with permission all through a suspension, without a gap."""
+    ack, pulses = play_unattended(bench)
+    with suspended(bench):
+        bench.wait(0.03)
+    last = bench.period()
+    first = max(ack.commit_period, last - MOST_JUDGED)
+    words = expected_words(pulses, bench.wiring)
+    bench.judge(first, last, lambda seen: check_play(seen, [(first, words)]))
+
+
+@case("STA-004", "SAF-005", needs=SUSPEND, features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
+def test_suspend_follows_where_a_sequence_ends_on_a_suspended_bus(bench: Bench) -> None:
+    """When a sequence with permission ends while the bus is suspended the device is suspended too: OFF after resume."""
+    play_unattended(bench, periods=2000, repeats=2)
+    with suspended(bench):
+        bench.wait(0.3)
+    status = bench.status()
+    expect("the state", status.state, State.OFF)
+    expect("the flags", status.flags, StatusFlag(0))
+    found = bench.listen(0.02)
+    expect("the states that are told unasked", [record.state.name for record in found], ["OFF"])
+
+
+@case("STA-003", "SAF-007/1", needs=(*SUSPEND, Need.FAULTS), allow=(Risk.RESET,), line="usb")
+def test_a_fault_while_suspended_waits_to_be_cleared(bench: Bench) -> None:
+    """A silencing fault on a suspended bus leads to FAULT, and resume does not clear it."""
+    with suspended(bench):
+        bench.levers.cause(HotBoard(board=1, celsius=100, periods=4000))
+        bench.wait(0.2)
+    status = bench.status()
+    expect("the state", status.state, State.FAULT)
+    expect("the faults", status.faults, Fault.TEMPERATURE)
+    assert not bench.try_order(Request.ENABLE), "ENABLE is not answered with STALL in FAULT"
+    bench.order(Request.CLEAR_FAULTS)
+    expect("the state once cleared", bench.status().state, State.OFF)
+
+
+# An unplugged cable
+
+
+@contextmanager
+def unplugged(bench: Bench) -> Iterator[None]:
+    """The cable is pulled for a while."""
+    bench.note("lever", "unplug")
+    bench.levers.unplug()
+    try:
+        yield
+    finally:
+        bench.levers.plug()
+        bench.note("lever", "plug")
+        bench.line.reopen(RETURN_SECONDS)
+
+
+PLUG = (Need.PLUG,)
+
+
+@case("STA-006", "USB-020", "USB-026", "NUM-004", needs=PLUG, allow=(Risk.RESET,), line="usb")
+def test_an_unplugged_device_is_found_reset(bench: Bench) -> None:
+    """A host that opens the device after it was unplugged finds it off, with nothing queued and no old records."""
+    old = (bench.must(NoOp()).sequence - 1000) % 2**32
+    store_everything(bench)
+    bench.request(Setup(0x21, 0x20, 0, CONSOLE, 7), LINE_CODING)
+    play(bench)
+    queued = bench.must(Update(bench.weak(), bench.period() + 8000))
+    before = bench.status()
+    bench.usb.write(1, pack(bench.numbered(NoOp())), SOON)
+    with unplugged(bench):
+        bench.wait(0.02)
+    after = bench.status()
+    expect("the state", after.state, State.OFF)
+    expect("what plays since", after.since_period, 0)
+    expect("the room in the queue", after.free, bench.info.queue_blocks)
+    expect("the count of accepted blocks", after.accepted, (before.accepted + 1) % 2**32)
+    expect("the watchdog's time", after.watchdog_ms, LONG_WATCHDOG_MS)
+    assert after.now > before.now, f"the time is {after.now}, should go on from {before.now}"
+    expect("what comes of its own accord", bench.listen(0.02), [])
+    expect("the line coding", bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7)), LINE_CODING_AT_FIRST)
+    ack = bench.must(NoOp(), number=old)
+    expect("the flags of any number", ack.flags, AckFlag(0))
+    bench.wait_until(queued.commit_period + 2)
+    expect("the state past the period of what was queued", bench.status().state, State.OFF)
+    bench.enable()
+    if Feature.SEQUENCES in bench.info.features:
+        bench.must(Sequence(7, 1))
+
+
+@case("STA-006", "USB-020", needs=(*PLUG, Need.CAPTURE), allow=(Risk.RESET,), line="usb")
+def test_the_outputs_are_off_once_the_cable_is_pulled(bench: Bench) -> None:
+    """All outputs are low from 10 ms after the cable was pulled, and stay low when it is back."""
+    play(bench)
+    began = bench.line.time.monotonic()
+    with unplugged(bench):
+        bench.wait(0.05)
+    passed = bench.line.time.monotonic() - began
+    last = bench.period()
+    first = last - int(CARRIER_HZ * passed * (1 - CLOCK_ERROR)) + OFF_PERIODS + 1
+    bench.judge(first, last, check_silent)
+
+
+@case("SAF-005", "USB-020", "USB-003", needs=PLUG, features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
+def test_what_plays_unattended_ends_with_the_next_host(bench: Bench) -> None:
+    """A sequence with permission ends when a host configures the device after it was unplugged."""
+    play_unattended(bench)
+    with unplugged(bench):
+        bench.wait(0.02)
+    status = bench.status()
+    expect("the state", status.state, State.OFF)
+    expect("the flags", status.flags, StatusFlag(0))
+
+
+@case("SAF-005", "USB-020", needs=(*PLUG, Need.CAPTURE), features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
+def test_the_outputs_go_on_unattended_while_the_cable_is_pulled(bench: Bench) -> None:
+    """The outputs play a sequence with permission while the cable is pulled, for it was to go on without its host."""
+    ack, pulses = play_unattended(bench)
+    at, began = bench.period(), bench.line.time.monotonic()
+    bench.levers.unplug()
+    bench.wait(0.03)
+    until = at + int(CARRIER_HZ * (bench.line.time.monotonic() - began) * (1 - CLOCK_ERROR))
+    bench.levers.plug()
+    bench.line.reopen(RETURN_SECONDS)
+    words = expected_words(pulses, bench.wiring)
+    bench.judge(ack.commit_period, until, lambda seen: check_play(seen, [(ack.commit_period, words)]))
+
+
+# A device at a serial line alone
+
+
+@case("STA-006", needs=(Need.SUSPEND, Need.PLUG, Need.POWER), allow=(Risk.RESET,), line="serial")
+def test_a_bus_that_configured_nothing_suspends_nothing(bench: Bench) -> None:
+    """A device that no bus has configured plays on for a serial line, whatever the bus does."""
+    if bench.line.kind != "serial":
+        raise Inconclusive("this concerns a device that is used over a serial line alone")
+    bench.power_cycle()
+    bench.order(Request.LIMIT, bench.drive_limit)
+    ack = play(bench)
+    with suspended(bench):
+        bench.wait(0.02)
+        expect("the state while the bus is suspended", bench.status().state, State.PLAYING)
+    bench.levers.unplug()
+    bench.wait(0.02)
+    expect("the state without a cable", bench.status().state, State.PLAYING)
+    bench.levers.plug()
+    status = bench.status()
+    expect("the state", status.state, State.PLAYING)
+    expect("what plays since", status.since_period, ack.commit_period)

@@ -1,0 +1,432 @@
+"""Robustness: nonsense on every endpoint, the same for the same seed, between blocks that must get through."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+
+import pytest
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Need, case, expect
+from phasewire.hil.conformance.forge import FIELDS, forged
+from phasewire.hil.conformance.waveforms import check_play, check_silent, expected_words
+from phasewire.protocol.blocks import Block, Body, Clock, Entries, Entry, NoOp, Samples, Slot, Update, pack
+from phasewire.protocol.codes import AckFlag, Feature, FrameKind, Reason, Request, State
+from phasewire.protocol.framing import DELIMITER, Frame, encode
+from phasewire.protocol.replies import Ack, Status, records
+from phasewire.protocol.requests import Setup
+
+BLOCK_BYTES = 512
+ENDPOINTS = (0x01, 0x81, 0x82, 0x03, 0x83)
+INTERFACES = (0, 1, 2, 3)
+LONG_WATCHDOG_MS = 20_000
+SOON = 1.0
+COUNTED = ("late", "lost", "missed_commits", "damaged_messages", "faults", "watchdog_ms", "drive_limit", "state")
+
+STANDARD, CLASS, VENDOR, RESERVED = 0x00, 0x20, 0x40, 0x60
+IN = 0x80
+KNOWN_STANDARD = {0, 1, 3, 5, 6, 8, 9, 10, 11}
+"""Clause USB-014."""
+
+
+# What must hold afterwards
+
+
+def at_most(bench: Bench, count: int) -> int:
+    """So many, or few of them where the line is slow."""
+    return count if bench.line.kind == "usb" else max(count // 8, 1)
+
+
+def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> None:
+    """INFO is what it was, counts say what was acknowledged and nothing else, and no endpoint is halted."""
+    expect("INFO", bench.ask(Request.INFO), bench.info.encode())
+    after = bench.status()
+    expect("the count of accepted blocks", after.accepted, (before.accepted + accepted) % 2**32)
+    expect("the count of refused blocks", after.refused, (before.refused + refused) % 2**32)
+    for name in COUNTED:
+        expect(f"the status' {name}", getattr(after, name), getattr(before, name))
+    if bench.line.kind == "usb":
+        expect("the configuration", bench.request(Setup(0x80, 8, 0, 0, 1)), b"\x01")
+        for endpoint in ENDPOINTS:
+            expect(f"the status of endpoint {endpoint:02X}", bench.request(Setup(0x82, 0, 0, endpoint, 2)), bytes(2))
+
+
+def play(bench: Bench) -> Ack:
+    """An update that plays, and that no watchdog ends."""
+    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
+    bench.enable()
+    ack = bench.must(Update(bench.weak()))
+    bench.wait_until(ack.commit_period)
+    return ack
+
+
+# Blocks
+
+
+def good_block(bench: Bench) -> bytes:
+    """A block that is accepted in every state and whatever plays."""
+    bodies: list[Body] = [NoOp(), Clock()]
+    if Feature.MODULATION in bench.info.features:
+        bodies.append(Samples(bench.random.randbytes(bench.random.randint(1, 480)), bench.random.randrange(3000)))
+    if Feature.SEQUENCES in bench.info.features:
+        bodies.append(Slot(bench.random.randrange(256), bench.weak(0.5)))
+        bodies.append(Entries((Entry(bench.random.randrange(256), bench.random.randint(1, 65535)),), 1000))
+    return pack(bench.numbered(bench.random.choice(bodies)))
+
+
+def any_block(bench: Bench) -> bytes:
+    """A block that would be accepted if nothing were done to it, but for its number."""
+    return pack(Block(NoOp(), bench.random.randrange(2**32)))
+
+
+def noise(bench: Bench) -> tuple[bytes, Reason]:
+    """Bytes that are no block at all."""
+    return bench.random.randbytes(BLOCK_BYTES), Reason.CHECKSUM
+
+
+def flipped(bench: Bench) -> tuple[bytes, Reason]:
+    """A valid block with one to three bits flipped, anywhere, which its checksum always shows."""
+    data = bytearray(any_block(bench))
+    for at in bench.random.sample(range(8 * BLOCK_BYTES), bench.random.randint(1, 3)):
+        data[at // 8] ^= 1 << at % 8
+    return bytes(data), Reason.CHECKSUM
+
+
+def wrong_fields(bench: Bench) -> tuple[bytes, Reason]:
+    """A block whose header is nonsense under a checksum that is right; the reserved bytes are never 0."""
+    names = bench.random.sample([name for name in FIELDS if name not in ("checksum", "reserved")], 5)
+    fields = {name: bench.random.randrange(256 ** FIELDS[name][1]) for name in names}
+    data = forged(any_block(bench), reserved=bench.random.randint(1, 65535), **fields)
+    if data[:2] != b"PW":
+        return data, Reason.MAGIC
+    if not bench.info.oldest_version <= data[2] <= bench.info.newest_version:
+        return data, Reason.VERSION
+    return data, Reason.FIELD if 1 <= data[3] <= 9 else Reason.KIND
+
+
+def cut_short(bench: Bench) -> tuple[bytes, Reason]:
+    """A packet that ends before a block does."""
+    packet = bench.usb.bulk_bytes
+    sizes = [size for size in range(1, BLOCK_BYTES) if size % packet]
+    return any_block(bench)[: bench.random.choice(sizes)], Reason.LENGTH
+
+
+KINDS = {"noise": noise, "flipped-bits": flipped, "wrong-fields": wrong_fields, "cut-short": cut_short}
+
+
+def send(bench: Bench, blocks: Iterable[bytes]) -> list[Ack]:
+    """Send blocks, whole ones in one go as far as nothing shorter comes between; their acknowledgements, in order."""
+    acks: list[Ack] = []
+    for whole, run in groupby(blocks, lambda block: len(block) == BLOCK_BYTES):
+        for piece in [list(run)] if whole else [[block] for block in run]:
+            acks += bench.send_raw(*piece)
+    return acks
+
+
+def mixed(bench: Bench, kinds: Iterable[str], count: int) -> tuple[list[bytes], list[Reason]]:
+    """Blocks, some of them valid, and what the reasons of their acknowledgements must be."""
+    names = list(kinds)
+    made = [
+        (good_block(bench), Reason.ACCEPTED) if number % 3 == 0 else KINDS[bench.random.choice(names)](bench)
+        for number in range(count)
+    ]
+    return [block for block, _ in made], [reason for _, reason in made]
+
+
+def check_batch(bench: Bench, kinds: Iterable[str], count: int) -> None:
+    """Send a mixture; each block must have its answer, and the device must be as before but for its counts."""
+    before = bench.status()
+    blocks, reasons = mixed(bench, kinds, count)
+    acks = send(bench, blocks)
+    expect("the list of reasons", [ack.reason.name for ack in acks], [reason.name for reason in reasons])
+    for ack in acks:
+        expect(f"the flags of block {ack.sequence}", ack.flags, AckFlag(0))
+        expect(f"the state that block {ack.sequence} was judged in", ack.state, before.state)
+    nows = [ack.now for ack in acks]
+    expect("the times of arrival", nows, sorted(nows))
+    good = reasons.count(Reason.ACCEPTED)
+    check_sound(bench, before, good, len(reasons) - good)
+    expect("the last refusal", bench.status().last_refusal, [reason for reason in reasons if reason][-1])
+
+
+@case("BLK-003", "BLK-008", "BLK-011", "ACK-001", "ACK-003", "REQ-003")
+@pytest.mark.parametrize("kind", ["noise", "flipped-bits", "wrong-fields"])
+def test_valid_blocks_get_through_between_wrong_ones(bench: Bench, kind: str) -> None:
+    """Among blocks that are nonsense each valid one is accepted, each other refused, and all are counted."""
+    bench.must(NoOp())
+    for _ in range(at_most(bench, 8)):
+        check_batch(bench, [kind], at_most(bench, 48))
+
+
+@case("USB-015", "USB-017/1", "BLK-008", "ACK-001", line="usb")
+def test_valid_blocks_get_through_between_short_packets(bench: Bench) -> None:
+    """Among packets of any length each whole block is accepted, and no packet shifts the blocks behind it."""
+    bench.must(NoOp())
+    for _ in range(5):
+        check_batch(bench, ["cut-short", "noise"], 30)
+
+
+@case("USB-015", "USB-017/1", "ACK-001", "ACK-003", line="usb")
+def test_transfers_of_any_length_are_cut_into_blocks(bench: Bench) -> None:
+    """A transfer of n random bytes gets one refusal for each 512 of them and one for the rest, and nothing hangs."""
+    bench.must(NoOp())
+    before, refused = bench.status(), 0
+    for _ in range(20):
+        size = bench.random.randint(1, 6 * BLOCK_BYTES)
+        data, sent, end = bench.random.randbytes(size), 0, bench.line.time.monotonic() + SOON
+        while sent < size and bench.line.time.monotonic() < end:
+            sent += bench.usb.write(0x01, data[sent:], SOON)
+        expect("the count of bytes that were taken", sent, size)
+        whole, rest = divmod(size, BLOCK_BYTES)
+        if rest and size % bench.usb.bulk_bytes == 0:
+            bench.usb.write(0x01, b"", SOON)
+        wanted = [Reason.CHECKSUM] * whole + [Reason.LENGTH] * bool(rest)
+        found = collect(bench, len(wanted))
+        expect(f"the list of reasons for {size} bytes", [ack.reason.name for ack in found], [r.name for r in wanted])
+        refused += len(wanted)
+        bench.must(NoOp())
+    check_sound(bench, before, 20, refused)
+
+
+def collect(bench: Bench, count: int) -> list[Ack]:
+    """So many acknowledgements; fails where they do not come."""
+    found: list[Ack] = []
+    end = bench.line.time.monotonic() + SOON
+    while len(found) < count:
+        assert bench.line.time.monotonic() < end, f"{len(found)} of {count} acknowledgements come in {SOON:g} s"
+        found += [record for record in records(bench.line.receive_records(SOON)) if isinstance(record, Ack)]
+    return found
+
+
+@case("BLK-008", "SAF-002", "SAF-001", needs=(Need.CAPTURE,))
+def test_nonsense_moves_no_output(bench: Bench) -> None:
+    """Whatever nonsense comes while the outputs are off, none of them ever goes high."""
+    bench.must(NoOp())
+    first = bench.period()
+    for _ in range(at_most(bench, 3)):
+        check_batch(bench, ["noise", "flipped-bits", "wrong-fields"], at_most(bench, 30))
+    last = bench.period()
+    bench.judge(max(first, last - 2000), last, check_silent)
+
+
+@case("BLK-008", "BLK-003", needs=(Need.CAPTURE,))
+def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
+    """What plays goes on tick by tick through nonsense of every kind, for one flipped bit must not be heard."""
+    pulses = bench.weak()
+    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
+    bench.enable()
+    ack = bench.must(Update(pulses))
+    bench.wait_until(ack.commit_period)
+    for _ in range(at_most(bench, 3)):
+        check_batch(bench, ["noise", "flipped-bits", "wrong-fields"], at_most(bench, 30))
+    last = bench.period()
+    first = max(ack.commit_period, last - 2000)
+    words = expected_words(pulses, bench.wiring)
+    bench.judge(first, last, lambda seen: check_play(seen, [(first, words)]))
+
+
+@case("SAF-003", "BLK-008")
+def test_nonsense_is_no_sign_of_life(bench: Bench) -> None:
+    """The watchdog fires while nothing but nonsense comes, for a host that sends it does not know what it does."""
+    watchdog = 60 if bench.line.kind == "usb" else 500
+    bench.order(Request.WATCHDOG, watchdog)
+    bench.enable()
+    bench.must(Update(bench.weak()))
+    end = bench.line.time.monotonic() + 3 * watchdog / 1000
+    while bench.line.time.monotonic() < end:
+        block, _ = bench.random.choice([noise, flipped, wrong_fields])(bench)
+        bench.send_raw(block)
+        bench.wait(0.005)
+    status = bench.status()
+    expect("the state", status.state, State.OFF)
+    assert status.watchdog_fired, "the watchdog has not fired while nothing but refused blocks came"
+
+
+# Control requests
+
+
+def random_setups(bench: Bench) -> Iterator[tuple[Setup, bytes]]:
+    """Requests that no device knows, without end, and data for those that go out."""
+    rng = bench.random
+    while True:
+        kind = rng.choice([STANDARD, CLASS, VENDOR, VENDOR, RESERVED]) | rng.choice([0, IN])
+        recipient = rng.randrange(4)
+        request = rng.choice([rng.randrange(16), rng.randrange(0x20, 0x24), rng.randrange(256)])
+        value = rng.choice([0, 0, 1, rng.randrange(65536)])
+        index = {1: rng.choice(INTERFACES), 2: rng.choice(ENDPOINTS)}.get(
+            recipient, rng.choice([0, 7, rng.randrange(256)])
+        )
+        data = b"" if kind & IN else rng.randbytes(rng.choice([0, 0, 1, 7, 64]))
+        setup = Setup(kind | recipient, request, value, index, rng.choice([1, 64, 512]) if kind & IN else len(data))
+        if is_unknown(setup):
+            yield setup, data
+
+
+def is_unknown(setup: Setup) -> bool:
+    """Whether nothing in SPEC.md lets a device answer this, whatever its value and index are."""
+    kind, recipient = setup.request_type & 0x60, setup.request_type & 0x1F
+    if kind == STANDARD:
+        return setup.request not in KNOWN_STANDARD
+    if kind == VENDOR and recipient == 0:
+        return setup.request != 0x20
+    if kind == VENDOR and recipient == 1:
+        return setup.index != 0 or setup.request not in set(Request)
+    if kind == CLASS and recipient == 1:
+        return setup.index in (0, 2) or (setup.request not in range(7) and setup.request not in range(0x20, 0x23))
+    return True
+
+
+@case("USB-004", "REQ-001", "USB-014", line="usb")
+def test_unknown_requests_stall_between_valid_blocks(bench: Bench) -> None:
+    """Requests drawn at random that no device knows are answered with STALL, and blocks between them get through."""
+    play(bench)
+    before, setups = bench.status(), random_setups(bench)
+    for _ in range(160):
+        setup, data = next(setups)
+        answer = bench.request(setup, data)
+        assert answer is None, f"{setup} with {len(data)} bytes is answered with {answer!r}, should be with STALL"
+        ack = bench.must(NoOp())
+        expect("the flags", ack.flags, AckFlag(0))
+    check_sound(bench, before, 160, 0)
+
+
+@case("REQ-001", "REQ-002", "REQ-003", "REQ-004")
+def test_as_much_of_an_answer_comes_as_was_asked_for(bench: Bench) -> None:
+    """Of every answer come the first bytes that were asked for, however few, and never more than it has."""
+    sizes = {Request.INFO: 64, Request.WIRING: 640, Request.STATUS: 64, Request.CLOCK: 24, Request.PROCESSORS: 160}
+    for request, size in sizes.items():
+        for length in [1, size - 1, size, *(bench.random.randint(1, 640) for _ in range(at_most(bench, 8)))]:
+            answer = bench.request(Setup(0xC1, request, 0, 0, length))
+            found = None if answer is None else len(answer)
+            expect(f"the length of {request.name} with wLength {length}", found, min(size, length))
+            if request in (Request.INFO, Request.WIRING):
+                expect(f"{length} bytes of {request.name}", answer, bench.ask(request)[:length])
+
+
+@case("REQ-001", "SAF-002")
+def test_orders_with_wrong_values_have_no_effect(bench: Bench) -> None:
+    """Orders with values, indices or data that they do not take are answered with STALL and change nothing."""
+    before, rng = bench.status(), bench.random
+    orders = {
+        Request.ENABLE: range(1),
+        Request.DISABLE: range(1),
+        Request.WATCHDOG: range(10, 60_001),
+        Request.LIMIT: range(bench.info.drive_limit + 1),
+        Request.CLEAR_FAULTS: range(1),
+        Request.IDENTIFY: range(bench.info.boards),
+    }
+    for request, values in orders.items():
+        wrong = [values.stop, 65535, *([values.start - 1] if values.start else [])]
+        wrong += [value for value in (rng.randrange(65536) for _ in range(at_most(bench, 8))) if value not in values]
+        setups = [(Setup(0x41, request, value, 0, 0), b"") for value in wrong]
+        setups += [
+            (Setup(0x41, request, values.start, index, 0), b"") for index in (1, 3, 0x0100, rng.randint(1, 65535))
+        ]
+        setups += [(Setup(0x41, request, values.start, 0, size), rng.randbytes(size)) for size in (1, 64)]
+        setups.append((Setup(0xC1, request, values.start, 0, 64), b""))
+        for setup, data in setups:
+            answer = bench.request(setup, data)
+            assert answer is None, f"{setup} with {len(data)} bytes is answered with {answer!r}, should be with STALL"
+    check_sound(bench, before, 0, 0)
+
+
+# All at once
+
+
+@case("USB-015", "USB-025", "BLK-008", "USB-004", line="usb")
+def test_the_device_survives_nonsense_everywhere(bench: Bench) -> None:
+    """Valid blocks get through wrong ones, short packets, unknown requests and chatter, and what plays goes on."""
+    first = play(bench)
+    setups = random_setups(bench)
+    for _ in range(10):
+        for setup, data in (next(setups) for _ in range(10)):
+            answer = bench.request(setup, data)
+            assert answer is None, f"{setup} with {len(data)} bytes is answered with {answer!r}, should be with STALL"
+        bench.usb.write(0x03, bench.random.randbytes(bench.random.randint(1, 600)), 0.01)
+        bench.usb.read(0x83, 16 * BLOCK_BYTES, 0.01)
+        check_batch(bench, KINDS, 20)
+    status = bench.status()
+    expect("the state", status.state, State.PLAYING)
+    expect("what plays since", status.since_period, first.commit_period)
+
+
+# The console
+
+
+def chatter(bench: Bench, size: int) -> bytes:
+    """Bytes as a terminal that was set up wrongly would send them: text, ends of lines, zeros, anything."""
+    rng = bench.random
+    alphabets = [bytes(range(0x20, 0x7F)), b"\r\n\x03\x08\x7f\x15 ", bytes(range(256)), b"\0\1\2\3\xff"]
+    return bytes(rng.choice(rng.choice(alphabets)) for _ in range(size))
+
+
+@case("SER-006", "SER-010/1", "CON-009", "USB-025", features=Feature.CONSOLE)
+def test_the_device_survives_noise_on_the_console(bench: Bench) -> None:
+    """Anything may come by a serial line: nothing is carried out, and frames work at once when asked for."""
+    line = bench.serial
+    line.enter_frames()
+    played = play(bench)
+    before = bench.status()
+    for _ in range(at_most(bench, 12)):
+        for _ in range(4):
+            line.write(chatter(bench, bench.random.randint(1, 200)))
+            line.read_bytes(0.01)
+        line.enter_frames()
+        answer = line.request(Setup(0xC1, Request.INFO, 0, 0, 64))
+        expect("INFO by the line", answer, bench.info.encode())
+        bench.must(NoOp())
+    rounds = at_most(bench, 12)
+    check_sound(bench, before, rounds, 0)
+    expect("what plays since", bench.status().since_period, played.commit_period)
+
+
+@case("SER-006", "SER-009/1", "SER-005", features=Feature.CONSOLE)
+def test_valid_frames_get_through_between_damaged_ones(bench: Bench) -> None:
+    """Among frames with flipped, missing and additional bytes each valid one is answered, no other has an effect."""
+    line, rng = bench.serial, bench.random
+    line.enter_frames()
+    before = bench.status()
+    rounds = at_most(bench, 40)
+    for number in range(rounds):
+        line.write(damaged(bench) + DELIMITER)
+        answer = line.request(Setup(0xC1, Request.CLOCK, 0, 0, rng.randint(1, 24)))
+        assert answer is not None, "CLOCK is answered with STALL"
+        if number % 4 == 0:
+            block = pack(bench.numbered(NoOp()))
+            line.send_frame(FrameKind.BLOCK, block)
+            line.listen(line.patience(BLOCK_BYTES), lambda: bool(acknowledged(line.frames(FrameKind.RECORD))))
+            found = acknowledged(line.frames(FrameKind.RECORD))
+            expect("the list of reasons", [ack.reason.name for ack in found], ["ACCEPTED"])
+            expect("the number", found[0].sequence, int.from_bytes(block[4:8], "little"))
+            line.forget()
+    accepted = len(range(0, rounds, 4))
+    check_sound(bench, before, accepted, 0)
+    dropped = (bench.status().dropped_frames - before.dropped_frames) % 2**32
+    assert dropped >= rounds, f"{dropped} frames were counted as dropped, should be at least {rounds}"
+
+
+def acknowledged(bodies: list[bytes]) -> list[Ack]:
+    """The acknowledgements among records."""
+    return [record for record in records(b"".join(bodies)) if isinstance(record, Ack)]
+
+
+def damaged(bench: Bench) -> bytes:
+    """A valid frame without its zero, with something wrong in it that its checksum shows."""
+    rng = bench.random
+    setup = Setup(0x41, Request.ENABLE, 0, 0, 0)
+    frame = rng.choice(
+        [
+            Frame(FrameKind.REQUEST, bytes([7]) + setup.encode()),
+            Frame(FrameKind.BLOCK, pack(Block(NoOp(), rng.randrange(2**32), restart=True))),
+        ]
+    )
+    data = bytearray(encode(frame)[:-1])
+    at = rng.randrange(len(data))
+    match rng.randrange(3):
+        case 0:
+            data[at] ^= 1 << rng.randrange(8)
+        case 1:
+            del data[at : at + rng.randint(1, 3)]
+        case _:
+            data[at:at] = rng.choices(range(1, 256), k=rng.randint(1, 3))
+    return bytes(data)
