@@ -1,0 +1,248 @@
+"""The stage: an enabled device, and the score of what it must play by the words of SPEC.md.
+
+A case sends blocks through a `Stage`, which holds the device to what it acknowledged and writes the `Score`; then it
+lets the outputs be judged by that. Nothing here knows how a device comes to its outputs.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable
+from collections.abc import Sequence as Many
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Generic, TypeVar
+
+from ...protocol.blocks import Body, Change, Entries, Entry, Modulation, Output, Samples, Sequence, Slot, Update
+from ...protocol.board import CARRIER_HZ, CHANNELS
+from ...protocol.codes import NOW, Action, Reason, Request
+from ...protocol.pulses import Pulses
+from ...protocol.replies import Ack
+from ...protocol.wiring import Wiring
+from .bench import Bench
+from .capture import Seen
+from .cases import Inconclusive
+from .waveforms import Words, check_play, expected_words, modulated
+
+__all__ = ["PROMISED_PERIODS", "Score", "Stage", "block_periods", "is_fast", "soon"]
+
+PROMISED_PERIODS = 5
+"""Clause BLK-005: a change that names this period after the one of its block's arrival is in time."""
+PATIENCE_MS = 60_000
+"""Of the watchdog: the longest that there is (clause REQ-009)."""
+LATENCY_PERIODS = 2000
+"""For what a host, its drivers and the line need besides carrying the blocks: 50 ms."""
+FAST_PERIODS = 20
+"""A USB line carries a block in this time even at full speed."""
+SERIAL_BLOCK_BYTES = 600
+"""A block's frame, its acknowledgement's, and pauses."""
+FULL = 255
+FOREVER = 2**62
+
+Item = TypeVar("Item")
+
+
+def block_periods(bench: Bench) -> int:
+    """How many periods the line needs for a block."""
+    if bench.line.kind == "usb":
+        return FAST_PERIODS
+    return -(-SERIAL_BLOCK_BYTES * CARRIER_HZ // int(bench.serial.wire.bytes_per_second))
+
+
+def is_fast(bench: Bench) -> bool:
+    """Whether thousands of blocks are no matter."""
+    return block_periods(bench) <= FAST_PERIODS
+
+
+def soon(bench: Bench, blocks: int = 1) -> int:
+    """A period before which so many blocks, which are sent now, have arrived long since."""
+    return bench.period() + LATENCY_PERIODS + blocks * block_periods(bench)
+
+
+@dataclass(frozen=True)
+class _Loop(Generic[Item]):
+    """Items one after the other, each for its periods, and again from the first: so many times, or for ever."""
+
+    begin: int
+    items: Many[Item]
+    ends: Many[int]
+    repeats: int = 0
+
+    def at(self, period: int) -> tuple[Item | None, int]:
+        """The item of a period, None behind the last repeat, and the period that is no longer its."""
+        total = self.ends[-1]
+        played, place = divmod(period - self.begin, total)
+        if self.repeats and played >= self.repeats:
+            return None, FOREVER
+        number = bisect_right(self.ends, place)
+        return self.items[number], period - place + self.ends[number]
+
+
+def _loop(begin: int, items: Iterable[tuple[Item, int]], repeats: int = 0) -> _Loop[Item]:
+    known = list(items)
+    return _Loop(begin, [item for item, _ in known], list(accumulate(periods for _, periods in known)), repeats)
+
+
+class Score:
+    """What must play in which period.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    """
+
+    def __init__(self, wiring: Wiring) -> None:
+        self._wiring = wiring
+        self._silence = Pulses.silent(CHANNELS)
+        self._played: list[_Loop[Pulses]] = [_loop(0, [(self._silence, FOREVER)])]
+        self._modulating: list[_Loop[int]] = [_loop(0, [(FULL, FOREVER)])]
+        self._words: dict[tuple[int, int], Words] = {}
+
+    def play(self, begin: int, items: Iterable[tuple[Pulses, int]], repeats: int = 0) -> None:
+        """From a period on play pulses, each for its periods; it must be later than all that was written before."""
+        self._played.append(_loop(begin, items, repeats))
+
+    def update(self, begin: int, pulses: Pulses) -> None:
+        """From a period on play pulses until something else begins."""
+        self.play(begin, [(pulses, FOREVER)])
+
+    def modulate(self, begin: int, samples: Iterable[int], hold: int) -> None:
+        """From a period on modulate what plays."""
+        self._modulating.append(_loop(begin, [(sample, hold) for sample in samples]))
+
+    def end_modulation(self, begin: int) -> None:
+        """From a period on modulate no longer."""
+        self.modulate(begin, [FULL], FOREVER)
+
+    def silence(self, begin: int) -> None:
+        """From a period on play and modulate nothing."""
+        self.update(begin, self._silence)
+        self.end_modulation(begin)
+
+    def at(self, period: int) -> tuple[Pulses, int, int]:
+        """The pulses of a period, the sample that modulates them, and the period with which one of the two changes."""
+        play, next_play = _current(self._played, period)
+        modulation, next_modulation = _current(self._modulating, period)
+        pulses, pulses_end = play.at(period)
+        sample, sample_end = modulation.at(period)
+        assert sample is not None
+        return pulses or self._silence, sample, min(pulses_end, sample_end, next_play, next_modulation)
+
+    def steps(self, first: int, last: int) -> list[tuple[int, Words]]:
+        """What the outputs must do from a period to another, not included, as `check_play` takes it."""
+        steps = []
+        while first < last:
+            pulses, sample, end = self.at(first)
+            steps.append((first, self._expected(pulses, sample)))
+            first = end
+        return steps
+
+    def check(self, seen: Seen) -> None:
+        """Fail where the outputs did anything else in what is seen."""
+        check_play(seen, self.steps(seen.first_period, seen.last_period))
+
+    def _expected(self, pulses: Pulses, sample: int) -> Words:
+        key = id(pulses), sample
+        if key not in self._words:
+            self._words[key] = expected_words(pulses if sample == FULL else modulated(pulses, sample), self._wiring)
+        return self._words[key]
+
+
+def _current(loops: list[_Loop[Item]], period: int) -> tuple[_Loop[Item], int]:
+    """What was begun last, and when the next begins."""
+    after = bisect_right(loops, period, key=lambda loop: loop.begin)
+    return loops[after - 1], loops[after].begin if after < len(loops) else FOREVER
+
+
+class Stage:
+    """An enabled device whose watchdog does not disturb.
+
+    Parameters
+    ----------
+    bench : Bench
+
+    Attributes
+    ----------
+    score : Score
+        Of all that was accepted.
+    """
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.score = Score(bench.wiring)
+        self._slots: dict[int, Pulses] = {}
+        self._entries: dict[int, Entry] = {}
+        self._samples: dict[int, int] = {}
+        bench.order(Request.WATCHDOG, PATIENCE_MS)
+        bench.enable()
+
+    def soon(self, blocks: int = 1) -> int:
+        """A period before which so many blocks, which are sent now, have arrived long since."""
+        return soon(self.bench, blocks)
+
+    def send(self, body: Body) -> Ack:
+        """Send a block that has to be accepted and, if it names a period far enough ahead, to be in time."""
+        return self.send_all([body])[0]
+
+    def send_all(self, bodies: Iterable[Body]) -> list[Ack]:
+        """Send such blocks in one go."""
+        known = list(bodies)
+        acks = self.bench.send_all(known)
+        for body, ack in zip(known, acks, strict=True):
+            self._follow(body, ack)
+        return acks
+
+    def _follow(self, body: Body, ack: Ack) -> None:
+        """Hold the device to an acknowledgement, and write the score."""
+        name = type(body).__name__.upper()
+        assert ack.reason is Reason.ACCEPTED, f"{name} is refused with {ack.reason.name}"
+        if isinstance(body, Change):
+            check_in_time(ack, body.period)
+        begin = ack.commit_period
+        match body:
+            case Slot():
+                self._slots[body.number] = body.pulses
+            case Entries():
+                self._entries.update(enumerate(body.entries, body.first))
+            case Samples():
+                self._samples.update(enumerate(body.samples, body.first))
+            case Update():
+                self.score.update(begin, body.pulses)
+            case Sequence():
+                entries = [self._entries[place] for place in range(body.first, body.first + body.count)]
+                self.score.play(begin, [(self._slots[slot], periods) for slot, periods in entries], body.repeats)
+            case Modulation():
+                samples = [self._samples[place] for place in range(body.first, body.first + body.count)]
+                self.score.modulate(begin, samples, body.hold)
+            case Output(action=Action.END_MODULATION):
+                self.score.end_modulation(begin)
+            case Output():
+                self.score.silence(begin)
+            case _:
+                pass
+
+    def judge(self, first: int, last: int) -> None:
+        """Let the outputs be judged by the score, from a period to another, not included."""
+        self.bench.judge(first, last, self.score.check)
+
+
+def check_in_time(ack: Ack, named: int) -> None:
+    """Fail unless an accepted change takes effect at the period that it named, or behind its arrival where at none.
+
+    Raises
+    ------
+    Inconclusive
+        Where its block came too late for that to be promised.
+    """
+    assert ack.commit_period > ack.now_period, (
+        f"a change whose block had arrived in period {ack.now_period} takes effect at period {ack.commit_period} already"
+    )
+    if named == NOW:
+        assert not ack.late, "a change for as soon as possible is said to be late"
+    elif ack.late and ack.now_period + PROMISED_PERIODS > named:
+        raise Inconclusive(f"the block for period {named} had arrived in period {ack.now_period} only: a slow line")
+    else:
+        assert not ack.late, (
+            f"a change for period {named} is said to be late, though its block had arrived in period {ack.now_period}"
+        )
+        assert ack.commit_period == named, f"a change for period {named} takes effect at period {ack.commit_period}"
