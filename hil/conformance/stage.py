@@ -189,15 +189,15 @@ class Stage:
         known = list(bodies)
         acks = self.bench.send_all(known)
         for body, ack in zip(known, acks, strict=True):
-            self._follow(body, ack)
+            self.follow(body, ack)
+            if isinstance(body, Change):
+                check_in_time(ack, body.period)
         return acks
 
-    def _follow(self, body: Body, ack: Ack) -> None:
-        """Hold the device to an acknowledgement, and write the score."""
+    def follow(self, body: Body, ack: Ack) -> None:
+        """Write the score from a block that has to be accepted, and may be late."""
         name = type(body).__name__.upper()
         assert ack.reason is Reason.ACCEPTED, f"{name} is refused with {ack.reason.name}"
-        if isinstance(body, Change):
-            check_in_time(ack, body.period)
         begin = ack.commit_period
         match body:
             case Slot():
@@ -235,7 +235,7 @@ def check_in_time(ack: Ack, named: int) -> None:
         Where its block came too late for that to be promised.
     """
     assert ack.commit_period > ack.now_period, (
-        f"a change whose block had arrived in period {ack.now_period} takes effect at period {ack.commit_period} already"
+        f"a change takes effect at period {ack.commit_period}, its block had arrived in period {ack.now_period} only"
     )
     if named == NOW:
         assert not ack.late, "a change for as soon as possible is said to be late"

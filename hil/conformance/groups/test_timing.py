@@ -1,0 +1,555 @@
+"""Time: when changes take effect, and what the device says of its clock (chapters TIM and BLK, the sync line)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from enum import StrEnum
+from itertools import pairwise
+
+import pytest
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
+from phasewire.hil.conformance.stage import PROMISED_PERIODS, Stage, is_fast, soon
+from phasewire.protocol.blocks import (
+    Change,
+    Clock,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+)
+from phasewire.protocol.board import TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.codes import NOW, Action, Fault, Feature, Reason, Request, State
+from phasewire.protocol.replies import Ack
+
+SYNC_PERIODS = 4096
+COUNTER_TICKS = 65_536
+HORIZON_PERIODS = 2**32
+SETTLED_PERIODS = 200
+"""In which every store has gone onto the chain, and every change that was due has taken effect."""
+
+
+BOTH = Feature.SEQUENCES | Feature.MODULATION
+
+
+class Kind(StrEnum):
+    """Changes of every kind."""
+
+    UPDATE = "update"
+    SEQUENCE = "sequence"
+    MODULATION = "modulation"
+    END_MODULATION = "end-of-modulation"
+    SILENCE = "silence"
+
+
+EVERY_KIND = pytest.mark.parametrize("kind", list(Kind), ids=str)
+NEEDED = {
+    Kind.SEQUENCE: Feature.SEQUENCES,
+    Kind.MODULATION: Feature.MODULATION,
+    Kind.END_MODULATION: Feature.MODULATION,
+}
+
+
+def changes(stage: Stage, kind: Kind) -> Callable[[int], Change]:
+    """Changes of a kind, one for each period asked for; what they need is stored, and an update plays, modulated."""
+    bench = stage.bench
+    if NEEDED.get(kind, Feature(0)) & ~bench.info.features:
+        raise NotApplicable(f"INFO does not name the feature {NEEDED[kind].name}")
+    pulses = [bench.weak(), bench.weak()]
+    stage.send(Update(pulses[0]))
+    if kind is Kind.SEQUENCE:
+        stage.send_all([Slot(7, bench.weak()), Slot(200, bench.weak())])
+        stage.send(Entries((Entry(200, 3), Entry(7, 2)), 500))
+    if Feature.MODULATION in NEEDED.get(kind, Feature(0)):
+        stage.send(Samples(bytes([250, 90, 200, 140]), 1000))
+    if kind is Kind.END_MODULATION:
+        stage.send(Modulation(1000, 4, 2))
+    bench.wait_periods(SETTLED_PERIODS)
+
+    def change(period: int) -> Change:
+        match kind:
+            case Kind.UPDATE:
+                pulses.reverse()
+                return Update(pulses[0], period)
+            case Kind.SEQUENCE:
+                return Sequence(500, 2, period)
+            case Kind.MODULATION:
+                return Modulation(1000, 4, 1, period)
+            case Kind.END_MODULATION:
+                return Output(Action.END_MODULATION, period)
+            case Kind.SILENCE:
+                return Output(Action.SILENCE, period)
+
+    return change
+
+
+# When changes take effect
+
+
+@case("BLK-005", "BUD-003", "TIM-003", "CHN-005", needs=[Need.CAPTURE])
+@EVERY_KIND
+def test_a_change_plays_from_the_period_that_it_names(bench: Bench, kind: Kind) -> None:
+    """A change that names a period well ahead begins at the first tick of that period on all ten processors."""
+    stage = Stage(bench)
+    change = changes(stage, kind)
+    period = stage.soon()
+    stage.send(change(period))
+    stage.judge(period - 20, period + 60)
+
+
+@case("BLK-005", "BUD-003")
+@EVERY_KIND
+def test_a_change_for_now_is_never_late(bench: Bench, kind: Kind) -> None:
+    """A change for period 0 takes effect as early as a named one is promised to, and is not counted as late."""
+    stage = Stage(bench)
+    change = changes(stage, kind)
+    before = bench.status()
+    for _ in range(4):
+        ack = stage.send(change(NOW))
+        assert ack.commit_period <= ack.now_period + PROMISED_PERIODS, (
+            f"a change for now takes effect at period {ack.commit_period}, its block had arrived in {ack.now_period}"
+        )
+        bench.wait_until(ack.commit_period + 1)
+    expect("the count of late changes", bench.status().late, before.late)
+
+
+@case("BLK-005", "BUD-003", "TIM-003", needs=[Need.CAPTURE])
+@EVERY_KIND
+def test_a_change_for_now_plays_from_the_period_acknowledged(bench: Bench, kind: Kind) -> None:
+    """A change for period 0 begins exactly at the period that its acknowledgement names, which the device chose."""
+    stage = Stage(bench)
+    change = changes(stage, kind)
+    first = bench.period()
+    for _ in range(3):
+        ack = stage.send(change(NOW))
+        bench.wait_until(ack.commit_period + 3)
+    stage.judge(first, ack.commit_period + 20)
+
+
+@case("BLK-005/1")
+@EVERY_KIND
+@pytest.mark.parametrize("back", [0, 1, 300, 2**40], ids=["this-period", "one-ago", "long-ago", "at-the-beginning"])
+def test_a_late_change_is_counted_and_said(bench: Bench, kind: Kind, back: int) -> None:
+    """A change for a period that has begun is late: accepted with LATE, counted once, and due within five periods."""
+    stage = Stage(bench)
+    change = changes(stage, kind)
+    before = bench.status()
+    ack = bench.must(change(max(bench.period() - back, 1)))
+    expect("LATE", ack.late, True)
+    check_late(ack)
+    after = bench.status()
+    expect("the count of late changes", after.late - before.late, 1)
+    expect("the count of accepted blocks", after.accepted - before.accepted, 1)
+    expect("the count of refused blocks", after.refused - before.refused, 0)
+
+
+def check_late(ack: Ack) -> None:
+    """Fail unless a late change with nothing before it takes effect at a period that can still be met, and soon."""
+    assert ack.now_period < ack.commit_period <= ack.now_period + PROMISED_PERIODS, (
+        f"a late change takes effect at period {ack.commit_period}, should be within {PROMISED_PERIODS} of "
+        f"{ack.now_period}, in which its block had arrived"
+    )
+
+
+@case("BLK-005/1", "TIM-003", needs=[Need.CAPTURE])
+@EVERY_KIND
+def test_a_late_change_plays_at_the_period_acknowledged(bench: Bench, kind: Kind) -> None:
+    """A late change is not dropped: it plays from the very period that its acknowledgement names."""
+    stage = Stage(bench)
+    change = changes(stage, kind)
+    body = change(bench.period())
+    ack = bench.must(body)
+    expect("LATE", ack.late, True)
+    stage.follow(body, ack)
+    stage.judge(ack.commit_period - 10, ack.commit_period + 40)
+
+
+@case("BLK-005/2", "BLK-005/1")
+@EVERY_KIND
+def test_the_fifth_period_is_promised(bench: Bench, kind: Kind) -> None:
+    """A change for the fifth period after its block's arrival is in time, one for a period that has begun is late."""
+    stage = Stage(bench)
+    change = changes(stage, kind)
+    rounds, wanted = (160, 12) if is_fast(bench) else (16, 1)
+    late = bench.status().late
+    hits, latency = 0, 0
+    for attempt in range(rounds):
+        bench.wait_periods(bench.random.random())
+        asked = bench.period()
+        period = asked + latency + (PROMISED_PERIODS if attempt % 4 else bench.random.randrange(-1, PROMISED_PERIODS))
+        ack = bench.must(change(period))
+        lead = period - ack.now_period
+        latency = ack.now_period - asked
+        late += ack.late
+        hits += lead == PROMISED_PERIODS
+        if lead >= PROMISED_PERIODS:
+            expect(f"LATE of a change for period {period}, whose block came at tick {ack.now}", ack.late, False)
+        elif lead <= 0:
+            expect(f"LATE of a change for period {period}, whose block came at tick {ack.now}", ack.late, True)
+        if ack.late:
+            check_late(ack)
+        else:
+            expect("the commit period", ack.commit_period, period)
+        bench.wait_until(ack.commit_period + 1)
+        if hits == wanted:
+            break
+    expect("the count of late changes", bench.status().late, late)
+    if not hits:
+        raise Inconclusive(f"in {rounds} attempts no block came exactly {PROMISED_PERIODS} periods ahead of its change")
+
+
+@case("BLK-007", "BLK-005/1", "BLK-005", "CHN-007", needs=[Need.CAPTURE])
+def test_changes_take_effect_in_the_order_of_acceptance(bench: Bench) -> None:
+    """Behind a queued change one for the same period, an earlier one, or none, begins next, as their order was."""
+    stage = Stage(bench)
+    pulses = [bench.weak(), bench.weak()]
+    stage.send(Update(pulses[1]))
+    before = bench.status()
+    period = stage.soon(4)
+    bodies = [Update(pulses[number % 2], named) for number, named in enumerate([period, period, period - 30, NOW])]
+    acks = bench.send_all(bodies)
+    expect("LATE", [ack.late for ack in acks], [False, True, True, False])
+    expect("the first commit period", acks[0].commit_period, period)
+    for one, other in pairwise(acks):
+        assert one.commit_period < other.commit_period <= one.commit_period + PROMISED_PERIODS, (
+            f"behind a change at period {one.commit_period} the next takes effect at {other.commit_period}"
+        )
+    for body, ack in zip(bodies, acks, strict=True):
+        stage.follow(body, ack)
+    after = bench.status()
+    expect("the count of late changes", after.late - before.late, 2)
+    expect("missed commits", after.missed_commits, before.missed_commits)
+    stage.judge(period - 40, acks[-1].commit_period + 30)
+
+
+@case("BLK-007", "BLK-012", "CHN-014/2", "CHN-029", "TIM-003", needs=[Need.CAPTURE], features=BOTH)
+def test_changes_of_all_kinds_follow_each_other(bench: Bench) -> None:
+    """Updates, sequences, modulations and their ends queued a few periods apart begin each at its own period."""
+    stage = Stage(bench)
+    stage.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Samples(bytes([0, 255, 30, 180, 90]), 9)])
+    stage.send_all([Entries((Entry(1, 1), Entry(2, 3), Entry(1, 2)), 9), Update(bench.weak())])
+    before = bench.status()
+    period = stage.soon(12)
+    story: list[Change] = [
+        Modulation(9, 3, 2),
+        Update(bench.weak()),
+        Sequence(9, 3),
+        Modulation(10, 4, 1),
+        Sequence(10, 2, repeats=2),
+        Output(Action.END_MODULATION),
+        Update(bench.weak()),
+        Output(Action.SILENCE),
+        Modulation(9, 5, 3),
+        Sequence(10, 1),
+        Update(bench.weak()),
+    ]
+    apart = PROMISED_PERIODS + 2
+    stage.send_all(replace(change, period=period + apart * number) for number, change in enumerate(story))
+    last = period + apart * len(story)
+    bench.wait_until(last + SETTLED_PERIODS)
+    after = bench.status()
+    expect("missed commits", after.missed_commits, before.missed_commits)
+    expect("late changes", after.late, before.late)
+    expect("the period since which the last one plays", after.since_period, last - apart)
+    stage.judge(period - 10, last + 30)
+
+
+@case("BLK-007", "BLK-005/1", needs=[Need.CAPTURE], features=Feature.MODULATION)
+def test_an_update_and_a_modulation_cannot_begin_together(bench: Bench) -> None:
+    """An update for the period of a modulation that was accepted before it is late, and begins a period later."""
+    stage = Stage(bench)
+    stage.send_all([Update(bench.weak()), Samples(bytes([60, 250, 128]))])
+    period = stage.soon(2)
+    update = Update(bench.weak(), period)
+    first, second = bench.send_all([Modulation(0, 3, 1, period), update])
+    expect("LATE of the modulation", first.late, False)
+    expect("LATE of the update", second.late, True)
+    assert period < second.commit_period <= period + PROMISED_PERIODS, (
+        f"the update takes effect at period {second.commit_period}, should be soon behind {period}"
+    )
+    stage.score.modulate(first.commit_period, [60, 250, 128], 1)
+    stage.score.update(second.commit_period, update.pulses)
+    stage.judge(period - 10, period + 30)
+
+
+@case("BLK-010", "TIM-002")
+@EVERY_KIND
+def test_the_horizon_is_exact(bench: Bench, kind: Kind) -> None:
+    """A change 2³² periods ahead of its block's arrival is accepted, and refused with HORIZON one period more ahead."""
+    stage = Stage(bench)
+    change = changes(stage, kind)
+    asked = bench.period()
+    latency = bench.must(Clock()).now_period - asked
+    seen = set()
+    for attempt in range(60 if is_fast(bench) else 16):
+        offset = latency + (attempt % 2 if attempt < 40 else bench.random.randrange(-3, 4))
+        asked = bench.period()
+        period = asked + HORIZON_PERIODS + offset
+        before = bench.status() if attempt < 2 else None
+        ack = bench.send(change(period))
+        ahead = period - ack.now_period - HORIZON_PERIODS
+        latency = latency if before else ack.now_period - asked
+        seen.add(ahead)
+        if ahead > 0:
+            expect(f"the reason for a period {ahead} beyond the horizon", ack.reason, Reason.HORIZON)
+            expect("the commit period of a refused change", ack.commit_period, 0)
+        else:
+            expect(f"the reason for a period {-ahead} within the horizon", ack.reason, Reason.ACCEPTED)
+            expect("the commit period", (ack.commit_period, ack.late), (period, False))
+            bench.disable()
+            bench.enable()
+        if {0, 1} <= seen:
+            break
+    for period in (2**63, 2**64 - 1):
+        expect(f"the reason for period {period}", bench.send(change(period)).reason, Reason.HORIZON)
+    if not {0, 1} <= seen:
+        raise Inconclusive(f"no block came exactly 2³² periods ahead of its change, and one more: {sorted(seen)}")
+
+
+@case("CHN-005", "CHN-007", "CHN-020", "TIM-003", "BLK-023", "BUD-001/1", "BUD-004", needs=[Need.CAPTURE])
+def test_all_processors_change_in_the_same_tick(bench: Bench) -> None:
+    """Updates as fast as INFO says begin on all ten processors at their periods, none late and none missed."""
+    stage = Stage(bench)
+    spacing = bench.info.periods_per_update
+    count = min(bench.info.queue_blocks, 16)
+    stage.send(Update(bench.weak()))
+    before = bench.status()
+    period = stage.soon(count)
+    last = period + count * spacing
+    stage.send_all([Update(bench.weak(), named) for named in range(period, last, spacing)])
+    bench.wait_until(last + SETTLED_PERIODS)
+    after = bench.status()
+    expect("missed commits", after.missed_commits - before.missed_commits, 0)
+    expect("damaged messages", after.damaged_messages - before.damaged_messages, 0)
+    expect("late changes", after.late - before.late, 0)
+    expect("faults", after.faults, before.faults)
+    expect("the period since which the last one plays", after.since_period, last - spacing)
+    stage.judge(period - 10, last + 10)
+
+
+# The count of ticks and periods
+
+
+def wraps(first: int) -> list[int]:
+    """The first periods, from one on, in which a counter of 16 bits that counts ticks comes to 0 again."""
+    number = -(-first * TICKS_PER_PERIOD // COUNTER_TICKS)
+    return [(number + wrap) * COUNTER_TICKS // TICKS_PER_PERIOD for wrap in range(64)]
+
+
+@case("TIM-004", "TIM-003", needs=[Need.CAPTURE])
+def test_outputs_stay_in_step_across_wraps_of_the_port_counter(bench: Bench) -> None:
+    """Pulses keep their place in the period where a 16-bit counter wraps, and changes there begin at first ticks."""
+    stage = Stage(bench)
+    spacing = bench.info.periods_per_update
+    ack = stage.send(Update(bench.weak()))
+    begun = ack.commit_period
+    for places in ([0, spacing], [-spacing, 0], [1], []):
+        wrap = wraps(stage.soon(3))[0]
+        stage.send_all([Update(bench.weak(), wrap + place) for place in places])
+        bench.wait_until(wrap + 10)
+    for wrap in [wrap for wrap in wraps(begun + 8) if wrap + 8 <= bench.period()]:
+        stage.judge(wrap - 7, wrap + 8)
+
+
+@case("TIM-001", "TIM-002", "BLK-019", "REQ-006", "REQ-003", "ACK-002")
+def test_every_clock_tells_the_same_time(bench: Bench) -> None:
+    """Acknowledgements, CLOCK and STATUS count the same ticks, and what was asked later tells a later tick."""
+    bench.order(Request.WATCHDOG, 60_000)
+    told = []
+    for _ in range(12):
+        told.append(("CLOCK", bench.clock().now))
+        told.append(("the acknowledgement of a NO_OP", bench.must(NoOp()).now))
+        told.append(("STATUS", bench.status().now))
+        told.append(("the acknowledgement of a CLOCK", bench.must(Clock()).now))
+        bench.wait(bench.random.random() / 100)
+    for (name, tick), (next_name, next_tick) in pairwise(told):
+        assert tick < next_tick, f"{next_name} tells tick {next_tick} after {name} told {tick}: should be later"
+    acks = bench.send_all([NoOp()] * 8)
+    ticks = [ack.now for ack in acks]
+    assert all(one < other for one, other in pairwise(ticks)), (
+        f"blocks that came one after the other had arrived at ticks {ticks}: should be rising"
+    )
+
+
+TOLERANCE = 0.01
+"""Of the host's clock and of waiting, coarse."""
+
+
+def check_clock_runs_on(bench: Bench, disturb: Callable[[], object]) -> None:
+    """Fail where the device's ticks over a disturbance are not those of the host's clock."""
+    now = bench.line.time.monotonic
+    earliest = now()
+    first = bench.clock()
+    latest = now()
+    disturb()
+    bench.wait(0.02)
+    at_least = now() - latest
+    second = bench.clock()
+    at_most = now() - earliest
+    passed = (second.now - first.now) / TICK_HZ
+    assert at_least * (1 - TOLERANCE) <= passed <= at_most * (1 + TOLERANCE), (
+        f"{second.now - first.now} ticks ({passed:.6f} s) have passed on the device, "
+        f"while the host saw between {at_least:.6f} and {at_most:.6f} s pass"
+    )
+
+
+@case("TIM-002", "TIM-001")
+def test_nothing_that_a_host_asks_for_sets_the_clock(bench: Bench) -> None:
+    """Ticks run on through ENABLE, DISABLE, new numbering and all else: they are never shifted or begun anew."""
+
+    def disturb() -> None:
+        bench.enable()
+        bench.must(NoOp(), restart=True)
+        bench.must(Update(bench.weak()))
+        bench.must(Output(Action.DISABLE))
+        bench.wait_periods(50)
+        bench.enable()
+        bench.order(Request.DISABLE)
+        bench.order(Request.CLEAR_FAULTS)
+        bench.order(Request.WATCHDOG, 1000)
+        bench.order(Request.LIMIT, 1)
+        bench.must(Clock())
+
+    check_clock_runs_on(bench, disturb)
+
+
+@case("TIM-002", line="usb")
+@pytest.mark.parametrize("how", ["SET_CONFIGURATION", "SET_INTERFACE"])
+def test_configuring_the_device_anew_does_not_set_the_clock(bench: Bench, how: str) -> None:
+    """Ticks run on when a host configures the device anew, though that ends everything else."""
+    again = {"SET_CONFIGURATION": bench.usb.set_configuration, "SET_INTERFACE": lambda: bench.usb.set_interface(0)}
+    check_clock_runs_on(bench, again[how])
+
+
+@case("TIM-002", line="usb", allow=[Risk.RESET])
+def test_a_bus_reset_does_not_set_the_clock(bench: Bench) -> None:
+    """Ticks run on over a bus reset in run-time mode, which is no reset of the device."""
+    check_clock_runs_on(bench, bench.usb.reset)
+
+
+def is_time_free(bench: Bench) -> bool:
+    """Whether days pass in no time, as they do where a device is emulated as fast as can be."""
+    began = time.perf_counter()
+    bench.wait(0.2)
+    return time.perf_counter() - began < 0.02
+
+
+@case("TIM-002/1", "TIM-002", needs=[Need.CAPTURE])
+@pytest.mark.parametrize("unit", ["ticks", "periods"])
+def test_counts_go_on_beyond_32_bits(bench: Bench, unit: str) -> None:
+    """Beyond 2³² ticks (36 minutes) and periods (30 hours) the counts go on, and changes at the edge begin in time."""
+    edge = 2**32 // TICKS_PER_PERIOD if unit == "ticks" else 2**32
+    left = edge - bench.period()
+    if left > 0:
+        if not is_time_free(bench):
+            raise Inconclusive(f"the device has been on for too short a time: {edge - bench.period()} periods are left")
+        bench.wait_periods(edge - 4 * (soon(bench, 4) - bench.period()) - bench.period())
+    stage = Stage(bench)
+    periods = [edge - 3, edge, edge + 4] if left > 0 else [stage.soon(3) + place for place in (0, 3, 7)]
+    stage.send(Update(bench.weak()))
+    stage.send_all([Update(bench.weak(), period) for period in periods])
+    bench.wait_until(periods[-1] + 20)
+    reading, status = bench.clock(), bench.status()
+    assert reading.now // TICKS_PER_PERIOD > periods[-1], f"the clock tells tick {reading.now}"
+    expect("the period since which the last update plays", status.since_period, periods[-1])
+    check_sync(bench)
+    stage.judge(periods[0] - 10, periods[-1] + 10)
+
+
+# The sync line
+
+
+def check_sync(bench: Bench) -> None:
+    """Fail unless CLOCK tells the newest multiple of 4096 periods."""
+    reading = bench.clock()
+    if reading.now // TICKS_PER_PERIOD % SYNC_PERIODS in (0, SYNC_PERIODS - 1):  # a pulse comes just now
+        bench.wait_periods(2)
+        reading = bench.clock()
+    period = reading.now // TICKS_PER_PERIOD
+    expect("sync_period", reading.sync_period, period - period % SYNC_PERIODS)
+    least = reading.sync_period // SYNC_PERIODS + 1
+    assert reading.sync_pulses >= least, f"sync_pulses is {reading.sync_pulses}, should be at least {least}"
+
+
+@case("CHN-026", "REQ-006")
+def test_a_sync_pulse_comes_every_4096_periods(bench: Bench) -> None:
+    """CLOCK tells the newest multiple of 4096 periods and one more pulse for each, by which devices are compared."""
+    check_sync(bench)
+    first = bench.clock()
+    for _ in range(2):
+        edge = (bench.period() // SYNC_PERIODS + 1) * SYNC_PERIODS
+        bench.wait_until(edge + 2)
+        check_sync(bench)
+    second = bench.clock()
+    pulses = (second.sync_period - first.sync_period) // SYNC_PERIODS
+    expect("the pulses that came", second.sync_pulses - first.sync_pulses, pulses)
+
+
+@case("BLK-019", "CHN-026", "BLK-024", "ACK-002")
+def test_a_clock_block_tells_the_sync_period_and_does_nothing(bench: Bench) -> None:
+    """A CLOCK is answered with the period of the last sync pulse, and changes neither what plays nor the queue."""
+    stage = Stage(bench)
+    update = stage.send(Update(bench.weak()))
+    bench.wait_until(update.commit_period + 2)
+    before = bench.status()
+    for _ in range(2):
+        bench.wait_until((bench.period() // SYNC_PERIODS + 1) * SYNC_PERIODS + 2)
+        ack = stage.send(Clock())
+        expect("commit_period of a CLOCK", ack.commit_period, ack.now_period - ack.now_period % SYNC_PERIODS)
+        expect("free places", ack.free, before.free)
+        expect("the state", ack.state, State.PLAYING)
+        assert not ack.flags, f"flags of a CLOCK are {ack.flags!r}, should be none"
+    after = bench.status()
+    expect("since_period", after.since_period, before.since_period)
+    expect("accepted blocks", after.accepted - before.accepted, 2)
+    expect("PULSES", bench.read_back().pulses == stage.score.at(before.since_period)[0], True)
+
+
+# The beginning
+
+
+def check_complete(bench: Bench) -> None:
+    """Fail unless the chain was complete and period 0 had begun before the device answered."""
+    processors = bench.processors()
+    status = bench.status()
+    missing = [number for number, report in enumerate(processors) if report.bank is None]
+    if Fault.PROCESSOR not in status.faults:
+        expect("processors that are not there", missing, [])
+    check_sync(bench)
+
+
+@case("TIM-002/2", "TIM-002", "CHN-026", allow=[Risk.RESET])
+def test_after_a_reset_the_device_answers_from_period_0_on(bench: Bench) -> None:
+    """After RESET time begins anew, and the first answer comes when the chain is complete and period 0 has begun."""
+    now = bench.line.time.monotonic
+    bench.order(Request.WATCHDOG, 60_000)
+    bench.enable()
+    began = now()
+    bench.restart(lambda: bench.order(Request.RESET))
+    check_complete(bench)
+    tick = bench.clock().now
+    elapsed = now() - began
+    assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
+        f"{elapsed:.3f} s after RESET the clock tells tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
+    )
+
+
+@case("TIM-002/2", "TIM-002", "CHN-026", allow=[Risk.RESET], needs=[Need.POWER])
+def test_after_power_up_the_device_answers_from_period_0_on(bench: Bench) -> None:
+    """After power-up time begins anew, and the first answer comes when the chain is complete and period 0 has begun."""
+    now = bench.line.time.monotonic
+    began = now()
+    bench.power_cycle()
+    check_complete(bench)
+    tick = bench.clock().now
+    elapsed = now() - began
+    assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
+        f"{elapsed:.3f} s after power was cut the clock tells tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
+    )
