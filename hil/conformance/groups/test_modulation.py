@@ -1,0 +1,483 @@
+"""Modulation: samples of the buffer, and what they do to whatever plays (clauses BLK-016 to BLK-018, BUD-006)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Need, Risk, case, expect
+from phasewire.hil.conformance.stage import PROMISED_PERIODS, Stage
+from phasewire.hil.conformance.waveforms import only
+from phasewire.protocol.blocks import (
+    Body,
+    Change,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+)
+from phasewire.protocol.codes import Action, Fault, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.replies import Status
+
+BUFFER, SAMPLES_PER_BLOCK = 4096, 480
+SETTLED_PERIODS = 400
+"""In which every store has gone onto the chain, and every change that was due has taken effect."""
+SILENT_PERIODS = 6
+"""Clause SAF-004."""
+
+MODULATION = Feature.MODULATION
+BOTH = Feature.MODULATION | Feature.SEQUENCES
+CAPTURE = [Need.CAPTURE]
+
+
+def store(stage: Stage, samples: bytes, first: int = 0) -> None:
+    """Store samples, as many blocks as they need."""
+    stage.send_all(
+        Samples(samples[at : at + SAMPLES_PER_BLOCK], first + at) for at in range(0, len(samples), SAMPLES_PER_BLOCK)
+    )
+
+
+def noise(bench: Bench, count: int) -> bytes:
+    """Random samples."""
+    return bench.random.randbytes(count)
+
+
+def refused(bench: Bench, body: Body, reason: Reason) -> None:
+    """Send a block that has to be refused."""
+    before = bench.status()
+    ack = bench.send(body)
+    expect(f"the reason for {type(body).__name__.upper()}", ack.reason, reason)
+    expect("the commit period", ack.commit_period, 0)
+    after = bench.status()
+    expect("the count of refused blocks", after.refused - before.refused, 1)
+    expect("the last refusal", after.last_refusal, reason)
+
+
+# What a modulation does
+
+
+@case("BLK-016", "BLK-017", "PUL-006", "TIM-003", "CHN-014", features=MODULATION, needs=CAPTURE)
+@pytest.mark.parametrize(("count", "hold"), [(1, 1), (2, 1), (3, 1), (5, 3), (2, 100), (7, 2), (49, 1), (480, 2)])
+def test_a_modulation_loops_without_a_gap(bench: Bench, count: int, hold: int) -> None:
+    """Each sample holds for its periods, and behind the last the first comes again with no period between."""
+    stage = Stage(bench)
+    first = bench.random.randrange(BUFFER - count)
+    store(stage, noise(bench, count), first)
+    stage.send(Update(bench.weak()))
+    begin = stage.soon()
+    stage.send(Modulation(first, count, hold, begin))
+    stage.judge(begin - 5, begin + 3 * count * hold + 7)
+
+
+@case("BLK-016", "BLK-017", "CHN-012/2", "CHN-015", features=MODULATION, needs=CAPTURE)
+def test_the_whole_buffer_modulates(bench: Bench) -> None:
+    """A modulation by all 4096 samples plays every one of them in its period, and then the first again."""
+    stage = Stage(bench)
+    store(stage, noise(bench, BUFFER))
+    stage.send(Update(bench.weak()))
+    begin = stage.soon()
+    stage.send(Modulation(0, BUFFER, 1, begin))
+    stage.judge(begin - 2, begin + BUFFER + 100)
+
+
+@case("BLK-016", "BLK-017", features=MODULATION, needs=CAPTURE)
+@pytest.mark.parametrize(("first", "count"), [(0, 1), (4095, 1), (3616, 480), (4047, 49), (479, 3), (47, 2), (48, 50)])
+def test_a_modulation_plays_its_part_of_the_buffer(bench: Bench, first: int, count: int) -> None:
+    """A modulation applies `count` samples from `first` on, up to the end of the buffer, and none beside them."""
+    stage = Stage(bench)
+    store(stage, bytes([180 + sample % 76 for sample in noise(bench, count)]), first)
+    stage.send_all(Samples(bytes(1), place) for place in (first - 1, first + count) if 0 <= place < BUFFER)
+    stage.send(Update(bench.weak()))
+    begin = stage.soon()
+    stage.send(Modulation(first, count, 1, begin))
+    stage.judge(begin - 2, begin + 2 * count + 5)
+
+
+@case("BLK-016", "CHN-012", features=MODULATION, needs=CAPTURE)
+def test_what_is_stored_last_modulates(bench: Bench) -> None:
+    """Samples that are stored over others take their place, and leave those beside them as they were."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 200), 1000)
+    store(stage, noise(bench, 3), 1047)
+    store(stage, noise(bench, 60), 1090)
+    stage.send(Update(bench.weak()))
+    begin = stage.soon()
+    stage.send(Modulation(1000, 200, 1, begin))
+    stage.judge(begin - 2, begin + 205)
+
+
+@case("BLK-017", "CHN-015", features=MODULATION, needs=CAPTURE)
+def test_a_sample_holds_for_65535_periods(bench: Bench) -> None:
+    """The longest hold, 1.6 s, gives way to the next sample exactly behind its last period."""
+    stage = Stage(bench)
+    store(stage, bytes([70, 230]), 2048)
+    stage.send(Update(bench.weak()))
+    begin = stage.soon()
+    stage.send(Modulation(2048, 2, 65_535, begin))
+    stage.judge(begin - 3, begin + 10)
+    stage.judge(begin + 65_535 - 10, begin + 65_535 + 20)
+
+
+@case("PUL-006", "PUL-002", "BLK-017", features=MODULATION, needs=CAPTURE)
+def test_sample_0_silences_and_sample_255_changes_nothing(bench: Bench) -> None:
+    """Under sample 0 all outputs are low, under 255 they are as without modulation, at full width and at one tick."""
+    stage = Stage(bench)
+    store(stage, bytes([0, 255]))
+    stage.send(Update(bench.weak()))
+    begin = stage.soon(3)
+    stage.send(Modulation(0, 2, 4, begin))
+    stage.send(Update(only(17, 31, 25), begin + 16))
+    stage.send(Update(only(300, 98, 1), begin + 32))
+    stage.judge(begin - 2, begin + 48)
+
+
+@case("BLK-012", "BLK-017", "CHN-015", features=BOTH, needs=CAPTURE)
+def test_a_modulation_counts_its_own_periods(bench: Bench) -> None:
+    """Whatever begins or ends beneath a modulation, its samples go on by the period at which it took effect."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 7), 3000)
+    stage.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(1, 3), Entry(2, 2)), 1000)])
+    stage.send(Update(bench.weak()))
+    begin = stage.soon(6)
+    apart = PROMISED_PERIODS + 6
+    story: list[Change] = [
+        Modulation(3000, 7, 3),
+        Update(bench.weak()),
+        Sequence(1000, 2),
+        Sequence(1001, 1, repeats=3),
+        Update(bench.weak()),
+        Sequence(1000, 1),
+    ]
+    stage.send_all(replace(change, period=begin + apart * number) for number, change in enumerate(story))
+    stage.judge(begin - 5, begin + apart * len(story) + 60)
+
+
+@case("BLK-017", "BLK-012", "CHN-015", features=BOTH, needs=CAPTURE)
+def test_a_modulation_of_a_sequence_keeps_both_in_step(bench: Bench) -> None:
+    """Entries and samples of different lengths change each at its own periods, long after both have begun."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 11))
+    stage.send_all([Slot(slot, bench.weak()) for slot in (0, 1, 2)])
+    stage.send(Entries((Entry(0, 4), Entry(1, 1), Entry(2, 8))))
+    begin = stage.soon(2)
+    stage.send_all([Modulation(0, 11, 2, begin), Sequence(0, 3, begin + 7)])
+    stage.judge(begin - 5, begin + 300)
+    stage.judge(begin + 50_000, begin + 50_300)
+
+
+@case("BLK-007", "BLK-012", "BLK-017", "STA-001", "REQ-003", features=MODULATION, needs=CAPTURE)
+def test_a_modulation_over_silence_waits_for_what_plays(bench: Bench) -> None:
+    """A modulation over silence leaves the device silent and READY, and what begins later begins under its sample."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 5))
+    begin = stage.soon(2)
+    stage.send_all([Modulation(0, 5, 1, begin), Update(bench.weak(), begin + SETTLED_PERIODS)])
+    bench.wait_until(begin + 1)
+    status = bench.status()
+    expect("state, flags and since_period", told(status), (State.READY, StatusFlag.MODULATION, 0))
+    bench.wait_until(begin + SETTLED_PERIODS + 1)
+    status = bench.status()
+    expect(
+        "state, flags and since_period", told(status), (State.PLAYING, StatusFlag.MODULATION, begin + SETTLED_PERIODS)
+    )
+    stage.judge(begin - 3, begin + SETTLED_PERIODS + 20)
+
+
+def told(status: Status) -> tuple[State, StatusFlag, int]:
+    """What a status says of what plays."""
+    return status.state, status.flags, status.since_period
+
+
+@case("BLK-007", "BLK-017", "BUD-003", features=MODULATION, needs=CAPTURE)
+def test_an_update_follows_a_modulation_a_period_later(bench: Bench) -> None:
+    """A host that wants both gets both: a modulation at one period, and an update at the next."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 5))
+    stage.send(Update(bench.weak()))
+    begin = stage.soon(2)
+    stage.send_all([Modulation(0, 5, 1, begin), Update(bench.weak(), begin + 1)])
+    stage.judge(begin - 3, begin + 40)
+
+
+@case("BUD-006", "BUD-004", "BUD-001/2", "CHN-019", "SAF-008", features=MODULATION, needs=CAPTURE)
+def test_the_rate_holds_under_a_modulation(bench: Bench) -> None:
+    """Updates as fast as INFO says begin each at its period under a modulation of a sample a period: no overrun."""
+    stage = Stage(bench)
+    spacing = bench.info.periods_per_update
+    count = min(bench.info.queue_blocks - 1, 16)
+    store(stage, noise(bench, 48))
+    stage.send(Update(bench.weak()))
+    before = bench.status()
+    begin = stage.soon(count + 1)
+    stage.send(Modulation(0, 48, 1, begin))
+    first = begin + PROMISED_PERIODS
+    stage.send_all(Update(bench.weak(), first + spacing * number) for number in range(count))
+    bench.wait_until(first + spacing * count + SETTLED_PERIODS)
+    after = bench.status()
+    expect("missed commits", after.missed_commits, before.missed_commits)
+    expect("late changes", after.late, before.late)
+    expect("OVERRUN", Fault.OVERRUN in after.faults, False)
+    stage.judge(begin - 3, first + spacing * count + 60)
+
+
+@case("CHN-014/2", "BLK-012", "BLK-007", features=MODULATION, needs=CAPTURE)
+def test_modulations_queued_behind_each_other_begin_in_time(bench: Bench) -> None:
+    """A modulation ends the one before at its own period, and begins with its own first sample."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 64))
+    stage.send(Update(bench.weak()))
+    before = bench.status()
+    begin = stage.soon(4)
+    apart = PROMISED_PERIODS + 1
+    stage.send_all(Modulation(9 * number, 8, 1 + number % 2, begin + apart * number) for number in range(4))
+    bench.wait_until(begin + 4 * apart)
+    expect("missed commits", bench.status().missed_commits, before.missed_commits)
+    stage.judge(begin - 3, begin + 4 * apart + 40)
+
+
+@case("REQ-007", "BLK-017", features=MODULATION | Feature.READ_BACK)
+def test_pulses_are_read_back_before_modulation(bench: Bench) -> None:
+    """PULSES answers what plays as it was sent, whatever sample modulates it, and since when it plays."""
+    stage = Stage(bench)
+    store(stage, bytes([0, 128, 10]))
+    pulses = bench.weak()
+    stage.send(Modulation(0, 3, 1))
+    bench.wait_periods(SETTLED_PERIODS)
+    ack = stage.send(Update(pulses))
+    bench.wait_until(ack.commit_period + 3)
+    for _ in range(3):
+        back = bench.read_back()
+        expect("since_period", back.since_period, ack.commit_period)
+        expect("whether they are the update's pulses", back.pulses == pulses, True)
+
+
+# How it ends
+
+
+@case("BLK-018", "BLK-017", "BLK-012", "REQ-003", features=BOTH, needs=CAPTURE)
+@pytest.mark.parametrize("beneath", ["update", "sequence"])
+def test_the_end_of_a_modulation_leaves_what_plays(bench: Bench, beneath: str) -> None:
+    """END_MODULATION lets what plays go on unmodulated, in step and with the period of its own start."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 5))
+    stage.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(1, 3), Entry(2, 2)))])
+    ack = stage.send(Update(bench.weak()) if beneath == "update" else Sequence(0, 2))
+    bench.wait_periods(SETTLED_PERIODS)
+    stage.send(Modulation(0, 5, 2))
+    end = stage.soon()
+    stage.send(Output(Action.END_MODULATION, end))
+    bench.wait_until(end - 500)
+    playing = StatusFlag.SEQUENCE if beneath == "sequence" else StatusFlag(0)
+    modulated = playing | StatusFlag.MODULATION
+    expect("what is told before", told(bench.status()), (State.PLAYING, modulated, ack.commit_period))
+    bench.wait_until(end + 1)
+    expect("what is told after", told(bench.status()), (State.PLAYING, playing, ack.commit_period))
+    stage.judge(end - 30, end + 30)
+
+
+def silenced(stage: Stage) -> None:
+    """Let SILENCE end everything."""
+    ack = stage.send(Output(Action.SILENCE))
+    stage.bench.wait_until(ack.commit_period + 1)
+
+
+def disabled_by_output(stage: Stage) -> None:
+    """Let an OUTPUT disable the outputs, and enable them again."""
+    ack = stage.send(Output(Action.DISABLE))
+    stage.bench.wait_until(ack.commit_period + SILENT_PERIODS + 1)
+    stage.bench.enable()
+
+
+def disabled_by_request(stage: Stage) -> None:
+    """Let the request DISABLE end everything, and enable the outputs again."""
+    stage.bench.order(Request.DISABLE)
+    period = stage.bench.period() + SILENT_PERIODS + 1
+    stage.bench.wait_until(period)
+    stage.score.silence(period)
+    stage.bench.enable()
+
+
+@case("BLK-017", "BLK-018", "SAF-004", features=MODULATION, needs=CAPTURE)
+@pytest.mark.parametrize(
+    "end", [silenced, disabled_by_output, disabled_by_request], ids=["SILENCE", "DISABLE", "request-DISABLE"]
+)
+def test_silence_and_disable_end_a_modulation(bench: Bench, end: Callable[[Stage], None]) -> None:
+    """Behind SILENCE and behind DISABLE there is no modulation: the next update plays as it was sent."""
+    stage = Stage(bench)
+    store(stage, bytes([0, 60, 128]))
+    stage.send_all([Update(bench.weak()), Modulation(0, 3, 1)])
+    bench.wait_periods(SETTLED_PERIODS)
+    end(stage)
+    expect("what is told", told(bench.status()), (State.READY, StatusFlag(0), 0))
+    ack = stage.send(Update(bench.weak()))
+    stage.judge(ack.commit_period - 2, ack.commit_period + 30)
+
+
+@case("BLK-018", "BLK-008", features=MODULATION, needs=CAPTURE)
+def test_the_end_of_no_modulation_is_accepted(bench: Bench) -> None:
+    """END_MODULATION is accepted where there is no modulation, over silence and over an update, and does nothing."""
+    stage = Stage(bench)
+    ack = stage.send(Output(Action.END_MODULATION))
+    bench.wait_until(ack.commit_period + 1)
+    expect("what is told", told(bench.status()), (State.READY, StatusFlag(0), 0))
+    update = stage.send(Update(bench.weak()))
+    end = stage.soon()
+    stage.send(Output(Action.END_MODULATION, end))
+    bench.wait_until(end + 1)
+    expect("what is told", told(bench.status()), (State.PLAYING, StatusFlag(0), update.commit_period))
+    stage.judge(end - 10, end + 20)
+
+
+NOT_ENDS: dict[str, Callable[[Bench], object]] = {
+    "enable": lambda bench: bench.enable(),
+    "a-new-numbering": lambda bench: bench.must(NoOp(), restart=True),
+    "a-refused-end": lambda bench: bench.send(Output(Action.END_MODULATION, 2**64 - 1)),
+    "clear-faults": lambda bench: bench.order(Request.CLEAR_FAULTS),
+}
+
+
+@case("BLK-017", "BLK-008", "REQ-005", features=MODULATION, needs=CAPTURE)
+@pytest.mark.parametrize("what", NOT_ENDS)
+def test_nothing_else_ends_a_modulation(bench: Bench, what: str) -> None:
+    """ENABLE, a new numbering, a refused OUTPUT and CLEAR_FAULTS leave a modulation going on in step."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 5))
+    stage.send_all([Update(bench.weak()), Modulation(0, 5, 3)])
+    bench.wait_periods(SETTLED_PERIODS)
+    before = bench.period()
+    NOT_ENDS[what](bench)
+    bench.wait_periods(40)
+    stage.judge(before, bench.period())
+
+
+# What may be stored while it plays
+
+
+@case("BLK-022", "BLK-008", features=MODULATION, needs=CAPTURE)
+def test_what_modulates_is_not_overwritten(bench: Bench) -> None:
+    """Stores over a sample of a modulation, be it queued or begun, are refused with IN_USE, the same bytes too."""
+    stage = Stage(bench)
+    samples = noise(bench, 10)
+    store(stage, samples, 500)
+    stage.send(Update(bench.weak()))
+    begin = stage.soon(8) + SETTLED_PERIODS
+    stage.send(Modulation(500, 10, 2, begin))
+    over = [Samples(samples[:1], 500), Samples(bytes(1), 509), Samples(bytes(2), 499), Samples(bytes(480), 509)]
+    for body in over:
+        refused(bench, body, Reason.IN_USE)
+    bench.wait_until(begin + 2)
+    for body in over:
+        refused(bench, body, Reason.IN_USE)
+    last = bench.period()
+    stage.judge(begin - 2, begin + 50)
+    stage.judge(last - 60, last)
+
+
+@case("BLK-022", "CHN-019", features=MODULATION, needs=CAPTURE)
+def test_what_does_not_modulate_may_be_stored(bench: Bench) -> None:
+    """Beside the samples of a modulation all others may be stored, right up to them, and it goes on."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 10), 500)
+    stage.send_all([Update(bench.weak()), Modulation(500, 10, 2)])
+    bench.wait_periods(SETTLED_PERIODS)
+    stage.send_all([Samples(noise(bench, 480), 20), Samples(noise(bench, 480), 510), Samples(noise(bench, 1), 499)])
+    bench.wait_periods(SETTLED_PERIODS)
+    last = bench.period()
+    stage.judge(last - SETTLED_PERIODS, last)
+
+
+def ended(stage: Stage) -> None:
+    """Let END_MODULATION end a modulation."""
+    ack = stage.send(Output(Action.END_MODULATION))
+    stage.bench.wait_until(ack.commit_period)
+
+
+def replaced(stage: Stage) -> None:
+    """Let another modulation end a modulation."""
+    store(stage, bytes(1), 4000)
+    ack = stage.send(Modulation(4000, 1, 1))
+    stage.bench.wait_until(ack.commit_period)
+
+
+@case("BLK-022", features=MODULATION)
+@pytest.mark.parametrize(
+    "end",
+    [ended, replaced, silenced, disabled_by_output, disabled_by_request],
+    ids=["END_MODULATION", "modulation", "SILENCE", "DISABLE", "request-DISABLE"],
+)
+def test_what_modulates_no_longer_may_be_overwritten(bench: Bench, end: Callable[[Stage], None]) -> None:
+    """As soon as what ends a modulation has taken effect its samples may be stored again, and not before."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 4), 7)
+    stage.send_all([Update(bench.weak()), Modulation(7, 4, 1)])
+    bench.wait_periods(SETTLED_PERIODS)
+    refused(bench, Samples(bytes(1), 10), Reason.IN_USE)
+    end(stage)
+    bench.wait_periods(2)
+    stage.send(Samples(noise(bench, 4), 7))
+
+
+@case("BLK-022", features=MODULATION)
+def test_an_update_frees_no_sample(bench: Bench) -> None:
+    """What ends an update does not end the modulation: its samples stay in use."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 4))
+    stage.send_all([Update(bench.weak()), Modulation(0, 4, 1)])
+    ack = stage.send(Update(bench.weak()))
+    bench.wait_until(ack.commit_period + 2)
+    refused(bench, Samples(bytes(1), 3), Reason.IN_USE)
+
+
+@case("BLK-007", "BLK-016", "CHN-019", features=MODULATION, needs=CAPTURE)
+def test_samples_take_effect_before_the_modulation_behind_them(bench: Bench) -> None:
+    """A modulation for now, sent in one go behind the store of its samples, plays them from its first period on."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 480), 600)
+    stage.send(Update(bench.weak()))
+    bench.wait_periods(SETTLED_PERIODS)
+    acks = stage.send_all([Samples(noise(bench, 480), 600), Modulation(600, 480, 1)])
+    stage.judge(acks[-1].commit_period, acks[-1].commit_period + 490)
+
+
+@case("BLK-016", "SAF-004", "SAF-002", features=MODULATION, needs=CAPTURE)
+def test_what_is_stored_stays_over_disable(bench: Bench) -> None:
+    """Samples are stored while the outputs are off too, and stay over DISABLE and another session."""
+    stage = Stage(bench)
+    bench.disable()
+    store(stage, noise(bench, 6), 90)
+    expect("the reason for a modulation while off", bench.send(Modulation(90, 6, 1)).reason, Reason.DISABLED)
+    bench.must(NoOp(), restart=True)
+    bench.enable()
+    bench.disable()
+    bench.enable()
+    stage.send(Update(bench.weak()))
+    ack = stage.send(Modulation(90, 6, 1))
+    stage.judge(ack.commit_period, ack.commit_period + 10)
+
+
+# What was never stored
+
+
+@case("BLK-021", "BLK-016", "REQ-013", features=MODULATION, allow=[Risk.RESET])
+def test_what_was_never_stored_does_not_modulate(bench: Bench) -> None:
+    """After RESET samples are empty: a modulation is refused with EMPTY until all of its samples are stored."""
+    bench.restart(lambda: bench.order(Request.RESET))
+    stage = Stage(bench)
+    refused(bench, Modulation(0, 1, 1), Reason.EMPTY)
+    refused(bench, Modulation(0, BUFFER, 1), Reason.EMPTY)
+    store(stage, noise(bench, 3), 100)
+    refused(bench, Modulation(100, 4, 1), Reason.EMPTY)
+    refused(bench, Modulation(99, 4, 1), Reason.EMPTY)
+    refused(bench, Modulation(103, 1, 1), Reason.EMPTY)
+    stage.send(Modulation(100, 3, 1))
+    store(stage, noise(bench, 3), 104)
+    refused(bench, Modulation(100, 7, 1), Reason.EMPTY)
+    store(stage, noise(bench, 1), 103)
+    stage.send(Modulation(100, 7, 1))
