@@ -223,11 +223,13 @@ def _shown_by(row: Row) -> Text:
 
 def _rows(clause: Clause, shown: Mapping[str, tuple[str, ...]], reasons: Mapping[str, str]) -> Iterator[Row]:
     """The rows of a clause: its requirements, what it recommends and, if it is named for that, what it says besides."""
+    # The clause's own name is that of its requirement where it has one, but for one that no case can show.
+    alone = len(clause.requirements) == 1 and clause.identifier not in reasons
+    cases = () if alone else shown.get(clause.identifier, ())
     for each in clause.requirements:
         name = each.identifier
-        yield Row(name, each.sentence, Level.MUST, shown.get(name, ()), reasons.get(name))
-    alone = len(clause.requirements) == 1  # then the clause's own name is that of its requirement
-    cases = () if alone else shown.get(clause.identifier, ())
+        by_name = () if name == clause.identifier and not alone else shown.get(name, ())
+        yield Row(name, each.sentence, Level.MUST, by_name, reasons.get(name))
     for sentence in clause.recommendations:
         yield Row(clause.identifier, sentence, Level.SHOULD, cases)
     if not clause.recommendations and (cases or not clause.requirements):

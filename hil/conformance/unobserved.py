@@ -23,8 +23,6 @@ _BY_REASON: Mapping[str, tuple[str, ...]] = {
         "VER-006",
     ),
     "It binds the software that builds, shows or sends images, not the device.": ("FWU-012/2",),
-    "A count of 32 bits is right for 2³² periods, which is 29.8 hours; a run does not last that long. That the count "
-    "outlasts 16 bits is TIM-004.": ("TIM-002/1",),
     "It asks for currents and for the voltage of a pull-up, which neither the data on the lines nor the outputs tell; "
     "an ammeter and a voltmeter do.": ("USB-022",),
     "It fixes bytes of a message between controller and processors that carry nothing: where both agree on other ones, "

@@ -73,10 +73,16 @@ def test_a_clause_of_several_musts_does_not_cover_them() -> None:
 
 
 def test_a_reason_for_what_a_case_shows_is_needless() -> None:
-    matrix = Matrix.of([FLIPPED], {"BLK-003": "Nobody looks.", "BLK-009": "Nobody waits."})
-    assert [row.name for row in matrix.needless()] == ["BLK-003"]
+    matrix = Matrix.of([FLIPPED], {"BLK-005/2": "Nobody looks.", "BLK-009": "Nobody waits."})
+    assert [row.name for row in matrix.needless()] == ["BLK-005/2"]
     assert [row.reason for row in matrix.needless()] == ["Nobody looks."]
     assert not Matrix.of([FLIPPED]).needless()
+
+
+def test_a_case_may_show_the_rest_of_a_clause_whose_must_binds_hosts() -> None:
+    must, rest = rows(Matrix.of([Claim("usb/functions", ("USB-005",), "Three functions.")]), "USB-005")
+    assert (must.level, must.cases, must.reason) == (Level.MUST, (), REASONS["USB-005"])
+    assert (rest.level, rest.cases) == (Level.NONE, ("usb/functions",))
 
 
 def test_an_unknown_name_is_refused_with_its_case() -> None:
@@ -91,7 +97,7 @@ def test_a_reason_for_no_requirement_is_refused(name: str) -> None:
 
 
 def test_counts() -> None:
-    matrix = Matrix.of([FLIPPED, WHOLE], {"BLK-003": "Nobody looks.", "BLK-009": "Nobody waits."})
+    matrix = Matrix.of([FLIPPED, WHOLE], {"BLK-005/2": "Nobody looks.", "BLK-009": "Nobody waits."})
     assert matrix.counts() == {
         "clauses": len(specification.clauses()),
         "requirements": len(requirements()),
@@ -127,7 +133,7 @@ def test_its_record_is_json_and_whole() -> None:
 def test_its_table_says_who_shows_what_and_what_lacks() -> None:
     console = Console(width=300)
     with console.capture() as captured:
-        console.print(Matrix.of([FLIPPED, WHOLE], {"BLK-003": "Nobody looks.", "BLK-009": "Nobody waits."}).table())
+        console.print(Matrix.of([FLIPPED, WHOLE], {"BLK-005/2": "Nobody looks.", "BLK-009": "Nobody waits."}).table())
     lines = [line.split() for line in captured.get().splitlines()]
     assert ["BLK", "blocks"] in lines
     assert ["BLK-003", "MUST", "blocks/flipped[update]"] in lines
