@@ -12,10 +12,10 @@ import usb.util
 from ....errors import DeviceError, DeviceLostError, DeviceStalledError
 from ....host.lines.transport import Timekeeper
 from ....host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Mode, Sighting, UsbBus, configure, translated
-from ....protocol.codes import BLOCK_BYTES
+from ....protocol.codes import BLOCK_BYTES, StandardRequest
 from ....protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT
-from ....protocol.requests import Setup
-from ..cases import LineKind
+from ....protocol.requests import DIRECTION_IN, Setup
+from ..cases import Inconclusive, LineKind
 
 __all__ = ["CONSOLE_IN", "CONSOLE_OUT", "REQUEST_SECONDS", "UsbLine"]
 
@@ -24,6 +24,8 @@ READ_BYTES = 32 * BLOCK_BYTES
 CONSOLE_OUT, CONSOLE_IN = 0x03, 0x83
 """Clause USB-005."""
 CONFIGURATION = 1
+NOT_LET_THROUGH = (errno.ENOENT, errno.EINVAL)
+"""What Linux says of requests to endpoints that no configuration has."""
 
 
 class UsbLine:
@@ -119,8 +121,19 @@ class UsbLine:
             except usb.core.USBError as error:
                 if error.errno == errno.EPIPE:
                     return None
+                if error.errno in NOT_LET_THROUGH and self._is_there:
+                    raise Inconclusive("this computer's own system does not let such a request through") from error
                 raise
         return bytes(answer) if setup.is_in else b""
+
+    @property
+    def _is_there(self) -> bool:
+        """Whether the device still answers GET_STATUS."""
+        try:
+            self.device.ctrl_transfer(DIRECTION_IN, StandardRequest.GET_STATUS, 0, 0, 2, round(1000 * REQUEST_SECONDS))
+        except usb.core.USBError:
+            return False
+        return True
 
     def reopen(self, seconds: float, modes: Collection[Mode] = (RUN_TIME,), *, configured: bool = True) -> None:
         """Find the device again in one of some modes, and configure it unless it is to be left as it came."""
