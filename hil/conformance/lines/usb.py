@@ -24,8 +24,10 @@ READ_BYTES = 32 * BLOCK_BYTES
 CONSOLE_OUT, CONSOLE_IN = 0x03, 0x83
 """Clause USB-005."""
 CONFIGURATION = 1
-NOT_LET_THROUGH = (errno.ENOENT, errno.EINVAL)
-"""What Linux says of requests to endpoints that no configuration has."""
+NOT_LET_THROUGH = (errno.ENOENT, errno.EINVAL, errno.EIO)
+"""What libusb says of a request to an endpoint that no configuration has: Linux does not send it."""
+RECIPIENT, ENDPOINT = 0x1F, 0x02
+"""In the type of a request (USB 2.0, table 9-2)."""
 
 
 class UsbLine:
@@ -121,7 +123,8 @@ class UsbLine:
             except usb.core.USBError as error:
                 if error.errno == errno.EPIPE:
                     return None
-                if error.errno in NOT_LET_THROUGH and self._is_there:
+                to_endpoint = setup.request_type & RECIPIENT == ENDPOINT
+                if to_endpoint and error.errno in NOT_LET_THROUGH and self._is_there:
                     raise Inconclusive("this computer's own system does not let such a request through") from error
                 raise
         return bytes(answer) if setup.is_in else b""
