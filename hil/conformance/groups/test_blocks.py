@@ -1,21 +1,722 @@
-"""Blocks: what is accepted, what is refused, and with which reason (chapters BLK and ACK)."""
+"""Blocks: their form, what is accepted, what is refused, and with which reason (chapters PUL, BLK and ACK)."""
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Collection
+
+import pytest
+from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import case, expect
-from phasewire.protocol.blocks import NoOp, pack
-from phasewire.protocol.codes import Reason
+from phasewire.hil.conformance.cases import Need, Risk, case, expect
+from phasewire.hil.conformance.forge import FIELDS, forged, seal
+from phasewire.hil.conformance.steps import (
+    LONG_MS,
+    SILENT,
+    Wrong,
+    begin,
+    far,
+    forge,
+    heavy,
+    later,
+    let_stores_go,
+    packed,
+    refuse,
+    some,
+    vectors,
+)
+from phasewire.hil.conformance.waveforms import check_play, expected_words, modulated
+from phasewire.protocol.blocks import (
+    Block,
+    Body,
+    Clock,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+    pack,
+)
+from phasewire.protocol.codes import Action, Feature, Kind, Reason, Request, State
+from phasewire.protocol.pulses import Pulses
+
+VALID: dict[Kind, Body] = {
+    Kind.UPDATE: Update(SILENT),
+    Kind.SLOT: Slot(3, SILENT),
+    Kind.ENTRIES: Entries((Entry(3, 100), Entry(3, 50)), 10),
+    Kind.SEQUENCE: Sequence(10, 2),
+    Kind.SAMPLES: Samples(b"\x80\xff\x01", 20),
+    Kind.MODULATION: Modulation(20, 3, 5),
+    Kind.OUTPUT: Output(Action.SILENCE),
+    Kind.CLOCK: Clock(),
+    Kind.NO_OP: NoOp(),
+}
+"""A block of each kind that is right in itself; none of them lets anything be heard."""
+CHANGES = (Kind.UPDATE, Kind.SEQUENCE, Kind.MODULATION, Kind.OUTPUT)
+
+USED = {
+    Kind.UPDATE: ("period",),
+    Kind.SLOT: ("first",),
+    Kind.ENTRIES: ("first", "count"),
+    Kind.SEQUENCE: ("period", "first", "count", "repeats"),
+    Kind.SAMPLES: ("first", "count"),
+    Kind.MODULATION: ("period", "first", "count", "hold"),
+    Kind.OUTPUT: ("period", "action"),
+    Kind.CLOCK: (),
+    Kind.NO_OP: (),
+}
+"""Which fields each kind uses (clause BLK-011)."""
+BY_KIND = ("period", "first", "count", "hold", "repeats", "reserved", "action")
+PAYLOAD_USED = {Kind.UPDATE: 480, Kind.SLOT: 480, Kind.ENTRIES: 8, Kind.SAMPLES: 3}
+"""Bytes of the payload that the block of `VALID` uses; 0 of the others."""
+
+BEYOND: dict[Kind, list[dict[str, int]]] = {
+    Kind.SLOT: [{"first": 256}, {"first": 0x0300}, {"first": 65_535}],
+    Kind.ENTRIES: [
+        {"first": 905, "count": 120},
+        {"first": 1023, "count": 2},
+        {"first": 1024, "count": 1},
+        {"first": 65_535, "count": 1},
+        {"count": 0},
+        {"count": 121},
+        {"count": 65_535},
+        {"first": 65_535, "count": 65_535},
+    ],
+    Kind.SEQUENCE: [
+        {"first": 1, "count": 1024},
+        {"first": 1023, "count": 2},
+        {"first": 1024, "count": 1},
+        {"first": 65_535, "count": 2},
+        {"first": 0, "count": 1025},
+        {"first": 0, "count": 65_535},
+        {"count": 0},
+    ],
+    Kind.SAMPLES: [
+        {"first": 3617, "count": 480},
+        {"first": 4095, "count": 2},
+        {"first": 4096, "count": 1},
+        {"first": 65_535, "count": 2},
+        {"first": 0, "count": 481},
+        {"first": 0, "count": 65_535},
+        {"count": 0},
+    ],
+    Kind.MODULATION: [
+        {"first": 1, "count": 4096},
+        {"first": 4095, "count": 2},
+        {"first": 4096, "count": 1},
+        {"first": 65_535, "count": 2},
+        {"first": 0, "count": 4097},
+        {"first": 0, "count": 65_535},
+        {"count": 0},
+        {"hold": 0},
+    ],
+    Kind.OUTPUT: [{"action": action} for action in (0, 4, 5, 7, 8, 16, 32, 64, 127, 128, 129, 130, 131, 254, 255)],
+}
+"""Fields out of their range, by kind (clauses BLK-011 and BLK-018)."""
+
+WITHIN: dict[Kind, list[dict[str, int]]] = {
+    Kind.UPDATE: [{"period": 0}, {"period": 1}],
+    Kind.SLOT: [{"first": 0}, {"first": 255}],
+    Kind.ENTRIES: [
+        {"first": 0, "count": 1},
+        {"first": 0, "count": 120},
+        {"first": 904, "count": 120},
+        {"first": 1023, "count": 1},
+    ],
+    Kind.SEQUENCE: [
+        {"first": 0, "count": 1024},
+        {"first": 1023, "count": 1, "repeats": 65_535},
+        {"first": 1, "count": 1023, "repeats": 1},
+        {"first": 0, "count": 1},
+    ],
+    Kind.SAMPLES: [
+        {"first": 0, "count": 1},
+        {"first": 0, "count": 480},
+        {"first": 3616, "count": 480},
+        {"first": 4095, "count": 1},
+    ],
+    Kind.MODULATION: [
+        {"first": 0, "count": 4096, "hold": 1},
+        {"first": 4095, "count": 1, "hold": 65_535},
+        {"first": 1, "count": 4095, "hold": 2},
+    ],
+    Kind.OUTPUT: [{"action": 1}, {"action": 2}, {"action": 3}],
+}
+"""Fields at the ends of their ranges, by kind."""
+
+CHECKSUM = 28
+"""Where it stands (clause BLK-002)."""
+SPECIFIED = bytes.fromhex("50 57 01 01 07 00 00 00 E8 03 00 00 00 00 00 00") + bytes.fromhex(
+    "00 00 00 00 00 00 00 00 00 00 01 00 7F BF B3 31 E3 1C 10"
+).ljust(496, b"\0")
+"""The example of clause BLK-006."""
+
+by_kind = pytest.mark.parametrize("kind", list(Kind), ids=lambda kind: kind.name.lower().replace("_", "-"))
+
+
+def kinds(table: Collection[Kind]) -> pytest.MarkDecorator:
+    """A case for each kind in a table."""
+    return pytest.mark.parametrize("kind", list(table), ids=lambda kind: kind.name.lower())
+
+
+def described(fields: dict[str, int]) -> str:
+    """Fields for a message."""
+    return ", ".join(f"{name} {value}" for name, value in fields.items())
+
+
+# Form
+
+
+@case("BLK-002", "BLK-006", "PUL-005")
+def test_the_example_of_the_specification_plays(bench: Bench) -> None:
+    """The block that clause BLK-006 shows byte for byte is accepted and plays, for all else is built from its form."""
+    bench.enable()
+    expect("the bytes of the example", len(SPECIFIED), 512)
+    (ack,) = bench.send_raw(SPECIFIED)
+    expect("the reason", ack.reason, Reason.ACCEPTED)
+    expect("whether it is late", ack.late, ack.commit_period > 1000)
+    if Feature.READ_BACK in bench.info.features:
+        bench.wait_until(ack.commit_period)
+        expect("PULSES", bench.ask(Request.PULSES)[16:], SPECIFIED[32:])
 
 
 @case("BLK-003", "ACK-003")
 def test_a_flipped_bit_is_refused(bench: Bench) -> None:
-    """A block with a flipped bit is refused with CHECKSUM and has no other effect: damaged pulses must not play."""
-    block = bytearray(pack(bench.numbered(NoOp())))
-    block[100] ^= 4
-    before = bench.status()
-    (ack,) = bench.send_raw(bytes(block))
-    expect("the reason", ack.reason, Reason.CHECKSUM)
-    after = bench.status()
-    expect("the count of refused blocks", after.refused, before.refused + 1)
-    expect("the count of accepted blocks", after.accepted, before.accepted)
+    """A block with one bit flipped is refused with CHECKSUM and has no other effect, for damaged pulses must not play."""
+    begin(bench)
+    payload = [bench.random.randrange(8 * 32, 8 * 512) for _ in range(48)]
+    header = [8 * offset + bench.random.randrange(8 * size) for offset, size in FIELDS.values()]
+    bits = [*header, *range(8 * CHECKSUM, 8 * CHECKSUM + 32), 8 * 32, 8 * 512 - 1, *payload]
+    wrong, pulses = [], bench.weak()
+    for bit in some(bench, bits):
+        block = bytearray(pack(bench.numbered(Update(pulses))))
+        block[bit // 8] ^= 1 << bit % 8
+        wrong.append(Wrong(f"bit {bit % 8} of byte {bit // 8} flipped", bytes(block), Reason.CHECKSUM))
+    refuse(bench, wrong)
+
+
+@case("BLK-003")
+def test_another_checksum_is_refused(bench: Bench) -> None:
+    """Checksums that are nearly the CRC-32 of BLK-003 are refused, for a sender that computes another is broken."""
+    begin(bench)
+    block = pack(bench.numbered(Update(bench.weak())))
+    right = int.from_bytes(block[CHECKSUM : CHECKSUM + 4], "little")
+    checksums = {
+        "the bytes of the checksum the other way round": int.from_bytes(right.to_bytes(4, "little"), "big"),
+        "the checksum inverted": right ^ 0xFFFFFFFF,
+        "the checksum of the block without the four bytes": zlib.crc32(block[:CHECKSUM] + block[CHECKSUM + 4 :]),
+        "the checksum of a block with FF in the four bytes": zlib.crc32(
+            block[:CHECKSUM] + b"\xff" * 4 + block[CHECKSUM + 4 :]
+        ),
+        "the checksum of the header alone": zlib.crc32(block[:CHECKSUM] + bytes(4)),
+        "the checksum of the payload alone": zlib.crc32(block[32:]),
+        "the Adler-32 of zlib": zlib.adler32(block[:CHECKSUM] + bytes(4) + block[CHECKSUM + 4 :]),
+        "no checksum": 0,
+    }
+    refuse(
+        bench,
+        [Wrong(what, forged(block, checksum=value), Reason.CHECKSUM) for what, value in some(bench, checksums.items())],
+    )
+
+
+@case("BLK-002", "ACK-003")
+def test_another_magic_is_refused(bench: Bench) -> None:
+    """A block that does not begin with "PW" is refused with MAGIC, be its checksum right."""
+    begin(bench)
+    magics = [b"PA", b"PS", b"WP", b"pw", b"P\0", b"\0W", bytes(2), b"\xff\xff", b"PV", b"QW"]
+    refuse(
+        bench,
+        [
+            Wrong(f"magic {magic.hex()}", forge(bench, NoOp(), magic=int.from_bytes(magic, "little")), Reason.MAGIC)
+            for magic in some(bench, magics)
+        ],
+    )
+
+
+@case("BLK-004", "ACK-003")
+def test_an_unknown_kind_is_refused(bench: Bench) -> None:
+    """Every kind but the nine is refused with KIND, for nobody knows what it would mean."""
+    begin(bench)
+    unknown = [kind for kind in range(256) if not 1 <= kind <= 9]
+    refuse(
+        bench,
+        [Wrong(f"kind {kind}", forge(bench, NoOp(), kind=kind), Reason.KIND) for kind in some(bench, unknown)],
+    )
+
+
+@case("VER-002", "ACK-003")
+def test_a_version_that_nobody_speaks_is_refused(bench: Bench) -> None:
+    """A block of any version that INFO does not name is refused with VERSION, for its rules are not known."""
+    begin(bench)
+    unspoken = [version for version in range(256) if not bench.info.speaks(version)]
+    refuse(
+        bench,
+        [
+            Wrong(f"version {version}", forge(bench, NoOp(), version=version), Reason.VERSION)
+            for version in some(bench, unspoken)
+        ],
+    )
+
+
+# Fields
+
+
+@case("BLK-011", "BLK-008")
+@by_kind
+def test_an_unused_field_must_be_zero(bench: Bench, kind: Kind) -> None:
+    """A field that the kind does not use is refused with FIELD if it is not 0, in each of its bytes."""
+    begin(bench)
+    wrong = []
+    for name in BY_KIND:
+        if name in USED[kind]:
+            continue
+        size = FIELDS[name][1]
+        for value in (1, *(bench.random.randrange(1, 256) << 8 * byte for byte in range(size)), 1 << 8 * size - 1):
+            block = forge(bench, VALID[kind], **{name: value})
+            wrong.append(Wrong(f"{name} {value} in {kind.name}", block, Reason.FIELD))
+    refuse(bench, some(bench, wrong))
+
+
+@case("BLK-011", "BLK-008")
+@kinds([kind for kind in Kind if kind not in (Kind.UPDATE, Kind.SLOT)])
+def test_unused_payload_must_be_zero(bench: Bench, kind: Kind) -> None:
+    """A byte of the payload that is not used is refused with FIELD if it is not 0, wherever it stands."""
+    begin(bench)
+    used = PAYLOAD_USED.get(kind, 0)
+    wrong = []
+    for place in [used, used + 1, 479, *(bench.random.randrange(used, 480) for _ in range(20))]:
+        value = bench.random.randrange(1, 256)
+        block = bytearray(pack(bench.numbered(VALID[kind])))
+        block[32 + place] = value
+        wrong.append(Wrong(f"byte {place} of the payload {value} in {kind.name}", seal(bytes(block)), Reason.FIELD))
+    refuse(bench, some(bench, wrong))
+
+
+@case("BLK-011")
+@by_kind
+def test_flags_that_do_not_belong_are_refused(bench: Bench, kind: Kind) -> None:
+    """RESTART may be set in every kind, UNATTENDED in SEQUENCE only, and no other flag: it is refused with FIELD."""
+    begin(bench)
+    known = 0b11 if kind is Kind.SEQUENCE else 0b01
+    flags = [1 << bit for bit in range(8)] + [1 << bit | 1 for bit in range(1, 8)] + [0xFF]
+    wrong = [flag for flag in flags if flag & ~known]
+    refuse(
+        bench,
+        [
+            Wrong(f"flags {flag:08b} in {kind.name}", forge(bench, VALID[kind], flags=flag), Reason.FIELD)
+            for flag in some(bench, wrong)
+        ],
+    )
+    fill_stores(bench)
+    (ack,) = bench.send_raw(forge(bench, VALID[kind], flags=1))
+    expect(f"the reason for {kind.name} with RESTART", ack.reason, Reason.ACCEPTED)
+
+
+@case("BLK-011", "BLK-008")
+@kinds(BEYOND)
+def test_a_field_out_of_its_range_is_refused(bench: Bench, kind: Kind) -> None:
+    """A slot, place, count, hold or action beyond what the kind allows is refused with FIELD, one step beyond too."""
+    begin(bench)
+    refuse(
+        bench,
+        [
+            Wrong(f"{described(fields)} in {kind.name}", forge(bench, VALID[kind], **fields), Reason.FIELD)
+            for fields in some(bench, BEYOND[kind])
+        ],
+    )
+
+
+@case("BLK-011")
+@kinds(WITHIN)
+def test_a_field_at_the_end_of_its_range_is_accepted(bench: Bench, kind: Kind) -> None:
+    """The largest and smallest values that the kind allows are accepted, for a host may use all of the range."""
+    begin(bench)
+    if kind in (Kind.SEQUENCE, Kind.MODULATION):
+        fill_stores(bench)
+    for fields in WITHIN[kind]:
+        payload = bytes([3, 0, 1, 0]) * 120 if kind is Kind.ENTRIES else b"\x80" * 480 if kind is Kind.SAMPLES else b""
+        size = 4 if kind is Kind.ENTRIES else 1
+        block = pack(bench.numbered(VALID[kind]))[:32].ljust(512, b"\0")
+        (ack,) = bench.send_raw(forged(block, payload[: size * fields.get("count", 0)], **fields))
+        expect(f"the reason for {kind.name} with {described(fields)}", ack.reason, Reason.ACCEPTED)
+        if kind in CHANGES:
+            now = ack.now // 50
+            assert ack.commit_period > now, f"commit_period {ack.commit_period} should be after {now}"
+        else:
+            expect("commit_period of what is no change", ack.commit_period, 0)
+
+
+def fill_stores(bench: Bench) -> None:
+    """Let every entry be there, of a silent slot, and every sample."""
+    bench.must(Slot(3, SILENT))
+    for acks in (
+        bench.send_all(
+            Entries((Entry(3, 1 + first % 7),) * min(120, 1024 - first), first) for first in range(0, 1024, 120)
+        ),
+        bench.send_all(Samples(b"\x80" * min(480, 4096 - first), first) for first in range(0, 4096, 480)),
+    ):
+        for ack in acks:
+            expect("the reason for a store", ack.reason, Reason.ACCEPTED)
+
+
+@case("BLK-014", "BLK-011", "BLK-008")
+def test_an_entry_that_cannot_be_is_refused(bench: Bench) -> None:
+    """An entry of a slot above 255 or for no period is refused with FIELD wherever it stands among others."""
+    begin(bench)
+    wrong = []
+    for place in (0, 1, 59, 118, 119):
+        for slot, periods in ((256, 1), (0x0103, 1), (0x8000, 1), (65_535, 65_535), (0, 0), (255, 0)):
+            entries = [(number, 1 + number) for number in range(120)]
+            entries[place] = (slot, periods)
+            payload = b"".join(slot.to_bytes(2, "little") + periods.to_bytes(2, "little") for slot, periods in entries)
+            block = forge(bench, VALID[Kind.ENTRIES], payload, first=0, count=120)
+            what = f"entry {place} with slot {slot} for {periods} periods"
+            wrong.append(Wrong(what, block, Reason.FIELD))
+    refuse(bench, some(bench, wrong))
+
+
+# Pulses
+
+
+@case("PUL-001", "BLK-008")
+@kinds([Kind.UPDATE, Kind.SLOT])
+def test_a_reserved_pulse_is_refused(bench: Bench, kind: Kind) -> None:
+    """Phases above 99 and widths above 25 are refused with PULSE at any place, of silent pulses too."""
+    begin(bench)
+    places = [0, 1, 2, 3, 318, 319]
+    reserved = [(phase, bench.random.choice([0, 1, 2])) for phase in range(100, 128)]
+    reserved += [(bench.random.choice([0, 99]), width) for width in range(26, 32)]
+    wrong = []
+    for number, (phase, width) in enumerate([*reserved, (127, 31), (100, 0), (100, 0), (0, 26), (0, 26)]):
+        place = places[number] if number < len(places) else bench.random.choice([*places, bench.random.randrange(320)])
+        payload = packed([(0, 0)] * place + [(phase, width)])
+        block = forge(bench, VALID[kind], payload)
+        wrong.append(Wrong(f"pulse {place} with phase {phase} and width {width}", block, Reason.PULSE))
+    refuse(bench, some(bench, wrong))
+
+
+@case("PUL-001", "PUL-002", "PUL-005", "REQ-007", features=Feature.READ_BACK)
+def test_every_phase_and_every_width_is_accepted(bench: Bench) -> None:
+    """All phases from 0 to 99 and all widths from 0 to 25 are accepted, play where they stand, and are read back."""
+    begin(bench)
+    pulses = [(number % 100, number if number < 26 else 0) for number in range(320)]
+    bench.random.shuffle(pulses)
+    payload = packed(pulses)
+    (ack,) = bench.send_raw(forge(bench, VALID[Kind.UPDATE], payload))
+    expect("the reason", ack.reason, Reason.ACCEPTED)
+    bench.wait_until(ack.commit_period)
+    expect("PULSES", bench.ask(Request.PULSES)[16:], payload)
+
+
+# The order of reasons
+
+REASONS_OF = {
+    "update": (Reason.PULSE, Reason.SEQUENCE, Reason.HORIZON, Reason.RATE, Reason.DRIVE),
+    "slot": (Reason.PULSE, Reason.SEQUENCE, Reason.DRIVE, Reason.IN_USE),
+    "sequence": (Reason.SEQUENCE, Reason.HORIZON, Reason.DRIVE, Reason.EMPTY),
+    "modulation": (Reason.SEQUENCE, Reason.HORIZON, Reason.EMPTY),
+    "output": (Reason.SEQUENCE, Reason.HORIZON),
+}
+"""What can be wrong with a block of a kind, besides what can be wrong with any block."""
+ANY = (Reason.CHECKSUM, Reason.MAGIC, Reason.VERSION, Reason.KIND, Reason.FIELD)
+LAST_PERIOD = 2**64 - 1
+LOW_LIMIT = 1
+"""Transducers that may be driven where reasons are put in order: two driven fully are refused with DRIVE."""
+HEAVY_SLOT, EMPTY_SLOT, USED_SLOT, GOOD_SLOT = 0, 1, 2, 3
+ENTRIES = ((HEAVY_SLOT, 0), (EMPTY_SLOT, 1), (GOOD_SLOT, 2), (USED_SLOT, 3))
+"""Slots of the entries of a table, and their places in it."""
+
+
+class Provocation:
+    """A device prepared so that a block can break several rules at once, and blocks that do.
+
+    Parameters
+    ----------
+    bench : Bench
+    enabled : bool
+        Whether the outputs are.
+    """
+
+    def __init__(self, bench: Bench, enabled: bool) -> None:
+        self._bench = bench
+        bench.order(Request.WATCHDOG, LONG_MS)
+        self._last = bench.must(NoOp()).sequence
+        self._named = 0
+        stores = [Slot(HEAVY_SLOT, heavy(LOW_LIMIT + 1)), Slot(USED_SLOT, SILENT), Slot(GOOD_SLOT, SILENT)]
+        for body in (*stores, Entries(tuple(Entry(slot, 1000) for slot, _ in ENTRIES)), Samples(b"\xff", 0)):
+            self._last = bench.must(body).sequence
+        bench.order(Request.LIMIT, LOW_LIMIT)
+        if not enabled:
+            return
+        bench.enable()
+        self._named = far(bench)
+        for change in (Sequence(3, 1, self._named - 10), Update(SILENT, self._named)):
+            self._last = bench.must(change).sequence
+        let_loads_go(bench, 2)
+
+    def block(self, base: str, reasons: Collection[Reason]) -> bytes:
+        """A block of a kind in which all this is wrong."""
+        body = self._body(base, reasons)
+        number = self._last if Reason.SEQUENCE in reasons else (self._last + 1) % 2**32
+        data = bytearray(pack(Block(body, number)))
+        if Reason.PULSE in reasons:
+            data[32] |= 0x7F
+        fields = {
+            Reason.FIELD: {"reserved": 1},
+            Reason.KIND: {"kind": 200},
+            Reason.VERSION: {"version": (self._bench.info.newest_version + 1) % 256},
+            Reason.MAGIC: {"magic": 0x4150},
+        }
+        wrong = {name: value for reason in reasons for name, value in fields.get(reason, {}).items()}
+        block = bytearray(forged(bytes(data), **wrong))
+        block[CHECKSUM] ^= Reason.CHECKSUM in reasons
+        return bytes(block)
+
+    def _body(self, base: str, reasons: Collection[Reason]) -> Body:
+        pulses = heavy(LOW_LIMIT + 1) if Reason.DRIVE in reasons else SILENT
+        period = LAST_PERIOD if Reason.HORIZON in reasons else 0
+        match base:
+            case "update":
+                return Update(pulses, self._named + 1 if Reason.RATE in reasons else period)
+            case "slot":
+                return Slot(USED_SLOT if Reason.IN_USE in reasons else GOOD_SLOT, pulses)
+            case "sequence":
+                first = 0 if Reason.DRIVE in reasons else 1 if Reason.EMPTY in reasons else 2
+                return Sequence(first, 1 + ({Reason.DRIVE, Reason.EMPTY} <= {*reasons}), period)
+            case "modulation":
+                return Modulation(4000 if Reason.EMPTY in reasons else 0, 1, 1, period)
+        return Output(Action.SILENCE, period)
+
+    def check(self, base: str, reasons: Collection[Reason], state: Collection[Reason]) -> None:
+        """Each reason by itself, each pair of them, and each with all that are later: the first is given.
+
+        Parameters
+        ----------
+        base : str
+            The kind.
+        reasons : collection of Reason
+            What can be wrong.
+        state : collection of Reason
+            For which every block of this kind is refused now.
+        """
+        bench, possible = self._bench, sorted(reasons)
+        if bench.info.periods_per_update == 1:
+            possible = [reason for reason in possible if reason is not Reason.RATE]
+        sets = [set[Reason]()] if state else []
+        sets += [{one} for one in possible]
+        sets += [{one, other} for one in possible for other in possible if one < other]
+        sets += [{*possible[at:]} for at in range(len(possible) - 2)]
+        together = [chosen for chosen in sets if not {Reason.HORIZON, Reason.RATE} <= chosen]
+        wrong = []
+        for chosen in some(bench, together, 8):
+            what = " and ".join(reason.name for reason in sorted(chosen | {*state}))
+            wrong.append(Wrong(f"{base} with {what}", self.block(base, chosen), min(chosen | {*state})))
+        refuse(bench, wrong)
+
+
+def let_loads_go(bench: Bench, queued: int) -> None:
+    """Wait until stores have gone onto the chain, with so many changes queued."""
+    for _ in range(100):
+        if bench.status().free == bench.info.queue_blocks - queued:
+            return
+        bench.wait(0.005)
+    raise AssertionError(f"free stays {bench.status().free}, should be {bench.info.queue_blocks - queued}")
+
+
+@case("ACK-003", "BLK-008", "SAF-006", "BLK-023")
+@pytest.mark.parametrize("base", ["update", "slot", "output"])
+def test_the_first_reason_is_given_while_enabled(bench: Bench, base: str) -> None:
+    """Of any two things that are wrong with a block, and of all, the first in the order of ACK-003 is the reason."""
+    Provocation(bench, enabled=True).check(base, (*ANY, *REASONS_OF[base]), ())
+
+
+@case("ACK-003", "BLK-008", "SAF-002")
+@pytest.mark.parametrize("base", ["update", "output"])
+def test_the_first_reason_is_given_while_disabled(bench: Bench, base: str) -> None:
+    """The same while the outputs are off, where DISABLED is behind what is wrong with the block, and before the rest."""
+    reasons = [*ANY, *(reason for reason in REASONS_OF[base] if reason is not Reason.RATE)]
+    Provocation(bench, enabled=False).check(base, reasons, (Reason.DISABLED,))
+
+
+@case("ACK-003", "BLK-021", "BLK-008", allow=(Risk.RESET,), features=Feature.SEQUENCES | Feature.MODULATION)
+@pytest.mark.parametrize("enabled", [True, False], ids=["enabled", "disabled"])
+@pytest.mark.parametrize("base", ["sequence", "modulation"])
+def test_the_first_reason_is_given_for_what_plays_stores(bench: Bench, base: str, enabled: bool) -> None:
+    """The same for blocks that play what is stored, of which some was never stored or drives too much."""
+    restart(bench)
+    state = () if enabled else (Reason.DISABLED,)
+    Provocation(bench, enabled).check(base, (*ANY, *REASONS_OF[base]), state)
+
+
+@case("ACK-003", "SAF-007/1", "BLK-008", needs=(Need.FAULTS,))
+@pytest.mark.parametrize("base", ["update", "slot", "output"])
+def test_the_first_reason_is_given_with_a_fault(bench: Bench, base: str) -> None:
+    """The same while a fault silences the outputs, where FAULT is behind what is wrong with the block."""
+    provocation = Provocation(bench, enabled=False)
+    bench.levers.cause(HotBoard(board=2, celsius=95))
+    await_state(bench, State.FAULT)
+    reasons = [reason for reason in REASONS_OF[base] if reason not in (Reason.RATE, Reason.IN_USE)]
+    provocation.check(base, (*ANY, *reasons), (Reason.FAULT, Reason.DISABLED))
+    bench.levers.cause(HotBoard(board=2, celsius=30))
+
+
+def await_state(bench: Bench, state: State) -> None:
+    """Wait until the device is in a state."""
+    for _ in range(100):
+        if bench.status().state is state:
+            return
+        bench.wait(0.01)
+    raise AssertionError(f"the state stays {bench.status().state.name}, should be {state.name}")
+
+
+def restart(bench: Bench) -> None:
+    """Let the device forget what is stored."""
+    bench.restart(lambda: bench.order(Request.RESET))
+
+
+# Golden vectors
+
+
+@case("ACK-003", "BLK-008")
+@pytest.mark.parametrize("enabled", [True, False], ids=["enabled", "disabled"])
+def test_the_refused_blocks_of_the_vectors_are_refused(bench: Bench, enabled: bool) -> None:
+    """The blocks of vectors.json that every device refuses are refused for the reason given, in any state."""
+    if enabled:
+        begin(bench)
+    wrong = [
+        Wrong(vector["name"], bytes.fromhex(vector["hex"]), Reason[vector["reason"]])
+        for vector in vectors("refused_blocks")
+        if vector["reason"] != "LENGTH"
+    ]
+    spoken = range(2, bench.info.newest_version + 1)
+    refuse(bench, some(bench, [one for one in wrong if one.block[2] not in spoken or one.reason < Reason.VERSION]))
+
+
+@case("BLK-002", "BLK-011", "SAF-002", "SAF-006")
+def test_the_valid_blocks_of_the_vectors_are_refused_for_their_state_only(bench: Bench) -> None:
+    """The valid blocks of vectors.json, to a device that is off: stores are accepted within the limit, changes DISABLED."""
+    limit = 1000 * bench.status().drive_limit
+    for vector in some(bench, vectors("blocks"), 8):
+        bench.must(NoOp(), number=(vector["fields"]["sequence"] - 1) % 2**32, restart=True)
+        (ack,) = bench.send_raw(bytes.fromhex(vector["hex"]))
+        fields = vector["fields"]
+        expect(f"the reason for {vector['name']}", ack.reason, _reason_while_off(fields, limit))
+        expect(f"commit_period for {vector['name']}", ack.commit_period if fields["kind"] != "CLOCK" else 0, 0)
+
+
+def _reason_while_off(fields: dict[str, object], limit: int) -> Reason:
+    if fields["kind"] in ("UPDATE", "SEQUENCE", "MODULATION", "OUTPUT"):
+        return Reason.DISABLED
+    power = {row["width"]: row["power"] for row in vectors("powers") if "width" in row}
+    runs = fields["pulses"] if fields["kind"] == "SLOT" else []
+    assert isinstance(runs, list)
+    return Reason.DRIVE if sum(power[width] * count for _, width, count in runs) > limit else Reason.ACCEPTED
+
+
+# What a refusal leaves as it is
+
+
+@case("BLK-008", "BLK-003", "VER-002", needs=(Need.CAPTURE,), features=Feature.SEQUENCES | Feature.MODULATION)
+@pytest.mark.parametrize("plays", ["update", "sequence"])
+def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> None:
+    """While something plays, modulated, and another waits, blocks of all kinds are refused: the outputs do not differ."""
+    begin(bench)
+    bench.must(Slot(1, first := bench.weak()))
+    bench.must(Entries((Entry(1, 1000),), 5))
+    bench.must(Samples(b"\xc0", 7))
+    let_stores_go(bench)
+    began = bench.must(Update(first) if plays == "update" else Sequence(5, 1)).commit_period
+    modulated_from = bench.must(Modulation(7, 1, 3)).commit_period
+    bench.wait_until(modulated_from)
+    second = bench.weak()
+    waits = bench.must(Update(second, later(bench))).commit_period
+    other = bench.weak()
+    wrong = [
+        Wrong("an UPDATE with another magic", forge(bench, Update(other), magic=0x4150), Reason.MAGIC),
+        Wrong("an UPDATE without its checksum", forge(bench, Update(other), checksum=0), Reason.CHECKSUM),
+        Wrong("an UPDATE with hold", forge(bench, Update(other), hold=1), Reason.FIELD),
+        Wrong("an UPDATE of another version", forge(bench, Update(other), version=0), Reason.VERSION),
+        Wrong("an UPDATE beyond the horizon", forge(bench, Update(other, LAST_PERIOD)), Reason.HORIZON),
+        Wrong("SILENCE with first", forge(bench, Output(Action.SILENCE), first=1), Reason.FIELD),
+        Wrong("DISABLE with payload", forge(bench, Output(Action.DISABLE), b"\1"), Reason.FIELD),
+        Wrong("END_MODULATION with repeats", forge(bench, Output(Action.END_MODULATION), repeats=1), Reason.FIELD),
+        Wrong("a MODULATION without hold", forge(bench, Modulation(7, 1, 1), hold=0), Reason.FIELD),
+        Wrong("a SEQUENCE of none", forge(bench, Sequence(5, 1), count=0), Reason.FIELD),
+        Wrong("SAMPLES that play", forge(bench, Samples(b"\0", 7)), Reason.IN_USE),
+        Wrong("a SLOT with a phase of 127", forge(bench, Slot(1, SILENT), b"\x7f"), Reason.PULSE),
+        Wrong("an UPDATE with a width of 31", forge(bench, Update(other), b"\x80\x0f"), Reason.PULSE),
+    ]
+    if plays == "sequence":
+        wrong.append(Wrong("a SLOT that plays", forge(bench, Slot(1, other)), Reason.IN_USE))
+        wrong.append(Wrong("ENTRIES that play", forge(bench, Entries((Entry(2, 1),), 5)), Reason.IN_USE))
+    refuse(bench, some(bench, wrong))
+    steps = [
+        (began, expected_words(first, bench.wiring)),
+        (modulated_from, expected_words(modulated(first, 0xC0), bench.wiring)),
+        (waits, expected_words(modulated(second, 0xC0), bench.wiring)),
+    ]
+    bench.judge(began, waits + 40, lambda seen: check_play(seen, steps))
+
+
+@case(
+    "BLK-008", "BLK-013", "BLK-014", "BLK-016", needs=(Need.CAPTURE,), features=Feature.SEQUENCES | Feature.MODULATION
+)
+def test_refused_stores_leave_what_is_stored(bench: Bench) -> None:
+    """A slot, entries and samples play as they were stored, though other ones for their places came and were refused."""
+    begin(bench)
+    pulses, other = bench.weak(), bench.weak()
+    bench.must(Slot(9, pulses))
+    bench.must(Entries((Entry(9, 3), Entry(9, 4)), 50))
+    bench.must(Samples(b"\xff\x40\x80", 60))
+    let_stores_go(bench)
+    entries = Entries((Entry(8, 9), Entry(8, 9)), 50)
+    wrong = [
+        Wrong("a SLOT with a phase of 127 at the end", forge(bench, Slot(9, other), late_phase(other)), Reason.PULSE),
+        Wrong("a SLOT without its checksum", forge(bench, Slot(9, other), checksum=0), Reason.CHECKSUM),
+        Wrong("a SLOT with count", forge(bench, Slot(9, other), count=1), Reason.FIELD),
+        Wrong(
+            "ENTRIES of which the last cannot be", forge(bench, entries, bytes([8, 0, 9, 0, 8, 1, 9, 0])), Reason.FIELD
+        ),
+        Wrong("ENTRIES without their checksum", forge(bench, entries, checksum=0), Reason.CHECKSUM),
+        Wrong("ENTRIES with hold", forge(bench, entries, hold=1), Reason.FIELD),
+        Wrong("SAMPLES with more behind", forge(bench, Samples(b"\0\0\0", 60), b"\0\0\0\1"), Reason.FIELD),
+        Wrong("SAMPLES without their checksum", forge(bench, Samples(b"\0\0\0", 60), checksum=0), Reason.CHECKSUM),
+        Wrong("SAMPLES of another version", forge(bench, Samples(b"\0\0\0", 60), version=255), Reason.VERSION),
+    ]
+    refuse(bench, wrong)
+    began = bench.must(Sequence(50, 2)).commit_period
+    modulated_from = bench.must(Modulation(60, 3, 2)).commit_period
+    plain = expected_words(pulses, bench.wiring)
+    by_sample = [expected_words(modulated(pulses, sample), bench.wiring) for sample in (0xFF, 0x40, 0x80)]
+    steps = [(began, plain), *((modulated_from + 2 * number, by_sample[number % 3]) for number in range(20))]
+    bench.judge(began, modulated_from + 40, lambda seen: check_play(seen, steps))
+
+
+def late_phase(pulses: Pulses) -> bytes:
+    """The payload of these pulses, but for the last, which has a phase of 127."""
+    pairs = list(zip(pulses.phase.tolist(), pulses.width.tolist(), strict=True))
+    return packed([*pairs[:-1], (127, 0)])
+
+
+@case("BLK-003", "BLK-008", "REQ-007", features=Feature.READ_BACK)
+def test_a_damaged_update_does_not_play(bench: Bench) -> None:
+    """PULSES answers the update that was accepted, after one with a wrong checksum and one with a wrong pulse came."""
+    begin(bench)
+    pulses = bench.weak()
+    began = bench.must(Update(pulses)).commit_period
+    other = bench.weak()
+    refuse(
+        bench,
+        [
+            Wrong("an UPDATE without its checksum", forge(bench, Update(other), checksum=0), Reason.CHECKSUM),
+            Wrong("an UPDATE whose last phase is 127", forge(bench, Update(other), late_phase(other)), Reason.PULSE),
+        ],
+    )
+    bench.wait_until(began)
+    reading = bench.read_back()
+    expect("since_period in PULSES", reading.since_period, began)
+    assert reading.pulses == pulses, "PULSES are others than those that were accepted"

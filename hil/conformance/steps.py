@@ -1,0 +1,191 @@
+"""Steps that cases of several groups take: to begin with, to store something, and to see that a refusal changes nothing.
+
+They speak to the device and judge nothing but what they say.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from ...protocol.blocks import Body, NoOp, pack
+from ...protocol.board import CHANNELS
+from ...protocol.codes import AckFlag, Reason, Request
+from ...protocol.pulses import Pulses
+from ...protocol.replies import Status
+from .bench import Bench
+from .cases import expect
+from .forge import forged
+
+__all__ = [
+    "FAR_PERIODS",
+    "LATER_PERIODS",
+    "LONG_MS",
+    "SILENT",
+    "Wrong",
+    "begin",
+    "check_same",
+    "cut",
+    "far",
+    "forge",
+    "heavy",
+    "later",
+    "let_stores_go",
+    "packed",
+    "raw_records",
+    "refuse",
+    "some",
+    "vectors",
+]
+
+Item = TypeVar("Item")
+
+LONG_MS = 30_000
+"""A watchdog time that no case outlasts."""
+FAR_PERIODS = 2_000_000
+"""50 s: what names a period so far ahead stays in the queue as long as a case takes."""
+LATER_PERIODS = {"usb": 4000, "serial": 24_000}
+"""How far ahead a case names a period that it then waits for, and before which it sends several blocks: 0.1 and 0.6 s."""
+FEW = 6
+"""Of many blocks of one sort those that go over a serial line, where each takes up to 45 ms."""
+
+SILENT = Pulses.silent(CHANNELS)
+
+UNTOUCHED = (
+    *("state", "faults", "flags", "since_period", "accepted", "late", "lost", "missed_commits", "damaged_messages"),
+    *("free", "watchdog_ms", "drive_limit", "dropped_frames"),
+)
+"""Fields of a status that neither time nor a refusal changes."""
+
+
+class Wrong(NamedTuple):
+    """A block that must be refused."""
+
+    what: str
+    """What is wrong with it."""
+    block: bytes
+    reason: Reason
+
+
+def begin(bench: Bench) -> None:
+    """Enable the outputs, out of the watchdog's reach, and begin the numbering."""
+    bench.order(Request.WATCHDOG, LONG_MS)
+    bench.enable()
+    bench.must(NoOp())
+
+
+def far(bench: Bench) -> int:
+    """A period that does not come while the case runs."""
+    return bench.period() + FAR_PERIODS
+
+
+def later(bench: Bench) -> int:
+    """A period that the case can wait for, and before which it can send several blocks."""
+    return bench.period() + LATER_PERIODS[bench.line.kind]
+
+
+def some(bench: Bench, items: Iterable[Item], few: int = FEW) -> list[Item]:
+    """All of them, but over a serial line only a few, at random, in their order."""
+    every = list(items)
+    if bench.line.kind == "usb" or len(every) <= few:
+        return every
+    chosen = sorted(bench.random.sample(range(len(every)), few))
+    bench.note("sample", f"{few} of {len(every)}: a serial line is slow")
+    return [every[index] for index in chosen]
+
+
+def forge(bench: Bench, body: Body, payload: bytes | None = None, **fields: int) -> bytes:
+    """A block with the next number and other values in its header, or another payload, under the right checksum."""
+    return forged(pack(bench.numbered(body)), payload, **fields)
+
+
+def refuse(bench: Bench, blocks: Sequence[Wrong]) -> None:
+    """Send blocks that must be refused, each for its reason, and see that nothing comes of them but their refusal."""
+    before = bench.status()
+    acks = bench.send_raw(*(wrong.block for wrong in blocks))
+    after = bench.status()
+    time = before.now
+    for (what, _, reason), ack in zip(blocks, acks, strict=True):
+        expect(f"the reason for {what}", ack.reason, reason)
+        expect(f"commit_period for {what}", ack.commit_period, 0)
+        expect(f"flags for {what}", ack.flags, AckFlag(0))
+        expect(f"free for {what}", ack.free, before.free)
+        expect(f"state for {what}", ack.state, before.state)
+        assert time <= ack.now <= after.now, f"now for {what} is {ack.now}, should be from {time} to {after.now}"
+        time = ack.now
+    expect("the count of refused blocks", after.refused, (before.refused + len(blocks)) % 2**32)
+    expect("the last refusal in STATUS", after.last_refusal, blocks[-1].reason)
+    check_same(before, after)
+
+
+def check_same(before: Status, after: Status, **changes: object) -> None:
+    """Fail where two statuses differ in more than time, temperature and refusals, and the changes that are named."""
+    for name in UNTOUCHED:
+        expect(f"{name} in STATUS", getattr(after, name), changes.get(name, getattr(before, name)))
+
+
+def let_stores_go(bench: Bench) -> Status:
+    """Wait until stores that wait to go onto the chain no longer count as a full queue (clause BLK-024).
+
+    Nothing else may be queued.
+    """
+    for _ in range(100):
+        status = bench.status()
+        if status.free == bench.info.queue_blocks:
+            return status
+        bench.wait(0.005)
+    raise AssertionError(f"free is {status.free} half a second after the last store, should be all places again")
+
+
+def heavy(transducers: int) -> Pulses:
+    """Some transducers driven fully, the others silent."""
+    return Pulses([0] * CHANNELS, [25] * transducers + [0] * (CHANNELS - transducers))
+
+
+def packed(pulses: Iterable[tuple[int, int]]) -> bytes:
+    """Phases and widths as clause PUL-005 packs them, whatever they are; the rest of 320 silent with phase 0."""
+    words = [phase | width << 7 for phase, width in pulses]
+    words += [0] * (CHANNELS - len(words))
+    pairs = zip(words[::2], words[1::2], strict=True)
+    return b"".join((first | second << 12).to_bytes(3, "little") for first, second in pairs)
+
+
+def raw_records(bench: Bench, blocks: Sequence[bytes], seconds: float = 1.0) -> list[bytes]:
+    """Send blocks, at most as many as the device can hold records; the bytes of what is answered, cut by the magic.
+
+    Waits until there is one record for each block.
+    """
+    found = b""
+    data, sent = b"".join(blocks), 0
+    end = bench.line.time.monotonic() + seconds + len(blocks) / 10
+    at_once = len(data) if bench.line.kind == "usb" else 512
+    while sent < len(data) or len(found) < 32 * len(blocks):
+        if sent < len(data) and (bench.line.kind == "usb" or len(found) >= sent // 512 * 32):
+            sent += bench.line.send_blocks(data[sent : sent + at_once], 0.1)
+        found += bench.line.receive_records(0.01)
+        assert bench.line.time.monotonic() < end, (
+            f"{len(found)} bytes of records came for {len(blocks)} blocks, should be {32 * len(blocks)}"
+        )
+    bench.note("records", found)
+    return cut(found)
+
+
+def cut(found: bytes) -> list[bytes]:
+    """Bytes from bulk IN cut into records: 64 bytes behind the magic of a status, 32 behind any other (clause ACK-005)."""
+    records = []
+    while found:
+        size = 64 if found[:2] == b"PS" else 32
+        records.append(found[:size])
+        found = found[size:]
+    return records
+
+
+@cache
+def vectors(section: str) -> list[dict[str, Any]]:
+    """The golden vectors of a section of vectors.json, which were not made by a device."""
+    text = (Path(__file__).parents[2] / "protocol" / "vectors.json").read_text()
+    found: list[dict[str, Any]] = json.loads(text)[section]["vectors"]
+    return found
