@@ -1,4 +1,4 @@
-"""Steps that cases of several groups take: to begin with, to store something, and to see that a refusal changes nothing.
+"""Steps that cases of several groups take: to begin, to store something, to see that a refusal changes nothing.
 
 They speak to the device and judge nothing but what they say.
 """
@@ -32,6 +32,7 @@ __all__ = [
     "far",
     "forge",
     "heavy",
+    "late_phase",
     "later",
     "let_stores_go",
     "packed",
@@ -48,7 +49,7 @@ LONG_MS = 30_000
 FAR_PERIODS = 2_000_000
 """50 s: what names a period so far ahead stays in the queue as long as a case takes."""
 LATER_PERIODS = {"usb": 4000, "serial": 24_000}
-"""How far ahead a case names a period that it then waits for, and before which it sends several blocks: 0.1 and 0.6 s."""
+"""How far ahead a case names a period that it then waits for, after some blocks more: 0.1 and 0.6 s."""
 FEW = 6
 """Of many blocks of one sort those that go over a serial line, where each takes up to 45 ms."""
 
@@ -97,7 +98,7 @@ def some(bench: Bench, items: Iterable[Item], few: int = FEW) -> list[Item]:
     return [every[index] for index in chosen]
 
 
-def forge(bench: Bench, body: Body, payload: bytes | None = None, **fields: int) -> bytes:
+def forge(bench: Bench, body: Body, payload: bytes | None = None, /, **fields: int) -> bytes:
     """A block with the next number and other values in its header, or another payload, under the right checksum."""
     return forged(pack(bench.numbered(body)), payload, **fields)
 
@@ -153,6 +154,12 @@ def packed(pulses: Iterable[tuple[int, int]]) -> bytes:
     return b"".join((first | second << 12).to_bytes(3, "little") for first, second in pairs)
 
 
+def late_phase(pulses: Pulses) -> bytes:
+    """The payload of these pulses, but for the last, which has a phase of 127."""
+    pairs = list(zip(pulses.phase.tolist(), pulses.width.tolist(), strict=True))
+    return packed([*pairs[:-1], (127, 0)])
+
+
 def raw_records(bench: Bench, blocks: Sequence[bytes], seconds: float = 1.0) -> list[bytes]:
     """Send blocks, at most as many as the device can hold records; the bytes of what is answered, cut by the magic.
 
@@ -174,7 +181,7 @@ def raw_records(bench: Bench, blocks: Sequence[bytes], seconds: float = 1.0) -> 
 
 
 def cut(found: bytes) -> list[bytes]:
-    """Bytes from bulk IN cut into records: 64 bytes behind the magic of a status, 32 behind any other (clause ACK-005)."""
+    """Cut bytes from bulk IN into records: 64 bytes behind the magic of a status, else 32 (clause ACK-005)."""
     records = []
     while found:
         size = 64 if found[:2] == b"PS" else 32

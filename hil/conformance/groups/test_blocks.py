@@ -18,6 +18,7 @@ from phasewire.hil.conformance.steps import (
     far,
     forge,
     heavy,
+    late_phase,
     later,
     let_stores_go,
     packed,
@@ -42,7 +43,6 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.codes import Action, Feature, Kind, Reason, Request, State
-from phasewire.protocol.pulses import Pulses
 
 VALID: dict[Kind, Body] = {
     Kind.UPDATE: Update(SILENT),
@@ -56,6 +56,7 @@ VALID: dict[Kind, Body] = {
     Kind.NO_OP: NoOp(),
 }
 """A block of each kind that is right in itself; none of them lets anything be heard."""
+STORES = Feature.SEQUENCES | Feature.MODULATION
 CHANGES = (Kind.UPDATE, Kind.SEQUENCE, Kind.MODULATION, Kind.OUTPUT)
 
 USED = {
@@ -186,7 +187,7 @@ def test_the_example_of_the_specification_plays(bench: Bench) -> None:
 
 @case("BLK-003", "ACK-003")
 def test_a_flipped_bit_is_refused(bench: Bench) -> None:
-    """A block with one bit flipped is refused with CHECKSUM and has no other effect, for damaged pulses must not play."""
+    """A block with a bit flipped is refused with CHECKSUM and has no other effect, for damaged pulses must not play."""
     begin(bench)
     payload = [bench.random.randrange(8 * 32, 8 * 512) for _ in range(48)]
     header = [8 * offset + bench.random.randrange(8 * size) for offset, size in FIELDS.values()]
@@ -353,14 +354,12 @@ def test_a_field_at_the_end_of_its_range_is_accepted(bench: Bench, kind: Kind) -
 def fill_stores(bench: Bench) -> None:
     """Let every entry be there, of a silent slot, and every sample."""
     bench.must(Slot(3, SILENT))
-    for acks in (
-        bench.send_all(
-            Entries((Entry(3, 1 + first % 7),) * min(120, 1024 - first), first) for first in range(0, 1024, 120)
-        ),
-        bench.send_all(Samples(b"\x80" * min(480, 4096 - first), first) for first in range(0, 4096, 480)),
-    ):
-        for ack in acks:
-            expect("the reason for a store", ack.reason, Reason.ACCEPTED)
+    bodies: list[Body] = [
+        *(Entries((Entry(3, 1 + first % 7),) * min(120, 1024 - first), first) for first in range(0, 1024, 120)),
+        *(Samples(b"\x80" * min(480, 4096 - first), first) for first in range(0, 4096, 480)),
+    ]
+    for body in bodies:
+        bench.must(body)
 
 
 @case("BLK-014", "BLK-011", "BLK-008")
@@ -427,8 +426,8 @@ LAST_PERIOD = 2**64 - 1
 LOW_LIMIT = 1
 """Transducers that may be driven where reasons are put in order: two driven fully are refused with DRIVE."""
 HEAVY_SLOT, EMPTY_SLOT, USED_SLOT, GOOD_SLOT = 0, 1, 2, 3
-ENTRIES = ((HEAVY_SLOT, 0), (EMPTY_SLOT, 1), (GOOD_SLOT, 2), (USED_SLOT, 3))
-"""Slots of the entries of a table, and their places in it."""
+ENTRY_SLOTS = (HEAVY_SLOT, EMPTY_SLOT, GOOD_SLOT, USED_SLOT)
+"""Of the entries at the head of the table."""
 
 
 class Provocation:
@@ -447,16 +446,18 @@ class Provocation:
         self._last = bench.must(NoOp()).sequence
         self._named = 0
         stores = [Slot(HEAVY_SLOT, heavy(LOW_LIMIT + 1)), Slot(USED_SLOT, SILENT), Slot(GOOD_SLOT, SILENT)]
-        for body in (*stores, Entries(tuple(Entry(slot, 1000) for slot, _ in ENTRIES)), Samples(b"\xff", 0)):
-            self._last = bench.must(body).sequence
+        self._must(*stores, Entries(tuple(Entry(slot, 1000) for slot in ENTRY_SLOTS)), Samples(b"\xff", 0))
         bench.order(Request.LIMIT, LOW_LIMIT)
         if not enabled:
             return
         bench.enable()
         self._named = far(bench)
-        for change in (Sequence(3, 1, self._named - 10), Update(SILENT, self._named)):
-            self._last = bench.must(change).sequence
+        self._must(Sequence(3, 1, self._named - 10), Update(SILENT, self._named))
         let_loads_go(bench, 2)
+
+    def _must(self, *bodies: Body) -> None:
+        for body in bodies:
+            self._last = self._bench.must(body).sequence
 
     def block(self, base: str, reasons: Collection[Reason]) -> bytes:
         """A block of a kind in which all this is wrong."""
@@ -472,7 +473,7 @@ class Provocation:
             Reason.MAGIC: {"magic": 0x4150},
         }
         wrong = {name: value for reason in reasons for name, value in fields.get(reason, {}).items()}
-        block = bytearray(forged(bytes(data), **wrong))
+        block = bytearray(forged(bytes(data), None, **wrong))
         block[CHECKSUM] ^= Reason.CHECKSUM in reasons
         return bytes(block)
 
@@ -537,12 +538,12 @@ def test_the_first_reason_is_given_while_enabled(bench: Bench, base: str) -> Non
 @case("ACK-003", "BLK-008", "SAF-002")
 @pytest.mark.parametrize("base", ["update", "output"])
 def test_the_first_reason_is_given_while_disabled(bench: Bench, base: str) -> None:
-    """The same while the outputs are off, where DISABLED is behind what is wrong with the block, and before the rest."""
+    """The same while the outputs are off: DISABLED comes behind what is wrong with the block, and before the rest."""
     reasons = [*ANY, *(reason for reason in REASONS_OF[base] if reason is not Reason.RATE)]
     Provocation(bench, enabled=False).check(base, reasons, (Reason.DISABLED,))
 
 
-@case("ACK-003", "BLK-021", "BLK-008", allow=(Risk.RESET,), features=Feature.SEQUENCES | Feature.MODULATION)
+@case("ACK-003", "BLK-021", "BLK-008", allow=(Risk.RESET,), features=STORES)
 @pytest.mark.parametrize("enabled", [True, False], ids=["enabled", "disabled"])
 @pytest.mark.parametrize("base", ["sequence", "modulation"])
 def test_the_first_reason_is_given_for_what_plays_stores(bench: Bench, base: str, enabled: bool) -> None:
@@ -598,7 +599,7 @@ def test_the_refused_blocks_of_the_vectors_are_refused(bench: Bench, enabled: bo
 
 @case("BLK-002", "BLK-011", "SAF-002", "SAF-006")
 def test_the_valid_blocks_of_the_vectors_are_refused_for_their_state_only(bench: Bench) -> None:
-    """The valid blocks of vectors.json, to a device that is off: stores are accepted within the limit, changes DISABLED."""
+    """A device that is off accepts the valid blocks of vectors.json that are no changes, stores within the limit."""
     limit = 1000 * bench.status().drive_limit
     for vector in some(bench, vectors("blocks"), 8):
         bench.must(NoOp(), number=(vector["fields"]["sequence"] - 1) % 2**32, restart=True)
@@ -620,10 +621,10 @@ def _reason_while_off(fields: dict[str, object], limit: int) -> Reason:
 # What a refusal leaves as it is
 
 
-@case("BLK-008", "BLK-003", "VER-002", needs=(Need.CAPTURE,), features=Feature.SEQUENCES | Feature.MODULATION)
+@case("BLK-008", "BLK-003", "VER-002", needs=(Need.CAPTURE,), features=STORES)
 @pytest.mark.parametrize("plays", ["update", "sequence"])
 def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> None:
-    """While something plays, modulated, and another waits, blocks of all kinds are refused: the outputs do not differ."""
+    """While something plays, modulated, and another waits, refused blocks of all kinds do not change the outputs."""
     begin(bench)
     bench.must(Slot(1, first := bench.weak()))
     bench.must(Entries((Entry(1, 1000),), 5))
@@ -662,11 +663,9 @@ def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> 
     bench.judge(began, waits + 40, lambda seen: check_play(seen, steps))
 
 
-@case(
-    "BLK-008", "BLK-013", "BLK-014", "BLK-016", needs=(Need.CAPTURE,), features=Feature.SEQUENCES | Feature.MODULATION
-)
+@case("BLK-008", "BLK-013", "BLK-014", "BLK-016", needs=(Need.CAPTURE,), features=STORES)
 def test_refused_stores_leave_what_is_stored(bench: Bench) -> None:
-    """A slot, entries and samples play as they were stored, though other ones for their places came and were refused."""
+    """A slot, entries and samples play as they were stored, though others for their places came and were refused."""
     begin(bench)
     pulses, other = bench.weak(), bench.weak()
     bench.must(Slot(9, pulses))
@@ -694,12 +693,6 @@ def test_refused_stores_leave_what_is_stored(bench: Bench) -> None:
     by_sample = [expected_words(modulated(pulses, sample), bench.wiring) for sample in (0xFF, 0x40, 0x80)]
     steps = [(began, plain), *((modulated_from + 2 * number, by_sample[number % 3]) for number in range(20))]
     bench.judge(began, modulated_from + 40, lambda seen: check_play(seen, steps))
-
-
-def late_phase(pulses: Pulses) -> bytes:
-    """The payload of these pulses, but for the last, which has a phase of 127."""
-    pairs = list(zip(pulses.phase.tolist(), pulses.width.tolist(), strict=True))
-    return packed([*pairs[:-1], (127, 0)])
 
 
 @case("BLK-003", "BLK-008", "REQ-007", features=Feature.READ_BACK)

@@ -1,0 +1,265 @@
+"""What ends something, what has no effect, and that nothing changes while the outputs are off (chapter BLK)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
+from phasewire.hil.conformance.steps import SILENT, Wrong, begin, check_same, far, forge, later, let_stores_go, refuse
+from phasewire.hil.conformance.waveforms import SILENCE, check_play, expected_words, modulated
+from phasewire.protocol.blocks import (
+    Body,
+    Clock,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+)
+from phasewire.protocol.codes import AckFlag, Action, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.pulses import Pulses
+
+FEATURES = Feature.SEQUENCES | Feature.MODULATION
+SAMPLE = 0x60
+
+ended = pytest.mark.parametrize("action", list(Action), ids=lambda action: action.name.lower().replace("_", "-"))
+
+
+def play_modulated(bench: Bench) -> tuple[Pulses, int]:
+    """Let an update play under one sample, with a slot and an entry for more; the update, and since when."""
+    begin(bench)
+    pulses = bench.weak()
+    bench.must(Slot(4, bench.weak(0.5)))
+    bench.must(Entries((Entry(4, 7),), 30))
+    bench.must(Samples(bytes([SAMPLE]), 40))
+    let_stores_go(bench)
+    bench.must(Update(pulses))
+    return pulses, bench.must(Modulation(40, 1, 9)).commit_period
+
+
+# OUTPUT
+
+
+@case("BLK-018", "BLK-012", needs=(Need.CAPTURE,), features=FEATURES)
+@ended
+def test_an_output_ends_at_its_period(bench: Bench, action: Action) -> None:
+    """END_MODULATION leaves the update unmodulated, SILENCE and DISABLE leave nothing, from the named period on."""
+    pulses, since = play_modulated(bench)
+    named = later(bench)
+    ack = bench.must(Output(action, named))
+    expect("commit_period", ack.commit_period, named)
+    bench.wait_until(named + 1)
+    status = bench.status()
+    plays = action is Action.END_MODULATION
+    states = {Action.END_MODULATION: State.PLAYING, Action.SILENCE: State.READY, Action.DISABLE: State.OFF}
+    expect("the state", status.state, states[action])
+    expect("flags in STATUS", status.flags, StatusFlag(0))
+    expect("whether something plays since a period", bool(status.since_period), plays)
+    left = expected_words(pulses, bench.wiring) if plays else SILENCE
+    steps = [(since, expected_words(modulated(pulses, SAMPLE), bench.wiring)), (named, left)]
+    bench.judge(since, named + 60, lambda seen: check_play(seen, steps))
+
+
+@case("BLK-018", "BLK-015", needs=(Need.CAPTURE,), features=FEATURES)
+@ended
+def test_an_output_ends_a_sequence(bench: Bench, action: Action) -> None:
+    """END_MODULATION lets the sequence go on, unmodulated and in step, SILENCE and DISABLE end it at their period."""
+    begin(bench)
+    slots = [bench.weak(), bench.weak()]
+    for number, pulses in enumerate(slots):
+        bench.must(Slot(number, pulses))
+    bench.must(Entries((Entry(0, 3), Entry(1, 2)), 60))
+    bench.must(Samples(bytes([SAMPLE]), 40))
+    let_stores_go(bench)
+    began = bench.must(Sequence(60, 2)).commit_period
+    since = bench.must(Modulation(40, 1, 1)).commit_period
+    named = later(bench)
+    bench.must(Output(action, named))
+    plain = [expected_words(pulses, bench.wiring) for pulses in slots]
+    quiet = [expected_words(modulated(pulses, SAMPLE), bench.wiring) for pulses in slots]
+
+    def words(period: int) -> object:
+        place = int((period - began) % 5 >= 3)
+        if period < named:
+            return quiet[place]
+        return plain[place] if action is Action.END_MODULATION else SILENCE
+
+    steps = [(period, words(period)) for period in range(since, named + 30)]
+    bench.judge(since, named + 30, lambda seen: check_play(seen, steps))  # type: ignore[arg-type]
+
+
+@case("BLK-018", needs=(Need.CAPTURE,), features=FEATURES)
+def test_silence_leaves_the_outputs_enabled(bench: Bench) -> None:
+    """After SILENCE the outputs are enabled: the next update plays, without the modulation that ended."""
+    play_modulated(bench)
+    ends = bench.must(Output(Action.SILENCE)).commit_period
+    again = bench.weak()
+    period = later(bench)
+    began = bench.must(Update(again, period)).commit_period
+    steps = [(ends, SILENCE), (began, expected_words(again, bench.wiring))]
+    bench.judge(ends, began + 40, lambda seen: check_play(seen, steps))
+
+
+@case("BLK-018", "BLK-007", features=FEATURES)
+@ended
+def test_an_output_with_nothing_to_end_is_accepted(bench: Bench, action: Action) -> None:
+    """Where nothing plays each action is accepted all the same, for its host need not know what has ended by itself."""
+    begin(bench)
+    ack = bench.must(Output(action))
+    expect("flags", ack.flags, AckFlag(0))
+    bench.wait_until(ack.commit_period)
+    expect("the state", bench.status().state, State.OFF if action is Action.DISABLE else State.READY)
+
+
+@case("BLK-018", "BLK-007", "SAF-004/1")
+@ended
+def test_an_output_takes_effect_behind_what_is_queued(bench: Bench, action: Action) -> None:
+    """An OUTPUT for as soon as possible takes effect behind all that waits, which the request DISABLE overtakes."""
+    begin(bench)
+    named = far(bench)
+    expect("commit_period of the update", bench.must(Update(bench.weak(), named)).commit_period, named)
+    ack = bench.must(Output(action))
+    assert ack.commit_period > named, f"the OUTPUT takes effect at {ack.commit_period}, should be after {named}"
+    expect("flags", ack.flags, AckFlag(0))
+    expect("free", ack.free, bench.info.queue_blocks - 2)
+    expect("the state", bench.status().state, State.READY)
+    bench.disable()
+    status = bench.status()
+    expect("the state after DISABLE", status.state, State.OFF)
+    expect("free after DISABLE", status.free, bench.info.queue_blocks)
+
+
+@case("BLK-018", "SAF-002", needs=(Need.CAPTURE,))
+def test_what_is_behind_a_disable_is_dropped(bench: Bench) -> None:
+    """Changes accepted behind OUTPUT with DISABLE are dropped with it: nothing plays, nothing is counted but blocks."""
+    begin(bench)
+    pulses = bench.weak()
+    began = bench.must(Update(pulses)).commit_period
+    named = later(bench)
+    bench.must(Output(Action.DISABLE, named))
+    before = bench.status()
+    for body in (Update(bench.weak(), named + 50), Update(bench.weak()), Output(Action.SILENCE, named + 90)):
+        ack = bench.must(body)
+        assert ack.commit_period > named, f"commit_period is {ack.commit_period}, should be after {named}"
+        expect("flags", ack.flags, AckFlag(0))
+    bench.wait_until(named + 1)
+    after = bench.status()
+    check_same(
+        before,
+        after,
+        state=State.OFF,
+        since_period=0,
+        accepted=(before.accepted + 3) % 2**32,
+        free=bench.info.queue_blocks,
+    )
+    bench.enable()
+    steps = [(began, expected_words(pulses, bench.wiring)), (named, SILENCE)]
+    bench.judge(began, named + 200, lambda seen: check_play(seen, steps))
+
+
+# CLOCK and NO_OP
+
+
+@case("BLK-019", "BLK-020", "BLK-024", "ACK-002", features=FEATURES)
+@pytest.mark.parametrize("body", [Clock(), NoOp()], ids=["clock", "no-op"])
+def test_it_has_no_effect(bench: Bench, body: Clock | NoOp) -> None:
+    """CLOCK and NO_OP leave what plays and waits as it is, take no place in the queue, and count as accepted."""
+    play_modulated(bench)
+    bench.must(Update(SILENT, far(bench)))
+    bench.wait_until(bench.period() + 20)
+    before = bench.status()
+    for _ in range(5):
+        ack = bench.must(body)
+        expect("free", ack.free, bench.info.queue_blocks - 1)
+        expect("flags", ack.flags, AckFlag(0))
+        expect("the state", ack.state, State.PLAYING)
+    check_same(before, bench.status(), accepted=(before.accepted + 5) % 2**32)
+
+
+@case("BLK-019", "CHN-026")
+def test_a_clock_tells_the_last_pulse_of_the_sync_line(bench: Bench) -> None:
+    """A CLOCK is answered with the period of the last sync pulse, the multiple of 4096 before its arrival."""
+    for _ in range(12 if bench.line.kind == "usb" else 4):
+        ack = bench.must(Clock())
+        expect("commit_period of a CLOCK", ack.commit_period, ack.now // 50 // 4096 * 4096)
+        bench.wait_periods(bench.random.randrange(500, 1500))
+
+
+@case("BLK-020", "SAF-003")
+@pytest.mark.parametrize("body", [Clock(), NoOp()], ids=["clock", "no-op"])
+def test_it_is_a_sign_of_life(bench: Bench, body: Clock | NoOp) -> None:
+    """While CLOCK or NO_OP come the watchdog does not fire, for a host with nothing to change is there still."""
+    bench.order(Request.WATCHDOG, 200)
+    bench.enable()
+    acks = []
+    for _ in range(6):
+        bench.wait(0.08)
+        acks.append(bench.must(body))
+    gap = max(other.now - one.now for one, other in pairwise(acks)) / 2000
+    if gap >= 200:
+        raise Inconclusive(f"the host was held up for {gap:.0f} ms, longer than the watchdog's time")
+    expect("the state", acks[-1].state, State.READY)
+
+
+# While the outputs are off
+
+BODIES: dict[str, Body] = {
+    "update": Update(SILENT),
+    "sequence": Sequence(30, 1),
+    "modulation": Modulation(40, 1, 9),
+    "end-modulation": Output(Action.END_MODULATION),
+    "silence": Output(Action.SILENCE),
+    "disable": Output(Action.DISABLE),
+    "slot": Slot(4, SILENT),
+    "entries": Entries((Entry(4, 7),), 30),
+    "samples": Samples(bytes([SAMPLE]), 40),
+    "clock": Clock(),
+    "no-op": NoOp(),
+}
+CHANGES = ("update", "sequence", "modulation", "end-modulation", "silence", "disable")
+
+
+def check_off(bench: Bench) -> None:
+    """See that changes are refused with DISABLED and all else is accepted."""
+    for name, body in BODIES.items():
+        if name not in CHANGES:
+            bench.must(body)
+    let_stores_go(bench)
+    refuse(bench, [Wrong(name, forge(bench, BODIES[name]), Reason.DISABLED) for name in CHANGES])
+
+
+@case("SAF-002", "ACK-003", features=FEATURES)
+def test_changes_are_refused_until_enable(bench: Bench) -> None:
+    """Until ENABLE changes are refused with DISABLED, and stores, CLOCK and NO_OP accepted; after it all are."""
+    bench.must(NoOp())
+    check_off(bench)
+    bench.order(Request.WATCHDOG, 5000)
+    bench.enable()
+    for name in CHANGES:
+        bench.must(BODIES[name])
+
+
+@case("SAF-002", "BLK-018", features=FEATURES)
+@pytest.mark.parametrize("how", ["request", "block", "watchdog"])
+def test_changes_are_refused_after_disable(bench: Bench, how: str) -> None:
+    """After DISABLE, by request, by block or by the watchdog, changes are refused again until the next ENABLE."""
+    begin(bench)
+    bench.must(Update(SILENT))
+    if how == "request":
+        bench.order(Request.DISABLE)
+    elif how == "block":
+        bench.wait_until(bench.must(Output(Action.DISABLE)).commit_period)
+    else:
+        bench.order(Request.WATCHDOG, 10)
+        bench.await_unasked(1)
+    bench.wait_periods(6)
+    check_off(bench)
+    bench.order(Request.WATCHDOG, 5000)
+    bench.enable()
+    bench.must(Update(SILENT))

@@ -1,0 +1,393 @@
+"""Stores: slots, entries and samples are kept, missed where they are not there, and guarded while they play."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.steps import (
+    SILENT,
+    Wrong,
+    begin,
+    far,
+    forge,
+    late_phase,
+    later,
+    let_stores_go,
+    refuse,
+    some,
+)
+from phasewire.hil.conformance.waveforms import Words, check_play, expected_words, modulated, only
+from phasewire.protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Sequence, Slot, Update
+from phasewire.protocol.codes import Action, Feature, Reason, Request, State
+
+SLOTS, TABLE, BUFFER = 256, 1024, 4096
+FIRST_ENTRY, PLAYED_ENTRIES, FIRST_SAMPLE, PLAYED_SAMPLES = 10, 3, 102, 4
+"""What plays in the cases of IN_USE: entries 10 to 12, of slots 1 and 2, and samples 102 to 105."""
+SAMPLES = bytes(range(100, 100 + 12))
+ENTRIES = (Entry(1, 40), Entry(2, 30), Entry(1, 20), Entry(3, 10))
+
+
+# What is kept
+
+
+@case("BLK-013", "BLK-014", "BLK-015", needs=(Need.CAPTURE,), features=Feature.SEQUENCES)
+def test_every_slot_keeps_its_pulses(bench: Bench) -> None:
+    """All 256 slots are stored, each with pulses of its own, and played one after the other, each as it was stored."""
+    if bench.line.kind == "serial":
+        raise Inconclusive("256 slots take 12 s and more over a serial line")
+    begin(bench)
+    slots = {number: only(number, phase=number % 100, width=1 + number % 25) for number in range(SLOTS)}
+    order = bench.random.sample(range(SLOTS), SLOTS)
+    must_all(bench, [Slot(number, slots[number]) for number in order])
+    played = bench.random.sample(range(SLOTS), SLOTS)
+    must_all(bench, entries_blocks([Entry(number, 2) for number in played], 0))
+    let_stores_go(bench)
+    began = bench.must(Sequence(0, SLOTS)).commit_period
+    steps = [
+        (began + 2 * at, expected_words(slots[number], bench.wiring)) for at, number in enumerate([*played, *played])
+    ]
+    bench.judge(began, began + 4 * SLOTS, lambda seen: check_play(seen, steps))
+
+
+@case("BLK-013", "BLK-014", needs=(Need.CAPTURE,), features=Feature.SEQUENCES)
+def test_the_newest_store_counts(bench: Bench) -> None:
+    """What is stored twice plays as it was stored last: a slot, and entries of which some are overwritten."""
+    begin(bench)
+    bench.must(Slot(7, bench.weak()))
+    bench.must(Slot(8, second := bench.weak()))
+    bench.must(Slot(7, first := bench.weak()))
+    bench.must(Entries((Entry(8, 9), Entry(8, 9), Entry(8, 9), Entry(8, 9)), 500))
+    bench.must(Entries((Entry(7, 3), Entry(7, 4)), 501))
+    let_stores_go(bench)
+    began = bench.must(Sequence(500, 4)).commit_period
+    one, other = expected_words(first, bench.wiring), expected_words(second, bench.wiring)
+    steps = [(began, other), (began + 9, one), (began + 16, other), (began + 34, one)]
+    bench.judge(began, began + 41, lambda seen: check_play(seen, steps))
+
+
+@case("BLK-014", "BLK-015", needs=(Need.CAPTURE,), features=Feature.SEQUENCES)
+def test_every_entry_keeps_its_slot_and_its_periods(bench: Bench) -> None:
+    """All 1024 entries are stored, in blocks of many sizes and not in order, and play for their periods in order."""
+    begin(bench)
+    slots = [only(40 * number, width=5 + number) for number in range(4)]
+    must_all(bench, [Slot(number, pulses) for number, pulses in enumerate(slots)])
+    entries = [Entry(bench.random.randrange(4), bench.random.choice([1, 1, 2, 3, 257])) for _ in range(TABLE)]
+    blocks = entries_blocks(entries, 0, 120 if bench.line.kind == "serial" else 77)
+    bench.random.shuffle(blocks)
+    must_all(bench, blocks)
+    let_stores_go(bench)
+    words = [expected_words(pulses, bench.wiring) for pulses in slots]
+    first = bench.random.randrange(1, 5)
+    for start, count in ((0, TABLE), (TABLE - first, first)):
+        began = bench.must(Sequence(start, count)).commit_period
+        judge_entries(bench, began, entries[start : start + count], words)
+
+
+def judge_entries(bench: Bench, began: int, entries: list[Entry], words: list[Words]) -> None:
+    """See that entries play from a period on, once, and the first of them behind the last."""
+    steps, at = [], began
+    for entry in entries:
+        steps.append((at, words[entry.slot]))
+        at += entry.periods
+    steps.append((at, words[entries[0].slot]))
+    bench.judge(began, at + 1, lambda seen: check_play(seen, steps))
+
+
+@case("BLK-016", "BLK-017", needs=(Need.CAPTURE,), features=Feature.MODULATION)
+def test_every_sample_is_kept(bench: Bench) -> None:
+    """All 4096 samples are stored, in blocks of many sizes and not in order, and modulate what plays one by one."""
+    begin(bench)
+    samples = bytes(bench.random.randrange(256) for _ in range(BUFFER))
+    size = 480 if bench.line.kind == "serial" else 311
+    blocks = [Samples(samples[first : first + size], first) for first in range(0, BUFFER, size)]
+    bench.random.shuffle(blocks)
+    must_all(bench, blocks)
+    let_stores_go(bench)
+    pulses = only(123, width=25)
+    bench.must(Update(pulses))
+    words: dict[int, Words] = {sample: expected_words(modulated(pulses, sample), bench.wiring) for sample in range(256)}
+    last = bench.random.randrange(2, 9)
+    for start, count, hold in ((0, BUFFER, 1), (BUFFER - last, last, 3)):
+        began = bench.must(Modulation(start, count, hold)).commit_period
+        judge_samples(bench, began, hold, [words[sample] for sample in samples[start : start + count]])
+
+
+def judge_samples(bench: Bench, began: int, hold: int, words: list[Words]) -> None:
+    """See that samples play from a period on, each as long, once, and the first of them behind the last."""
+    steps = [(began + hold * number, play) for number, play in enumerate([*words, words[0]])]
+    bench.judge(began, began + hold * len(steps), lambda seen: check_play(seen, steps))
+
+
+@case("BLK-013", "SAF-004/1", "REQ-007", features=Feature.SEQUENCES | Feature.READ_BACK)
+def test_what_is_stored_outlasts_disable(bench: Bench) -> None:
+    """A slot and its entry are kept over DISABLE and ENABLE and play then, for a host need not store them again."""
+    begin(bench)
+    pulses = bench.weak()
+    bench.must(Slot(200, pulses))
+    bench.must(Entries((Entry(200, 500),), 1000))
+    bench.disable()
+    bench.enable()
+    began = bench.must(Sequence(1000, 1)).commit_period
+    bench.wait_until(began)
+    assert bench.read_back().pulses == pulses, "PULSES are others than those in the slot"
+
+
+def must_all(bench: Bench, bodies: list[Slot] | list[Entries] | list[Samples]) -> None:
+    """Send stores in one go; all must be accepted."""
+    for body, ack in zip(bodies, bench.send_all(bodies), strict=True):
+        expect(f"the reason for {type(body).__name__.upper()}", ack.reason, Reason.ACCEPTED)
+
+
+def entries_blocks(entries: list[Entry], first: int, size: int = 120) -> list[Entries]:
+    """Blocks that store entries from a place on."""
+    return [Entries(tuple(entries[at : at + size]), first + at) for at in range(0, len(entries), size)]
+
+
+# What was never stored
+
+
+def forget(bench: Bench) -> None:
+    """Let the device forget what is stored, and enable it."""
+    bench.restart(lambda: bench.order(Request.RESET))
+    begin(bench)
+
+
+@case("BLK-021", "BLK-013", "BLK-014", allow=(Risk.RESET,), features=Feature.SEQUENCES)
+def test_a_sequence_of_what_was_never_stored_is_refused(bench: Bench) -> None:
+    """After a restart no entry and no slot is there: a SEQUENCE that plays one of them is refused with EMPTY."""
+    forget(bench)
+    places = [0, 1, TABLE - 1, *(bench.random.randrange(TABLE) for _ in range(20))]
+    wrong = [Wrong(f"entry {place}", forge(bench, Sequence(place, 1)), Reason.EMPTY) for place in places]
+    wrong.append(Wrong("all entries", forge(bench, Sequence(0, TABLE)), Reason.EMPTY))
+    refuse(bench, some(bench, wrong))
+    blocks = entries_blocks([Entry(number, 1) for number in range(SLOTS)], 0)
+    must_all(bench, blocks)
+    let_stores_go(bench)
+    numbers = some(bench, range(SLOTS))
+    refuse(bench, [Wrong(f"slot {number}", forge(bench, Sequence(number, 1)), Reason.EMPTY) for number in numbers])
+
+
+@case("BLK-021", allow=(Risk.RESET,), features=Feature.SEQUENCES)
+def test_one_gap_in_a_sequence_is_enough(bench: Bench) -> None:
+    """A SEQUENCE is refused with EMPTY if its first, its last or one between is missing, and not once it is there."""
+    forget(bench)
+    must_all(bench, [Entries((Entry(0, 50), Entry(1, 50), Entry(0, 50)), 20), Entries((Entry(0, 50),), 24)])
+    must_all(bench, [Slot(0, SILENT)])
+    let_stores_go(bench)
+    refuse(
+        bench,
+        [
+            Wrong(what, forge(bench, Sequence(first, count)), Reason.EMPTY)
+            for what, first, count in (
+                ("an entry before the first", 19, 2),
+                ("an entry behind the last", 22, 2),
+                ("an entry between", 22, 3),
+                ("a slot at the end", 20, 2),
+                ("a slot at the beginning", 21, 2),
+                ("a slot between", 20, 3),
+            )
+        ],
+    )
+    bench.must(Sequence(20, 1))
+    bench.must(Sequence(22, 1))
+    bench.must(Slot(1, SILENT))
+    bench.must(Sequence(20, 3))
+    refuse(bench, [Wrong("an entry that is missing still", forge(bench, Sequence(20, 4)), Reason.EMPTY)])
+    bench.must(Entries((Entry(1, 50),), 23))
+    bench.must(Sequence(20, 5))
+
+
+@case("BLK-021", "BLK-016", allow=(Risk.RESET,), features=Feature.MODULATION)
+def test_a_modulation_of_what_was_never_stored_is_refused(bench: Bench) -> None:
+    """After a restart no sample is there: a MODULATION that needs one is refused with EMPTY, until it was stored."""
+    forget(bench)
+    places = [0, BUFFER - 1, *(bench.random.randrange(BUFFER) for _ in range(20))]
+    wrong = [Wrong(f"sample {place}", forge(bench, Modulation(place, 1, 1)), Reason.EMPTY) for place in places]
+    wrong.append(Wrong("all samples", forge(bench, Modulation(0, BUFFER, 1)), Reason.EMPTY))
+    refuse(bench, some(bench, wrong))
+    must_all(bench, [Samples(bytes(5), 30), Samples(bytes(5), 36)])
+    let_stores_go(bench)
+    refuse(
+        bench,
+        [
+            Wrong(f"samples {first} to {first + count - 1}", forge(bench, Modulation(first, count, 1)), Reason.EMPTY)
+            for first, count in ((29, 2), (34, 2), (35, 2), (30, 11), (40, 2))
+        ],
+    )
+    bench.must(Modulation(30, 5, 1))
+    bench.must(Modulation(36, 5, 1))
+    bench.must(Samples(bytes(1), 35))
+    bench.must(Modulation(30, 11, 1))
+
+
+@case("BLK-021", "BLK-008", allow=(Risk.RESET,), features=Feature.SEQUENCES | Feature.MODULATION)
+def test_what_was_refused_was_not_stored(bench: Bench) -> None:
+    """A slot, entries and samples that were refused are not there, for a refused block has no effect."""
+    forget(bench)
+    bench.must(Slot(0, SILENT))
+    bench.must(Entries((Entry(5, 10),), 1))
+    let_stores_go(bench)
+    refuse(
+        bench,
+        [
+            Wrong("a SLOT whose last phase is 127", forge(bench, Slot(5, SILENT), late_phase(SILENT)), Reason.PULSE),
+            Wrong("ENTRIES without a checksum", forge(bench, Entries((Entry(0, 10),)), checksum=0), Reason.CHECKSUM),
+            Wrong("SAMPLES with hold", forge(bench, Samples(b"\1"), hold=1), Reason.FIELD),
+            Wrong("the slot", forge(bench, Sequence(1, 1)), Reason.EMPTY),
+            Wrong("the entry", forge(bench, Sequence(0, 1)), Reason.EMPTY),
+            Wrong("the sample", forge(bench, Modulation(0, 1, 1)), Reason.EMPTY),
+        ],
+    )
+
+
+# What is in use
+
+
+def store_all(bench: Bench) -> None:
+    """Slots 0 to 3, entries 0 to 133 and samples 0 to 599: those that play, and their neighbours."""
+    begin(bench)
+    for number in range(4):
+        bench.must(Slot(number, only(number, width=3)))
+    bench.must(Entries((Entry(0, 1),) * FIRST_ENTRY + ENTRIES))
+    bench.must(Samples(bytes(100) + SAMPLES))
+    let_stores_go(bench)
+
+
+def play_slots(bench: Bench, period: int = 0) -> int:
+    """Let entries play without end; the period at which they begin."""
+    return bench.must(Sequence(FIRST_ENTRY, PLAYED_ENTRIES, period)).commit_period
+
+
+def play_samples(bench: Bench, period: int = 0) -> int:
+    """Let samples modulate without end; the period at which they begin."""
+    return bench.must(Modulation(FIRST_SAMPLE, PLAYED_SAMPLES, 2, period)).commit_period
+
+
+TAKEN: dict[str, list[Body]] = {
+    "slots": [Slot(1, SILENT), Slot(2, SILENT), Slot(1, only(1, width=3))],
+    "entries": [
+        *(Entries((Entry(0, 1),) * count, first) for first, count in ((10, 1), (12, 1), (9, 2), (12, 2), (0, 120))),
+        Entries(ENTRIES[:3], 10),
+    ],
+    "samples": [
+        *(Samples(bytes(count), first) for first, count in ((102, 1), (105, 1), (101, 2), (105, 2), (0, 480))),
+        Samples(SAMPLES[2:6], 102),
+    ],
+}
+"""Stores that overwrite what plays, the last of each sort with the same bytes."""
+FREE: dict[str, list[Body]] = {
+    "slots": [Slot(0, SILENT), Slot(3, SILENT), Slot(255, SILENT)],
+    "entries": [*(Entries((Entry(0, 1),) * count, first) for first, count in ((9, 1), (13, 1), (0, 10), (13, 120)))],
+    "samples": [*(Samples(bytes(count), first) for first, count in ((101, 1), (106, 1), (0, 102), (106, 480)))],
+}
+"""Stores beside what plays."""
+
+of_each = pytest.mark.parametrize("what", ["slots", "entries", "samples"])
+FEATURES = Feature.SEQUENCES | Feature.MODULATION
+
+
+@case("BLK-022", "BLK-008", features=FEATURES)
+@of_each
+@pytest.mark.parametrize("when", ["playing", "queued"])
+def test_a_store_cannot_overwrite_what_plays(bench: Bench, what: str, when: str) -> None:
+    """A store that overlaps what plays or waits is refused with IN_USE, with the same bytes too; others are not."""
+    store_all(bench)
+    period = 0 if when == "playing" else far(bench)
+    began = play_samples(bench, period) if what == "samples" else play_slots(bench, period)
+    if when == "playing":
+        bench.wait_until(began)
+        let_stores_go(bench)
+    wrong = [
+        Wrong(f"{what}, store {number}", forge(bench, body), Reason.IN_USE) for number, body in enumerate(TAKEN[what])
+    ]
+    refuse(bench, wrong)
+    for body in FREE[what]:
+        bench.must(body)
+
+
+@case("BLK-022", features=FEATURES)
+def test_what_does_not_end_it_does_not_free_it(bench: Bench) -> None:
+    """A MODULATION frees no slot, and an UPDATE no sample: each ends only its like."""
+    store_all(bench)
+    play_slots(bench)
+    play_samples(bench)
+    bench.must(Output(Action.END_MODULATION))
+    began = play_samples(bench)
+    bench.wait_until(began)
+    let_stores_go(bench)
+    refuse(bench, [Wrong("a slot", forge(bench, body), Reason.IN_USE) for body in TAKEN["slots"]])
+    began = bench.must(Update(SILENT)).commit_period
+    bench.wait_until(began)
+    let_stores_go(bench)
+    refuse(bench, [Wrong("a sample", forge(bench, body), Reason.IN_USE) for body in TAKEN["samples"][:3]])
+    bench.must(TAKEN["slots"][0])
+
+
+ENDS: dict[str, Callable[[int], Body]] = {
+    "update": lambda period: Update(SILENT, period),
+    "sequence": lambda period: Sequence(0, 1, period),
+    "silence": lambda period: Output(Action.SILENCE, period),
+    "disable": lambda period: Output(Action.DISABLE, period),
+    "modulation": lambda period: Modulation(0, 1, 1, period),
+    "end-modulation": lambda period: Output(Action.END_MODULATION, period),
+}
+"""Changes that end something, by their period."""
+
+
+@case("BLK-022", "BLK-012", "BLK-018", features=FEATURES)
+@pytest.mark.parametrize(
+    ("what", "end"),
+    [
+        *(("slots", end) for end in ("update", "sequence", "silence", "disable")),
+        *(("entries", end) for end in ("update", "silence")),
+        *(("samples", end) for end in ("modulation", "end-modulation", "silence", "disable")),
+    ],
+)
+def test_a_store_is_free_when_the_end_has_taken_effect(bench: Bench, what: str, end: str) -> None:
+    """A store is refused with IN_USE until the change that ends what plays has taken effect, and then accepted."""
+    store_all(bench)
+    play_slots(bench)
+    play_samples(bench)
+    ends = bench.must(ENDS[end](later(bench))).commit_period
+    free_from(bench, TAKEN[what][0], ends)
+
+
+@case("BLK-022", "BLK-015", features=Feature.SEQUENCES)
+def test_a_store_is_free_when_the_last_repeat_has_played(bench: Bench) -> None:
+    """What a sequence with repeats plays is IN_USE until its last repeat is over, and free from then on."""
+    store_all(bench)
+    repeats = 40 if bench.line.kind == "usb" else 200
+    began = bench.must(Sequence(FIRST_ENTRY, PLAYED_ENTRIES, repeats=repeats)).commit_period
+    free_from(bench, TAKEN["entries"][1], began + 90 * repeats)
+
+
+def free_from(bench: Bench, body: Body, period: int) -> None:
+    """Send a store again and again: refused with IN_USE before a period, and accepted from it on."""
+    refused = 0
+    while (ack := bench.send(body)).reason is Reason.IN_USE:
+        now = ack.now // 50
+        assert now < period, f"a store is refused with IN_USE in period {now}, should be free from {period} on"
+        refused += 1
+        bench.wait_periods(min(max((period - now) // 2, 1), 1000))
+    expect("the reason", ack.reason, Reason.ACCEPTED)
+    assert ack.now // 50 >= period, f"a store is accepted in period {ack.now // 50}, should be IN_USE until {period}"
+    if not refused:
+        raise Inconclusive("the line was too slow to send a store before what played had ended")
+
+
+@case("BLK-022", "SAF-004/1", features=FEATURES)
+@of_each
+@pytest.mark.parametrize("when", ["playing", "queued"])
+def test_disable_frees_what_played(bench: Bench, what: str, when: str) -> None:
+    """Once DISABLE has silenced the outputs nothing is in use, neither what played nor what waited to."""
+    store_all(bench)
+    period = 0 if when == "playing" else far(bench)
+    play_slots(bench, period)
+    play_samples(bench, period and period + 10)
+    bench.disable()
+    expect("the state", bench.status().state, State.OFF)
+    for body in TAKEN[what]:
+        bench.must(body)
