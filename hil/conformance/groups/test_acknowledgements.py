@@ -1,0 +1,449 @@
+"""Records: one acknowledgement for each block, what it says, and status records that nobody asked for (chapter ACK)."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence as Seq
+from typing import NamedTuple
+
+import pytest
+from phasewire.emulator.faults import HotBoard
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Need, Risk, case, expect
+from phasewire.hil.conformance.forge import forged
+from phasewire.hil.conformance.lines.serial import SerialLine
+from phasewire.hil.conformance.steps import (
+    SILENT,
+    begin,
+    cut,
+    far,
+    forge,
+    later,
+    let_stores_go,
+    raw_records,
+)
+from phasewire.protocol.blocks import (
+    Block,
+    Body,
+    Clock,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+    pack,
+)
+from phasewire.protocol.codes import Action, Fault, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.replies import Status
+
+ENDPOINT_OUT, ENDPOINT_IN = 0x01, 0x81
+ACK = struct.Struct("<2sBBIQQBBBBI")
+LATE, GAP = 1, 2
+LEAST_TICKS_OF_A_BLOCK = 17
+"""512 bytes alone take 8.5 µs of a bus of 480 Mbit/s: no line brings two blocks closer together."""
+RECORD_BYTES = 32
+
+
+class Answer(NamedTuple):
+    """The fields of an acknowledgement as clause ACK-002 lays them out, not judged."""
+
+    magic: bytes
+    version: int
+    reason: int
+    sequence: int
+    commit_period: int
+    now: int
+    flags: int
+    free: int
+    state: int
+    reserved: int
+    checksum: int
+
+
+def answers(bench: Bench, *blocks: bytes) -> list[Answer]:
+    """Send blocks; their acknowledgements, of which form, number and checksum must be right."""
+    records = [record for record in raw_records(bench, blocks) if record[:2] != b"PS"]
+    expect("the number of acknowledgements", len(records), len(blocks))
+    found = []
+    for block, record in zip(blocks, records, strict=True):
+        expect("bytes of an acknowledgement", len(record), RECORD_BYTES)
+        answer = Answer(*ACK.unpack(record))
+        expect("magic", answer.magic, b"PA")
+        expect("version", answer.version, 1)
+        expect("sequence", answer.sequence, int.from_bytes(block[4:8], "little"))
+        expect("the reserved byte", answer.reserved, 0)
+        expect("unknown flags", answer.flags & ~(LATE | GAP), 0)
+        expect("checksum", answer.checksum, zlib.crc32(record[:28]))
+        found.append(answer)
+    return found
+
+
+def blocks_of(bench: Bench, bodies: Seq[Body]) -> list[bytes]:
+    """Blocks with the next numbers."""
+    return [pack(bench.numbered(body)) for body in bodies]
+
+
+# One for each block
+
+
+@case("ACK-001", "ACK-002", "ACK-004", "BLK-001")
+def test_each_block_is_answered_in_order(bench: Bench) -> None:
+    """Blocks in one transfer, right and wrong in turn, are answered one by one in their order, and nothing else comes."""
+    begin(bench)
+    many = 100 if bench.line.kind == "usb" else 6
+    blocks, reasons = [], []
+    for number in range(many):
+        wrong = bench.random.choice(["", "", "checksum", "magic", "kind", "number"])
+        block = pack(bench.numbered(bench.random.choice([NoOp(), Clock()])))
+        fields = {"checksum": {"checksum": 1}, "magic": {"magic": 0}, "kind": {"kind": 99}}.get(wrong, {})
+        if wrong == "number":
+            block = pack(Block(NoOp(), bench.random.randrange(2**32), restart=True))
+            bench.numbered(NoOp(), number=int.from_bytes(block[4:8], "little"))
+        blocks.append(forged(block, None, **fields))
+        reasons.append({"checksum": 2, "magic": 3, "kind": 5}.get(wrong, 0))
+        bench.note("wrong", f"{number}: {wrong or 'nothing'}")
+    found = answers(bench, *blocks)
+    expect("the reasons", [answer.reason for answer in found], reasons)
+    expect("what comes besides", bench.listen(0.02), [])
+
+
+@case("ACK-001", "BLK-001", line="usb")
+def test_more_blocks_than_records_that_fit_are_all_answered(bench: Bench) -> None:
+    """Twice as many blocks as the device can hold records, sent while they are read, are all answered in order."""
+    bench.must(NoOp())
+    before = bench.status()
+    acks = bench.send_all([NoOp()] * (2 * bench.info.queue_records))
+    for ack in acks:
+        expect("the reason", ack.reason, Reason.ACCEPTED)
+    after = bench.status()
+    expect("the count of accepted blocks", after.accepted, (before.accepted + len(acks)) % 2**32)
+    expect("the count of lost blocks", after.lost, before.lost)
+
+
+# What it says
+
+
+@case("ACK-002", "ACK-003")
+def test_the_fields_of_an_acknowledgement(bench: Bench) -> None:
+    """Byte for byte: reason, number, commit_period of changes only, free, state, nothing in reserved bits, checksum."""
+    begin(bench)
+    places = bench.info.queue_blocks
+    named = far(bench)
+    cases: list[tuple[bytes, int, int | None, int]] = [
+        (forge(bench, NoOp()), 0, 0, places),
+        (forge(bench, Clock()), 0, None, places),
+        (forge(bench, Update(SILENT, named)), 0, named, places - 1),
+        (forge(bench, Output(Action.END_MODULATION, named + 99)), 0, named + 99, places - 2),
+        (forge(bench, Update(SILENT, named + 200), reserved=1), 6, 0, places - 2),
+        (forge(bench, Update(SILENT, named + 200), checksum=0), 2, 0, places - 2),
+        (forge(bench, Clock(), kind=99), 5, 0, places - 2),
+    ]
+    for block, reason, commit_period, free in cases:
+        before = bench.clock().now
+        (answer,) = answers(bench, block)
+        after = bench.clock().now
+        expect("reason", answer.reason, reason)
+        if commit_period is not None:
+            expect("commit_period", answer.commit_period, commit_period)
+        expect("free", answer.free, free)
+        expect("state", answer.state, State.READY)
+        expect("LATE", answer.flags & LATE, 0)
+        assert before <= answer.now <= after, f"now is {answer.now}, should be from {before} to {after}"
+
+
+@case("ACK-002", features=Feature.SEQUENCES | Feature.MODULATION)
+@pytest.mark.parametrize(
+    "body",
+    [Slot(0, SILENT), Entries((Entry(0, 1),)), Samples(b"\1"), NoOp()],
+    ids=["slot", "entries", "samples", "no-op"],
+)
+def test_what_is_no_change_has_no_commit_period(bench: Bench, body: Body) -> None:
+    """The acknowledgement of a store or a NO_OP has 0 for commit_period, for it takes effect at none."""
+    begin(bench)
+    for answer in answers(bench, *blocks_of(bench, [body, body])):
+        expect("reason", answer.reason, Reason.ACCEPTED)
+        expect("commit_period", answer.commit_period, 0)
+        expect("flags", answer.flags, 0)
+
+
+@case("ACK-002", "TIM-002/1")
+def test_now_is_when_the_block_had_arrived(bench: Bench) -> None:
+    """`now` lies between two readings of the clock, and two blocks of one transfer are as far apart as a line allows."""
+    bench.must(NoOp())
+    before = bench.clock().now
+    found = answers(bench, *blocks_of(bench, [NoOp()] * (40 if bench.line.kind == "usb" else 4)))
+    after = bench.clock().now
+    times = [before, *(answer.now for answer in found)]
+    for one, other in zip(times[1:], times[2:], strict=False):
+        assert other - one >= LEAST_TICKS_OF_A_BLOCK, (
+            f"two blocks had arrived at ticks {one} and {other}, should be {LEAST_TICKS_OF_A_BLOCK} apart at least"
+        )
+    assert before <= times[1], f"now is {times[1]}, should be {before} or later"
+    assert times[-1] <= after, f"now is {times[-1]}, should be {after} or earlier"
+
+
+@case("ACK-002", "STA-001", "BLK-024")
+def test_the_state_is_that_in_which_the_block_was_judged(bench: Bench) -> None:
+    """An acknowledgement says the state of the moment: not what the block leads to, but what was there before."""
+    bench.must(NoOp())
+    expect("state while off", answers(bench, forge(bench, NoOp()))[0].state, State.OFF)
+    begin(bench)
+    named = later(bench)
+    (update,) = answers(bench, forge(bench, Update(SILENT, named)))
+    expect("state before an update begins", update.state, State.READY)
+    bench.wait_until(named)
+    (silence,) = answers(bench, forge(bench, Output(Action.SILENCE)))
+    expect("state while an update plays", silence.state, State.PLAYING)
+    bench.wait_until(silence.commit_period)
+    expect("state after SILENCE", answers(bench, forge(bench, NoOp()))[0].state, State.READY)
+    (disable,) = answers(bench, forge(bench, Output(Action.DISABLE)))
+    expect("state before DISABLE", disable.state, State.READY)
+    bench.wait_until(disable.commit_period)
+    expect("state after DISABLE", answers(bench, forge(bench, NoOp()))[0].state, State.OFF)
+
+
+@case("ACK-002", "STA-001", "SAF-005", features=Feature.SEQUENCES | Feature.UNATTENDED)
+def test_the_state_says_what_plays_unattended(bench: Bench) -> None:
+    """While a sequence plays that may go on without its host, acknowledgements and STATUS say UNATTENDED."""
+    begin(bench)
+    bench.must(Slot(0, SILENT))
+    bench.must(Entries((Entry(0, 100),)))
+    let_stores_go(bench)
+    for unattended, state in ((True, State.UNATTENDED), (False, State.PLAYING)):
+        bench.wait_until(bench.must(Sequence(0, 1, unattended=unattended)).commit_period)
+        expect("state", answers(bench, forge(bench, NoOp()))[0].state, state)
+        expect("state in STATUS", bench.status().state, state)
+
+
+@case("ACK-004", "BLK-005/1", "BLK-007")
+def test_late_is_said_of_changes_that_come_too_late(bench: Bench) -> None:
+    """LATE is said of a change for a period that is over or taken, never of one for as soon as possible or in time."""
+    begin(bench)
+    past = bench.period()
+    (answer,) = answers(bench, forge(bench, Update(SILENT, past)))
+    expect("flags of a period that is over", answer.flags, LATE)
+    assert answer.commit_period > past, f"commit_period is {answer.commit_period}, should be after {past}"
+    named = far(bench)
+    bodies = [Update(SILENT), Update(SILENT, named), Output(Action.SILENCE, named), Output(Action.SILENCE, named - 5)]
+    found = answers(bench, *blocks_of(bench, bodies))
+    expect("flags", [answer.flags for answer in found], [0, 0, LATE, LATE])
+    expect("commit_period in time", found[1].commit_period, named)
+    taken = [answer.commit_period for answer in found]
+    assert named < taken[2] < taken[3], f"late changes take effect at {taken[2:]}, should be one after the other"
+    expect("the reasons", [answer.reason for answer in found], [0] * 4)
+
+
+@case("ACK-004", "BLK-005/1", features=Feature.MODULATION | Feature.SEQUENCES)
+def test_changes_of_all_kinds_can_be_late(bench: Bench) -> None:
+    """Each kind of change says LATE for a period that is over, and each such change is counted once in STATUS."""
+    begin(bench)
+    for body in (Slot(0, SILENT), Entries((Entry(0, 9),)), Samples(b"\xff")):
+        bench.must(body)
+    let_stores_go(bench)
+    past = bench.period()
+    before = bench.status().late
+    bodies = [Update(SILENT, past), Sequence(0, 1, past), Modulation(0, 1, 1, past), Output(Action.SILENCE, past)]
+    found = answers(bench, *blocks_of(bench, bodies))
+    expect("flags", [answer.flags for answer in found], [LATE] * 4)
+    expect("the count of late changes", bench.status().late, (before + 4) % 2**32)
+
+
+# How records travel
+
+
+def packets(bench: Bench, records: int) -> list[bytes]:
+    """Packets from 81 IN, one by one, until so many bytes of acknowledgements have come, and those right behind."""
+    found: list[bytes] = []
+    size = bench.usb.bulk_bytes
+    while (packet := bench.usb.read(ENDPOINT_IN, size, 0.1 if sum(map(len, found)) < records else 0.005)) is not None:
+        found.append(packet)
+    bench.note("packets", ", ".join(str(len(packet)) for packet in found))
+    return found
+
+
+def leave_unread(bench: Bench, bodies: Seq[Body]) -> None:
+    """Send blocks and read nothing."""
+    data = b"".join(blocks_of(bench, bodies))
+    expect("bytes taken", bench.usb.write(ENDPOINT_OUT, data, 1.0), len(data))
+    bench.wait(0.01)
+
+
+@case("ACK-005", "USB-019", line="usb")
+@pytest.mark.parametrize("many", [1, 2, 15, 16, 17, 33])
+def test_a_packet_holds_whole_records(bench: Bench, many: int) -> None:
+    """Records that wait come in packets of whole ones, acknowledgements and a status, and behind a full packet another."""
+    bench.order(Request.WATCHDOG, 10)
+    bench.enable()
+    leave_unread(bench, [NoOp()] * many)
+    bench.wait(0.05)
+    found = packets(bench, 32 * many + 64)
+    for packet in found:
+        records = cut(packet)
+        whole = all(len(record) == (64 if record[:2] == b"PS" else 32) for record in records)
+        assert whole, f"a packet of {len(packet)} bytes ends within a record"
+    records = cut(b"".join(found))
+    expect("acknowledgements", sum(record[:2] == b"PA" for record in records), many)
+    expect("status records", sum(record[:2] == b"PS" for record in records), 1)
+    expect("the last record", records[-1][:2], b"PS")
+    size = bench.usb.bulk_bytes
+    assert len(found[-1]) < size, f"the last packet has {size} bytes, so that nobody knows that it is the last"
+
+
+@case("ACK-005", line="usb", should=True)
+def test_a_packet_holds_as_many_records_as_fit(bench: Bench) -> None:
+    """Of 64 acknowledgements that wait as many as fit come in a packet, but for the first, which may lie ready before."""
+    bench.must(NoOp())
+    leave_unread(bench, [NoOp()] * 64)
+    sizes = [len(packet) for packet in packets(bench, 32 * 64)]
+    full = bench.usb.bulk_bytes // 32 * 32
+    left = 32 * 64 - sizes[0]
+    expect("bytes in packets behind the first", sizes[1 : 1 + left // full], [full] * (left // full))
+
+
+@case("ACK-005")
+def test_a_record_is_not_held_back(bench: Bench) -> None:
+    """A single acknowledgement comes at once, with nothing behind it: for a host may wait for it before it sends more."""
+    bench.must(NoOp())
+    delays = []
+    for _ in range(10 if bench.line.kind == "usb" else 3):
+        ack = bench.must(NoOp())
+        delays.append((bench.clock().now - ack.now) / 2000)
+    allowed = 10 if bench.line.kind == "usb" else 40
+    assert min(delays) < allowed, f"acknowledgements come {min(delays):.1f} ms after their blocks, should be {allowed}"
+
+
+# Status records that nobody asked for
+
+
+@case("ACK-006", "SAF-003", "REQ-003")
+def test_the_watchdog_is_told(bench: Bench) -> None:
+    """When the watchdog disables the outputs a status record comes by itself, with the state and the flag."""
+    bench.order(Request.WATCHDOG, 20)
+    bench.enable()
+    status = bench.await_unasked(1)
+    expect("the state", status.state, State.OFF)
+    expect("flags", status.flags, StatusFlag.WATCHDOG_FIRED)
+    expect("watchdog_ms", status.watchdog_ms, 20)
+    expect("what comes besides", bench.listen(0.03), [])
+
+
+@case("ACK-006", "BLK-015", features=Feature.SEQUENCES)
+def test_the_end_of_a_sequence_is_told(bench: Bench) -> None:
+    """When a sequence has played its last repeat a status record comes by itself, and says READY from that period on."""
+    begin(bench)
+    bench.must(Slot(0, SILENT))
+    bench.must(Entries((Entry(0, 150), Entry(0, 50))))
+    let_stores_go(bench)
+    ends = bench.must(Sequence(0, 2, repeats=3)).commit_period + 600
+    status = bench.await_unasked(2)
+    expect("the state", status.state, State.READY)
+    expect("since_period", status.since_period, 0)
+    expect("flags", status.flags, StatusFlag(0))
+    assert ends <= status.period < ends + 40, (
+        f"it was sent in period {status.period}, should be in {ends} or soon after"
+    )
+
+
+@case("ACK-006", "SAF-008", "REQ-011", needs=(Need.FAULTS,))
+def test_faults_are_told(bench: Bench) -> None:
+    """When a fault appears and when it is cleared a status record comes by itself, with the faults and the state."""
+    begin(bench)
+    bench.must(Update(SILENT))
+    bench.levers.cause(HotBoard(board=1, celsius=90))
+    status = bench.await_unasked(1)
+    expect("the state", status.state, State.FAULT)
+    expect("faults", status.faults, Fault.TEMPERATURE)
+    bench.levers.cause(HotBoard(board=1, celsius=40))
+    bench.wait(0.03)
+    bench.order(Request.CLEAR_FAULTS)
+    status = bench.await_unasked(1)
+    expect("the state", status.state, State.OFF)
+    expect("faults", status.faults, Fault(0))
+
+
+@case("ACK-006", "STA-003", "USB-020", needs=(Need.SUSPEND,), allow=(Risk.RESET,), line="usb")
+def test_suspend_and_resume_are_told(bench: Bench) -> None:
+    """After the bus was suspended and resumed a status record waits that says OFF: the host knows what it has missed."""
+    begin(bench)
+    bench.levers.suspend()
+    bench.levers.resume()
+    status = bench.await_unasked(1)
+    expect("the state", status.state, State.OFF)
+    expect("what comes besides", bench.listen(0.01), [])
+
+
+@case("ACK-006", line="usb")
+def test_a_status_comes_behind_the_acknowledgements_that_wait(bench: Bench) -> None:
+    """A status record that nobody asked for stands behind all acknowledgements that wait, for it is newer."""
+    bench.order(Request.WATCHDOG, 20)
+    bench.enable()
+    leave_unread(bench, [NoOp()] * 5)
+    bench.wait(0.05)
+    kinds = [type(record).__name__ for record in bench.listen(0.05)]
+    expect("the records", kinds, ["Ack"] * 5 + ["Status"])
+
+
+@case("ACK-006", line="usb", features=Feature.SEQUENCES)
+def test_only_the_newest_status_waits(bench: Bench) -> None:
+    """Of status records that nobody asked for and nobody read the newest alone is there, behind the acknowledgements."""
+    bench.must(Slot(0, SILENT))
+    bench.must(Entries((Entry(0, 50),)))
+    let_stores_go(bench)
+    for _ in range(3):  # each leaves a record: OFF, by the watchdog
+        bench.order(Request.WATCHDOG, 10)
+        bench.enable()
+        bench.wait(0.03)
+    bench.order(Request.WATCHDOG, 5000)
+    bench.enable()
+    leave_unread(bench, [NoOp(), Sequence(0, 1, repeats=2)])
+    bench.wait(0.03)
+    found = bench.listen(0.05)
+    expect("the records", [type(record).__name__ for record in found], ["Ack", "Ack", "Status"])
+    status = found[-1]
+    assert isinstance(status, Status)
+    expect("the state", status.state, State.READY)
+    expect("flags", status.flags, StatusFlag(0))
+
+
+@case("ACK-006", "ACK-001", line="usb")
+def test_a_status_has_a_place_of_its_own(bench: Bench) -> None:
+    """Where as many acknowledgements wait as the device can hold, a status record is kept beside them."""
+    bench.order(Request.WATCHDOG, 100)
+    bench.enable()
+    leave_unread(bench, [NoOp()] * bench.info.queue_records)
+    bench.wait(0.2)
+    found = bench.listen(0.05)
+    kinds = [type(record).__name__ for record in found]
+    expect("acknowledgements", kinds.count("Ack"), bench.info.queue_records)
+    expect("what stands behind them", kinds[bench.info.queue_records :], ["Status"])
+
+
+@case("ACK-006", "SER-016", "REQ-005", line="usb", features=Feature.CONSOLE)
+def test_what_came_through_another_door_is_told(bench: Bench) -> None:
+    """What a serial line's host does to the state is told on USB, and the other way round, each once."""
+    other = bench.serial
+    other.enter_frames()
+    try:
+        for request, state in ((Request.ENABLE, State.READY), (Request.DISABLE, State.OFF)):
+            order(other, request)
+            expect(f"the state after {request.name} on the serial line", bench.await_unasked(1).state, state)
+        expect("what comes besides", bench.listen(0.01), [])
+        for request, state in ((Request.ENABLE, State.READY), (Request.DISABLE, State.OFF)):
+            bench.order(request)
+            record = other.receive_records(1)
+            expect(f"bytes on the serial line after {request.name} on USB", len(record), 64)
+            expect("the state", Status.decode(record).state, state)
+    finally:
+        other.enter_console()
+
+
+def order(line: SerialLine, request: Request) -> None:
+    """Make a request without an answer on a serial line."""
+    from phasewire.protocol.requests import Setup
+
+    expect(request.name, line.request(Setup(0x41, request, 0, 0, 0)), b"")
