@@ -153,6 +153,10 @@ class Processor:
         if not self.sync_connected:
             self._raise(Fault.SYNC, NO_PULSE)
 
+    def take_up_pulses(self, tick: int) -> None:
+        """Every pulse of the sync line up to a tick of the device, that of one of them, came in time."""
+        self._counter_at_pulse = self.clock.counter(tick)
+
     def feel_pulse(self, tick: int) -> None:
         """A later pulse of the sync line is due, at a tick of the device.
 

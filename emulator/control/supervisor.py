@@ -157,10 +157,11 @@ class Supervisor:
         now = self._scheduler.now
         number = (now - self._time.origin) // QUESTION_CYCLES + 1
         self._scheduler.at(self._time.origin + number * QUESTION_CYCLES, self._ask_next)
+        pulse = (now - self._time.origin) // (self._time.boundary(SYNC_PERIODS) - self._time.origin)
         for processor in self._chain.processors[: len(self._reports)]:
             processor.listen(now)
-        pulse = (now - self._time.origin) // (self._time.boundary(SYNC_PERIODS) - self._time.origin) + 1
-        self._schedule_pulse(pulse)
+            processor.take_up_pulses(pulse * SYNC_PERIODS * TICKS_PER_PERIOD)
+        self._schedule_pulse(pulse + 1)
 
     def _ask_next(self) -> None:
         now = self._scheduler.now

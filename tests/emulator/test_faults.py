@@ -507,6 +507,21 @@ def test_a_slow_clock_moves_the_wave() -> None:
     np.testing.assert_array_equal(words[3:1800, 8], words[:1797, 0])
 
 
+@pytest.mark.parametrize("period", [4095, 4096, 9000, 30_000])
+def test_what_goes_wrong_late_puts_nobody_off_the_sync_line(period: int) -> None:
+    """Pulses came before anything went wrong; what the counters have passed since the last of them is no error."""
+    bench = playing("unattended")
+    bench.emulator.run_until(period)
+    bench.emulator.inject(faults.HotBoard(board=1, celsius=40))
+    bench.emulator.run_until(period + 2 * 4096)
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.emulator.running.faults == Fault(0)
+    bench.emulator.inject(faults.ClockError(board=1, ppm=100))
+    bench.emulator.run_until(period + 4 * 4096)
+    bench.wait_ms(ROUND_MS + 1)
+    assert bench.emulator.running.faults == Fault.SYNC
+
+
 def test_a_clock_error_that_is_over_is_cleared_by_reset() -> None:
     bench = playing("unattended")
     bench.emulator.inject(faults.ClockError(board=1, ppm=100, periods=4000))
