@@ -6,7 +6,8 @@ They speak to the device and judge nothing but what they say.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -17,7 +18,7 @@ from ...protocol.codes import AckFlag, Reason, Request
 from ...protocol.pulses import Pulses
 from ...protocol.replies import Status
 from .bench import Bench
-from .cases import expect
+from .cases import Need, expect
 from .forge import forged
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "LONG_MS",
     "SILENT",
     "Wrong",
+    "apart",
     "begin",
     "check_same",
     "cut",
@@ -69,6 +71,16 @@ class Wrong(NamedTuple):
     """What is wrong with it."""
     block: bytes
     reason: Reason
+
+
+@contextmanager
+def apart(bench: Bench) -> Iterator[Bench]:
+    """A device for what is to go wrong: one to spare, as it comes, where there is one, otherwise the same."""
+    if bench.can(Need.SPARE):
+        with bench.spare() as device:
+            yield device
+    else:
+        yield bench
 
 
 def begin(bench: Bench) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence as Seq
+from itertools import pairwise
 from typing import NamedTuple
 
 import pytest
@@ -15,6 +16,7 @@ from phasewire.hil.conformance.forge import forged
 from phasewire.hil.conformance.lines.serial import SerialLine
 from phasewire.hil.conformance.steps import (
     SILENT,
+    apart,
     begin,
     cut,
     far,
@@ -40,6 +42,7 @@ from phasewire.protocol.blocks import (
 )
 from phasewire.protocol.codes import Action, Fault, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Status
+from phasewire.protocol.requests import Setup
 
 ENDPOINT_OUT, ENDPOINT_IN = 0x01, 0x81
 ACK = struct.Struct("<2sBBIQQBBBBI")
@@ -93,13 +96,14 @@ def blocks_of(bench: Bench, bodies: Seq[Body]) -> list[bytes]:
 
 @case("ACK-001", "ACK-002", "ACK-004", "BLK-001")
 def test_each_block_is_answered_in_order(bench: Bench) -> None:
-    """Blocks in one transfer, right and wrong in turn, are answered one by one in their order, and nothing else comes."""
+    """Blocks in one transfer, right and wrong mixed, are answered one by one in order, and nothing else comes."""
     begin(bench)
     many = 100 if bench.line.kind == "usb" else 6
+    bodies: tuple[Body, ...] = (NoOp(), Clock())
     blocks, reasons = [], []
     for number in range(many):
         wrong = bench.random.choice(["", "", "checksum", "magic", "kind", "number"])
-        block = pack(bench.numbered(bench.random.choice([NoOp(), Clock()])))
+        block = pack(bench.numbered(bench.random.choice(bodies)))
         fields = {"checksum": {"checksum": 1}, "magic": {"magic": 0}, "kind": {"kind": 99}}.get(wrong, {})
         if wrong == "number":
             block = pack(Block(NoOp(), bench.random.randrange(2**32), restart=True))
@@ -114,10 +118,10 @@ def test_each_block_is_answered_in_order(bench: Bench) -> None:
 
 @case("ACK-001", "BLK-001", line="usb")
 def test_more_blocks_than_records_that_fit_are_all_answered(bench: Bench) -> None:
-    """Twice as many blocks as the device can hold records, sent while they are read, are all answered in order."""
+    """More blocks than the device can hold records, sent while they are read, are all answered in order."""
     bench.must(NoOp())
     before = bench.status()
-    acks = bench.send_all([NoOp()] * (2 * bench.info.queue_records))
+    acks = bench.send_all([NoOp()] * (bench.info.queue_records + 40))
     for ack in acks:
         expect("the reason", ack.reason, Reason.ACCEPTED)
     after = bench.status()
@@ -173,13 +177,13 @@ def test_what_is_no_change_has_no_commit_period(bench: Bench, body: Body) -> Non
 
 @case("ACK-002", "TIM-002/1")
 def test_now_is_when_the_block_had_arrived(bench: Bench) -> None:
-    """`now` lies between two readings of the clock, and two blocks of one transfer are as far apart as a line allows."""
+    """`now` lies between two readings of the clock, and blocks of one transfer are as far apart as a line allows."""
     bench.must(NoOp())
     before = bench.clock().now
     found = answers(bench, *blocks_of(bench, [NoOp()] * (40 if bench.line.kind == "usb" else 4)))
     after = bench.clock().now
     times = [before, *(answer.now for answer in found)]
-    for one, other in zip(times[1:], times[2:], strict=False):
+    for one, other in pairwise(times[1:]):
         assert other - one >= LEAST_TICKS_OF_A_BLOCK, (
             f"two blocks had arrived at ticks {one} and {other}, should be {LEAST_TICKS_OF_A_BLOCK} apart at least"
         )
@@ -229,7 +233,8 @@ def test_late_is_said_of_changes_that_come_too_late(bench: Bench) -> None:
     expect("flags of a period that is over", answer.flags, LATE)
     assert answer.commit_period > past, f"commit_period is {answer.commit_period}, should be after {past}"
     named = far(bench)
-    bodies = [Update(SILENT), Update(SILENT, named), Output(Action.SILENCE, named), Output(Action.SILENCE, named - 5)]
+    silence = Action.SILENCE
+    bodies: list[Body] = [Update(SILENT), Update(SILENT, named), Output(silence, named), Output(silence, named - 5)]
     found = answers(bench, *blocks_of(bench, bodies))
     expect("flags", [answer.flags for answer in found], [0, 0, LATE, LATE])
     expect("commit_period in time", found[1].commit_period, named)
@@ -247,7 +252,8 @@ def test_changes_of_all_kinds_can_be_late(bench: Bench) -> None:
     let_stores_go(bench)
     past = bench.period()
     before = bench.status().late
-    bodies = [Update(SILENT, past), Sequence(0, 1, past), Modulation(0, 1, 1, past), Output(Action.SILENCE, past)]
+    silence = Output(Action.SILENCE, past)
+    bodies: list[Body] = [Update(SILENT, past), Sequence(0, 1, past), Modulation(0, 1, 1, past), silence]
     found = answers(bench, *blocks_of(bench, bodies))
     expect("flags", [answer.flags for answer in found], [LATE] * 4)
     expect("the count of late changes", bench.status().late, (before + 4) % 2**32)
@@ -276,7 +282,7 @@ def leave_unread(bench: Bench, bodies: Seq[Body]) -> None:
 @case("ACK-005", "USB-019", line="usb")
 @pytest.mark.parametrize("many", [1, 2, 15, 16, 17, 33])
 def test_a_packet_holds_whole_records(bench: Bench, many: int) -> None:
-    """Records that wait come in packets of whole ones, acknowledgements and a status, and behind a full packet another."""
+    """Records that wait come in packets of whole ones, the status last, and the last packet is not full."""
     bench.order(Request.WATCHDOG, 10)
     bench.enable()
     leave_unread(bench, [NoOp()] * many)
@@ -296,7 +302,7 @@ def test_a_packet_holds_whole_records(bench: Bench, many: int) -> None:
 
 @case("ACK-005", line="usb", should=True)
 def test_a_packet_holds_as_many_records_as_fit(bench: Bench) -> None:
-    """Of 64 acknowledgements that wait as many as fit come in a packet, but for the first, which may lie ready before."""
+    """Of 64 acknowledgements that wait as many as fit come in a packet, but for the first, which may be ready."""
     bench.must(NoOp())
     leave_unread(bench, [NoOp()] * 64)
     sizes = [len(packet) for packet in packets(bench, 32 * 64)]
@@ -307,7 +313,7 @@ def test_a_packet_holds_as_many_records_as_fit(bench: Bench) -> None:
 
 @case("ACK-005")
 def test_a_record_is_not_held_back(bench: Bench) -> None:
-    """A single acknowledgement comes at once, with nothing behind it: for a host may wait for it before it sends more."""
+    """A single acknowledgement comes at once: a host may wait for it before it sends more."""
     bench.must(NoOp())
     delays = []
     for _ in range(10 if bench.line.kind == "usb" else 3):
@@ -334,7 +340,7 @@ def test_the_watchdog_is_told(bench: Bench) -> None:
 
 @case("ACK-006", "BLK-015", features=Feature.SEQUENCES)
 def test_the_end_of_a_sequence_is_told(bench: Bench) -> None:
-    """When a sequence has played its last repeat a status record comes by itself, and says READY from that period on."""
+    """When a sequence has played its last repeat a status record comes by itself, soon, and says READY."""
     begin(bench)
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, 150), Entry(0, 50))))
@@ -344,31 +350,31 @@ def test_the_end_of_a_sequence_is_told(bench: Bench) -> None:
     expect("the state", status.state, State.READY)
     expect("since_period", status.since_period, 0)
     expect("flags", status.flags, StatusFlag(0))
-    assert ends <= status.period < ends + 40, (
-        f"it was sent in period {status.period}, should be in {ends} or soon after"
-    )
+    period = status.period
+    assert ends <= period < ends + 40, f"it was sent in period {period}, should be in {ends} or soon after"
 
 
 @case("ACK-006", "SAF-008", "REQ-011", needs=(Need.FAULTS,))
 def test_faults_are_told(bench: Bench) -> None:
     """When a fault appears and when it is cleared a status record comes by itself, with the faults and the state."""
-    begin(bench)
-    bench.must(Update(SILENT))
-    bench.levers.cause(HotBoard(board=1, celsius=90))
-    status = bench.await_unasked(1)
-    expect("the state", status.state, State.FAULT)
-    expect("faults", status.faults, Fault.TEMPERATURE)
-    bench.levers.cause(HotBoard(board=1, celsius=40))
-    bench.wait(0.03)
-    bench.order(Request.CLEAR_FAULTS)
-    status = bench.await_unasked(1)
-    expect("the state", status.state, State.OFF)
-    expect("faults", status.faults, Fault(0))
+    with apart(bench) as device:
+        begin(device)
+        device.must(Update(SILENT))
+        device.levers.cause(HotBoard(board=1, celsius=90))
+        status = device.await_unasked(1)
+        expect("the state", status.state, State.FAULT)
+        expect("faults", status.faults, Fault.TEMPERATURE)
+        device.levers.cause(HotBoard(board=1, celsius=40))
+        device.wait(0.03)
+        device.order(Request.CLEAR_FAULTS)
+        status = device.await_unasked(1)
+        expect("the state", status.state, State.OFF)
+        expect("faults", status.faults, Fault(0))
 
 
 @case("ACK-006", "STA-003", "USB-020", needs=(Need.SUSPEND,), allow=(Risk.RESET,), line="usb")
 def test_suspend_and_resume_are_told(bench: Bench) -> None:
-    """After the bus was suspended and resumed a status record waits that says OFF: the host knows what it has missed."""
+    """After the bus was suspended and resumed a status record waits that says OFF, so that the host knows."""
     begin(bench)
     bench.levers.suspend()
     bench.levers.resume()
@@ -390,7 +396,7 @@ def test_a_status_comes_behind_the_acknowledgements_that_wait(bench: Bench) -> N
 
 @case("ACK-006", line="usb", features=Feature.SEQUENCES)
 def test_only_the_newest_status_waits(bench: Bench) -> None:
-    """Of status records that nobody asked for and nobody read the newest alone is there, behind the acknowledgements."""
+    """Of status records that nobody asked for or read the newest alone waits, behind the acknowledgements."""
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, 50),)))
     let_stores_go(bench)
@@ -412,7 +418,7 @@ def test_only_the_newest_status_waits(bench: Bench) -> None:
 
 @case("ACK-006", "ACK-001", line="usb")
 def test_a_status_has_a_place_of_its_own(bench: Bench) -> None:
-    """Where as many acknowledgements wait as the device can hold, a status record is kept beside them."""
+    """Where as many acknowledgements wait as the device can hold a status record is kept beside them."""
     bench.order(Request.WATCHDOG, 100)
     bench.enable()
     leave_unread(bench, [NoOp()] * bench.info.queue_records)
@@ -444,6 +450,4 @@ def test_what_came_through_another_door_is_told(bench: Bench) -> None:
 
 def order(line: SerialLine, request: Request) -> None:
     """Make a request without an answer on a serial line."""
-    from phasewire.protocol.requests import Setup
-
     expect(request.name, line.request(Setup(0x41, request, 0, 0, 0)), b"")

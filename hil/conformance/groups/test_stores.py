@@ -1,4 +1,4 @@
-"""Stores: slots, entries and samples are kept, missed where they are not there, and guarded while they play."""
+"""Stores: slots, entries and samples are missed where they are not there, and guarded while they play."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Risk, case, expect
 from phasewire.hil.conformance.steps import (
     SILENT,
     Wrong,
@@ -19,7 +19,7 @@ from phasewire.hil.conformance.steps import (
     refuse,
     some,
 )
-from phasewire.hil.conformance.waveforms import Words, check_play, expected_words, modulated, only
+from phasewire.hil.conformance.waveforms import only
 from phasewire.protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Sequence, Slot, Update
 from phasewire.protocol.codes import Action, Feature, Reason, Request, State
 
@@ -28,111 +28,6 @@ FIRST_ENTRY, PLAYED_ENTRIES, FIRST_SAMPLE, PLAYED_SAMPLES = 10, 3, 102, 4
 """What plays in the cases of IN_USE: entries 10 to 12, of slots 1 and 2, and samples 102 to 105."""
 SAMPLES = bytes(range(100, 100 + 12))
 ENTRIES = (Entry(1, 40), Entry(2, 30), Entry(1, 20), Entry(3, 10))
-
-
-# What is kept
-
-
-@case("BLK-013", "BLK-014", "BLK-015", needs=(Need.CAPTURE,), features=Feature.SEQUENCES)
-def test_every_slot_keeps_its_pulses(bench: Bench) -> None:
-    """All 256 slots are stored, each with pulses of its own, and played one after the other, each as it was stored."""
-    if bench.line.kind == "serial":
-        raise Inconclusive("256 slots take 12 s and more over a serial line")
-    begin(bench)
-    slots = {number: only(number, phase=number % 100, width=1 + number % 25) for number in range(SLOTS)}
-    order = bench.random.sample(range(SLOTS), SLOTS)
-    must_all(bench, [Slot(number, slots[number]) for number in order])
-    played = bench.random.sample(range(SLOTS), SLOTS)
-    must_all(bench, entries_blocks([Entry(number, 2) for number in played], 0))
-    let_stores_go(bench)
-    began = bench.must(Sequence(0, SLOTS)).commit_period
-    steps = [
-        (began + 2 * at, expected_words(slots[number], bench.wiring)) for at, number in enumerate([*played, *played])
-    ]
-    bench.judge(began, began + 4 * SLOTS, lambda seen: check_play(seen, steps))
-
-
-@case("BLK-013", "BLK-014", needs=(Need.CAPTURE,), features=Feature.SEQUENCES)
-def test_the_newest_store_counts(bench: Bench) -> None:
-    """What is stored twice plays as it was stored last: a slot, and entries of which some are overwritten."""
-    begin(bench)
-    bench.must(Slot(7, bench.weak()))
-    bench.must(Slot(8, second := bench.weak()))
-    bench.must(Slot(7, first := bench.weak()))
-    bench.must(Entries((Entry(8, 9), Entry(8, 9), Entry(8, 9), Entry(8, 9)), 500))
-    bench.must(Entries((Entry(7, 3), Entry(7, 4)), 501))
-    let_stores_go(bench)
-    began = bench.must(Sequence(500, 4)).commit_period
-    one, other = expected_words(first, bench.wiring), expected_words(second, bench.wiring)
-    steps = [(began, other), (began + 9, one), (began + 16, other), (began + 34, one)]
-    bench.judge(began, began + 41, lambda seen: check_play(seen, steps))
-
-
-@case("BLK-014", "BLK-015", needs=(Need.CAPTURE,), features=Feature.SEQUENCES)
-def test_every_entry_keeps_its_slot_and_its_periods(bench: Bench) -> None:
-    """All 1024 entries are stored, in blocks of many sizes and not in order, and play for their periods in order."""
-    begin(bench)
-    slots = [only(40 * number, width=5 + number) for number in range(4)]
-    must_all(bench, [Slot(number, pulses) for number, pulses in enumerate(slots)])
-    entries = [Entry(bench.random.randrange(4), bench.random.choice([1, 1, 2, 3, 257])) for _ in range(TABLE)]
-    blocks = entries_blocks(entries, 0, 120 if bench.line.kind == "serial" else 77)
-    bench.random.shuffle(blocks)
-    must_all(bench, blocks)
-    let_stores_go(bench)
-    words = [expected_words(pulses, bench.wiring) for pulses in slots]
-    first = bench.random.randrange(1, 5)
-    for start, count in ((0, TABLE), (TABLE - first, first)):
-        began = bench.must(Sequence(start, count)).commit_period
-        judge_entries(bench, began, entries[start : start + count], words)
-
-
-def judge_entries(bench: Bench, began: int, entries: list[Entry], words: list[Words]) -> None:
-    """See that entries play from a period on, once, and the first of them behind the last."""
-    steps, at = [], began
-    for entry in entries:
-        steps.append((at, words[entry.slot]))
-        at += entry.periods
-    steps.append((at, words[entries[0].slot]))
-    bench.judge(began, at + 1, lambda seen: check_play(seen, steps))
-
-
-@case("BLK-016", "BLK-017", needs=(Need.CAPTURE,), features=Feature.MODULATION)
-def test_every_sample_is_kept(bench: Bench) -> None:
-    """All 4096 samples are stored, in blocks of many sizes and not in order, and modulate what plays one by one."""
-    begin(bench)
-    samples = bytes(bench.random.randrange(256) for _ in range(BUFFER))
-    size = 480 if bench.line.kind == "serial" else 311
-    blocks = [Samples(samples[first : first + size], first) for first in range(0, BUFFER, size)]
-    bench.random.shuffle(blocks)
-    must_all(bench, blocks)
-    let_stores_go(bench)
-    pulses = only(123, width=25)
-    bench.must(Update(pulses))
-    words: dict[int, Words] = {sample: expected_words(modulated(pulses, sample), bench.wiring) for sample in range(256)}
-    last = bench.random.randrange(2, 9)
-    for start, count, hold in ((0, BUFFER, 1), (BUFFER - last, last, 3)):
-        began = bench.must(Modulation(start, count, hold)).commit_period
-        judge_samples(bench, began, hold, [words[sample] for sample in samples[start : start + count]])
-
-
-def judge_samples(bench: Bench, began: int, hold: int, words: list[Words]) -> None:
-    """See that samples play from a period on, each as long, once, and the first of them behind the last."""
-    steps = [(began + hold * number, play) for number, play in enumerate([*words, words[0]])]
-    bench.judge(began, began + hold * len(steps), lambda seen: check_play(seen, steps))
-
-
-@case("BLK-013", "SAF-004/1", "REQ-007", features=Feature.SEQUENCES | Feature.READ_BACK)
-def test_what_is_stored_outlasts_disable(bench: Bench) -> None:
-    """A slot and its entry are kept over DISABLE and ENABLE and play then, for a host need not store them again."""
-    begin(bench)
-    pulses = bench.weak()
-    bench.must(Slot(200, pulses))
-    bench.must(Entries((Entry(200, 500),), 1000))
-    bench.disable()
-    bench.enable()
-    began = bench.must(Sequence(1000, 1)).commit_period
-    bench.wait_until(began)
-    assert bench.read_back().pulses == pulses, "PULSES are others than those in the slot"
 
 
 def must_all(bench: Bench, bodies: list[Slot] | list[Entries] | list[Samples]) -> None:
