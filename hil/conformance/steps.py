@@ -20,10 +20,10 @@ from ...protocol.replies import Status
 from .bench import Bench
 from .cases import Need, expect
 from .forge import forged
+from .stage import soon
 
 __all__ = [
     "FAR_PERIODS",
-    "LATER_PERIODS",
     "LONG_MS",
     "SILENT",
     "Wrong",
@@ -50,8 +50,8 @@ LONG_MS = 30_000
 """A watchdog time that no case outlasts."""
 FAR_PERIODS = 2_000_000
 """50 s: what names a period so far ahead stays in the queue as long as a case takes."""
-LATER_PERIODS = {"usb": 4000, "serial": 24_000}
-"""How far ahead a case names a period that it then waits for, after some blocks more: 0.1 and 0.6 s."""
+LATER_BLOCKS = 12
+"""That a case can send before a period that it names."""
 FEW = 6
 """Of many blocks of one sort those that go over a serial line, where each takes up to 45 ms."""
 
@@ -97,7 +97,7 @@ def far(bench: Bench) -> int:
 
 def later(bench: Bench) -> int:
     """A period that the case can wait for, and before which it can send several blocks."""
-    return bench.period() + LATER_PERIODS[bench.line.kind]
+    return soon(bench, LATER_BLOCKS)
 
 
 def some(bench: Bench, items: Iterable[Item], few: int = FEW) -> list[Item]:
