@@ -294,16 +294,27 @@ class Controller:
         """Changes that can still be queued."""
         return QUEUE_BLOCKS - self._agenda.queued(self._now) if self._loading.blocks < STORES else 0
 
-    def accept(self, packet: bytes, door: Door) -> None:
-        """Judge a block and give its acknowledgement to the door that it came by."""
+    def accept(self, packet: bytes, door: Door, arrived: int | None = None) -> None:
+        """Judge a block and give its acknowledgement to the door that it came by.
+
+        Parameters
+        ----------
+        packet : bytes
+            Of any length.
+        door : Door
+        arrived : int, optional
+            Tick at which its last byte had arrived; now by default.
+        """
         self.settle()
+        if arrived is None:
+            arrived = self.now_tick
         try:
             block = unpack(packet)
-            self._judge(block)
+            self._judge(block, arrived // TICKS_PER_PERIOD)
         except BlockError as error:
             sequence = int.from_bytes(packet[4:8], "little")
             self._refuse(error, f"block {sequence}")
-            door.acknowledge(self._ack(self._last_refusal, sequence).encode())
+            door.acknowledge(self._ack(arrived, self._last_refusal, sequence).encode())
             return
         gap = self._count(block)
         change = self._carry_out(block.body, door)
@@ -315,16 +326,17 @@ class Controller:
             flags |= AckFlag.LATE if _is_late(block.body, change.period) else NO_FLAGS
         elif isinstance(block.body, Clock):
             commit_period = self.clock().sync_period
-        door.acknowledge(self._ack(Reason.ACCEPTED, block.sequence, commit_period, flags).encode())
+        door.acknowledge(self._ack(arrived, Reason.ACCEPTED, block.sequence, commit_period, flags).encode())
 
     def _ack(
         self,
+        arrived: int,
         reason: Reason,
         sequence: int,
         commit_period: int = 0,
         flags: AckFlag = NO_FLAGS,
     ) -> Ack:
-        return Ack(reason, sequence, commit_period, self.now_tick, flags, self._free, self._state)
+        return Ack(reason, sequence, commit_period, arrived, flags, self._free, self._state)
 
     def _refuse(self, error: BlockError, what: str) -> None:
         self._refused += 1
@@ -340,13 +352,13 @@ class Controller:
         self._lost += gap
         return gap
 
-    def _judge(self, block: Block) -> None:
-        """Refuse what cannot be done now, with the first reason in the order of clause ACK-003."""
+    def _judge(self, block: Block, arrived: int) -> None:
+        """Refuse what cannot be done now, of a block that had arrived in a period, by the order of clause ACK-003."""
         body, sequence, restart = block
         self._judge_state(body)
         if not restart and self._last_sequence is not None and not follows(sequence, self._last_sequence):
             raise BlockError(f"number {sequence} does not follow {self._last_sequence}", Reason.SEQUENCE)
-        if isinstance(body, CHANGES) and body.period > self.time.period(self._now) + HORIZON_PERIODS:
+        if isinstance(body, CHANGES) and body.period > arrived + HORIZON_PERIODS:
             raise BlockError(f"period {body.period} is too far ahead", Reason.HORIZON)
         self._judge_content(body)
 

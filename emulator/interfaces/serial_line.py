@@ -44,11 +44,15 @@ class LineController(ConsoleController, Protocol):
 
     dropped_frames: int
 
+    @property
+    def now_tick(self) -> int:
+        """Ticks since period 0."""
+
     def attach(self, door: Door) -> None:
         """Notify a door from now on."""
 
-    def accept(self, packet: bytes, door: Door) -> None:
-        """Judge a block and acknowledge it to the door that it came by."""
+    def accept(self, packet: bytes, door: Door, arrived: int | None = None) -> None:
+        """Judge a block that had arrived at a tick, or arrives now, and acknowledge it to the door that it came by."""
 
     def await_room(self, waiter: Callable[[], None]) -> None:
         """Call somebody once the queue has room."""
@@ -68,6 +72,7 @@ class _Nobody(Door):
 class _WaitingBlock:
     block: bytes
     door: Door
+    arrived: int
 
 
 class _Outbox:
@@ -282,7 +287,7 @@ class SerialLine(Door):
         elif self._controller.can_accept:
             self._controller.accept(block, self)
         else:
-            self._waiting = _WaitingBlock(block, self)
+            self._waiting = _WaitingBlock(block, self, self._controller.now_tick)
             self._await_room(self._waiting)
 
     def _await_room(self, waiting: _WaitingBlock) -> None:
@@ -293,7 +298,7 @@ class SerialLine(Door):
             self._await_room(waiting)
             return
         self._waiting = None
-        self._controller.accept(waiting.block, waiting.door)
+        self._controller.accept(waiting.block, waiting.door, waiting.arrived)
 
     def _all_sent(self) -> None:
         if self._departure:

@@ -45,6 +45,7 @@ class ModelController:
     def __init__(self, room: int = 4) -> None:
         self.state = State.OFF
         self.room = room
+        self.now_tick = 0
         self.dropped_frames = 0
         self.room_waiters: list[Callable[[], None]] = []
         self.doors: list[Door] = []
@@ -62,7 +63,7 @@ class ModelController:
     def attach(self, door: Door) -> None:
         self.doors.append(door)
 
-    def accept(self, packet: bytes, door: Door) -> None:
+    def accept(self, packet: bytes, door: Door, arrived: int | None = None) -> None:
         reason = judge_block(packet)
         is_change = packet[3] not in (CLOCK, NO_OP)
         if reason == 0 and is_change and self.state not in ENABLED:
@@ -71,6 +72,7 @@ class ModelController:
         self.room -= reason == 0 and is_change
         sequence = int.from_bytes(packet[4:8], "little")
         fields = {"version": 1, "reason": reason, "sequence": sequence, "free": self.room, "state": self.state}
+        fields["now"] = self.now_tick if arrived is None else arrived
         door.acknowledge(build_ack(fields))
 
     def await_room(self, waiter: Callable[[], None]) -> None:

@@ -260,6 +260,19 @@ def test_one_block_waits_for_room_and_requests_are_answered_meanwhile() -> None:
     assert controller.dropped_frames == 1
 
 
+def test_a_block_that_waited_is_told_when_it_had_arrived() -> None:
+    """Clause ACK-002: not when it was judged."""
+    controller = ModelController(room=0)
+    line = among_frames(controller)
+    controller.now_tick = 100
+    said(line, block(update(1)))
+    controller.now_tick = 200
+    controller.make_room()
+    (_, (event, record)) = read_line(b"\0" + line.take(ENOUGH), TO_HOST)
+    assert event == "frame"
+    assert read_ack(record[1:])["now"] == 100
+
+
 def test_where_another_line_took_the_room_a_block_waits_on() -> None:
     controller = ModelController(room=0)
     controller.state = State.READY
