@@ -43,7 +43,7 @@ from ...protocol.framing import (
 from ...protocol.replies import Ack, Info, Status
 from .transport import Timekeeper, load_by_scheme, understood
 
-__all__ = ["PORTS", "SerialTransport", "open_serial_line"]
+__all__ = ["OPENING_ERRORS", "PORTS", "SerialTransport", "open_serial_line", "refused", "translated"]
 
 Answer = TypeVar("Answer")
 
@@ -96,7 +96,7 @@ def open_serial_line(url: str) -> SerialTransport:
 
 
 @contextmanager
-def _translated(doing: str) -> Iterator[None]:
+def translated(doing: str) -> Iterator[None]:
     """Turn what an open port raises into our errors."""
     try:
         yield
@@ -108,7 +108,7 @@ def _translated(doing: str) -> Iterator[None]:
         raise DeviceLostError(f"{doing}: the port is gone ({error}); plug it in again, or open it anew") from error
 
 
-def _refused(name: str, error: Exception) -> DeviceError:
+def refused(name: str, error: Exception) -> DeviceError:
     """Our error for a port that could not be opened, by its errno; pyserial hides some of these in what it says."""
     cause = error.__context__
     number = getattr(error, "errno", None) or getattr(cause, "errno", None)
@@ -249,7 +249,7 @@ class SerialTransport:
         try:
             self._port.open()
         except OPENING_ERRORS as error:
-            raise _refused(self.name, error) from error
+            raise refused(self.name, error) from error
 
     def _close_port(self) -> None:
         with suppress(*PORT_ERRORS):
@@ -328,7 +328,7 @@ class SerialTransport:
         self._write(doing, data)
 
     def _write(self, doing: str, data: bytes) -> None:
-        with _translated(doing):
+        with translated(doing):
             self._port.write(data)
 
     def _wait(self, doing: str, seconds: float, done: Callable[[], bool]) -> bool:
@@ -336,7 +336,7 @@ class SerialTransport:
         deadline = self.time.monotonic() + seconds
         while not done():
             late = self.time.monotonic() >= deadline
-            with _translated(doing):
+            with translated(doing):
                 if not self._port.is_open:
                     raise PortNotOpenError
                 waiting = self._port.in_waiting

@@ -9,37 +9,72 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from ....errors import DeviceTimeoutError, FrameError
-from ....host.lines.serial_line import PORTS
+from ....errors import DeviceError, DeviceStalledError, DeviceTimeoutError, FrameError
+from ....host.lines.serial_line import OPENING_ERRORS, PORTS, refused, translated
 from ....host.lines.transport import Timekeeper, load_by_scheme
-from ....protocol.codes import BLOCK_BYTES, FrameKind, Outcome
-from ....protocol.framing import CONSOLE_FRAME, DELIMITER, Frame, Line, LineEvent, Mode, SerialReply, encode
+from ....protocol.codes import BLOCK_BYTES, CLASS_REQUEST_TYPE_OUT, REQUEST_TYPE_IN, FrameKind, Outcome, Request
+from ....protocol.enumeration import CONSOLE_INTERFACE
+from ....protocol.framing import (
+    CONSOLE_FRAME,
+    DELIMITER,
+    MAX_FRAME_BYTES,
+    UART_BITS_PER_BYTE,
+    Frame,
+    Line,
+    LineEvent,
+    Mode,
+    SerialReply,
+    encode,
+)
+from ....protocol.replies import ClockReading
 from ....protocol.requests import ConsoleRequest, Setup
+from ..cases import LineKind
 from .usb import CONSOLE_IN, CONSOLE_OUT, UsbLine
 
-__all__ = ["CdcWire", "PortWire", "SerialLine", "Wire"]
+__all__ = ["QUIET_SECONDS", "CdcWire", "PortWire", "SerialLine", "Wire"]
 
 PATIENCE_SECONDS = 0.5
 """For any answer, besides the time that its bytes take; a device has 20 ms (clause SER-013)."""
+QUIET_SECONDS = 0.05
+"""Where nothing comes for so long, besides the time that bytes under way take, nothing was to come."""
 READ_SECONDS = 0.002
+"""How long a port waits for bytes at a time; some ports take long to change that."""
+LOOK_SECONDS = 0.05
+BREAK_SECONDS = 0.02
 CDC_BYTES_PER_SECOND = 1e6
+FAR_LATENCY_SECONDS = 0.03
+"""What a line to a real device and the programs at its end may add to an answer, the timers of adapters included."""
 PROMPT = b"> "
+TAGS = 256
 
 
 class Wire(Protocol):
     """Bytes both ways."""
 
-    name: str
-    time: Timekeeper
-    bytes_per_second: float
-    has_break: bool
-    """Whether it is a UART, whose line can be held low."""
+    @property
+    def name(self) -> str:
+        """What is at its other end, for people."""
+
+    @property
+    def time(self) -> Timekeeper:
+        """The time of the device."""
+
+    @property
+    def bytes_per_second(self) -> float:
+        """What it carries in one direction."""
+
+    @property
+    def has_break(self) -> bool:
+        """Whether it is a UART, whose line can be held low; where it is none, DTR can be lowered instead."""
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
 
     def read(self, seconds: float) -> bytes:
         """Wait until something comes, or the time is over."""
+
+    def set_dtr(self, on: bool) -> None:
+        """Raise or lower DTR, where the line has one."""
 
     def hang_up(self) -> None:
         """Hold the line low for longer than a byte, or lower DTR and raise it again."""
@@ -58,34 +93,55 @@ class PortWire:
     ----------
     url : str
         By which the host finds ports.
-    """
 
-    has_break = True
+    Raises
+    ------
+    DeviceError
+        Where there is no such port, or it may not be used.
+    """
 
     def __init__(self, url: str) -> None:
         self._port: Any = load_by_scheme(PORTS, url)(url)
         self.name: str = self._port.name
         self.time: Timekeeper = getattr(self._port, "time", time)
-        self.bytes_per_second: float = getattr(self._port, "bytes_per_second", self._port.baudrate / 10)
+        # A port that has no baud rate leads to the device by USB; a socket carries bytes and nothing else.
+        self.has_break = not hasattr(self._port, "bytes_per_second") and not url.startswith("socket:")
+        self.bytes_per_second: float = getattr(self._port, "bytes_per_second", self._port.baudrate / UART_BITS_PER_BYTE)
         self._port.timeout = READ_SECONDS
-        self._port.open()
+        self._open()
+
+    def _open(self) -> None:
+        try:
+            self._port.open()
+        except OPENING_ERRORS as error:
+            raise refused(self.name, error) from error
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
-        self._port.write(data)
+        with translated(f"sending to {self.name}"):
+            self._port.write(data)
 
     def read(self, seconds: float) -> bytes:
         """Wait until something comes, or the time is over."""
         end = self.time.monotonic() + seconds
-        while True:
-            waiting = self._port.in_waiting
-            data: bytes = self._port.read(max(waiting, 1))
-            if data or self.time.monotonic() >= end:
-                return data
+        with translated(f"receiving from {self.name}"):
+            while True:
+                data: bytes = self._port.read(max(self._port.in_waiting, 1))
+                if data or self.time.monotonic() >= end:
+                    return data
+
+    def set_dtr(self, on: bool) -> None:
+        """Raise or lower DTR of a port that leads to the device by USB; a UART has three wires."""
+        if not self.has_break:
+            self._port.dtr = on
 
     def hang_up(self) -> None:
-        """Hold the line low for 20 ms."""
-        self._port.send_break(0.02)
+        """Hold the line low for 20 ms, or lower DTR and raise it again."""
+        if self.has_break:
+            self._port.send_break(BREAK_SECONDS)
+        else:
+            self.set_dtr(False)
+            self.set_dtr(True)
 
     def reopen(self, seconds: float) -> None:
         """Open the port anew."""
@@ -93,11 +149,11 @@ class PortWire:
         self._port.close()
         while True:
             try:
-                self._port.open()
-            except OSError:
+                self._open()
+            except DeviceError:
                 if self.time.monotonic() >= end:
                     raise
-                self.time.sleep(0.05)
+                self.time.sleep(LOOK_SECONDS)
             else:
                 return
 
@@ -107,7 +163,7 @@ class PortWire:
 
 
 class CdcWire:
-    """The console's endpoints of a device on USB, which begin with text; DTR is set.
+    """The console's endpoints of a device on USB; DTR is as the device has it at first, low.
 
     Parameters
     ----------
@@ -121,7 +177,7 @@ class CdcWire:
     def __init__(self, usb: UsbLine) -> None:
         self._usb = usb
         self.name = f"console of {usb.name}"
-        self.hang_up()
+        self._packet_bytes = usb.bulk_bytes
 
     @property
     def time(self) -> Timekeeper:
@@ -129,26 +185,33 @@ class CdcWire:
         return self._usb.time
 
     def write(self, data: bytes) -> None:
-        """Send bytes."""
-        if self._usb.write(CONSOLE_OUT, data, PATIENCE_SECONDS) < len(data):
-            raise DeviceTimeoutError("the console's endpoint takes no bytes")
+        """Send bytes; raise `DeviceTimeoutError` where they are not taken."""
+        taken = self._usb.write(CONSOLE_OUT, data, PATIENCE_SECONDS)
+        if taken < len(data):
+            raise DeviceTimeoutError(f"{self.name} takes {taken} of {len(data)} bytes in {PATIENCE_SECONDS:g} s")
 
     def read(self, seconds: float) -> bytes:
-        """Wait until something comes, or the time is over."""
-        return self._usb.read(CONSOLE_IN, 16 * BLOCK_BYTES, seconds) or b""
+        """Wait until a packet comes, or the time is over; a device need not end a stream of bytes by a short one."""
+        end = self.time.monotonic() + seconds
+        while True:
+            data = self._usb.read(CONSOLE_IN, self._packet_bytes, max(end - self.time.monotonic(), 0))
+            if data or self.time.monotonic() >= end:
+                return data or b""
 
     def set_dtr(self, on: bool) -> None:
-        """Set the line state."""
-        self._usb.request(Setup(0x21, ConsoleRequest.SET_CONTROL_LINE_STATE, int(on), 1, 0))
+        """Raise or lower DTR."""
+        setup = Setup(CLASS_REQUEST_TYPE_OUT, ConsoleRequest.SET_CONTROL_LINE_STATE, int(on), CONSOLE_INTERFACE, 0)
+        if self._usb.request(setup) is None:
+            raise DeviceStalledError(f"{self.name} answers SET_CONTROL_LINE_STATE with STALL")
 
     def hang_up(self) -> None:
         """Lower DTR and raise it again."""
         self.set_dtr(False)
         self.set_dtr(True)
 
-    def reopen(self, seconds: float) -> None:
-        """The USB line finds the device; DTR is set anew."""
-        self.set_dtr(True)
+    def reopen(self, _seconds: float) -> None:
+        """Go on with the device that the USB line has found."""
+        self._packet_bytes = self._usb.bulk_bytes
 
     def close(self) -> None:
         """Lower DTR."""
@@ -164,19 +227,27 @@ class SerialLine:
 
     Attributes
     ----------
+    wire : Wire
     events : list of LineEvent
         All that came since `forget`: text, frames, why others were damaged, modes that began.
+    damaged : list of FrameError
+        Why frames that came since `enter_frames` were damaged; one that goes to devices is.
     """
 
-    kind = "serial"
+    kind: LineKind = "serial"
 
     def __init__(self, wire: Wire) -> None:
         self.wire = wire
-        self.name = wire.name
         self.events: list[LineEvent] = []
+        self.damaged: list[FrameError] = []
         self._incoming = Line()
-        self._taken = 0
+        self._given = 0
         self._tag = 0
+
+    @property
+    def name(self) -> str:
+        """What is at its other end, for people."""
+        return self.wire.name
 
     @property
     def time(self) -> Timekeeper:
@@ -188,10 +259,23 @@ class SerialLine:
         """What the device sends: text or frames."""
         return self._incoming.mode
 
+    @property
+    def latency(self) -> float:
+        """What this line may add to an answer, in seconds: nothing where the device lives in this process."""
+        return FAR_LATENCY_SECONDS if self.time is time else 0.0
+
+    def patience(self, size: int = 0) -> float:
+        """How long to wait for an answer behind so many bytes under way, in seconds."""
+        return PATIENCE_SECONDS + self.transit(size + 2 * MAX_FRAME_BYTES)
+
+    def transit(self, size: int) -> float:
+        """How long so many bytes are under way, in seconds."""
+        return size / self.wire.bytes_per_second
+
     def forget(self) -> None:
         """Forget what came."""
         self.events.clear()
-        self._taken = 0
+        self._given = 0
 
     # Bytes
 
@@ -199,75 +283,86 @@ class SerialLine:
         """Send bytes as they are."""
         self.wire.write(data)
 
+    def _hear(self, seconds: float) -> bytes:
+        """Take in what comes first, as bytes and as events."""
+        data = self.wire.read(seconds)
+        came = self._incoming.feed(data)
+        self.events += came
+        for event in came:
+            match event:
+                case FrameError():
+                    self.damaged.append(event)
+                case Frame(FrameKind.BLOCK | FrameKind.REQUEST as kind):
+                    self.damaged.append(FrameError(f"a frame of kind {kind.name} goes to devices"))
+        return data
+
     def listen(self, seconds: float, enough: Callable[[], bool] = lambda: False) -> list[LineEvent]:
         """Take in what comes until there is enough, or the time is over; all events since `forget`."""
         end = self.time.monotonic() + seconds
-        while not enough():
-            left = end - self.time.monotonic()
-            if left <= 0:
-                break
-            self.events += self._incoming.feed(self.wire.read(min(left, READ_SECONDS)))
+        while not enough() and (left := end - self.time.monotonic()) > 0:
+            self._hear(left)
         return self.events
 
-    def read_bytes(self, seconds: float, until: bytes | None = None) -> bytes:
-        """Take in bytes as they are, beside all modes, until some are seen or the time is over."""
-        end, found = self.time.monotonic() + seconds, bytearray()
-        while (left := end - self.time.monotonic()) > 0:
-            data = self.wire.read(min(left, READ_SECONDS))
-            found += data
-            self.events += self._incoming.feed(data)
-            if until is not None and until in found:
-                break
-        return bytes(found)
+    def read(self, seconds: float, enough: Callable[[bytes], bool] = lambda _: False) -> bytes:
+        """Take in bytes as they come until there are enough, or the time is over; they show as events too."""
+        end, found = self.time.monotonic() + seconds, b""
+        while not enough(found) and (left := end - self.time.monotonic()) > 0:
+            found += self._hear(left)
+        return found
 
-    def patience(self, size: int = 0) -> float:
-        """How long to wait for an answer, where so many bytes are under way beside it, in seconds."""
-        return PATIENCE_SECONDS + (size + 1400) / self.wire.bytes_per_second
+    def rest(self, size: int = 0) -> bytes:
+        """Take in bytes until nothing more comes, where so many may still be under way."""
+        found = b""
+        while data := self.read(QUIET_SECONDS + self.latency + self.transit(size + MAX_FRAME_BYTES), bool):
+            found += data
+        return found
 
     # Modes
 
     def enter_frames(self) -> None:
-        """Go over to frames, whatever the line carries now (clause SER-010)."""
-        self.forget()
-        self.write(DELIMITER + encode(CONSOLE_FRAME) + DELIMITER)
-        self.listen(self.patience(), lambda: self.events[-1:] == [Mode.FRAMES] and self.time_is_quiet())
-        if self.mode is not Mode.FRAMES:
-            raise DeviceTimeoutError(f"{self.name} does not go over to frames: {self.events!r}")
-        self.forget()
+        """Go over to frames, whatever the line carries now (clause SER-010), and forget what came before.
 
-    def time_is_quiet(self) -> bool:
-        """Whether nothing follows within 3 ms and the time of a few bytes."""
-        before = len(self.events)
-        end = self.time.monotonic() + 0.003 + 40 / self.wire.bytes_per_second
-        while self.time.monotonic() < end:
-            self.events += self._incoming.feed(self.wire.read(READ_SECONDS))
-        return len(self.events) == before
+        Raises
+        ------
+        DeviceTimeoutError
+            Where no request is answered then.
+        """
+        self.write(DELIMITER + encode(CONSOLE_FRAME) + DELIMITER)
+        self.request(Setup(REQUEST_TYPE_IN, Request.CLOCK, 0, 0, ClockReading.BYTES))
+        self.forget()
+        self.damaged.clear()
 
     def enter_console(self) -> None:
-        """Go over to the console, whatever the line carries now, to its prompt (clause SER-010)."""
+        """Go over to the console, whatever the line carries now, to its prompt, without echo (clause SER-010)."""
+        self.wire.set_dtr(True)
         self.enter_frames()
         self.write(encode(CONSOLE_FRAME))
-        self.read_bytes(self.patience(), until=PROMPT)
+        self._await_prompt("CONSOLE")
+        self.write(b"echo 0\r")
+        self._await_prompt("echo 0")
         self.forget()
 
-    # Frames
+    def hang_up(self) -> None:
+        """Return both directions to the console at once (clause SER-010)."""
+        self.wire.hang_up()
+        self.assume_console()
 
-    def send_frame(self, kind: int, body: bytes) -> None:
+    def assume_console(self) -> None:
+        """Take note that the device has returned to the console by itself, as on SET_CONFIGURATION."""
+        self._incoming.hang_up()
+        self.forget()
+
+    # What any line can do
+
+    def send_frame(self, kind: FrameKind, body: bytes = b"") -> None:
         """Send a frame behind a zero."""
-        self.write(DELIMITER + encode(Frame(FrameKind(kind), body)))
+        self.write(DELIMITER + encode(Frame(kind, body)))
 
     def frames(self, kind: FrameKind) -> list[bytes]:
         """The bodies of the undamaged frames of a kind that came since `forget`."""
         return [event.body for event in self.events if isinstance(event, Frame) and event.kind is kind]
 
-    @property
-    def damaged(self) -> list[FrameError]:
-        """Why frames that came were damaged."""
-        return [event for event in self.events if isinstance(event, FrameError)]
-
-    # What any line can do
-
-    def send_blocks(self, blocks: bytes, seconds: float) -> int:
+    def send_blocks(self, blocks: bytes, _seconds: float) -> int:
         """Send blocks in frames; a serial line cannot refuse them."""
         for at in range(0, len(blocks), BLOCK_BYTES):
             self.send_frame(FrameKind.BLOCK, blocks[at : at + BLOCK_BYTES])
@@ -275,9 +370,9 @@ class SerialLine:
 
     def receive_records(self, seconds: float) -> bytes:
         """Wait for records in frames: those that have not been given yet."""
-        self.listen(seconds, lambda: len(self.frames(FrameKind.RECORD)) > self._taken)
-        found = self.frames(FrameKind.RECORD)[self._taken :]
-        self._taken += len(found)
+        self.listen(seconds, lambda: len(self.frames(FrameKind.RECORD)) > self._given)
+        found = self.frames(FrameKind.RECORD)[self._given :]
+        self._given += len(found)
         return b"".join(found)
 
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
@@ -288,26 +383,24 @@ class SerialLine:
         DeviceTimeoutError
             Where no reply with its tag comes.
         """
-        self._tag = (self._tag + 1) % 256
-        tag = self._tag
-        self.send_frame(FrameKind.REQUEST, bytes([tag]) + setup.encode() + data)
-
-        def reply() -> SerialReply | None:
-            bodies = map(SerialReply.decode, self.frames(FrameKind.REPLY))
-            return next((body for body in bodies if body.tag == tag), None)
-
-        self.listen(self.patience(BLOCK_BYTES), lambda: reply() is not None)
-        answer = reply()
-        if answer is None:
+        self._tag = (self._tag + 1) % TAGS
+        self.send_frame(FrameKind.REQUEST, bytes([self._tag]) + setup.encode() + data)
+        self.listen(self.patience(BLOCK_BYTES), lambda: self._reply() is not None)
+        reply = self._reply()
+        if reply is None:
             raise DeviceTimeoutError(f"{self.name} does not answer request {setup.request}")
-        self.events[:] = [
-            event for event in self.events if not (isinstance(event, Frame) and event.kind is FrameKind.REPLY)
-        ]
-        return answer.data if answer.outcome is Outcome.DONE else None
+        self.events.remove(Frame(FrameKind.REPLY, reply.encode()))
+        return reply.data if reply.outcome is Outcome.DONE else None
+
+    def _reply(self) -> SerialReply | None:
+        """The reply with the newest tag, once it has come."""
+        replies = map(SerialReply.decode, self.frames(FrameKind.REPLY))
+        return next((reply for reply in replies if reply.tag == self._tag), None)
 
     def reopen(self, seconds: float) -> None:
         """Open the wire again and go over to frames."""
         self.wire.reopen(seconds)
+        self.assume_console()
         end = self.time.monotonic() + seconds
         while True:
             try:
@@ -319,14 +412,14 @@ class SerialLine:
                 return
 
     def close(self) -> None:
-        """Leave the line to the console, and give it back."""
-        self.write(DELIMITER + encode(CONSOLE_FRAME))
+        """Leave the line to the console, with echo, and give it back."""
+        self.write(DELIMITER + encode(CONSOLE_FRAME) + b"echo 1\r")
         self.wire.close()
 
     # Console
 
-    def command(self, line: str) -> list[str]:
-        """Type a line, with echo off; the lines of its answer, without the prompt.
+    def command(self, line: str) -> str:
+        """Give a command, with echo off; its answer, without the prompt.
 
         Raises
         ------
@@ -334,7 +427,15 @@ class SerialLine:
             Where no prompt comes.
         """
         self.write(line.encode("ascii") + b"\r")
-        answer = self.read_bytes(self.patience(2000), until=PROMPT)
-        if not answer.endswith(PROMPT):
-            raise DeviceTimeoutError(f"{self.name} shows no prompt after {line!r}: {answer!r}")
-        return [text.decode("ascii", "replace") for text in answer.removesuffix(PROMPT).split(b"\r\n") if text]
+        return self._await_prompt(line).removesuffix(PROMPT).decode("latin-1")
+
+    def _await_prompt(self, what: str) -> bytes:
+        answer = self.read(self.patience(MAX_FRAME_BYTES), ends_with_prompt)
+        if not ends_with_prompt(answer):
+            raise DeviceTimeoutError(f"{self.name} shows no prompt after {what!r}, but {answer!r}")
+        return answer
+
+
+def ends_with_prompt(text: bytes) -> bool:
+    """Whether text ends with the prompt, which stands at the beginning of a line or behind what ends frames."""
+    return text == PROMPT or text.endswith((b"\n" + PROMPT, DELIMITER + PROMPT))
