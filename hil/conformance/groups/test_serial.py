@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Risk, case, expect
+from phasewire.hil.conformance.filling import fill_queue
 from phasewire.hil.conformance.forge import forged
 from phasewire.hil.conformance.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
 from phasewire.hil.conformance.lines.serial import QUIET_SECONDS, SerialLine
 from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
 from phasewire.protocol.blocks import NoOp, Update, pack
-from phasewire.protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Ack, ClockReading, Status, records
@@ -708,18 +709,9 @@ def test_reset_is_answered_before_it_is_carried_out(bench: Bench, frames: Serial
 # Credit
 
 
-def fill_queue(bench: Bench, line: SerialLine, seconds: float) -> list[Ack]:
-    """Enable, and queue as many silent updates as there is room for, the first of them so many seconds ahead."""
-    rooms, step = bench.info.queue_blocks, 10 * max(bench.info.periods_per_update, 1)
-    fills = rooms * (line.transit(2 * MOST_FRAME_BYTES) + line.latency)
-    if fills > 5:
-        raise Inconclusive(f"to fill a queue of {rooms} changes takes up to {fills:.0f} s over this line")
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
-    first = bench.period() + round(CARRIER_HZ * (seconds + fills))
-    silence = Pulses.silent(CHANNELS)
-    found = [bench.must(Update(silence, first + step * number)) for number in range(rooms)]
-    expect("the free places in the queue", found[-1].free, 0)
+def fill(bench: Bench, line: SerialLine, seconds: float) -> list[Ack]:
+    """Fill the queue by the bench's own line, and forget what this line was told of it."""
+    found = fill_queue(bench, seconds)
     line.rest()
     line.forget()
     return found
@@ -749,7 +741,7 @@ WAITING: dict[str, Callable[[Bench], bytes]] = {
 )
 def test_one_block_waits_until_the_queue_has_room(bench: Bench, frames: SerialLine, what: str, reason: Reason) -> None:
     """With a full queue a block of any kind waits while requests are answered, and is judged once there is room."""
-    fill_queue(bench, frames, 2)
+    fill(bench, frames, 2)
     block = WAITING[what](bench)
     put_to_wait(bench, frames, block)
     arrived = bench.clock().now
@@ -764,7 +756,7 @@ def test_one_block_waits_until_the_queue_has_room(bench: Bench, frames: SerialLi
 @case("SER-011/1", "BLK-024")
 def test_a_block_that_waits_is_judged_when_a_change_leaves_the_queue(bench: Bench, frames: SerialLine) -> None:
     """A block that waits is answered once the first change has left the queue, and plays behind those in it."""
-    queued = fill_queue(bench, frames, 0.5)
+    queued = fill(bench, frames, 0.5)
     waits, behind = (pack(bench.numbered(Update(Pulses.silent(CHANNELS)))) for _ in range(2))
     ack = send(frames, waits, 10)
     first, last = queued[0].commit_period, queued[-1].commit_period
@@ -779,7 +771,7 @@ def test_a_block_that_waits_is_judged_when_a_change_leaves_the_queue(bench: Benc
 @case("SER-011/3")
 def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: SerialLine) -> None:
     """A block that comes while another waits is dropped and counted as a damaged frame; the one that waits stays."""
-    fill_queue(bench, frames, 3)
+    fill(bench, frames, 3)
     first, second, third = (pack(bench.numbered(NoOp())) for _ in range(3))
     put_to_wait(bench, frames, first)
     damage(bench, frames, frame(BLOCK, second))
@@ -800,7 +792,7 @@ def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: SerialL
 def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: SerialLine) -> None:
     """The watchdog does not count from a block that waits for room: its host may have no control over what plays."""
     milliseconds = 400
-    last = fill_queue(bench, frames, 5)[-1]
+    last = fill(bench, frames, 5)[-1]
     bench.wait_until(bench.clock().now // TICKS_PER_PERIOD + 1)
     block = no_op(bench)
     alive = bench.status().now
@@ -822,7 +814,7 @@ def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: SerialLine)
 @case("SER-010", "SER-011")
 def test_the_later_answer_of_a_block_that_waits_is_dropped_with_the_mode(bench: Bench, frames: SerialLine) -> None:
     """A block that waits when the line goes back to text is judged later all the same, but no longer answered."""
-    fill_queue(bench, frames, 3)
+    fill(bench, frames, 3)
     put_to_wait(bench, frames, no_op(bench))
     before = bench.status()
     frames.enter_console()

@@ -1,0 +1,53 @@
+"""A queue that is full of changes for later, which leave it in their time or all at once on DISABLE."""
+
+from __future__ import annotations
+
+from ...protocol.blocks import Update
+from ...protocol.board import CARRIER_HZ, CHANNELS
+from ...protocol.codes import Request
+from ...protocol.framing import MAX_FRAME_BYTES
+from ...protocol.pulses import Pulses
+from ...protocol.replies import Ack
+from .bench import Bench
+from .cases import Inconclusive, expect
+from .lines.serial import SerialLine
+
+__all__ = ["fill_queue"]
+
+WATCHDOG_MS = 20_000
+MOST_SECONDS = 5
+FAR_SECONDS = 0.03
+"""For a block and its acknowledgement over a line to a real device, at worst."""
+
+
+def fill_queue(bench: Bench, seconds: float) -> list[Ack]:
+    """Enable the outputs, and queue as many silent updates as there is room for.
+
+    Parameters
+    ----------
+    bench : Bench
+    seconds : float
+        How long the queue is full at least, before the first of them leaves it.
+
+    Returns
+    -------
+    list of Ack
+        Of the updates.
+
+    Raises
+    ------
+    Inconclusive
+        Where that takes too long over this line.
+    """
+    rooms, step = bench.info.queue_blocks, 10 * max(bench.info.periods_per_update, 1)
+    carries = bench.line.transit(2 * MAX_FRAME_BYTES) if isinstance(bench.line, SerialLine) else 0.0
+    fills = rooms * (carries + FAR_SECONDS)
+    if fills > MOST_SECONDS:
+        raise Inconclusive(f"to fill a queue of {rooms} changes over this line may take {fills:.0f} s")
+    bench.order(Request.WATCHDOG, WATCHDOG_MS)
+    bench.enable()
+    first = bench.period() + round(CARRIER_HZ * (seconds + fills))
+    silence = Pulses.silent(CHANNELS)
+    acks = [bench.must(Update(silence, first + step * number)) for number in range(rooms)]
+    expect("the free places in the queue", acks[-1].free, 0)
+    return acks
