@@ -1,0 +1,213 @@
+"""Long runs: what holds once must hold again and again, and nothing may run short."""
+
+from __future__ import annotations
+
+import time
+
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Need, case, expect
+from phasewire.hil.conformance.stage import FAST_PERIODS, Stage, block_periods, is_fast
+from phasewire.protocol.blocks import (
+    Body,
+    Clock,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+)
+from phasewire.protocol.board import CHANNELS, TICK_HZ
+from phasewire.protocol.codes import Action, Feature, Reason, Request, State
+from phasewire.protocol.pulses import Pulses
+from phasewire.protocol.replies import Status
+
+WALL_SECONDS = 8.0
+"""That a case may take where time is the host's own."""
+DEVICE_SECONDS = 300
+SETTLED_PERIODS = 400
+MOST_PPM = 1000
+"""By which two clocks of quartz may differ, and much more."""
+BOTH = Feature.SEQUENCES | Feature.MODULATION
+COUNTERS = ("refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames")
+
+
+def check_counters(bench: Bench, before: Status, **counted: int) -> Status:
+    """Fail unless the counters went on by what was counted, and the others not at all; the status now."""
+    after = bench.status()
+    for name in ("accepted", *COUNTERS):
+        gone = getattr(after, name) - getattr(before, name)
+        expect(f"how far the count {name} went on", gone % 2**32, counted.get(name, 0))
+    expect("faults", after.faults, before.faults)
+    return after
+
+
+def let_pass(bench: Bench, seconds: float) -> float:
+    """Let the device's time pass with a sign of life a second, but not too much of ours; how much passed."""
+    wall, began = time.perf_counter() + WALL_SECONDS, bench.clock().now
+    while (passed := (bench.clock().now - began) / TICK_HZ) < seconds and time.perf_counter() < wall:
+        bench.keep_alive(min(1.0, seconds - passed), every=1.0)
+    bench.note("device time that passed", f"{passed:.3f} s")
+    return passed
+
+
+@case("TIM-003", "BLK-005", "ACK-001", "NUM-002", "REQ-003", "BUD-001/2", "CHN-020", needs=[Need.CAPTURE])
+def test_a_long_stream_of_updates_plays_whole(bench: Bench) -> None:
+    """Two seconds of updates, five hundred a second, all play at their periods; the counters know every one of them."""
+    stage = Stage(bench)
+    fast = is_fast(bench)
+    count, spacing, at_once = (1024, 4 * FAST_PERIODS, 16) if fast else (16, 2 * block_periods(bench), 4)
+    patterns = [bench.weak() for _ in range(24)]
+    before = bench.status()
+    first = stage.soon(at_once)
+    for number in range(0, count, at_once):
+        stage.send_all(
+            Update(bench.random.choice(patterns), first + spacing * place) for place in range(number, number + at_once)
+        )
+    last = first + spacing * count
+    bench.wait_until(last)
+    after = check_counters(bench, before, accepted=count)
+    expect("free places", after.free, bench.info.queue_blocks)
+    expect("since_period", after.since_period, last - spacing)
+    for _ in range(12):
+        at = bench.random.randrange(first, last - 200)
+        stage.judge(at, at + 200)
+
+
+@case("BLK-024", "BLK-008", "REQ-003", "ACK-002", features=BOTH)
+def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
+    """After 5000 blocks of all kinds, some refused, the queue has as many places as at first, and holds as many."""
+    stage = Stage(bench)
+    stage.send_all([Slot(0, bench.weak()), Slot(1, bench.weak()), Entries((Entry(0, 1), Entry(1, 2)))])
+    stage.send(Samples(bytes([255, 0])))
+    bench.wait_periods(SETTLED_PERIODS)
+    before = bench.status()
+    expect("free places", before.free, bench.info.queue_blocks)
+    update = Update(bench.weak())
+    beyond = Update(Pulses.silent(CHANNELS), 2**64 - 1)
+    kinds: list[Body] = [
+        update,
+        Sequence(0, 2),
+        Modulation(0, 2, 1),
+        Output(Action.END_MODULATION),
+        Output(Action.SILENCE),
+        Clock(),
+        NoOp(),
+        Slot(2, bench.weak()),
+        beyond,
+    ]
+    updates, mixed, at_once = (4000, 1000, 250) if is_fast(bench) else (12, 12, 4)
+    bodies = [update] * updates + [bench.random.choice(kinds) for _ in range(mixed)]
+    for at in range(0, len(bodies), at_once):
+        sent = bodies[at : at + at_once]
+        for body, ack in zip(sent, bench.send_all(sent), strict=True):
+            expect("the reason", ack.reason, Reason.HORIZON if body is beyond else Reason.ACCEPTED)
+    refused = bodies.count(beyond)
+    bench.wait_periods(SETTLED_PERIODS)
+    after = bench.status()
+    expect("accepted blocks", after.accepted - before.accepted, len(bodies) - refused)
+    expect("refused blocks", after.refused - before.refused, refused)
+    expect("late changes", after.late, before.late)
+    expect("missed commits", after.missed_commits, before.missed_commits)
+    expect("free places", after.free, bench.info.queue_blocks)
+    places = bench.info.queue_blocks if is_fast(bench) else 4
+    far = stage.soon(places) + 2000
+    free = [ack.free for ack in bench.send_all(Update(update.pulses, far + 10 * place) for place in range(places))]
+    wanted = [bench.info.queue_blocks - 1 - place for place in range(places)]
+    expect("free places as changes are queued", free, wanted)
+    bench.disable()
+    expect("free places after DISABLE", bench.status().free, bench.info.queue_blocks)
+
+
+@case("NUM-004", "NUM-002", "NUM-003", "BLK-020", "REQ-003")
+def test_many_sessions_follow_each_other(bench: Bench) -> None:
+    """Session after session begins with RESTART and a number of its own, and none is said to have lost anything."""
+    stage = Stage(bench)
+    before = bench.status()
+    sessions = 100 if is_fast(bench) else 5
+    for _ in range(sessions):
+        bench.must(NoOp(), restart=True, number=bench.random.randrange(2**32))
+        for ack in stage.send_all([Update(Pulses.silent(CHANNELS)), NoOp(), Clock()]):
+            assert not ack.flags, f"flags of block {ack.sequence} of a session are {ack.flags!r}, should be none"
+    check_counters(bench, before, accepted=4 * sessions)
+
+
+@case("STA-003", "SAF-002", "SAF-004", "REQ-005", "BLK-024", needs=[Need.CAPTURE])
+def test_outputs_are_enabled_and_disabled_again_and_again(bench: Bench) -> None:
+    """Each time they are enabled an update plays, each time they are disabled it ends, and the queue is whole again."""
+    stage = Stage(bench)
+    bench.disable()
+    before = bench.status()
+    times = 50 if is_fast(bench) else 5
+    stretches = []
+    for _ in range(times):
+        bench.enable()
+        ack = stage.send(Update(bench.weak()))
+        stage.bench.send(Update(bench.weak(), ack.commit_period + 2**20))
+        bench.wait_until(ack.commit_period + 3)
+        expect("the state", bench.status().state, State.PLAYING)
+        bench.disable()
+        off = bench.period() + 1
+        stage.score.silence(off)
+        status = bench.status()
+        expect("state and free places", (status.state, status.free), (State.OFF, bench.info.queue_blocks))
+        bench.wait_periods(10)
+        stretches.append((ack.commit_period, off))
+    check_counters(bench, before, accepted=2 * times)
+    for begin, off in bench.random.sample(stretches, 5):
+        stage.judge(begin, begin + 3)
+        stage.judge(off, off + 8)
+
+
+@case("TIM-001", "TIM-002")
+def test_the_clock_keeps_time(bench: Bench) -> None:
+    """Over five seconds the device's clock and the host's differ by less than a thousandth."""
+    now = bench.line.time.monotonic
+    bench.order(Request.WATCHDOG, 60_000)
+    earliest = now()
+    first = bench.clock().now
+    latest = now()
+    bench.wait(5)
+    at_least = now() - latest
+    second = bench.clock().now
+    at_most = now() - earliest
+    passed = (second - first) / TICK_HZ
+    middle = (at_least + at_most) / 2
+    ppm, error = 1e6 * (passed / middle - 1), 5e5 * (at_most - at_least) / middle
+    bench.note("device clock against the host's", f"{ppm:+.1f} ± {error:.1f} ppm")
+    tolerance = MOST_PPM / 1e6
+    assert at_least * (1 - tolerance) <= passed <= at_most * (1 + tolerance), (
+        f"{second - first} ticks ({passed:.6f} s) have passed, but the host saw {at_least:.6f} to {at_most:.6f} s pass"
+    )
+
+
+@case("CHN-015", "BLK-015", "BLK-017", "TIM-004", features=BOTH, needs=[Need.CAPTURE])
+def test_a_modulated_sequence_stays_in_step_for_minutes(bench: Bench) -> None:
+    """After minutes, seconds where time is the host's own, entries and samples are where their starts say."""
+    stage = Stage(bench)
+    stage.send_all([Slot(number, bench.weak()) for number in range(3)])
+    stage.send_all([Entries((Entry(0, 3), Entry(1, 1), Entry(2, 7))), Samples(bytes([255, 180, 30, 90, 128]))])
+    stage.send_all([Modulation(0, 5, 3), Sequence(0, 3)])
+    bench.wait_periods(SETTLED_PERIODS)
+    before = bench.status()
+    let_pass(bench, DEVICE_SECONDS)
+    check_counters(bench, before)
+    last = bench.period()
+    stage.judge(last - 600, last)
+
+
+@case("TIM-004", "CHN-018", needs=[Need.CAPTURE])
+def test_an_update_plays_on_for_minutes(bench: Bench) -> None:
+    """An update plays on unchanged for minutes, seconds where time is the host's own, and another follows in time."""
+    stage = Stage(bench)
+    stage.send(Update(bench.weak()))
+    bench.wait_periods(SETTLED_PERIODS)
+    before = bench.status()
+    let_pass(bench, DEVICE_SECONDS)
+    period = stage.soon()
+    stage.send(Update(bench.weak(), period))
+    check_counters(bench, before, accepted=1)
+    stage.judge(period - 300, period + 100)
