@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
@@ -405,7 +405,7 @@ def pack(block: Block) -> bytes:
     fields, payload = body._parts()
     fields = replace(fields, flags=fields.flags | (Flag.RESTART if restart else 0))
     number = whole("sequence number", sequence, 0, 2**32 - 1)
-    header = (BLOCK_MAGIC, PROTOCOL_VERSION, body.KIND, number, *astuple(fields))
+    header = (BLOCK_MAGIC, PROTOCOL_VERSION, body.KIND, number, *vars(fields).values())
     payload = payload.ljust(PAYLOAD_BYTES, b"\0")
     return _HEADER.pack(*header, checksum(_HEADER.pack(*header, 0) + payload)) + payload
 
@@ -454,7 +454,7 @@ def header_fields(data: bytes) -> dict[str, Any]:
 
 
 def _check_unused(fields: _Fields, *used: str) -> None:
-    for name, value in asdict(fields).items():
+    for name, value in vars(fields).items():
         if value and name not in used:
             raise ValueError(f"{name} {value} should be 0: a block of this kind does not use it")
 
