@@ -1,0 +1,811 @@
+"""Safety: what silences the outputs and when, the watchdog, the limit on the total drive (chapter SAF)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
+from phasewire.hil.conformance.capture import Seen
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.forge import forged
+from phasewire.hil.conformance.playing import LONG_MS, PLAYS, check_falls_silent, enable, play, require, silent_from
+from phasewire.hil.conformance.playing import start as start_playing
+from phasewire.hil.conformance.waveforms import (
+    SILENCE,
+    Words,
+    check_play,
+    check_silent,
+    expected_words,
+    modulated,
+    only,
+)
+from phasewire.protocol.blocks import (
+    Body,
+    Clock,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+    pack,
+)
+from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.codes import Action, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.enumeration import ENDPOINT_OUT
+from phasewire.protocol.pulses import Pulses
+from phasewire.protocol.replies import ANSWER_BYTES, Ack, Status
+
+TICKS_PER_MS = TICK_HZ // 1000
+PERIODS_PER_MS = TICKS_PER_MS // TICKS_PER_PERIOD
+CAPTURE = (Need.CAPTURE,)
+NO_PULSES = Pulses.silent(CHANNELS)
+ATTENDED = [what for what in PLAYS if what != "unattended"]
+ALL = tuple(PLAYS)
+
+
+# The watchdog
+
+
+def patience(bench: Bench) -> int:
+    """A watchdog time in ms within which some blocks arrive on this line."""
+    return 60 if bench.line.kind == "usb" else 250
+
+
+def far_ahead(bench: Bench) -> int:
+    """Periods within which some blocks arrive on this line, and the queue can be looked at."""
+    return 2_000 if bench.line.kind == "usb" else 40_000
+
+
+def check_fired(told: Status, first_sign: int, last_sign: int, ms: int) -> None:
+    """Fail unless the watchdog fired in time behind a sign of life that arrived at one of some ticks."""
+    expect("the state that is told", told.state, State.OFF)
+    assert told.watchdog_fired, f"the flags that are told are {told.flags!r}, should have WATCHDOG_FIRED"
+    after_ms = ms * TICKS_PER_MS
+    earliest, latest = first_sign + after_ms, last_sign + after_ms + TICKS_PER_PERIOD
+    assert earliest <= told.now <= latest, (
+        f"the watchdog of {ms} ms fired at tick {told.now}, {told.now - first_sign} ticks after the last sign of life "
+        f"(not before tick {first_sign}); it should be from tick {earliest} to {latest}"
+    )
+
+
+def await_firing(bench: Bench, first_sign: int, last_sign: int, ms: int) -> Status:
+    """Wait for the watchdog, which must fire in time."""
+    told = bench.await_unasked(ms / 1000 + 1)
+    check_fired(told, first_sign, last_sign, ms)
+    return told
+
+
+def check_not_yet(bench: Bench, tick: int) -> None:
+    """Be inconclusive where a tick has come before a case was ready for it."""
+    if (now := bench.clock().now) >= tick:
+        raise Inconclusive(f"this line is too slow: it is tick {now}, and the case should have been at {tick} before")
+
+
+@pytest.mark.parametrize("what", ["nothing", *ATTENDED])
+@case("SAF-003", "SAF-004/1", "ACK-006", "STA-003", needs=CAPTURE)
+def test_the_watchdog_silences_what_plays(bench: Bench, what: str) -> None:
+    """Without a sign of life the watchdog fires, not sooner and a period later at most, and all outputs fall silent."""
+    ms = patience(bench)
+    enable(bench)
+    field = None if what == "nothing" else start_playing(bench, what)
+    last = bench.must(NoOp()).now
+    bench.order(Request.WATCHDOG, ms)
+    check_not_yet(bench, last + ms * TICKS_PER_MS)
+    await_firing(bench, last, last, ms)
+    status = bench.status()
+    expect("the state", status.state, State.OFF)
+    expect("what plays since", status.since_period, 0)
+    expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
+    expect("the free places", status.free, bench.info.queue_blocks)
+    fires = last + ms * TICKS_PER_MS
+    end = fires // TICKS_PER_PERIOD + 100
+    if field is None:
+        bench.judge(last // TICKS_PER_PERIOD, end, check_silent)
+    else:
+        words = field.words
+        bench.judge(field.period, end, lambda seen: check_falls_silent(seen, words, fires, fires + TICKS_PER_PERIOD))
+
+
+@case("SAF-003", "REQ-009")
+def test_the_watchdog_has_its_default_time(bench: Bench) -> None:
+    """The watchdog time at power-up is that of INFO, 100 ms, and it holds without a WATCHDOG request."""
+    expect("the watchdog time that INFO tells", bench.info.watchdog_ms, 100)
+    bench.enable()
+    last = bench.must(Update(NO_PULSES)).now
+    expect("the watchdog time", bench.info.watchdog_ms, 100)
+    await_firing(bench, last, last, 100)
+
+
+@case("SAF-003", "STA-003")
+def test_the_watchdog_starts_with_enable(bench: Bench) -> None:
+    """A host that enables the outputs and says no more is silenced too, one watchdog time after ENABLE."""
+    ms = patience(bench)
+    bench.must(NoOp())
+    bench.order(Request.WATCHDOG, ms)
+    bench.wait(2 * ms / 1000)
+    before = bench.clock().now
+    bench.enable()
+    after = bench.clock().now
+    await_firing(bench, before, after, ms)
+
+
+@case("SAF-003", "REQ-003", "STA-003")
+def test_the_watchdog_rests_while_the_outputs_are_off(bench: Bench) -> None:
+    """While the outputs are not enabled no watchdog fires, for there is nothing to silence."""
+    bench.order(Request.WATCHDOG, 10)
+    bench.must(NoOp())
+    bench.enable()
+    bench.disable()
+    came = bench.listen(0.05)
+    expect("what the device tells unasked", came, [])
+    expect("the flags", bench.status().flags, StatusFlag(0))
+
+
+@case("REQ-003", "SAF-003", "REQ-005")
+def test_the_status_says_that_the_watchdog_fired_until_enable(bench: Bench) -> None:
+    """WATCHDOG_FIRED stays in the status until the outputs are enabled again, so that no host misses it."""
+    bench.order(Request.WATCHDOG, patience(bench))
+    bench.enable()
+    bench.await_unasked(2)
+    for _ in range(2):
+        assert bench.status().watchdog_fired, "WATCHDOG_FIRED is gone before ENABLE"
+    bench.order(Request.DISABLE)
+    assert bench.status().watchdog_fired, "WATCHDOG_FIRED is gone after DISABLE, should stay until ENABLE"
+    bench.enable()
+    expect("the flags after ENABLE", bench.status().flags, StatusFlag(0))
+    bench.order(Request.DISABLE)
+    expect("the flags after DISABLE", bench.status().flags, StatusFlag(0))
+
+
+@case("REQ-009", "SAF-003")
+def test_a_shorter_watchdog_time_holds_at_once(bench: Bench) -> None:
+    """Where the last sign of life is longer ago than the new watchdog time, the watchdog fires with the request."""
+    enable(bench)
+    bench.must(NoOp())
+    bench.wait(0.05)
+    before = bench.clock().now
+    bench.order(Request.WATCHDOG, 10)
+    after = bench.clock().now
+    told = bench.await_unasked(1)
+    assert told.watchdog_fired, f"the flags that are told are {told.flags!r}, should have WATCHDOG_FIRED"
+    assert before <= told.now <= after + TICKS_PER_PERIOD, (
+        f"the watchdog fired at tick {told.now}, should be from {before} to {after + TICKS_PER_PERIOD}"
+    )
+
+
+@case("REQ-009", "SAF-003")
+def test_a_longer_watchdog_time_counts_from_the_last_sign_of_life(bench: Bench) -> None:
+    """A watchdog time that is made longer before it is over is counted from the last sign of life, not from then."""
+    short = patience(bench)
+    long = 3 * short
+    enable(bench)
+    last = bench.must(NoOp()).now
+    bench.order(Request.WATCHDOG, short)
+    bench.wait(short / 3000)
+    bench.order(Request.WATCHDOG, long)
+    check_not_yet(bench, last + short * TICKS_PER_MS)
+    expect("the watchdog time in the status", await_firing(bench, last, last, long).watchdog_ms, long)
+
+
+def body_of(kind: str) -> Body:
+    """A block of a kind that is accepted while something plays."""
+    match kind:
+        case "update":
+            return Update(NO_PULSES)
+        case "slot":
+            return Slot(0, NO_PULSES)
+        case "entries":
+            return Entries((Entry(0, 1),))
+        case "sequence":
+            return Sequence(0, 1)
+        case "samples":
+            return Samples(bytes([255]))
+        case "modulation":
+            return Modulation(0, 1, 1)
+        case "output":
+            return Output(Action.SILENCE)
+        case "clock":
+            return Clock()
+    return NoOp()
+
+
+KINDS = ("update", "slot", "entries", "sequence", "samples", "modulation", "output", "clock", "no-op")
+NEEDED = {
+    "slot": Feature.SEQUENCES,
+    "entries": Feature.SEQUENCES,
+    "sequence": Feature.SEQUENCES,
+    "samples": Feature.MODULATION,
+    "modulation": Feature.MODULATION,
+}
+
+
+def prepare(bench: Bench, kind: str) -> None:
+    """Store what a block of a kind refers to."""
+    require(bench, NEEDED.get(kind, Feature(0)))
+    if kind == "sequence":
+        bench.must(Slot(0, NO_PULSES))
+        bench.must(Entries((Entry(0, 1),)))
+    if kind == "modulation":
+        bench.must(Samples(bytes([255])))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@case("SAF-003", "BLK-019", "BLK-020")
+def test_an_accepted_block_is_a_sign_of_life(bench: Bench, kind: str) -> None:
+    """An accepted block of this kind puts the watchdog off, by the whole watchdog time from its last byte on."""
+    ms = patience(bench)
+    prepare(bench, kind)
+    enable(bench)
+    first = bench.must(NoOp()).now
+    bench.order(Request.WATCHDOG, ms)
+    bench.wait(ms / 3000)
+    ack = bench.send(body_of(kind))
+    if ack.now >= first + ms * TICKS_PER_MS:
+        raise Inconclusive("this line is too slow: the watchdog has fired before the block arrived")
+    expect("the reason", ack.reason, Reason.ACCEPTED)
+    await_firing(bench, ack.now, ack.now, ms)
+
+
+@pytest.mark.parametrize("request_", [Request.STATUS, Request.ENABLE], ids=lambda request: request.name)
+@case("SAF-003", "REQ-005")
+def test_a_request_that_is_a_sign_of_life(bench: Bench, request_: Request) -> None:
+    """STATUS and, where the outputs are enabled, ENABLE put the watchdog off, for a host may have nothing to send."""
+    ms = patience(bench)
+    enable(bench)
+    last = bench.must(NoOp()).now
+    bench.order(Request.WATCHDOG, ms)
+    bench.wait(ms / 2000)
+    before = bench.clock().now
+    if request_ is Request.STATUS:
+        bench.status()
+    else:
+        bench.enable()
+    after = bench.clock().now
+    if after >= last + ms * TICKS_PER_MS:
+        raise Inconclusive("this line is too slow: the watchdog may have fired before the request arrived")
+    await_firing(bench, before, after, ms)
+
+
+def wrong(body: Body, payload: bytes | None = None, **fields: int) -> Callable[[Bench, Ack], bytes]:
+    """How to make a block that is wrong in one place."""
+    return lambda bench, _: forged(pack(bench.numbered(body)), payload, **fields)
+
+
+REFUSED: dict[Reason, Callable[[Bench, Ack], bytes]] = {
+    Reason.CHECKSUM: wrong(NoOp(), checksum=1),
+    Reason.MAGIC: wrong(NoOp(), magic=0),
+    Reason.VERSION: wrong(NoOp(), version=77),
+    Reason.KIND: wrong(NoOp(), kind=99),
+    Reason.FIELD: wrong(NoOp(), reserved=1),
+    Reason.PULSE: wrong(Update(NO_PULSES), b"\x7f"),
+    Reason.SEQUENCE: lambda bench, last: pack(bench.numbered(NoOp(), number=last.sequence)),
+    Reason.HORIZON: wrong(Update(NO_PULSES, 2**62)),
+}
+
+
+@pytest.mark.parametrize("reason", REFUSED, ids=lambda reason: reason.name.lower())
+@case("SAF-003", "BLK-003", "BLK-008")
+def test_a_refused_block_is_no_sign_of_life(bench: Bench, reason: Reason) -> None:
+    """A host whose blocks are refused counts as silent, for what it wants does not play."""
+    ms = patience(bench)
+    enable(bench)
+    last = bench.must(NoOp())
+    bench.order(Request.WATCHDOG, ms)
+    bench.wait(ms / 3000)
+    (ack,) = bench.send_raw(REFUSED[reason](bench, last))
+    expect("the reason", ack.reason, reason)
+    check_not_yet(bench, last.now + ms * TICKS_PER_MS)
+    await_firing(bench, last.now, last.now, ms)
+
+
+@case("SAF-003", "BLK-009", line="usb")
+def test_a_block_that_is_answered_with_nak_is_no_sign_of_life(bench: Bench) -> None:
+    """A host whose blocks wait for room in the queue counts as silent, unless it asks for STATUS meanwhile."""
+    enable(bench)
+    far = bench.period() + LONG_MS * PERIODS_PER_MS
+    for number in range(bench.info.queue_blocks):
+        last = bench.must(Update(NO_PULSES, far + number * bench.info.periods_per_update))
+    expect("the free places", last.free, 0)
+    bench.order(Request.WATCHDOG, 60)
+    taken = bench.usb.write(ENDPOINT_OUT, pack(bench.numbered(NoOp())), 0.03)
+    assert taken < 512, "the device took a block although its queue has no room"
+    check_not_yet(bench, last.now + 60 * TICKS_PER_MS)
+    await_firing(bench, last.now, last.now, 60)
+    bench.usb.clear_halt(ENDPOINT_OUT)  # at full speed a part of the block may have been taken
+
+
+NO_SIGNS = (
+    Request.INFO,
+    Request.WIRING,
+    Request.CLOCK,
+    Request.PULSES,
+    Request.PROCESSORS,
+    Request.WATCHDOG,
+    Request.LIMIT,
+    Request.CLEAR_FAULTS,
+    Request.IDENTIFY,
+)
+
+
+@pytest.mark.parametrize("other", NO_SIGNS, ids=lambda request: request.name.lower().replace("_", "-"))
+@case("SAF-003")
+def test_another_request_is_no_sign_of_life(bench: Bench, other: Request) -> None:
+    """Requests but STATUS and ENABLE do not put the watchdog off: they may come from somebody who only looks on."""
+    ms = patience(bench)
+    if other is Request.PULSES:
+        require(bench, Feature.READ_BACK)
+    enable(bench)
+    last = bench.must(NoOp()).now
+    bench.order(Request.WATCHDOG, ms)
+    bench.wait(ms / 3000)
+    if other in ANSWER_BYTES:
+        bench.ask(other)
+    else:
+        bench.try_order(other, ms if other is Request.WATCHDOG else 0)
+    check_not_yet(bench, last + ms * TICKS_PER_MS)
+    await_firing(bench, last, last, ms)
+
+
+# What goes on unattended
+
+
+UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED
+
+
+def store_sequence(bench: Bench, periods: int, place: int = 0) -> Pulses:
+    """Store one entry of some periods, and its slot."""
+    pulses = bench.weak()
+    bench.must(Slot(place, pulses))
+    bench.must(Entries((Entry(place, periods),), place))
+    return pulses
+
+
+@case("SAF-005", "BLK-015", "STA-003", needs=CAPTURE, features=UNATTENDED)
+def test_an_unattended_sequence_goes_on_without_its_host(bench: Bench) -> None:
+    """A sequence with the flag UNATTENDED plays on when the host falls silent for many watchdog times."""
+    enable(bench, 10)
+    bench.order(Request.WATCHDOG, LONG_MS)
+    field = start_playing(bench, "unattended")
+    bench.order(Request.WATCHDOG, 10)
+    came = bench.listen(0.2)
+    expect("what the device tells unasked", came, [])
+    status = bench.status()
+    expect("the state", status.state, State.UNATTENDED)
+    expect("the flags", status.flags, StatusFlag.SEQUENCE)
+    expect("what plays since", status.since_period, field.period)
+    end = bench.period()
+    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+
+
+ENDS: dict[str, tuple[Callable[[int], Body] | None, State]] = {
+    "last-repeat": (None, State.READY),
+    "silence": (lambda period: Output(Action.SILENCE, period), State.READY),
+    "update": (lambda period: Update(NO_PULSES, period), State.PLAYING),
+    "attended-sequence": (lambda period: Sequence(0, 1, period), State.PLAYING),
+}
+"""By which block an unattended sequence ends, and the state behind its end."""
+
+
+@pytest.mark.parametrize("how", ENDS)
+@case("SAF-005", "SAF-003", "STA-003", features=UNATTENDED)
+def test_the_watchdog_starts_anew_when_an_unattended_sequence_ends(bench: Bench, how: str) -> None:
+    """When an unattended sequence ends and the outputs stay enabled, the watchdog time is counted from its end."""
+    ms = patience(bench)
+    body, state = ENDS[how]
+    enable(bench)
+    store_sequence(bench, 8000)
+    ended = bench.must(Sequence(0, 1, repeats=1 if body is None else 0, unattended=True)).commit_period + 8000
+    if body is not None:
+        expect("the period at which the end is due", bench.must(body(ended)).commit_period, ended)
+    expect("the state before the end", bench.status().state, State.UNATTENDED)
+    check_not_yet(bench, ended * TICKS_PER_PERIOD)
+    bench.wait_until(ended)
+    bench.order(Request.WATCHDOG, ms)
+    check_not_yet(bench, ended * TICKS_PER_PERIOD + ms * TICKS_PER_MS)
+    if how == "last-repeat":
+        expect("the state that is told at the end", bench.await_unasked(1).state, state)
+    (refused,) = bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=1))  # which is no sign of life
+    expect("the state behind the end", refused.state, state)
+    tick = ended * TICKS_PER_PERIOD
+    await_firing(bench, tick, tick, ms)
+
+
+@case("SAF-005", "SAF-003", "STA-003", features=Feature.SEQUENCES)
+def test_the_end_of_an_attended_sequence_is_no_sign_of_life(bench: Bench) -> None:
+    """Behind the last repeat of an attended sequence the watchdog counts on from the host's last sign of life."""
+    ms = patience(bench)
+    enable(bench)
+    store_sequence(bench, 200)
+    last = bench.must(Sequence(0, 1, repeats=2))
+    bench.order(Request.WATCHDOG, ms)
+    told = bench.await_unasked(1)
+    expect("the state that is told at the end", told.state, State.READY)
+    await_firing(bench, last.now, last.now, ms)
+
+
+# DISABLE
+
+
+@pytest.mark.parametrize("what", PLAYS)
+@case("SAF-004/1", "SAF-004", "STA-003", "BLK-017", "CHN-029", needs=CAPTURE)
+def test_disable_silences_what_plays(bench: Bench, what: str) -> None:
+    """On DISABLE all outputs fall silent together, at a boundary within six periods, and nothing plays or is queued."""
+    enable(bench)
+    field = start_playing(bench, what)
+    before = bench.clock().now
+    bench.order(Request.DISABLE)
+    after = bench.clock().now
+    status = bench.status()
+    expect("the state", status.state, State.OFF)
+    expect("what plays since", status.since_period, 0)
+    expect("the flags", status.flags, StatusFlag(0))
+    expect("the free places", status.free, bench.info.queue_blocks)
+    end = after // TICKS_PER_PERIOD + 100
+    bench.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, before, after))
+
+
+def check_cut_short(seen: Seen, playing: Words, following: Words, begins: int, fires: int, last_fires: int) -> None:
+    """Fail unless what plays, or on all outputs what was to begin at a period, falls silent in time."""
+    since = silent_from(seen)
+    latest = last_fires // TICKS_PER_PERIOD + SILENT_PERIODS
+    assert fires // TICKS_PER_PERIOD < since <= latest, (
+        f"the outputs are silent from period {since} on, should be from one of {fires // TICKS_PER_PERIOD + 1} to "
+        f"{latest} on"
+    )
+    steps = [(seen.first_period, playing), (since, SILENCE)]
+    if begins < since and ((seen.period(begins) ^ playing) & seen.observed).any():
+        steps.insert(1, (begins, following))
+    check_play(seen, steps)
+
+
+@case("SAF-004/2", "SAF-004/1", "CHN-029", needs=CAPTURE)
+def test_a_change_close_to_the_end_begins_everywhere_or_nowhere(bench: Bench) -> None:
+    """A change that was to begin when the watchdog has just fired begins on all processors or on none, then all is low.
+
+    The watchdog tells to the tick when the outputs are disabled, whatever the line needs for a request.
+    """
+    found: set[int] = set()
+    enable(bench)
+    for _ in range(12 if bench.line.kind == "usb" else 2):
+        bench.enable()
+        bench.order(Request.WATCHDOG, LONG_MS)
+        field, following = play(bench), bench.weak()
+        begins = bench.period() + far_ahead(bench)
+        ack = bench.must(Update(following, begins))
+        expect("the period at which the change is to begin", ack.commit_period, begins)
+        for _ in range(10):
+            gap = begins * TICKS_PER_PERIOD - ack.now
+            ahead = gap % TICKS_PER_MS // TICKS_PER_PERIOD
+            if ahead < 12 and ahead not in found:
+                break
+            bench.wait_periods(bench.random.uniform(1, 40))
+            ack = bench.must(NoOp())
+        ms = gap // TICKS_PER_MS
+        if ms < 10:
+            raise Inconclusive("this line is too slow: the change is due before the watchdog can be set")
+        fires = ack.now + ms * TICKS_PER_MS
+        bench.order(Request.WATCHDOG, ms)
+        check_not_yet(bench, fires)
+        await_firing(bench, ack.now, ack.now, ms)
+        bench.unasked.clear()
+        found.add(ahead)
+        words = expected_words(following, bench.wiring)
+
+        def check(
+            seen: Seen, playing: Words = field.words, words: Words = words, begins: int = begins, fires: int = fires
+        ) -> None:
+            check_cut_short(seen, playing, words, begins, fires, fires + TICKS_PER_PERIOD)
+
+        bench.judge(field.period, begins + 60, check)
+
+
+@case("SAF-004/2", "SAF-004", "REQ-003", "STA-003", needs=CAPTURE)
+def test_what_is_queued_is_dropped_by_disable(bench: Bench) -> None:
+    """Changes that were queued when DISABLE came never begin, not even when the outputs are enabled again."""
+    enable(bench)
+    ahead = far_ahead(bench)
+    changes = queue_of_everything(bench, bench.period() + ahead)
+    before = bench.status()
+    expect("the free places", before.free, bench.info.queue_blocks - changes)
+    bench.order(Request.DISABLE)
+    since = bench.period() + SILENT_PERIODS
+    status = bench.status()
+    expect("the free places", status.free, bench.info.queue_blocks)
+    bench.enable()
+    bench.wait_periods(ahead + 500)
+    after = bench.status()
+    expect("the state", after.state, State.READY)
+    expect("what plays since", after.since_period, 0)
+    expect("the flags", after.flags, StatusFlag(0))
+    expect("the blocks accepted, refused, late and lost", counts(after), counts(before))
+    expect("the missed commits and damaged messages", damage(after), damage(before))
+    end = bench.period()
+    bench.judge(since, end, check_silent)
+
+
+def queue_of_everything(bench: Bench, period: int) -> int:
+    """Queue changes of all kinds that the device knows, the first of them for a period; how many they are."""
+    features = bench.info.features
+    bodies: list[Callable[[int], Body]] = [lambda at: Update(bench.weak(), at)]
+    if Feature.SEQUENCES in features:
+        store_sequence(bench, 3)
+        bodies.append(lambda at: Sequence(0, 1, at))
+    if Feature.MODULATION in features:
+        bench.must(Samples(bytes([200])))
+        bodies.append(lambda at: Modulation(0, 1, 1, at))
+    bodies.append(lambda at: Update(bench.weak(), at))
+    for number, body in enumerate(bodies[: bench.info.queue_blocks]):
+        bench.must(body(period + 20 * number))
+    return min(len(bodies), bench.info.queue_blocks)
+
+
+def counts(status: Status) -> tuple[int, int, int, int]:
+    """What the device counted of blocks."""
+    return status.accepted, status.refused, status.late, status.lost
+
+
+def damage(status: Status) -> tuple[int, int]:
+    """What the device counted of the chain."""
+    return status.missed_commits, status.damaged_messages
+
+
+OFF: dict[str, Callable[[Bench], None]] = {
+    "disable": lambda bench: bench.order(Request.DISABLE),
+    "output": lambda bench: bench.wait_until(bench.must(Output(Action.DISABLE)).commit_period),
+    "watchdog": lambda bench: silence_by_watchdog(bench),
+}
+"""Ways to disable the outputs."""
+
+
+def silence_by_watchdog(bench: Bench) -> None:
+    """Let the watchdog fire."""
+    bench.order(Request.WATCHDOG, 10)
+    bench.await_unasked(1)
+    bench.order(Request.WATCHDOG, LONG_MS)
+
+
+@pytest.mark.parametrize("how", OFF)
+@case("SAF-004", "CHN-012/2", needs=CAPTURE, features=Feature.SEQUENCES)
+def test_what_is_stored_stays_when_the_outputs_are_disabled(bench: Bench, how: str) -> None:
+    """Slots, entries and samples are kept when the outputs are disabled, and play again once they are enabled."""
+    first, second = bench.weak(), bench.weak()
+    bench.must(Slot(255, first))
+    bench.must(Slot(0, second))
+    bench.must(Entries((Entry(255, 30), Entry(0, 10)), 1022))
+    enable(bench)
+    play(bench)
+    OFF[how](bench)
+    bench.wait_periods(SILENT_PERIODS)
+    bench.enable()
+    began = bench.must(Sequence(1022, 2)).commit_period
+    words = [expected_words(pulses, bench.wiring) for pulses in (first, second)]
+    steps = [(began + at, words[at % 40 == 30]) for at in (0, 30, 40, 70, 80, 110)]
+    bench.judge(began, began + 120, lambda seen: check_play(seen, steps))
+
+
+@pytest.mark.parametrize("how", OFF)
+@case("SAF-004", "BLK-017", needs=CAPTURE, features=Feature.MODULATION)
+def test_there_is_no_modulation_once_the_outputs_were_disabled(bench: Bench, how: str) -> None:
+    """A modulation ends when the outputs are disabled: the next update plays as it is, and samples are still there."""
+    enable(bench)
+    start_playing(bench, "modulated")
+    OFF[how](bench)
+    bench.wait_periods(SILENT_PERIODS)
+    expect("the flags", bench.status().flags & StatusFlag.MODULATION, StatusFlag(0))
+    bench.enable()
+    field = play(bench)
+    began = bench.must(Modulation(0, 1, 1)).commit_period
+    dimmed = expected_words(modulated(field.pulses, 128), bench.wiring)
+    bench.judge(field.period, began + 20, lambda seen: check_play(seen, [(field.period, field.words), (began, dimmed)]))
+
+
+def changes(bench: Bench) -> list[Body]:
+    """One of each change that the device knows, which could all be accepted if the outputs were enabled."""
+    bodies: list[Body] = [Update(NO_PULSES), Output(Action.SILENCE), Output(Action.DISABLE)]
+    if Feature.SEQUENCES in bench.info.features:
+        bodies += [Sequence(0, 1), Sequence(0, 1, repeats=3, period=bench.period() + 10_000)]
+    if Feature.MODULATION in bench.info.features:
+        bodies += [Modulation(0, 1, 1), Output(Action.END_MODULATION)]
+    return bodies
+
+
+def store_for_changes(bench: Bench) -> list[Body]:
+    """Stores that the changes refer to, and what else needs no enabled outputs."""
+    bodies: list[Body] = [Clock(), NoOp()]
+    if Feature.SEQUENCES in bench.info.features:
+        bodies += [Slot(0, NO_PULSES), Entries((Entry(0, 1),))]
+    if Feature.MODULATION in bench.info.features:
+        bodies.append(Samples(bytes([255])))
+    return bodies
+
+
+@pytest.mark.parametrize("how", ["begin", *OFF])
+@case("SAF-002", "BLK-008", "ACK-003", "STA-003")
+def test_changes_are_refused_while_the_outputs_are_off(bench: Bench, how: str) -> None:
+    """Every change is refused with DISABLED before ENABLE and after DISABLE; stores, CLOCK and NO_OP are accepted."""
+    if how != "begin":
+        enable(bench)
+        OFF[how](bench)
+    bench.unasked.clear()
+    for body in store_for_changes(bench):
+        ack = bench.must(body)
+        expect("the state in the acknowledgement", ack.state, State.OFF)
+    before = bench.status()
+    refused = changes(bench)
+    for body in refused:
+        ack = bench.send(body)
+        expect(f"the reason for {body}", ack.reason, Reason.DISABLED)
+        expect("the state in the acknowledgement", ack.state, State.OFF)
+        expect("the period at which it takes effect", ack.commit_period, 0)
+    after = bench.status()
+    expect("the count of refused blocks", after.refused, before.refused + len(refused))
+    expect("the last refusal", after.last_refusal, Reason.DISABLED)
+    expect("the count of accepted blocks", after.accepted, before.accepted)
+    expect("the free places", after.free, bench.info.queue_blocks)
+    bench.enable()
+    bench.wait_periods(100)
+    expect("the state, where nothing of it was queued", bench.status().state, State.READY)
+    for body in refused[:1]:
+        bench.must(body)
+
+
+# The limit on the total drive
+
+
+def power(width: int) -> int:
+    """Of a pulse, in thousandths of that of 25 ticks, by the formula of clause SAF-006."""
+    return math.floor(1000 * math.sin(math.pi * width / 50) ** 2 + 1 / 2)
+
+
+@cache
+def last_widths(most: int) -> list[int]:
+    """For each total up to the most, the width of one of as few pulses as make it up; 0 where none do."""
+    fewest, last = [0] + [most] * most, [0] * (most + 1)
+    powers = [(width, power(width)) for width in range(1, 26)]
+    for total in range(1, most + 1):
+        fewest[total], last[total] = min(
+            ((fewest[total - part] + 1, width) for width, part in powers if part <= total), default=(most, 0)
+        )
+    return last
+
+
+def widths_for(total: int) -> list[int]:
+    """As few widths as can be whose powers make up a total of at most 3001 thousandths."""
+    widths: list[int] = []
+    while total:
+        widths.append(last_widths(3001)[total])
+        total -= power(widths[-1])
+    return widths
+
+
+def pulses_of(bench: Bench, total: int, width: int) -> Pulses:
+    """Pulses of a total drive, in thousandths of a transducer, one of them of a given width; scattered at random."""
+    widths = np.zeros(CHANNELS, np.uint8)
+    used = (width, *widths_for(total - power(width)))
+    widths[bench.random.sample(range(CHANNELS), len(used))] = used
+    return Pulses([bench.random.randrange(100) for _ in range(CHANNELS)], widths)
+
+
+def set_limit(bench: Bench, transducers: int) -> None:
+    """Set the limit, inconclusive where it is above what this bench or the device allows."""
+    if transducers > bench.drive_limit:
+        raise Inconclusive(f"this needs a limit of {transducers} transducers; {bench.drive_limit} are allowed here")
+    bench.order(Request.LIMIT, transducers)
+
+
+@case("SAF-006", "REQ-010", features=Feature.SEQUENCES)
+def test_the_power_of_every_width_is_counted(bench: Bench) -> None:
+    """A slot of exactly the limit is accepted, one of a thousandth more refused with DRIVE, whatever the widths."""
+    set_limit(bench, 3)
+    widths = list(range(1, 26))
+    for width in widths if bench.line.kind == "usb" else bench.random.sample(widths, 8):
+        ack = bench.send(Slot(0, pulses_of(bench, 3000, width)))
+        expect(f"the reason for 3000 thousandths with a width of {width}", ack.reason, Reason.ACCEPTED)
+        ack = bench.send(Slot(0, pulses_of(bench, 3001, width)))
+        expect(f"the reason for 3001 thousandths with a width of {width}", ack.reason, Reason.DRIVE)
+
+
+@pytest.mark.parametrize("limit", [1, 2, 17, 31])
+@case("SAF-006", "REQ-010", "BLK-008", needs=CAPTURE)
+def test_an_update_above_the_limit_is_refused(bench: Bench, limit: int) -> None:
+    """An update of exactly the limit plays; one of a little more is refused with DRIVE, and what plays goes on."""
+    set_limit(bench, limit)
+    enable(bench)
+    most = np.zeros(CHANNELS, np.uint8)
+    most[bench.random.sample(range(CHANNELS), limit)] = 25
+    field = play(bench, Pulses(np.zeros(CHANNELS, np.uint8), most))
+    more = most.copy()
+    more[int(np.flatnonzero(more == 0)[0])] = 1
+    before = bench.status()
+    ack = bench.send(Update(Pulses(np.zeros(CHANNELS, np.uint8), more)))
+    expect("the reason", ack.reason, Reason.DRIVE)
+    after = bench.status()
+    expect("the count of refused blocks", after.refused, before.refused + 1)
+    expect("the last refusal", after.last_refusal, Reason.DRIVE)
+    expect("what plays since", after.since_period, field.period)
+    end = bench.period()
+    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+
+
+@case("SAF-006", "REQ-010", "BLK-008", features=Feature.SEQUENCES)
+def test_a_sequence_with_a_slot_above_a_lowered_limit_is_refused(bench: Bench) -> None:
+    """A slot that was stored under a higher limit does not play under a lower one, wherever it stands."""
+    set_limit(bench, 3)
+    bench.must(Slot(0, pulses_of(bench, 2000, 25)))
+    bench.must(Slot(1, pulses_of(bench, 2001, 24)))
+    bench.must(Entries((Entry(0, 10), Entry(0, 5), Entry(1, 1))))
+    set_limit(bench, 2)
+    enable(bench)
+    for count, reason in ((3, Reason.DRIVE), (2, Reason.ACCEPTED), (3, Reason.DRIVE)):
+        ack = bench.send(Sequence(0, count))
+        expect(f"the reason for {count} entries", ack.reason, reason)
+    expect("the last refusal", bench.status().last_refusal, Reason.DRIVE)
+    expect("the reason for the entry alone", bench.send(Sequence(2, 1)).reason, Reason.DRIVE)
+    bench.disable()
+    set_limit(bench, 3)
+    bench.enable()
+    expect("the reason under the old limit", bench.send(Sequence(0, 3)).reason, Reason.ACCEPTED)
+
+
+@case("SAF-006", "REQ-010")
+def test_a_limit_of_nothing_lets_only_silence_through(bench: Bench) -> None:
+    """Under a limit of 0 transducers an update of silence is accepted and the weakest pulse refused with DRIVE."""
+    bench.order(Request.LIMIT, 0)
+    expect("the limit in the status", bench.status().drive_limit, 0)
+    enable(bench)
+    expect("the reason for silence", bench.send(Update(NO_PULSES)).reason, Reason.ACCEPTED)
+    expect("the reason for one pulse of a tick", bench.send(Update(only(319, width=1))).reason, Reason.DRIVE)
+
+
+@case("REQ-010", "SAF-006")
+def test_the_limit_cannot_be_set_while_the_outputs_are_enabled(bench: Bench) -> None:
+    """LIMIT is answered with STALL, and changes nothing, while the outputs are enabled, and above the limit of INFO."""
+    set_limit(bench, 2)
+    assert not bench.try_order(Request.LIMIT, bench.info.drive_limit + 1), "LIMIT takes more than INFO says"
+    expect("the limit in the status", bench.status().drive_limit, 2)
+    enable(bench)
+    for what in ("nothing", "update"):
+        if what == "update":
+            play(bench, only(0))
+        for limit in (1, 2, 3):
+            assert not bench.try_order(Request.LIMIT, limit), f"LIMIT is carried out while {what} plays"
+        expect("the limit in the status", bench.status().drive_limit, 2)
+    expect("the reason for 2 transducers", bench.send(Update(both(0, 1))).reason, Reason.ACCEPTED)
+    bench.disable()
+    assert bench.try_order(Request.LIMIT, 1), "LIMIT is answered with STALL after DISABLE"
+    expect("the limit in the status", bench.status().drive_limit, 1)
+
+
+def both(*transducers: int) -> Pulses:
+    """The widest pulses of some transducers."""
+    width = np.zeros(CHANNELS, np.uint8)
+    width[list(transducers)] = 25
+    return Pulses(np.zeros(CHANNELS, np.uint8), width)
+
+
+@case("SAF-006", "REQ-002", allow=(Risk.DRIVE,))
+def test_the_limit_holds_for_the_whole_array(bench: Bench) -> None:
+    """All transducers at their widest are a drive of 320, which plays under that limit and not under one of 319."""
+    full = both(*range(CHANNELS))
+    most = bench.info.drive_limit
+    assert most <= CHANNELS, f"the limit that INFO tells is {most}, should be {CHANNELS} at most"
+    if most < CHANNELS:
+        raise Inconclusive(f"this device allows {most} transducers, never all {CHANNELS}")
+    bench.must(NoOp())
+    bench.order(Request.LIMIT, CHANNELS - 1)
+    enable(bench)
+    expect("the reason under a limit of 319", bench.send(Update(full)).reason, Reason.DRIVE)
+    bench.disable()
+    bench.order(Request.LIMIT, CHANNELS)
+    bench.enable()
+    ack = bench.must(Update(full))
+    bench.wait_until(ack.commit_period + 1)
+    expect("the state", bench.status().state, State.PLAYING)

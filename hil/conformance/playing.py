@@ -1,0 +1,146 @@
+"""A device that plays, and falls silent again: what cases of several groups do with it, and what they see of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from ...protocol.blocks import Body, Entries, Entry, Modulation, Samples, Sequence, Slot, Update
+from ...protocol.board import TICKS_PER_PERIOD
+from ...protocol.codes import Feature, Request
+from ...protocol.pulses import Pulses
+from .bench import SILENT_PERIODS, Bench
+from .capture import Seen
+from .cases import Inconclusive, NotApplicable
+from .waveforms import SILENCE, Words, check_play, expected_words, modulated
+
+__all__ = [
+    "LONG_MS",
+    "PLAYS",
+    "Field",
+    "check_falls_silent",
+    "enable",
+    "play",
+    "require",
+    "silent_from",
+    "start",
+]
+
+LONG_MS = 10_000
+"""A watchdog time that no case lasts."""
+SAMPLE = 128
+SLOT, PLACE = 7, 5
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """What plays.
+
+    Parameters
+    ----------
+    pulses : Pulses
+        As the host sent them.
+    words : (50, 10) uint32
+        What the outputs do in each period.
+    period : int
+        At which it took effect.
+    """
+
+    pulses: Pulses
+    words: Words
+    period: int
+
+
+def require(bench: Bench, features: Feature) -> None:
+    """Raise `NotApplicable` where the device lacks a feature."""
+    if missing := features & ~bench.info.features:
+        raise NotApplicable(f"INFO does not name the feature {missing.name}")
+
+
+def enable(bench: Bench, watchdog_ms: int = LONG_MS) -> None:
+    """Enable the outputs, with a watchdog time of one's own."""
+    bench.order(Request.WATCHDOG, watchdog_ms)
+    bench.enable()
+
+
+def play(bench: Bench, pulses: Pulses | None = None) -> Field:
+    """Play an update, some weak one by default, and wait until it does."""
+    return _play(bench, pulses or bench.weak(), Update)
+
+
+def start(bench: Bench, what: str) -> Field:
+    """Play one of `PLAYS`, whose outputs are the same in all periods, and wait until it does."""
+    return PLAYS[what](bench)
+
+
+def _play(bench: Bench, pulses: Pulses, change: Callable[[Pulses], Body]) -> Field:
+    ack = bench.must(change(pulses))
+    bench.wait_until(ack.commit_period + 1)
+    return Field(pulses, expected_words(pulses, bench.wiring), ack.commit_period)
+
+
+def _modulated(bench: Bench) -> Field:
+    require(bench, Feature.MODULATION)
+    bench.must(Samples(bytes([SAMPLE])))
+    pulses = play(bench).pulses
+    ack = bench.must(Modulation(first=0, count=1, hold=3))
+    bench.wait_until(ack.commit_period + 1)
+    return Field(pulses, expected_words(modulated(pulses, SAMPLE), bench.wiring), ack.commit_period)
+
+
+def _sequence(bench: Bench, *, unattended: bool = False) -> Field:
+    require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
+    pulses = bench.weak()
+    bench.must(Slot(SLOT, pulses))
+    bench.must(Entries((Entry(SLOT, 3),), PLACE))
+    return _play(bench, pulses, lambda _: Sequence(PLACE, 1, unattended=unattended))
+
+
+PLAYS: Mapping[str, Callable[[Bench], Field]] = MappingProxyType(
+    {
+        "update": play,
+        "modulated": _modulated,
+        "sequence": _sequence,
+        "unattended": lambda bench: _sequence(bench, unattended=True),
+    }
+)
+"""What can play, by name."""
+
+
+def silent_from(seen: Seen) -> int:
+    """The period from which on all outputs that are seen are low, to the end of what is seen."""
+    loud = np.flatnonzero((seen.words & seen.observed).any(axis=1))
+    return seen.first_period + (int(loud[-1]) // TICKS_PER_PERIOD + 1 if loud.size else 0)
+
+
+def check_falls_silent(seen: Seen, words: Words, first_tick: int, last_tick: int) -> None:
+    """Fail unless all outputs fall silent at one boundary, for what happened at one of some ticks (clause SAF-004).
+
+    They must play in every period before, and be low in every one behind.
+
+    Parameters
+    ----------
+    seen : Seen
+        From a period at which they play.
+    words : (50, 10) uint32
+        What they play.
+    first_tick, last_tick : int
+        When it happened at the earliest, and at the latest.
+
+    Raises
+    ------
+    Inconclusive
+        Where none of the outputs that are seen plays.
+    """
+    if not (words & seen.observed).any():
+        raise Inconclusive("none of the outputs that are seen was driven")
+    since = silent_from(seen)
+    earliest = -(-first_tick // TICKS_PER_PERIOD)
+    latest = last_tick // TICKS_PER_PERIOD + SILENT_PERIODS
+    assert earliest <= since <= latest, (
+        f"the outputs are silent from period {since} on, should be from one of {earliest} to {latest} on"
+    )
+    check_play(seen, [(seen.first_period, words), (since, SILENCE)])
