@@ -642,7 +642,7 @@ def test_changes_are_refused_while_the_outputs_are_off(bench: Bench, how: str) -
     refused = changes(bench)
     for body in refused:
         ack = bench.send(body)
-        expect(f"the reason for {body}", ack.reason, Reason.DISABLED)
+        expect(f"the reason for {type(body).__name__.upper()}", ack.reason, Reason.DISABLED)
         expect("the state in the acknowledgement", ack.state, State.OFF)
         expect("the period at which it takes effect", ack.commit_period, 0)
     after = bench.status()
