@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -21,6 +22,7 @@ __all__ = [
     "LONG_MS",
     "PLAYS",
     "Field",
+    "breakable",
     "check_falls_silent",
     "enable",
     "play",
@@ -58,6 +60,14 @@ def require(bench: Bench, features: Feature) -> None:
     """Raise `NotApplicable` where the device lacks a feature."""
     if missing := features & ~bench.info.features:
         raise NotApplicable(f"INFO does not name the feature {missing.name}")
+
+
+@contextmanager
+def breakable(bench: Bench) -> Iterator[Bench]:
+    """A fresh device, in which anything may go wrong for good, at a bench that goes on with the same random numbers."""
+    with bench.spare() as spare:
+        spare.random = bench.random
+        yield spare
 
 
 def enable(bench: Bench, watchdog_ms: int = LONG_MS) -> None:

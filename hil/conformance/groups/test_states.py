@@ -1,0 +1,479 @@
+"""States: what takes the device from one to another, what leaves it where it is, and what it tells (chapter STA)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from phasewire.emulator import faults
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Need, Risk, case, expect
+from phasewire.hil.conformance.forge import forged
+from phasewire.hil.conformance.lines.dfu import DfuLine
+from phasewire.hil.conformance.lines.serial import SerialLine
+from phasewire.hil.conformance.playing import LONG_MS, breakable, enable, play, require, start
+from phasewire.hil.conformance.waveforms import check_silent
+from phasewire.host.lines.usb_find import DFU_MODE
+from phasewire.protocol.blocks import Body, Entries, Entry, NoOp, Output, Sequence, Slot, Update, pack
+from phasewire.protocol.board import CARRIER_HZ, CHANNELS
+from phasewire.protocol.codes import REQUEST_TYPE_OUT, Action, Fault, Feature, FrameKind, Reason, Request, State
+from phasewire.protocol.pulses import Pulses
+from phasewire.protocol.replies import Status, records
+from phasewire.protocol.requests import Setup
+
+OFF, READY, PLAYING, UNATTENDED = State.OFF, State.READY, State.PLAYING, State.UNATTENDED
+FAULT, SUSPENDED, DFU = State.FAULT, State.SUSPENDED, State.DFU
+
+LEADS_TO: dict[str, dict[State, State]] = {
+    "ENABLE": {OFF: READY, READY: READY, PLAYING: PLAYING, UNATTENDED: UNATTENDED, FAULT: FAULT},
+    "DISABLE": {OFF: OFF, READY: OFF, PLAYING: OFF, UNATTENDED: OFF, FAULT: FAULT},
+    "PLAY": {OFF: OFF, READY: PLAYING, PLAYING: PLAYING, UNATTENDED: PLAYING, FAULT: FAULT},
+    "PLAY_UNATTENDED": {OFF: OFF, READY: UNATTENDED, PLAYING: UNATTENDED, UNATTENDED: UNATTENDED, FAULT: FAULT},
+    "END": {OFF: OFF, READY: READY, PLAYING: READY, UNATTENDED: READY, FAULT: FAULT},
+    "WATCHDOG": {OFF: OFF, READY: OFF, PLAYING: OFF, UNATTENDED: UNATTENDED, FAULT: FAULT},
+    "FAULT": {OFF: FAULT, READY: FAULT, PLAYING: FAULT, UNATTENDED: FAULT, FAULT: FAULT, SUSPENDED: FAULT},
+    "CLEAR": {OFF: OFF, READY: READY, PLAYING: PLAYING, UNATTENDED: UNATTENDED, FAULT: OFF},
+    "BUS_RESET": {OFF: OFF, READY: OFF, PLAYING: OFF, UNATTENDED: OFF, FAULT: FAULT, SUSPENDED: OFF},
+    "SUSPEND": {OFF: SUSPENDED, READY: SUSPENDED, PLAYING: SUSPENDED, UNATTENDED: UNATTENDED, FAULT: FAULT},
+    "RESUME": {SUSPENDED: OFF, UNATTENDED: UNATTENDED, FAULT: FAULT},
+    "DETACH": {OFF: DFU, READY: DFU, PLAYING: DFU, UNATTENDED: DFU, FAULT: DFU},
+    "RESTART": {OFF: OFF, READY: OFF, PLAYING: OFF, UNATTENDED: OFF, FAULT: OFF, DFU: OFF},
+}
+"""To which state an event leads from another (clause STA-003); the state itself where there is no transition."""
+
+REACHED = (OFF, READY, PLAYING, UNATTENDED)
+ENABLED = (READY, PLAYING, UNATTENDED)
+NO_PULSES = Pulses.silent(CHANNELS)
+SHORT_MS = 10
+HOT_PERIODS = 20_000
+"""Of a fault that is to be over in the end, but not before this has been seen on any line."""
+ROUND_SECONDS = 0.012
+"""In which the controller has asked every processor (clause CHN-017), and the answers are there."""
+LISTEN_SECONDS = 0.01
+
+
+def name(value: State | str) -> str:
+    """A state or an event in an identifier of a case."""
+    return (value.name if isinstance(value, State) else value).lower().replace("_", "-").replace(" ", "-")
+
+
+def reach(bench: Bench, state: State) -> None:
+    """Bring the device from OFF to a state, with a watchdog time that no case lasts."""
+    if state is UNATTENDED:
+        require(bench, Feature.UNATTENDED)
+    bench.must(NoOp())
+    if state in ENABLED:
+        enable(bench)
+    if state is PLAYING:
+        play(bench)
+    if state is UNATTENDED:
+        start(bench, "unattended")
+    expect_state(bench, state)
+    bench.unasked.clear()
+
+
+def expect_state(bench: Bench, state: State) -> None:
+    """Fail unless the device says in every way that it is in a state; a refused block asks for it without effect."""
+    (ack,) = bench.send_raw(forged(pack(bench.numbered(NoOp())), magic=0))
+    expect("the state in an acknowledgement", ack.state, state)
+    expect("the state in the status", bench.status().state, state)
+
+
+def told(bench: Bench) -> list[Status]:
+    """What the device has told unasked."""
+    came = bench.listen(LISTEN_SECONDS)
+    statuses, bench.unasked = [*bench.unasked, *(record for record in came if isinstance(record, Status))], []
+    return statuses
+
+
+def carry_out(bench: Bench, body: Body, state: State) -> None:
+    """Send a change, and wait until it has taken effect; where the outputs are not enabled it must be refused."""
+    ack = bench.send(body)
+    if state in ENABLED:
+        expect("the reason", ack.reason, Reason.ACCEPTED)
+        bench.wait_until(ack.commit_period + 1)
+    else:
+        expect("the reason", ack.reason, Reason.FAULT if state is FAULT else Reason.DISABLED)
+
+
+def sequence(bench: Bench, state: State, *, repeats: int = 0, unattended: bool = False) -> None:
+    """Play a sequence of 20 periods."""
+    require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
+    if state not in (UNATTENDED, FAULT):  # the slot is in use there, or no store accepted
+        bench.must(Slot(0, NO_PULSES))
+        bench.must(Entries((Entry(0, 20),)))
+    elif state is UNATTENDED:
+        bench.must(Slot(1, NO_PULSES))
+        bench.must(Entries((Entry(1, 20),)))
+    carry_out(bench, Sequence(0, 1, repeats=repeats, unattended=unattended), state)
+
+
+def last_repeat(bench: Bench, state: State) -> None:
+    """Play a sequence to its end."""
+    sequence(bench, state, repeats=2, unattended=state is UNATTENDED)
+    bench.wait_periods(60)
+
+
+def ask_to_enable(bench: Bench, state: State) -> None:
+    """ENABLE, which is answered with STALL where it leads nowhere (clause STA-005)."""
+    expect("whether ENABLE is carried out", bench.try_order(Request.ENABLE), state is not FAULT)
+
+
+def let_watchdog_fire(bench: Bench, _: State) -> None:
+    """Give no sign of life for longer than the watchdog time."""
+    bench.order(Request.WATCHDOG, SHORT_MS)
+    bench.wait(3 * SHORT_MS / 1000)
+    bench.order(Request.WATCHDOG, LONG_MS)
+
+
+WAYS: dict[str, tuple[str, Callable[[Bench, State], None]]] = {
+    "ENABLE": ("ENABLE", ask_to_enable),
+    "DISABLE": ("DISABLE", lambda bench, _: bench.order(Request.DISABLE)),
+    "OUTPUT that disables": ("DISABLE", lambda bench, state: carry_out(bench, Output(Action.DISABLE), state)),
+    "UPDATE": ("PLAY", lambda bench, state: carry_out(bench, Update(NO_PULSES), state)),
+    "SEQUENCE": ("PLAY", sequence),
+    "unattended SEQUENCE": ("PLAY_UNATTENDED", lambda bench, state: sequence(bench, state, unattended=True)),
+    "OUTPUT that silences": ("END", lambda bench, state: carry_out(bench, Output(Action.SILENCE), state)),
+    "last repeat": ("END", last_repeat),
+    "WATCHDOG": ("WATCHDOG", let_watchdog_fire),
+    "CLEAR_FAULTS": ("CLEAR", lambda bench, _: bench.order(Request.CLEAR_FAULTS)),
+}
+"""What a host can do to provoke an event, by which event it is."""
+TELLING = ("WATCHDOG", "last repeat")
+"""What of that the device tells unasked, even at the door through which the host speaks (clause ACK-006)."""
+NO_CHANGE = ("ENABLE", "WATCHDOG", "CLEAR_FAULTS")
+"""What has no effect at all where it leads nowhere."""
+
+
+STEPS = [(state, way) for state in REACHED for way in WAYS if way != "last repeat" or state in (PLAYING, UNATTENDED)]
+
+
+@pytest.mark.parametrize(("state", "way"), STEPS, ids=name)
+@case("STA-001", "STA-002", "STA-003", "STA-005", "ACK-006", "REQ-005")
+def test_what_the_host_does_leads_to(bench: Bench, state: State, way: str) -> None:
+    """From this state this leads to the state of the table, as status and acknowledgements say, and is told or not."""
+    event, provoke = WAYS[way]
+    reach(bench, state)
+    before = bench.status()
+    provoke(bench, state)
+    follows = LEADS_TO[event][state]
+    said = told(bench)
+    expect_state(bench, follows)
+    wanted = [follows] if way in TELLING and (follows is not state or way == "last repeat") else []
+    expect("the states that are told unasked", [status.state for status in said], wanted)
+    if follows is state and way in NO_CHANGE:
+        after = bench.status()
+        expect("what plays since", after.since_period, before.since_period)
+        expect("the flags", after.flags, before.flags)
+        expect("the free places", after.free, before.free)
+
+
+BUS_RESETS: dict[str, Callable[[Bench], None]] = {
+    "SET_CONFIGURATION": lambda bench: bench.usb.set_configuration(),
+    "SET_INTERFACE": lambda bench: bench.usb.set_interface(0),
+}
+
+
+@pytest.mark.parametrize("how", BUS_RESETS, ids=name)
+@pytest.mark.parametrize("state", REACHED, ids=name)
+@case("STA-002", "STA-003", "USB-003", "USB-016", "SAF-005", line="usb")
+def test_a_host_that_configures_the_device_finds_it_off(bench: Bench, state: State, how: str) -> None:
+    """SET_CONFIGURATION, and SET_INTERFACE of interface 0, disable the outputs, what plays unattended included."""
+    reach(bench, state)
+    BUS_RESETS[how](bench)
+    expect_state(bench, LEADS_TO["BUS_RESET"][state])
+    status = bench.status()
+    expect("what plays since", status.since_period, 0)
+    expect("the free places", status.free, bench.info.queue_blocks)
+    expect("what is told unasked", told(bench), [])
+
+
+@pytest.mark.parametrize("state", REACHED, ids=name)
+@case("STA-002", "STA-003", "USB-003", line="usb", allow=(Risk.RESET,))
+def test_a_bus_reset_leads_to_off(bench: Bench, state: State) -> None:
+    """A bus reset disables the outputs, what plays unattended included."""
+    reach(bench, state)
+    bench.usb.reset()
+    expect_state(bench, LEADS_TO["BUS_RESET"][state])
+
+
+@pytest.mark.parametrize("state", REACHED, ids=name)
+@case("STA-002", "STA-003", "STA-006", "REQ-013", allow=(Risk.RESET,))
+def test_a_restart_leads_to_off(bench: Bench, state: State) -> None:
+    """After RESET the device is in OFF, whatever it did before."""
+    reach(bench, state)
+    bench.restart(lambda: bench.order(Request.RESET))
+    expect("the state", bench.status().state, LEADS_TO["RESTART"][state])
+
+
+@pytest.mark.parametrize("state", REACHED, ids=name)
+@case("STA-003", "STA-005", "DFU-002", line="usb", allow=(Risk.RESET,), features=Feature.DFU)
+def test_detach_leads_to_dfu_mode_and_a_bus_reset_back(bench: Bench, state: State) -> None:
+    """DETACH is carried out in this state and leads to DFU mode; the bus reset that ends that leads to OFF."""
+    reach(bench, state)
+    line = DfuLine(bench)
+    line.enter()
+    try:
+        expect("the product on the bus", bench.usb.mode, DFU_MODE)
+        answer = bench.request(Setup(0xC1, Request.STATUS, 0, 0, Status.BYTES))
+        expect("what STATUS answers in DFU mode, where there is no vendor interface", answer, None)
+    finally:
+        line.leave()
+    expect("the state", bench.status().state, LEADS_TO["RESTART"][DFU])
+
+
+# A bus that is suspended
+
+
+@contextmanager
+def suspended(bench: Bench) -> Iterator[None]:
+    """A bus that is suspended for a while."""
+    bench.levers.suspend()
+    try:
+        yield
+    finally:
+        bench.levers.resume()
+
+
+@pytest.mark.parametrize("state", REACHED, ids=name)
+@case("STA-002", "STA-003", "STA-004", "ACK-006", "SAF-005", line="usb", needs=(Need.SUSPEND,), allow=(Risk.RESET,))
+def test_a_suspended_bus_disables_what_needs_its_host(bench: Bench, state: State) -> None:
+    """While the bus is suspended nothing plays but what does so unattended; then ENABLE is needed anew."""
+    reach(bench, state)
+    with suspended(bench):
+        bench.wait(0.02)
+    said = [status.state for status in told(bench)]
+    if state is UNATTENDED:
+        expect_state(bench, UNATTENDED)
+        expect("the states that are told unasked", said, [])
+    else:
+        expect_state(bench, LEADS_TO["RESUME"][LEADS_TO["SUSPEND"][state]])
+        expect("the states that are told unasked, of which the newest waits", said, [OFF])
+        assert not bench.status().watchdog_fired, "the watchdog fired while the outputs were not enabled"
+
+
+@case(
+    "STA-004",
+    "SAF-005",
+    "STA-003",
+    line="usb",
+    needs=(Need.SUSPEND, Need.CAPTURE),
+    allow=(Risk.RESET,),
+    features=Feature.SEQUENCES | Feature.UNATTENDED,
+)
+def test_what_ends_unattended_on_a_suspended_bus_leaves_the_device_suspended(bench: Bench) -> None:
+    """When an unattended sequence ends while the bus is suspended, the outputs are disabled at once."""
+    enable(bench)
+    pulses = bench.weak()
+    bench.must(Slot(0, pulses))
+    bench.must(Entries((Entry(0, 600),)))
+    began = bench.must(Sequence(0, 1, repeats=2, unattended=True)).commit_period
+    with suspended(bench):
+        bench.wait(1600 / CARRIER_HZ)
+    expect_state(bench, OFF)
+    ended = began + 2 * 600
+    bench.judge(ended, ended + 100, check_silent)
+
+
+@case("STA-003", "USB-003", line="usb", needs=(Need.SUSPEND,), allow=(Risk.RESET,))
+def test_a_bus_reset_ends_a_suspension(bench: Bench) -> None:
+    """A bus that was suspended and is reset finds the device in OFF, ready for ENABLE."""
+    reach(bench, PLAYING)
+    with suspended(bench):
+        pass
+    bench.usb.reset()
+    expect_state(bench, LEADS_TO["BUS_RESET"][SUSPENDED])
+    bench.enable()
+    expect_state(bench, READY)
+
+
+# Faults
+
+
+FAULTY = (Need.FAULTS, Need.SPARE)
+HOT_C = 90
+
+
+def heat(bench: Bench, periods: int | None = None) -> None:
+    """Let a board be too hot, for some periods or for good, and wait until the controller knows (clause CHN-017)."""
+    bench.levers.cause(faults.HotBoard(board=bench.random.randrange(bench.info.boards), celsius=HOT_C, periods=periods))
+    bench.wait(ROUND_SECONDS)
+
+
+@pytest.mark.parametrize("state", REACHED, ids=name)
+@case("STA-003", "STA-001", "SAF-007/1", "SAF-005", "ACK-006", needs=FAULTY)
+def test_a_silencing_fault_leads_to_fault_and_clearing_it_to_off(bench: Bench, state: State) -> None:
+    """A silencing fault leads from this state to FAULT, which is told; CLEAR_FAULTS leads to OFF once it is over."""
+    with breakable(bench) as device:
+        reach(device, state)
+        heat(device, HOT_PERIODS)
+        said = told(device)
+        expect("the states that are told unasked", [status.state for status in said], [LEADS_TO["FAULT"][state]])
+        expect("the faults that are told", said[0].faults, Fault.TEMPERATURE)
+        status = device.status()
+        expect("the state", status.state, FAULT)
+        expect("what plays since", status.since_period, 0)
+        expect("the free places", status.free, device.info.queue_blocks)
+        device.wait_periods(HOT_PERIODS)
+        device.wait(ROUND_SECONDS)
+        expect_state(device, FAULT)
+        device.order(Request.CLEAR_FAULTS)
+        expect_state(device, LEADS_TO["CLEAR"][FAULT])
+        expect("the faults", device.status().faults, Fault(0))
+
+
+@pytest.mark.parametrize("way", [way for way in WAYS if way != "last repeat"], ids=name)
+@case("STA-003", "STA-005", "SAF-007/1", "REQ-011", "ACK-006", needs=FAULTY)
+def test_nothing_leaves_fault_while_its_cause_lasts(bench: Bench, way: str) -> None:
+    """In FAULT changes are refused, ENABLE is answered with STALL, and the state stays, whatever is asked."""
+    with breakable(bench) as device:
+        device.must(NoOp())
+        heat(device)
+        expect_state(device, FAULT)
+        told(device)
+        WAYS[way][1](device, FAULT)
+        expect_state(device, FAULT)
+        expect("the faults", device.status().faults, Fault.TEMPERATURE)
+        expect("what is told unasked", told(device), [])
+
+
+@pytest.mark.parametrize("how", BUS_RESETS, ids=name)
+@case("STA-003", "SAF-007/1", "USB-003", needs=FAULTY, line="usb")
+def test_configuring_the_device_does_not_leave_fault(bench: Bench, how: str) -> None:
+    """A host that configures the device while a silencing fault lasts finds it in FAULT."""
+    with breakable(bench) as device:
+        heat(device)
+        BUS_RESETS[how](device)
+        expect_state(device, LEADS_TO["BUS_RESET"][FAULT])
+        expect("the faults", device.status().faults, Fault.TEMPERATURE)
+
+
+@pytest.mark.parametrize("state", [OFF, UNATTENDED], ids=name)
+@case("STA-003", "STA-004", "SAF-007/1", "ACK-006", needs=(*FAULTY, Need.SUSPEND), line="usb", allow=(Risk.RESET,))
+def test_a_fault_while_the_bus_is_suspended_leads_to_fault(bench: Bench, state: State) -> None:
+    """A silencing fault while the bus is suspended leads to FAULT, which resuming the bus does not leave."""
+    with breakable(bench) as device:
+        reach(device, state)
+        with suspended(device):
+            heat(device)
+        expect("the newest state that is told unasked", [status.state for status in told(device)][-1:], [FAULT])
+        expect_state(device, LEADS_TO["RESUME"][FAULT])
+
+
+@case("STA-003", "DFU-002", needs=FAULTY, line="usb", allow=(Risk.RESET,), features=Feature.DFU)
+def test_a_device_with_a_fault_goes_to_dfu_mode(bench: Bench) -> None:
+    """DETACH is carried out in FAULT too, so that firmware can be sent; the restart begins without the fault."""
+    with breakable(bench) as device:
+        heat(device, HOT_PERIODS)
+        expect_state(device, FAULT)
+        line = DfuLine(device)
+        line.enter()
+        expect("the product on the bus", device.usb.mode, DFU_MODE)
+        device.wait_periods(HOT_PERIODS)
+        line.leave()
+        expect("the state", device.status().state, LEADS_TO["RESTART"][DFU])
+
+
+@case("STA-003", "REQ-013", "REQ-011", needs=FAULTY, allow=(Risk.RESET,))
+def test_a_restart_leaves_fault_where_its_cause_is_gone(bench: Bench) -> None:
+    """After RESET the device is in OFF where the fault is over, and in FAULT where it lasts."""
+    with breakable(bench) as device:
+        heat(device, 2 * HOT_PERIODS)
+        device.restart(lambda: device.order(Request.RESET))
+        status = device.status()
+        expect("the state while the board is hot", status.state, FAULT)
+        expect("the faults while the board is hot", status.faults, Fault.TEMPERATURE)
+        device.wait_periods(2 * HOT_PERIODS)
+        device.restart(lambda: device.order(Request.RESET))
+        status = device.status()
+        expect("the state", status.state, LEADS_TO["RESTART"][FAULT])
+        expect("the faults", status.faults, Fault(0))
+
+
+# Two doors
+
+
+@contextmanager
+def console_in_frames(bench: Bench) -> Iterator[SerialLine]:
+    """The console of a device on USB as a second door, with frames."""
+    line = bench.serial
+    line.enter_frames()
+    try:
+        yield line
+    finally:
+        line.enter_console()
+
+
+def order_by(line: SerialLine, request: Request, value: int = 0) -> None:
+    """Make a request through the second door."""
+    assert line.request(Setup(REQUEST_TYPE_OUT, request, value, 0, 0)) is not None, f"{request.name} is stalled"
+
+
+def states_in(statuses: list[Status]) -> list[State]:
+    """Their states."""
+    return [status.state for status in statuses]
+
+
+def heard(line: SerialLine) -> list[Status]:
+    """The status records that came through the second door."""
+    line.listen(LISTEN_SECONDS)
+    found = [record for body in line.frames(FrameKind.RECORD) for record in records(body)]
+    line.forget()
+    return [record for record in found if isinstance(record, Status)]
+
+
+@case("ACK-006", "SER-016", line="usb", features=Feature.CONSOLE)
+def test_a_change_of_state_through_another_door_is_told(bench: Bench) -> None:
+    """What one host does to the state through a door, the host at the other door is told, and itself is not."""
+    bench.must(NoOp())
+    bench.order(Request.WATCHDOG, LONG_MS)
+    with console_in_frames(bench) as line:
+        told(bench)
+        for request, state in ((Request.ENABLE, READY), (Request.DISABLE, OFF)):
+            order_by(line, request)
+            expect(f"what USB is told of {request.name} in frames", states_in(told(bench)), [state])
+            expect("what is told in frames", states_in(heard(line)), [])
+        bench.enable()
+        expect("what is told in frames of ENABLE over USB", states_in(heard(line)), [READY])
+        field = play(bench)
+        bench.wait_until(field.period + 1)
+        expect("what is told in frames of an UPDATE over USB", states_in(heard(line)), [PLAYING])
+        bench.order(Request.DISABLE)
+        expect("what is told in frames of DISABLE over USB", states_in(heard(line)), [OFF])
+        expect("what USB is told of what came over USB", states_in(told(bench)), [])
+
+
+@case("ACK-006", "SER-016", "SAF-003", line="usb", features=Feature.CONSOLE)
+def test_the_watchdog_is_told_at_every_door(bench: Bench) -> None:
+    """That the watchdog fired, no host has done: it is told at both doors, with one record each."""
+    bench.must(NoOp())
+    bench.order(Request.WATCHDOG, LONG_MS)
+    with console_in_frames(bench) as line:
+        bench.enable()
+        heard(line)
+        bench.order(Request.WATCHDOG, SHORT_MS)
+        bench.wait(3 * SHORT_MS / 1000)
+        for where, said in (("over USB", told(bench)), ("in frames", heard(line))):
+            expect(f"the states that are told {where}", states_in(said), [OFF])
+            assert said[0].watchdog_fired, f"the flags that are told {where} are {said[0].flags!r}"
+
+
+@case("ACK-006", "ACK-001", line="usb", features=Feature.SEQUENCES)
+def test_what_is_told_unasked_comes_behind_the_acknowledgements_that_wait(bench: Bench) -> None:
+    """A status record that nobody asked for does not overtake acknowledgements, and a newer one takes its place."""
+    enable(bench)
+    bench.must(Slot(0, NO_PULSES))
+    bench.must(Entries((Entry(0, 2000),)))
+    told(bench)
+    bodies = (Sequence(0, 1, repeats=1), NoOp(), NoOp())
+    blocks = b"".join(pack(bench.numbered(body)) for body in bodies)
+    expect("the bytes that the device took", bench.line.send_blocks(blocks, 1), len(blocks))
+    bench.order(Request.WATCHDOG, 100)
+    bench.wait(0.15)
+    came = bench.listen(LISTEN_SECONDS)
+    kinds = [type(record).__name__ for record in came]
+    expect(
+        "the kinds of records, where the end of a sequence and the watchdog followed", kinds, ["Ack"] * 3 + ["Status"]
+    )
+    expect("the state that is told last", came[-1].state, OFF)
