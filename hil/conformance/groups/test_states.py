@@ -7,7 +7,8 @@ from contextlib import contextmanager
 
 import pytest
 from phasewire.emulator import faults
-from phasewire.hil.conformance.bench import Bench
+from phasewire.errors import DeviceError
+from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.forge import forged
 from phasewire.hil.conformance.lines.dfu import DfuLine
@@ -207,15 +208,26 @@ def test_a_restart_leads_to_off(bench: Bench, state: State) -> None:
     expect("the state", bench.status().state, LEADS_TO["RESTART"][state])
 
 
+def detach(bench: Bench, line: DfuLine, state: State) -> None:
+    """DETACH, and what the status says of it, where the device is still there to be asked: that may be 10 ms."""
+    assert line.detach(), f"DETACH is answered with STALL in {state.name}"
+    try:
+        status = bench.status()
+    except DeviceError:
+        return
+    expect("the state", status.state, LEADS_TO["DETACH"][state])
+    expect("what plays since", status.since_period, 0)
+
+
 @pytest.mark.parametrize("state", REACHED, ids=name)
 @case("STA-003", "STA-005", "DFU-002", line="usb", allow=(Risk.RESET,), features=Feature.DFU)
 def test_detach_leads_to_dfu_mode_and_a_bus_reset_back(bench: Bench, state: State) -> None:
     """DETACH is carried out in this state and leads to DFU mode; the bus reset that ends that leads to OFF."""
     reach(bench, state)
     line = DfuLine(bench)
-    line.enter()
+    detach(bench, line, state)
+    bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
     try:
-        expect("the product on the bus", bench.usb.mode, DFU_MODE)
         answer = bench.request(Setup(0xC1, Request.STATUS, 0, 0, Status.BYTES))
         expect("what STATUS answers in DFU mode, where there is no vendor interface", answer, None)
     finally:
@@ -278,11 +290,10 @@ def test_what_ends_unattended_on_a_suspended_bus_leaves_the_device_suspended(ben
 
 @case("STA-003", "USB-003", line="usb", needs=(Need.SUSPEND,), allow=(Risk.RESET,))
 def test_a_bus_reset_ends_a_suspension(bench: Bench) -> None:
-    """A bus that was suspended and is reset finds the device in OFF, ready for ENABLE."""
+    """A bus reset finds a device whose bus was suspended in OFF, ready for ENABLE."""
     reach(bench, PLAYING)
     with suspended(bench):
-        pass
-    bench.usb.reset()
+        bench.usb.reset()
     expect_state(bench, LEADS_TO["BUS_RESET"][SUSPENDED])
     bench.enable()
     expect_state(bench, READY)
@@ -368,8 +379,8 @@ def test_a_device_with_a_fault_goes_to_dfu_mode(bench: Bench) -> None:
         heat(device, HOT_PERIODS)
         expect_state(device, FAULT)
         line = DfuLine(device)
-        line.enter()
-        expect("the product on the bus", device.usb.mode, DFU_MODE)
+        detach(device, line, FAULT)
+        device.usb.wait_for(DFU_MODE, RETURN_SECONDS)
         device.wait_periods(HOT_PERIODS)
         line.leave()
         expect("the state", device.status().state, LEADS_TO["RESTART"][DFU])
