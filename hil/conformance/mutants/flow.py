@@ -1,0 +1,283 @@
+"""Broken flow: places in the queue, NAK, the rate of a stream, and what gets lost where much waits (BLK-009 to BLK-024)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ....emulator.control import agenda, controller
+from ....emulator.door import Handshake
+from ....emulator.interfaces.serial_line import SerialLine
+from ....emulator.interfaces.usb_functions import ArrayFunction
+from ....protocol.blocks import Update
+from ....protocol.board import CYCLES_PER_PERIOD
+from ....protocol.codes import BLOCK_BYTES, Kind
+from .patching import Patch, mutant
+from .seams import one_by_one
+
+RECORDS_KEPT, STORES_KEPT = 16, 4
+LEAK_EVERY, LEAK_AT_MOST = 100, 8
+KIND = 3
+
+
+def _count_free_as(patch: Patch, counted: Any) -> None:
+    patch.wrap(controller.Controller, "_free", lambda original: lambda self: max(counted(self, original(self)), 0))
+
+
+@mutant("BLK-024", "REQ-002")
+def queue_is_one_smaller_than_info_says(patch: Patch) -> None:
+    """One change fewer than INFO says can be queued: a ring buffer keeps one place empty to tell full from empty."""
+    patch.replace(agenda, "QUEUE_BLOCKS", agenda.QUEUE_BLOCKS - 1)
+    _count_free_as(patch, lambda _, free: free - 1)
+
+
+@mutant("BLK-009", "BLK-008")
+def full_queue_overwrites_its_oldest(patch: Patch) -> None:
+    """A block is never answered with NAK: where the queue is full, the oldest change in it gives way unheard."""
+
+    def can_accept(_: Any) -> Any:
+        return lambda self: self._loading.blocks < controller.STORES
+
+    def plan(original: Any) -> Any:
+        def overwrite(self: Any, *arguments: Any, **more: Any) -> Any:
+            if self._agenda.room_at > self._now:
+                oldest = next((change for change in self._agenda if change.start > self._now), None)
+                if oldest is not None:
+                    oldest.packed, oldest.programs, oldest.effect = None, (), None
+            return original(self, *arguments, **more)
+
+        return overwrite
+
+    patch.wrap(controller.Controller, "can_accept", can_accept)
+    patch.wrap(controller.Controller, "_plan", plan)
+    one_by_one(patch)
+
+
+@mutant("BLK-009", "BLK-008")
+def full_queue_drops_what_comes(patch: Patch) -> None:
+    """A change for which there is no room is acknowledged and dropped, where NAK should hold it back."""
+
+    def can_accept(_: Any) -> Any:
+        return lambda self: self._loading.blocks < controller.STORES
+
+    def plan(original: Any) -> Any:
+        def drop(self: Any, *arguments: Any, **more: Any) -> Any:
+            is_full = self._agenda.room_at > self._now
+            change = original(self, *arguments, **more)
+            if is_full:
+                change.packed, change.programs, change.effect = None, (), None
+            return change
+
+        return drop
+
+    patch.wrap(controller.Controller, "can_accept", can_accept)
+    patch.wrap(controller.Controller, "_plan", plan)
+    one_by_one(patch)
+
+
+@mutant("BLK-009")
+def blocks_that_need_no_place_pass_a_full_queue(patch: Patch) -> None:
+    """While the queue is full CLOCK and NO_OP are taken all the same: the kind is looked at before NAK is sent."""
+
+    def take(original: Any) -> Any:
+        def taken(self: Any, packet: bytes) -> Any:
+            handshake = original(self, packet)
+            needs_none = len(packet) == BLOCK_BYTES and packet[KIND] in (Kind.CLOCK, Kind.NO_OP)
+            if handshake is Handshake.ACK or not needs_none or self._part:
+                return handshake
+            self._controller.accept(bytes(packet), self)
+            return Handshake.ACK
+
+        return taken
+
+    def admit(original: Any) -> Any:
+        def admitted(self: Any, block: bytes) -> None:
+            needs_none = len(block) == BLOCK_BYTES and block[KIND] in (Kind.CLOCK, Kind.NO_OP)
+            if needs_none and not self._waiting:
+                self._controller.accept(block, self)
+            else:
+                original(self, block)
+
+        return admitted
+
+    patch.wrap(ArrayFunction, "_take", take)
+    patch.wrap(SerialLine, "_admit", admit)
+
+
+@mutant("BLK-024")
+def stores_take_places_in_the_queue(patch: Patch) -> None:
+    """A store takes a place until it has gone onto the chain: one queue serves stores and changes."""
+    _count_free_as(patch, lambda self, free: free - self._loading.blocks)
+
+    def can_accept(original: Any) -> Any:
+        def has_room(self: Any) -> bool:
+            queued = self._agenda.queued(self._now) + self._loading.blocks
+            return bool(original(self)) and queued < controller.QUEUE_BLOCKS
+
+        return has_room
+
+    patch.wrap(controller.Controller, "can_accept", can_accept)
+
+
+@mutant("BLK-024")
+def clock_and_no_op_need_a_free_place(patch: Patch) -> None:
+    """The acknowledgements of CLOCK and NO_OP say one free place too few: each block has its place while it is judged."""
+
+    def accept(original: Any) -> Any:
+        def judged(self: Any, packet: bytes, door: Any) -> None:
+            vars(self)["kind"] = packet[KIND] if len(packet) > KIND else 0
+            original(self, packet, door)
+            del vars(self)["kind"]
+
+        return judged
+
+    patch.wrap(controller.Controller, "accept", accept)
+    _count_free_as(patch, lambda self, free: free - (vars(self).get("kind") in (Kind.CLOCK, Kind.NO_OP)))
+
+
+@mutant("BLK-024", "SAF-004")
+def places_come_back_after_the_period_alone(patch: Patch) -> None:
+    """DISABLE drops what is queued, and its places stay taken for up to 100 ms: they come back one by one."""
+
+    def drop(original: Any) -> Any:
+        def dropped(self: Any, now: int) -> None:
+            taken = self.recent.copy()
+            original(self, now)
+            self.recent[:] = taken.clip(max=now + 4000 * CYCLES_PER_PERIOD)
+
+        return dropped
+
+    patch.wrap(agenda.Agenda, "drop_queued", drop)
+
+
+@mutant("BLK-023", url="emulator:?link=2wire")
+def rate_is_never_refused(patch: Patch) -> None:
+    """Updates that name periods closer than the chain can carry are accepted, and come late one by one."""
+    _judge_rates(patch, lambda _update, _last: None)
+
+
+@mutant("BLK-023", url="emulator:?link=2wire")
+def rate_is_refused_across_enable(patch: Patch) -> None:
+    """The last named period is remembered when the outputs are enabled again: an update close behind it is refused."""
+
+    def around(original: Any) -> Any:
+        def enable(self: Any, door: Any) -> None:
+            last = self._last_named
+            original(self, door)
+            self._last_named = last
+
+        return enable
+
+    patch.wrap(controller.Controller, "_enable", around)
+
+
+@mutant("BLK-023", url="emulator:?link=2wire")
+def rate_is_refused_for_earlier_periods_too(patch: Patch) -> None:
+    """An update for the same period as the last is refused with RATE, where it should be late."""
+    _judge_rates(patch, lambda update, last: last - 1 if update.period == last else last)
+    one_by_one(patch)
+
+
+def _judge_rates(patch: Patch, taken_for_last: Any) -> None:
+    """Judge updates as if another period had been named last."""
+
+    def around(original: Any) -> Any:
+        def judge(self: Any, body: Any) -> None:
+            last = self._last_named
+            if isinstance(body, Update) and last is not None:
+                self._last_named = taken_for_last(body, last)
+            try:
+                original(self, body)
+            finally:
+                self._last_named = last
+
+        return judge
+
+    patch.wrap(controller.Controller, "_judge_content", around)
+
+
+@mutant("ACK-001", "REQ-002")
+def records_behind_the_sixteenth_are_dropped(patch: Patch) -> None:
+    """On USB no more than 16 records wait, though INFO promises more, and the OUT endpoint takes blocks all the same."""
+
+    def around(original: Any) -> Any:
+        def acknowledge(self: Any, record: bytes) -> None:
+            if len(self._records) < RECORDS_KEPT:
+                original(self, record)
+
+        return acknowledge
+
+    patch.wrap(ArrayFunction, "acknowledge", around)
+
+
+@mutant("ACK-001")
+def nothing_waits_for_room_for_records(patch: Patch) -> None:
+    """On USB blocks are taken while as many records wait as there is room for, and the newest take no more of it."""
+
+    def acknowledge(original: Any) -> Any:
+        def kept(self: Any, record: bytes) -> None:
+            if len(self._records) < controller.RECORDS:
+                original(self, record)
+
+        return kept
+
+    patch.wrap(ArrayFunction, "_room_for_records", lambda _: lambda _self: controller.RECORDS)
+    patch.wrap(ArrayFunction, "acknowledge", acknowledge)
+
+
+@mutant("BLK-024")
+def places_leak(patch: Patch) -> None:
+    """Every hundredth change never gives its place back, up to eight of them: one way out of the queue forgets it."""
+
+    def leaked(self: Any) -> int:
+        return min(vars(self).get("planned", 0) // LEAK_EVERY, LEAK_AT_MOST)
+
+    def plan(original: Any) -> Any:
+        def counted(self: Any, *arguments: Any, **more: Any) -> Any:
+            vars(self)["planned"] = vars(self).get("planned", 0) + 1
+            return original(self, *arguments, **more)
+
+        return counted
+
+    def can_accept(original: Any) -> Any:
+        def has_room(self: Any) -> bool:
+            room = controller.QUEUE_BLOCKS - leaked(self)
+            return bool(original(self)) and self._agenda.queued(self._now) < room
+
+        return has_room
+
+    def await_room(original: Any) -> Any:
+        def wait(self: Any, waiter: Any) -> None:
+            original(self, waiter)
+            for start in self._agenda.recent.tolist():
+                if start > self._now:
+                    self._scheduler.at(start, self._announce_room)
+
+        return wait
+
+    patch.wrap(controller.Controller, "_plan", plan)
+    patch.wrap(controller.Controller, "can_accept", can_accept)
+    patch.wrap(controller.Controller, "await_room", await_room)
+    _count_free_as(patch, lambda self, free: free - leaked(self))
+    one_by_one(patch)
+
+
+@mutant("BLK-024", "BLK-013")
+def stores_in_a_hurry_are_lost(patch: Patch) -> None:
+    """A store that comes while four wait is acknowledged, and never reaches the processors: they share a buffer."""
+
+    def around(original: Any) -> Any:
+        def store(self: Any, body: Any) -> None:
+            if self._loading.blocks < STORES_KEPT:
+                original(self, body)
+            else:
+                self._stores.keep(body)
+
+        return store
+
+    patch.wrap(controller.Controller, "_store", around)
+
+
+@mutant("BLK-007")
+def programs_do_not_wait_for_stores(patch: Patch) -> None:
+    """A SEQUENCE or a MODULATION begins although stores before it wait: it plays what was there before them."""
+    patch.replace(agenda.Agenda, "loads_gone", lambda _self, begin, _loads: begin)
