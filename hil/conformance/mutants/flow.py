@@ -1,4 +1,4 @@
-"""Broken flow: places in the queue, NAK, the rate of a stream, and what gets lost where much waits (BLK-009 to BLK-024)."""
+"""Broken flow: places in the queue, NAK, the rate of a stream, and what gets lost where much waits (chapter BLK)."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def stores_take_places_in_the_queue(patch: Patch) -> None:
 
 @mutant("BLK-024")
 def clock_and_no_op_need_a_free_place(patch: Patch) -> None:
-    """The acknowledgements of CLOCK and NO_OP say one free place too few: each block has its place while it is judged."""
+    """The acknowledgements of CLOCK and NO_OP say one free place too few: whatever is judged has one."""
 
     def accept(original: Any) -> Any:
         def judged(self: Any, packet: bytes, door: Any) -> None:
@@ -197,7 +197,7 @@ def _judge_rates(patch: Patch, taken_for_last: Any) -> None:
 
 @mutant("ACK-001", "REQ-002")
 def records_behind_the_sixteenth_are_dropped(patch: Patch) -> None:
-    """On USB no more than 16 records wait, though INFO promises more, and the OUT endpoint takes blocks all the same."""
+    """On USB no more than 16 records wait, though INFO says more, and blocks are taken all the same."""
 
     def around(original: Any) -> Any:
         def acknowledge(self: Any, record: bytes) -> None:

@@ -205,7 +205,7 @@ def silence_leaves_the_modulation(patch: Patch) -> None:
                 return original(self, body, door)
             tail, self._agenda.tail = self._agenda.tail, self._agenda.tail._replace(modulated=False)
             change = original(self, body, door)
-            self._agenda.tail = self._agenda.tail._replace(modulated=tail.modulated)
+            self._agenda.tail = change.tail = change.tail._replace(modulated=tail.modulated)
             return change
 
         return carry_out

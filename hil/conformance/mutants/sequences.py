@@ -119,7 +119,7 @@ def slot_numbers_have_7_bits(patch: Patch) -> None:
 
 @mutant("BLK-015")
 def sequence_begins_with_the_table(patch: Patch) -> None:
-    """A SEQUENCE plays from the first place of the table on, whatever its field `first` says; it is judged as it says."""
+    """A SEQUENCE plays from the first place of the table on, whatever its field `first` says, by which it is judged."""
     misread_bodies(patch, lambda body: replace(body, first=0) if isinstance(body, Sequence) else body)
 
 
@@ -352,7 +352,7 @@ def slots_survive_reset(patch: Patch) -> None:
 
 @mutant("BLK-016", "REQ-013")
 def samples_survive_reset(patch: Patch) -> None:
-    """After RESET the samples are what they were before: their memory is not cleared, nor the table of what is there."""
+    """After RESET samples are what they were before: their memory is not cleared, nor the table of what is there."""
     _keep_over_restart(patch, Memory.SAMPLES, ("_samples",))
 
 
@@ -421,7 +421,7 @@ def new_session_clears_the_stores(patch: Patch) -> None:
 
 @mutant("BLK-014")
 def entries_are_placed_within_a_block(patch: Patch) -> None:
-    """Entries from place 120 on are kept on the processors 120 places before: blocks of 120 were thought of, not `first`."""
+    """Entries beyond place 119 overwrite on the processors what is 120 places before: `first` is taken modulo 120."""
 
     def around(original: Any) -> Any:
         def load(self: Any, memory: Memory, first: int, data: bytes) -> None:

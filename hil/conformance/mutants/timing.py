@@ -125,7 +125,7 @@ def ticks_are_lost_at_sync_pulses(patch: Patch) -> None:
 
 @mutant("TIM-002")
 def wraps_of_the_counter_are_counted_in_a_byte(patch: Patch) -> None:
-    """The tick in acknowledgements, STATUS and CLOCK begins anew after 8.4 s: 16 bits of the port and 8 bits of wraps."""
+    """The tick in acknowledgements, STATUS and CLOCK begins anew after 8.4 s: 16 bits of the port, 8 bits of wraps."""
 
     def around(original: Any) -> Any:
         return lambda self: original(self) % 2**24
