@@ -10,6 +10,7 @@ from ....emulator.control import controller
 from ....errors import BlockError
 from ....protocol.blocks import Entries, Output, Samples, Slot, unpack_pulses
 from ....protocol.codes import BLOCK_BYTES, CHECKSUM_OFFSET, HEADER_BYTES, SEQUENCE_ENTRIES, Action, Flag, Kind, Reason
+from ....protocol.numbering import follows
 from ....protocol.replies import ENABLED
 from .patching import Patch, mutant
 from .seams import forgive, misread_bodies, one_by_one, sealed_block
@@ -350,7 +351,7 @@ def numbers_are_judged_before_the_state(patch: Patch) -> None:
     def around(original: Any) -> Any:
         def judge(self: Any, block: Any) -> None:
             last = self._last_sequence
-            if not block.restart and last is not None and not controller.follows(block.sequence, last):
+            if not block.restart and last is not None and not follows(block.sequence, last):
                 raise BlockError("the number does not follow", Reason.SEQUENCE)
             original(self, block)
 

@@ -229,7 +229,7 @@ def places_leak(patch: Patch) -> None:
     """Every hundredth change never gives its place back, up to eight of them: one way out of the queue forgets it."""
 
     def leaked(self: Any) -> int:
-        return min(vars(self).get("planned", 0) // LEAK_EVERY, LEAK_AT_MOST)
+        return int(min(vars(self).get("planned", 0) // LEAK_EVERY, LEAK_AT_MOST))
 
     def plan(original: Any) -> Any:
         def counted(self: Any, *arguments: Any, **more: Any) -> Any:

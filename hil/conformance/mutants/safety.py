@@ -11,12 +11,13 @@ from ....emulator import machine
 from ....emulator.boards.processor import ALL_BITS, Processor
 from ....emulator.control import agenda, controller
 from ....emulator.control.chain import Chain
+from ....emulator.control.stores import Stores
 from ....emulator.control.watchdog import Watchdog
 from ....emulator.door import Handshake
 from ....emulator.interfaces.usb_functions import ArrayFunction
 from ....errors import BlockError
 from ....protocol.blocks import Sequence, Slot, Update
-from ....protocol.board import CYCLES_PER_MS, CYCLES_PER_PERIOD, PROCESSORS_PER_BOARD, WATCHDOG_MS
+from ....protocol.board import CHANNELS, CYCLES_PER_MS, CYCLES_PER_PERIOD, PROCESSORS_PER_BOARD, WATCHDOG_MS
 from ....protocol.chain import SLICE_BYTES
 from ....protocol.codes import Reason, State, StatusFlag
 from ....protocol.replies import ENABLED
@@ -471,7 +472,7 @@ def drive_of_slots_is_not_judged(patch: Patch) -> None:
 @mutant("SAF-006")
 def drive_of_sequences_is_not_judged(patch: Patch) -> None:
     """A SEQUENCE plays slots that were stored before the limit was lowered: they were judged once."""
-    patch.wrap(controller.Stores, "check_power", lambda _: lambda _self, _body, _limit: None)
+    patch.wrap(Stores, "check_power", lambda _: lambda _self, _body, _limit: None)
 
 
 @mutant("SAF-006")
@@ -497,7 +498,7 @@ def _allow_drive(patch: Patch, allowed: Any) -> None:
         def judge(self: Any, body: Any) -> None:
             limit = self._drive_limit
             if isinstance(body, Update | Slot) and allowed(body.pulses, limit):
-                self._drive_limit = 2 * controller.CHANNELS
+                self._drive_limit = 2 * CHANNELS
             try:
                 original(self, body)
             finally:
@@ -516,7 +517,7 @@ def drive_is_compared_in_whole_transducers(patch: Patch) -> None:
 
 @mutant("SAF-006")
 def drive_is_the_sum_of_widths(patch: Patch) -> None:
-    """Pulses whose widths sum up to no more than the limit times 25 pass, though a wide one has more power than that."""
+    """Pulses pass whose widths sum up to 25 times the limit at most, though wide ones have more power than that."""
     _allow_drive(patch, lambda pulses, limit: int(pulses.width.astype(np.int64).sum()) <= 25 * limit)
 
 
@@ -537,7 +538,7 @@ def limit_goes_back_with_disable(patch: Patch) -> None:
     def around(original: Any) -> Any:
         def drop(self: Any) -> None:
             original(self)
-            self._drive_limit = controller.CHANNELS
+            self._drive_limit = CHANNELS
 
         return drop
 

@@ -20,7 +20,7 @@ from ....emulator.ports import capture, raster
 from ....protocol.blocks import Body
 from ....protocol.blocks import checksum as block_checksum
 from ....protocol.board import CHANNELS_PER_PROCESSOR, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
-from ....protocol.codes import BLOCK_BYTES, CHECKSUM_OFFSET, Kind
+from ....protocol.codes import BLOCK_BYTES, CHECKSUM_OFFSET
 from ....protocol.wiring import Wiring
 from .patching import Patch
 
@@ -59,7 +59,7 @@ def sealed_block(block: bytes | bytearray) -> bytes:
     return bytes(sealed)
 
 
-def forgive(patch: Patch, kinds: Collection[Kind], pardon: Callable[[bytearray], None]) -> None:
+def forgive(patch: Patch, kinds: Collection[int], pardon: Callable[[bytearray], None]) -> None:
     """Judge undamaged blocks of some kinds as if something in them were other than it is; what pulses are read alike.
 
     Updates that are taken together fall back to one by one where one is not as it should be.

@@ -14,7 +14,7 @@ from ....emulator.control import controller
 from ....emulator.control.stores import Stores
 from ....emulator.ports.reel import Reel, Turns
 from ....errors import BlockError
-from ....protocol.blocks import Modulation, Output, Sequence
+from ....protocol.blocks import Modulation, Output, Sequence, Slot
 from ....protocol.codes import Action, Memory
 from ....protocol.states import Event
 from .patching import Patch, mutant
@@ -275,7 +275,7 @@ def slots_in_use_are_not_looked_for(patch: Patch) -> None:
 
     def around(original: Any) -> Any:
         def check(self: Any, body: Any, period: int) -> None:
-            if not isinstance(body, controller.Slot):
+            if not isinstance(body, Slot):
                 original(self, body, period)
 
         return check

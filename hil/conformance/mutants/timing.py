@@ -12,8 +12,10 @@ from ....emulator import machine
 from ....emulator.boards.processor import Processor
 from ....emulator.control import agenda, controller
 from ....emulator.ports.clock import COUNTER_TICKS, BoardClock, Timebase
+from ....protocol.blocks import Update
 from ....protocol.board import CYCLES_PER_PERIOD, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
 from ....protocol.codes import SYNC_PERIODS
+from ....protocol.timing import SORT_CYCLES
 from .patching import Patch, mutant
 from .seams import Words, one_by_one, see_words
 
@@ -212,7 +214,7 @@ def late_is_said_of_updates_alone(patch: Patch) -> None:
     """A late SEQUENCE, MODULATION or OUTPUT is played without a word, and counted: only updates were thought of."""
 
     def around(original: Any) -> Any:
-        return lambda body, period: isinstance(body, controller.Update) and original(body, period)
+        return lambda body, period: isinstance(body, Update) and original(body, period)
 
     patch.wrap(controller, "_is_late", around)
 
@@ -236,7 +238,7 @@ def as_soon_as_possible_is_late(patch: Patch) -> None:
 @mutant("BLK-005")
 def fifth_period_is_not_met(patch: Patch) -> None:
     """A change needs eight periods from its arrival on: the loop that sorts comes round every 125 µs."""
-    patch.replace(controller, "SORT_CYCLES", controller.SORT_CYCLES + 5 * CYCLES_PER_PERIOD)
+    patch.replace(controller, "SORT_CYCLES", SORT_CYCLES + 5 * CYCLES_PER_PERIOD)
 
 
 @mutant("BLK-007")
