@@ -335,9 +335,20 @@ def serial_lines_are_told_nothing_unasked(patch: Patch) -> None:
 
 
 @mutant("ACK-006")
-def faults_and_states_are_not_told_unasked(patch: Patch) -> None:
-    """No status record comes of the device's own accord: hosts are expected to ask."""
-    patch.wrap(controller.Controller, "_speak", lambda _original: lambda *_, **_besides: None)
+def states_are_told_only_when_asked_for(patch: Patch) -> None:
+    """No status record comes when the state changes, be it by the watchdog: faults alone are told unasked."""
+
+    def around(original: Any) -> Any:
+        def happen(self: Any, *arguments: Any, **more: Any) -> None:
+            vars(self)["_speak"] = lambda *_, **_besides: None
+            try:
+                original(self, *arguments, **more)
+            finally:
+                vars(self).pop("_speak", None)
+
+        return happen
+
+    patch.wrap(controller.Controller, "_happen", around)
 
 
 @mutant("STA-001", "ACK-002")

@@ -114,16 +114,6 @@ def wiring_is_big_endian(patch: Patch) -> None:
     patch.wrap(controller, "encode_wiring", around)
 
 
-@mutant("REQ-004")
-def wiring_names_transducers(patch: Patch) -> None:
-    """WIRING tells the transducer of each channel, where the channel of each transducer is asked for."""
-
-    def around(original: Any) -> Any:
-        return lambda wiring: np.argsort(np.frombuffer(original(wiring), "<u2")).astype("<u2").tobytes()
-
-    patch.wrap(controller, "encode_wiring", around)
-
-
 @mutant("REQ-007")
 def read_back_is_in_channel_order(patch: Patch) -> None:
     """PULSES answers the pulses as the processors hold them, channel by channel: nobody sorts them back."""
