@@ -1,0 +1,108 @@
+"""Broken handling of versions of the protocol (chapter VER)."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+from typing import Any
+
+from ....emulator.control import controller
+from ....errors import BlockError
+from ....protocol.blocks import checksum
+from ....protocol.codes import BLOCK_BYTES, CHECKSUM_OFFSET, PROTOCOL_VERSION, RECORD_BYTES, Reason
+from .patching import Patch, mutant
+
+VERSION_AT = 2
+CHECKSUM_BYTES = 4
+
+
+def _take_versions(patch: Patch, taken: Any) -> None:
+    """Judge blocks of some versions as if they were of version 1."""
+
+    def around(original: Any) -> Any:
+        def unpack(packet: bytes) -> Any:
+            sound = len(packet) == BLOCK_BYTES and checksum(packet) == _stated(packet)
+            return original(_of_version(packet, PROTOCOL_VERSION) if sound and packet[VERSION_AT] in taken else packet)
+
+        return unpack
+
+    patch.wrap(controller, "unpack", around)
+
+
+def _stated(packet: bytes) -> int:
+    return int.from_bytes(packet[CHECKSUM_OFFSET : CHECKSUM_OFFSET + CHECKSUM_BYTES], "little")
+
+
+def _of_version(packet: bytes, version: int) -> bytes:
+    """The same block with another version, and the checksum that goes with it."""
+    other = packet[:VERSION_AT] + bytes([version]) + packet[VERSION_AT + 1 :]
+    stated = checksum(other).to_bytes(CHECKSUM_BYTES, "little")
+    return other[:CHECKSUM_OFFSET] + stated + other[CHECKSUM_OFFSET + CHECKSUM_BYTES :]
+
+
+@mutant("VER-002", "ACK-003")
+def later_versions_are_taken_as_version_1(patch: Patch) -> None:
+    """A block of any later version is carried out as if it were of version 1: nobody looks at the byte."""
+    _take_versions(patch, range(2, 256))
+
+
+@mutant("VER-002", "ACK-003")
+def version_0_is_taken_as_version_1(patch: Patch) -> None:
+    """A block of version 0 is carried out: the version is compared with the newest alone."""
+    _take_versions(patch, (0,))
+
+
+@mutant("VER-002", "ACK-003")
+def unknown_versions_are_refused_with_kind(patch: Patch) -> None:
+    """A block of an unknown version is refused as one of an unknown kind: both fall through the same switch."""
+
+    def around(original: Any) -> Any:
+        def unpack(packet: bytes) -> Any:
+            try:
+                return original(packet)
+            except BlockError as error:
+                if error.reason == Reason.VERSION:
+                    raise BlockError(str(error), Reason.KIND) from None
+                raise
+
+        return unpack
+
+    patch.wrap(controller, "unpack", around)
+
+
+@mutant("VER-001", "VER-002")
+def info_promises_a_version_that_is_refused(patch: Patch) -> None:
+    """INFO says that version 2 is spoken, and its blocks are refused: the number was raised too early."""
+
+    def around(original: Any) -> Any:
+        return lambda self: replace(original(self), newest_version=PROTOCOL_VERSION + 1)
+
+    patch.wrap(controller.Controller, "info", around)
+
+
+@mutant("ACK-002", "VER-002")
+def acknowledgements_repeat_the_version_of_the_block(patch: Patch) -> None:
+    """The acknowledgement of a block has the block's version, also where the device does not speak it."""
+
+    def of_accept(original: Any) -> Any:
+        def accept(self: Any, packet: bytes, door: Any) -> None:
+            self.answered = packet[VERSION_AT : VERSION_AT + 1] or bytes([PROTOCOL_VERSION])
+            original(self, packet, door)
+
+        return accept
+
+    def of_ack(original: Any) -> Any:
+        return lambda self, *fields: _Echo(original(self, *fields).encode(), self.answered)
+
+    patch.wrap(controller.Controller, "accept", of_accept)
+    patch.wrap(controller.Controller, "_ack", of_ack)
+
+
+class _Echo:
+    """An acknowledgement that is encoded with another version."""
+
+    def __init__(self, record: bytes, version: bytes) -> None:
+        self._body = record[:VERSION_AT] + version + record[VERSION_AT + 1 : RECORD_BYTES - CHECKSUM_BYTES]
+
+    def encode(self) -> bytes:
+        return self._body + zlib.crc32(self._body).to_bytes(CHECKSUM_BYTES, "little")
