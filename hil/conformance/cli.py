@@ -30,6 +30,7 @@ __all__ = ["commands"]
 
 EMULATOR, SIGROK, NONE = "emulator", "sigrok:", "none"
 LIST_FORMAT = "phasewire-conformance-matrix-1"
+OF_MUTANTS = ("mutants", "jobs", "json_target")
 
 commands = typer.Typer(rich_markup_mode=None)
 
@@ -89,6 +90,17 @@ def conformance(
             autocompletion=_offered_mutants,
         ),
     ] = None,
+    mutants: Annotated[
+        bool,
+        typer.Option(
+            "--mutants",
+            help="Judge every such device, each in a process of its own, and say which of them get away.",
+        ),
+    ] = False,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", metavar="N", min=1, help="With --mutants: how many at a time. [default: at most 4]"),
+    ] = None,
     strict: Annotated[
         bool,
         typer.Option("--strict", help="Fail too where something could not be judged, or should be done otherwise."),
@@ -113,6 +125,11 @@ def conformance(
 
     The exit code is 0 if nothing broke, which says nothing of what was inconclusive, and 1 if something did.
     """
+    if mutants:
+        _judge_mutants(context, jobs, json_target)
+        return
+    if jobs is not None:
+        raise ValueError("--jobs goes with --mutants")
     recording = [Path(capture.removeprefix(SIGROK))] if capture is not None and _is_recording(capture) else []
     inputs = [path for path in (profile, known_failures, *recording) if path is not None]
     check_outputs([html, junit_xml, json_target], inputs)
@@ -172,6 +189,26 @@ def _mutant(name: str) -> Mutant:
     if name not in MUTANTS:
         raise ValueError(f"there is no mutant {name!r}; there are {', '.join(MUTANTS)}")
     return MUTANTS[name]
+
+
+def _judge_mutants(context: typer.Context, jobs: int | None, json_target: str | None) -> None:
+    """Run the suite against all mutants; exit code 1 where it does not catch one."""
+    others = [name for name in context.params if name not in OF_MUTANTS and given(context, name)]
+    if others:
+        raise ValueError("--mutants goes with --jobs and --json alone: the mutants bring devices of their own")
+    check_outputs([json_target])
+
+    from .mutants.catalogue import MUTANTS
+    from .mutants.running import DEFAULT_JOBS, run_mutants
+    from .reports.mutants import MutantLine, print_mutants
+    from .reports.mutants import record as mutants_record
+
+    with MutantLine(error_console()) as watcher:
+        results = run_mutants(list(MUTANTS.values()), jobs or DEFAULT_JOBS, watcher)
+    write_json(json_target, mutants_record(results))
+    print_mutants(console_for(json_target), results)
+    if not all(result.fate.is_catch for result in results):
+        raise typer.Exit(1)
 
 
 def _run_mutant(broken: Mutant, options: Options, watcher: Watcher) -> Run:

@@ -6,7 +6,6 @@ from collections import deque
 from typing import Any
 
 from ....emulator.control import controller
-from ....emulator.control.stores import Stores
 from ....emulator.door import Handshake, Stall
 from ....emulator.interfaces import usb_functions
 from ....emulator.interfaces.serial_line import SerialLine
@@ -151,22 +150,6 @@ def full_packets_are_not_followed_by_an_empty_one(patch: Patch) -> None:
     patch.wrap(usb_functions._Packets, "next", around)
 
 
-@mutant("USB-019", "ACK-005")
-def records_are_cut_at_the_end_of_a_packet(patch: Patch) -> None:
-    """What waits goes out as a stream of bytes, so that a packet may end within a record."""
-
-    def around(_: Any) -> Any:
-        def take(self: Any, room: int) -> bytes:
-            waiting = b"".join(self._records)
-            self._records = deque([waiting[room:]] if waiting[room:] else [])
-            self._unasked = b""
-            return waiting[:room]
-
-        return take
-
-    patch.wrap(ArrayFunction, "_take_records", around)
-
-
 @mutant("USB-018")
 def empty_packets_are_answered(patch: Patch) -> None:
     """An empty packet while no block has begun is refused like a short block, and answered."""
@@ -278,35 +261,6 @@ def records_outlive_the_session(patch: Patch) -> None:
         return begin_anew
 
     patch.wrap(ArrayFunction, "_begin_anew", around)
-
-
-@mutant("NUM-004", "USB-026")
-def numbering_goes_on_in_the_next_session(patch: Patch) -> None:
-    """After SET_CONFIGURATION the first number has to follow the last one of the session before."""
-
-    def around(original: Any) -> Any:
-        def new_session(self: Any, door: Any) -> None:
-            number = self._last_sequence
-            original(self, door)
-            self._last_sequence = number
-
-        return new_session
-
-    patch.wrap(Controller, "new_session", around)
-
-
-@mutant("USB-026", "BLK-013")
-def stores_end_with_the_session(patch: Patch) -> None:
-    """SET_CONFIGURATION empties slots, entries and samples: it calls what power-up calls."""
-
-    def around(original: Any) -> Any:
-        def new_session(self: Any, door: Any) -> None:
-            original(self, door)
-            self._stores = Stores()
-
-        return new_session
-
-    patch.wrap(Controller, "new_session", around)
 
 
 @mutant("USB-026", "REQ-009", "REQ-010")

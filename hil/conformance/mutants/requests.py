@@ -84,16 +84,6 @@ def wiring_is_answered_the_other_way_round(patch: Patch) -> None:
 # STATUS, CLOCK and PROCESSORS
 
 
-@mutant("REQ-003", "BLK-005")
-def late_changes_are_not_counted(patch: Patch) -> None:
-    """The count of late changes stays 0: it is incremented in a copy."""
-
-    def around(original: Any) -> Any:
-        return lambda self: replace(original(self), late=0)
-
-    patch.wrap(Controller, "status", around)
-
-
 @mutant("REQ-003")
 def status_forgets_the_last_refusal_once_it_was_read(patch: Patch) -> None:
     """The reason of the last refusal is 0 again after STATUS has told it, as registers clear that are read."""

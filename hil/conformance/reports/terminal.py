@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from types import TracebackType
+from typing import Self
 
 from rich import box
 from rich.console import Console
@@ -30,7 +31,7 @@ from .summary import (
     verdict_line,
 )
 
-__all__ = ["LiveLine", "print_run"]
+__all__ = ["Line", "LiveLine", "print_run"]
 
 INDENT = 4
 MOST_EVIDENCE = 8
@@ -48,16 +49,16 @@ STYLES = {
 OUTCOME_STYLES = {Outcome.FAIL: "bold red", Outcome.PART: "bold yellow", Outcome.PASS: "bold green"}
 
 
-class LiveLine(Watcher):
-    """Tells of cases while they run: on a terminal the one that runs and what breaks, elsewhere each that is no pass.
+class Line:
+    """A line on a terminal that says what goes on now, between lines that stay.
 
-    It is a context manager, at the end of which the line is gone.
+    It is a context manager, at the end of which the line is gone. Off a terminal there is none.
     """
 
     def __init__(self, console: Console) -> None:
         self._console = console
 
-    def __enter__(self) -> LiveLine:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -65,24 +66,37 @@ class LiveLine(Watcher):
     ) -> None:
         self._erase()
 
-    def began(self, case: str, number: int, of: int) -> None:
-        """A case begins: the how-manieth, from 1, of how many."""
+    def _show(self, text: str, number: int, of: int) -> None:
+        """Say what goes on, and that it is so many of how many."""
         if not self._console.is_terminal:
             return
         self._erase()
-        line = Text(f"{number:{len(str(of))}}/{of}  {legible(case)}")
+        line = Text(f"{number:{len(str(of))}}/{of}  {legible(text)}")
         line.truncate(self._console.width - 1, overflow="ellipsis")
         self._console.print(line, end="")
+
+    def _keep(self, line: Text) -> None:
+        """Say something that stays."""
+        self._erase()
+        self._console.print(line)
+
+    def _erase(self) -> None:
+        self._console.control(Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2)))
+
+
+class LiveLine(Line, Watcher):
+    """Tells of cases while they run: on a terminal which one runs and what breaks, elsewhere each that is no pass."""
+
+    def began(self, case: str, number: int, of: int) -> None:
+        """A case begins: the how-manieth, from 1, of how many."""
+        self._show(case, number, of)
 
     def ended(self, result: Result) -> None:
         """A case has come to a verdict."""
         self._erase()
         if result.breaks or (result.verdict is not Verdict.PASS and not self._console.is_terminal):
             why = " ".join(legible(result.reason).split())
-            self._console.print(_headed(result).append(f": {why}" if why else ""))
-
-    def _erase(self) -> None:
-        self._console.control(Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2)))
+            self._keep(_headed(result).append(f": {why}" if why else ""))
 
 
 def print_run(out: Console, run: Run) -> None:

@@ -15,6 +15,9 @@ from phasewire.emulator.control import controller
 from phasewire.errors import DeviceNotFoundError
 from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.cli import commands
+from phasewire.hil.conformance.mutants.catalogue import MUTANTS
+from phasewire.hil.conformance.mutants.patching import Mutant
+from phasewire.hil.conformance.mutants.running import Fate, MutantResult, MutantWatcher
 from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.profile import Profile
 from phasewire.hil.conformance.running import Options
@@ -172,6 +175,11 @@ def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Sui
         (("--known-failures", "p.toml"), "p.toml: colour = 'red': it names no case"),
         (("--mutant", "no-such"), "there is no mutant 'no-such'; there are "),
         (("--mutant", "horizon-is-not-judged", "--device", "usb:"), "--mutant brings a device of its own"),
+        (("--mutants", "--device", "usb:"), "--mutants goes with --jobs and --json alone"),
+        (("--mutants", "--mutant", "horizon-is-not-judged"), "--mutants goes with --jobs and --json alone"),
+        (("--mutants", "--jobs", "0"), "--jobs"),
+        (("--mutants", "--json", "nowhere/m.json"), "there is no folder nowhere"),
+        (("--jobs", "2"), "--jobs goes with --mutants"),
         (("--profile", "absent.toml"), "absent.toml: No such file"),
         (
             ("--list", "--html", "c.html", "--junit", "c.xml"),
@@ -241,3 +249,26 @@ def test_a_mutant_is_judged_and_its_reports_say_that_it_is_one(phasewire: Phasew
     mutant = json.loads(outcome.out)["provenance"]["device"]["mutant"]
     assert mutant.startswith("horizon-is-not-judged: Any period is accepted")
     assert "fresh" not in outcome.err
+
+
+@pytest.mark.parametrize(("fate", "code"), [(Fate.CAUGHT, 0), (Fate.ONE_CASE, 0), (Fate.SURVIVED, 1), (Fate.HUNG, 1)])
+def test_all_mutants_are_judged_and_one_that_gets_away_is_exit_code_1(
+    phasewire: Phasewire, monkeypatch: pytest.MonkeyPatch, fate: Fate, code: int
+) -> None:
+    asked: list[tuple[list[str], int]] = []
+
+    def stand_in(chosen: list[Mutant], jobs: int, watcher: MutantWatcher) -> list[MutantResult]:
+        asked.append(([mutant.name for mutant in chosen], jobs))
+        results = [MutantResult(mutant, fate if not index else Fate.CAUGHT, (), "", 0) for index, mutant in chosen_of]
+        for result in results:
+            watcher.ended(result)
+        return results
+
+    chosen_of = list(enumerate(MUTANTS.values()))
+    monkeypatch.setattr("phasewire.hil.conformance.mutants.running.run_mutants", stand_in)
+    outcome = phasewire("--mutants", "--jobs", "3", "--json", "-")
+    assert outcome.code == code
+    assert asked == [(list(MUTANTS), 3)]
+    found = json.loads(outcome.out)
+    assert (found["format"], len(found["mutants"])) == ("phasewire-mutants-1", len(MUTANTS))
+    assert f"{len(MUTANTS)} mutants got away" in outcome.err

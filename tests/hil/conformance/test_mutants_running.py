@@ -1,0 +1,172 @@
+"""Running the suite against mutants: who counts as caught, and that no process is left."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from phasewire.hil.conformance.mutants import running
+from phasewire.hil.conformance.mutants.patching import Mutant, Patch
+from phasewire.hil.conformance.mutants.running import Fate, MutantResult, MutantWatcher, judged, run_mutants
+from phasewire.hil.conformance.reports.mutants import MutantLine, print_mutants, record
+
+from tests.hil.conformance.reports.test_terminal import console, written
+
+
+def nothing(_: Patch) -> None:
+    pass
+
+
+def a_mutant(name: str, group: str = "blocks") -> Mutant:
+    return Mutant(name, group, ("BLK-003",), f"{name} is broken.", nothing)
+
+
+def a_run(*broken: str, trouble: Sequence[str] = ()) -> str:
+    results = [{"case": case, "breaks": case in broken} for case in ("a/one", "a/two", "b/three")]
+    return json.dumps({"format": "phasewire-conformance-1", "results": results, "trouble": list(trouble)})
+
+
+@pytest.mark.parametrize(
+    ("code", "out", "fate", "cases"),
+    [
+        (0, a_run(), Fate.SURVIVED, ()),
+        (1, a_run("a/two"), Fate.ONE_CASE, ("a/two",)),
+        (1, a_run("b/three", "a/one"), Fate.CAUGHT, ("a/one", "b/three")),
+        (1, a_run("a/one", trouble=["a case cannot be collected"]), Fate.CRASHED, ("a/one",)),
+        (1, "", Fate.CRASHED, ()),
+        (1, '{"format": "another"}', Fate.CRASHED, ()),
+        (3, a_run("a/one"), Fate.CRASHED, ()),
+        (-9, a_run("a/one"), Fate.CRASHED, ()),
+        (None, a_run("a/one"), Fate.HUNG, ()),
+    ],
+)
+def test_only_a_case_that_breaks_in_a_run_that_comes_to_its_end_is_a_catch(
+    code: int | None, out: str, fate: Fate, cases: tuple[str, ...]
+) -> None:
+    found = judged(code, out, "something\nat last\n")
+    assert (found.fate, found.cases) == (fate, cases)
+    assert fate.is_catch == (fate in (Fate.ONE_CASE, Fate.CAUGHT))
+    if code is None or (code not in (0, 1)):
+        assert "at last" in found.why
+
+
+SCRIPT = """
+import os, pathlib, sys, time
+name = sys.argv[-1]
+pathlib.Path(sys.argv[1], name).write_text(str(os.getpid()))
+if name.startswith("slow"):
+    time.sleep(60)
+if name.startswith("crash"):
+    sys.exit("no such thing")
+print(sys.argv[2] if name.startswith("bad") else sys.argv[3])
+sys.exit(name.startswith("bad"))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Mutants are judged by a script that leaves its process's number in this folder."""
+    command = (sys.executable, "-c", SCRIPT, str(tmp_path), a_run("a/one", "a/two"), a_run())
+    monkeypatch.setattr(running, "COMMAND", command)
+    return tmp_path
+
+
+def is_alive(folder: Path, name: str) -> bool:
+    try:
+        os.kill(int((folder / name).read_text()), 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+class Crowd(MutantWatcher):
+    def __init__(self) -> None:
+        self.most = 0
+        self.names: list[str] = []
+
+    def goes_on(self, mutants: Sequence[str], ended: int, of: int) -> None:
+        self.most = max(self.most, len(mutants))
+
+    def ended(self, result: MutantResult) -> None:
+        self.names.append(result.mutant.name)
+
+
+def test_each_mutant_has_a_process_and_results_come_in_order(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(running, "TIME_OUT_SECONDS", 2.0)
+    crowd, names = Crowd(), ["slow-one", "bad-one", "good-one", "crash-one", "bad-two"]
+    results = run_mutants([a_mutant(name) for name in names], 2, crowd)
+    assert [result.mutant.name for result in results] == names
+    fates = [result.fate for result in results]
+    assert fates == [Fate.HUNG, Fate.CAUGHT, Fate.SURVIVED, Fate.CRASHED, Fate.CAUGHT]
+    assert "no such thing" in results[3].why
+    assert results[1].cases == ("a/one", "a/two")
+    assert crowd.most == 2
+    assert sorted(crowd.names) == sorted(names)
+    assert not any(is_alive(folder, name) for name in names)
+
+
+def test_ctrl_c_leaves_no_process(folder: Path) -> None:
+    class Impatient(MutantWatcher):
+        def ended(self, result: MutantResult) -> None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_mutants([a_mutant("slow-one"), a_mutant("bad-one")], 2, Impatient())
+    assert not is_alive(folder, "bad-one")
+    assert not (folder / "slow-one").exists() or not is_alive(folder, "slow-one")
+
+
+RESULTS = [
+    MutantResult(a_mutant("late", "timing"), Fate.CAUGHT, ("timing/a", "timing/b", "blocks/c"), "", 1.0),
+    MutantResult(a_mutant("sly"), Fate.SURVIVED, (), "", 2.0),
+    MutantResult(a_mutant("lone"), Fate.ONE_CASE, ("blocks/c",), "", 3.0),
+    MutantResult(a_mutant("dead"), Fate.CRASHED, (), "exit code 4: it\nis [gone]", 4.0),
+]
+
+
+def test_the_table_is_sorted_by_group_and_names_who_got_away() -> None:
+    out = console(terminal=False, width=200)
+    print_mutants(out, RESULTS)
+    lines = [line.split() for line in written(out).splitlines() if line.strip()]
+    rows = lines[2:6]
+    assert rows[0] == ["blocks", "sly", "survived", "0"]
+    assert rows[1] == ["lone", "one", "case", "1", "blocks/c"]
+    assert rows[3] == ["timing", "late", "caught", "3", "timing/a,", "timing/b,", "…"]
+    told = written(out)
+    assert "survived  blocks/sly\n    sly is broken.\n" in told
+    assert "crashed  blocks/dead: exit code 4: it is [gone]\n" in told
+    assert told.splitlines()[-1] == "FAIL: 2 of 4 mutants got away (1 survived, 1 crashed, 1 one case, 1 caught)"
+
+
+def test_where_all_are_caught_the_last_line_says_so() -> None:
+    out = console(terminal=False)
+    print_mutants(out, [RESULTS[0], RESULTS[2]])
+    assert written(out).splitlines()[-1] == "PASS: none of 2 mutants got away (1 one case, 1 caught)"
+
+
+def test_the_record_holds_all() -> None:
+    found = json.loads(json.dumps(record(RESULTS)))
+    assert found["format"] == "phasewire-mutants-1"
+    assert found["passed"] is False
+    assert found["counts"] == {"survived": 1, "crashed": 1, "hung": 0, "one case": 1, "caught": 1}
+    assert [entry["name"] for entry in found["mutants"]] == ["sly", "lone", "dead", "late"]
+    assert found["mutants"][3]["cases"] == ["timing/a", "timing/b", "blocks/c"]
+    assert [entry["caught"] for entry in found["mutants"]] == [False, True, False, True]
+    assert record(RESULTS[:1])["passed"] is True
+
+
+def test_while_they_run_a_terminal_shows_them_and_everywhere_who_got_away() -> None:
+    for terminal in (True, False):
+        out = console(terminal=terminal)
+        with MutantLine(out) as watcher:
+            watcher.goes_on(["late", "sly"], 3, 40)
+            for result in RESULTS:
+                watcher.ended(result)
+        told = written(out)
+        assert ("3/40  late, sly" in told) == terminal
+        assert "survived  blocks/sly" in told
+        assert "timing/late" not in told
