@@ -2,9 +2,55 @@
 
 from __future__ import annotations
 
-from . import acknowledgements, blocks, flow, modulation, numbering, pulses, safety, sequences, sorting, timing
+from . import (
+    acknowledgements,
+    blocks,
+    chain,
+    console,
+    dfu,
+    endpoints,
+    enumeration,
+    firmware,
+    flow,
+    long_run,
+    modulation,
+    numbering,
+    power,
+    pulses,
+    requests,
+    robustness,
+    safety,
+    sequences,
+    serial,
+    sorting,
+    timing,
+    versions,
+)
 from .patching import MUTANTS
 
 __all__ = ["MUTANTS"]
 
-GROUPS = (blocks, numbering, acknowledgements, timing, pulses, sorting, flow, sequences, modulation, safety)
+GROUPS = (
+    blocks,
+    numbering,
+    acknowledgements,
+    requests,
+    versions,
+    timing,
+    pulses,
+    sorting,
+    flow,
+    sequences,
+    modulation,
+    safety,
+    chain,
+    enumeration,
+    endpoints,
+    power,
+    dfu,
+    firmware,
+    serial,
+    console,
+    robustness,
+    long_run,
+)

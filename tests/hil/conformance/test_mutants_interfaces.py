@@ -17,6 +17,13 @@ GROUPS = {
     "endpoints",
     "enumeration",
     "requests",
+    "console",
+    "dfu",
+    "long-run",
+    "robustness",
+    "serial",
+    "firmware",
+    "power",
     "versions",
 }
 MINE = {name: mutant for name, mutant in MUTANTS.items() if mutant.group in GROUPS}

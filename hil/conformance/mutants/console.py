@@ -1,0 +1,330 @@
+"""A broken text console (chapter CON)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ....emulator.control import controller
+from ....emulator.interfaces import console
+from ....emulator.interfaces.serial_line import SerialLine
+from ....errors import CommandError
+from ....protocol.codes import ConsoleCode, State
+from ....protocol.console import COMMANDS, MAX_LINE_CHARACTERS, PROMPT, Command, LineEditor
+from ....protocol.requests import VALUES
+from .patching import Patch, mutant
+
+OK = "ok\r\n"
+ERASING = (0x08, 0x7F)
+BELL = b"\a"
+SHOWN_ERASED = b"\b \b"
+
+
+def _parse(patch: Patch, around: Any) -> None:
+    """Let the device read a line in another way."""
+    patch.wrap(console, "parse_command", around)
+
+
+# Lines
+
+
+class _Longer(LineEditor):
+    """A line editor that takes a character more."""
+
+    def _type(self, byte: int) -> bytes:
+        if len(self._line) == MAX_LINE_CHARACTERS and byte in range(0x20, 0x7F):
+            self._line.append(byte)
+            return bytes([byte])
+        if len(self._line) == MAX_LINE_CHARACTERS + 1 and byte in range(0x20, 0x7F):
+            self._line.append(byte)
+            return BELL
+        if len(self._line) > MAX_LINE_CHARACTERS + 1 and byte in range(0x20, 0x7F):
+            return BELL
+        return super()._type(byte)
+
+
+@mutant("CON-001", "CON-003", "CON-006")
+def lines_may_have_81_characters(patch: Patch) -> None:
+    """A line of 81 characters is taken: the buffer has 82 bytes, and the comparison is off by one."""
+
+    def around(original: Any) -> Any:
+        return lambda line: original(line if len(line) != MAX_LINE_CHARACTERS + 1 else line.strip())
+
+    patch.replace(console, "LineEditor", _Longer)
+    _parse(patch, around)
+
+
+class _Eager(LineEditor):
+    """A line editor that takes something back where there is nothing."""
+
+    def _type(self, byte: int) -> bytes:
+        return SHOWN_ERASED if byte in ERASING and not self._line else super()._type(byte)
+
+
+@mutant("CON-003")
+def backspace_moves_at_an_empty_line(patch: Patch) -> None:
+    """Backspace sends 08 20 08 also where nothing was typed, and so wipes out the prompt."""
+    patch.replace(console, "LineEditor", _Eager)
+
+
+class _TwoEnds(LineEditor):
+    """A line editor to which CR and LF are two ends."""
+
+    def feed(self, data: bytes) -> tuple[list[str], bytes]:
+        self._after_return = False
+        return super().feed(data)
+
+
+@mutant("CON-003")
+def cr_lf_ends_two_lines(patch: Patch) -> None:
+    """CR LF ends a line and an empty one behind it, which has a prompt of its own."""
+    patch.replace(console, "LineEditor", _TwoEnds)
+
+
+class _Literal(LineEditor):
+    """A line editor to which DEL is a character."""
+
+    def _type(self, byte: int) -> bytes:
+        if byte == ERASING[1]:
+            self._line.append(byte)
+            return b"?"
+        return super()._type(byte)
+
+
+@mutant("CON-003")
+def del_takes_nothing_back(patch: Patch) -> None:
+    """DEL (7F) is a character that is not printable, where it should take one back as 08 does."""
+    patch.replace(console, "LineEditor", _Literal)
+
+
+@mutant("CON-003")
+def echo_0_is_not_heeded(patch: Patch) -> None:
+    """`echo 0` is answered with ok, and what is typed is sent back all the same."""
+
+    def around(original: Any) -> Any:
+        def carry_out(self: Any, command: Command) -> Any:
+            answer = original(self, command)
+            self._editor.echo = True
+            return answer
+
+        return carry_out
+
+    patch.wrap(console.Console, "_carry_out", around)
+
+
+@mutant("CON-002")
+def console_greets(patch: Patch) -> None:
+    """When DTR is set the console sends a prompt, though nobody has typed anything."""
+
+    def around(original: Any) -> Any:
+        def opened(self: Any) -> None:
+            original(self)
+            self._say(PROMPT.encode("ascii"))
+
+        return opened
+
+    patch.wrap(SerialLine, "open", around)
+
+
+# What is judged
+
+
+@mutant("CON-001")
+def case_does_not_matter(patch: Patch) -> None:
+    """Commands are understood in capitals too."""
+    _parse(patch, lambda original: lambda line: original(line.lower()))
+
+
+@mutant("CON-006")
+def command_is_judged_before_its_characters(patch: Patch) -> None:
+    """A line with an unknown command and a character that is not printable is COMMAND, where CHARACTER comes first."""
+
+    def around(original: Any) -> Any:
+        def parse(line: str) -> Any:
+            try:
+                return original(line)
+            except CommandError as error:
+                words = line.split()
+                if error.reason == ConsoleCode.CHARACTER and words and words[0] not in COMMANDS:
+                    raise CommandError("no such command", ConsoleCode.COMMAND) from None
+                raise
+
+        return parse
+
+    _parse(patch, around)
+
+
+@mutant("CON-006", "CON-005")
+def ranges_are_not_judged(patch: Patch) -> None:
+    """A number outside its range is handed on: the request refuses it, or the last transducer stands for it."""
+
+    def around(original: Any) -> Any:
+        def parse(line: str) -> Any:
+            try:
+                return original(line)
+            except CommandError as error:
+                if error.reason != ConsoleCode.RANGE:
+                    raise
+                name, number = line.split()
+                form = COMMANDS[name]
+                assert form.argument is not None
+                last = form.argument.values[-1]
+                return Command(name, int(number) if form.request in VALUES else min(int(number), last))
+
+        return parse
+
+    _parse(patch, around)
+
+
+@mutant("CON-006", "CON-001")
+def signs_before_numbers_are_taken(patch: Patch) -> None:
+    """A number may have a plus sign: it is read by a function that takes one."""
+
+    def around(original: Any) -> Any:
+        def parse(line: str) -> Any:
+            words = [word[1:] if word.startswith("+") and word[1:].isdecimal() else word for word in line.split()]
+            return original(" ".join(words) if "+" in line else line)
+
+        return parse
+
+    _parse(patch, around)
+
+
+@mutant("CON-006")
+def arguments_too_many_are_ignored(patch: Patch) -> None:
+    """What stands behind a command that takes no argument is ignored, instead of ARGUMENTS."""
+
+    def around(original: Any) -> Any:
+        def parse(line: str) -> Any:
+            try:
+                return original(line)
+            except CommandError as error:
+                name = (line.split() or [""])[0]
+                if error.reason == ConsoleCode.ARGUMENTS and COMMANDS[name].argument is None:
+                    return Command(name)
+                raise
+
+        return parse
+
+    _parse(patch, around)
+
+
+# What is answered
+
+
+@mutant("CON-002")
+def ok_is_missing_after_clear(patch: Patch) -> None:
+    """`clear` is carried out and answered with the prompt alone."""
+
+    def around(original: Any) -> Any:
+        def answer(self: Any, line: str) -> Any:
+            text, then = original(self, line)
+            return (text.removesuffix(OK) if line.split() == ["clear"] else text), then
+
+        return answer
+
+    patch.wrap(console.Console, "_answer", around)
+
+
+@mutant("CON-007")
+def keys_of_status_are_sorted(patch: Patch) -> None:
+    """`status` answers its keys in alphabetical order, not in that of the record."""
+
+    def around(original: Any) -> Any:
+        def fields(command: Command, data: bytes) -> Any:
+            found = original(command, data)
+            return sorted(found) if command.name == "status" else found
+
+        return fields
+
+    patch.wrap(console, "_fields", around)
+
+
+@mutant("CON-007")
+def no_bits_are_said_as_0(patch: Patch) -> None:
+    """A set of bits of which none is set is said as 0 instead of none."""
+
+    def around(original: Any) -> Any:
+        def word(value: object) -> Any:
+            found = original(value)
+            return "0" if found == "none" else found
+
+        return word
+
+    patch.wrap(console, "_word", around)
+
+
+@mutant("CON-005", "CON-007")
+def help_forgets_a_command(patch: Patch) -> None:
+    """`help` does not list the last command, which was added later."""
+    patch.wrap(console, "help_fields", lambda original: lambda: original()[:-1])
+
+
+@mutant("CON-007")
+def later_of_info_is_told(patch: Patch) -> None:
+    """`info` tells the bytes of later versions too."""
+
+    def around(original: Any) -> Any:
+        def fields(command: Command, data: bytes) -> Any:
+            found = original(command, data)
+            return [*found, ("later", data[48:].hex())] if command.name == "info" else found
+
+        return fields
+
+    patch.wrap(console, "_fields", around)
+
+
+# What is carried out
+
+
+@mutant("CON-008")
+def test_drives_a_width_of_3(patch: Patch) -> None:
+    """`test` drives its transducer with a width of 3 ticks instead of 2."""
+    patch.replace(controller, "TEST_WIDTH_TICKS", 3)
+
+
+@mutant("CON-008")
+def test_is_not_counted(patch: Patch) -> None:
+    """`test` is not counted among the accepted blocks."""
+
+    def around(original: Any) -> Any:
+        def test(self: Any, transducer: int, door: Any) -> None:
+            accepted = self._accepted
+            original(self, transducer, door)
+            self._accepted = accepted
+
+        return test
+
+    patch.wrap(controller.Controller, "test_transducer", around)
+
+
+@mutant("CON-004", "STA-005")
+def stop_is_refused_in_fault(patch: Patch) -> None:
+    """`stop` is refused while a fault is not cleared, though there is nothing wrong in stopping twice."""
+
+    def around(original: Any) -> Any:
+        def ask(self: Any, command: Command) -> Any:
+            if command.name == "stop" and self._controller.state is State.FAULT:
+                raise CommandError("there is a fault", ConsoleCode.REFUSED)
+            return original(self, command)
+
+        return ask
+
+    patch.wrap(console.Console, "_ask", around)
+
+
+@mutant("CON-004", "SAF-003")
+def commands_are_no_signs_of_life(patch: Patch) -> None:
+    """`status` and `faults` do not feed the watchdog, as the request does for which they stand."""
+
+    def around(original: Any) -> Any:
+        def ask(self: Any, command: Command) -> Any:
+            watchdog = self._controller._watchdog
+            fed = watchdog._fed
+            answer = original(self, command)
+            if command.name in ("status", "faults"):
+                watchdog._fed = fed
+            return answer
+
+        return ask
+
+    patch.wrap(console.Console, "_ask", around)

@@ -1,0 +1,383 @@
+"""Broken serial lines: frames, modes, and credit (chapter SER)."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+from typing import Any
+
+from cobs import cobs
+
+from ....emulator.interfaces import serial_line
+from ....emulator.interfaces.console import Console
+from ....emulator.interfaces.serial_line import SerialLine
+from ....emulator.interfaces.usb_functions import ConsoleFunction
+from ....errors import FrameError
+from ....protocol import framing
+from ....protocol.codes import SERIAL_DATA_BYTES, FrameKind, Outcome
+from ....protocol.console import PROMPT
+from ....protocol.framing import DELIMITER, MAX_FRAME_BYTES, Frame, FrameReader, Line, SerialReply
+from ....protocol.requests import DIRECTION_IN
+from .patching import Patch, mutant
+
+OVER_UART = "emulator:?door=serial"
+CHECKSUM_BYTES = 4
+REQUEST_TYPE_AT = 2
+LENGTH_AT = slice(8, 10)
+REQUEST_HEAD_BYTES = 10
+"""Of a request with its kind before it."""
+DIRECT = 0x41 - 0x01
+"""What the types of vendor requests to an interface have besides their direction."""
+
+
+# Frames
+
+
+class _OtherLine(Line):
+    """What the device receives, read by another reader."""
+
+    def __init__(self, reader: type[FrameReader]) -> None:
+        super().__init__()
+        self._reader = reader()
+
+
+def _read_by(patch: Patch, reader: type[FrameReader]) -> None:
+    """Let the device read frames in another way; what hosts read is as it was."""
+    patch.replace(serial_line, "Line", lambda: _OtherLine(reader))
+
+
+class _Forgiving(FrameReader):
+    """A reader that takes some damaged frames for others."""
+
+    def pardon(self, data: bytes) -> bytes:
+        """The frame that is read instead of a damaged one, with its zero; `DecodeError` where there is none."""
+        raise NotImplementedError
+
+    def _finish(self) -> Frame | FrameError:
+        data = bytes(self._begun) + DELIMITER
+        found = super()._finish()
+        if isinstance(found, Frame):
+            return found
+        try:
+            return framing.decode(self.pardon(data))
+        except (FrameError, cobs.DecodeError):
+            return found
+
+
+def _sealed(content: bytes) -> bytes:
+    """A frame of a kind and a body, as it should be."""
+    checksum = zlib.crc32(content).to_bytes(CHECKSUM_BYTES, "little")
+    return bytes(cobs.encode(content + checksum)) + DELIMITER
+
+
+class _NoChecksum(_Forgiving):
+    def pardon(self, data: bytes) -> bytes:
+        return _sealed(bytes(cobs.decode(data[:-1]))[:-CHECKSUM_BYTES])
+
+
+@mutant("SER-006", "SER-002")
+def checksum_of_frames_is_ignored(patch: Patch) -> None:
+    """A frame is taken whatever its CRC-32: it is computed, and compared with itself."""
+    _read_by(patch, _NoChecksum)
+
+
+class _AnyForm(_Forgiving):
+    def pardon(self, data: bytes) -> bytes:
+        return bytes(cobs.encode(cobs.decode(data[:-1]))) + DELIMITER
+
+
+@mutant("SER-003")
+def empty_group_at_the_end_of_a_frame_is_taken(patch: Patch) -> None:
+    """A frame is taken whose COBS ends with a group of no bytes behind a full one, as many libraries decode it."""
+    _read_by(patch, _AnyForm)
+
+
+class _AnyLength(_Forgiving):
+    def pardon(self, data: bytes) -> bytes:
+        content = bytearray(cobs.decode(data[:-1]))[:-CHECKSUM_BYTES]
+        stated = cobs.decode(data[:-1])[-CHECKSUM_BYTES:]
+        if content[0] != FrameKind.REQUEST or zlib.crc32(content).to_bytes(CHECKSUM_BYTES, "little") != stated:
+            raise FrameError("it is damaged otherwise")
+        content[LENGTH_AT] = SERIAL_DATA_BYTES.to_bytes(2, "little")
+        return _sealed(bytes(content[: REQUEST_HEAD_BYTES + SERIAL_DATA_BYTES]))
+
+    def _collect(self, data: bytes) -> None:
+        self._begun += data
+
+
+@mutant("SER-006", "SER-005")
+def requests_of_any_length_are_answered(patch: Patch) -> None:
+    """A request for more than 640 bytes, or with more, is answered, also in a frame that is longer than the longest."""
+    _read_by(patch, _AnyLength)
+
+
+class _Starting(FrameReader):
+    def _collect(self, data: bytes) -> None:
+        self._begun += data
+        while len(self._begun) >= MAX_FRAME_BYTES:
+            del self._begun[: MAX_FRAME_BYTES - 1]
+
+
+@mutant("SER-005", "SER-006")
+def long_frames_begin_anew_when_the_buffer_is_full(patch: Patch) -> None:
+    """Of a frame that is too long the part behind the first 657 bytes is read as a frame: the buffer was emptied."""
+    _read_by(patch, _Starting)
+
+
+class _Quiet(FrameReader):
+    def feed(self, data: bytes) -> list[Frame | FrameError]:
+        return [event for event in super().feed(data) if "at most" not in str(event)]
+
+
+@mutant("SER-006")
+def long_frames_are_not_counted(patch: Patch) -> None:
+    """A frame that is too long is dropped and not counted."""
+    _read_by(patch, _Quiet)
+
+
+class _CountsNothing(FrameReader):
+    def feed(self, data: bytes) -> list[Frame | FrameError]:
+        *ends, rest = data.split(DELIMITER)
+        found: list[Frame | FrameError] = []
+        for end in ends:
+            self._collect(end)
+            found.append(self._finish() if self._begun else FrameError("nothing"))
+        self._collect(rest)
+        return found
+
+
+@mutant("SER-005", "SER-006")
+def two_zeros_count_as_a_damaged_frame(patch: Patch) -> None:
+    """Nothing between two zeros is counted as a damaged frame: it is too short for kind and checksum."""
+    _read_by(patch, _CountsNothing)
+
+
+@mutant("SER-006", "REQ-003")
+def damaged_frames_are_not_counted(patch: Patch) -> None:
+    """Damaged frames are dropped, and STATUS counts none."""
+
+    def around(original: Any) -> Any:
+        return lambda self, event: None if isinstance(event, FrameError) else original(self, event)
+
+    patch.wrap(SerialLine, "_handle", around)
+
+
+@mutant("SER-006")
+def frames_that_go_the_other_way_are_not_counted(patch: Patch) -> None:
+    """RECORD and REPLY, which only the device sends, are dropped without being counted."""
+
+    def around(original: Any) -> Any:
+        def handle(self: Any, event: Any) -> None:
+            backwards = isinstance(event, Frame) and event.kind in (FrameKind.RECORD, FrameKind.REPLY)
+            if not backwards:
+                original(self, event)
+
+        return handle
+
+    patch.wrap(SerialLine, "_handle", around)
+
+
+# Requests
+
+
+@mutant("SER-009", "SER-008")
+def replies_have_tag_0(patch: Patch) -> None:
+    """Every REPLY has tag 0 instead of that of its request."""
+
+    def around(original: Any) -> Any:
+        return lambda self, reply: original(self, replace(reply, tag=0))
+
+    patch.wrap(SerialLine, "_reply", around)
+
+
+@mutant("SER-009", "SER-013")
+def replies_overtake_what_waits(patch: Patch) -> None:
+    """A REPLY is sent before the answers that wait, so that two of them come in the wrong order."""
+
+    def around(original: Any) -> Any:
+        def answer(self: Any, frame: Frame) -> None:
+            original(self, frame)
+            if frame.kind is FrameKind.REPLY:
+                self._frames.rotate(1)
+
+        return answer
+
+    patch.wrap(serial_line._Outbox, "answer", around)
+
+
+@mutant("SER-006", "REQ-001")
+def requests_of_any_type_are_carried_out(patch: Patch) -> None:
+    """A request is carried out whoever it is addressed to: of its type only the direction is looked at."""
+
+    def around(original: Any) -> Any:
+        def requested(self: Any, request: Any) -> Any:
+            return original(self, replace(request, request_type=request.request_type & DIRECTION_IN | 0x41))
+
+        return requested
+
+    patch.wrap(SerialLine, "_requested", around)
+
+
+# Blocks
+
+
+@mutant("SER-011")
+def second_waiting_block_replaces_the_first(patch: Patch) -> None:
+    """A block that arrives while another waits for room takes its place, and the first is never answered."""
+
+    def around(original: Any) -> Any:
+        def admit(self: Any, block: bytes) -> None:
+            if self._waiting:
+                self._waiting.block = block
+            else:
+                original(self, block)
+
+        return admit
+
+    patch.wrap(SerialLine, "_admit", around)
+
+
+@mutant("SER-011")
+def second_waiting_block_is_dropped_uncounted(patch: Patch) -> None:
+    """A block that arrives while another waits for room is dropped, and STATUS does not count it."""
+
+    def around(original: Any) -> Any:
+        return lambda self, block: None if self._waiting else original(self, block)
+
+    patch.wrap(SerialLine, "_admit", around)
+
+
+@mutant("SER-011")
+def blocks_do_not_wait_for_room(patch: Patch) -> None:
+    """A block for which the queue has no room is dropped and counted: there is no place in which it could wait."""
+
+    def around(original: Any) -> Any:
+        def admit(self: Any, block: bytes) -> None:
+            if self._controller.can_accept:
+                original(self, block)
+            else:
+                self._controller.dropped_frames += 1
+
+        return admit
+
+    patch.wrap(SerialLine, "_admit", around)
+
+
+@mutant("SER-011", "SAF-003")
+def waiting_blocks_are_signs_of_life(patch: Patch) -> None:
+    """A block feeds the watchdog when it arrives, also where it has to wait for room."""
+
+    def around(original: Any) -> Any:
+        def admit(self: Any, block: bytes) -> None:
+            self._controller._watchdog.feed()
+            original(self, block)
+
+        return admit
+
+    patch.wrap(SerialLine, "_admit", around)
+
+
+# Modes
+
+
+@mutant("SER-010")
+def console_frames_are_not_answered(patch: Patch) -> None:
+    """The device goes back to text on CONSOLE without a CONSOLE of its own."""
+
+    def around(_: Any) -> Any:
+        def leave(self: Any) -> None:
+            self._drop_answers()
+            self._among_frames = False
+
+        return leave
+
+    patch.wrap(SerialLine, "_leave_frames", around)
+
+
+@mutant("SER-010")
+def way_into_frames_is_not_answered(patch: Patch) -> None:
+    """The device goes over to frames on 00 without a 00 of its own, so that text and frames run into each other."""
+
+    def around(original: Any) -> Any:
+        def handle(self: Any, event: Any) -> None:
+            if event is framing.Mode.FRAMES:
+                self._among_frames = True
+            else:
+                original(self, event)
+
+        return handle
+
+    patch.wrap(SerialLine, "_handle", around)
+
+
+@mutant("SER-010", url=OVER_UART)
+def breaks_are_ignored(patch: Patch) -> None:
+    """A break on the UART changes nothing: it is counted as a framing error."""
+
+    def around(original: Any) -> Any:
+        return lambda self: original(self) if self._needs_dtr else None
+
+    patch.wrap(SerialLine, "hang_up", around)
+
+
+@mutant("SER-010")
+def dtr_low_is_ignored(patch: Patch) -> None:
+    """DTR going low changes nothing: only its rise is looked at."""
+
+    def around(original: Any) -> Any:
+        return lambda self, dtr: original(self, dtr) if dtr else None
+
+    patch.wrap(ConsoleFunction, "_set_dtr", around)
+
+
+@mutant("SER-010")
+def unfinished_text_is_kept_over_frames(patch: Patch) -> None:
+    """What was typed of a line before frames is still there behind them, and the next line is appended to it."""
+    patch.replace(Console, "begin_line", lambda _: PROMPT.encode("ascii"))
+
+
+@mutant("SER-010")
+def answers_follow_into_the_console(patch: Patch) -> None:
+    """Answers that were not sent when the line goes back to text are sent among the text."""
+    patch.replace(SerialLine, "_drop_answers", lambda *_: None)
+
+
+@mutant("SER-010", "USB-023")
+def frames_need_dtr(patch: Patch) -> None:
+    """On CDC-ACM the device sends no frames while DTR is low, as it does with text."""
+
+    def around(original: Any) -> Any:
+        def take(self: Any, room: int) -> bytes:
+            return original(self, room) if self._sends_text else b""
+
+        return take
+
+    patch.wrap(SerialLine, "take", around)
+
+
+@mutant("SER-010")
+def records_are_sent_among_text(patch: Patch) -> None:
+    """Status records of the device's own accord are sent on the line also while it carries text."""
+
+    def around(_: Any) -> Any:
+        def notify(self: Any, record: bytes) -> None:
+            self._outbox.notify(Frame(FrameKind.RECORD, record))
+            self._on_output()
+
+        return notify
+
+    patch.wrap(SerialLine, "notify", around)
+
+
+@mutant("SER-010", "REQ-013")
+def reset_is_not_followed_by_console(patch: Patch) -> None:
+    """RESET is answered by a REPLY and not by CONSOLE behind it."""
+
+    def around(_: Any) -> Any:
+        def answer(self: Any, request: Any) -> None:
+            self._reply(SerialReply(request.tag, Outcome.DONE))
+            self._departure = lambda: self._controller.request(request.setup, b"", self)
+
+        return answer
+
+    patch.wrap(SerialLine, "_answer_restart", around)
