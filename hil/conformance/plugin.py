@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
 import pytest
@@ -171,18 +172,22 @@ class Judge:
         about = case_of(item.function)
         assert about is not None
         self._check(case_id(item), about)
-        try:
-            self.bench.begin_case(case_id(item))
-            marked = self.bench.sight is not None and self.bench.sight.deferred and Need.CAPTURE in about.needs
+        with ExitStack() as stack:
+            # What goes wrong may leave traces in a device for good, so that it goes wrong in another where there is one.
+            apart = Need.FAULTS in about.needs and self.bench.can(Need.SPARE)
+            bench = stack.enter_context(self.bench.spare()) if apart else self.bench
+            try:
+                bench.begin_case(case_id(item))
+                marked = bench.sight is not None and bench.sight.deferred and Need.CAPTURE in about.needs
+                if marked:
+                    bench.play_mark()
+            except Lost as error:
+                self._lost = str(error)
+                raise
+            yield bench
             if marked:
-                self.bench.play_mark()
-        except Lost as error:
-            self._lost = str(error)
-            raise
-        yield self.bench
-        if marked:
-            self.bench.play_mark()
-        self.bench.end_case()
+                bench.play_mark()
+            bench.end_case()
 
     def _check(self, identifier: str, about: Case) -> None:
         """Raise what says that a case is not to be judged."""
