@@ -124,6 +124,10 @@ class Judge:
         Why cases are known to fail.
     only : tuple of str
         The cases asked for.
+    first : tuple of str
+        Those that come first, by names as in ``only``.
+    enough : int or None
+        After so many cases that break the run no further one is judged; None for all.
     watcher : Watcher
 
     Attributes
@@ -138,6 +142,8 @@ class Judge:
     profile: Profile
     known: Mapping[str, str]
     only: tuple[str, ...]
+    first: tuple[str, ...]
+    enough: int | None
     watcher: Watcher
     results: list[Result] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
@@ -153,11 +159,10 @@ class Judge:
         self.trouble += trouble
         known = {entry.identifier for entry in entries}
         self.trouble += [f"the known failure {name!r} names no case" for name in self.known if name not in known]
-        items[:] = [
-            item
-            for item in items
-            if (about := case_of(item.function)) and wanted(Entry(case_id(item), about), self.only)
-        ]
+        asked = {entry.identifier: entry for entry in entries if wanted(entry, self.only)}
+        items[:] = [item for item in items if case_id(item) in asked]
+        if self.first:
+            items.sort(key=lambda item: not wanted(asked[case_id(item)], self.first))
         self._count = len(items)
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
@@ -224,6 +229,8 @@ class Judge:
         result = Result(identifier, about.clauses, about.sentence, verdict, reason, evidence, seconds, known)
         self.results.append(result)
         self.watcher.ended(result)
+        if self.enough is not None and sum(result.breaks for result in self.results) >= self.enough:
+            item.session.shouldstop = f"{self.enough} cases broke, which is enough"
         return done
 
     @pytest.hookimpl(wrapper=True)
