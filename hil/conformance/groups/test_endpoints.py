@@ -26,6 +26,7 @@ from phasewire.protocol.blocks import (
     Update,
     pack,
 )
+from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import AckFlag, Feature, Reason, Request, State
 from phasewire.protocol.replies import Ack, Status, records
 from phasewire.protocol.requests import Setup
@@ -127,6 +128,17 @@ def read_records(bench: Bench, size: int = 32 * BLOCK_BYTES) -> list[Ack | Statu
     return records(data)
 
 
+def read_numbers(bench: Bench, count: int) -> list[int]:
+    """The numbers of so many acknowledgements, in as many transfers as they take, each of which must end by itself.
+
+    A device that holds nothing back has its first packet ready before the others of its records wait.
+    """
+    found: list[int] = []
+    while len(found) < count:
+        found += numbers(read_records(bench))
+    return found
+
+
 def numbers(found: list[Ack | Status]) -> list[int]:
     """The numbers of the blocks that records acknowledge."""
     return [record.sequence for record in found if isinstance(record, Ack)]
@@ -175,6 +187,21 @@ def test_a_host_halts_an_endpoint_and_ends_that(bench: Bench, endpoint: int) -> 
 
 
 @case("USB-015", line="usb")
+@pytest.mark.parametrize("endpoint", ENDPOINTS, ids=lambda endpoint: f"{endpoint:02x}")
+def test_the_halt_of_one_endpoint_ends_alone(bench: Bench, endpoint: int) -> None:
+    """CLEAR_FEATURE ends the halt of the endpoint that it names, and leaves those of all others."""
+    for each in ENDPOINTS:
+        halt(bench, each)
+    try:
+        bench.usb.clear_halt(endpoint)
+        expect_halts(bench, *(each for each in ENDPOINTS if each != endpoint))
+    finally:
+        for each in ENDPOINTS:
+            bench.usb.clear_halt(each)
+    bench.must(NoOp())
+
+
+@case("USB-015", line="usb")
 def test_what_plays_goes_on_while_01_out_is_halted(bench: Bench) -> None:
     """A halt of 01 OUT keeps blocks out and nothing else: what plays and what is queued, and the numbering, go on."""
     without_watchdog(bench)
@@ -212,7 +239,7 @@ def test_records_are_kept_while_81_in_is_halted(bench: Bench) -> None:
         expect_stall("a read from 81", lambda: bench.usb.read(RECORDS_IN, BLOCK_BYTES, SOON))
     finally:
         bench.usb.clear_halt(RECORDS_IN)
-    expect("the numbers that are acknowledged", numbers(read_records(bench)), waiting)
+    expect("the numbers that are acknowledged", read_numbers(bench, len(waiting)), waiting)
     bench.must(NoOp())
 
 
@@ -226,10 +253,7 @@ def test_clear_feature_begins_with_data0(bench: Bench, endpoint: int, transfers:
     waiting = leave_records(bench, 1)
     bench.usb.clear_halt(endpoint)
     waiting += leave_records(bench, 1)
-    found: list[int] = []
-    while len(found) < len(waiting):
-        found += numbers(read_records(bench))
-    expect("the numbers that are acknowledged", found, waiting)
+    expect("the numbers that are acknowledged", read_numbers(bench, len(waiting)), waiting)
     for _ in range(3):
         bench.must(NoOp())
 
@@ -304,10 +328,7 @@ def test_many_blocks_travel_in_one_transfer(bench: Bench, ended: bool) -> None:
     write(bench, b"".join(map(pack, blocks)))
     if ended:
         write(bench, b"")
-    found: list[int] = []
-    while len(found) < len(blocks):
-        found += numbers(read_records(bench))
-    expect("the numbers that are acknowledged", found, [block.sequence for block in blocks])
+    expect("the numbers that are acknowledged", read_numbers(bench, 12), [block.sequence for block in blocks])
     expect("what comes behind them", bench.listen(QUIET), [])
 
 
@@ -346,7 +367,7 @@ def test_a_part_of_a_block_is_given_up(bench: Bench, end: str) -> None:
 def test_the_last_packet_of_records_is_short(bench: Bench, count: int) -> None:
     """However many records wait, the last packet is shorter than the largest, or a host's transfer would never end."""
     waiting = leave_records(bench, count)
-    expect("the numbers that are acknowledged", numbers(read_records(bench)), waiting)
+    expect("the numbers that are acknowledged", read_numbers(bench, len(waiting)), waiting)
     expect("what comes behind them", bench.listen(QUIET), [])
 
 
@@ -375,10 +396,11 @@ def test_packets_hold_whole_records(bench: Bench) -> None:
 def test_a_packet_holds_as_many_records_as_fit(bench: Bench) -> None:
     """A device puts as many of the records that wait into a packet as fit, for a packet takes its time."""
     fit = bench.usb.bulk_bytes // ACK_BYTES
-    waiting = leave_records(bench, min(fit, 16))
-    packet = bench.usb.read(RECORDS_IN, bench.usb.bulk_bytes, SOON) or b""
+    waiting = leave_records(bench, min(fit, 14) + 2)
+    packets = [records(bench.usb.read(RECORDS_IN, bench.usb.bulk_bytes, SOON) or b"") for _ in range(2)]
     bench.listen(QUIET)
-    expect("the numbers in the first packet", numbers(records(packet)), waiting)
+    ready = len(packets[0])  # before the others waited
+    expect("the numbers in the second packet", numbers(packets[1]), waiting[ready : ready + fit])
 
 
 # Sessions
@@ -400,9 +422,14 @@ def set_configuration(bench: Bench) -> None:
 
 def set_configuration_twice(bench: Bench) -> None:
     """SET_CONFIGURATION to 0, and then to 1."""
+    unconfigure(bench)
+    bench.usb.set_configuration()
+
+
+def unconfigure(bench: Bench) -> None:
+    """SET_CONFIGURATION to 0."""
     answer = bench.request(Setup(0x00, 9, 0, 0, 0))
     assert answer is not None, "SET_CONFIGURATION to 0 is answered with STALL"
-    bench.usb.set_configuration()
 
 
 def set_interface(bench: Bench) -> None:
@@ -426,11 +453,11 @@ CLAUSES = ("USB-003", "USB-016", "USB-026", "STA-003")
 
 
 def play_and_queue(bench: Bench) -> tuple[Ack, Ack]:
-    """Something plays, and something is queued for 50 ms later."""
+    """Something plays, and something is queued for 0.4 s later, by which a bus is reset."""
     without_watchdog(bench)
     bench.enable()
     first = bench.must(Update(bench.weak()))
-    second = bench.must(Update(bench.weak(), first.now // 50 + 4000))
+    second = bench.must(Update(bench.weak(), first.now // 50 + 16_000))
     bench.wait_until(first.commit_period)
     expect("the state before", bench.status().state, State.PLAYING)
     return first, second
@@ -482,6 +509,19 @@ def check_outputs_are_silent(bench: Bench, way: Way) -> None:
 def test_a_new_session_silences_the_outputs(bench: Bench, way: Way) -> None:
     """All outputs are low within six periods of a new session, whatever was queued."""
     check_outputs_are_silent(bench, way)
+
+
+@case("USB-003", "STA-001", needs=(Need.CAPTURE,), line="usb")
+def test_the_outputs_are_low_without_a_configuration(bench: Bench) -> None:
+    """SET_CONFIGURATION to 0 alone turns the outputs off, and they stay low until another configuration."""
+    play_and_queue(bench)
+    unconfigure(bench)
+    began = bench.line.time.monotonic()
+    bench.wait(0.05)
+    passed = bench.line.time.monotonic() - began
+    bench.usb.set_configuration()
+    last = bench.period()
+    bench.judge(last - int(0.99 * passed * CARRIER_HZ) + SILENT_PERIODS + 1, last, check_silent)
 
 
 @case("USB-003", "STA-001", needs=(Need.CAPTURE,), allow=(Risk.RESET,), line="usb")
@@ -618,7 +658,7 @@ def test_clear_feature_of_01_out_begins_no_session(bench: Bench) -> None:
     status = bench.status()
     expect("the state", status.state, State.PLAYING)
     expect("what plays since", status.since_period, first.commit_period)
-    expect("the numbers that are acknowledged", numbers(read_records(bench)), waiting)
+    expect("the numbers that are acknowledged", read_numbers(bench, len(waiting)), waiting)
     expect("the reason for an old number", bench.send(NoOp(), number=second.sequence).reason, Reason.SEQUENCE)
     bench.wait_until(second.commit_period + 1)
     expect("what plays since, past the next period", bench.status().since_period, second.commit_period)
@@ -661,7 +701,7 @@ def test_set_interface_of_others_leaves_the_array_alone(bench: Bench, interface:
     status = bench.status()
     expect("the state", status.state, State.PLAYING)
     expect("what plays since", status.since_period, first.commit_period)
-    expect("the numbers that are acknowledged", numbers(read_records(bench)), waiting)
+    expect("the numbers that are acknowledged", read_numbers(bench, len(waiting)), waiting)
     expect("the reason for an old number", bench.send(NoOp(), number=second.sequence).reason, Reason.SEQUENCE)
 
 

@@ -511,7 +511,7 @@ def test_an_unplugged_device_is_found_reset(bench: Bench) -> None:
     store_everything(bench)
     bench.request(Setup(0x21, 0x20, 0, CONSOLE, 7), LINE_CODING)
     play(bench)
-    queued = bench.must(Update(bench.weak(), bench.period() + 8000))
+    queued = bench.must(Update(bench.weak(), bench.period() + 16_000))
     before = bench.status()
     bench.usb.write(1, pack(bench.numbered(NoOp())), SOON)
     with unplugged(bench):
