@@ -10,6 +10,7 @@ from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.forge import FIELDS, forged, seal
+from phasewire.hil.conformance.stage import Stage
 from phasewire.hil.conformance.steps import (
     LONG_MS,
     SILENT,
@@ -27,7 +28,7 @@ from phasewire.hil.conformance.steps import (
     some,
     vectors,
 )
-from phasewire.hil.conformance.waveforms import check_play, expected_words, modulated
+from phasewire.hil.conformance.waveforms import check_play, expected_words, modulated, only
 from phasewire.protocol.blocks import (
     Block,
     Body,
@@ -670,33 +671,39 @@ def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> 
 @case("BLK-008", "BLK-013", "BLK-014", "BLK-016", needs=(Need.CAPTURE,), features=STORES)
 def test_refused_stores_leave_what_is_stored(bench: Bench) -> None:
     """A slot, entries and samples play as they were stored, though others for their places came and were refused."""
-    begin(bench)
-    pulses, other = bench.weak(), bench.weak()
-    bench.must(Slot(9, pulses))
-    bench.must(Entries((Entry(9, 3), Entry(9, 4)), 50))
-    bench.must(Samples(b"\xff\x40\x80", 60))
+    bench.order(Request.LIMIT, 2)
+    stage = Stage(bench)
+    number = stage.send(NoOp()).sequence
+    stage.send_all([Slot(9, only(9)), Slot(10, only(70, 31, 20)), Entries((Entry(9, 3), Entry(10, 4)), 50)])
+    stage.send(Samples(b"\xff\x40\x80", 60))
     let_stores_go(bench)
-    entries = Entries((Entry(8, 9), Entry(8, 9)), 50)
+    slot, entries, samples = Slot(9, only(99)), Entries((Entry(10, 9), Entry(9, 9)), 50), Samples(b"\0\0\0", 60)
     wrong = [
-        Wrong("a SLOT with a phase of 127 at the end", forge(bench, Slot(9, other), late_phase(other)), Reason.PULSE),
-        Wrong("a SLOT without its checksum", forge(bench, Slot(9, other), checksum=0), Reason.CHECKSUM),
-        Wrong("a SLOT with count", forge(bench, Slot(9, other), count=1), Reason.FIELD),
-        Wrong(
-            "ENTRIES of which the last cannot be", forge(bench, entries, bytes([8, 0, 9, 0, 8, 1, 9, 0])), Reason.FIELD
-        ),
+        Wrong("a SLOT with a phase of 127 at the end", forge(bench, slot, late_phase(slot.pulses)), Reason.PULSE),
+        Wrong("a SLOT without its checksum", forge(bench, slot, checksum=0), Reason.CHECKSUM),
+        Wrong("a SLOT with count", forge(bench, slot, count=1), Reason.FIELD),
+        Wrong("a SLOT with too much drive", forge(bench, Slot(9, heavy(3))), Reason.DRIVE),
+        Wrong("a SLOT with an old number", pack(Block(slot, number)), Reason.SEQUENCE),
+        Wrong("ENTRIES of slot 265", forge(bench, entries, bytes([10, 0, 9, 0, 9, 1, 9, 0])), Reason.FIELD),
         Wrong("ENTRIES without their checksum", forge(bench, entries, checksum=0), Reason.CHECKSUM),
         Wrong("ENTRIES with hold", forge(bench, entries, hold=1), Reason.FIELD),
-        Wrong("SAMPLES with more behind", forge(bench, Samples(b"\0\0\0", 60), b"\0\0\0\1"), Reason.FIELD),
-        Wrong("SAMPLES without their checksum", forge(bench, Samples(b"\0\0\0", 60), checksum=0), Reason.CHECKSUM),
-        Wrong("SAMPLES of another version", forge(bench, Samples(b"\0\0\0", 60), version=255), Reason.VERSION),
+        Wrong("SAMPLES with more behind", forge(bench, samples, b"\0\0\0\1"), Reason.FIELD),
+        Wrong("SAMPLES of another version", forge(bench, samples, version=255), Reason.VERSION),
     ]
     refuse(bench, wrong)
-    began = bench.must(Sequence(50, 2)).commit_period
-    modulated_from = bench.must(Modulation(60, 3, 2)).commit_period
-    plain = expected_words(pulses, bench.wiring)
-    by_sample = [expected_words(modulated(pulses, sample), bench.wiring) for sample in (0xFF, 0x40, 0x80)]
-    steps = [(began, plain), *((modulated_from + 2 * number, by_sample[number % 3]) for number in range(20))]
-    bench.judge(began, modulated_from + 40, lambda seen: check_play(seen, steps))
+    began = play_stored(stage)
+    refuse(bench, [Wrong("what plays", forge(bench, body), Reason.IN_USE) for body in (slot, entries, samples)])
+    bench.wait_until(stage.send(Output(Action.SILENCE)).commit_period)
+    stage.judge(began, play_stored(stage) + 40)
+
+
+def play_stored(stage: Stage) -> int:
+    """Play the entries and the samples of the case above; when both do."""
+    stage.send(Sequence(50, 2))
+    began = stage.send(Modulation(60, 3, 2)).commit_period
+    stage.bench.wait_until(began)
+    let_stores_go(stage.bench)
+    return began
 
 
 @case("BLK-003", "BLK-008", "REQ-007", features=Feature.READ_BACK)
