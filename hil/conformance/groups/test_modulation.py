@@ -462,6 +462,32 @@ def test_what_is_stored_stays_over_disable(bench: Bench) -> None:
     stage.judge(ack.commit_period, ack.commit_period + 10)
 
 
+@case("BLK-016", "USB-026", features=MODULATION, needs=CAPTURE, line="usb")
+@pytest.mark.parametrize("how", ["SET_CONFIGURATION", "SET_INTERFACE"])
+def test_what_is_stored_stays_over_a_new_configuration(bench: Bench, how: str) -> None:
+    """Samples stay where a host configures the device anew, though what plays ends: they last until RESET."""
+    again = {"SET_CONFIGURATION": bench.usb.set_configuration, "SET_INTERFACE": lambda: bench.usb.set_interface(0)}
+    check_stored_over(bench, again[how])
+
+
+@case("BLK-016", "USB-026", features=MODULATION, needs=CAPTURE, line="usb", allow=[Risk.RESET])
+def test_what_is_stored_stays_over_a_bus_reset(bench: Bench) -> None:
+    """Samples stay over a bus reset in run-time mode, which is no reset of the device."""
+    check_stored_over(bench, bench.usb.reset)
+
+
+def check_stored_over(bench: Bench, disturb: Callable[[], None]) -> None:
+    """Fail unless what is stored plays behind a disturbance that ends what plays."""
+    stage = Stage(bench)
+    store(stage, noise(bench, 6), 90)
+    bench.wait_periods(SETTLED_PERIODS)
+    disturb()
+    bench.enable()
+    stage.send(Update(bench.weak()))
+    ack = stage.send(Modulation(90, 6, 1))
+    stage.judge(ack.commit_period, ack.commit_period + 10)
+
+
 # What was never stored
 
 
