@@ -7,6 +7,7 @@ them. On an unfolded chain questions and answers are messages, and pulses of the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from ...errors import ChainError
 from ...protocol.board import CYCLES_PER_MS, PROCESSORS, TICKS_PER_PERIOD
@@ -131,8 +132,9 @@ class Supervisor:
         return any(report.faults & fault for report in self._reports)
 
     def forget(self, faults: Fault) -> None:
-        """These faults were cleared."""
+        """These faults were cleared: events that were reported are over."""
         self._latched = [latched & ~faults for latched in self._latched]
+        self._reports = [replace(report, faults=report.faults & ~faults.value) for report in self._reports]
 
     def reports(self) -> list[ProcessorReport]:
         """Answer the PROCESSORS request (clause REQ-008)."""

@@ -157,6 +157,17 @@ def test_a_lost_token_leaves_one_processor_behind() -> None:
     assert bench.loud_now() == [9] * 10
 
 
+def test_what_was_cleared_is_reported_no_more() -> None:
+    """An event is gone at once (clause REQ-011), also where the processor has not been asked since."""
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message="slice", processor=3))
+    bench.send(Update(HALF))
+    while not bench.status().faults:
+        bench.wait_ms(0.1)
+    bench.order(Request.CLEAR_FAULTS)
+    assert [report.faults for report in bench.reports()] == [Fault(0)] * 10
+
+
 def test_without_its_end_a_slice_takes_the_next_one_with_it() -> None:
     """The route stays open (clause CHN-008): what is meant for processor 4 runs into processor 3."""
     bench = playing()
