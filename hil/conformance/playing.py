@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Sequence as Seq
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...protocol.blocks import Body, Entries, Entry, Modulation, Samples, Sequence, Slot, Update
-from ...protocol.board import TICKS_PER_PERIOD
+from ...protocol.board import PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
 from ...protocol.codes import Feature, Request
 from ...protocol.pulses import Pulses
+from ...protocol.replies import Status
 from .bench import SILENT_PERIODS, Bench
 from .capture import Seen
 from .cases import Inconclusive, NotApplicable
@@ -23,16 +26,19 @@ __all__ = [
     "PLAYS",
     "Field",
     "breakable",
+    "check_falls_one_by_one",
     "check_falls_silent",
     "enable",
     "play",
     "require",
     "silent_from",
     "start",
+    "told",
 ]
 
 LONG_MS = 10_000
 """A watchdog time that no case lasts."""
+LISTEN_SECONDS = 0.01
 SAMPLE = 128
 SLOT, PLACE = 7, 5
 
@@ -120,6 +126,13 @@ PLAYS: Mapping[str, Callable[[Bench], Field]] = MappingProxyType(
 """What can play, by name."""
 
 
+def told(bench: Bench) -> list[Status]:
+    """What the device has told unasked, in the order in which it came."""
+    came = bench.listen(LISTEN_SECONDS)
+    statuses, bench.unasked = [*bench.unasked, *(record for record in came if isinstance(record, Status))], []
+    return statuses
+
+
 def silent_from(seen: Seen) -> int:
     """The period from which on all outputs that are seen are low, to the end of what is seen."""
     loud = np.flatnonzero((seen.words & seen.observed).any(axis=1))
@@ -154,3 +167,36 @@ def check_falls_silent(seen: Seen, words: Words, first_tick: int, last_tick: int
         f"the outputs are silent from period {since} on, should be from one of {earliest} to {latest} on"
     )
     check_play(seen, [(seen.first_period, words), (since, SILENCE)])
+
+
+def _silent_since(first_period: int, loud: NDArray[np.bool_]) -> int | None:
+    """The period from which on a processor is silent, given whether it is not; None where it always is."""
+    return first_period + int(np.flatnonzero(loud)[-1]) + 1 if loud.any() else None
+
+
+def check_falls_one_by_one(seen: Seen, words: Words, earliest: Seq[int], latest: Seq[int]) -> None:
+    """Fail unless the outputs of each processor fall silent at a boundary, which need not be that of the others.
+
+    Parameters
+    ----------
+    seen : Seen
+        From a period at which they play.
+    words : (50, 10) uint32
+        What they play in every period before.
+    earliest, latest : sequence of int
+        From which period on each of the ten may be silent, and must be.
+    """
+    loud = np.asarray((seen.words & seen.observed).reshape(-1, TICKS_PER_PERIOD, PROCESSORS).any(axis=1))
+    since = [_silent_since(seen.first_period, loud[:, place]) for place in range(PROCESSORS)]
+    for place, period in enumerate(since):
+        board, number = divmod(place, PROCESSORS_PER_BOARD)
+        assert period is None or earliest[place] <= period <= latest[place], (
+            f"processor {number} of board {board} is silent from period {period} on, should be from one of "
+            f"{earliest[place]} to {latest[place]} on"
+        )
+    steps, playing = [(seen.first_period, words)], words.copy()
+    for period in sorted({period for period in since if period is not None and period < seen.last_period}):
+        playing = playing.copy()
+        playing[:, [place for place in range(PROCESSORS) if since[place] == period]] = 0
+        steps.append((period, playing))
+    check_play(seen, steps)

@@ -13,7 +13,7 @@ from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.forge import forged
 from phasewire.hil.conformance.lines.dfu import DfuLine
 from phasewire.hil.conformance.lines.serial import SerialLine
-from phasewire.hil.conformance.playing import LONG_MS, breakable, enable, play, require, start
+from phasewire.hil.conformance.playing import LONG_MS, breakable, enable, play, require, start, told
 from phasewire.hil.conformance.waveforms import check_silent
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import Body, Entries, Entry, NoOp, Output, Sequence, Slot, Update, pack
@@ -79,13 +79,6 @@ def expect_state(bench: Bench, state: State) -> None:
     (ack,) = bench.send_raw(forged(pack(bench.numbered(NoOp())), magic=0))
     expect("the state in an acknowledgement", ack.state, state)
     expect("the state in the status", bench.status().state, state)
-
-
-def told(bench: Bench) -> list[Status]:
-    """What the device has told unasked."""
-    came = bench.listen(LISTEN_SECONDS)
-    statuses, bench.unasked = [*bench.unasked, *(record for record in came if isinstance(record, Status))], []
-    return statuses
 
 
 def carry_out(bench: Bench, body: Body, state: State) -> None:
