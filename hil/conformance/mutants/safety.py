@@ -399,7 +399,6 @@ def outputs_are_enabled_at_power_up(patch: Patch) -> None:
             original(self, *arguments, **more)
             if self._state is State.OFF:
                 self._state = State.READY
-                self._watchdog.watch(self._now)
 
         return begin
 
