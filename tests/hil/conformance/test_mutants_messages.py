@@ -5,6 +5,7 @@ What is right in a scenario is what SPEC.md says; a sound emulator must show it,
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -313,6 +314,12 @@ def raw_ack(at: int) -> Scenario:
     return scenario
 
 
+def sealed_ack(bench: Bench) -> bool:
+    bench.line.send_blocks(pack(bench.numbered(NoOp())), 0.1)
+    record = bench.line.receive_records(0.1)
+    return zlib.crc32(record[:28]) == int.from_bytes(record[28:], "little")
+
+
 def free_of_an_ack(bench: Bench) -> int:
     bench.enable()
     return bench.must(Update(WEAK, bench.period() + 400)).free
@@ -343,6 +350,10 @@ def period_of_a_late_change(bench: Bench) -> bool:
 def period_of_a_clock(bench: Bench) -> int:
     bench.wait_until(4096 + 100)
     return bench.must(Clock()).commit_period
+
+
+def period_of_a_clock_is_whole(bench: Bench) -> bool:
+    return period_of_a_clock(bench) % 4096 == 0
 
 
 def order_of_acks(bench: Bench) -> list[int]:
@@ -414,7 +425,9 @@ ACKNOWLEDGED: list[Difference] = [
     ("state-is-that-after-the-change", state_of_an_ack, State.READY, State.PLAYING),
     ("refused-change-says-the-period-that-it-named", period_of_a_refusal, 0, 5000),
     ("late-change-says-the-period-that-it-named", period_of_a_late_change, True, False),
+    ("ack-checksum-covers-27-bytes", sealed_ack, True, False),
     ("clock-says-no-period", period_of_a_clock, 4096, 0),
+    ("clock-says-its-own-period", period_of_a_clock_is_whole, True, False),
     ("refusals-overtake", order_of_acks, [0, 1, 2], [1, 0, 2]),
     ("lone-ack-waits-for-company", lone_ack, 32, 0),
     ("unasked-status-overtakes", statuses_unasked, [32, 64], [64, 32]),
