@@ -71,7 +71,7 @@ def clock_is_2000_ppm_fast(patch: Patch) -> None:
 
 @mutant("BLK-024", "NUM-004")
 def restart_takes_a_place_for_ever(patch: Patch) -> None:
-    """Each block with the flag RESTART leaves the queue with a place less: its state is made anew and not given back."""
+    """Each block with the flag RESTART leaves the queue with a place less: the old state is not given back."""
 
     def around(original: Any) -> Any:
         def count(self: Any, block: Any) -> Any:

@@ -56,7 +56,7 @@ def blocks_with_another_magic_halt_the_endpoint(patch: Patch) -> None:
 
 @mutant("REQ-001", "USB-004")
 def unknown_requests_restart_the_device(patch: Patch) -> None:
-    """An unknown vendor request is answered with STALL, and restarts the device: the dispatch runs into an assertion."""
+    """An unknown vendor request is answered with STALL, and restarts the device: an assertion ends in a trap."""
 
     def around(original: Any) -> Any:
         def request(self: Any, setup: Setup, data: bytes, door: Any) -> Any:

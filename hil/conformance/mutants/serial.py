@@ -14,7 +14,7 @@ from ....emulator.interfaces.serial_line import SerialLine
 from ....emulator.interfaces.usb_functions import ConsoleFunction
 from ....errors import FrameError
 from ....protocol import framing
-from ....protocol.codes import SERIAL_DATA_BYTES, FrameKind, Outcome
+from ....protocol.codes import REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, FrameKind, Outcome
 from ....protocol.console import PROMPT
 from ....protocol.framing import DELIMITER, MAX_FRAME_BYTES, Frame, FrameReader, Line, SerialReply
 from ....protocol.requests import DIRECTION_IN
@@ -22,12 +22,9 @@ from .patching import Patch, mutant
 
 OVER_UART = "emulator:?door=serial"
 CHECKSUM_BYTES = 4
-REQUEST_TYPE_AT = 2
 LENGTH_AT = slice(8, 10)
 REQUEST_HEAD_BYTES = 10
 """Of a request with its kind before it."""
-DIRECT = 0x41 - 0x01
-"""What the types of vendor requests to an interface have besides their direction."""
 
 
 # Frames
@@ -211,7 +208,7 @@ def requests_of_any_type_are_carried_out(patch: Patch) -> None:
 
     def around(original: Any) -> Any:
         def requested(self: Any, request: Any) -> Any:
-            return original(self, replace(request, request_type=request.request_type & DIRECTION_IN | 0x41))
+            return original(self, replace(request, request_type=request.request_type & DIRECTION_IN | REQUEST_TYPE_OUT))
 
         return requested
 

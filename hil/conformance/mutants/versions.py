@@ -85,9 +85,9 @@ def acknowledgements_repeat_the_version_of_the_block(patch: Patch) -> None:
     """The acknowledgement of a block has the block's version, also where the device does not speak it."""
 
     def of_accept(original: Any) -> Any:
-        def accept(self: Any, packet: bytes, door: Any) -> None:
+        def accept(self: Any, packet: bytes, *given: Any) -> None:
             self.answered = packet[VERSION_AT : VERSION_AT + 1] or bytes([PROTOCOL_VERSION])
-            original(self, packet, door)
+            original(self, packet, *given)
 
         return accept
 
