@@ -14,7 +14,7 @@ from ...host.lines.transport import DEFAULT_URL
 from ...storage import check_outputs, replacing
 from .cases import Risk
 from .known import read_known_failures
-from .matrix import Claim, Matrix
+from .matrix import Matrix
 from .profile import Profile, read_profile
 from .reports.junit import junit
 from .reports.page import page
@@ -30,7 +30,7 @@ __all__ = ["commands"]
 
 EMULATOR, SIGROK, NONE = "emulator", "sigrok:", "none"
 LIST_FORMAT = "phasewire-conformance-matrix-1"
-OF_MUTANTS = ("mutants", "jobs", "json_target")
+OF_MUTANTS = ("mutants", "jobs", "thorough", "json_target")
 
 commands = typer.Typer(rich_markup_mode=None)
 
@@ -106,6 +106,13 @@ def conformance(
         typer.Option("--strict", help="Fail too where something could not be judged, or should be done otherwise."),
     ] = False,
     seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of everything random.")] = 1,
+    stop_after: Annotated[
+        int | None, typer.Option("--stop-after", metavar="N", min=1, help="End the run when so many cases broke.")
+    ] = None,
+    thorough: Annotated[
+        bool,
+        typer.Option("--thorough", help="With --mutants: judge each by all cases, even when two have caught it."),
+    ] = False,
     list_cases: Annotated[
         bool,
         typer.Option("--list", help="List the clauses of the specification with their cases, and run nothing."),
@@ -126,10 +133,12 @@ def conformance(
     The exit code is 0 if nothing broke, which says nothing of what was inconclusive, and 1 if something did.
     """
     if mutants:
-        _judge_mutants(context, jobs, json_target)
+        _judge_mutants(context, jobs, thorough, json_target)
         return
     if jobs is not None:
         raise ValueError("--jobs goes with --mutants")
+    if thorough:
+        raise ValueError("--thorough goes with --mutants")
     recording = [Path(capture.removeprefix(SIGROK))] if capture is not None and _is_recording(capture) else []
     inputs = [path for path in (profile, known_failures, *recording) if path is not None]
     check_outputs([html, junit_xml, json_target], inputs)
@@ -152,6 +161,7 @@ def conformance(
         {} if known_failures is None else read_known_failures(known_failures),
         tuple(only or ()),
         seed,
+        enough=stop_after,
     )
     if broken is None:
         note_where_fresh(url)
@@ -191,11 +201,11 @@ def _mutant(name: str) -> Mutant:
     return MUTANTS[name]
 
 
-def _judge_mutants(context: typer.Context, jobs: int | None, json_target: str | None) -> None:
+def _judge_mutants(context: typer.Context, jobs: int | None, thorough: bool, json_target: str | None) -> None:
     """Run the suite against all mutants; exit code 1 where it does not catch one."""
     others = [name for name in context.params if name not in OF_MUTANTS and given(context, name)]
     if others:
-        raise ValueError("--mutants goes with --jobs and --json alone: the mutants bring devices of their own")
+        raise ValueError("--mutants goes with --jobs, --thorough and --json alone: mutants bring devices of their own")
     check_outputs([json_target])
 
     from .mutants.catalogue import MUTANTS
@@ -204,7 +214,7 @@ def _judge_mutants(context: typer.Context, jobs: int | None, json_target: str | 
     from .reports.mutants import record as mutants_record
 
     with MutantLine(error_console()) as watcher:
-        results = run_mutants(list(MUTANTS.values()), jobs or DEFAULT_JOBS, watcher)
+        results = run_mutants(list(MUTANTS.values()), jobs or DEFAULT_JOBS, watcher, thorough=thorough)
     write_json(json_target, mutants_record(results))
     print_mutants(console_for(json_target), results)
     if not all(result.fate.is_catch for result in results):
@@ -217,22 +227,17 @@ def _run_mutant(broken: Mutant, options: Options, watcher: Watcher) -> Run:
     from .running import run_conformance
 
     with applied(broken):
-        run = run_conformance(replace(options, url=broken.url), watcher)
+        run = run_conformance(replace(options, url=broken.url, first=(*broken.clauses, broken.group)), watcher)
     device = run.provenance.device | {"mutant": f"{broken.name}: {broken.sentence}"}
     return replace(run, provenance=replace(run.provenance, device=device))
-
-
-def _matrix() -> Matrix:
-    """All clauses and all cases, whichever of them ran."""
-    from .running import catalogue
-
-    return Matrix.of(Claim(entry.identifier, entry.about.clauses, entry.about.sentence) for entry in catalogue())
 
 
 def _list(json_target: str | None, meaningless: list[str]) -> None:
     if meaningless:
         raise ValueError(f"--list runs nothing, of which {' and '.join(meaningless)} could tell; leave one of them out")
-    matrix = _matrix()
+    from .running import catalogue
+
+    matrix = Matrix.of(entry.claim for entry in catalogue())
     console_for(json_target).print(matrix.table())
     write_json(json_target, {"format": LIST_FORMAT} | matrix.record())
 
@@ -240,7 +245,7 @@ def _list(json_target: str | None, meaningless: list[str]) -> None:
 def _write(run: Run, html: Path | None, junit_xml: Path | None, json_target: str | None) -> None:
     """Write the reports that are asked for."""
     if html is not None or json_target is not None:
-        matrix = _matrix()
+        matrix = Matrix.of(run.claims)
         if html is not None:
             _replace(html, page(run, matrix))
         write_json(json_target, record(run, matrix))

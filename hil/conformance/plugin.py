@@ -16,6 +16,7 @@ from ...errors import DeviceError, ReplyError
 from ...protocol.codes import Feature
 from .bench import Bench, Lost
 from .cases import Case, Inconclusive, Need, NotApplicable, Risk, case_of
+from .matrix import Claim
 from .profile import Profile
 from .verdicts import Result, Verdict
 
@@ -39,6 +40,11 @@ class Entry:
 
     identifier: str
     about: Case
+
+    @property
+    def claim(self) -> Claim:
+        """What it says that it shows."""
+        return Claim(self.identifier, self.about.clauses, self.about.sentence)
 
     @property
     def group(self) -> str:
@@ -134,6 +140,8 @@ class Judge:
     ----------
     results : list of Result
     trouble : list of str
+    claims : tuple of Claim
+        Of all cases, asked for or not.
     interruption : BaseException or None
         What ended the run before its time.
     """
@@ -147,6 +155,7 @@ class Judge:
     watcher: Watcher
     results: list[Result] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
+    claims: tuple[Claim, ...] = ()
     _pending: list[tuple[int, Case, list[Callable[[], None]]]] = field(default_factory=list)
     interruption: BaseException | None = None
     _outcome: tuple[Verdict, str] = (Verdict.PASS, "")
@@ -156,6 +165,7 @@ class Judge:
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
         """Leave out what was not asked for."""
         entries, trouble = _entries(items)
+        self.claims = tuple(entry.claim for entry in entries)
         self.trouble += trouble
         known = {entry.identifier for entry in entries}
         self.trouble += [f"the known failure {name!r} names no case" for name in self.known if name not in known]
@@ -178,7 +188,7 @@ class Judge:
         assert about is not None
         self._check(case_id(item), about)
         with ExitStack() as stack:
-            # What goes wrong may leave traces in a device for good, so that it goes wrong in another where there is one.
+            # What goes wrong may leave traces in a device for good; where there is one to spare it goes wrong there.
             apart = Need.FAULTS in about.needs and self.bench.can(Need.SPARE)
             bench = stack.enter_context(self.bench.spare()) if apart else self.bench
             try:

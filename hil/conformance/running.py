@@ -139,7 +139,7 @@ def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
             tuple(sorted(bench.allowed)),
             options.seed,
         )
-    return Run(provenance, tuple(judge.results), tuple(judge.trouble))
+    return Run(provenance, tuple(judge.results), tuple(judge.trouble), judge.claims)
 
 
 def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:

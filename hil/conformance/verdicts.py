@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .matrix import Claim
 
 __all__ = ["Evidence", "Provenance", "Result", "Run", "Verdict"]
 
@@ -131,11 +135,14 @@ class Run:
         In the order of the cases.
     trouble : tuple of str
         What is wrong with the run itself, such as a known failure of no case; it fails the run.
+    claims : tuple of Claim
+        What all cases say that they show, whether they ran or not.
     """
 
     provenance: Provenance
     results: tuple[Result, ...]
-    trouble: tuple[str, ...] = field(default=())
+    trouble: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
 
     @property
     def passed(self) -> bool:

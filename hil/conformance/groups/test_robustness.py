@@ -370,7 +370,7 @@ def test_the_device_survives_noise_on_the_console(bench: Bench) -> None:
     for _ in range(at_most(bench, 12)):
         for _ in range(4):
             line.write(chatter(bench, bench.random.randint(1, 200)))
-            line.read_bytes(0.01)
+            line.read(0.01)
         line.enter_frames()
         answer = line.request(Setup(0xC1, Request.INFO, 0, 0, 64))
         expect("INFO by the line", answer, bench.info.encode())

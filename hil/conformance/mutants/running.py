@@ -31,6 +31,8 @@ DEFAULT_JOBS = min(os.cpu_count() or 1, MOST_JOBS)
 PASSED, FAILED = 0, 1
 """Exit codes of a run that came to its end."""
 COMMAND = (sys.executable, "-m", "phasewire", "conformance", "--json", "-", "--mutant")
+ENOUGH = 2
+"""Cases that break, after which it is known that a mutant is caught by more than one."""
 
 
 class Fate(StrEnum):
@@ -83,8 +85,10 @@ class MutantWatcher:
         """A mutant has ended."""
 
 
-def run_mutants(chosen: Sequence[Mutant], jobs: int, watcher: MutantWatcher) -> list[MutantResult]:
-    """Run the whole suite against each mutant.
+def run_mutants(
+    chosen: Sequence[Mutant], jobs: int, watcher: MutantWatcher, *, thorough: bool = False
+) -> list[MutantResult]:
+    """Run the suite against each mutant, those cases first that show what it breaks.
 
     Parameters
     ----------
@@ -92,6 +96,8 @@ def run_mutants(chosen: Sequence[Mutant], jobs: int, watcher: MutantWatcher) -> 
     jobs : int
         How many run at a time.
     watcher : MutantWatcher
+    thorough : bool
+        Whether all cases are run, even when more than one has caught it.
 
     Returns
     -------
@@ -102,7 +108,7 @@ def run_mutants(chosen: Sequence[Mutant], jobs: int, watcher: MutantWatcher) -> 
     with TemporaryDirectory() as folder, _ended_at_last(running):
         while waiting or running:
             while waiting and len(running) < jobs:
-                running.append(_Attempt(waiting.popleft(), Path(folder)))
+                running.append(_Attempt(waiting.popleft(), Path(folder), thorough=thorough))
                 watcher.goes_on([attempt.mutant.name for attempt in running], len(results), len(chosen))
             time.sleep(LOOK_SECONDS)
             for attempt in [attempt for attempt in running if attempt.is_over]:
@@ -125,14 +131,18 @@ def _ended_at_last(attempts: list[_Attempt]) -> Iterator[None]:
 class _Attempt:
     """A process that judges a mutant."""
 
-    def __init__(self, mutant: Mutant, folder: Path) -> None:
+    def __init__(self, mutant: Mutant, folder: Path, *, thorough: bool) -> None:
         self.mutant = mutant
         self._began = time.monotonic()
         self._out, self._errors = folder / f"{mutant.name}.json", folder / f"{mutant.name}.txt"
         with self._out.open("wb") as out, self._errors.open("wb") as errors:
             # In a session of its own Ctrl-C does not reach it, so that it does not tell of it either.
             self._process = subprocess.Popen(
-                [*COMMAND, mutant.name], stdin=subprocess.DEVNULL, stdout=out, stderr=errors, start_new_session=True
+                [*COMMAND, mutant.name, *([] if thorough else ["--stop-after", str(ENOUGH)])],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=errors,
+                start_new_session=True,
             )
 
     @property

@@ -175,8 +175,8 @@ def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Sui
         (("--known-failures", "p.toml"), "p.toml: colour = 'red': it names no case"),
         (("--mutant", "no-such"), "there is no mutant 'no-such'; there are "),
         (("--mutant", "horizon-is-not-judged", "--device", "usb:"), "--mutant brings a device of its own"),
-        (("--mutants", "--device", "usb:"), "--mutants goes with --jobs and --json alone"),
-        (("--mutants", "--mutant", "horizon-is-not-judged"), "--mutants goes with --jobs and --json alone"),
+        (("--mutants", "--device", "usb:"), "--mutants goes with --jobs, --thorough and --json alone"),
+        (("--mutants", "--mutant", "horizon-is-not-judged"), "--mutants goes with --jobs, --thorough and --json alone"),
         (("--mutants", "--jobs", "0"), "--jobs"),
         (("--mutants", "--json", "nowhere/m.json"), "there is no folder nowhere"),
         (("--jobs", "2"), "--jobs goes with --mutants"),
@@ -257,7 +257,8 @@ def test_all_mutants_are_judged_and_one_that_gets_away_is_exit_code_1(
 ) -> None:
     asked: list[tuple[list[str], int]] = []
 
-    def stand_in(chosen: list[Mutant], jobs: int, watcher: MutantWatcher) -> list[MutantResult]:
+    def stand_in(chosen: list[Mutant], jobs: int, watcher: MutantWatcher, *, thorough: bool) -> list[MutantResult]:
+        assert not thorough
         asked.append(([mutant.name for mutant in chosen], jobs))
         results = [MutantResult(mutant, fate if not index else Fate.CAUGHT, (), "", 0) for index, mutant in chosen_of]
         for result in results:

@@ -56,7 +56,7 @@ def test_only_a_case_that_breaks_in_a_run_that_comes_to_its_end_is_a_catch(
 
 SCRIPT = """
 import os, pathlib, sys, time
-name = sys.argv[-1]
+name = sys.argv[4]
 pathlib.Path(sys.argv[1], name).write_text(str(os.getpid()))
 if name.startswith("slow"):
     time.sleep(60)
