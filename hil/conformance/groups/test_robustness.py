@@ -23,6 +23,8 @@ LONG_WATCHDOG_MS = 20_000
 SOON = 1.0
 COUNTED = ("late", "lost", "missed_commits", "damaged_messages", "faults", "watchdog_ms", "drive_limit", "state")
 
+PRINTABLE = bytes(range(0x20, 0x7F))
+
 STANDARD, CLASS, VENDOR, RESERVED = 0x00, 0x20, 0x40, 0x60
 IN = 0x80
 KNOWN_STANDARD = {0, 1, 3, 5, 6, 8, 9, 10, 11}
@@ -40,7 +42,10 @@ def at_most(bench: Bench, count: int) -> int:
 def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> None:
     """INFO is what it was, counts say what was acknowledged and nothing else, and no endpoint is halted."""
     expect("INFO", bench.ask(Request.INFO), bench.info.encode())
-    after = bench.status()
+    after, end = bench.status(), bench.line.time.monotonic() + SOON
+    while after.free != before.free and bench.line.time.monotonic() < end:  # stores may wait to go onto the chain
+        after = bench.status()
+    expect("the room in the queue", after.free, before.free)
     expect("the count of accepted blocks", after.accepted, (before.accepted + accepted) % 2**32)
     expect("the count of refused blocks", after.refused, (before.refused + refused) % 2**32)
     for name in COUNTED:
@@ -84,6 +89,13 @@ def noise(bench: Bench) -> tuple[bytes, Reason]:
     return bench.random.randbytes(BLOCK_BYTES), Reason.CHECKSUM
 
 
+def uniform(bench: Bench) -> tuple[bytes, Reason]:
+    """The same byte all along, as a memory that was never written, or a line that is stuck, would send it."""
+    return bytes(
+        [bench.random.choice([0x00, 0xFF, 0x55, 0xAA, bench.random.randrange(256)])] * BLOCK_BYTES
+    ), Reason.CHECKSUM
+
+
 def flipped(bench: Bench) -> tuple[bytes, Reason]:
     """A valid block with one to three bits flipped, anywhere, which its checksum always shows."""
     data = bytearray(any_block(bench))
@@ -111,7 +123,13 @@ def cut_short(bench: Bench) -> tuple[bytes, Reason]:
     return any_block(bench)[: bench.random.choice(sizes)], Reason.LENGTH
 
 
-KINDS = {"noise": noise, "flipped-bits": flipped, "wrong-fields": wrong_fields, "cut-short": cut_short}
+KINDS = {
+    "noise": noise,
+    "one-byte": uniform,
+    "flipped-bits": flipped,
+    "wrong-fields": wrong_fields,
+    "cut-short": cut_short,
+}
 
 
 def send(bench: Bench, blocks: Iterable[bytes]) -> list[Ack]:
@@ -150,7 +168,7 @@ def check_batch(bench: Bench, kinds: Iterable[str], count: int) -> None:
 
 
 @case("BLK-003", "BLK-008", "BLK-011", "ACK-001", "ACK-003", "REQ-003")
-@pytest.mark.parametrize("kind", ["noise", "flipped-bits", "wrong-fields"])
+@pytest.mark.parametrize("kind", ["noise", "one-byte", "flipped-bits", "wrong-fields"])
 def test_valid_blocks_get_through_between_wrong_ones(bench: Bench, kind: str) -> None:
     """Among blocks that are nonsense each valid one is accepted, each other refused, and all are counted."""
     bench.must(NoOp())
@@ -356,7 +374,7 @@ def test_the_device_survives_nonsense_everywhere(bench: Bench) -> None:
 def chatter(bench: Bench, size: int) -> bytes:
     """Bytes as a terminal that was set up wrongly would send them: text, ends of lines, zeros, anything."""
     rng = bench.random
-    alphabets = [bytes(range(0x20, 0x7F)), b"\r\n\x03\x08\x7f\x15 ", bytes(range(256)), b"\0\1\2\3\xff"]
+    alphabets = [PRINTABLE, b"\r\n\x03\x08\x7f\x15 ", bytes(range(256)), b"\0\1\2\3\xff"]
     return bytes(rng.choice(rng.choice(alphabets)) for _ in range(size))
 
 
@@ -378,6 +396,21 @@ def test_the_device_survives_noise_on_the_console(bench: Bench) -> None:
     rounds = at_most(bench, 12)
     check_sound(bench, before, rounds, 0)
     expect("what plays since", bench.status().since_period, played.commit_period)
+
+
+@case("CON-003", "CON-009", "CON-002", features=Feature.CONSOLE)
+@pytest.mark.parametrize("size", [81, 256, 257, 1000])
+def test_the_console_survives_long_lines(bench: Bench, size: int) -> None:
+    """A line of any length is refused and forgotten, and the next one is answered: people lean on keys."""
+    line, rng = bench.serial, bench.random
+    line.enter_console()
+    text = bytes(rng.choice(PRINTABLE) for _ in range(size))
+    answer = line.command(text.decode("ascii"))
+    assert "error 1 " in answer, (
+        f"a line of {size} characters is answered with {answer[-60:]!r}, should be with error 1"
+    )
+    answer = line.command("faults")
+    assert "faults: none" in answer, f"`faults` behind it is answered with {answer!r}, should be with `faults: none`"
 
 
 @case("SER-006", "SER-009/1", "SER-005", features=Feature.CONSOLE)
