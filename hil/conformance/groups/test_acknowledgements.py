@@ -283,10 +283,10 @@ def leave_unread(bench: Bench, bodies: Seq[Body]) -> None:
 @pytest.mark.parametrize("many", [1, 2, 15, 16, 17, 33])
 def test_a_packet_holds_whole_records(bench: Bench, many: int) -> None:
     """Records that wait come in packets of whole ones, the status last, and the last packet is not full."""
-    bench.order(Request.WATCHDOG, 10)
+    bench.order(Request.WATCHDOG, 100)
     bench.enable()
     leave_unread(bench, [NoOp()] * many)
-    bench.wait(0.05)
+    bench.wait(0.15)
     found = packets(bench, 32 * many + 64)
     for packet in found:
         records = cut(packet)
@@ -386,10 +386,10 @@ def test_suspend_and_resume_are_told(bench: Bench) -> None:
 @case("ACK-006", line="usb")
 def test_a_status_comes_behind_the_acknowledgements_that_wait(bench: Bench) -> None:
     """A status record that nobody asked for stands behind all acknowledgements that wait, for it is newer."""
-    bench.order(Request.WATCHDOG, 20)
+    bench.order(Request.WATCHDOG, 100)
     bench.enable()
     leave_unread(bench, [NoOp()] * 5)
-    bench.wait(0.05)
+    bench.wait(0.15)
     kinds = [type(record).__name__ for record in bench.listen(0.05)]
     expect("the records", kinds, ["Ack"] * 5 + ["Status"])
 

@@ -7,7 +7,7 @@ import zlib
 from itertools import pairwise
 
 import pytest
-from phasewire.emulator.faults import HotBoard
+from phasewire.emulator.faults import FlippedBit, HotBoard
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.steps import (
@@ -149,8 +149,7 @@ def test_an_order_with_data_is_answered_with_stall(bench: Bench) -> None:
 @case("REQ-001", "USB-014", line="usb")
 def test_nothing_is_answered_while_not_configured(bench: Bench) -> None:
     """While the device is not configured every vendor request is answered with STALL, and not afterwards."""
-    device = bench.usb.device
-    device.ctrl_transfer(0x00, 9, 0, 0, None)
+    expect("the answer to SET_CONFIGURATION 0", bench.request(Setup(0x00, 9, 0, 0, 0)), b"")
     try:
         for number, size in SIZES.items():
             expect(f"request {number} while not configured", ask(bench, number, size), None)
@@ -242,7 +241,9 @@ def test_info_and_wiring_do_not_change(bench: Bench) -> None:
     expect("INFO while it plays", bench.ask(Request.INFO), info)
     expect("WIRING while it plays", bench.ask(Request.WIRING), wiring)
     bench.disable()
-    expect("INFO after DISABLE", bench.ask(Request.INFO), info)
+    bench.wait(1.05)  # a counter of seconds would have moved
+    expect("INFO a second later", bench.ask(Request.INFO), info)
+    expect("WIRING a second later", bench.ask(Request.WIRING), wiring)
 
 
 @case("REQ-004")
@@ -277,6 +278,7 @@ def test_each_counter_counts_its_own(bench: Bench) -> None:
     """accepted, refused, late and lost move when they should and only then, by as many as there were."""
     begin(bench)
     named, past = far(bench), bench.period()
+    refusals = [bench.status().last_refusal]
 
     def step(what: str, block: bytes, **moves: int) -> None:
         before = bench.status()
@@ -285,8 +287,10 @@ def test_each_counter_counts_its_own(bench: Bench) -> None:
         for name in COUNTERS:
             moved = (getattr(after, name) - getattr(before, name)) % 2**32
             expect(f"by how many {name} moves for {what}", moved, moves.get(name, 0))
-        refused = ack.reason is not Reason.ACCEPTED
-        expect(f"last_refusal after {what}", after.last_refusal, ack.reason if refused else before.last_refusal)
+        if ack.reason is not Reason.ACCEPTED:
+            refusals.append(ack.reason)
+        expect(f"last_refusal after {what}", after.last_refusal, refusals[-1])
+        expect(f"last_refusal after {what}, read again", bench.status().last_refusal, refusals[-1])
 
     def gap(skipped: int) -> bytes:
         number = bench.must(NoOp()).sequence
@@ -650,6 +654,27 @@ def test_the_warmest_board_is_in_the_status(bench: Bench) -> None:
         expect("temperature_c in STATUS", device.status().temperature_c, -2)
 
 
+@case("REQ-008", "REQ-003", "CHN-004/2", "SAF-008", needs=(Need.FAULTS,))
+def test_what_went_wrong_on_the_chain_is_added_up(bench: Bench) -> None:
+    """Damaged slices are missed commits and damaged loads damaged messages of their processors; STATUS adds them up."""
+    with apart(bench) as device:
+        begin(device)
+        for processor in (2, 7, 7):
+            device.levers.cause(FlippedBit(message="slice", processor=processor, token=20))
+            device.wait_until(device.must(Update(device.weak(0.1))).commit_period)
+        for processor in (0, 9):
+            device.levers.cause(FlippedBit(message="load", processor=processor, token=20))
+            device.must(Slot(0, SILENT))
+            device.wait(0.01)
+        device.wait(0.03)
+        reports, status = device.processors(), device.status()
+        expect("missed_commits", [report.missed_commits for report in reports], [0, 0, 1, 0, 0, 0, 0, 2, 0, 0])
+        expect("damaged_messages", [report.damaged_messages for report in reports], [1, *[0] * 8, 1])
+        expect("missed_commits in STATUS", status.missed_commits, 3)
+        expect("damaged_messages in STATUS", status.damaged_messages, 2)
+        expect("faults in STATUS", status.faults, Fault.CHAIN)
+
+
 # WATCHDOG, LIMIT, CLEAR_FAULTS, IDENTIFY
 
 
@@ -671,11 +696,11 @@ def test_the_watchdogs_time_holds_at_once(bench: Bench) -> None:
     bench.wait(0.1)
     bench.order(Request.WATCHDOG, 50)
     expect("the state after 100 ms with 50 ms", bench.await_unasked(1).state, State.OFF)
-    bench.order(Request.WATCHDOG, 100)
+    bench.order(Request.WATCHDOG, 300)
     bench.enable()
-    bench.wait(0.03)
+    bench.wait(0.1)
     bench.order(Request.WATCHDOG, LONG_MS)
-    bench.wait(0.15)
+    bench.wait(0.4)
     expect("the state after a longer time was set", bench.status().state, State.READY)
 
 
