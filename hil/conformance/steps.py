@@ -6,19 +6,20 @@ They speak to the device and judge nothing but what they say.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from collections.abc import Sequence as Many
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from ...protocol.blocks import Body, NoOp, pack
+from ...protocol.blocks import Body, Entries, Modulation, NoOp, Output, Samples, Sequence, Slot, pack
 from ...protocol.board import CHANNELS
-from ...protocol.codes import AckFlag, Reason, Request
+from ...protocol.codes import AckFlag, Action, Feature, Reason, Request
 from ...protocol.pulses import Pulses
 from ...protocol.replies import Status
 from .bench import Bench
-from .cases import Need, expect
+from .cases import Need, NotApplicable, expect
 from .forge import forged
 from .stage import soon
 
@@ -32,11 +33,13 @@ __all__ = [
     "check_same",
     "cut",
     "far",
+    "features_of",
     "forge",
     "heavy",
     "late_phase",
     "later",
     "let_stores_go",
+    "need",
     "packed",
     "raw_records",
     "refuse",
@@ -71,6 +74,25 @@ class Wrong(NamedTuple):
     """What is wrong with it."""
     block: bytes
     reason: Reason
+
+
+def need(bench: Bench, body: Body) -> None:
+    """Go on only where the device has the features that a block needs (clause VER-005)."""
+    missing = features_of(body) & ~bench.info.features
+    if missing:
+        raise NotApplicable(f"INFO does not name the feature {missing.name}")
+
+
+def features_of(body: Body) -> Feature:
+    """The features that a block needs (clause VER-005)."""
+    match body:
+        case Sequence(unattended=True):
+            return Feature.SEQUENCES | Feature.UNATTENDED
+        case Slot() | Entries() | Sequence():
+            return Feature.SEQUENCES
+        case Samples() | Modulation() | Output(action=Action.END_MODULATION):
+            return Feature.MODULATION
+    return Feature(0)
 
 
 @contextmanager
@@ -115,7 +137,7 @@ def forge(bench: Bench, body: Body, payload: bytes | None = None, /, **fields: i
     return forged(pack(bench.numbered(body)), payload, **fields)
 
 
-def refuse(bench: Bench, blocks: Sequence[Wrong]) -> None:
+def refuse(bench: Bench, blocks: Many[Wrong]) -> None:
     """Send blocks that must be refused, each for its reason, and see that nothing comes of them but their refusal."""
     before = bench.status()
     acks = bench.send_raw(*(wrong.block for wrong in blocks))
@@ -172,7 +194,7 @@ def late_phase(pulses: Pulses) -> bytes:
     return packed([*pairs[:-1], (127, 0)])
 
 
-def raw_records(bench: Bench, blocks: Sequence[bytes], seconds: float = 1.0) -> list[bytes]:
+def raw_records(bench: Bench, blocks: Many[bytes], seconds: float = 1.0) -> list[bytes]:
     """Send blocks, at most as many as the device can hold records; the bytes of what is answered, cut by the magic.
 
     Waits until there is one record for each block.

@@ -142,7 +142,7 @@ def test_the_fields_of_an_acknowledgement(bench: Bench) -> None:
         (forge(bench, NoOp()), 0, 0, places),
         (forge(bench, Clock()), 0, None, places),
         (forge(bench, Update(SILENT, named)), 0, named, places - 1),
-        (forge(bench, Output(Action.END_MODULATION, named + 99)), 0, named + 99, places - 2),
+        (forge(bench, Output(Action.SILENCE, named + 99)), 0, named + 99, places - 2),
         (forge(bench, Update(SILENT, named + 200), reserved=1), 6, 0, places - 2),
         (forge(bench, Update(SILENT, named + 200), checksum=0), 2, 0, places - 2),
         (forge(bench, Clock(), kind=99), 5, 0, places - 2),

@@ -18,11 +18,13 @@ from phasewire.hil.conformance.steps import (
     apart,
     begin,
     far,
+    features_of,
     forge,
     heavy,
     late_phase,
     later,
     let_stores_go,
+    need,
     packed,
     refuse,
     some,
@@ -43,6 +45,7 @@ from phasewire.protocol.blocks import (
     Slot,
     Update,
     pack,
+    unpack,
 )
 from phasewire.protocol.codes import Action, Feature, Kind, Reason, Request, State
 
@@ -314,6 +317,14 @@ def test_flags_that_do_not_belong_are_refused(bench: Bench, kind: Kind) -> None:
             for flag in some(bench, wrong)
         ],
     )
+
+
+@case("BLK-011", "NUM-004")
+@by_kind
+def test_restart_may_be_set_in_every_kind(bench: Bench, kind: Kind) -> None:
+    """A block of any kind may have RESTART, and is accepted as without it."""
+    need(bench, VALID[kind])
+    begin(bench)
     if kind in (Kind.SEQUENCE, Kind.MODULATION):
         fill_stores(bench)
     (ack,) = bench.send_raw(forge(bench, VALID[kind], flags=1))
@@ -338,10 +349,13 @@ def test_a_field_out_of_its_range_is_refused(bench: Bench, kind: Kind) -> None:
 @kinds(WITHIN)
 def test_a_field_at_the_end_of_its_range_is_accepted(bench: Bench, kind: Kind) -> None:
     """The largest and smallest values that the kind allows are accepted, for a host may use all of the range."""
+    need(bench, VALID[kind])
     begin(bench)
     if kind in (Kind.SEQUENCE, Kind.MODULATION):
         fill_stores(bench)
     for fields in WITHIN[kind]:
+        if fields.get("action") == Action.END_MODULATION and Feature.MODULATION not in bench.info.features:
+            continue
         payload = bytes([3, 0, 1, 0]) * 120 if kind is Kind.ENTRIES else b"\x80" * 480 if kind is Kind.SAMPLES else b""
         size = 4 if kind is Kind.ENTRIES else 1
         block = pack(bench.numbered(VALID[kind]))[:32].ljust(512, b"\0")
@@ -356,13 +370,14 @@ def test_a_field_at_the_end_of_its_range_is_accepted(bench: Bench, kind: Kind) -
 
 def fill_stores(bench: Bench) -> None:
     """Let every entry be there, of a silent slot, and every sample."""
-    bench.must(Slot(3, SILENT))
     bodies: list[Body] = [
+        Slot(3, SILENT),
         *(Entries((Entry(3, 1 + first % 7),) * min(120, 1024 - first), first) for first in range(0, 1024, 120)),
         *(Samples(b"\x80" * min(480, 4096 - first), first) for first in range(0, 4096, 480)),
     ]
     for body in bodies:
-        bench.must(body)
+        if features_of(body) in bench.info.features:
+            bench.must(body)
 
 
 @case("BLK-014", "BLK-011", "BLK-008")
@@ -424,6 +439,7 @@ REASONS_OF = {
     "output": (Reason.SEQUENCE, Reason.HORIZON),
 }
 """What can be wrong with a block of a kind, besides what can be wrong with any block."""
+BASES: dict[str, Body] = {"update": Update(SILENT), "slot": Slot(0, SILENT), "output": Output(Action.SILENCE)}
 ANY = (Reason.CHECKSUM, Reason.MAGIC, Reason.VERSION, Reason.KIND, Reason.FIELD)
 LAST_PERIOD = 2**64 - 1
 LOW_LIMIT = 1
@@ -448,19 +464,23 @@ class Provocation:
         bench.order(Request.WATCHDOG, LONG_MS)
         self._last = bench.must(NoOp()).sequence
         self._named = 0
-        stores = [Slot(HEAVY_SLOT, heavy(LOW_LIMIT + 1)), Slot(USED_SLOT, SILENT), Slot(GOOD_SLOT, SILENT)]
-        self._must(*stores, Entries(tuple(Entry(slot, 1000) for slot in ENTRY_SLOTS)), Samples(b"\xff", 0))
+        stores: list[Body] = [Slot(HEAVY_SLOT, heavy(2)), Slot(USED_SLOT, SILENT), Slot(GOOD_SLOT, SILENT)]
+        stores += [Entries(tuple(Entry(slot, 1000) for slot in ENTRY_SLOTS)), Samples(b"\xff", 0)]
+        self._must(*stores)
         bench.order(Request.LIMIT, LOW_LIMIT)
         if not enabled:
             return
         bench.enable()
         self._named = far(bench)
-        self._must(Sequence(3, 1, self._named - 10), Update(SILENT, self._named))
-        let_loads_go(bench, 2)
+        changes = self._must(Sequence(3, 1, self._named - 10), Update(SILENT, self._named))
+        let_loads_go(bench, changes)
 
-    def _must(self, *bodies: Body) -> None:
-        for body in bodies:
+    def _must(self, *bodies: Body) -> int:
+        """Send those for which the device has the features; how many they are."""
+        known = [body for body in bodies if features_of(body) in self._bench.info.features]
+        for body in known:
             self._last = self._bench.must(body).sequence
+        return len(known)
 
     def block(self, base: str, reasons: Collection[Reason]) -> bytes:
         """A block of a kind in which all this is wrong."""
@@ -535,6 +555,7 @@ def let_loads_go(bench: Bench, queued: int) -> None:
 @pytest.mark.parametrize("base", ["update", "slot", "output"])
 def test_the_first_reason_is_given_while_enabled(bench: Bench, base: str) -> None:
     """Of any two things that are wrong with a block, and of all, the first in the order of ACK-003 is the reason."""
+    need(bench, BASES[base])
     Provocation(bench, enabled=True).check(base, (*ANY, *REASONS_OF[base]), ())
 
 
@@ -560,6 +581,7 @@ def test_the_first_reason_is_given_for_what_plays_stores(bench: Bench, base: str
 @pytest.mark.parametrize("base", ["update", "slot", "output"])
 def test_the_first_reason_is_given_with_a_fault(bench: Bench, base: str) -> None:
     """The same while a fault silences the outputs, where FAULT is behind what is wrong with the block."""
+    need(bench, BASES[base])
     with apart(bench) as device:
         provocation = Provocation(device, enabled=False)
         device.levers.cause(HotBoard(board=2, celsius=95))
@@ -610,7 +632,9 @@ def test_the_valid_blocks_of_the_vectors_are_refused_for_their_state_only(bench:
         bench.must(NoOp(), number=(vector["fields"]["sequence"] - 1) % 2**32, restart=True)
         (ack,) = bench.send_raw(bytes.fromhex(vector["hex"]))
         fields = vector["fields"]
-        expect(f"the reason for {vector['name']}", ack.reason, _reason_while_off(fields, limit))
+        missing = features_of(unpack(bytes.fromhex(vector["hex"])).body) & ~bench.info.features
+        wanted = Reason.UNSUPPORTED if missing else _reason_while_off(fields, limit)
+        expect(f"the reason for {vector['name']}", ack.reason, wanted)
         expect(f"commit_period for {vector['name']}", ack.commit_period if fields["kind"] != "CLOCK" else 0, 0)
 
 

@@ -319,7 +319,7 @@ def test_the_rate_counts_from_the_last_that_was_named(bench: Bench) -> None:
     bench.must(Update(SILENT, named))
     bench.must(Update(SILENT))
     refused(named + 1)
-    bench.must(Output(Action.END_MODULATION, named + 500))
+    bench.must(Output(Action.SILENCE, named + 500))
     refused(named + 1)
     bench.must(Update(SILENT, named + 501))
     refuse(bench, [Wrong("too much drive", forge(bench, Update(heavy(2), named + 600)), Reason.DRIVE)])

@@ -654,7 +654,7 @@ def test_the_warmest_board_is_in_the_status(bench: Bench) -> None:
         expect("temperature_c in STATUS", device.status().temperature_c, -2)
 
 
-@case("REQ-008", "REQ-003", "CHN-004/2", "SAF-008", needs=(Need.FAULTS,))
+@case("REQ-008", "REQ-003", "CHN-004/2", "SAF-008", needs=(Need.FAULTS,), features=Feature.SEQUENCES)
 def test_what_went_wrong_on_the_chain_is_added_up(bench: Bench) -> None:
     """Damaged slices are missed commits and damaged loads damaged messages of their processors; STATUS adds them up."""
     with apart(bench) as device:
@@ -762,7 +762,7 @@ def test_the_limit_holds_at_once(bench: Bench) -> None:
     refuse(bench, [Wrong("one narrow pulse", forge(bench, Update(SILENT), packed([(0, 1)])), Reason.DRIVE)])
 
 
-@case("REQ-010", features=Feature.SEQUENCES)
+@case("REQ-010")
 def test_the_limit_is_set_while_the_outputs_are_off(bench: Bench) -> None:
     """LIMIT is answered with STALL while the outputs are enabled, in READY and PLAYING, and changes nothing."""
     before = bench.status().drive_limit
