@@ -64,7 +64,9 @@ def refused(bench: Bench, body: Body, reason: Reason) -> None:
 
 
 @case("BLK-016", "BLK-017", "PUL-006", "TIM-003", "CHN-014", features=MODULATION, needs=CAPTURE)
-@pytest.mark.parametrize(("count", "hold"), [(1, 1), (2, 1), (3, 1), (5, 3), (2, 100), (7, 2), (49, 1), (480, 2)])
+@pytest.mark.parametrize(
+    ("count", "hold"), [(1, 1), (2, 1), (3, 1), (5, 3), (2, 100), (7, 2), (3, 257), (2, 512), (49, 1), (480, 2)]
+)
 def test_a_modulation_loops_without_a_gap(bench: Bench, count: int, hold: int) -> None:
     """Each sample holds for its periods, and behind the last the first comes again with no period between."""
     stage = Stage(bench)
@@ -121,8 +123,8 @@ def test_a_sample_holds_for_65535_periods(bench: Bench) -> None:
     stage.send(Update(bench.weak()))
     begin = stage.soon()
     stage.send(Modulation(2048, 2, 65_535, begin))
-    stage.judge(begin - 3, begin + 10)
-    stage.judge(begin + 65_535 - 10, begin + 65_535 + 20)
+    for place in (0, 127, 255, 300, 32_767, 65_535):
+        stage.judge(begin + place - 5, begin + place + 20)
 
 
 @case("PUL-006", "PUL-002", "BLK-017", features=MODULATION, needs=CAPTURE)

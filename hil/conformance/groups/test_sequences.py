@@ -43,8 +43,8 @@ def store(stage: Stage, entries: list[Entry], first: int = 0) -> None:
 @case("BLK-015", "BLK-013", "BLK-014", "TIM-003", "CHN-014", features=SEQUENCES, needs=CAPTURE)
 @pytest.mark.parametrize(
     "periods",
-    [[1], [7], [1, 1], [3, 1, 5], [1, 2, 1, 9, 4], [100, 100], [1] * 50],
-    ids=["one-period", "one-entry", "two-periods", "three", "five", "two-sides", "fifty-of-a-period"],
+    [[1], [7], [1, 1], [3, 1, 5], [1, 2, 1, 9, 4], [100, 100], [257, 512, 4], [1] * 50],
+    ids=["one-period", "one-entry", "two-periods", "three", "five", "two-sides", "long-ones", "fifty-of-a-period"],
 )
 def test_a_sequence_loops_without_a_gap(bench: Bench, periods: list[int]) -> None:
     """Entries play each for its periods, and again from the first with no period between, on all ten processors."""
@@ -117,8 +117,8 @@ def test_an_entry_of_65535_periods_ends_in_time(bench: Bench) -> None:
     store(stage, [Entry(3, 65_535), Entry(4, 2)], 512)
     begin = stage.soon()
     stage.send(Sequence(512, 2, begin))
-    stage.judge(begin - 3, begin + 10)
-    stage.judge(begin + 65_535 - 10, begin + 65_535 + 20)
+    for place in (0, 127, 255, 300, 32_767, 65_535):
+        stage.judge(begin + place - 5, begin + place + 20)
 
 
 @case("CHN-015", "TIM-003", "BLK-015", features=SEQUENCES, needs=CAPTURE)
