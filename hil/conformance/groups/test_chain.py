@@ -115,6 +115,14 @@ def expect_told(device: Bench, state: State, fault: Fault) -> Status:
     return said[0]
 
 
+def last_told(device: Bench, state: State) -> Status:
+    """What the device has told last unasked; fail unless that is a state."""
+    said = told(device)
+    assert said, f"nothing is told unasked, should be that the state is {state.name}"
+    expect("the state that is told last", said[-1].state, state)
+    return said[-1]
+
+
 def expect_cleared(device: Bench, state: State) -> None:
     """Clear the faults: fail unless they are gone, which is told, and the device is in a state."""
     device.order(Request.CLEAR_FAULTS)
@@ -365,14 +373,13 @@ def test_a_processor_without_two_answers_is_lost(bench: Bench, message: str) -> 
         at = device.period() + lead(device, 200)
         device.levers.cause(faults.LostToken(message=message, processor=place, token=6, times=2, period=at))
         device.wait_until(at + 40 * PERIODS_PER_MS)
-        said = told(device)
-        expect("the state that is told last", said[-1].state, State.FAULT)
-        expect("the faults that are told last", said[-1].faults, Fault.CHAIN | Fault.PROCESSOR)
-        expect_lost_in_time(said[-1], at)
-        lost = next(status.now for status in said if status.state is State.FAULT)
+        said = last_told(device, State.FAULT)
+        expect("the faults that are told last", said.faults, Fault.CHAIN | Fault.PROCESSOR)
+        expect_lost_in_time(said, at)
+        lost = said.now
         expect_cleared(device, State.OFF)
         end = device.period()
-        device.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, lost, lost))
+        device.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, at * TICKS_PER_PERIOD, lost))
 
 
 # Messages that come too late
@@ -493,8 +500,7 @@ def test_a_broken_chain_is_told_and_ends_in_silence(bench: Bench, how: str) -> N
         begins = device.must(Update(device.weak())).commit_period
         broken_by = begins * TICKS_PER_PERIOD + later + TICKS_PER_MS
         device.wait_until(broken_by // TICKS_PER_PERIOD + 1)
-        said = told(device)[-1]
-        expect("the state that is told last", said.state, State.FAULT)
+        said = last_told(device, State.FAULT)
         expect("the faults that are told last", said.faults, Fault.CHAIN | Fault.PROCESSOR)
         assert said.now <= broken_by, f"the chain is broken at tick {said.now}, should be by {broken_by}"
         expect_refused_everywhere(device)
@@ -804,7 +810,7 @@ def test_a_pulse_that_is_missing_is_a_lost_clock(bench: Bench, where: str) -> No
         device.wait_until(pulse - 1)
         expect("what is told before the pulse", told(device)[:1] if device.period() < pulse else [], [])
         device.wait_until(pulse + 450)
-        learned = expect_learned(told(device)[0], pulse)
+        learned = expect_learned(last_told(device, State.FAULT), pulse)
         expect_faults(device, Fault.SYNC, *places)
         device.order(Request.CLEAR_FAULTS)
         expect_faults(device, Fault.SYNC, *places)
@@ -866,9 +872,8 @@ def test_a_processor_that_does_not_answer_any_more_silences_all(bench: Bench, pl
         at = device.period() + lead(device, 200)
         device.levers.cause(faults.DeadProcessor(processor=place, period=at))
         device.wait_until(at + 32 * PERIODS_PER_MS)
-        said = told(device)
-        lost = next(status for status in said if Fault.PROCESSOR in status.faults)
-        expect("the state that is told", lost.state, State.FAULT)
+        lost = last_told(device, State.FAULT)
+        assert Fault.PROCESSOR in lost.faults, f"the faults that are told are {lost.faults!r}, PROCESSOR is missing"
         expect_lost_in_time(lost, at)
         device.wait((DEAF_MS + 2) / 1000)
         device.order(Request.CLEAR_FAULTS)

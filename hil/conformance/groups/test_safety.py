@@ -531,6 +531,30 @@ def test_what_is_queued_is_dropped_by_disable(bench: Bench) -> None:
     bench.judge(since, end, check_silent)
 
 
+@case("BLK-018", "SAF-004", "STA-003", "REQ-003", needs=CAPTURE)
+def test_what_is_accepted_behind_a_disabling_block_is_dropped(bench: Bench) -> None:
+    """Changes that were accepted behind an OUTPUT that disables never begin, and are counted as accepted only."""
+    enable(bench)
+    field = play(bench)
+    ends = bench.period() + far_ahead(bench)
+    expect("the period of the end", bench.must(Output(Action.DISABLE, ends)).commit_period, ends)
+    behind = queue_of_everything(bench, ends + 200)
+    before = bench.status()
+    expect("the free places", before.free, bench.info.queue_blocks - behind - 1)
+    bench.wait_until(ends + 1)
+    after = bench.status()
+    expect("the state", after.state, State.OFF)
+    expect("the free places", after.free, bench.info.queue_blocks)
+    expect("the blocks accepted, refused, late and lost", counts(after), counts(before))
+    bench.enable()
+    bench.wait_until(ends + 400)
+    status = bench.status()
+    expect("the state", status.state, State.READY)
+    expect("what plays since", status.since_period, 0)
+    steps = [(field.period, field.words), (ends, SILENCE)]
+    bench.judge(field.period, ends + 400, lambda seen: check_play(seen, steps))
+
+
 def queue_of_everything(bench: Bench, period: int) -> int:
     """Queue changes of all kinds that the device knows, the first of them for a period; how many they are."""
     features = bench.info.features
@@ -541,10 +565,9 @@ def queue_of_everything(bench: Bench, period: int) -> int:
     if Feature.MODULATION in features:
         bench.must(Samples(bytes([200])))
         bodies.append(lambda at: Modulation(0, 1, 1, at))
-    bodies.append(lambda at: Update(bench.weak(), at))
-    for number, body in enumerate(bodies[: bench.info.queue_blocks]):
+    for number, body in enumerate(bodies):
         bench.must(body(period + 20 * number))
-    return min(len(bodies), bench.info.queue_blocks)
+    return len(bodies)
 
 
 def counts(status: Status) -> tuple[int, int, int, int]:
@@ -779,6 +802,10 @@ def test_the_limit_cannot_be_set_while_the_outputs_are_enabled(bench: Bench) -> 
             assert not bench.try_order(Request.LIMIT, limit), f"LIMIT is carried out while {what} plays"
         expect("the limit in the status", bench.status().drive_limit, 2)
     expect("the reason for 2 transducers", bench.send(Update(both(0, 1))).reason, Reason.ACCEPTED)
+    bench.disable()
+    expect("the limit in the status after DISABLE", bench.status().drive_limit, 2)
+    bench.enable()
+    expect("the reason for 3 transducers after DISABLE", bench.send(Update(both(0, 1, 2))).reason, Reason.DRIVE)
     bench.disable()
     assert bench.try_order(Request.LIMIT, 1), "LIMIT is answered with STALL after DISABLE"
     expect("the limit in the status", bench.status().drive_limit, 1)
