@@ -11,7 +11,7 @@ from ....emulator.interfaces.serial_line import SerialLine
 from ....emulator.interfaces.usb_functions import ArrayFunction
 from ....protocol.blocks import Output, Sequence, Update
 from ....protocol.board import CYCLES_PER_MS, TICKS_PER_PERIOD
-from ....protocol.codes import Action, Kind, Reason, State
+from ....protocol.codes import Action, Kind, State
 from ....protocol.replies import ENABLED, Ack, ClockReading
 from .patching import Patch, mutant
 from .seams import mangle_acks, one_by_one, sealed_record
@@ -84,9 +84,9 @@ def free_is_counted_before_the_change(patch: Patch) -> None:
         return note
 
     def accept(original: Any) -> Any:
-        def begin(self: Any, packet: bytes, door: Any) -> None:
+        def begin(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
             taken[0] = False
-            original(self, packet, door)
+            original(self, packet, door, *rest)
 
         return begin
 
@@ -116,10 +116,10 @@ def state_is_that_after_the_change(patch: Patch) -> None:
         return note
 
     def ack(original: Any) -> Any:
-        def told(self: Any, reason: Reason, *arguments: Any) -> Ack:
-            said: Ack = original(self, reason, *arguments)
+        def told(self: Any, *arguments: Any) -> Ack:
+            said: Ack = original(self, *arguments)
             state, leads_to[0] = leads_to[0], None
-            return said if state is None or reason else replace(said, state=state)
+            return said if state is None or said.reason else replace(said, state=state)
 
         return told
 
@@ -147,16 +147,16 @@ def refused_change_says_the_period_that_it_named(patch: Patch) -> None:
     named = [0]
 
     def accept(original: Any) -> Any:
-        def note(self: Any, packet: bytes, door: Any) -> None:
+        def note(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
             named[0] = int.from_bytes(packet[8:16], "little")
-            original(self, packet, door)
+            original(self, packet, door, *rest)
 
         return note
 
     def ack(original: Any) -> Any:
-        def told(self: Any, reason: Reason, *arguments: Any) -> Ack:
-            said: Ack = original(self, reason, *arguments)
-            return replace(said, commit_period=named[0]) if reason else said
+        def told(self: Any, *arguments: Any) -> Ack:
+            said: Ack = original(self, *arguments)
+            return replace(said, commit_period=named[0]) if said.reason else said
 
         return told
 
@@ -200,11 +200,11 @@ def clock_says_its_own_period(patch: Patch) -> None:
     """The acknowledgement of a CLOCK says the period in which it arrived, not that of the last sync pulse."""
 
     def accept(original: Any) -> Any:
-        def with_other_clock(self: Any, packet: bytes, door: Any) -> None:
+        def with_other_clock(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
             own = self.time.period(self._now)
             vars(self)["clock"] = lambda: ClockReading(self.now_tick, own, 0)
             try:
-                original(self, packet, door)
+                original(self, packet, door, *rest)
             finally:
                 del vars(self)["clock"]
 
@@ -244,9 +244,9 @@ def no_ops_are_not_acknowledged(patch: Patch) -> None:
     """A NO_OP gets no acknowledgement: nothing was done, so that nothing seems to need one."""
 
     def around(original: Any) -> Any:
-        def accept(self: Any, packet: bytes, door: Any) -> None:
+        def accept(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
             is_no_op = len(packet) > KIND and packet[KIND] == Kind.NO_OP
-            original(self, packet, _Mute(door) if is_no_op else door)
+            original(self, packet, _Mute(door) if is_no_op else door, *rest)
 
         return accept
 

@@ -312,9 +312,9 @@ def state_is_judged_before_contents(patch: Patch) -> None:
     judging: list[Any] = []
 
     def note(original: Any) -> Any:
-        def accept(self: Any, packet: bytes, door: Any) -> None:
+        def accept(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
             judging[:] = [self]
-            original(self, packet, door)
+            original(self, packet, door, *rest)
 
         return accept
 
@@ -338,11 +338,11 @@ def numbers_are_judged_before_the_state(patch: Patch) -> None:
     """A change with an old number is refused with SEQUENCE while the outputs are off: numbers are compared first."""
 
     def around(original: Any) -> Any:
-        def judge(self: Any, block: Any) -> None:
+        def judge(self: Any, block: Any, *rest: Any) -> None:
             last = self._last_sequence
             if not block.restart and last is not None and not follows(block.sequence, last):
                 raise BlockError("the number does not follow", Reason.SEQUENCE)
-            original(self, block)
+            original(self, block, *rest)
 
         return judge
 

@@ -123,9 +123,9 @@ def clock_and_no_op_need_a_free_place(patch: Patch) -> None:
     """The acknowledgements of CLOCK and NO_OP say one free place too few: whatever is judged has one."""
 
     def accept(original: Any) -> Any:
-        def judged(self: Any, packet: bytes, door: Any) -> None:
+        def judged(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
             vars(self)["kind"] = packet[KIND] if len(packet) > KIND else 0
-            original(self, packet, door)
+            original(self, packet, door, *rest)
             del vars(self)["kind"]
 
         return judged

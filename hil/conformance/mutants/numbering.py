@@ -86,7 +86,7 @@ def restart_is_ignored(patch: Patch) -> None:
     """The flag RESTART is accepted and means nothing: a number that does not follow is refused all the same."""
 
     def judge(original: Any) -> Any:
-        return lambda self, block: original(self, block._replace(restart=False))
+        return lambda self, block, *rest: original(self, block._replace(restart=False), *rest)
 
     patch.wrap(controller.Controller, "_judge", judge)
     patch.wrap(controller.Controller, "_count", judge)
@@ -122,9 +122,9 @@ def refused_number_is_the_last(patch: Patch) -> None:
     """The number of a block that is refused for its contents is taken for the last: it is kept before the judgement."""
 
     def around(original: Any) -> Any:
-        def judge(self: Any, block: Any) -> None:
+        def judge(self: Any, block: Any, *rest: Any) -> None:
             try:
-                original(self, block)
+                original(self, block, *rest)
             except BlockError as error:
                 if error.reason != Reason.SEQUENCE:
                     self._last_sequence = block.sequence
@@ -140,9 +140,9 @@ def refused_sequence_is_the_last(patch: Patch) -> None:
     """A block that is refused with SEQUENCE moves the count back: the last number that was seen counts."""
 
     def around(original: Any) -> Any:
-        def judge(self: Any, block: Any) -> None:
+        def judge(self: Any, block: Any, *rest: Any) -> None:
             try:
-                original(self, block)
+                original(self, block, *rest)
             except BlockError as error:
                 if error.reason == Reason.SEQUENCE:
                     self._last_sequence = block.sequence

@@ -12,7 +12,7 @@ import numpy as np
 from ....emulator.ports import raster
 from ....protocol.board import MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from .patching import Patch, mutant
-from .seams import LEVELS, Words, rasterise, see_words, spread
+from .seams import Words, is_high, rasterise, see_words, spread
 
 INVERTED_PROCESSOR, INVERTED_BIT = 4, 17
 
@@ -28,7 +28,7 @@ def widest_pulse_has_24_ticks(patch: Patch) -> None:
     """A pulse of 25 ticks lasts 24: a table by width ends one entry early."""
 
     def levels(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
-        full = LEVELS(phase, width, unmodulated, tick)
+        full = is_high(phase, width, unmodulated, tick)
         return full & ~((width == MAX_WIDTH_TICKS) & ((tick - ((phase - width) >> 1)) % TICKS_PER_PERIOD == 24))
 
     rasterise(patch, levels)
@@ -75,13 +75,13 @@ def pulse_ends_in_the_next_period(patch: Patch) -> None:
 @mutant("PUL-001", "PUL-004")
 def phase_99_is_taken_for_0(patch: Patch) -> None:
     """The last phase plays as the first: phases are taken modulo 99."""
-    rasterise(patch, lambda phase, width, *rest: LEVELS(phase % 99, width, *rest))
+    rasterise(patch, lambda phase, width, *rest: is_high(phase % 99, width, *rest))
 
 
 @mutant("PUL-002")
 def width_0_plays_a_tick(patch: Patch) -> None:
     """A pulse of width 0 with a phase plays one tick: only where all its 12 bits are 0 is it passed over."""
-    rasterise(patch, lambda phase, width, *rest: LEVELS(phase, np.where((width == 0) & (phase > 0), 1, width), *rest))
+    rasterise(patch, lambda phase, width, *rest: is_high(phase, np.where((width == 0) & (phase > 0), 1, width), *rest))
 
 
 @mutant("PUL-001", "PUL-004")
@@ -93,19 +93,19 @@ def phase_is_that_of_the_leading_edge(patch: Patch) -> None:
 @mutant("PUL-001", "PUL-004")
 def phase_is_in_whole_ticks(patch: Patch) -> None:
     """The lowest bit of the phase is dropped before anything else: a pulse can only sit at every other place."""
-    rasterise(patch, lambda phase, width, *rest: LEVELS(phase & ~1, width, *rest))
+    rasterise(patch, lambda phase, width, *rest: is_high(phase & ~1, width, *rest))
 
 
 @mutant("PUL-004")
 def odd_widths_are_one_less(patch: Patch) -> None:
     """A pulse of odd width is a tick shorter: it is drawn as two equal halves around its centre."""
-    rasterise(patch, lambda phase, width, *rest: LEVELS(phase, width & ~1, *rest))
+    rasterise(patch, lambda phase, width, *rest: is_high(phase, width & ~1, *rest))
 
 
 @mutant("PUL-004")
 def pulses_run_backwards(patch: Patch) -> None:
     """A later phase plays earlier: a port shifts its table out from the other end."""
-    rasterise(patch, lambda phase, width, _, tick: LEVELS(phase, width, _, TICKS_PER_PERIOD - 1 - tick))
+    rasterise(patch, lambda phase, width, _, tick: is_high(phase, width, _, TICKS_PER_PERIOD - 1 - tick))
 
 
 @mutant("PUL-004", "SAF-001")
@@ -125,6 +125,6 @@ def tick_0_repeats_the_last(patch: Patch) -> None:
     """The first tick of a period is that of the one before: the port's word is written a tick late once a period."""
 
     def levels(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
-        return LEVELS(phase, width, unmodulated, np.where(tick == 0, TICKS_PER_PERIOD - 1, tick))
+        return is_high(phase, width, unmodulated, np.where(tick == 0, TICKS_PER_PERIOD - 1, tick))
 
     rasterise(patch, levels)

@@ -25,9 +25,10 @@ from ....protocol.wiring import Wiring
 from .patching import Patch
 
 __all__ = [
-    "LEVELS",
     "Levels",
+    "Words",
     "forgive",
+    "is_high",
     "mangle_acks",
     "misread_bodies",
     "one_by_one",
@@ -113,7 +114,7 @@ Levels = Callable[[Any, Any, Any, Any], Any]
 """Whether an output is high: of a pulse's phase, the width that it plays, the width before modulation, and the tick."""
 
 
-def LEVELS(phase: Any, width: Any, _unmodulated: Any, tick: Any) -> Any:
+def is_high(phase: Any, width: Any, _unmodulated: Any, tick: Any) -> Any:
     """As it should be (clause PUL-004)."""
     return (tick - ((phase - width) >> 1)) % TICKS_PER_PERIOD < width
 

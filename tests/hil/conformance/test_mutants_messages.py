@@ -162,10 +162,6 @@ JUDGED: list[Difference] = [
 ]
 
 
-def horizon_at_the_end_of_the_64_bits(bench: Bench) -> Reason:
-    return reason(Update(WEAK), enabled=True, period=2**64 - 2)(bench)
-
-
 def last_refusal(bench: Bench) -> Reason:
     bench.send_raw(seal(flipped(0)(pack(bench.numbered(NoOp())))), forged(pack(bench.numbered(NoOp())), kind=77))
     return bench.status().last_refusal
@@ -229,7 +225,7 @@ def short_block(bench: Bench) -> Reason:
 
 
 JUDGED += [
-    ("horizon-is-not-judged", horizon_at_the_end_of_the_64_bits, Reason.HORIZON, ACCEPTED),
+    ("horizon-is-not-judged", reason(Update(WEAK), enabled=True, period=2**64 - 2), Reason.HORIZON, ACCEPTED),
     ("last-refusal-is-always-checksum", last_refusal, KIND, CHECKSUM),
     ("last-refusal-is-the-first", last_refusal, KIND, MAGIC),
     ("refused-blocks-count-as-accepted", counts_of_a_refusal, (0, 1), (1, 1)),
