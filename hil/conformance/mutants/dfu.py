@@ -232,7 +232,7 @@ def later_errors_replace_the_first(patch: Patch) -> None:
     def around(original: Any) -> Any:
         def enter(self: Any, state: DfuState, status: DfuStatus = DfuStatus.OK, string: int = 0) -> None:
             original(self, state, status, string)
-            if state is DfuState.ERROR:
+            if state is DfuState.ERROR and status is not DfuStatus.OK:
                 self._status, self._string = status, string
 
         return enter

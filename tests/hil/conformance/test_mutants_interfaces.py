@@ -12,6 +12,8 @@ from phasewire.hil.conformance.mutants.catalogue import MUTANTS
 from phasewire.hil.conformance.mutants.patching import Patch, applied
 from phasewire.hil.conformance.running import Options, open_bench
 
+from tests.hil.conformance.mutant_signs import SIGNS
+
 GROUPS = {
     "chain",
     "endpoints",
@@ -63,3 +65,13 @@ def test_a_mutant_comes_up_answers_info_and_is_undone(name: str) -> None:
     with broken(name) as bench:
         assert bench.info.channels == channels
         bench.begin_case("alive")
+
+
+@pytest.mark.parametrize("name", SIGNS)
+def test_a_mutant_shows_itself_where_a_sound_device_does_not(name: str) -> None:
+    with broken(name) as bench:
+        bench.begin_case("sign")
+        assert SIGNS[name](bench)
+    with open_bench(Options(MINE[name].url)) as bench:
+        bench.begin_case("sign")
+        assert not SIGNS[name](bench)
