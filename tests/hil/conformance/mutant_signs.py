@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from cobs import cobs
 from phasewire.emulator import faults
@@ -378,7 +379,8 @@ def _sends(bench: Bench, block: bytes) -> bool:
 def _waiting(bench: Bench) -> int:
     """Records that wait for 81 IN."""
     (emulator,) = plugged()
-    return len(emulator.usb._functions[0]._records)
+    array: Any = emulator.usb._functions[0]
+    return len(array._records)
 
 
 @sign_of("halt-drops-waiting-records")
