@@ -1,0 +1,102 @@
+"""The raw serial line over a UART and over the console's endpoints, against an emulated device."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from phasewire.emulator import Emulator
+from phasewire.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
+from phasewire.hil.conformance.frames import console_frame, request_frame
+from phasewire.hil.conformance.lines.serial import CdcWire, PortWire, SerialLine
+from phasewire.hil.conformance.lines.usb import UsbLine
+from phasewire.protocol.codes import Request
+from phasewire.protocol.framing import Mode
+from phasewire.protocol.replies import Info, Status
+from phasewire.protocol.requests import Setup
+
+INFO = Setup(0xC1, Request.INFO, 0, 0, Info.BYTES)
+STATUS = Setup(0xC1, Request.STATUS, 0, 0, Status.BYTES)
+
+
+@pytest.fixture(params=["UART", "USB"])
+def line(request: pytest.FixtureRequest) -> Iterator[SerialLine]:
+    with Emulator() as emulator:
+        wire = PortWire(f"{emulator.url}?door=serial") if request.param == "UART" else CdcWire(UsbLine(emulator.url))
+        opened = SerialLine(wire)
+        yield opened
+        opened.close()
+
+
+def dropped(line: SerialLine) -> int:
+    return Status.decode(line.request(STATUS) or b"").dropped_frames
+
+
+@pytest.mark.parametrize(
+    "before", [b"", b"stat", b"\0", b"\0" + request_frame(1, INFO)[:7], b"\0" + console_frame() + b"ech"]
+)
+@pytest.mark.parametrize("deaf", [False, True], ids=["heard", "unheard"])
+def test_frames_are_entered_from_everywhere(line: SerialLine, before: bytes, deaf: bool) -> None:
+    line.write(before)
+    if not deaf:
+        line.rest()
+    line.enter_frames()
+    assert line.mode is Mode.FRAMES
+    assert (line.events, line.damaged) == ([], [])
+    assert Info.decode(line.request(INFO) or b"").channels == 320
+
+
+def test_a_console_is_entered_without_echo_and_frames_again(line: SerialLine) -> None:
+    for _ in range(2):
+        line.enter_console()
+        assert line.command("watchdog 500") == "ok\r\n"
+        assert line.command("") == ""
+        assert line.command("halt").startswith("error 3 ")
+        assert line.mode is Mode.CONSOLE
+        line.enter_frames()
+        assert Status.decode(line.request(STATUS) or b"").watchdog_ms == 500
+
+
+def test_who_hangs_up_is_at_a_console_with_a_frame_dropped(line: SerialLine) -> None:
+    line.wire.set_dtr(True)
+    line.enter_frames()
+    line.write(request_frame(1, INFO)[:7])
+    line.rest()
+    line.hang_up()
+    assert line.mode is Mode.CONSOLE
+    line.write(b"\r")
+    assert line.rest() == b"\r\n> "
+    line.enter_frames()
+    assert dropped(line) == 1
+
+
+def test_a_console_that_does_not_answer_is_no_console(line: SerialLine) -> None:
+    line.enter_frames()
+    with pytest.raises(DeviceTimeoutError, match="shows no prompt after 'status'"):
+        line.command("status")
+
+
+def test_a_request_is_told_from_a_late_answer(line: SerialLine) -> None:
+    line.enter_frames()
+    line.write(request_frame(99, STATUS))
+    assert Info.decode(line.request(INFO) or b"").carrier_hz == 40_000
+    assert line.request(Setup(0xC1, 99, 0, 0, 1)) is None
+    assert len(line.events) == 1, "the reply under tag 99"
+
+
+def test_a_port_that_is_not_there_or_goes_away_is_said() -> None:
+    with pytest.raises(DeviceNotFoundError, match="no device at"):
+        PortWire("serial:///dev/there-is-none")
+    with Emulator() as emulator:
+        wire = PortWire(f"{emulator.url}?door=serial")
+        wire.close()
+        with pytest.raises(DeviceLostError, match="the port is gone"):
+            wire.write(b"x")
+        wire.reopen(1)
+        SerialLine(wire).enter_frames()
+
+
+def test_only_a_uart_has_a_break() -> None:
+    with Emulator() as emulator:
+        assert PortWire(f"{emulator.url}?door=serial").has_break
+        assert not CdcWire(UsbLine(emulator.url)).has_break
