@@ -214,6 +214,8 @@ def test_another_checksum_is_refused(bench: Bench) -> None:
     checksums = {
         "the bytes of the checksum the other way round": int.from_bytes(right.to_bytes(4, "little"), "big"),
         "the checksum inverted": right ^ 0xFFFFFFFF,
+        "a checksum of which the low half is right": right ^ 0xFFFF0000,
+        "a checksum of which the high half is right": right ^ 0x0000FFFF,
         "the checksum of the block without the four bytes": zlib.crc32(block[:CHECKSUM] + block[CHECKSUM + 4 :]),
         "the checksum of a block with FF in the four bytes": zlib.crc32(
             block[:CHECKSUM] + b"\xff" * 4 + block[CHECKSUM + 4 :]
