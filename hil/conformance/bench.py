@@ -11,6 +11,7 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import cached_property
 
 import numpy as np
 
@@ -49,6 +50,8 @@ LOW_DRIVE = 32
 """Transducers' worth of total drive that a case may use where hard driving was not allowed: a tenth of the array."""
 ACK_SECONDS = 2.0
 """A device answers at once; the rest is for a computer that is busy."""
+BLOCK_SECONDS = {"usb": 0.01, "serial": 0.1}
+"""For one block to be taken, at the least speed of a line (clause SER-014), and twice that."""
 QUIET_SECONDS = 0.002
 NOTES = 60
 """Pieces of evidence that are kept of a case: the first half, and the newest."""
@@ -89,7 +92,6 @@ class Bench:
     levers : Levers
     info : Info
         As the device answered at first.
-    wiring : Wiring
     random : random.Random
         For this case: the same for the same seed, whatever ran before.
     marks : list of Mark
@@ -126,9 +128,13 @@ class Bench:
         self.unasked: list[Status] = []
         self._number: int | None = None
         self.info = Info.decode(self.ask(Request.INFO))
-        self.wiring = decode_wiring(self.ask(Request.WIRING))
 
     # What there is
+
+    @cached_property
+    def wiring(self) -> Wiring:
+        """As the device answered at first."""
+        return decode_wiring(self.ask(Request.WIRING))
 
     @property
     def usb(self) -> UsbLine:
@@ -180,6 +186,11 @@ class Bench:
             shown.insert(NOTES // 2, Evidence("…", f"{self._dropped} more"))
         return tuple(shown)
 
+    def forget(self) -> None:
+        """Begin with no evidence."""
+        self._notes.clear()
+        self._dropped = 0
+
     # Cases
 
     def begin_case(self, name: str) -> None:
@@ -190,8 +201,7 @@ class Bench:
         Lost
             Where it cannot be brought there, by no means that are allowed.
         """
-        self._notes.clear()
-        self._dropped = 0
+        self.forget()
         self.deferred = []
         self._marks = []
         if self._serial is not self.line:
@@ -202,7 +212,7 @@ class Bench:
         except (DeviceError, ReplyError, AssertionError) as first:
             self.note("recovery", f"the device was not where a case begins: {first}")
             self._recover()
-        self._notes.clear()
+        self.forget()
         self.unasked.clear()
 
     def end_case(self) -> None:
@@ -374,7 +384,8 @@ class Bench:
             self.note("blocks", f"and {len(blocks) - 4} more")
         data = b"".join(blocks)
         self._acks: deque[Ack] = deque()
-        sent, end = 0, self.line.time.monotonic() + ACK_SECONDS + len(blocks) / 100
+        patience = ACK_SECONDS + len(blocks) * BLOCK_SECONDS[self.line.kind]
+        sent, end = 0, self.line.time.monotonic() + patience
         at_once = len(data) if self.line.kind == "usb" else BLOCK_BYTES
         while sent < len(data):
             sent += self.line.send_blocks(data[sent : sent + at_once], 0.01)
@@ -382,7 +393,7 @@ class Bench:
             self._collect(ACK_SECONDS if behind else 0.0)
             late = self.line.time.monotonic() >= end
             assert sent == len(data) or not late, (
-                f"only {sent} of {len(data)} bytes of blocks were taken in {ACK_SECONDS + len(blocks) / 100:g} s"
+                f"only {sent} of {len(data)} bytes of blocks were taken in {patience:g} s"
             )
 
     def _collect(self, seconds: float) -> None:

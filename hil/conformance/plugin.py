@@ -229,6 +229,7 @@ class Judge:
         identifier, about = case_id(item), case_of(item.function)
         assert about is not None
         self.watcher.began(identifier, len(self.results) + 1, self._count)
+        self.bench.forget()
         self._outcome, began = (Verdict.PASS, ""), time.perf_counter()
         done = yield
         verdict, reason = self._outcome
