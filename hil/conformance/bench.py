@@ -33,6 +33,7 @@ from ...protocol.replies import (
     records,
 )
 from ...protocol.requests import Setup
+from ...protocol.wiring import Wiring
 from .capture import Seen, Sight, Unseen
 from .cases import Inconclusive, Need, Risk
 from .levers import Levers
