@@ -7,7 +7,7 @@ TEST_PROCESSES ?= 2
 FUZZ_SECONDS ?= 60
 SOAK_MINUTES ?= 120
 
-.PHONY: help demo test test-slow lint format vectors fuzz soak bench bench-peers clean
+.PHONY: help demo test test-slow mutants lint format vectors fuzz soak bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -27,6 +27,9 @@ fuzz: $(VENV)/fuzz           ## throw bytes at every decoder, FUZZ_SECONDS (60) 
 
 soak: $(VENV)/ready          ## a stream of SOAK_MINUTES (120) of the device's time on which everything goes wrong at random
 	@$(BIN)/python -m tests.soak --minutes $(SOAK_MINUTES)
+
+mutants: $(VENV)/ready       ## the conformance suite against every broken emulator, in a quarter of an hour
+	@$(BIN)/phasewire conformance --mutants --jobs $(TEST_PROCESSES)
 
 lint: $(VENV)/ready          ## style, types, and the floors of the house
 	@$(BIN)/ruff check .

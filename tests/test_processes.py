@@ -66,6 +66,11 @@ OFF = r"outputs are off"
 
 ROWS = {
     "demo": Row("demo", r"PASS: what was intended is what came back", makes=("demo.png",), marks=SLOW),
+    "conformance": Row(
+        "conformance --only numbering --html report.html --junit report.xml",
+        r"PASS: nothing broke; \d+ cases passed",
+        makes=("report.html", "report.xml"),
+    ),
     "budget": Row(
         "budget --link 2wire --picture budget.png", r"Rate that holds: 20,000 updates/s", makes=("budget.png",)
     ),
