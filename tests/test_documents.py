@@ -34,7 +34,9 @@ def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> No
     assert spread < 0.5  # per cent
 
 
-@pytest.mark.parametrize(("name", "count"), [("protocol.md", 2), ("emulator.md", 1), ("faults.md", 1), ("host.md", 3), ("conformance.md", 1)])
+@pytest.mark.parametrize(
+    ("name", "count"), [("protocol.md", 2), ("emulator.md", 1), ("faults.md", 1), ("host.md", 3), ("conformance.md", 1)]
+)
 def test_the_python_of_the_documents_runs(
     name: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

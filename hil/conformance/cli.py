@@ -30,7 +30,7 @@ __all__ = ["commands"]
 
 EMULATOR, SIGROK, NONE = "emulator", "sigrok:", "none"
 LIST_FORMAT = "phasewire-conformance-matrix-1"
-OF_MUTANTS = ("mutants", "jobs", "thorough", "json_target")
+OF_MUTANTS = ("mutants", "jobs", "thorough", "table", "json_target")
 
 commands = typer.Typer(rich_markup_mode=None)
 
@@ -113,6 +113,10 @@ def conformance(
         bool,
         typer.Option("--thorough", help="With --mutants: judge each by all cases, even when two have caught it."),
     ] = False,
+    table: Annotated[
+        Path | None,
+        typer.Option("--table", metavar="FILE", help="With --mutants: also write what became of them as Markdown."),
+    ] = None,
     list_cases: Annotated[
         bool,
         typer.Option("--list", help="List the clauses of the specification with their cases, and run nothing."),
@@ -133,12 +137,11 @@ def conformance(
     The exit code is 0 if nothing broke, which says nothing of what was inconclusive, and 1 if something did.
     """
     if mutants:
-        _judge_mutants(context, jobs, thorough, json_target)
+        _judge_mutants(context, jobs, table, json_target, thorough=thorough)
         return
-    if jobs is not None:
-        raise ValueError("--jobs goes with --mutants")
-    if thorough:
-        raise ValueError("--thorough goes with --mutants")
+    for name, chosen in (("--jobs", jobs), ("--thorough", thorough), ("--table", table)):
+        if chosen:
+            raise ValueError(f"{name} goes with --mutants")
     recording = [Path(capture.removeprefix(SIGROK))] if capture is not None and _is_recording(capture) else []
     inputs = [path for path in (profile, known_failures, *recording) if path is not None]
     check_outputs([html, junit_xml, json_target], inputs)
@@ -201,21 +204,27 @@ def _mutant(name: str) -> Mutant:
     return MUTANTS[name]
 
 
-def _judge_mutants(context: typer.Context, jobs: int | None, thorough: bool, json_target: str | None) -> None:
+def _judge_mutants(
+    context: typer.Context, jobs: int | None, table: Path | None, json_target: str | None, *, thorough: bool
+) -> None:
     """Run the suite against all mutants; exit code 1 where it does not catch one."""
     others = [name for name in context.params if name not in OF_MUTANTS and given(context, name)]
     if others:
-        raise ValueError("--mutants goes with --jobs, --thorough and --json alone: mutants bring devices of their own")
-    check_outputs([json_target])
+        raise ValueError(
+            "--mutants goes with --jobs, --thorough, --table and --json alone: mutants bring devices of their own"
+        )
+    check_outputs([table, json_target])
 
     from .mutants.catalogue import MUTANTS
     from .mutants.running import DEFAULT_JOBS, run_mutants
-    from .reports.mutants import MutantLine, print_mutants
+    from .reports.mutants import MutantLine, markdown, print_mutants
     from .reports.mutants import record as mutants_record
 
     with MutantLine(error_console()) as watcher:
         results = run_mutants(list(MUTANTS.values()), jobs or DEFAULT_JOBS, watcher, thorough=thorough)
     write_json(json_target, mutants_record(results))
+    if table is not None:
+        _replace(table, markdown(results))
     print_mutants(console_for(json_target), results)
     if not all(result.fate.is_catch for result in results):
         raise typer.Exit(1)

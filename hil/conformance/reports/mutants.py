@@ -15,7 +15,7 @@ from ..mutants.running import Fate, MutantResult, MutantWatcher
 from .markup import legible
 from .terminal import Line
 
-__all__ = ["FORMAT", "MutantLine", "print_mutants", "record"]
+__all__ = ["FORMAT", "MutantLine", "markdown", "print_mutants", "record"]
 
 FORMAT = "phasewire-mutants-1"
 STYLES = {
@@ -49,10 +49,8 @@ def print_mutants(out: Console, results: Sequence[MutantResult]) -> None:
     for result in missed:
         out.print(_headed(result))
         out.print(Text(f"    {result.mutant.sentence}"))
-    counts = ", ".join(f"{count} {fate}" for fate, count in _counts(results).items() if count)
-    verdict = f"FAIL: {len(missed)} of" if missed else "PASS: none of"
     style = STYLES[Fate.SURVIVED if missed else Fate.CAUGHT]
-    out.print(Text(f"{verdict} {len(results)} mutants got away ({counts})", style))
+    out.print(Text(f"{'FAIL' if missed else 'PASS'}: {_verdict(results)}", style))
 
 
 def _headed(result: MutantResult) -> Text:
@@ -88,6 +86,36 @@ def _by_group(results: Sequence[MutantResult]) -> dict[str, list[MutantResult]]:
 def _counts(results: Sequence[MutantResult]) -> dict[str, int]:
     fates = [result.fate for result in results]
     return {fate.value: fates.count(fate) for fate in Fate}
+
+
+def markdown(results: Sequence[MutantResult]) -> str:
+    """The mutants as a document: a table for each group, with what each does wrong and the first cases that caught it."""
+    lines = [
+        "# Mutants",
+        "",
+        "Emulators that are broken in one way each, and the cases of the conformance suite that caught them:",
+        f"{_verdict(results)}. Where one case alone has caught a mutant, that is said; of the others the first are named.",
+        "`phasewire conformance --mutants --table FILE` writes this anew, `--mutant NAME` shows one's whole report.",
+    ]
+    for group, members in _by_group(results).items():
+        lines += ["", f"## {group}", "", "| mutant | what it does wrong | clauses | caught by |", "|---|---|---|---|"]
+        lines += [_row(result) for result in members]
+    return "\n".join(lines) + "\n"
+
+
+def _row(result: MutantResult) -> str:
+    named = [f"`{case}`" for case in result.cases[:MOST_CASES]]
+    alone = " alone" if result.fate is Fate.ONE_CASE else ""
+    caught = "<br>".join(named) + alone if result.fate.is_catch else f"**{result.fate}**"
+    mutant = result.mutant
+    return f"| `{mutant.name}` | {mutant.sentence.replace('|', '∣')} | {', '.join(mutant.clauses)} | {caught} |"
+
+
+def _verdict(results: Sequence[MutantResult]) -> str:
+    """How many there are, and how many got away."""
+    missed = sum(not result.fate.is_catch for result in results)
+    counts = ", ".join(f"{count} {fate}" for fate, count in _counts(results).items() if count)
+    return f"{missed or 'none'} of {len(results)} got away ({counts})"
 
 
 def record(results: Sequence[MutantResult]) -> dict[str, Any]:

@@ -175,8 +175,11 @@ def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Sui
         (("--known-failures", "p.toml"), "p.toml: colour = 'red': it names no case"),
         (("--mutant", "no-such"), "there is no mutant 'no-such'; there are "),
         (("--mutant", "horizon-is-not-judged", "--device", "usb:"), "--mutant brings a device of its own"),
-        (("--mutants", "--device", "usb:"), "--mutants goes with --jobs, --thorough and --json alone"),
-        (("--mutants", "--mutant", "horizon-is-not-judged"), "--mutants goes with --jobs, --thorough and --json alone"),
+        (("--mutants", "--device", "usb:"), "--mutants goes with --jobs, --thorough, --table and --json alone"),
+        (
+            ("--mutants", "--mutant", "horizon-is-not-judged"),
+            "--mutants goes with --jobs, --thorough, --table and --json alone",
+        ),
         (("--mutants", "--jobs", "0"), "--jobs"),
         (("--mutants", "--json", "nowhere/m.json"), "there is no folder nowhere"),
         (("--jobs", "2"), "--jobs goes with --mutants"),
@@ -272,4 +275,4 @@ def test_all_mutants_are_judged_and_one_that_gets_away_is_exit_code_1(
     assert asked == [(list(MUTANTS), 3)]
     found = json.loads(outcome.out)
     assert (found["format"], len(found["mutants"])) == ("phasewire-mutants-1", len(MUTANTS))
-    assert f"{len(MUTANTS)} mutants got away" in outcome.err
+    assert f"of {len(MUTANTS)} got away" in outcome.err

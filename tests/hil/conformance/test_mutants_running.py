@@ -12,7 +12,7 @@ import pytest
 from phasewire.hil.conformance.mutants import running
 from phasewire.hil.conformance.mutants.patching import Mutant, Patch
 from phasewire.hil.conformance.mutants.running import Fate, MutantResult, MutantWatcher, judged, run_mutants
-from phasewire.hil.conformance.reports.mutants import MutantLine, print_mutants, record
+from phasewire.hil.conformance.reports.mutants import MutantLine, markdown, print_mutants, record
 
 from tests.hil.conformance.reports.test_terminal import console, written
 
@@ -139,13 +139,13 @@ def test_the_table_is_sorted_by_group_and_names_who_got_away() -> None:
     told = written(out)
     assert "survived  blocks/sly\n    sly is broken.\n" in told
     assert "crashed  blocks/dead: exit code 4: it is [gone]\n" in told
-    assert told.splitlines()[-1] == "FAIL: 2 of 4 mutants got away (1 survived, 1 crashed, 1 one case, 1 caught)"
+    assert told.splitlines()[-1] == "FAIL: 2 of 4 got away (1 survived, 1 crashed, 1 one case, 1 caught)"
 
 
 def test_where_all_are_caught_the_last_line_says_so() -> None:
     out = console(terminal=False)
     print_mutants(out, [RESULTS[0], RESULTS[2]])
-    assert written(out).splitlines()[-1] == "PASS: none of 2 mutants got away (1 one case, 1 caught)"
+    assert written(out).splitlines()[-1] == "PASS: none of 2 got away (1 one case, 1 caught)"
 
 
 def test_the_record_holds_all() -> None:
@@ -170,3 +170,15 @@ def test_while_they_run_a_terminal_shows_them_and_everywhere_who_got_away() -> N
         assert ("3/40  late, sly" in told) == terminal
         assert "survived  blocks/sly" in told
         assert "timing/late" not in told
+
+
+def test_the_document_says_who_caught_whom() -> None:
+    text = markdown(RESULTS)
+    assert "2 of 4 got away (1 survived, 1 crashed, 1 one case, 1 caught)" in text
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| `")]
+    assert rows == [
+        ["`sly`", "sly is broken.", "BLK-003", "**survived**"],
+        ["`lone`", "lone is broken.", "BLK-003", "`blocks/c` alone"],
+        ["`dead`", "dead is broken.", "BLK-003", "**crashed**"],
+        ["`late`", "late is broken.", "BLK-003", "`timing/a`<br>`timing/b`"],
+    ]
