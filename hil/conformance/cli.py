@@ -211,7 +211,7 @@ def _judge_mutants(
     others = [name for name in context.params if name not in OF_MUTANTS and given(context, name)]
     if others:
         raise ValueError(
-            "--mutants goes with --jobs, --thorough, --table and --json alone: mutants bring devices of their own"
+            "--mutants brings devices of its own; it goes with --jobs, --thorough, --table and --json alone"
         )
     check_outputs([table, json_target])
 

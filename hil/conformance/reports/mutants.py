@@ -89,12 +89,12 @@ def _counts(results: Sequence[MutantResult]) -> dict[str, int]:
 
 
 def markdown(results: Sequence[MutantResult]) -> str:
-    """The mutants as a document: a table for each group, with what each does wrong and the first cases that caught it."""
+    """The mutants as a document: for each group a table of what each does wrong, and the first cases that caught it."""
     lines = [
         "# Mutants",
         "",
         "Emulators that are broken in one way each, and the cases of the conformance suite that caught them:",
-        f"{_verdict(results)}. Where one case alone has caught a mutant, that is said; of the others the first are named.",
+        f"{_verdict(results)}. Where one case alone has caught a mutant, that is said.",
         "`phasewire conformance --mutants --table FILE` writes this anew, `--mutant NAME` shows one's whole report.",
     ]
     for group, members in _by_group(results).items():

@@ -175,10 +175,10 @@ def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Sui
         (("--known-failures", "p.toml"), "p.toml: colour = 'red': it names no case"),
         (("--mutant", "no-such"), "there is no mutant 'no-such'; there are "),
         (("--mutant", "horizon-is-not-judged", "--device", "usb:"), "--mutant brings a device of its own"),
-        (("--mutants", "--device", "usb:"), "--mutants goes with --jobs, --thorough, --table and --json alone"),
+        (("--mutants", "--device", "usb:"), "--mutants brings devices of its own"),
         (
             ("--mutants", "--mutant", "horizon-is-not-judged"),
-            "--mutants goes with --jobs, --thorough, --table and --json alone",
+            "--mutants brings devices of its own",
         ),
         (("--mutants", "--jobs", "0"), "--jobs"),
         (("--mutants", "--json", "nowhere/m.json"), "there is no folder nowhere"),
