@@ -11,6 +11,7 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import is_dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +20,7 @@ from ...errors import DeviceError, InputFileError, ReplyError
 from ...protocol.blocks import Block, Body, Slot, Update, pack
 from ...protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Reason, Request, State
+from ...protocol.plain import plain
 from ...protocol.pulses import Pulses
 from ...protocol.replies import (
     ANSWER_BYTES,
@@ -173,8 +175,8 @@ class Bench:
     # Evidence
 
     def note(self, label: str, what: object) -> None:
-        """Keep something as evidence; bytes are shown in hexadecimal."""
-        self._notes.append((label, bytes(what) if isinstance(what, bytes | bytearray) else str(what)))
+        """Keep something as evidence; bytes are shown in hexadecimal, records by their fields."""
+        self._notes.append((label, bytes(what) if isinstance(what, bytes | bytearray) else _said(what)))
         if len(self._notes) > NOTES:
             del self._notes[NOTES // 2]
             self._dropped += 1
@@ -535,6 +537,16 @@ def _hex(data: bytes) -> str:
     if len(data) <= SHOWN_BYTES:
         return data.hex(" ")
     return f"{data[:SHOWN_BYTES].hex(' ')} … ({len(data)} bytes, CRC-32 {zlib.crc32(data):08X})"
+
+
+def _said(what: object) -> str:
+    """A thing in words: of a record its fields, with codes by their names."""
+    if not is_dataclass(what):
+        return str(what)
+    values = (
+        (name, "+".join(value) or "none" if isinstance(value, list) else value) for name, value in plain(what).items()
+    )
+    return ", ".join(f"{name} {value}" for name, value in values)
 
 
 def _request_name(setup: Setup) -> str:
