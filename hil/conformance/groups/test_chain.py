@@ -248,6 +248,21 @@ def test_no_flipped_bit_of_an_update_ever_plays(bench: Bench) -> None:
         device.judge(first.period, end, lambda seen: check_play(seen, steps))
 
 
+@case("CHN-004/1", "CHN-004/2", "CHN-011", needs=FAULTY_AND_SEEN)
+def test_a_commit_takes_its_slice_out_of_the_mailbox(bench: Bench) -> None:
+    """A slice whose commit was wrong is gone: when it is sent again, and damaged, the next commit finds nothing."""
+    with breakable(bench) as device:
+        before, place, pulses = begin(device), processor_of(device), device.weak()
+        device.levers.cause(OF_UPDATES["commit-with-a-wrong-checksum"].of(place))
+        first = play(device, pulses)
+        device.levers.cause(OF_UPDATES["slice-that-lost-a-byte"].of(place))
+        again = play(device, pulses)
+        device.wait(ROUND_SECONDS)
+        expect_counts(device, {place: 2}, {place: 1})
+        steps = [(before.period, before.words), (first.period, mixed(first.words, before.words, place))]
+        device.judge(before.period, again.period + 20, lambda seen: check_play(seen, steps))
+
+
 @case("CHN-002", "CHN-010", "CHN-004/2", needs=FAULTY_AND_SEEN)
 def test_a_slice_without_its_end_takes_the_next_message_along(bench: Bench) -> None:
     """Where END of a slice is lost, the slice behind it ends up in the same place: both processors play on."""
