@@ -18,11 +18,12 @@ from ...protocol.codes import ImageReason
 from .cases import Inconclusive, NotApplicable
 from .lines.dfu import DfuLine
 
-__all__ = ["Forgery", "as_version", "large_image", "reseal", "signed_by"]
+__all__ = ["Forgery", "as_version", "large_image", "of_whole_blocks", "reseal", "signed_by"]
 
 BLOCK = 2048
 LEAST_BLOCKS = 5
 HEADER, ENTRY, SIGNATURE = 32, 48, 64
+LARGEST_SEGMENT = 65_536
 Edit = Callable[[bytearray], None]
 
 
@@ -46,6 +47,28 @@ def as_version(image: bytes, version: tuple[int, int, int]) -> bytes:
     if image[16:24] != bytes(8):
         raise NotApplicable("the firmware is signed, so that nobody but its maker can give it another version")
     return reseal(image[:8] + bytes(version) + image[11:])
+
+
+def of_whole_blocks(image: bytes) -> bytes:
+    """The same firmware with zeros behind its last segment, so that its last block is full; not signed.
+
+    Not applicable where it is signed.
+    """
+    if image[16:24] != bytes(8):
+        raise NotApplicable("the firmware is signed, so that nobody but its maker can make it longer")
+    if len(image) % BLOCK == 0:
+        return image
+    grown = bytearray(image[:-SIGNATURE] + bytes(-len(image) % BLOCK) + image[-SIGNATURE:])
+    entry = HEADER + ENTRY * (image[5] - 1)
+    offset = int.from_bytes(image[entry + 4 : entry + 8], "little")
+    segment = grown[offset:-SIGNATURE]
+    if len(segment) > LARGEST_SEGMENT:
+        raise Inconclusive(f"the firmware's last segment has no room for {-len(image) % BLOCK} bytes more")
+    grown[12:16] = len(grown).to_bytes(4, "little")
+    grown[entry + 8 : entry + 12] = len(segment).to_bytes(4, "little")
+    grown[entry + 12 : entry + 16] = zlib.crc32(segment).to_bytes(4, "little")
+    grown[entry + 16 : entry + 48] = hashlib.sha256(segment).digest()
+    return reseal(grown)
 
 
 @dataclass(frozen=True)

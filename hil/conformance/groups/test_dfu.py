@@ -9,7 +9,7 @@ import pytest
 from phasewire.emulator import faults
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.images import Forgery, large_image
+from phasewire.hil.conformance.images import Forgery, large_image, of_whole_blocks
 from phasewire.hil.conformance.lines.dfu import DfuLine, dfu_mode
 from phasewire.hil.conformance.waveforms import check_silent
 from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME
@@ -381,6 +381,21 @@ def test_an_upload_gives_the_image_block_by_block(bench: Bench) -> None:
             expect("block 0 after block 0", line.upload(0), None)
             _expect_error(line, DfuStatus.ADDRESS, "block 0 twice")
             line.rest()
+
+
+@flashing("DFU-014", "DFU-006")
+def test_an_upload_of_whole_blocks_ends_with_an_empty_one(bench: Bench) -> None:
+    """Where the image's last block is full, an empty answer ends the upload, or the host would wait for more."""
+    with dfu_mode(bench) as line:
+        own = large_image(line)
+        image = of_whole_blocks(own)
+        line.flash(image)
+        for number in range(len(image) // BLOCK):
+            expect(f"block {number}", line.upload(number), image[BLOCK * number :][:BLOCK])
+        expect("the state behind the last full block", line.state(), UPLOAD_IDLE)
+        expect("what comes behind it", line.upload(len(image) // BLOCK), b"")
+        expect("the state at the end", line.state(), IDLE)
+        line.flash(own)
 
 
 @restarting("DFU-015", "DFU-016")

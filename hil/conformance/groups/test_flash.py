@@ -67,6 +67,19 @@ def test_upgrades_go_to_the_bank_that_does_not_run_and_boot_from_it(bench: Bench
         expect("the faults", bench.status().faults, Fault(0))
 
 
+@flashing("FWU-018/1", "FWU-018", "DFU-010", "FWU-019")
+def test_a_download_that_is_given_up_leaves_its_bank_empty(bench: Bench) -> None:
+    """A download that is given up over an upgrade leaves no record of it: what ran before boots, and nothing failed."""
+    before = upgraded(bench)
+    with dfu_mode(bench) as line:
+        image = large_image(line)
+        line.flash(image)
+        expect("the state behind three blocks", line.send(image, 0, 3).state, DfuState.DNLOAD_IDLE)
+        assert line.abort(), "ABORT between two blocks is answered with STALL"
+    expect("the faults", bench.status().faults, Fault(0))
+    expect("the bank that boots", settled(bench), before)
+
+
 @flashing("FWU-020/2", "FWU-020", needs=(Need.POWER,))
 def test_an_image_that_came_up_boots_again_and_again(bench: Bench) -> None:
     """Firmware that a host has configured once is confirmed: it boots again whenever power comes back."""

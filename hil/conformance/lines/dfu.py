@@ -13,6 +13,7 @@ from ....protocol.codes import (
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,
     DFU_TRANSFER_BYTES,
+    IMAGE_MAX_BYTES,
     DfuRequest,
     DfuState,
 )
@@ -142,6 +143,9 @@ class DfuLine:
             found += block
             if len(block) < DFU_TRANSFER_BYTES:
                 return found
+            assert len(found) <= IMAGE_MAX_BYTES, (
+                f"the upload goes on behind {IMAGE_MAX_BYTES} bytes, which the largest image has"
+            )
             number += 1
 
     def rest(self) -> None:
