@@ -19,7 +19,7 @@ import numpy as np
 from ...errors import DeviceError, InputFileError, ReplyError
 from ...protocol.blocks import Block, Body, Slot, Update, pack
 from ...protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Reason, Request, State
+from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Flag, Reason, Request, State
 from ...protocol.plain import plain
 from ...protocol.pulses import Pulses
 from ...protocol.replies import (
@@ -63,6 +63,9 @@ MOST_LOOKS = 50
 RETURN_SECONDS = 15.0
 """For a device to come back after it was restarted."""
 SHOWN_BYTES = 64
+FLAGS_OFFSET = 26  # clause BLK-002
+POWERS = np.floor(1000 * np.sin(np.pi * np.arange(26) / 50) ** 2 + 0.5)
+"""Of a pulse of each width, in thousandths of that of the widest (clause SAF-006)."""
 SILENT_PERIODS = 6
 """Clause SAF-004."""
 
@@ -383,8 +386,15 @@ class Bench:
         """
         self._write(blocks)
         acks = [self._next_ack(block) for block in blocks]
+        if acks and acks[0].reason is not Reason.ACCEPTED and self._begins(blocks[0]):
+            self._number = None  # what was refused has begun nothing
         self.note("acknowledged", ", ".join(_brief(ack) for ack in acks[:8]) + (" …" if len(acks) > 8 else ""))
         return acks
+
+    @staticmethod
+    def _begins(block: bytes) -> bool:
+        """Whether the numbering begins anew with a block."""
+        return len(block) == BLOCK_BYTES and bool(block[FLAGS_OFFSET] & Flag.RESTART)
 
     def _write(self, blocks: Sequence[bytes]) -> None:
         for block in blocks[:4]:
@@ -455,23 +465,16 @@ class Bench:
     def weak(self, share: float = 1.0) -> Pulses:
         """Random pulses of all transducers whose total drive is as much as is allowed, or a share of it."""
         rng = np.random.default_rng(self.random.randrange(2**32))
-        phase = rng.integers(0, 100, CHANNELS)
-        width = rng.integers(1, 26, CHANNELS)
-        pulses = Pulses(phase, width)
+        phase, width = rng.integers(0, 100, CHANNELS), rng.integers(1, 26, CHANNELS)
         order = rng.permutation(CHANNELS)
-        keep = np.zeros(CHANNELS, bool)
-        room = 1000 * self.drive_limit * share
-        for transducer in order:
-            power = _power(int(width[transducer]))
-            if power <= room:
-                keep[transducer] = True
-                room -= power
-        return Pulses(pulses.phase, np.where(keep, pulses.width, 0))
+        drawn = np.cumsum(POWERS[width[order]])
+        width[order[drawn > 1000 * self.drive_limit * share]] = 0
+        return Pulses(phase, width)
 
     # Restarts
 
     def restart(self, how: Callable[[], None]) -> None:
-        """Let the device restart in some way, and find it again; INFO must be what it was."""
+        """Let the device restart in some way, and find it again."""
         how()
         self.line.reopen(RETURN_SECONDS)
         self._number = None
@@ -531,11 +534,6 @@ class Bench:
         self.disable()
         self._marks.append(Mark(tuple(changes)))
         self.marks.append(self._marks[-1])
-
-
-def _power(width: int) -> int:
-    """Clause SAF-006."""
-    return int(np.floor(1000 * np.sin(np.pi * width / 50) ** 2 + 0.5))
 
 
 def _hex(data: bytes) -> str:
