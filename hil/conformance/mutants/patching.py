@@ -88,6 +88,11 @@ class Mutant:
     apply: Callable[[Patch], None]
     url: str = EMULATOR
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """By which the cases are known that should catch it: its clauses, and its group."""
+        return (*self.clauses, self.group)
+
 
 MUTANTS: dict[str, Mutant] = {}
 """All mutants by name; `catalogue` fills it."""

@@ -7,20 +7,20 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
+from multiprocessing import get_all_start_methods, get_context
+from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from ..reports.records import FORMAT
-from .patching import Mutant
+from .patching import Mutant, applied
 
 __all__ = ["DEFAULT_JOBS", "Fate", "MutantResult", "MutantWatcher", "run_mutants"]
 
@@ -28,9 +28,7 @@ TIME_OUT_SECONDS = 180.0
 LOOK_SECONDS = 0.05
 MOST_JOBS = 4
 DEFAULT_JOBS = min(os.cpu_count() or 1, MOST_JOBS)
-PASSED, FAILED = 0, 1
-"""Exit codes of a run that came to its end."""
-COMMAND = (sys.executable, "-m", "phasewire", "conformance", "--json", "-", "--mutant")
+WARM = "phasewire.hil.conformance.mutants.warm"
 ENOUGH = 2
 """Cases that break, after which it is known that a mutant is caught by more than one."""
 
@@ -85,8 +83,38 @@ class MutantWatcher:
         """A mutant has ended."""
 
 
+def judge_alone(name: str, enough: int | None, out: Path) -> None:
+    """Judge a mutant of the catalogue in a process that nothing else will use.
+
+    Parameters
+    ----------
+    name : str
+    enough : int or None
+        After so many cases that break it ends; None for all cases.
+    out : path
+        Where to write what came of it, as JSON.
+    """
+    from ..running import Options, run_conformance
+    from .catalogue import MUTANTS
+
+    mutant = MUTANTS[name]
+    with applied(mutant):
+        run = run_conformance(Options(mutant.url, first=mutant.names, enough=enough))
+    cases = [result.case for result in run.results if result.breaks]
+    out.write_text(json.dumps({"cases": cases, "trouble": run.trouble}), encoding="utf-8")
+
+
+Judgement = Callable[[str, int | None, Path], None]
+"""Judges a mutant by its name until so many cases broke, and writes what came of it to a file; see `judge_alone`."""
+
+
 def run_mutants(
-    chosen: Sequence[Mutant], jobs: int, watcher: MutantWatcher, *, thorough: bool = False
+    chosen: Sequence[Mutant],
+    jobs: int,
+    watcher: MutantWatcher,
+    *,
+    thorough: bool = False,
+    judge: Judgement = judge_alone,
 ) -> list[MutantResult]:
     """Run the suite against each mutant, those cases first that show what it breaks.
 
@@ -98,6 +126,8 @@ def run_mutants(
     watcher : MutantWatcher
     thorough : bool
         Whether all cases are run, even when more than one has caught it.
+    judge : callable
+        What runs in each process; see `judge_alone`.
 
     Returns
     -------
@@ -108,7 +138,7 @@ def run_mutants(
     with TemporaryDirectory() as folder, _ended_at_last(running):
         while waiting or running:
             while waiting and len(running) < jobs:
-                running.append(_Attempt(waiting.popleft(), Path(folder), thorough=thorough))
+                running.append(_Attempt(waiting.popleft(), Path(folder), None if thorough else ENOUGH, judge))
                 watcher.goes_on([attempt.mutant.name for attempt in running], len(results), len(chosen))
             time.sleep(LOOK_SECONDS)
             for attempt in [attempt for attempt in running if attempt.is_over]:
@@ -131,19 +161,14 @@ def _ended_at_last(attempts: list[_Attempt]) -> Iterator[None]:
 class _Attempt:
     """A process that judges a mutant."""
 
-    def __init__(self, mutant: Mutant, folder: Path, *, thorough: bool) -> None:
+    def __init__(self, mutant: Mutant, folder: Path, enough: int | None, judge: Judgement) -> None:
         self.mutant = mutant
         self._began = time.monotonic()
         self._out, self._errors = folder / f"{mutant.name}.json", folder / f"{mutant.name}.txt"
-        with self._out.open("wb") as out, self._errors.open("wb") as errors:
-            # In a session of its own Ctrl-C does not reach it, so that it does not tell of it either.
-            self._process = subprocess.Popen(
-                [*COMMAND, mutant.name, *([] if thorough else ["--stop-after", str(ENOUGH)])],
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=errors,
-                start_new_session=True,
-            )
+        self._process = _context().Process(
+            target=_apart, args=(judge, mutant.name, enough, self._out, self._errors), daemon=True
+        )
+        self._process.start()
 
     @property
     def _seconds(self) -> float:
@@ -152,19 +177,43 @@ class _Attempt:
     @property
     def is_over(self) -> bool:
         """Whether it has come to its end, or has had its time."""
-        return self._process.poll() is not None or self._seconds > TIME_OUT_SECONDS
+        return not self._process.is_alive() or self._seconds > TIME_OUT_SECONDS
 
     def result(self) -> MutantResult:
         """What came of it; it is ended."""
-        code, seconds = self._process.poll(), self._seconds
+        code, seconds = self._process.exitcode, self._seconds
         self.end()
-        found = judged(code, self._out.read_text("utf-8"), self._errors.read_text("utf-8", "replace"))
+        found = judged(code, _text(self._out), _text(self._errors))
         return MutantResult(self.mutant, *found, seconds)
 
     def end(self) -> None:
         """End it, wherever it is."""
         self._process.kill()
-        self._process.wait()
+        self._process.join()
+
+
+@cache
+def _context() -> ForkServerContext | SpawnContext:
+    """How processes begin: where the system can, as copies of one that has loaded all that they need."""
+    if "forkserver" not in get_all_start_methods():
+        return get_context("spawn")
+    context = get_context("forkserver")
+    context.set_forkserver_preload([WARM])
+    return context
+
+
+def _apart(judge: Judgement, name: str, enough: int | None, out: Path, errors: Path) -> None:
+    """Judge in this process, which says on a file what goes wrong, and which no key of the terminal reaches."""
+    if hasattr(os, "setsid"):
+        os.setsid()
+    with errors.open("wb") as file:
+        for stream in (1, 2):
+            os.dup2(file.fileno(), stream)
+    judge(name, enough, out)
+
+
+def _text(path: Path) -> str:
+    return path.read_text("utf-8", "replace") if path.exists() else ""
 
 
 class Found(NamedTuple):
@@ -176,35 +225,26 @@ class Found(NamedTuple):
 
 
 def judged(code: int | None, out: str, errors: str) -> Found:
-    """What a run tells of its mutant.
+    """What a process tells of its mutant.
 
     Parameters
     ----------
     code : int or None
         Exit code; None where it did not end in time.
     out : str
-        Standard output: the record of the run.
+        What `judge_alone` has written; empty where it did not come so far.
     errors : str
-        Standard error.
+        What else it said.
     """
     last = errors.strip().rpartition("\n")[2]
     if code is None:
         return Found(
             Fate.HUNG, why=f"not over after {TIME_OUT_SECONDS:g} s; the last that it said: {last or 'nothing'}"
         )
-    record = _record(out)
-    if code not in (PASSED, FAILED) or record is None:
+    if code or not out:
         return Found(Fate.CRASHED, why=f"exit code {code}: {last or 'without a word'}")
-    cases = tuple(result["case"] for result in record["results"] if result["breaks"])
+    record = json.loads(out)
+    cases = tuple(record["cases"])
     if record["trouble"]:
         return Found(Fate.CRASHED, cases, "; ".join(record["trouble"]))
     return Found((Fate.SURVIVED, Fate.ONE_CASE, Fate.CAUGHT)[min(len(cases), 2)], cases)
-
-
-def _record(out: str) -> dict[str, Any] | None:
-    """The record of a run, None where there is none."""
-    try:
-        found = json.loads(out)
-    except ValueError:
-        return None
-    return found if isinstance(found, dict) and found.get("format") == FORMAT else None
