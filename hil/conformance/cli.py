@@ -236,7 +236,7 @@ def _run_mutant(broken: Mutant, options: Options, watcher: Watcher) -> Run:
     from .running import run_conformance
 
     with applied(broken):
-        run = run_conformance(replace(options, url=broken.url, first=broken.names), watcher)
+        run = run_conformance(replace(options, url=broken.url), watcher)
     device = run.provenance.device | {"mutant": f"{broken.name}: {broken.sentence}"}
     return replace(run, provenance=replace(run.provenance, device=device))
 

@@ -130,8 +130,6 @@ class Judge:
         Why cases are known to fail.
     only : tuple of str
         The cases asked for.
-    first : tuple of str
-        Those that come first, by names as in ``only``.
     enough : int or None
         After so many cases that break the run no further one is judged; None for all.
     watcher : Watcher
@@ -150,7 +148,6 @@ class Judge:
     profile: Profile
     known: Mapping[str, str]
     only: tuple[str, ...]
-    first: tuple[str, ...]
     enough: int | None
     watcher: Watcher
     results: list[Result] = field(default_factory=list)
@@ -169,10 +166,8 @@ class Judge:
         self.trouble += trouble
         known = {entry.identifier for entry in entries}
         self.trouble += [f"the known failure {name!r} names no case" for name in self.known if name not in known]
-        asked = {entry.identifier: entry for entry in entries if wanted(entry, self.only)}
+        asked = {entry.identifier for entry in entries if wanted(entry, self.only)}
         items[:] = [item for item in items if case_id(item) in asked]
-        if self.first:
-            items.sort(key=lambda item: not wanted(asked[case_id(item)], self.first))
         self._count = len(items)
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:

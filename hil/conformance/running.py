@@ -67,8 +67,6 @@ class Options:
         Groups, cases, clauses or chapters, or how they begin; all where it is empty.
     seed : int
         Of everything random.
-    first : tuple of str
-        What of this comes first, by the same names.
     enough : int or None
         The run ends after so many cases that break it; None for all of it.
     """
@@ -80,7 +78,6 @@ class Options:
     known: Mapping[str, str] = field(default_factory=dict)
     only: tuple[str, ...] = ()
     seed: int = SEED
-    first: tuple[str, ...] = ()
     enough: int | None = None
 
 
@@ -119,9 +116,7 @@ def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
     """
     began, started = datetime.now(UTC), perf_counter()
     with open_bench(options) as bench:
-        judge = Judge(
-            bench, options.profile, options.known, options.only, options.first, options.enough, watcher or Watcher()
-        )
+        judge = Judge(bench, options.profile, options.known, options.only, options.enough, watcher or Watcher())
         _pytest(judge)
         if judge.interruption is not None:
             raise judge.interruption

@@ -86,11 +86,13 @@ class MutantWatcher:
 def judge_alone(name: str, enough: int | None, out: Path) -> None:
     """Judge a mutant of the catalogue in a process that nothing else will use.
 
+    Those cases come first that show its clauses, and its group; the others only where none of these has caught it.
+
     Parameters
     ----------
     name : str
     enough : int or None
-        After so many cases that break it ends; None for all cases.
+        After so many cases that caught it, it ends; None for all cases, whoever caught it.
     out : path
         Where to write what came of it, as JSON.
     """
@@ -99,7 +101,9 @@ def judge_alone(name: str, enough: int | None, out: Path) -> None:
 
     mutant = MUTANTS[name]
     with applied(mutant):
-        run = run_conformance(Options(mutant.url, first=mutant.names, enough=enough))
+        run = run_conformance(Options(mutant.url, only=mutant.names if enough else (), enough=enough))
+        if enough and run.passed:  # nobody of those who should have caught it
+            run = run_conformance(Options(mutant.url, enough=1))
     cases = [result.case for result in run.results if result.breaks]
     out.write_text(json.dumps({"cases": cases, "trouble": run.trouble}), encoding="utf-8")
 
@@ -116,7 +120,7 @@ def run_mutants(
     thorough: bool = False,
     judge: Judgement = judge_alone,
 ) -> list[MutantResult]:
-    """Run the suite against each mutant, those cases first that show what it breaks.
+    """Run the suite against each mutant.
 
     Parameters
     ----------
