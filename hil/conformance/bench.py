@@ -232,9 +232,11 @@ class Bench:
             self.note("end", f"the device cannot be left off: {error}")
 
     def leave_off(self) -> None:
-        """Leave the device off at the end of everything, if it can be reached."""
+        """Leave the device as at power-up at the end of everything, if it can be reached: off, with INFO's limits."""
         with suppress(DeviceError, AssertionError):
             self.try_order(Request.DISABLE)
+            self.try_order(Request.WATCHDOG, self.info.watchdog_ms)
+            self.try_order(Request.LIMIT, self.info.drive_limit)
 
     def _settle(self) -> None:
         """Everything as a case finds it, by requests alone."""

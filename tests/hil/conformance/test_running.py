@@ -7,12 +7,14 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from phasewire.emulator import Emulator
 from phasewire.errors import DeviceNotFoundError
 from phasewire.hil.conformance import Result, Run, Verdict, running
 from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.profile import Profile
 from phasewire.hil.conformance.running import Options, catalogue, run_conformance
+from phasewire.protocol.codes import State
 
 HEAD = """
 from __future__ import annotations
@@ -321,3 +323,23 @@ def test_a_spare_device_breaks_alone(groups: Path) -> None:
     )
     (result,) = run_conformance(Options("emulator:")).results
     assert (result.verdict, result.reason) == (Verdict.PASS, "")
+
+
+LEAVING = '''
+@case("SAF-003")
+def test_changes(bench: Bench) -> None:
+    """It leaves the outputs enabled, and other limits."""
+    bench.order(Request.WATCHDOG, 10_000)
+    bench.order(Request.LIMIT, 7)
+    bench.enable()
+    raise RuntimeError("and ends so")
+'''
+
+
+def test_a_device_is_left_as_at_power_up(groups: Path) -> None:
+    write(groups, "leaving", LEAVING)
+    with Emulator() as emulator:
+        run_conformance(Options(emulator.url, allowed=frozenset()))
+        status = emulator.running.status()
+    assert status.state is State.OFF
+    assert (status.watchdog_ms, status.drive_limit) == (100, 320)
