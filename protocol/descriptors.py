@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from itertools import takewhile
 from typing import Any, ClassVar, Self
 
@@ -328,6 +329,7 @@ def encode(*chain: Descriptor) -> bytes:
     return b"".join(descriptor.encode() for descriptor in chain)
 
 
+@lru_cache(maxsize=64)  # programs look at the same few devices again and again
 def descriptors(data: bytes) -> tuple[Descriptor, ...]:
     """Read a chain of descriptors, such as a configuration or a BOS.
 
