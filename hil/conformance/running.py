@@ -139,10 +139,11 @@ def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
 
 def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:
     """Let pytest run the cases with one plugin and nothing from the surroundings."""
+    plain = ["--assert=plain"]  # cases say in words what is wrong
     quiet = ["-p", "no:terminal", "-p", "no:cacheprovider", "-p", "no:faulthandler", "-p", "no:logging", "--capture=no"]
     alone = ["--import-mode=importlib", f"--rootdir={GROUPS}", f"--confcutdir={GROUPS}", "-c", os.devnull]
     with _environment(PYTEST_DISABLE_PLUGIN_AUTOLOAD="1", PYTEST_ADDOPTS=""):
-        pytest.main([*quiet, *alone, *arguments, str(GROUPS)], plugins=[plugin])
+        pytest.main([*quiet, *plain, *alone, *arguments, str(GROUPS)], plugins=[plugin])
 
 
 @contextmanager
