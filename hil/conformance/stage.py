@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from collections.abc import Sequence as Many
 from dataclasses import dataclass
 from itertools import accumulate
+from math import ceil
 from typing import Generic, TypeVar
 
 from ...protocol.blocks import Body, Change, Entries, Entry, Modulation, Output, Samples, Sequence, Slot, Update
@@ -43,10 +44,10 @@ Item = TypeVar("Item")
 
 
 def block_periods(bench: Bench) -> int:
-    """How many periods the line needs for a block."""
+    """How many periods the line needs for a block, on a serial one with the acknowledgement that is waited for."""
     if bench.line.kind == "usb":
         return FAST_PERIODS
-    return -(-SERIAL_BLOCK_BYTES * CARRIER_HZ // int(bench.serial.wire.bytes_per_second))
+    return ceil((bench.serial.transit(SERIAL_BLOCK_BYTES) + bench.serial.latency) * CARRIER_HZ)
 
 
 def is_fast(bench: Bench) -> bool:
