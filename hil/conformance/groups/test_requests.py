@@ -275,7 +275,7 @@ def test_a_status_has_its_form(bench: Bench) -> None:
 
 @case("REQ-003", "BLK-008")
 def test_each_counter_counts_its_own(bench: Bench) -> None:
-    """accepted, refused, late and lost move when they should and only then, by as many as there were."""
+    """Each of accepted, refused, late and lost moves when it should and only then, by as many as there were."""
     begin(bench)
     named, past = far(bench), bench.period()
     refusals = [bench.status().last_refusal]
@@ -330,7 +330,7 @@ def test_requests_move_no_counter(bench: Bench) -> None:
 
 @case("REQ-003", "STA-001", features=ENTRIES_FEATURES)
 def test_a_status_says_what_plays(bench: Bench) -> None:
-    """state, flags and since_period tell of updates, sequences and modulations from their beginning to their end."""
+    """State, flags and since_period tell of updates, sequences and modulations from their beginning to their end."""
     begin(bench)
     for body in (Slot(0, SILENT), Entries((Entry(0, 30),)), Samples(b"\x80")):
         bench.must(body)
