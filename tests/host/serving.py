@@ -17,6 +17,8 @@ from serial.rfc2217 import PortManager
 
 LOOPBACK = "127.0.0.1"
 PATIENCE = 10.0  # seconds
+LONGEST = 600.0
+"""A server ends after so many seconds, whatever became of the test that began it."""
 BAUD = 3_000_000
 
 
@@ -39,7 +41,7 @@ class Served:
             else:
                 self.where = f"{LOOPBACK}:{await self._server.listen_serial(uart, station, LOOPBACK, 0)}"
             self._open.set()
-            await self._server.serve(60)
+            await self._server.serve(LONGEST)
 
     def __enter__(self) -> Served:
         self._thread.start()

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any, Protocol
 
 from ....errors import DeviceError, DeviceStalledError, DeviceTimeoutError, FrameError
@@ -28,7 +30,7 @@ from ....protocol.framing import (
 )
 from ....protocol.replies import ClockReading
 from ....protocol.requests import ConsoleRequest, Setup
-from ..cases import LineKind
+from ..cases import Inconclusive, LineKind
 from .usb import CONSOLE_IN, CONSOLE_OUT, UsbLine
 
 __all__ = ["QUIET_SECONDS", "CdcWire", "PortWire", "SerialLine", "Wire"]
@@ -44,6 +46,8 @@ BREAK_SECONDS = 0.02
 CDC_BYTES_PER_SECOND = 1e6
 FAR_LATENCY_SECONDS = 0.03
 """What a line to a real device and the programs at its end may add to an answer, the timers of adapters included."""
+PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
+"""Where Linux and macOS have them."""
 PROMPT = b"> "
 TAGS = 256
 
@@ -104,8 +108,10 @@ class PortWire:
         self._port: Any = load_by_scheme(PORTS, url)(url)
         self.name: str = self._port.name
         self.time: Timekeeper = getattr(self._port, "time", time)
-        # A port that has no baud rate leads to the device by USB; a socket carries bytes and nothing else.
-        self.has_break = not hasattr(self._port, "bytes_per_second") and not url.startswith("socket:")
+        # A socket and a pseudo-terminal carry bytes and nothing else.
+        self._is_bare = url.startswith("socket:") or str(Path(self.name).resolve()).startswith(PSEUDO_TERMINALS)
+        # A port that has no baud rate leads to the device by USB.
+        self.has_break = not self._is_bare and not hasattr(self._port, "bytes_per_second")
         self.bytes_per_second: float = getattr(self._port, "bytes_per_second", self._port.baudrate / UART_BITS_PER_BYTE)
         self._port.timeout = READ_SECONDS
         self._open()
@@ -136,7 +142,9 @@ class PortWire:
             self._port.dtr = on
 
     def hang_up(self) -> None:
-        """Hold the line low for 20 ms, or lower DTR and raise it again."""
+        """Hold the line low for 20 ms, or lower DTR and raise it again; inconclusive where neither can be done."""
+        if self._is_bare:
+            raise Inconclusive(f"{self.name} carries bytes alone: it has neither a break nor DTR to hang up with")
         if self.has_break:
             self._port.send_break(BREAK_SECONDS)
         else:
@@ -412,8 +420,9 @@ class SerialLine:
                 return
 
     def close(self) -> None:
-        """Leave the line to the console, with echo, and give it back."""
-        self.write(DELIMITER + encode(CONSOLE_FRAME) + b"echo 1\r")
+        """Leave the line to the console, with echo, and give it back, even one whose other end is gone."""
+        with suppress(DeviceError):
+            self.write(DELIMITER + encode(CONSOLE_FRAME) + b"echo 1\r")
         self.wire.close()
 
     # Console
