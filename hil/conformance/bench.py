@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 import zlib
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import is_dataclass
 from functools import cached_property
@@ -47,7 +47,7 @@ from .profile import Profile
 from .sigrok import SigrokSight
 from .verdicts import Evidence
 
-__all__ = ["LOW_DRIVE", "Bench", "Lost"]
+__all__ = ["LOW_DRIVE", "OUTPUTS", "Bench", "Lost"]
 
 LOW_DRIVE = 32
 """Transducers' worth of total drive that a case may use where hard driving was not allowed: a tenth of the array."""
@@ -63,6 +63,13 @@ MOST_LOOKS = 50
 RETURN_SECONDS = 15.0
 """For a device to come back after it was restarted."""
 SHOWN_BYTES = 64
+OUTPUTS = "outputs"
+"""Label of what is said of outputs that were judged."""
+DECODERS: Mapping[Request, Callable[[bytes], object]] = {
+    Request.INFO: Info.decode,
+    Request.STATUS: Status.decode,
+    Request.CLOCK: ClockReading.decode,
+}
 FLAGS_OFFSET = 26  # clause BLK-002
 POWERS = np.floor(1000 * np.sin(np.pi * np.arange(26) / 50) ** 2 + 0.5)
 """Of a pulse of each width, in thousandths of that of the widest (clause SAF-006)."""
@@ -129,7 +136,7 @@ class Bench:
         self._serial: SerialLine | None = line if isinstance(line, SerialLine) else None
         self._notes: deque[tuple[str, str | bytes]] = deque()
         self._dropped = 0
-        self.deferred: list[Callable[[], None]] = []
+        self.deferred: list[Callable[[], str]] = []
         self._marks: list[Mark] = []
         self.marks: list[Mark] = []
         self.random = random.Random(seed)
@@ -226,9 +233,10 @@ class Bench:
     def end_case(self) -> None:
         """Leave the device off."""
         try:
-            self.order(Request.DISABLE)
-            self.note("status at the end", self.status())
-        except (DeviceError, ReplyError, AssertionError) as error:
+            self.line.request(Setup(REQUEST_TYPE_OUT, Request.DISABLE, 0, 0, 0))
+            status = self.line.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
+            self.note("status at the end", Status.decode(status or b""))
+        except (DeviceError, ReplyError) as error:
             self.note("end", f"the device cannot be left off: {error}")
 
     def leave_off(self) -> None:
@@ -307,7 +315,8 @@ class Bench:
     def ask(self, request: Request, value: int = 0) -> bytes:
         """Make a vendor request with an answer; fail where it is answered with STALL or with another length."""
         size = ANSWER_BYTES[request]
-        answer = self.request(Setup(REQUEST_TYPE_IN, request, value, 0, size))
+        answer = self.line.request(Setup(REQUEST_TYPE_IN, request, value, 0, size))
+        self.note(request.name, "STALL" if answer is None else _decoded(request, answer))
         assert answer is not None, f"{request.name} is answered with STALL"
         assert len(answer) == size, f"{request.name} answers {len(answer)} bytes, should be {size}"
         return answer
@@ -510,18 +519,21 @@ class Bench:
         if not over:
             self.wait_until(last + 1)
 
-        def look() -> None:
+        def look() -> str:
             try:
                 part = sight.between(marks[0], marks[-1]) if isinstance(sight, SigrokSight) else sight
                 seen = part.seen(first, last)
             except (Unseen, InputFileError, OSError) as error:
                 raise Inconclusive(str(error)) from None
             check(seen)
+            moved = np.bitwise_count(np.bitwise_or.reduce(seen.words)).sum()
+            watched = np.bitwise_count(seen.observed).sum()
+            return f"{watched} of {CHANNELS} seen in periods {first} to {last - 1}, {moved} of them high at some time"
 
         if sight.deferred:
             self.deferred.append(look)
         else:
-            look()
+            self.note(OUTPUTS, look())
 
     def play_mark(self) -> None:
         """Let the outputs show a mark, by which a recording of this case is known (see `Mark`)."""
@@ -549,10 +561,20 @@ def _said(what: object) -> str:
     """A thing in words: of a record its fields, with codes by their names."""
     if not is_dataclass(what):
         return str(what)
-    values = (
-        (name, "+".join(value) or "none" if isinstance(value, list) else value) for name, value in plain(what).items()
-    )
-    return ", ".join(f"{name} {value}" for name, value in values)
+    return ", ".join(f"{name} {_in_words(value)}" for name, value in plain(what).items())
+
+
+def _in_words(value: object) -> object:
+    """A plain value; of several the parts with + between."""
+    return ("+".join(map(str, value)) or "none") if isinstance(value, list) else value
+
+
+def _decoded(request: Request, answer: bytes) -> object:
+    """An answer as a record, where it is one in words; else its bytes."""
+    try:
+        return DECODERS[request](answer)
+    except (KeyError, ReplyError):
+        return answer
 
 
 def _request_name(setup: Setup) -> str:

@@ -14,11 +14,11 @@ import pytest
 
 from ...errors import DeviceError, ReplyError
 from ...protocol.codes import Feature
-from .bench import Bench, Lost
+from .bench import OUTPUTS, Bench, Lost
 from .cases import Case, Inconclusive, Need, NotApplicable, Risk, case_of
 from .matrix import Claim
 from .profile import Profile
-from .verdicts import Result, Verdict
+from .verdicts import Evidence, Result, Verdict
 
 __all__ = ["Catalogue", "Entry", "Judge", "Watcher", "case_id", "wanted"]
 
@@ -153,7 +153,7 @@ class Judge:
     results: list[Result] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
     claims: tuple[Claim, ...] = ()
-    _pending: list[tuple[int, Case, list[Callable[[], None]]]] = field(default_factory=list)
+    _pending: list[tuple[int, Case, list[Callable[[], str]]]] = field(default_factory=list)
     interruption: BaseException | None = None
     _outcome: tuple[Verdict, str] = (Verdict.PASS, "")
     _count: int = 0
@@ -164,7 +164,7 @@ class Judge:
         entries, trouble = _entries(items)
         self.claims = tuple(entry.claim for entry in entries)
         self.trouble += trouble
-        known = {entry.identifier for entry in entries}
+        known = {name for entry in entries for name in (entry.identifier, entry.identifier.partition("[")[0])}
         self.trouble += [f"the known failure {name!r} names no case" for name in self.known if name not in known]
         asked = {entry.identifier for entry in entries if wanted(entry, self.only)}
         items[:] = [item for item in items if case_id(item) in asked]
@@ -231,8 +231,8 @@ class Judge:
         if self.bench.deferred and verdict is Verdict.PASS:
             self._pending.append((len(self.results), about, self.bench.deferred))
         evidence = () if verdict is Verdict.NOT_APPLICABLE else self.bench.evidence
-        seconds, known = time.perf_counter() - began, self.known.get(identifier)
-        result = Result(identifier, about.clauses, about.sentence, verdict, reason, evidence, seconds, known)
+        seconds = time.perf_counter() - began
+        result = self._expected(Result(identifier, about.clauses, about.sentence, verdict, reason, evidence, seconds))
         self.results.append(result)
         self.watcher.ended(result)
         if self.enough is not None and sum(result.breaks for result in self.results) >= self.enough:
@@ -268,12 +268,27 @@ class Judge:
     def finish(self) -> None:
         """Judge what could only be judged after the run."""
         for index, about, looks in self._pending:
+            result, seen = self.results[index], list[Evidence]()
             try:
-                for look in looks:
-                    look()
+                seen.extend(Evidence(OUTPUTS, look()) for look in looks)
             except Exception as error:
                 verdict, reason = verdict_of(error, about)
-                self.results[index] = replace(self.results[index], verdict=verdict, reason=reason)
+                result = replace(result, verdict=verdict, reason=reason)
+            self.results[index] = self._expected(replace(result, evidence=(*result.evidence, *seen)))
+        self.trouble += self._passes()
+
+    def _expected(self, result: Result) -> Result:
+        """The same with why it is known to fail, by its whole name or, where it does, by that without parameter."""
+        bare = self.known.get(result.case.partition("[")[0]) if result.verdict is Verdict.FAIL else None
+        return replace(result, known=self.known.get(result.case, bare))
+
+    def _passes(self) -> Iterator[str]:
+        """Known failures by names without parameter of which no part fails any more."""
+        for name in self.known:
+            parts = [result for result in self.results if result.case.startswith(f"{name}[")]
+            verdicts = {result.verdict for result in parts}
+            if Verdict.PASS in verdicts and Verdict.FAIL not in verdicts:
+                yield f"the known failure {name!r} fails in none of its parts"
 
 
 def verdict_of(error: BaseException, about: Case) -> tuple[Verdict, str]:

@@ -17,6 +17,7 @@ from ...protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, PROC
 from ...protocol.pulses import Pulses
 from ...protocol.wiring import Wiring
 from .capture import Seen
+from .cases import Inconclusive
 
 __all__ = [
     "SILENCE",
@@ -113,6 +114,8 @@ def check_play(seen: Seen, steps: Iterable[tuple[int, Words]], last: int | None 
 
     Raises
     ------
+    Inconclusive
+        Where something should play, and none of the outputs that do is seen.
     AssertionError
         Naming the first difference: its period, tick and output, what was seen there, and what should have been.
     """
@@ -120,7 +123,10 @@ def check_play(seen: Seen, steps: Iterable[tuple[int, Words]], last: int | None 
     known = list(steps)
     numbers = np.array([period for period, _ in known])
     patterns = {id(words): words for _, words in known}  # few, where they come again and again
-    play = np.stack(list(patterns.values())) & seen.observed
+    whole = np.stack(list(patterns.values()))
+    play = whole & seen.observed
+    if whole.any() and not play.any():
+        raise Inconclusive("none of the outputs that this lets play is seen; a probe at one of them would do")
     places = {key: place for place, key in enumerate(patterns)}
     pattern = np.array([places[id(words)] for _, words in known])
     within = seen.first_period <= numbers[0] <= last <= seen.last_period

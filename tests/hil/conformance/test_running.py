@@ -163,6 +163,30 @@ def test_known_failures_do_not_break_a_run_but_their_passes_and_unknown_ones_do(
     assert not unknown.passed
 
 
+def test_a_known_failure_without_parameter_stands_for_all_parts(groups: Path) -> None:
+    write(
+        groups,
+        "parts",
+        '''
+        @pytest.mark.parametrize("part", ["good", "bad"])
+        @case("BLK-020")
+        def test_it(bench: Bench, part: str) -> None:
+            """One part fails."""
+            expect("the part", part, "good")
+
+        @pytest.mark.parametrize("part", ["one", "two"])
+        @case("BLK-020")
+        def test_that(bench: Bench, part: str) -> None:
+            """None fails."""
+        ''',
+    )
+    run = run_conformance(Options("emulator:", known={"parts/it": "we know"}))
+    assert run.passed
+    assert [result.known for result in run.results] == [None, "we know", None, None]
+    mended = run_conformance(Options("emulator:", known={"parts/it": "we know", "parts/that": "we knew"}))
+    assert mended.trouble == ("the known failure 'parts/that' fails in none of its parts",)
+
+
 def test_a_profile_takes_out_what_does_not_apply(groups: Path) -> None:
     write(groups, "some_things", ALL_VERDICTS)
     profile = Profile("mine", {"ACK-001": "no records", "some-things/that-is-wrong-itself": "gone"})

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from phasewire.hil.conformance.capture import Seen
+from phasewire.hil.conformance.cases import Inconclusive
 from phasewire.hil.conformance.waveforms import (
     SILENCE,
     Words,
@@ -108,12 +109,19 @@ def test_a_change_a_period_late_is_a_difference() -> None:
 
 
 def test_what_is_not_observed_is_not_judged() -> None:
-    words = expected_words(only(3), WIRING)
+    here, there = expected_words(only(3), WIRING), expected_words(only(4), WIRING)
     others = ALL.copy()
     others[0] ^= 1 << 3
-    check_play(seen(SILENCE.copy(), observed=others), [(100, words)])
+    check_play(seen(there, observed=others), [(100, here | there)])
     with pytest.raises(AssertionError):
-        check_play(seen(SILENCE.copy()), [(100, words)])
+        check_play(seen(there), [(100, here | there)])
+
+
+def test_where_nothing_is_seen_of_what_plays_there_is_no_verdict() -> None:
+    others = ALL.copy()
+    others[0] ^= 1 << 3
+    with pytest.raises(Inconclusive, match="none of the outputs that this lets play is seen"):
+        check_play(seen(SILENCE.copy(), observed=others), [(100, expected_words(only(3), WIRING))])
 
 
 @pytest.mark.parametrize("steps", [[(99, SILENCE)], [(100, SILENCE), (100, SILENCE)], [(102, SILENCE)]])
