@@ -193,10 +193,9 @@ class Bench:
             del self._notes[NOTES // 2]
             self._dropped += 1
 
-    @property
-    def evidence(self) -> tuple[Evidence, ...]:
-        """What was noted since the case began."""
-        shown = [Evidence(label, _hex(what) if isinstance(what, bytes) else what) for label, what in self._notes]
+    def evidence(self, *, whole: bool = False) -> tuple[Evidence, ...]:
+        """What was noted since the case began; of many bytes the first, or all of them."""
+        shown = [Evidence(label, _shown(what, whole=whole)) for label, what in self._notes]
         if self._dropped:
             shown.insert(NOTES // 2, Evidence("…", f"{self._dropped} more"))
         return tuple(shown)
@@ -548,6 +547,12 @@ class Bench:
         self.disable()
         self._marks.append(Mark(tuple(changes)))
         self.marks.append(self._marks[-1])
+
+
+def _shown(what: str | bytes, *, whole: bool) -> str:
+    if isinstance(what, str):
+        return what
+    return what.hex(" ") if whole else _hex(what)
 
 
 def _hex(data: bytes) -> str:

@@ -230,7 +230,7 @@ class Judge:
         verdict, reason = self._outcome
         if self.bench.deferred and verdict is Verdict.PASS:
             self._pending.append((len(self.results), about, self.bench.deferred))
-        evidence = () if verdict is Verdict.NOT_APPLICABLE else self.bench.evidence
+        evidence = self.bench.evidence(whole=verdict in (Verdict.FAIL, Verdict.WARN))
         seconds = time.perf_counter() - began
         result = self._expected(Result(identifier, about.clauses, about.sentence, verdict, reason, evidence, seconds))
         self.results.append(result)
