@@ -16,10 +16,19 @@ from functools import cached_property
 
 import numpy as np
 
-from ...errors import DeviceError, InputFileError, ReplyError
+from ...errors import DeviceError, DeviceVersionError, InputFileError, ReplyError
 from ...protocol.blocks import Block, Body, Slot, Update, pack
 from ...protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Flag, Reason, Request, State
+from ...protocol.codes import (
+    BLOCK_BYTES,
+    PROTOCOL_VERSION,
+    REQUEST_TYPE_IN,
+    REQUEST_TYPE_OUT,
+    Flag,
+    Reason,
+    Request,
+    State,
+)
 from ...protocol.plain import plain
 from ...protocol.pulses import Pulses
 from ...protocol.replies import (
@@ -142,7 +151,15 @@ class Bench:
         self.random = random.Random(seed)
         self.unasked: list[Status] = []
         self._number: int | None = None
-        self.info = Info.decode(self.ask(Request.INFO))
+        try:
+            self.info = Info.decode(self.ask(Request.INFO))
+        except (AssertionError, ReplyError) as error:
+            raise DeviceError(f"{line.name} does not say what it is: {error}") from error
+        if not self.info.speaks(PROTOCOL_VERSION):
+            raise DeviceVersionError(
+                f"{line.name} speaks versions {self.info.oldest_version} to {self.info.newest_version} of the "
+                f"protocol; this suite judges version {PROTOCOL_VERSION}, and sends nothing else (clause VER-006)"
+            )
 
     # What there is
 

@@ -16,6 +16,7 @@ from ...errors import DeviceError, ReplyError
 from ...protocol.codes import Feature
 from .bench import OUTPUTS, Bench, Lost
 from .cases import Case, Inconclusive, Need, NotApplicable, Risk, case_of
+from .clauses import resolve
 from .matrix import Claim
 from .profile import Profile
 from .verdicts import Evidence, Result, Verdict
@@ -166,6 +167,7 @@ class Judge:
         self.trouble += trouble
         known = {name for entry in entries for name in (entry.identifier, entry.identifier.partition("[")[0])}
         self.trouble += [f"the known failure {name!r} names no case" for name in self.known if name not in known]
+        self.trouble += _naming_nothing(self.profile, known | {entry.group for entry in entries})
         asked = {entry.identifier for entry in entries if wanted(entry, self.only)}
         items[:] = [item for item in items if case_id(item) in asked]
         self._count = len(items)
@@ -227,6 +229,8 @@ class Judge:
         self.bench.forget()
         self._outcome, began = (Verdict.PASS, ""), time.perf_counter()
         done = yield
+        if self.interruption is not None:
+            return done  # nothing was judged
         verdict, reason = self._outcome
         if self.bench.deferred and verdict is Verdict.PASS:
             self._pending.append((len(self.results), about, self.bench.deferred))
@@ -260,6 +264,14 @@ class Judge:
         if not isinstance(excinfo.value, pytest.Session.Interrupted):
             self.interruption = excinfo.value
 
+    def pytest_internalerror(self, excinfo: pytest.ExceptionInfo[BaseException]) -> bool:
+        """Keep what ended everything outside of a case: a signal, or a mistake of the suite."""
+        if isinstance(excinfo.value, Exception):
+            self.trouble.append(f"the suite failed by itself: {type(excinfo.value).__name__}: {excinfo.value}")
+        else:
+            self.interruption = excinfo.value
+        return True
+
     @property
     def awaits_recording(self) -> bool:
         """Whether cases can be judged only when a recording is there."""
@@ -289,6 +301,16 @@ class Judge:
             verdicts = {result.verdict for result in parts}
             if Verdict.PASS in verdicts and Verdict.FAIL not in verdicts:
                 yield f"the known failure {name!r} fails in none of its parts"
+
+
+def _naming_nothing(profile: Profile, names: set[str]) -> Iterator[str]:
+    """What is said of a profile's entries that are neither clause nor group nor case."""
+    for name in profile.not_applicable:
+        if name not in names:
+            try:
+                resolve(name)
+            except ValueError as error:
+                yield f"the profile says that {name!r} does not apply, which is neither a group nor a case: {error}"
 
 
 def verdict_of(error: BaseException, about: Case) -> tuple[Verdict, str]:

@@ -193,6 +193,7 @@ def open_bench(options: Options) -> Iterator[Bench]:
         Where the outputs of a device that is not emulated here are to be seen by the emulator.
     """
     with ExitStack() as stack:
+        path = _recording(options.capture)
         emulator, url = _emulated(options.url, stack)
         levers: Levers = NoLevers() if emulator is None else EmulatorLevers(emulator)
         sight = _sight(options, emulator)
@@ -203,7 +204,7 @@ def open_bench(options: Options) -> Iterator[Bench]:
             allowed = frozenset() if emulator is None else frozenset(Risk)
         spare = None if emulator is None else partial(open_bench, replace(options, url=_fresh(options.url)))
         bench = Bench(line, levers, sight, allowed, options.seed, profile=options.profile, spare=spare)
-        if (path := _recording(options.capture)) is not None:
+        if path is not None:
             bench.sight = SigrokSight(path, options.profile.channels(bench.wiring), bench.marks)
         stack.callback(bench.leave_off)
         yield bench
@@ -260,7 +261,12 @@ def _sight(options: Options, emulator: Emulator | None) -> Sight | None:
 
 def _recording(capture: str | None) -> Path | None:
     """The recording by which the outputs are to be seen, if it is one."""
-    return Path(capture.removeprefix(SIGROK)) if capture is not None and capture.startswith(SIGROK) else None
+    if capture is None or not capture.startswith(SIGROK):
+        return None
+    path = Path(capture.removeprefix(SIGROK))
+    if path.is_dir():
+        raise ValueError(f"--capture {capture}: {path} is a folder; the file where the recording will be would do")
+    return path
 
 
 def _await_recording(path: Path, since: float, watcher: Watcher) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Collection
 from contextlib import suppress
+from typing import Any
 
 import usb.core
 import usb.util
@@ -54,7 +55,12 @@ class UsbLine:
     def __init__(self, url: str) -> None:
         self._bus = UsbBus(url)
         self._from_kernel: set[int] = set()
-        self._take(self._bus.find(ANY_MODE))
+        self.device: Any = None
+        try:
+            self._take(self._bus.find(ANY_MODE))
+        except BaseException:
+            self.close()
+            raise
         if self.mode == DFU_MODE:
             raise DeviceError(
                 f"{self.name} waits for new firmware; reset it, or flash it, so that it comes back in run-time mode"
@@ -62,7 +68,7 @@ class UsbLine:
 
     def _take(self, seen: Sighting, *, configured: bool = True) -> None:
         self._seen = seen
-        self.device: usb.core.Device = seen.device
+        self.device = seen.device
         self.time: Timekeeper = seen.time
         self.name = seen.name
         if not configured:
@@ -154,7 +160,9 @@ class UsbLine:
                 return
 
     def close(self) -> None:
-        """Give the device back."""
+        """Give the device back, and to the kernel what was the kernel's."""
+        if self.device is None:
+            return
         usb.util.dispose_resources(self.device)
         for number in self._from_kernel:
             with suppress(usb.core.USBError, NotImplementedError):

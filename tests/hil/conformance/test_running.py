@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from phasewire.emulator import Emulator
-from phasewire.errors import DeviceNotFoundError
+from phasewire.emulator.control.controller import Controller
+from phasewire.errors import DeviceError, DeviceNotFoundError
 from phasewire.hil.conformance import Result, Run, Verdict, running
 from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.plugin import Watcher
@@ -367,3 +369,84 @@ def test_a_device_is_left_as_at_power_up(groups: Path) -> None:
         status = emulator.running.status()
     assert status.state is State.OFF
     assert (status.watchdog_ms, status.drive_limit) == (100, 320)
+
+
+ENDING = '''
+import sys
+
+@case("BLK-020")
+def test_first(bench: Bench) -> None:
+    """It passes."""
+
+@case("BLK-020")
+def test_second(bench: Bench) -> None:
+    """A signal comes."""
+    END
+
+@case("BLK-020")
+def test_third(bench: Bench) -> None:
+    """It is not reached."""
+'''
+
+
+@pytest.mark.parametrize(
+    ("end", "error"), [("sys.exit(143)", SystemExit), ("raise KeyboardInterrupt", KeyboardInterrupt)]
+)
+def test_a_signal_ends_a_run_without_a_verdict(groups: Path, end: str, error: type[BaseException]) -> None:
+    write(groups, "ending", ENDING.replace("END", end))
+    ended: list[str] = []
+
+    class Told(Watcher):
+        def ended(self, result: Result) -> None:
+            ended.append(result.case)
+
+    with Emulator() as emulator:
+        with pytest.raises(error):
+            run_conformance(Options(emulator.url), Told())
+        assert emulator.running.status().state is State.OFF
+    assert ended == ["ending/first"]
+
+
+def test_a_signal_between_cases_ends_a_run_too(groups: Path) -> None:
+    write(groups, "ending", ENDING.replace("END", "pass"))
+
+    class Impatient(Watcher):
+        def began(self, case: str, number: int, of: int) -> None:
+            if number == 2:
+                raise SystemExit(143)
+
+    with pytest.raises(SystemExit):
+        run_conformance(Options("emulator:"), Impatient())
+
+
+def test_a_mistake_of_the_suite_is_trouble(groups: Path) -> None:
+    write(groups, "ending", ENDING.replace("END", "pass"))
+
+    class Mistaken(Watcher):
+        def ended(self, result: Result) -> None:
+            raise TypeError("oh")
+
+    run = run_conformance(Options("emulator:"), Mistaken())
+    assert run.trouble == ("the suite failed by itself: TypeError: oh",)
+    assert not run.passed
+
+
+def test_a_profile_that_names_nothing_is_trouble(groups: Path) -> None:
+    write(groups, "some_things", ALL_VERDICTS)
+    profile = Profile("mine", {"SER-999": "no", "wheels": "no", "some-things/of-kinds": "no", "SER-001": "no"})
+    run = run_conformance(Options("emulator:", profile=profile))
+    assert [("SER-999" in text, "wheels" in text) for text in run.trouble] == [(True, False), (False, True)]
+
+
+@pytest.mark.parametrize("versions", [(2, 3), (0, 0)])
+def test_a_device_of_other_versions_is_not_judged(
+    groups: Path, monkeypatch: pytest.MonkeyPatch, versions: tuple[int, int]
+) -> None:
+    write(groups, "some_things", ALL_VERDICTS)
+    genuine = Controller.info
+    oldest, newest = versions
+    monkeypatch.setattr(
+        Controller, "info", lambda self: replace(genuine(self), oldest_version=oldest, newest_version=newest)
+    )
+    with pytest.raises(DeviceError, match="speaks versions"):
+        run_conformance(Options("emulator:"))
