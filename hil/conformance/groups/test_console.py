@@ -303,7 +303,7 @@ def test_frames_tells_the_way(bench: Bench, console: SerialLine) -> None:
     assert any("00" in value for _, value in answer.fields), f"frames should tell of the byte 00, not {answer.fields}"
     told(console, "echo 0")
     console.write(b"\0")
-    expect("what answers the byte 00", console.rest(), b"\0")
+    expect("what answers the byte 00", console.answer(), b"\0")
     expect("INFO", console.request(Setup(0xC1, Request.INFO, 0, 0, 64)), bench.info.encode())
 
 
@@ -582,13 +582,13 @@ def test_what_is_typed_is_shown(console: SerialLine, what: str) -> None:
     typed, shown = EDITS[what]
     told_with_echo(console)
     console.write(typed)
-    expect("what is shown", console.rest(len(shown)), shown)
+    expect("what is shown", console.answer(len(shown)), shown)
 
 
 def told_with_echo(console: SerialLine) -> None:
     """Turn the echo on."""
     console.write(b"echo 1\n")
-    expect("what answers echo 1 while the echo is off", console.rest(), OK)
+    expect("what answers echo 1 while the echo is off", console.answer(), OK)
 
 
 @case("CON-003", "CON-006")
@@ -612,13 +612,13 @@ def test_what_is_too_much_or_not_printable_is_refused(
     """What is not printable is shown as ?, what is too much rings the bell, and the line is refused for either."""
     told_with_echo(console)
     console.write(typed)
-    came = console.rest(len(shown))
+    came = console.answer(len(shown))
     assert came.startswith(shown), f"{typed!r} is shown as {came!r}, should be as {shown!r}"
     answer = came.removeprefix(shown)
     assert answer.endswith(b"\r\n> "), f"an answer should end with the prompt, not be {answer!r}"
     expect("the code", parse(answer.removesuffix(b"> ").decode("latin-1")).code, code)
     console.write(b"echo 0\r")
-    expect("the next line", console.rest(), b"echo 0\r\n" + OK)
+    expect("the next line", console.answer(), b"echo 0\r\n" + OK)
 
 
 @case("CON-003")
@@ -626,9 +626,9 @@ def test_a_character_too_many_can_be_taken_back(console: SerialLine) -> None:
     """A line with 81 characters is carried out where one is taken back, for then it has no more than 80."""
     for taken_back in (b"\b", b"\x7f"):
         console.write(FULL_LINE + b"x" + taken_back + b"\r")
-        expect("the answer", console.rest(), OK)
+        expect("the answer", console.answer(), OK)
         console.write(b"echo 0\r")
-        console.rest()
+        console.answer()
 
 
 @case("CON-003")
@@ -638,7 +638,7 @@ def test_without_echo_only_answers_come(console: SerialLine) -> None:
         console.write(typed)
         expect("what comes of it", console.rest(), b"")
     console.write(b"\r\n\r\n")
-    expect("what comes of two lines", console.rest(), b"> > ")
+    expect("what comes of two lines", console.answer(), b"> > ")
     expect("what comes of a command", console.command("echo 0"), "ok\r\n")
 
 
@@ -648,9 +648,9 @@ def test_each_character_is_shown_at_once(bench: Bench, console: SerialLine) -> N
     told_with_echo(console)
     for typed in "clock":
         console.write(typed.encode())
-        expect("what is shown of a character", console.rest(), typed.encode())
+        expect("what is shown of a character", console.answer(), typed.encode())
     console.write(b"\r")
-    came = console.rest(200)
+    came = console.answer(200)
     assert came.startswith(b"\r\n"), f"the end of a line is shown as {came[:4]!r}, should be as CR LF"
     assert came.endswith(OK), f"clock is answered {came!r}"
     bench.wait(0.2)
@@ -668,11 +668,11 @@ def test_a_line_starts_with_echo(bench: Bench, console: SerialLine) -> None:
     console.hang_up()
     console.rest()
     console.write(b"\x15clock")
-    came = console.rest()
+    came = console.answer()
     if bench.line.kind == "usb":
         expect("what is shown of a word", came, b"clock")
     console.write(b"\x15\r")
-    assert console.rest().endswith(b"> "), "the end of a line is not answered with the prompt"
+    assert console.answer().endswith(b"> "), "the end of a line is not answered with the prompt"
 
 
 # test N
@@ -836,13 +836,13 @@ def test_rubbish_is_refused_line_by_line(bench: Bench, console: SerialLine) -> N
     for size in (1, 40, 79, 80, 81, 300):
         typed = bytes(bench.random.choice(allowed) for _ in range(size - 1)) + b"\xa5"
         console.write(typed + b"\r")
-        answer = console.rest(size)
+        answer = console.answer(size)
         assert answer.endswith(b"\r\n> "), f"{size} bytes of rubbish and a return are answered {answer!r}"
         code = LENGTH if size > MOST_CHARACTERS else CHARACTER
         expect(f"the code for {size} bytes", parse(answer.removesuffix(b"> ").decode("latin-1")).code, code)
     mixed = bytes(bench.random.randrange(1, 256) for _ in range(600))
     console.write(mixed + b"\x15\r")
-    came = console.rest(5000)
+    came = console.answer(5000)
     ends = len(re.findall(b"\r\n|\r|\n", mixed + b"\r"))
     expect("the prompts for rubbish with ends of lines in it", len(re.findall(rb"(?:^|\n|(?<=> ))> ", came)), ends)
     expect("the answer to a command behind it", console.command("echo 0"), "ok\r\n")
@@ -856,7 +856,7 @@ def test_frames_that_meet_a_console_lead_to_frames(bench: Bench, console: Serial
     body = bytes([1]) + Setup(0x41, Request.ENABLE, 0, 0, 0).encode()
     first = frame(FrameKind.REQUEST, body)[: frame(FrameKind.REQUEST, body).index(b"\0")] + b"\0"
     console.write(first + request_frame(2, Setup(0xC1, Request.INFO, 0, 0, 0)))
-    came = console.rest()
+    came = console.answer()
     expect("what answers", came, b"\0" + frame(FrameKind.REPLY, bytes([2, 0])))
     console.enter_console()
     same_but(before, status_of(bench, console))

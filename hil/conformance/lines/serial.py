@@ -35,8 +35,8 @@ from .usb import CONSOLE_IN, CONSOLE_OUT, UsbLine
 
 __all__ = ["QUIET_SECONDS", "CdcWire", "PortWire", "SerialLine", "Wire"]
 
-PATIENCE_SECONDS = 0.5
-"""For any answer, besides the time that its bytes take; a device has 20 ms (clause SER-013)."""
+PATIENCE_SECONDS = 2.0
+"""For any answer, besides the time that its bytes take; the rest is for a computer that is busy."""
 QUIET_SECONDS = 0.05
 """Where nothing comes for so long, besides the time that bytes under way take, nothing was to come."""
 READ_SECONDS = 0.002
@@ -325,6 +325,10 @@ class SerialLine:
             found += data
         return found
 
+    def answer(self, size: int = 0) -> bytes:
+        """Wait for bytes, where so many may come, and take in what comes until nothing more does."""
+        return self.read(self.patience(size), bool) + self.rest(size)
+
     # Modes
 
     def enter_frames(self) -> None:
@@ -392,18 +396,24 @@ class SerialLine:
             Where no reply with its tag comes.
         """
         self._tag = (self._tag + 1) % TAGS
+        before = len(self.events)  # among which replies to others with this tag may be
         self.send_frame(FrameKind.REQUEST, bytes([self._tag]) + setup.encode() + data)
-        self.listen(self.patience(BLOCK_BYTES), lambda: self._reply() is not None)
-        reply = self._reply()
-        if reply is None:
+        self.listen(self.patience(BLOCK_BYTES), lambda: self._answered(before) is not None)
+        place = self._answered(before)
+        if place is None:
             raise DeviceTimeoutError(f"{self.name} does not answer request {setup.request}")
-        self.events.remove(Frame(FrameKind.REPLY, reply.encode()))
+        event = self.events.pop(place)
+        assert isinstance(event, Frame)
+        reply = SerialReply.decode(event.body)
         return reply.data if reply.outcome is Outcome.DONE else None
 
-    def _reply(self) -> SerialReply | None:
-        """The reply with the newest tag, once it has come."""
-        replies = map(SerialReply.decode, self.frames(FrameKind.REPLY))
-        return next((reply for reply in replies if reply.tag == self._tag), None)
+    def _answered(self, first: int) -> int | None:
+        """The place of the reply with the newest tag among the events, those before the first left out."""
+        for place, event in enumerate(self.events[first:], first):
+            match event:
+                case Frame(FrameKind.REPLY, body) if SerialReply.decode(body).tag == self._tag:
+                    return place
+        return None
 
     def reopen(self, seconds: float) -> None:
         """Open the wire again and go over to frames."""
