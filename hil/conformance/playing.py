@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Seq
-from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -13,31 +12,26 @@ from numpy.typing import NDArray
 
 from ...protocol.blocks import Body, Entries, Entry, Modulation, Samples, Sequence, Slot, Update
 from ...protocol.board import PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
-from ...protocol.codes import Feature, Request
+from ...protocol.codes import Feature
 from ...protocol.pulses import Pulses
 from ...protocol.replies import Status
 from .bench import SILENT_PERIODS, Bench
 from .capture import Seen
-from .cases import Inconclusive, NotApplicable
+from .cases import Inconclusive
+from .steps import require
 from .waveforms import SILENCE, Words, check_play, expected_words, modulated
 
 __all__ = [
-    "LONG_MS",
     "PLAYS",
     "Field",
-    "breakable",
     "check_falls_one_by_one",
     "check_falls_silent",
-    "enable",
     "play",
-    "require",
     "silent_from",
     "start",
     "told",
 ]
 
-LONG_MS = 10_000
-"""A watchdog time that no case lasts."""
 LISTEN_SECONDS = 0.01
 SAMPLE = 128
 SLOT, PLACE = 7, 5
@@ -60,26 +54,6 @@ class Field:
     pulses: Pulses
     words: Words
     period: int
-
-
-def require(bench: Bench, features: Feature) -> None:
-    """Raise `NotApplicable` where the device lacks a feature."""
-    if missing := features & ~bench.info.features:
-        raise NotApplicable(f"INFO does not name the feature {missing.name}")
-
-
-@contextmanager
-def breakable(bench: Bench) -> Iterator[Bench]:
-    """A fresh device, in which anything may go wrong for good, at a bench that goes on with the same random numbers."""
-    with bench.spare() as spare:
-        spare.random = bench.random
-        yield spare
-
-
-def enable(bench: Bench, watchdog_ms: int = LONG_MS) -> None:
-    """Enable the outputs, with a watchdog time of one's own."""
-    bench.order(Request.WATCHDOG, watchdog_ms)
-    bench.enable()
 
 
 def play(bench: Bench, pulses: Pulses | None = None) -> Field:

@@ -6,9 +6,8 @@ They speak to the device and judge nothing but what they say.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from collections.abc import Sequence as Many
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -19,7 +18,7 @@ from ...protocol.codes import AckFlag, Action, Feature, Reason, Request
 from ...protocol.pulses import Pulses
 from ...protocol.replies import Status
 from .bench import Bench
-from .cases import Need, NotApplicable, expect
+from .cases import NotApplicable, expect
 from .forge import forged
 from .stage import soon
 
@@ -28,10 +27,10 @@ __all__ = [
     "LONG_MS",
     "SILENT",
     "Wrong",
-    "apart",
     "begin",
     "check_same",
     "cut",
+    "enable",
     "far",
     "features_of",
     "forge",
@@ -39,10 +38,10 @@ __all__ = [
     "late_phase",
     "later",
     "let_stores_go",
-    "need",
     "packed",
     "raw_records",
     "refuse",
+    "require",
     "some",
     "vectors",
 ]
@@ -76,10 +75,15 @@ class Wrong(NamedTuple):
     reason: Reason
 
 
-def need(bench: Bench, body: Body) -> None:
-    """Go on only where the device has the features that a block needs (clause VER-005)."""
-    missing = features_of(body) & ~bench.info.features
-    if missing:
+def require(bench: Bench, features: Feature) -> None:
+    """Go on only where the device has some features.
+
+    Raises
+    ------
+    NotApplicable
+        Where it lacks one.
+    """
+    if missing := features & ~bench.info.features:
         raise NotApplicable(f"INFO does not name the feature {missing.name}")
 
 
@@ -95,20 +99,15 @@ def features_of(body: Body) -> Feature:
     return Feature(0)
 
 
-@contextmanager
-def apart(bench: Bench) -> Iterator[Bench]:
-    """A device for what is to go wrong: one to spare, as it comes, where there is one, otherwise the same."""
-    if bench.can(Need.SPARE):
-        with bench.spare() as device:
-            yield device
-    else:
-        yield bench
+def enable(bench: Bench) -> None:
+    """Enable the outputs, out of the watchdog's reach."""
+    bench.order(Request.WATCHDOG, LONG_MS)
+    bench.enable()
 
 
 def begin(bench: Bench) -> None:
     """Enable the outputs, out of the watchdog's reach, and begin the numbering."""
-    bench.order(Request.WATCHDOG, LONG_MS)
-    bench.enable()
+    enable(bench)
     bench.must(NoOp())
 
 

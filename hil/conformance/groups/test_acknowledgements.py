@@ -16,7 +16,6 @@ from phasewire.hil.conformance.forge import forged
 from phasewire.hil.conformance.lines.serial import SerialLine
 from phasewire.hil.conformance.steps import (
     SILENT,
-    apart,
     begin,
     cut,
     far,
@@ -357,19 +356,18 @@ def test_the_end_of_a_sequence_is_told(bench: Bench) -> None:
 @case("ACK-006", "SAF-008", "REQ-011", needs=(Need.FAULTS,))
 def test_faults_are_told(bench: Bench) -> None:
     """When a fault appears and when it is cleared a status record comes by itself, with the faults and the state."""
-    with apart(bench) as device:
-        begin(device)
-        device.must(Update(SILENT))
-        device.levers.cause(HotBoard(board=1, celsius=90))
-        status = device.await_unasked(1)
-        expect("the state", status.state, State.FAULT)
-        expect("faults", status.faults, Fault.TEMPERATURE)
-        device.levers.cause(HotBoard(board=1, celsius=40))
-        device.wait(0.03)
-        device.order(Request.CLEAR_FAULTS)
-        status = device.await_unasked(1)
-        expect("the state", status.state, State.OFF)
-        expect("faults", status.faults, Fault(0))
+    begin(bench)
+    bench.must(Update(SILENT))
+    bench.levers.cause(HotBoard(board=1, celsius=90))
+    status = bench.await_unasked(1)
+    expect("the state", status.state, State.FAULT)
+    expect("faults", status.faults, Fault.TEMPERATURE)
+    bench.levers.cause(HotBoard(board=1, celsius=40))
+    bench.wait(0.03)
+    bench.order(Request.CLEAR_FAULTS)
+    status = bench.await_unasked(1)
+    expect("the state", status.state, State.OFF)
+    expect("faults", status.faults, Fault(0))
 
 
 @case("ACK-006", "STA-003", "USB-020", needs=(Need.SUSPEND,), allow=(Risk.RESET,), line="usb")

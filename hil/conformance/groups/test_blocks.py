@@ -15,7 +15,6 @@ from phasewire.hil.conformance.steps import (
     LONG_MS,
     SILENT,
     Wrong,
-    apart,
     begin,
     far,
     features_of,
@@ -24,9 +23,9 @@ from phasewire.hil.conformance.steps import (
     late_phase,
     later,
     let_stores_go,
-    need,
     packed,
     refuse,
+    require,
     some,
     vectors,
 )
@@ -325,7 +324,7 @@ def test_flags_that_do_not_belong_are_refused(bench: Bench, kind: Kind) -> None:
 @by_kind
 def test_restart_may_be_set_in_every_kind(bench: Bench, kind: Kind) -> None:
     """A block of any kind may have RESTART, and is accepted as without it."""
-    need(bench, VALID[kind])
+    require(bench, features_of(VALID[kind]))
     begin(bench)
     if kind in (Kind.SEQUENCE, Kind.MODULATION):
         fill_stores(bench)
@@ -351,7 +350,7 @@ def test_a_field_out_of_its_range_is_refused(bench: Bench, kind: Kind) -> None:
 @kinds(WITHIN)
 def test_a_field_at_the_end_of_its_range_is_accepted(bench: Bench, kind: Kind) -> None:
     """The largest and smallest values that the kind allows are accepted, for a host may use all of the range."""
-    need(bench, VALID[kind])
+    require(bench, features_of(VALID[kind]))
     begin(bench)
     if kind in (Kind.SEQUENCE, Kind.MODULATION):
         fill_stores(bench)
@@ -557,7 +556,7 @@ def let_loads_go(bench: Bench, queued: int) -> None:
 @pytest.mark.parametrize("base", ["update", "slot", "output"])
 def test_the_first_reason_is_given_while_enabled(bench: Bench, base: str) -> None:
     """Of any two things that are wrong with a block, and of all, the first in the order of ACK-003 is the reason."""
-    need(bench, BASES[base])
+    require(bench, features_of(BASES[base]))
     Provocation(bench, enabled=True).check(base, (*ANY, *REASONS_OF[base]), ())
 
 
@@ -583,15 +582,14 @@ def test_the_first_reason_is_given_for_what_plays_stores(bench: Bench, base: str
 @pytest.mark.parametrize("base", ["update", "slot", "output"])
 def test_the_first_reason_is_given_with_a_fault(bench: Bench, base: str) -> None:
     """The same while a fault silences the outputs, where FAULT is behind what is wrong with the block."""
-    need(bench, BASES[base])
-    with apart(bench) as device:
-        provocation = Provocation(device, enabled=False)
-        device.levers.cause(HotBoard(board=2, celsius=95))
-        await_state(device, State.FAULT)
-        reasons = [reason for reason in REASONS_OF[base] if reason not in (Reason.RATE, Reason.IN_USE)]
-        provocation.check(base, (*ANY, *reasons), (Reason.FAULT, Reason.DISABLED))
-        device.levers.cause(HotBoard(board=2, celsius=30))
-        device.wait(0.03)
+    require(bench, features_of(BASES[base]))
+    provocation = Provocation(bench, enabled=False)
+    bench.levers.cause(HotBoard(board=2, celsius=95))
+    await_state(bench, State.FAULT)
+    reasons = [reason for reason in REASONS_OF[base] if reason not in (Reason.RATE, Reason.IN_USE)]
+    provocation.check(base, (*ANY, *reasons), (Reason.FAULT, Reason.DISABLED))
+    bench.levers.cause(HotBoard(board=2, celsius=30))
+    bench.wait(0.03)
 
 
 def await_state(bench: Bench, state: State) -> None:

@@ -17,15 +17,13 @@ from phasewire.hil.conformance.capture import Seen
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.playing import (
     Field,
-    breakable,
     check_falls_one_by_one,
     check_falls_silent,
-    enable,
     play,
-    require,
     silent_from,
     told,
 )
+from phasewire.hil.conformance.steps import SILENT, enable, features_of, require
 from phasewire.hil.conformance.waveforms import SILENCE, Words, check_play, check_silent, expected_words, modulated
 from phasewire.protocol.blocks import (
     Body,
@@ -63,15 +61,14 @@ ASKED_TICKS = 21 * TICKS_PER_MS // 2
 DEAF_MS = 50
 SYNC_PERIODS = 4096
 NO_FAULTS = Fault(0)
-NO_PULSES = Pulses.silent(PROCESSORS * CHANNELS_PER_PROCESSOR)
 
 
-def begin(device: Bench) -> Field:
+def begin(bench: Bench) -> Field:
     """Play an update, on a device with a watchdog time that no case lasts."""
-    device.must(NoOp())
-    enable(device)
-    field = play(device)
-    told(device)
+    bench.must(NoOp())
+    enable(bench)
+    field = play(bench)
+    told(bench)
     return field
 
 
@@ -82,53 +79,53 @@ def mixed(words: Words, other: Words, *processors: int) -> Words:
     return result
 
 
-def mixed_pulses(device: Bench, pulses: Pulses, other: Pulses, *processors: int) -> Pulses:
+def mixed_pulses(bench: Bench, pulses: Pulses, other: Pulses, *processors: int) -> Pulses:
     """Pulses of one field, on some processors those of another."""
-    there = np.isin(device.wiring.channels // CHANNELS_PER_PROCESSOR, processors)
+    there = np.isin(bench.wiring.channels // CHANNELS_PER_PROCESSOR, processors)
     return Pulses(np.where(there, other.phase, pulses.phase), np.where(there, other.width, pulses.width))
 
 
-def expect_counts(device: Bench, missed: Mapping[int, int], damaged: Mapping[int, int]) -> None:
+def expect_counts(bench: Bench, missed: Mapping[int, int], damaged: Mapping[int, int]) -> None:
     """Fail unless these processors, and no others, counted so many missed commits and damaged messages."""
-    reports = device.processors()
+    reports = bench.processors()
     for what, counts, wanted in (
         ("missed commits", [report.missed_commits for report in reports], missed),
         ("damaged messages", [report.damaged_messages for report in reports], damaged),
     ):
         expect(f"the {what} of the processors", counts, [wanted.get(place, 0) for place in range(PROCESSORS)])
-    status = device.status()
+    status = bench.status()
     expect("the missed commits in the status", status.missed_commits, sum(missed.values()))
     expect("the damaged messages in the status", status.damaged_messages, sum(damaged.values()))
 
 
-def expect_faults(device: Bench, fault: Fault, *processors: int) -> None:
+def expect_faults(bench: Bench, fault: Fault, *processors: int) -> None:
     """Fail unless the status has exactly these faults, and exactly these processors report them."""
-    expect("the faults in the status", device.status().faults, fault)
+    expect("the faults in the status", bench.status().faults, fault)
     wanted = [fault if place in processors else NO_FAULTS for place in range(PROCESSORS)]
-    expect("the faults of the processors", [report.faults for report in device.processors()], wanted)
+    expect("the faults of the processors", [report.faults for report in bench.processors()], wanted)
 
 
-def expect_told(device: Bench, state: State, fault: Fault) -> Status:
+def expect_told(bench: Bench, state: State, fault: Fault) -> Status:
     """Fail unless the device has told of a fault unasked, once, with the state that it is in."""
-    said = told(device)
+    said = told(bench)
     expect("what is told unasked", [(status.state, status.faults) for status in said], [(state, fault)])
     return said[0]
 
 
-def last_told(device: Bench, state: State) -> Status:
+def last_told(bench: Bench, state: State) -> Status:
     """What the device has told last unasked; fail unless that is a state."""
-    said = told(device)
+    said = told(bench)
     assert said, f"nothing is told unasked, should be that the state is {state.name}"
     expect("the state that is told last", said[-1].state, state)
     return said[-1]
 
 
-def expect_cleared(device: Bench, state: State) -> None:
+def expect_cleared(bench: Bench, state: State) -> None:
     """Clear the faults: fail unless they are gone, which is told, and the device is in a state."""
-    device.order(Request.CLEAR_FAULTS)
-    expect_told(device, state, NO_FAULTS)
-    expect_faults(device, NO_FAULTS)
-    expect("the state", device.status().state, state)
+    bench.order(Request.CLEAR_FAULTS)
+    expect_told(bench, state, NO_FAULTS)
+    expect_faults(bench, NO_FAULTS)
+    expect("the state", bench.status().state, state)
 
 
 def lead(bench: Bench, periods: int) -> int:
@@ -136,9 +133,9 @@ def lead(bench: Bench, periods: int) -> int:
     return periods if bench.line.kind == "usb" else periods + 40_000
 
 
-def processor_of(device: Bench, first: int = 0, last: int = PROCESSORS - 1) -> int:
+def processor_of(bench: Bench, first: int = 0, last: int = PROCESSORS - 1) -> int:
     """Some processor."""
-    return device.random.randint(first, last)
+    return bench.random.randint(first, last)
 
 
 # Messages that are damaged
@@ -188,96 +185,91 @@ OF_UPDATES = {
 )
 def test_a_processor_that_misses_an_update_plays_on(bench: Bench, what: str) -> None:
     """Where a message of an update is damaged, that processor alone plays on, which is counted and told."""
-    with breakable(bench) as device:
-        before, place, damage = begin(device), processor_of(device), OF_UPDATES[what]
-        device.levers.cause(damage.of(place))
-        missed = play(device)
-        device.wait(ROUND_SECONDS)
-        expect_told(device, State.PLAYING, Fault.CHAIN)
-        expect_faults(device, Fault.CHAIN, place)
-        after = play(device)
-        device.wait(ROUND_SECONDS)
-        expect_faults(device, Fault.CHAIN, place)
-        expect_cleared(device, State.PLAYING)
-        expect_counts(device, {place: damage.missed}, {place: damage.damaged})
-        steps = [
-            (before.period, before.words),
-            (missed.period, mixed(missed.words, before.words, place)),
-            (after.period, after.words),
-        ]
-        end = device.period()
-        device.judge(before.period, end, lambda seen: check_play(seen, steps))
+    before, place, damage = begin(bench), processor_of(bench), OF_UPDATES[what]
+    bench.levers.cause(damage.of(place))
+    missed = play(bench)
+    bench.wait(ROUND_SECONDS)
+    expect_told(bench, State.PLAYING, Fault.CHAIN)
+    expect_faults(bench, Fault.CHAIN, place)
+    after = play(bench)
+    bench.wait(ROUND_SECONDS)
+    expect_faults(bench, Fault.CHAIN, place)
+    expect_cleared(bench, State.PLAYING)
+    expect_counts(bench, {place: damage.missed}, {place: damage.damaged})
+    steps = [
+        (before.period, before.words),
+        (missed.period, mixed(missed.words, before.words, place)),
+        (after.period, after.words),
+    ]
+    end = bench.period()
+    bench.judge(before.period, end, lambda seen: check_play(seen, steps))
 
 
 @pytest.mark.parametrize("what", ["slice-with-a-wrong-bit", "commit-that-lost-a-byte"])
 @case("REQ-007", "CHN-016", "CHN-004/2", needs=FAULTY, features=Feature.READ_BACK)
 def test_reading_back_tells_that_a_processor_missed_an_update(bench: Bench, what: str) -> None:
     """Where a processor plays on, PULSES answers what each processor plays, and says that they differ."""
-    with breakable(bench) as device:
-        before, place = begin(device), processor_of(device)
-        device.levers.cause(OF_UPDATES[what].of(place))
-        missed = play(device)
-        read = device.read_back()
-        expect("what plays since", read.since_period, ReadBack.MIXED)
-        expect("the pulses", read.pulses, mixed_pulses(device, missed.pulses, before.pulses, place))
-        after = play(device)
-        read = device.read_back()
-        expect("what plays since, behind the next update", read.since_period, after.period)
-        expect("the pulses behind the next update", read.pulses, after.pulses)
+    before, place = begin(bench), processor_of(bench)
+    bench.levers.cause(OF_UPDATES[what].of(place))
+    missed = play(bench)
+    read = bench.read_back()
+    expect("what plays since", read.since_period, ReadBack.MIXED)
+    expect("the pulses", read.pulses, mixed_pulses(bench, missed.pulses, before.pulses, place))
+    after = play(bench)
+    read = bench.read_back()
+    expect("what plays since, behind the next update", read.since_period, after.period)
+    expect("the pulses behind the next update", read.pulses, after.pulses)
 
 
 @case("CHN-011", "CHN-004/2", "CHN-010", needs=FAULTY_AND_SEEN)
 def test_no_flipped_bit_of_an_update_ever_plays(bench: Bench) -> None:
     """Whichever bit of a slice or a commit is wrong, it is a missed commit: one checksum guards pulses and period."""
-    with breakable(bench) as device:
-        first = begin(device)
-        steps, playing = [(first.period, first.words)], first.words
-        missed = dict.fromkeys(range(PROCESSORS), 0)
-        for number in range(24 if device.line.kind == "usb" else 6):
-            place, bit = processor_of(device), device.random.randrange(8)
-            message, last = (("slice", 50), ("commit", 14))[number % 2]
-            token = device.random.randint(3, last)
-            device.levers.cause(faults.FlippedBit(message=message, processor=place, token=token, bit=bit))
-            field = play(device)
-            missed[place] += 1
-            playing = mixed(field.words, playing, place)
-            steps.append((field.period, playing))
-        device.wait(ROUND_SECONDS)
-        expect_counts(device, missed, {})
-        end = device.period()
-        device.judge(first.period, end, lambda seen: check_play(seen, steps))
+    first = begin(bench)
+    steps, playing = [(first.period, first.words)], first.words
+    missed = dict.fromkeys(range(PROCESSORS), 0)
+    for number in range(24 if bench.line.kind == "usb" else 6):
+        place, bit = processor_of(bench), bench.random.randrange(8)
+        message, last = (("slice", 50), ("commit", 14))[number % 2]
+        token = bench.random.randint(3, last)
+        bench.levers.cause(faults.FlippedBit(message=message, processor=place, token=token, bit=bit))
+        field = play(bench)
+        missed[place] += 1
+        playing = mixed(field.words, playing, place)
+        steps.append((field.period, playing))
+    bench.wait(ROUND_SECONDS)
+    expect_counts(bench, missed, {})
+    end = bench.period()
+    bench.judge(first.period, end, lambda seen: check_play(seen, steps))
 
 
 @case("CHN-004/1", "CHN-004/2", "CHN-011", needs=FAULTY_AND_SEEN)
 def test_a_commit_takes_its_slice_out_of_the_mailbox(bench: Bench) -> None:
     """A slice whose commit was wrong is gone: when it is sent again, and damaged, the next commit finds nothing."""
-    with breakable(bench) as device:
-        before, place, pulses = begin(device), processor_of(device), device.weak()
-        device.levers.cause(OF_UPDATES["commit-with-a-wrong-checksum"].of(place))
-        first = play(device, pulses)
-        device.levers.cause(OF_UPDATES["slice-that-lost-a-byte"].of(place))
-        again = play(device, pulses)
-        device.wait(ROUND_SECONDS)
-        expect_counts(device, {place: 2}, {place: 1})
-        steps = [(before.period, before.words), (first.period, mixed(first.words, before.words, place))]
-        device.judge(before.period, again.period + 20, lambda seen: check_play(seen, steps))
+    before, place, pulses = begin(bench), processor_of(bench), bench.weak()
+    bench.levers.cause(OF_UPDATES["commit-with-a-wrong-checksum"].of(place))
+    first = play(bench, pulses)
+    bench.levers.cause(OF_UPDATES["slice-that-lost-a-byte"].of(place))
+    again = play(bench, pulses)
+    bench.wait(ROUND_SECONDS)
+    expect_counts(bench, {place: 2}, {place: 1})
+    steps = [(before.period, before.words), (first.period, mixed(first.words, before.words, place))]
+    bench.judge(before.period, again.period + 20, lambda seen: check_play(seen, steps))
 
 
 @case("CHN-002", "CHN-010", "CHN-004/2", needs=FAULTY_AND_SEEN)
 def test_a_slice_without_its_end_takes_the_next_message_along(bench: Bench) -> None:
     """Where END of a slice is lost, the slice behind it ends up in the same place: both processors play on."""
-    with breakable(bench) as device:
-        before, place = begin(device), processor_of(device, last=PROCESSORS - 2)
-        device.levers.cause(faults.LostToken(message="slice", processor=place, token=51))
-        missed = play(device)
-        device.wait(ROUND_SECONDS)
-        after = play(device)
-        expect("the faults", device.status().faults, Fault.CHAIN)
-        expect_counts(device, {place: 1, place + 1: 1}, {place: 1})
-        both = mixed(missed.words, before.words, place, place + 1)
-        steps = [(before.period, before.words), (missed.period, both), (after.period, after.words)]
-        end = device.period()
-        device.judge(before.period, end, lambda seen: check_play(seen, steps))
+    before, place = begin(bench), processor_of(bench, last=PROCESSORS - 2)
+    bench.levers.cause(faults.LostToken(message="slice", processor=place, token=51))
+    missed = play(bench)
+    bench.wait(ROUND_SECONDS)
+    after = play(bench)
+    expect("the faults", bench.status().faults, Fault.CHAIN)
+    expect_counts(bench, {place: 1, place + 1: 1}, {place: 1})
+    both = mixed(missed.words, before.words, place, place + 1)
+    steps = [(before.period, before.words), (missed.period, both), (after.period, after.words)]
+    end = bench.period()
+    bench.judge(before.period, end, lambda seen: check_play(seen, steps))
 
 
 DAMAGES = {
@@ -287,10 +279,10 @@ DAMAGES = {
 }
 
 
-def store_twice(device: Bench, memory: str, between: Callable[[], None]) -> tuple[Words, Words, Body]:
+def store_twice(bench: Bench, memory: str, between: Callable[[], None]) -> tuple[Words, Words, Body]:
     """Store something, then something else in the same place: the outputs by the one and by the other, and a start."""
-    old, new = device.weak(), device.weak()
-    words = [expected_words(pulses, device.wiring) for pulses in (old, new)]
+    old, new = bench.weak(), bench.weak()
+    words = [expected_words(pulses, bench.wiring) for pulses in (old, new)]
     start: Body = Sequence(0, 1)
     match memory:
         case "slot":
@@ -298,14 +290,14 @@ def store_twice(device: Bench, memory: str, between: Callable[[], None]) -> tupl
         case "entries":
             stores = [Slot(0, old), Slot(1, new), Entries((Entry(0, 9),)), Entries((Entry(1, 9),))]
         case _:
-            field = play(device, new)
-            words = [field.words, expected_words(modulated(new, 100), device.wiring)]
+            field = play(bench, new)
+            words = [field.words, expected_words(modulated(new, 100), bench.wiring)]
             stores, start = [Samples(bytes([255])), Samples(bytes([100]))], Modulation(0, 1, 9)
     for body in stores[:-1]:
-        device.must(body)
-    device.wait(0.002)
+        bench.must(body)
+    bench.wait(0.002)
     between()
-    device.must(stores[-1])
+    bench.must(stores[-1])
     return words[0], words[1], start
 
 
@@ -317,20 +309,19 @@ MEMORIES = {"slot": Feature.SEQUENCES, "entries": Feature.SEQUENCES, "samples": 
 @case("CHN-010", "CHN-012", "REQ-008", "ACK-006", needs=FAULTY_AND_SEEN)
 def test_a_damaged_load_stores_nothing(bench: Bench, memory: str, how: str) -> None:
     """Where a store is damaged on its way to a processor, that one keeps what it had, and counts a damaged message."""
-    with breakable(bench) as device:
-        require(device, MEMORIES[memory])
-        begin(device)
-        place = processor_of(device)
-        token = device.random.randint(3, 57)
-        fault = DAMAGES[how](message="load", processor=place, token=token)
-        old, new, start_it = store_twice(device, memory, lambda: device.levers.cause(fault))
-        device.wait(ROUND_SECONDS)
-        expect_told(device, State.PLAYING, Fault.CHAIN)
-        expect_faults(device, Fault.CHAIN, place)
-        expect_counts(device, {}, {place: 1})
-        began = device.must(start_it).commit_period
-        words = mixed(new, old, place)
-        device.judge(began, began + 50, lambda seen: check_play(seen, [(began, words)]))
+    require(bench, MEMORIES[memory])
+    begin(bench)
+    place = processor_of(bench)
+    token = bench.random.randint(3, 57)
+    fault = DAMAGES[how](message="load", processor=place, token=token)
+    old, new, start_it = store_twice(bench, memory, lambda: bench.levers.cause(fault))
+    bench.wait(ROUND_SECONDS)
+    expect_told(bench, State.PLAYING, Fault.CHAIN)
+    expect_faults(bench, Fault.CHAIN, place)
+    expect_counts(bench, {}, {place: 1})
+    began = bench.must(start_it).commit_period
+    words = mixed(new, old, place)
+    bench.judge(began, began + 50, lambda seen: check_play(seen, [(began, words)]))
 
 
 @pytest.mark.parametrize("how", DAMAGES)
@@ -338,26 +329,25 @@ def test_a_damaged_load_stores_nothing(bench: Bench, memory: str, how: str) -> N
 @case("CHN-010", "CHN-014", "ACK-006", needs=FAULTY_AND_SEEN)
 def test_a_damaged_program_starts_nothing(bench: Bench, memory: str, how: str) -> None:
     """Where the start of a sequence or a modulation is damaged on its way to a processor, that one plays on."""
-    with breakable(bench) as device:
-        require(device, MEMORIES[memory])
-        before, place = begin(device), processor_of(device)
-        start_it: Body = Sequence(0, 1) if memory == "entries" else Modulation(0, 1, 7)
-        if memory == "entries":
-            pulses = device.weak()
-            device.must(Slot(0, pulses))
-            device.must(Entries((Entry(0, 7),)))
-            words = expected_words(pulses, device.wiring)
-        else:
-            device.must(Samples(bytes([90])))
-            words = expected_words(modulated(before.pulses, 90), device.wiring)
-        device.levers.cause(DAMAGES[how](message="program", processor=place, token=device.random.randint(3, 22)))
-        began = device.must(start_it).commit_period
-        device.wait(ROUND_SECONDS)
-        expect_told(device, State.PLAYING, Fault.CHAIN)
-        expect_faults(device, Fault.CHAIN, place)
-        expect_counts(device, {}, {place: 1})
-        steps = [(before.period, before.words), (began, mixed(words, before.words, place))]
-        device.judge(before.period, began + 50, lambda seen: check_play(seen, steps))
+    require(bench, MEMORIES[memory])
+    before, place = begin(bench), processor_of(bench)
+    start_it: Body = Sequence(0, 1) if memory == "entries" else Modulation(0, 1, 7)
+    if memory == "entries":
+        pulses = bench.weak()
+        bench.must(Slot(0, pulses))
+        bench.must(Entries((Entry(0, 7),)))
+        words = expected_words(pulses, bench.wiring)
+    else:
+        bench.must(Samples(bytes([90])))
+        words = expected_words(modulated(before.pulses, 90), bench.wiring)
+    bench.levers.cause(DAMAGES[how](message="program", processor=place, token=bench.random.randint(3, 22)))
+    began = bench.must(start_it).commit_period
+    bench.wait(ROUND_SECONDS)
+    expect_told(bench, State.PLAYING, Fault.CHAIN)
+    expect_faults(bench, Fault.CHAIN, place)
+    expect_counts(bench, {}, {place: 1})
+    steps = [(before.period, before.words), (began, mixed(words, before.words, place))]
+    bench.judge(before.period, began + 50, lambda seen: check_play(seen, steps))
 
 
 # Questions and answers
@@ -367,34 +357,32 @@ def test_a_damaged_program_starts_nothing(bench: Bench, memory: str, how: str) -
 @case("CHN-010", "CHN-017/2", "SAF-008", "ACK-006", needs=FAULTY_AND_SEEN)
 def test_one_damaged_question_or_answer_is_told_and_no_more(bench: Bench, message: str) -> None:
     """A question or an answer that is damaged once raises CHAIN; the processor is not lost, and all plays on."""
-    with breakable(bench) as device:
-        field, place = begin(device), processor_of(device)
-        device.levers.cause(faults.FlippedBit(message=message, processor=place, token=5, bit=2))
-        device.wait(4 * ROUND_SECONDS)
-        expect_told(device, State.PLAYING, Fault.CHAIN)
-        expect("the faults", device.status().faults, Fault.CHAIN)
-        expect_counts(device, {}, {place: 1} if message == "collect" else {})
-        expect_cleared(device, State.PLAYING)
-        end = device.period()
-        device.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+    field, place = begin(bench), processor_of(bench)
+    bench.levers.cause(faults.FlippedBit(message=message, processor=place, token=5, bit=2))
+    bench.wait(4 * ROUND_SECONDS)
+    expect_told(bench, State.PLAYING, Fault.CHAIN)
+    expect("the faults", bench.status().faults, Fault.CHAIN)
+    expect_counts(bench, {}, {place: 1} if message == "collect" else {})
+    expect_cleared(bench, State.PLAYING)
+    end = bench.period()
+    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
 @pytest.mark.parametrize("message", ["collect", "report"])
 @case("CHN-017/2", "SAF-007/1", "SAF-004/1", "STA-003", "REQ-011", needs=FAULTY_AND_SEEN)
 def test_a_processor_without_two_answers_is_lost(bench: Bench, message: str) -> None:
     """Two questions running without a valid answer raise PROCESSOR: all outputs fall silent, until it is cleared."""
-    with breakable(bench) as device:
-        field, place = begin(device), processor_of(device)
-        at = device.period() + lead(device, 200)
-        device.levers.cause(faults.LostToken(message=message, processor=place, token=6, times=2, period=at))
-        device.wait_until(at + 40 * PERIODS_PER_MS)
-        said = last_told(device, State.FAULT)
-        expect("the faults that are told last", said.faults, Fault.CHAIN | Fault.PROCESSOR)
-        expect_lost_in_time(said, at)
-        lost = said.now
-        expect_cleared(device, State.OFF)
-        end = device.period()
-        device.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, at * TICKS_PER_PERIOD, lost))
+    field, place = begin(bench), processor_of(bench)
+    at = bench.period() + lead(bench, 200)
+    bench.levers.cause(faults.LostToken(message=message, processor=place, token=6, times=2, period=at))
+    bench.wait_until(at + 40 * PERIODS_PER_MS)
+    said = last_told(bench, State.FAULT)
+    expect("the faults that are told last", said.faults, Fault.CHAIN | Fault.PROCESSOR)
+    expect_lost_in_time(said, at)
+    lost = said.now
+    expect_cleared(bench, State.OFF)
+    end = bench.period()
+    bench.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, at * TICKS_PER_PERIOD, lost))
 
 
 # Messages that come too late
@@ -406,10 +394,10 @@ LATE: dict[str, Callable[[int, int], InjectedFault]] = {
 }
 
 
-def missed_by(device: Bench, before: list[int]) -> list[int]:
+def missed_by(bench: Bench, before: list[int]) -> list[int]:
     """The processors that missed one commit, and no more, since they had missed so many."""
-    device.wait(ROUND_SECONDS)
-    more = [report.missed_commits - count for report, count in zip(device.processors(), before, strict=True)]
+    bench.wait(ROUND_SECONDS)
+    more = [report.missed_commits - count for report, count in zip(bench.processors(), before, strict=True)]
     assert set(more) <= {0, 1}, f"the processors missed {more} commits, should have missed 1 at most"
     before[:] = [count + one for count, one in zip(before, more, strict=True)]
     return [place for place, one in enumerate(more) if one]
@@ -419,68 +407,66 @@ def missed_by(device: Bench, before: list[int]) -> list[int]:
 @case("CHN-004/2", "CHN-014/3", "CHN-020", "SAF-008", "REQ-008", "REQ-011", needs=FAULTY_AND_SEEN)
 def test_a_processor_that_cannot_be_ready_in_time_plays_on(bench: Bench, what: str) -> None:
     """Where an update or a sequence cannot be ready in time, just the processors that count it as missed play on."""
-    with breakable(bench) as device:
-        require(device, Feature.SEQUENCES)
-        field = begin(device)
-        in_sequence = device.weak()
-        device.must(Slot(0, in_sequence))
-        device.must(Entries((Entry(0, 11),)))
-        device.wait(0.002)
-        place, missed, playing = processor_of(device, first=5, last=8), [0] * PROCESSORS, field.words
-        steps = [(field.period, playing)]
-        lasts = lead(device, 4000)
-        device.levers.cause(LATE[what](place, lasts))
-        for body, words in changes(device, in_sequence):
-            began = device.must(body).commit_period
-            late = missed_by(device, missed)
-            missing = late == [place] if what == "slow-processor" else late
-            assert missing, f"{type(body).__name__.upper()} is missed by {late}, should be by processor {place}"
-            playing = mixed(words, playing, *late)
-            steps.append((began, playing))
-        wanted = Fault.CHAIN | (Fault.OVERRUN if what == "slow-processor" else NO_FAULTS)
-        status = device.status()
-        expect("the faults", status.faults, wanted)
-        expect("the state", status.state, State.PLAYING)
-        expect("the missed commits in the status", status.missed_commits, sum(missed))
-        expect("the damaged messages in the status", status.damaged_messages, 0)
-        device.wait_periods(lasts)
-        told(device)
-        device.order(Request.CLEAR_FAULTS)
-        expect_told(device, State.PLAYING, NO_FAULTS)
-        last = play(device)
-        device.wait(ROUND_SECONDS)
-        expect_faults(device, NO_FAULTS)
-        steps.append((last.period, last.words))
-        end = device.period()
-        device.judge(field.period, end, lambda seen: check_play(seen, steps))
+    require(bench, Feature.SEQUENCES)
+    field = begin(bench)
+    in_sequence = bench.weak()
+    bench.must(Slot(0, in_sequence))
+    bench.must(Entries((Entry(0, 11),)))
+    bench.wait(0.002)
+    place, missed, playing = processor_of(bench, first=5, last=8), [0] * PROCESSORS, field.words
+    steps = [(field.period, playing)]
+    lasts = lead(bench, 4000)
+    bench.levers.cause(LATE[what](place, lasts))
+    for body, words in changes(bench, in_sequence):
+        began = bench.must(body).commit_period
+        late = missed_by(bench, missed)
+        missing = late == [place] if what == "slow-processor" else late
+        assert missing, f"{type(body).__name__.upper()} is missed by {late}, should be by processor {place}"
+        playing = mixed(words, playing, *late)
+        steps.append((began, playing))
+    wanted = Fault.CHAIN | (Fault.OVERRUN if what == "slow-processor" else NO_FAULTS)
+    status = bench.status()
+    expect("the faults", status.faults, wanted)
+    expect("the state", status.state, State.PLAYING)
+    expect("the missed commits in the status", status.missed_commits, sum(missed))
+    expect("the damaged messages in the status", status.damaged_messages, 0)
+    bench.wait_periods(lasts)
+    told(bench)
+    bench.order(Request.CLEAR_FAULTS)
+    expect_told(bench, State.PLAYING, NO_FAULTS)
+    last = play(bench)
+    bench.wait(ROUND_SECONDS)
+    expect_faults(bench, NO_FAULTS)
+    steps.append((last.period, last.words))
+    end = bench.period()
+    bench.judge(field.period, end, lambda seen: check_play(seen, steps))
 
 
-def changes(device: Bench, in_sequence: Pulses) -> list[tuple[Body, Words]]:
+def changes(bench: Bench, in_sequence: Pulses) -> list[tuple[Body, Words]]:
     """An update, a sequence and an update, and the outputs by them."""
-    first, last = device.weak(), device.weak()
+    first, last = bench.weak(), bench.weak()
     return [
-        (Update(first), expected_words(first, device.wiring)),
-        (Sequence(0, 1), expected_words(in_sequence, device.wiring)),
-        (Update(last), expected_words(last, device.wiring)),
+        (Update(first), expected_words(first, bench.wiring)),
+        (Sequence(0, 1), expected_words(in_sequence, bench.wiring)),
+        (Update(last), expected_words(last, bench.wiring)),
     ]
 
 
 @case("SAF-008", "SAF-007/1", "REQ-011", "ACK-006", needs=FAULTY)
 def test_an_overrun_is_told_and_silences_nothing(bench: Bench) -> None:
     """OVERRUN is told, stays until it is cleared even where the processor is in time again, and silences nothing."""
-    with breakable(bench) as device:
-        begin(device)
-        place = processor_of(device)
-        lasts = lead(device, 1000)
-        device.levers.cause(faults.SlowProcessor(processor=place, slowness=8, periods=lasts))
-        play(device)
-        device.wait(ROUND_SECONDS)
-        expect_told(device, State.PLAYING, Fault.CHAIN | Fault.OVERRUN)
-        device.wait_periods(lasts)
-        expect_faults(device, Fault.CHAIN | Fault.OVERRUN, place)
-        expect_cleared(device, State.PLAYING)
-        device.wait(2 * ROUND_SECONDS)
-        expect_faults(device, NO_FAULTS)
+    begin(bench)
+    place = processor_of(bench)
+    lasts = lead(bench, 1000)
+    bench.levers.cause(faults.SlowProcessor(processor=place, slowness=8, periods=lasts))
+    play(bench)
+    bench.wait(ROUND_SECONDS)
+    expect_told(bench, State.PLAYING, Fault.CHAIN | Fault.OVERRUN)
+    bench.wait_periods(lasts)
+    expect_faults(bench, Fault.CHAIN | Fault.OVERRUN, place)
+    expect_cleared(bench, State.PLAYING)
+    bench.wait(2 * ROUND_SECONDS)
+    expect_faults(bench, NO_FAULTS)
 
 
 def expect_lost_in_time(said: Status, at: int) -> None:
@@ -508,63 +494,66 @@ so that it may be a question to the last processors, of which some fit too until
 @case("CHN-021/1", "CHN-021/2", "CHN-018", "SAF-007/1", "REQ-011", needs=FAULTY_AND_SEEN, allow=(Risk.RESET,))
 def test_a_broken_chain_is_told_and_ends_in_silence(bench: Bench, how: str) -> None:
     """A message that cannot leave within 1 ms breaks the chain: FAULT, silence within 50 ms, until a restart."""
-    with breakable(bench) as device:
-        field = begin(device)
-        cause, later = BREAKS[how]
-        device.levers.cause(cause(processor_of(device, first=1)))
-        begins = device.must(Update(device.weak())).commit_period
-        broken_by = begins * TICKS_PER_PERIOD + later + TICKS_PER_MS
-        device.wait_until(broken_by // TICKS_PER_PERIOD + 1)
-        said = last_told(device, State.FAULT)
-        expect("the faults that are told last", said.faults, Fault.CHAIN | Fault.PROCESSOR)
-        assert said.now <= broken_by, f"the chain is broken at tick {said.now}, should be by {broken_by}"
-        expect_refused_everywhere(device)
-        device.wait(DEAF_MS / 1000)
-        device.order(Request.CLEAR_FAULTS)
-        status = device.status()
-        expect("the faults after CLEAR_FAULTS", status.faults, Fault.CHAIN | Fault.PROCESSOR)
-        expect("the state after CLEAR_FAULTS", status.state, State.FAULT)
-        deaf = said.now // TICKS_PER_PERIOD + (DEAF_MS + 1) * PERIODS_PER_MS
-        end = device.period()
-        device.judge(field.period, begins, lambda seen: check_play(seen, [(field.period, field.words)]))
-        device.judge(begins, end, lambda seen: check_silent(seen, deaf))
-        device.wait(0.2)
-        device.restart(lambda: device.order(Request.RESET))
-        expect_faults(device, NO_FAULTS)
-        plays_everywhere(device)
+    field = begin(bench)
+    cause, later = BREAKS[how]
+    bench.levers.cause(cause(processor_of(bench, first=1)))
+    begins = bench.must(Update(bench.weak())).commit_period
+    broken_by = begins * TICKS_PER_PERIOD + later + TICKS_PER_MS
+    bench.wait_until(broken_by // TICKS_PER_PERIOD + 1)
+    said = last_told(bench, State.FAULT)
+    expect("the faults that are told last", said.faults, Fault.CHAIN | Fault.PROCESSOR)
+    assert said.now <= broken_by, f"the chain is broken at tick {said.now}, should be by {broken_by}"
+    expect_refused_everywhere(bench)
+    bench.wait(DEAF_MS / 1000)
+    bench.order(Request.CLEAR_FAULTS)
+    status = bench.status()
+    expect("the faults after CLEAR_FAULTS", status.faults, Fault.CHAIN | Fault.PROCESSOR)
+    expect("the state after CLEAR_FAULTS", status.state, State.FAULT)
+    deaf = said.now // TICKS_PER_PERIOD + (DEAF_MS + 1) * PERIODS_PER_MS
+    end = bench.period()
+    bench.judge(field.period, begins, lambda seen: check_play(seen, [(field.period, field.words)]))
+    bench.judge(begins, end, lambda seen: check_silent(seen, deaf))
+    bench.wait(0.2)
+    bench.restart(lambda: bench.order(Request.RESET))
+    expect_faults(bench, NO_FAULTS)
+    plays_everywhere(bench)
 
 
-def expect_refused_everywhere(device: Bench) -> None:
-    """Fail unless a device with a silencing fault refuses every change and store with FAULT, and ENABLE with STALL."""
-    before = device.status()
-    bodies: list[Body] = [Update(NO_PULSES), *(Output(action) for action in Action)]
-    bodies += [Slot(9, NO_PULSES), Entries((Entry(9, 1),), 9), Sequence(9, 1), Sequence(0, 1, unattended=True)]
+def expect_refused_everywhere(bench: Bench) -> None:
+    """Fail unless a device with a silencing fault refuses every change and store with FAULT, and ENABLE with STALL.
+
+    What needs a feature that the device lacks it refuses with UNSUPPORTED, which is looked at before (clause ACK-003).
+    """
+    before = bench.status()
+    bodies: list[Body] = [Update(SILENT), *(Output(action) for action in Action)]
+    bodies += [Slot(9, SILENT), Entries((Entry(9, 1),), 9), Sequence(9, 1), Sequence(0, 1, unattended=True)]
     bodies += [Samples(b"\x09", 9), Modulation(9, 1, 1)]
     for body in bodies:
-        ack = device.send(body)
-        expect(f"the reason for {type(body).__name__.upper()}", ack.reason, Reason.FAULT)
+        ack, lacks = bench.send(body), features_of(body) & ~bench.info.features
+        reason = Reason.UNSUPPORTED if lacks else Reason.FAULT
+        expect(f"the reason for {type(body).__name__.upper()}", ack.reason, reason)
         expect("the state in the acknowledgement", ack.state, State.FAULT)
     for harmless in (Clock(), NoOp()):
-        expect(f"the reason for {type(harmless).__name__}", device.send(harmless).reason, Reason.ACCEPTED)
-    assert not device.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
-    after = device.status()
+        expect(f"the reason for {type(harmless).__name__}", bench.send(harmless).reason, Reason.ACCEPTED)
+    assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
+    after = bench.status()
     expect("the count of refused blocks", after.refused, before.refused + len(bodies))
-    expect("the last refusal", after.last_refusal, Reason.FAULT)
-    expect("the free places", after.free, device.info.queue_blocks)
+    expect("the last refusal", after.last_refusal, reason)
+    expect("the free places", after.free, bench.info.queue_blocks)
     expect("what plays since", after.since_period, 0)
 
 
-def plays_everywhere(device: Bench) -> None:
+def plays_everywhere(bench: Bench) -> None:
     """Enable the outputs, and fail unless an update plays on all processors, and nothing is missed or wrong."""
-    before = device.status()
-    enable(device)
-    field = play(device)
-    device.wait(ROUND_SECONDS)
-    after = device.status()
+    before = bench.status()
+    enable(bench)
+    field = play(bench)
+    bench.wait(ROUND_SECONDS)
+    after = bench.status()
     expect("the faults", after.faults, NO_FAULTS)
     expect("the missed commits", after.missed_commits, before.missed_commits)
-    end = device.period()
-    device.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+    end = bench.period()
+    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
 # A silence that is lost
@@ -574,54 +563,52 @@ def plays_everywhere(device: Bench) -> None:
 @case("CHN-030", "SAF-004/1", "CHN-016", "CHN-017/1", needs=FAULTY_AND_SEEN)
 def test_a_silence_that_a_processor_misses_is_sent_again(bench: Bench, message: str) -> None:
     """Where the silence of DISABLE is lost for one processor, that one is silent 10 ms later at most."""
-    with breakable(bench) as device:
-        field, place = begin(device), processor_of(device)
-        device.levers.cause(faults.LostToken(message=message, processor=place))
-        before, after = disable(device)
-        device.wait(0.1)
-        expect("the faults", device.status().faults, Fault.CHAIN)
-        latest = [after + SILENT_PERIODS] * PROCESSORS
-        latest[place] += ASKED_TICKS // TICKS_PER_PERIOD + SILENT_PERIODS
-        check_disabled(device, field, before, latest)
-        told(device)
-        expect_cleared(device, State.OFF)
-        plays_everywhere(device)
+    field, place = begin(bench), processor_of(bench)
+    bench.levers.cause(faults.LostToken(message=message, processor=place))
+    before, after = disable(bench)
+    bench.wait(0.1)
+    expect("the faults", bench.status().faults, Fault.CHAIN)
+    latest = [after + SILENT_PERIODS] * PROCESSORS
+    latest[place] += ASKED_TICKS // TICKS_PER_PERIOD + SILENT_PERIODS
+    check_disabled(bench, field, before, latest)
+    told(bench)
+    expect_cleared(bench, State.OFF)
+    plays_everywhere(bench)
 
 
 @case("CHN-030", "CHN-018", "SAF-004/1", "CHN-017/2", needs=FAULTY_AND_SEEN)
 def test_a_processor_that_cannot_be_silenced_is_left_alone_until_it_is(bench: Bench) -> None:
     """Where the silence is lost twice, that processor is asked nothing until it falls silent by itself."""
-    with breakable(bench) as device:
-        field, place = begin(device), processor_of(device)
-        device.levers.cause(faults.LostToken(message="slice", processor=place, times=2))
-        before, after = disable(device)
-        device.wait(0.15)
-        status = device.status()
-        expect("the faults", status.faults, Fault.CHAIN)
-        expect("the state", status.state, State.OFF)
-        expect_counts(device, {place: 2}, {place: 2})
-        latest = [after + SILENT_PERIODS] * PROCESSORS
-        latest[place] += ASKED_TICKS // TICKS_PER_PERIOD + (DEAF_MS + 1) * PERIODS_PER_MS
-        check_disabled(device, field, before, latest)
-        told(device)
-        expect_cleared(device, State.OFF)
-        plays_everywhere(device)
-        device.wait(0.05)
-        expect_faults(device, NO_FAULTS)
+    field, place = begin(bench), processor_of(bench)
+    bench.levers.cause(faults.LostToken(message="slice", processor=place, times=2))
+    before, after = disable(bench)
+    bench.wait(0.15)
+    status = bench.status()
+    expect("the faults", status.faults, Fault.CHAIN)
+    expect("the state", status.state, State.OFF)
+    expect_counts(bench, {place: 2}, {place: 2})
+    latest = [after + SILENT_PERIODS] * PROCESSORS
+    latest[place] += ASKED_TICKS // TICKS_PER_PERIOD + (DEAF_MS + 1) * PERIODS_PER_MS
+    check_disabled(bench, field, before, latest)
+    told(bench)
+    expect_cleared(bench, State.OFF)
+    plays_everywhere(bench)
+    bench.wait(0.05)
+    expect_faults(bench, NO_FAULTS)
 
 
-def disable(device: Bench) -> tuple[int, int]:
+def disable(bench: Bench) -> tuple[int, int]:
     """DISABLE; the periods between which the request arrived."""
-    before = device.period()
-    device.order(Request.DISABLE)
-    return before, device.period()
+    before = bench.period()
+    bench.order(Request.DISABLE)
+    return before, bench.period()
 
 
-def check_disabled(device: Bench, field: Field, before: int, latest: list[int]) -> None:
+def check_disabled(bench: Bench, field: Field, before: int, latest: list[int]) -> None:
     """Judge that each processor fell silent at its latest at a period."""
-    end = device.period()
+    end = bench.period()
     earliest = [before + 1] * PROCESSORS
-    device.judge(field.period, end, lambda seen: check_falls_one_by_one(seen, field.words, earliest, latest))
+    bench.judge(field.period, end, lambda seen: check_falls_one_by_one(seen, field.words, earliest, latest))
 
 
 # Faults that silence
@@ -654,30 +641,29 @@ OF_BOARDS = {
 @case("SAF-007/1", "SAF-007/2", "SAF-008", "SAF-004/1", "REQ-008", "REQ-011", "CHN-017/1", needs=FAULTY_AND_SEEN)
 def test_a_fault_of_a_board_silences_it_at_once_and_then_all(bench: Bench, what: str) -> None:
     """A board that is not well is silent at the next boundary, and all are when the controller learns of it."""
-    with breakable(bench) as device:
-        field, board = begin(device), device.random.randrange(device.info.boards)
-        places = places_of(board)
-        at, lasts = device.period() + lead(device, 400), 4000 if device.line.kind == "usb" else 60_000
-        silencing = OF_BOARDS[what]
-        device.levers.cause(silencing.cause(board, at, lasts))
-        device.wait_until(at + 450)
-        said = expect_told(device, State.FAULT, silencing.fault)
-        learned = expect_learned(said, at)
-        expect_faults(device, silencing.fault, *places)
-        expect_refused_everywhere(device)
-        device.order(Request.CLEAR_FAULTS)
-        expect("what is told where nothing was cleared", told(device), [])
-        expect("the faults while the cause lasts", device.status().faults, silencing.fault)
-        if device.period() >= at + lasts:
-            raise Inconclusive("this line is too slow: the fault was over before its case")
-        device.wait_until(at + lasts)
-        device.wait(ROUND_SECONDS)
-        expect("the state behind the cause", device.status().state, State.FAULT)
-        expect_faults(device, silencing.fault, *places)
-        end = device.period()
-        device.judge(field.period, end, lambda seen: check_board_first(seen, field.words, places, at, learned))
-        expect_cleared(device, State.OFF)
-        plays_everywhere(device)
+    field, board = begin(bench), bench.random.randrange(bench.info.boards)
+    places = places_of(board)
+    at, lasts = bench.period() + lead(bench, 400), 4000 if bench.line.kind == "usb" else 60_000
+    silencing = OF_BOARDS[what]
+    bench.levers.cause(silencing.cause(board, at, lasts))
+    bench.wait_until(at + 450)
+    said = expect_told(bench, State.FAULT, silencing.fault)
+    learned = expect_learned(said, at)
+    expect_faults(bench, silencing.fault, *places)
+    expect_refused_everywhere(bench)
+    bench.order(Request.CLEAR_FAULTS)
+    expect("what is told where nothing was cleared", told(bench), [])
+    expect("the faults while the cause lasts", bench.status().faults, silencing.fault)
+    if bench.period() >= at + lasts:
+        raise Inconclusive("this line is too slow: the fault was over before its case")
+    bench.wait_until(at + lasts)
+    bench.wait(ROUND_SECONDS)
+    expect("the state behind the cause", bench.status().state, State.FAULT)
+    expect_faults(bench, silencing.fault, *places)
+    end = bench.period()
+    bench.judge(field.period, end, lambda seen: check_board_first(seen, field.words, places, at, learned))
+    expect_cleared(bench, State.OFF)
+    plays_everywhere(bench)
 
 
 def places_of(board: int) -> list[int]:
@@ -703,176 +689,168 @@ def check_board_first(seen: Seen, words: Words, places: list[int], at: int, lear
 @case("SAF-007/2", "SAF-007/1", "CHN-017/1", needs=FAULTY_AND_SEEN)
 def test_a_board_that_is_not_well_stays_silent_whatever_it_is_sent(bench: Bench) -> None:
     """Updates that reach a board before the controller knows that it is too hot do not play there."""
-    with breakable(bench) as device:
-        field, board = begin(device), device.random.randrange(device.info.boards)
-        at = device.period() + lead(device, 400)
-        device.levers.cause(faults.HotBoard(board=board, celsius=100, period=at))
-        later = [device.weak() for _ in range(min(queue_length(device), 12))]
-        for number, pulses in enumerate(later):
-            ack = device.must(Update(pulses, at + 30 * number + 7))
-            expect("the period of the update", ack.commit_period, at + 30 * number + 7)
-        device.wait_until(at + 450)
-        learned = expect_learned(expect_told(device, State.FAULT, Fault.TEMPERATURE), at)
-        words = [(at + 30 * number + 7, expected_words(pulses, device.wiring)) for number, pulses in enumerate(later)]
+    field, board = begin(bench), bench.random.randrange(bench.info.boards)
+    at = bench.period() + lead(bench, 400)
+    bench.levers.cause(faults.HotBoard(board=board, celsius=100, period=at))
+    later = [bench.weak() for _ in range(min(queue_length(bench), 12))]
+    for number, pulses in enumerate(later):
+        ack = bench.must(Update(pulses, at + 30 * number + 7))
+        expect("the period of the update", ack.commit_period, at + 30 * number + 7)
+    bench.wait_until(at + 450)
+    learned = expect_learned(expect_told(bench, State.FAULT, Fault.TEMPERATURE), at)
+    words = [(at + 30 * number + 7, expected_words(pulses, bench.wiring)) for number, pulses in enumerate(later)]
 
-        def check(seen: Seen) -> None:
-            silent = max(silent_from(seen), learned + 1)
-            assert silent <= learned + SILENT_PERIODS, (
-                f"the outputs are silent from period {silent} on, should be by {learned + SILENT_PERIODS}"
-            )
-            lame = [(period, mixed(play, SILENCE, *places_of(board))) for period, play in words if period < silent]
-            check_play(seen, [(field.period, field.words)], at)
-            check_play(seen, [*lame, (silent, SILENCE)])
+    def check(seen: Seen) -> None:
+        silent = max(silent_from(seen), learned + 1)
+        assert silent <= learned + SILENT_PERIODS, (
+            f"the outputs are silent from period {silent} on, should be by {learned + SILENT_PERIODS}"
+        )
+        lame = [(period, mixed(play, SILENCE, *places_of(board))) for period, play in words if period < silent]
+        check_play(seen, [(field.period, field.words)], at)
+        check_play(seen, [*lame, (silent, SILENCE)])
 
-        device.judge(field.period, at + 450, check)
+    bench.judge(field.period, at + 450, check)
 
 
 @case("SAF-007/2", "CHN-017/1", "REQ-003", "REQ-008", needs=FAULTY)
 def test_a_temperature_is_known_within_a_round_of_questions(bench: Bench) -> None:
     """The temperature of a board is told within 10 ms, for both its processors; up to 85 °C it is no fault."""
-    with breakable(bench) as device:
-        begin(device)
-        for board, celsius in enumerate((85, 60, -40, 84, 30)[: device.info.boards]):
-            at = device.period()
-            device.levers.cause(faults.HotBoard(board=board, celsius=celsius, periods=2000))
-            device.wait_until(at + 1 + -(-ASKED_TICKS // TICKS_PER_PERIOD))
-            reports = [report.temperature_c for report in device.processors()]
-            expect(f"the temperatures of board {board}", [reports[place] for place in places_of(board)], [celsius] * 2)
-            status = device.status()
-            expect("the temperature in the status", status.temperature_c, max(reports))
-            expect("the faults", status.faults, NO_FAULTS)
-            expect("the state", status.state, State.PLAYING)
-            device.wait_periods(2000)
+    begin(bench)
+    for board, celsius in enumerate((85, 60, -40, 84, 30)[: bench.info.boards]):
+        at = bench.period()
+        bench.levers.cause(faults.HotBoard(board=board, celsius=celsius, periods=2000))
+        bench.wait_until(at + 1 + -(-ASKED_TICKS // TICKS_PER_PERIOD))
+        reports = [report.temperature_c for report in bench.processors()]
+        expect(f"the temperatures of board {board}", [reports[place] for place in places_of(board)], [celsius] * 2)
+        status = bench.status()
+        expect("the temperature in the status", status.temperature_c, max(reports))
+        expect("the faults", status.faults, NO_FAULTS)
+        expect("the state", status.state, State.PLAYING)
+        bench.wait_periods(2000)
 
 
 @pytest.mark.parametrize("millivolts", [12_000, 18_000])
 @case("SAF-008", "SAF-007/2", needs=FAULTY_AND_SEEN)
 def test_a_supply_at_its_limits_is_no_fault(bench: Bench, millivolts: int) -> None:
     """At 12 and at 18 V the outputs go on."""
-    with breakable(bench) as device:
-        field = begin(device)
-        device.levers.cause(faults.WrongSupply(millivolts=millivolts))
-        device.wait(2 * ROUND_SECONDS)
-        expect("what is told unasked", told(device), [])
-        expect_faults(device, NO_FAULTS)
-        end = device.period()
-        device.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
+    field = begin(bench)
+    bench.levers.cause(faults.WrongSupply(millivolts=millivolts))
+    bench.wait(2 * ROUND_SECONDS)
+    expect("what is told unasked", told(bench), [])
+    expect_faults(bench, NO_FAULTS)
+    end = bench.period()
+    bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
 @pytest.mark.parametrize(("celsius", "clears"), [(80, False), (79, True)], ids=["80", "79"])
 @case("REQ-011", "SAF-008", needs=FAULTY)
 def test_too_hot_is_cleared_below_80_degrees(bench: Bench, celsius: int, clears: bool) -> None:
     """TEMPERATURE can be cleared when the board has cooled below 80 °C, and not at 80."""
-    with breakable(bench) as device:
-        device.must(NoOp())
-        board, at = device.random.randrange(device.info.boards), device.period() + 200
-        device.levers.cause(faults.HotBoard(board=board, celsius=90, period=at, periods=400))
-        device.levers.cause(faults.HotBoard(board=board, celsius=celsius, period=at + 400))
-        device.wait_until(at + 400)
-        device.wait(ROUND_SECONDS)
-        expect_faults(device, Fault.TEMPERATURE, *places_of(board))
-        expect("the temperature", device.status().temperature_c, celsius)
-        told(device)
-        device.order(Request.CLEAR_FAULTS)
-        state, fault = (State.OFF, NO_FAULTS) if clears else (State.FAULT, Fault.TEMPERATURE)
-        expect("what is told unasked", [status.faults for status in told(device)], [fault] * clears)
-        expect_faults(device, fault, *places_of(board))
-        expect("the state", device.status().state, state)
+    bench.must(NoOp())
+    board, at = bench.random.randrange(bench.info.boards), bench.period() + 200
+    bench.levers.cause(faults.HotBoard(board=board, celsius=90, period=at, periods=400))
+    bench.levers.cause(faults.HotBoard(board=board, celsius=celsius, period=at + 400))
+    bench.wait_until(at + 400)
+    bench.wait(ROUND_SECONDS)
+    expect_faults(bench, Fault.TEMPERATURE, *places_of(board))
+    expect("the temperature", bench.status().temperature_c, celsius)
+    told(bench)
+    bench.order(Request.CLEAR_FAULTS)
+    state, fault = (State.OFF, NO_FAULTS) if clears else (State.FAULT, Fault.TEMPERATURE)
+    expect("what is told unasked", [status.faults for status in told(bench)], [fault] * clears)
+    expect_faults(bench, fault, *places_of(board))
+    expect("the state", bench.status().state, state)
 
 
 @case("REQ-011", "SAF-008", "REQ-008", needs=FAULTY)
 def test_only_faults_whose_cause_is_gone_are_cleared(bench: Bench) -> None:
     """CLEAR_FAULTS clears CHAIN and SUPPLY that is right again, and leaves a board that is too hot in FAULT."""
-    with breakable(bench) as device:
-        begin(device)
-        place, hot = processor_of(device, last=3), 2 + device.random.randrange(device.info.boards - 2)
-        device.levers.cause(faults.FlippedBit(message="slice", processor=place))
-        play(device)
-        device.wait(ROUND_SECONDS)
-        device.levers.cause(faults.WrongSupply(millivolts=10_000, board=hot, periods=600))
-        device.levers.cause(faults.HotBoard(board=hot, celsius=100))
-        device.wait(0.015 + ROUND_SECONDS)
-        told(device)
-        every = Fault.CHAIN | Fault.SUPPLY | Fault.TEMPERATURE
-        expect("the faults in the status", device.status().faults, every)
-        told_by = [Fault.CHAIN if at == place else NO_FAULTS for at in range(PROCESSORS)]
-        for at in places_of(hot):
-            told_by[at] = Fault.SUPPLY | Fault.TEMPERATURE
-        expect("the faults of the processors", [report.faults for report in device.processors()], told_by)
-        device.order(Request.CLEAR_FAULTS)
-        expect_told(device, State.FAULT, Fault.TEMPERATURE)
-        expect_faults(device, Fault.TEMPERATURE, *places_of(hot))
+    begin(bench)
+    place, hot = processor_of(bench, last=3), 2 + bench.random.randrange(bench.info.boards - 2)
+    bench.levers.cause(faults.FlippedBit(message="slice", processor=place))
+    play(bench)
+    bench.wait(ROUND_SECONDS)
+    bench.levers.cause(faults.WrongSupply(millivolts=10_000, board=hot, periods=600))
+    bench.levers.cause(faults.HotBoard(board=hot, celsius=100))
+    bench.wait(0.015 + ROUND_SECONDS)
+    told(bench)
+    every = Fault.CHAIN | Fault.SUPPLY | Fault.TEMPERATURE
+    expect("the faults in the status", bench.status().faults, every)
+    told_by = [Fault.CHAIN if at == place else NO_FAULTS for at in range(PROCESSORS)]
+    for at in places_of(hot):
+        told_by[at] = Fault.SUPPLY | Fault.TEMPERATURE
+    expect("the faults of the processors", [report.faults for report in bench.processors()], told_by)
+    bench.order(Request.CLEAR_FAULTS)
+    expect_told(bench, State.FAULT, Fault.TEMPERATURE)
+    expect_faults(bench, Fault.TEMPERATURE, *places_of(hot))
 
 
 # The common clock
 
 
-def next_pulse(device: Bench, margin: int) -> int:
+def next_pulse(bench: Bench, margin: int) -> int:
     """The period of the next pulse of the sync line that is further ahead than a margin."""
-    return -(-(device.period() + margin) // SYNC_PERIODS) * SYNC_PERIODS
+    return -(-(bench.period() + margin) // SYNC_PERIODS) * SYNC_PERIODS
 
 
 @pytest.mark.parametrize("where", ["one-board", "all-boards"])
 @case("CHN-027", "CHN-026", "SAF-007/2", "SAF-008", "REQ-011", needs=FAULTY_AND_SEEN, allow=(Risk.RESET,))
 def test_a_pulse_that_is_missing_is_a_lost_clock(bench: Bench, where: str) -> None:
     """Where no pulse comes when one is due, the board is silent at the next boundary, and RESET alone clears SYNC."""
-    with breakable(bench) as device:
-        field = begin(device)
-        board = device.random.randrange(device.info.boards) if where == "one-board" else None
-        places = list(range(PROCESSORS)) if board is None else places_of(board)
-        pulse = next_pulse(device, 200)
-        device.levers.cause(faults.LostSync(board=board, periods=pulse - device.period() + 200))
-        device.wait_until(pulse - 1)
-        expect("what is told before the pulse", told(device)[:1] if device.period() < pulse else [], [])
-        device.wait_until(pulse + 450)
-        learned = expect_learned(last_told(device, State.FAULT), pulse)
-        expect_faults(device, Fault.SYNC, *places)
-        device.order(Request.CLEAR_FAULTS)
-        expect_faults(device, Fault.SYNC, *places)
-        assert not device.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
-        end = device.period()
-        device.judge(field.period, end, lambda seen: check_board_first(seen, field.words, places, pulse, learned))
-        device.restart(lambda: device.order(Request.RESET))
-        expect_faults(device, NO_FAULTS)
-        plays_everywhere(device)
+    field = begin(bench)
+    board = bench.random.randrange(bench.info.boards) if where == "one-board" else None
+    places = list(range(PROCESSORS)) if board is None else places_of(board)
+    pulse = next_pulse(bench, 200)
+    bench.levers.cause(faults.LostSync(board=board, periods=pulse - bench.period() + 200))
+    bench.wait_until(pulse - 1)
+    expect("what is told before the pulse", told(bench)[:1] if bench.period() < pulse else [], [])
+    bench.wait_until(pulse + 450)
+    learned = expect_learned(last_told(bench, State.FAULT), pulse)
+    expect_faults(bench, Fault.SYNC, *places)
+    bench.order(Request.CLEAR_FAULTS)
+    expect_faults(bench, Fault.SYNC, *places)
+    assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
+    end = bench.period()
+    bench.judge(field.period, end, lambda seen: check_board_first(seen, field.words, places, pulse, learned))
+    bench.restart(lambda: bench.order(Request.RESET))
+    expect_faults(bench, NO_FAULTS)
+    plays_everywhere(bench)
 
 
 @pytest.mark.parametrize("ppm", [15, -15, 200, -200])
 @case("CHN-027", "SAF-007/1", "SAF-007/2", needs=FAULTY_AND_SEEN)
 def test_a_board_whose_clock_is_off_is_silenced(bench: Bench, ppm: int) -> None:
     """A board that is more than a tick off when a pulse comes, early or late, has lost the common clock."""
-    with breakable(bench) as device:
-        field, board = begin(device), device.random.randrange(device.info.boards)
-        device.wait_until(next_pulse(device, 0))
-        device.levers.cause(faults.ClockError(board=board, ppm=ppm))
-        pulse = next_pulse(device, 1)
-        device.wait_until(pulse + 450)
-        learned = expect_learned(expect_told(device, State.FAULT, Fault.SYNC), pulse)
-        expect_faults(device, Fault.SYNC, *places_of(board))
+    field, board = begin(bench), bench.random.randrange(bench.info.boards)
+    bench.wait_until(next_pulse(bench, 0))
+    bench.levers.cause(faults.ClockError(board=board, ppm=ppm))
+    pulse = next_pulse(bench, 1)
+    bench.wait_until(pulse + 450)
+    learned = expect_learned(expect_told(bench, State.FAULT, Fault.SYNC), pulse)
+    expect_faults(bench, Fault.SYNC, *places_of(board))
 
-        def check(seen: Seen) -> None:
-            own, rest = seen.observed.copy(), seen.observed.copy()
-            own[[place for place in range(PROCESSORS) if place not in places_of(board)]] = 0
-            rest[places_of(board)] = 0
-            check_silent(replace(seen, observed=own), pulse + 2)
-            tick = learned * TICKS_PER_PERIOD
-            check_falls_silent(replace(seen, observed=rest), field.words, tick + 1, tick)
+    def check(seen: Seen) -> None:
+        own, rest = seen.observed.copy(), seen.observed.copy()
+        own[[place for place in range(PROCESSORS) if place not in places_of(board)]] = 0
+        rest[places_of(board)] = 0
+        check_silent(replace(seen, observed=own), pulse + 2)
+        tick = learned * TICKS_PER_PERIOD
+        check_falls_silent(replace(seen, observed=rest), field.words, tick + 1, tick)
 
-        device.judge(field.period, pulse + 450, check)
+    bench.judge(field.period, pulse + 450, check)
 
 
 @pytest.mark.parametrize("ppm", [4, -4])
 @case("CHN-027", needs=FAULTY)
 def test_a_board_that_is_less_than_a_tick_off_goes_on(bench: Bench, ppm: int) -> None:
     """A board that was out of step for a while and is less than a tick off has not lost the common clock."""
-    with breakable(bench) as device:
-        begin(device)
-        board, pulse = device.random.randrange(device.info.boards), next_pulse(device, 200)
-        device.wait_until(pulse)
-        device.levers.cause(faults.ClockError(board=board, ppm=ppm, periods=SYNC_PERIODS))
-        device.wait_periods(3 * SYNC_PERIODS + 450)
-        expect("what is told unasked", told(device), [])
-        expect_faults(device, NO_FAULTS)
+    begin(bench)
+    board, pulse = bench.random.randrange(bench.info.boards), next_pulse(bench, 200)
+    bench.wait_until(pulse)
+    bench.levers.cause(faults.ClockError(board=board, ppm=ppm, periods=SYNC_PERIODS))
+    bench.wait_periods(3 * SYNC_PERIODS + 450)
+    expect("what is told unasked", told(bench), [])
+    expect_faults(bench, NO_FAULTS)
 
 
 # Processors that are not there
@@ -882,25 +860,24 @@ def test_a_board_that_is_less_than_a_tick_off_goes_on(bench: Bench, ppm: int) ->
 @case("CHN-017/2", "CHN-018", "SAF-007/1", "REQ-011", needs=FAULTY_AND_SEEN)
 def test_a_processor_that_does_not_answer_any_more_silences_all(bench: Bench, place: int) -> None:
     """A processor that dies is lost within 30 ms; what can be reached is silenced, and the rest by itself."""
-    with breakable(bench) as device:
-        field = begin(device)
-        at = device.period() + lead(device, 200)
-        device.levers.cause(faults.DeadProcessor(processor=place, period=at))
-        device.wait_until(at + 32 * PERIODS_PER_MS)
-        lost = last_told(device, State.FAULT)
-        assert Fault.PROCESSOR in lost.faults, f"the faults that are told are {lost.faults!r}, PROCESSOR is missing"
-        expect_lost_in_time(lost, at)
-        device.wait((DEAF_MS + 2) / 1000)
-        device.order(Request.CLEAR_FAULTS)
-        status = device.status()
-        assert Fault.PROCESSOR in status.faults, f"the faults after CLEAR_FAULTS are {status.faults!r}"
-        expect("the state after CLEAR_FAULTS", status.state, State.FAULT)
-        assert not device.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
-        deaf = (DEAF_MS + 1) * PERIODS_PER_MS
-        dark = [at + 31 * PERIODS_PER_MS + deaf] * place + [at + 1] + [at + deaf] * (PROCESSORS - 1 - place)
-        end = device.period()
-        device.judge(at + 1, end, lambda seen: check_each_silent(seen, dark))
-        device.judge(field.period, at, lambda seen: check_play(seen, [(field.period, field.words)]))
+    field = begin(bench)
+    at = bench.period() + lead(bench, 200)
+    bench.levers.cause(faults.DeadProcessor(processor=place, period=at))
+    bench.wait_until(at + 32 * PERIODS_PER_MS)
+    lost = last_told(bench, State.FAULT)
+    assert Fault.PROCESSOR in lost.faults, f"the faults that are told are {lost.faults!r}, PROCESSOR is missing"
+    expect_lost_in_time(lost, at)
+    bench.wait((DEAF_MS + 2) / 1000)
+    bench.order(Request.CLEAR_FAULTS)
+    status = bench.status()
+    assert Fault.PROCESSOR in status.faults, f"the faults after CLEAR_FAULTS are {status.faults!r}"
+    expect("the state after CLEAR_FAULTS", status.state, State.FAULT)
+    assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
+    deaf = (DEAF_MS + 1) * PERIODS_PER_MS
+    dark = [at + 31 * PERIODS_PER_MS + deaf] * place + [at + 1] + [at + deaf] * (PROCESSORS - 1 - place)
+    end = bench.period()
+    bench.judge(at + 1, end, lambda seen: check_each_silent(seen, dark))
+    bench.judge(field.period, at, lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
 def check_each_silent(seen: Seen, latest: list[int]) -> None:
@@ -914,32 +891,31 @@ def check_each_silent(seen: Seen, latest: list[int]) -> None:
 @case("CHN-023", "CHN-024", "TIM-002/2", "REQ-008", "SAF-007/1", needs=FAULTY_AND_SEEN, allow=(Risk.RESET,))
 def test_a_device_without_all_its_processors_says_which_are_there(bench: Bench, place: int) -> None:
     """After RESET with a dead processor those before it are there, the fault is PROCESSOR, and nothing plays."""
-    with breakable(bench) as device:
-        device.levers.cause(faults.DeadProcessor(processor=place))
-        well = device.processors()[0]
-        device.restart(lambda: device.order(Request.RESET))
-        status = device.status()
-        expect("the state", status.state, State.FAULT)
-        assert Fault.PROCESSOR in status.faults, f"the faults are {status.faults!r}, PROCESSOR should be among them"
-        expect_there(device, place, well)
-        expect_refused_everywhere(device)
-        device.order(Request.CLEAR_FAULTS)
-        expect("the state after CLEAR_FAULTS", device.status().state, State.FAULT)
-        device.wait(0.1)
-        expect_there(device, place, well)
-        end = device.period()
-        device.judge(0, end, check_silent)
+    bench.levers.cause(faults.DeadProcessor(processor=place))
+    well = bench.processors()[0]
+    bench.restart(lambda: bench.order(Request.RESET))
+    status = bench.status()
+    expect("the state", status.state, State.FAULT)
+    assert Fault.PROCESSOR in status.faults, f"the faults are {status.faults!r}, PROCESSOR should be among them"
+    expect_there(bench, place, well)
+    expect_refused_everywhere(bench)
+    bench.order(Request.CLEAR_FAULTS)
+    expect("the state after CLEAR_FAULTS", bench.status().state, State.FAULT)
+    bench.wait(0.1)
+    expect_there(bench, place, well)
+    end = bench.period()
+    bench.judge(0, end, check_silent)
 
 
-def expect_there(device: Bench, count: int, well: ProcessorReport) -> None:
+def expect_there(bench: Bench, count: int, well: ProcessorReport) -> None:
     """Fail unless so many processors are there, and of the others nothing is told but that they are not."""
-    reports = device.processors()
+    reports = bench.processors()
     expect(
         "what the processors that are there tell",
         [(report.bank, report.firmware, report.missed_commits) for report in reports[:count]],
         [(well.bank, well.firmware, 0)] * count,
     )
-    answer = device.ask(Request.PROCESSORS)
+    answer = bench.ask(Request.PROCESSORS)
     absent = bytes([Fault.PROCESSOR.value]) + bytes(15)
     expect("what is told of those that are not", answer[16 * count :], absent * (PROCESSORS - count))
 
@@ -948,19 +924,18 @@ def expect_there(device: Bench, count: int, well: ProcessorReport) -> None:
 @case("CHN-023", "CHN-024", "CHN-010", "TIM-002/2", "CHN-021/2", needs=FAULTY_AND_SEEN, allow=(Risk.RESET,))
 def test_a_chain_that_is_not_numbered_comes_up_with_the_next_reset(bench: Bench, message: str) -> None:
     """Where a number or an identity is damaged the chain ends there, until the next RESET numbers it anew."""
-    with breakable(bench) as device:
-        place, well = processor_of(device), device.processors()[0]
-        device.levers.cause(faults.FlippedBit(message=message, processor=place, token=5, bit=1))
-        device.restart(lambda: device.order(Request.RESET))
-        status = device.status()
-        expect("the state", status.state, State.FAULT)
-        expect("the faults", status.faults, Fault.PROCESSOR)
-        expect_there(device, place, well)
-        assert not device.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
-        device.restart(lambda: device.order(Request.RESET))
-        expect_faults(device, NO_FAULTS)
-        expect_there(device, PROCESSORS, well)
-        plays_everywhere(device)
+    place, well = processor_of(bench), bench.processors()[0]
+    bench.levers.cause(faults.FlippedBit(message=message, processor=place, token=5, bit=1))
+    bench.restart(lambda: bench.order(Request.RESET))
+    status = bench.status()
+    expect("the state", status.state, State.FAULT)
+    expect("the faults", status.faults, Fault.PROCESSOR)
+    expect_there(bench, place, well)
+    assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
+    bench.restart(lambda: bench.order(Request.RESET))
+    expect_faults(bench, NO_FAULTS)
+    expect_there(bench, PROCESSORS, well)
+    plays_everywhere(bench)
 
 
 # A chain on which nothing goes wrong
@@ -1060,7 +1035,7 @@ def test_steps_follow_from_the_period_alone(bench: Bench) -> None:
     before = bench.status()
     began = bench.must(Sequence(30, len(lengths))).commit_period
     for number in range(6):
-        bench.must(Slot(number, NO_PULSES))
+        bench.must(Slot(number, SILENT))
         bench.wait_periods(bench.random.uniform(1, 900))
     check_nothing_missed(bench, before)
     loop = sum(lengths)

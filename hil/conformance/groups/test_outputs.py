@@ -13,11 +13,12 @@ from phasewire.hil.conformance.steps import (
     begin,
     check_same,
     far,
+    features_of,
     forge,
     later,
     let_stores_go,
-    need,
     refuse,
+    require,
 )
 from phasewire.hil.conformance.waveforms import SILENCE, check_play, expected_words, modulated
 from phasewire.protocol.blocks import (
@@ -132,7 +133,7 @@ def test_an_output_with_nothing_to_end_is_accepted(bench: Bench, action: Action)
 @ended
 def test_an_output_takes_effect_behind_what_is_queued(bench: Bench, action: Action) -> None:
     """An OUTPUT for as soon as possible takes effect behind all that waits, which the request DISABLE overtakes."""
-    need(bench, Output(action))
+    require(bench, features_of(Output(action)))
     begin(bench)
     named = far(bench)
     expect("commit_period of the update", bench.must(Update(bench.weak(), named)).commit_period, named)

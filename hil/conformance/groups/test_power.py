@@ -12,7 +12,7 @@ from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.forge import forged
-from phasewire.hil.conformance.playing import require
+from phasewire.hil.conformance.steps import require
 from phasewire.hil.conformance.waveforms import check_play, check_silent, expected_words
 from phasewire.protocol.blocks import Entries, Entry, Modulation, NoOp, Samples, Sequence, Slot, Update, pack
 from phasewire.protocol.board import CARRIER_HZ, PROCESSORS, TICK_HZ

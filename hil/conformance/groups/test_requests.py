@@ -14,7 +14,6 @@ from phasewire.hil.conformance.steps import (
     LONG_MS,
     SILENT,
     Wrong,
-    apart,
     begin,
     check_same,
     far,
@@ -644,35 +643,33 @@ def test_processors_say_how_they_are(bench: Bench) -> None:
 @case("REQ-008", "REQ-003", "CHN-017/1", needs=(Need.FAULTS,))
 def test_the_warmest_board_is_in_the_status(bench: Bench) -> None:
     """A board's temperature is said by its two processors and, where it is the warmest, by STATUS, below 0 too."""
-    with apart(bench) as device:
-        for board in range(5):
-            device.levers.cause(HotBoard(board=board, celsius=-7 - board))
-        device.levers.cause(HotBoard(board=3, celsius=-2))
-        device.wait(0.03)
-        seen = [report.temperature_c for report in device.processors()]
-        expect("temperatures", seen, [-7, -7, -8, -8, -9, -9, -2, -2, -11, -11])
-        expect("temperature_c in STATUS", device.status().temperature_c, -2)
+    for board in range(5):
+        bench.levers.cause(HotBoard(board=board, celsius=-7 - board))
+    bench.levers.cause(HotBoard(board=3, celsius=-2))
+    bench.wait(0.03)
+    seen = [report.temperature_c for report in bench.processors()]
+    expect("temperatures", seen, [-7, -7, -8, -8, -9, -9, -2, -2, -11, -11])
+    expect("temperature_c in STATUS", bench.status().temperature_c, -2)
 
 
 @case("REQ-008", "REQ-003", "CHN-004/2", "SAF-008", needs=(Need.FAULTS,), features=Feature.SEQUENCES)
 def test_what_went_wrong_on_the_chain_is_added_up(bench: Bench) -> None:
     """Damaged slices are missed commits and damaged loads damaged messages of their processors; STATUS adds them up."""
-    with apart(bench) as device:
-        begin(device)
-        for processor in (2, 7, 7):
-            device.levers.cause(FlippedBit(message="slice", processor=processor, token=20))
-            device.wait_until(device.must(Update(device.weak(0.1))).commit_period)
-        for processor in (0, 9):
-            device.levers.cause(FlippedBit(message="load", processor=processor, token=20))
-            device.must(Slot(0, SILENT))
-            device.wait(0.01)
-        device.wait(0.03)
-        reports, status = device.processors(), device.status()
-        expect("missed_commits", [report.missed_commits for report in reports], [0, 0, 1, 0, 0, 0, 0, 2, 0, 0])
-        expect("damaged_messages", [report.damaged_messages for report in reports], [1, *[0] * 8, 1])
-        expect("missed_commits in STATUS", status.missed_commits, 3)
-        expect("damaged_messages in STATUS", status.damaged_messages, 2)
-        expect("faults in STATUS", status.faults, Fault.CHAIN)
+    begin(bench)
+    for processor in (2, 7, 7):
+        bench.levers.cause(FlippedBit(message="slice", processor=processor, token=20))
+        bench.wait_until(bench.must(Update(bench.weak(0.1))).commit_period)
+    for processor in (0, 9):
+        bench.levers.cause(FlippedBit(message="load", processor=processor, token=20))
+        bench.must(Slot(0, SILENT))
+        bench.wait(0.01)
+    bench.wait(0.03)
+    reports, status = bench.processors(), bench.status()
+    expect("missed_commits", [report.missed_commits for report in reports], [0, 0, 1, 0, 0, 0, 0, 2, 0, 0])
+    expect("damaged_messages", [report.damaged_messages for report in reports], [1, *[0] * 8, 1])
+    expect("missed_commits in STATUS", status.missed_commits, 3)
+    expect("damaged_messages in STATUS", status.damaged_messages, 2)
+    expect("faults in STATUS", status.faults, Fault.CHAIN)
 
 
 # WATCHDOG, LIMIT, CLEAR_FAULTS, IDENTIFY
@@ -792,18 +789,17 @@ def test_clear_faults_without_a_fault_does_nothing(bench: Bench) -> None:
 @case("REQ-011", "SAF-007/1", "SAF-008", "STA-003", needs=(Need.FAULTS,))
 def test_faults_are_cleared_when_their_cause_is_gone(bench: Bench) -> None:
     """A board that is above 80 °C still keeps TEMPERATURE and the state FAULT; below, CLEAR_FAULTS clears them."""
-    with apart(bench) as device:
-        device.levers.cause(HotBoard(board=4, celsius=90))
-        await_state(device, State.FAULT)
-        for celsius, cleared in ((90, False), (80, False), (79, True)):
-            device.levers.cause(HotBoard(board=4, celsius=celsius))
-            device.wait(0.03)
-            expect("faults before CLEAR_FAULTS", device.status().faults, Fault.TEMPERATURE)
-            device.order(Request.CLEAR_FAULTS)
-            status = device.status()
-            expect(f"faults at {celsius} °C", status.faults, Fault(0) if cleared else Fault.TEMPERATURE)
-            expect(f"the state at {celsius} °C", status.state, State.OFF if cleared else State.FAULT)
-            expect("whether ENABLE is done", device.try_order(Request.ENABLE), cleared)
+    bench.levers.cause(HotBoard(board=4, celsius=90))
+    await_state(bench, State.FAULT)
+    for celsius, cleared in ((90, False), (80, False), (79, True)):
+        bench.levers.cause(HotBoard(board=4, celsius=celsius))
+        bench.wait(0.03)
+        expect("faults before CLEAR_FAULTS", bench.status().faults, Fault.TEMPERATURE)
+        bench.order(Request.CLEAR_FAULTS)
+        status = bench.status()
+        expect(f"faults at {celsius} °C", status.faults, Fault(0) if cleared else Fault.TEMPERATURE)
+        expect(f"the state at {celsius} °C", status.state, State.OFF if cleared else State.FAULT)
+        expect("whether ENABLE is done", bench.try_order(Request.ENABLE), cleared)
 
 
 def await_state(bench: Bench, state: State) -> None:

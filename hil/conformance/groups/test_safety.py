@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
 from phasewire.hil.conformance.capture import Seen
-from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.forge import forged
-from phasewire.hil.conformance.playing import LONG_MS, PLAYS, check_falls_silent, enable, play, require, silent_from
+from phasewire.hil.conformance.playing import PLAYS, check_falls_silent, play, silent_from
 from phasewire.hil.conformance.playing import start as start_playing
+from phasewire.hil.conformance.steps import LONG_MS, SILENT, enable, features_of, forge, require
 from phasewire.hil.conformance.waveforms import (
     SILENCE,
     Words,
@@ -46,7 +48,6 @@ from phasewire.protocol.replies import ANSWER_BYTES, Ack, Status
 TICKS_PER_MS = TICK_HZ // 1000
 PERIODS_PER_MS = TICKS_PER_MS // TICKS_PER_PERIOD
 CAPTURE = (Need.CAPTURE,)
-NO_PULSES = Pulses.silent(CHANNELS)
 ATTENDED = [what for what in PLAYS if what != "unattended"]
 ALL = tuple(PLAYS)
 
@@ -118,9 +119,10 @@ def test_the_watchdog_silences_what_plays(bench: Bench, what: str) -> None:
 def test_the_watchdog_has_its_default_time(bench: Bench) -> None:
     """The watchdog time at power-up is that of INFO, 100 ms, and it holds without a WATCHDOG request."""
     expect("the watchdog time that INFO tells", bench.info.watchdog_ms, 100)
+    before = bench.clock().now
     bench.enable()
-    last = bench.must(Update(NO_PULSES)).now
-    expect("the watchdog time", bench.info.watchdog_ms, 100)
+    last = bench.must(NoOp()).now
+    check_not_yet(bench, before + 100 * TICKS_PER_MS)
     await_firing(bench, last, last, 100)
 
 
@@ -140,11 +142,14 @@ def test_the_watchdog_starts_with_enable(bench: Bench) -> None:
 @case("SAF-003", "REQ-003", "STA-003")
 def test_the_watchdog_rests_while_the_outputs_are_off(bench: Bench) -> None:
     """While the outputs are not enabled no watchdog fires, for there is nothing to silence."""
-    bench.order(Request.WATCHDOG, 10)
+    ms = patience(bench)
     bench.must(NoOp())
+    bench.order(Request.WATCHDOG, ms)
+    before = bench.clock().now
     bench.enable()
     bench.disable()
-    came = bench.listen(0.05)
+    check_not_yet(bench, before + ms * TICKS_PER_MS)
+    came = bench.listen(2 * ms / 1000)
     expect("what the device tells unasked", came, [])
     expect("the flags", bench.status().flags, StatusFlag(0))
 
@@ -199,9 +204,9 @@ def body_of(kind: str) -> Body:
     """A block of a kind that is accepted while something plays."""
     match kind:
         case "update":
-            return Update(NO_PULSES)
+            return Update(SILENT)
         case "slot":
-            return Slot(0, NO_PULSES)
+            return Slot(0, SILENT)
         case "entries":
             return Entries((Entry(0, 1),))
         case "sequence":
@@ -218,20 +223,13 @@ def body_of(kind: str) -> Body:
 
 
 KINDS = ("update", "slot", "entries", "sequence", "samples", "modulation", "output", "clock", "no-op")
-NEEDED = {
-    "slot": Feature.SEQUENCES,
-    "entries": Feature.SEQUENCES,
-    "sequence": Feature.SEQUENCES,
-    "samples": Feature.MODULATION,
-    "modulation": Feature.MODULATION,
-}
 
 
 def prepare(bench: Bench, kind: str) -> None:
     """Store what a block of a kind refers to."""
-    require(bench, NEEDED.get(kind, Feature(0)))
+    require(bench, features_of(body_of(kind)))
     if kind == "sequence":
-        bench.must(Slot(0, NO_PULSES))
+        bench.must(Slot(0, SILENT))
         bench.must(Entries((Entry(0, 1),)))
     if kind == "modulation":
         bench.must(Samples(bytes([255])))
@@ -274,35 +272,92 @@ def test_a_request_that_is_a_sign_of_life(bench: Bench, request_: Request) -> No
     await_firing(bench, before, after, ms)
 
 
-def wrong(body: Body, payload: bytes | None = None, **fields: int) -> Callable[[Bench, Ack], bytes]:
-    """How to make a block that is wrong in one place."""
-    return lambda bench, _: forged(pack(bench.numbered(body)), payload, **fields)
+@dataclass(frozen=True)
+class Refused:
+    """A block that is refused, given the acknowledgement of the last that was accepted, and what that one is."""
+
+    block: Callable[[Bench, Ack], bytes]
+    before: Callable[[Bench], Body] = lambda _: NoOp()
+    """May prepare something, as long as the outputs are off."""
 
 
-REFUSED: dict[Reason, Callable[[Bench, Ack], bytes]] = {
+def wrong(body: Body, payload: bytes | None = None, **fields: int) -> Refused:
+    """A block that is wrong in one place."""
+    return Refused(lambda bench, _: forge(bench, body, payload, **fields))
+
+
+def lacking(bench: Bench) -> Body:
+    """A block that needs a feature which the device lacks."""
+    for body in (Slot(0, SILENT), Samples(b"\1"), Sequence(0, 1, unattended=True)):
+        if features_of(body) & ~bench.info.features:
+            return body
+    raise NotApplicable("it has the feature of every block")
+
+
+def playing_sequence(bench: Bench) -> Body:
+    """The start of a sequence that is stored."""
+    require(bench, Feature.SEQUENCES)
+    bench.must(Slot(0, SILENT))
+    bench.must(Entries((Entry(0, 1000),)))
+    return Sequence(0, 1)
+
+
+def named_update(bench: Bench) -> Body:
+    """An update for a period that is not near, where the next must not follow at once."""
+    if bench.info.periods_per_update < 2:
+        raise NotApplicable("its chain can carry an update in every period")
+    return Update(SILENT, bench.period() + far_ahead(bench))
+
+
+def without_drive(bench: Bench) -> Body:
+    """Nothing, under a limit that lets no pulse through."""
+    bench.order(Request.LIMIT, 0)
+    return NoOp()
+
+
+def without_stores(bench: Bench) -> Body:
+    """Nothing, on a device that has nothing stored."""
+    require(bench, Feature.SEQUENCES)
+    if Risk.RESET not in bench.allowed:
+        raise Inconclusive(f"this was not allowed: --allow {Risk.RESET}")
+    bench.restart(lambda: bench.order(Request.RESET))
+    return NoOp()
+
+
+REFUSED: dict[Reason, Refused] = {
+    Reason.LENGTH: Refused(lambda bench, _: pack(bench.numbered(NoOp()))[:500]),
     Reason.CHECKSUM: wrong(NoOp(), checksum=1),
     Reason.MAGIC: wrong(NoOp(), magic=0),
     Reason.VERSION: wrong(NoOp(), version=77),
     Reason.KIND: wrong(NoOp(), kind=99),
     Reason.FIELD: wrong(NoOp(), reserved=1),
-    Reason.PULSE: wrong(Update(NO_PULSES), b"\x7f"),
-    Reason.SEQUENCE: lambda bench, last: pack(bench.numbered(NoOp(), number=last.sequence)),
-    Reason.HORIZON: wrong(Update(NO_PULSES, 2**62)),
+    Reason.PULSE: wrong(Update(SILENT), b"\x7f"),
+    Reason.UNSUPPORTED: Refused(lambda bench, _: forge(bench, lacking(bench))),
+    Reason.SEQUENCE: Refused(lambda bench, last: pack(bench.numbered(NoOp(), number=last.sequence))),
+    Reason.HORIZON: wrong(Update(SILENT, 2**62)),
+    Reason.RATE: Refused(lambda bench, last: forge(bench, Update(SILENT, last.commit_period + 1)), named_update),
+    Reason.DRIVE: Refused(lambda bench, _: forge(bench, Update(only(319, width=1))), without_drive),
+    Reason.EMPTY: Refused(lambda bench, _: forge(bench, Sequence(0, 1)), without_stores),
+    Reason.IN_USE: Refused(lambda bench, _: forge(bench, Slot(0, SILENT)), playing_sequence),
 }
+"""All but FAULT and DISABLED, with which blocks are refused where no watchdog runs."""
 
 
 @pytest.mark.parametrize("reason", REFUSED, ids=lambda reason: reason.name.lower())
 @case("SAF-003", "BLK-003", "BLK-008")
 def test_a_refused_block_is_no_sign_of_life(bench: Bench, reason: Reason) -> None:
     """A host whose blocks are refused counts as silent, for what it wants does not play."""
-    ms = patience(bench)
+    if reason is Reason.LENGTH and bench.line.kind == "serial":
+        raise NotApplicable("a frame of another length carries no block")
+    ms, refused = patience(bench), REFUSED[reason]
+    accepted = refused.before(bench)
     enable(bench)
-    last = bench.must(NoOp())
+    last = bench.must(accepted)
     bench.order(Request.WATCHDOG, ms)
     bench.wait(ms / 3000)
-    (ack,) = bench.send_raw(REFUSED[reason](bench, last))
-    expect("the reason", ack.reason, reason)
+    (ack,) = bench.send_raw(refused.block(bench, last))
     check_not_yet(bench, last.now + ms * TICKS_PER_MS)
+    expect("the reason", ack.reason, reason)
     await_firing(bench, last.now, last.now, ms)
 
 
@@ -312,7 +367,7 @@ def test_a_block_that_is_answered_with_nak_is_no_sign_of_life(bench: Bench) -> N
     enable(bench)
     far = bench.period() + LONG_MS * PERIODS_PER_MS
     for number in range(bench.info.queue_blocks):
-        last = bench.must(Update(NO_PULSES, far + number * bench.info.periods_per_update))
+        last = bench.must(Update(SILENT, far + number * bench.info.periods_per_update))
     expect("the free places", last.free, 0)
     bench.order(Request.WATCHDOG, 60)
     taken = bench.usb.write(ENDPOINT_OUT, pack(bench.numbered(NoOp())), 0.03)
@@ -371,8 +426,7 @@ def store_sequence(bench: Bench, periods: int, place: int = 0) -> Pulses:
 @case("SAF-005", "BLK-015", "STA-003", needs=CAPTURE, features=UNATTENDED)
 def test_an_unattended_sequence_goes_on_without_its_host(bench: Bench) -> None:
     """A sequence with the flag UNATTENDED plays on when the host falls silent for many watchdog times."""
-    enable(bench, 10)
-    bench.order(Request.WATCHDOG, LONG_MS)
+    enable(bench)
     field = start_playing(bench, "unattended")
     bench.order(Request.WATCHDOG, 10)
     came = bench.listen(0.2)
@@ -388,7 +442,7 @@ def test_an_unattended_sequence_goes_on_without_its_host(bench: Bench) -> None:
 ENDS: dict[str, tuple[Callable[[int], Body] | None, State]] = {
     "last-repeat": (None, State.READY),
     "silence": (lambda period: Output(Action.SILENCE, period), State.READY),
-    "update": (lambda period: Update(NO_PULSES, period), State.PLAYING),
+    "update": (lambda period: Update(SILENT, period), State.PLAYING),
     "attended-sequence": (lambda period: Sequence(0, 1, period), State.PLAYING),
 }
 """By which block an unattended sequence ends, and the state behind its end."""
@@ -632,7 +686,7 @@ def test_there_is_no_modulation_once_the_outputs_were_disabled(bench: Bench, how
 
 def changes(bench: Bench) -> list[Body]:
     """One of each change that the device knows, which could all be accepted if the outputs were enabled."""
-    bodies: list[Body] = [Update(NO_PULSES), Output(Action.SILENCE), Output(Action.DISABLE)]
+    bodies: list[Body] = [Update(SILENT), Output(Action.SILENCE), Output(Action.DISABLE)]
     if Feature.SEQUENCES in bench.info.features:
         bodies += [Sequence(0, 1), Sequence(0, 1, repeats=3, period=bench.period() + 10_000)]
     if Feature.MODULATION in bench.info.features:
@@ -644,7 +698,7 @@ def store_for_changes(bench: Bench) -> list[Body]:
     """Stores that the changes refer to, and what else needs no enabled outputs."""
     bodies: list[Body] = [Clock(), NoOp()]
     if Feature.SEQUENCES in bench.info.features:
-        bodies += [Slot(0, NO_PULSES), Entries((Entry(0, 1),))]
+        bodies += [Slot(0, SILENT), Entries((Entry(0, 1),))]
     if Feature.MODULATION in bench.info.features:
         bodies.append(Samples(bytes([255])))
     return bodies
@@ -784,7 +838,7 @@ def test_a_limit_of_nothing_lets_only_silence_through(bench: Bench) -> None:
     bench.order(Request.LIMIT, 0)
     expect("the limit in the status", bench.status().drive_limit, 0)
     enable(bench)
-    expect("the reason for silence", bench.send(Update(NO_PULSES)).reason, Reason.ACCEPTED)
+    expect("the reason for silence", bench.send(Update(SILENT)).reason, Reason.ACCEPTED)
     expect("the reason for one pulse of a tick", bench.send(Update(only(319, width=1))).reason, Reason.DRIVE)
 
 

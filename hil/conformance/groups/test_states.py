@@ -13,13 +13,13 @@ from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.forge import forged
 from phasewire.hil.conformance.lines.dfu import DfuLine
 from phasewire.hil.conformance.lines.serial import SerialLine
-from phasewire.hil.conformance.playing import LONG_MS, breakable, enable, play, require, start, told
+from phasewire.hil.conformance.playing import play, start, told
+from phasewire.hil.conformance.steps import LONG_MS, SILENT, enable, require
 from phasewire.hil.conformance.waveforms import check_silent
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import Body, Entries, Entry, NoOp, Output, Sequence, Slot, Update, pack
-from phasewire.protocol.board import CARRIER_HZ, CHANNELS
+from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import REQUEST_TYPE_OUT, Action, Fault, Feature, FrameKind, Reason, Request, State
-from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Status, records
 from phasewire.protocol.requests import Setup
 
@@ -45,7 +45,6 @@ LEADS_TO: dict[str, dict[State, State]] = {
 
 REACHED = (OFF, READY, PLAYING, UNATTENDED)
 ENABLED = (READY, PLAYING, UNATTENDED)
-NO_PULSES = Pulses.silent(CHANNELS)
 SHORT_MS = 10
 HOT_PERIODS = 20_000
 """Of a fault that is to be over in the end, but not before this has been seen on any line."""
@@ -95,10 +94,10 @@ def sequence(bench: Bench, state: State, *, repeats: int = 0, unattended: bool =
     """Play a sequence of 20 periods."""
     require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
     if state not in (UNATTENDED, FAULT):  # the slot is in use there, or no store accepted
-        bench.must(Slot(0, NO_PULSES))
+        bench.must(Slot(0, SILENT))
         bench.must(Entries((Entry(0, 20),)))
     elif state is UNATTENDED:
-        bench.must(Slot(1, NO_PULSES))
+        bench.must(Slot(1, SILENT))
         bench.must(Entries((Entry(1, 20),)))
     carry_out(bench, Sequence(0, 1, repeats=repeats, unattended=unattended), state)
 
@@ -125,7 +124,7 @@ WAYS: dict[str, tuple[str, Callable[[Bench, State], None]]] = {
     "ENABLE": ("ENABLE", ask_to_enable),
     "DISABLE": ("DISABLE", lambda bench, _: bench.order(Request.DISABLE)),
     "OUTPUT that disables": ("DISABLE", lambda bench, state: carry_out(bench, Output(Action.DISABLE), state)),
-    "UPDATE": ("PLAY", lambda bench, state: carry_out(bench, Update(NO_PULSES), state)),
+    "UPDATE": ("PLAY", lambda bench, state: carry_out(bench, Update(SILENT), state)),
     "SEQUENCE": ("PLAY", sequence),
     "unattended SEQUENCE": ("PLAY_UNATTENDED", lambda bench, state: sequence(bench, state, unattended=True)),
     "OUTPUT that silences": ("END", lambda bench, state: carry_out(bench, Output(Action.SILENCE), state)),
@@ -309,90 +308,84 @@ def heat(bench: Bench, periods: int | None = None) -> None:
 @case("STA-003", "STA-001", "SAF-007/1", "SAF-005", "ACK-006", needs=FAULTY)
 def test_a_silencing_fault_leads_to_fault_and_clearing_it_to_off(bench: Bench, state: State) -> None:
     """A silencing fault leads from this state to FAULT, which is told; CLEAR_FAULTS leads to OFF once it is over."""
-    with breakable(bench) as device:
-        reach(device, state)
-        heat(device, HOT_PERIODS)
-        said = told(device)
-        expect("the states that are told unasked", [status.state for status in said], [LEADS_TO["FAULT"][state]])
-        expect("the faults that are told", said[0].faults, Fault.TEMPERATURE)
-        status = device.status()
-        expect("the state", status.state, FAULT)
-        expect("what plays since", status.since_period, 0)
-        expect("the free places", status.free, device.info.queue_blocks)
-        device.wait_periods(HOT_PERIODS)
-        device.wait(ROUND_SECONDS)
-        expect_state(device, FAULT)
-        device.order(Request.CLEAR_FAULTS)
-        expect_state(device, LEADS_TO["CLEAR"][FAULT])
-        expect("the faults", device.status().faults, Fault(0))
+    reach(bench, state)
+    heat(bench, HOT_PERIODS)
+    said = told(bench)
+    expect("the states that are told unasked", [status.state for status in said], [LEADS_TO["FAULT"][state]])
+    expect("the faults that are told", said[0].faults, Fault.TEMPERATURE)
+    status = bench.status()
+    expect("the state", status.state, FAULT)
+    expect("what plays since", status.since_period, 0)
+    expect("the free places", status.free, bench.info.queue_blocks)
+    bench.wait_periods(HOT_PERIODS)
+    bench.wait(ROUND_SECONDS)
+    expect_state(bench, FAULT)
+    bench.order(Request.CLEAR_FAULTS)
+    expect_state(bench, LEADS_TO["CLEAR"][FAULT])
+    expect("the faults", bench.status().faults, Fault(0))
 
 
 @pytest.mark.parametrize("way", [way for way in WAYS if way != "last repeat"], ids=name)
 @case("STA-003", "STA-005", "SAF-007/1", "REQ-011", "ACK-006", needs=FAULTY)
 def test_nothing_leaves_fault_while_its_cause_lasts(bench: Bench, way: str) -> None:
     """In FAULT changes are refused, ENABLE is answered with STALL, and the state stays, whatever is asked."""
-    with breakable(bench) as device:
-        device.must(NoOp())
-        heat(device)
-        expect_state(device, FAULT)
-        told(device)
-        WAYS[way][1](device, FAULT)
-        expect_state(device, FAULT)
-        expect("the faults", device.status().faults, Fault.TEMPERATURE)
-        expect("what is told unasked", told(device), [])
+    bench.must(NoOp())
+    heat(bench)
+    expect_state(bench, FAULT)
+    told(bench)
+    WAYS[way][1](bench, FAULT)
+    expect_state(bench, FAULT)
+    expect("the faults", bench.status().faults, Fault.TEMPERATURE)
+    expect("what is told unasked", told(bench), [])
 
 
 @pytest.mark.parametrize("how", BUS_RESETS, ids=name)
 @case("STA-003", "SAF-007/1", "USB-003", needs=FAULTY, line="usb")
 def test_configuring_the_device_does_not_leave_fault(bench: Bench, how: str) -> None:
     """A host that configures the device while a silencing fault lasts finds it in FAULT."""
-    with breakable(bench) as device:
-        heat(device)
-        BUS_RESETS[how](device)
-        expect_state(device, LEADS_TO["BUS_RESET"][FAULT])
-        expect("the faults", device.status().faults, Fault.TEMPERATURE)
+    heat(bench)
+    BUS_RESETS[how](bench)
+    expect_state(bench, LEADS_TO["BUS_RESET"][FAULT])
+    expect("the faults", bench.status().faults, Fault.TEMPERATURE)
 
 
 @pytest.mark.parametrize("state", [OFF, UNATTENDED], ids=name)
 @case("STA-003", "STA-004", "SAF-007/1", "ACK-006", needs=(*FAULTY, Need.SUSPEND), line="usb", allow=(Risk.RESET,))
 def test_a_fault_while_the_bus_is_suspended_leads_to_fault(bench: Bench, state: State) -> None:
     """A silencing fault while the bus is suspended leads to FAULT, which resuming the bus does not leave."""
-    with breakable(bench) as device:
-        reach(device, state)
-        with suspended(device):
-            heat(device)
-        expect("the newest state that is told unasked", [status.state for status in told(device)][-1:], [FAULT])
-        expect_state(device, LEADS_TO["RESUME"][FAULT])
+    reach(bench, state)
+    with suspended(bench):
+        heat(bench)
+    expect("the newest state that is told unasked", [status.state for status in told(bench)][-1:], [FAULT])
+    expect_state(bench, LEADS_TO["RESUME"][FAULT])
 
 
 @case("STA-003", "DFU-002", needs=FAULTY, line="usb", allow=(Risk.RESET,), features=Feature.DFU)
 def test_a_device_with_a_fault_goes_to_dfu_mode(bench: Bench) -> None:
     """DETACH is carried out in FAULT too, so that firmware can be sent; the restart begins without the fault."""
-    with breakable(bench) as device:
-        heat(device, HOT_PERIODS)
-        expect_state(device, FAULT)
-        line = DfuLine(device)
-        detach(device, line, FAULT)
-        device.usb.wait_for(DFU_MODE, RETURN_SECONDS)
-        device.wait_periods(HOT_PERIODS)
-        line.leave()
-        expect("the state", device.status().state, LEADS_TO["RESTART"][DFU])
+    heat(bench, HOT_PERIODS)
+    expect_state(bench, FAULT)
+    line = DfuLine(bench)
+    detach(bench, line, FAULT)
+    bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
+    bench.wait_periods(HOT_PERIODS)
+    line.leave()
+    expect("the state", bench.status().state, LEADS_TO["RESTART"][DFU])
 
 
 @case("STA-003", "REQ-013", "REQ-011", needs=FAULTY, allow=(Risk.RESET,))
 def test_a_restart_leaves_fault_where_its_cause_is_gone(bench: Bench) -> None:
     """After RESET the device is in OFF where the fault is over, and in FAULT where it lasts."""
-    with breakable(bench) as device:
-        heat(device, 2 * HOT_PERIODS)
-        device.restart(lambda: device.order(Request.RESET))
-        status = device.status()
-        expect("the state while the board is hot", status.state, FAULT)
-        expect("the faults while the board is hot", status.faults, Fault.TEMPERATURE)
-        device.wait_periods(2 * HOT_PERIODS)
-        device.restart(lambda: device.order(Request.RESET))
-        status = device.status()
-        expect("the state", status.state, LEADS_TO["RESTART"][FAULT])
-        expect("the faults", status.faults, Fault(0))
+    heat(bench, 2 * HOT_PERIODS)
+    bench.restart(lambda: bench.order(Request.RESET))
+    status = bench.status()
+    expect("the state while the board is hot", status.state, FAULT)
+    expect("the faults while the board is hot", status.faults, Fault.TEMPERATURE)
+    bench.wait_periods(2 * HOT_PERIODS)
+    bench.restart(lambda: bench.order(Request.RESET))
+    status = bench.status()
+    expect("the state", status.state, LEADS_TO["RESTART"][FAULT])
+    expect("the faults", status.faults, Fault(0))
 
 
 # Two doors
@@ -467,7 +460,7 @@ def test_the_watchdog_is_told_at_every_door(bench: Bench) -> None:
 def test_what_is_told_unasked_comes_behind_the_acknowledgements_that_wait(bench: Bench) -> None:
     """A status record that nobody asked for does not overtake acknowledgements, and a newer one takes its place."""
     enable(bench)
-    bench.must(Slot(0, NO_PULSES))
+    bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, 2000),)))
     told(bench)
     bodies = (Sequence(0, 1, repeats=1), NoOp(), NoOp())
