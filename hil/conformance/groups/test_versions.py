@@ -7,7 +7,7 @@ import zlib
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import NotApplicable, case, expect
+from phasewire.hil.conformance.cases import NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.steps import SILENT, Wrong, begin, cut, far, forge, raw_records, refuse, some
 from phasewire.protocol.blocks import (
     Body,
@@ -22,7 +22,7 @@ from phasewire.protocol.blocks import (
     Slot,
     Update,
 )
-from phasewire.protocol.codes import Action, Feature, Reason, Request
+from phasewire.protocol.codes import Action, Feature, Reason, Request, State
 from phasewire.protocol.requests import Setup
 
 IN, OUT = 0xC1, 0x41
@@ -77,16 +77,6 @@ def test_a_block_of_another_version_has_no_effect(bench: Bench) -> None:
     expect("flags behind them", ack.flags, 0)
 
 
-@case("VER-004", "REQ-001")
-def test_what_later_versions_may_add_is_answered_with_stall(bench: Bench) -> None:
-    """Requests with the next numbers, which later versions may give a meaning, are answered with STALL by version 1."""
-    if bench.info.newest_version > 1:
-        raise NotApplicable("it speaks a later version than 1, which may have more requests")
-    for number in (15, 16, 17, 64, 128, 255):
-        for setup in (Setup(IN, number, 0, 0, 64), Setup(OUT, number, 0, 0, 0)):
-            expect(f"request {number} of type {setup.request_type:02X}", bench.request(setup), None)
-
-
 # Features
 
 NEEDED: dict[str, tuple[Feature, list[Body]]] = {
@@ -98,12 +88,6 @@ NEEDED: dict[str, tuple[Feature, list[Body]]] = {
     "unattended": (Feature.UNATTENDED, [Sequence(0, 1, unattended=True)]),
 }
 """Blocks that need a feature."""
-REQUESTS = {
-    Feature.READ_BACK: Setup(IN, Request.PULSES, 0, 0, 496),
-    Feature.DFU: Setup(0x21, 0, 1000, 3, 0),
-    Feature.REVERT: Setup(OUT, Request.REVERT, 0, 0, 0),
-}
-"""Requests that need one."""
 
 
 @case("VER-005", "ACK-003", "REQ-002")
@@ -133,17 +117,34 @@ def test_a_feature_that_info_names_is_there(bench: Bench, name: str) -> None:
         assert reason in (Reason.ACCEPTED, Reason.EMPTY), f"{type(body).__name__.upper()} is refused with {reason.name}"
 
 
-@case("VER-005", "REQ-001", "REQ-007", "REQ-014")
-@pytest.mark.parametrize("feature", list(REQUESTS), ids=lambda feature: feature.name.lower().replace("_", "-"))
-def test_a_request_that_needs_a_feature_is_answered_with_stall_without_it(bench: Bench, feature: Feature) -> None:
-    """Without the feature its request is answered with STALL, and has no effect."""
+@case("VER-005", "REQ-001", "REQ-007")
+def test_pulses_is_answered_with_stall_without_read_back(bench: Bench) -> None:
+    """A device without READ_BACK answers STALL to PULSES, in whatever state, rather than something made up."""
+    check_stall(bench, Feature.READ_BACK, Setup(IN, Request.PULSES, 0, 0, 496))
+
+
+@case("VER-005", line="usb", allow=(Risk.RESET,))
+def test_detach_is_answered_with_stall_without_dfu(bench: Bench) -> None:
+    """A device that takes no firmware over USB answers STALL to DETACH, and stays as it is."""
+    check_stall(bench, Feature.DFU, Setup(0x21, 0, 1000, 3, 0))
+
+
+@case("VER-005", "REQ-001", "REQ-014", allow=(Risk.RESET, Risk.FLASH))
+def test_revert_is_answered_with_stall_without_its_feature(bench: Bench) -> None:
+    """A device that cannot go back to a factory image answers STALL to REVERT, and does not restart."""
+    check_stall(bench, Feature.REVERT, Setup(OUT, Request.REVERT, 0, 0, 0))
+
+
+def check_stall(bench: Bench, feature: Feature, setup: Setup) -> None:
+    """See that a request is answered with STALL while off and while something plays, where a feature is not there."""
     if feature in bench.info.features:
         raise NotApplicable(f"it has the feature {feature.name}")
-    if feature is Feature.DFU and bench.line.kind == "serial":
-        raise NotApplicable("a serial line carries no DFU")
-    before = bench.status()
-    expect("the answer", bench.request(REQUESTS[feature]), None)
-    expect("the state", bench.status().state, before.state)
+    expect(f"the answer without {feature.name} while off", bench.request(setup), None)
+    expect("the state", bench.status().state, State.OFF)
+    begin(bench)
+    bench.wait_until(bench.must(Update(SILENT)).commit_period)
+    expect(f"the answer without {feature.name} while an update plays", bench.request(setup), None)
+    expect("the state", bench.status().state, State.PLAYING)
 
 
 @case("VER-005", "REQ-007", features=Feature.READ_BACK)
