@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from ...protocol.blocks import Body, Entries, Modulation, NoOp, Output, Samples, Sequence, Slot, pack
-from ...protocol.board import CHANNELS
+from ...protocol.board import CHANNELS, TICKS_PER_PERIOD
 from ...protocol.codes import AckFlag, Action, Feature, Reason, Request
 from ...protocol.pulses import Pulses
 from ...protocol.replies import Status
@@ -26,9 +26,11 @@ __all__ = [
     "FAR_PERIODS",
     "LONG_MS",
     "SILENT",
+    "SYNC_PERIODS",
     "Wrong",
     "begin",
     "check_same",
+    "check_sync",
     "cut",
     "enable",
     "far",
@@ -52,6 +54,8 @@ LONG_MS = 30_000
 """A watchdog time that no case outlasts."""
 FAR_PERIODS = 2_000_000
 """50 s: what names a period so far ahead stays in the queue as long as a case takes."""
+SYNC_PERIODS = 4096
+"""Clause CHN-026."""
 LATER_BLOCKS = 12
 """That a case can send before a period that it names."""
 FEW = 6
@@ -159,6 +163,21 @@ def check_same(before: Status, after: Status, **changes: object) -> None:
     """Fail where two statuses differ in more than time, temperature and refusals, and the changes that are named."""
     for name in UNTOUCHED:
         expect(f"{name} in STATUS", getattr(after, name), changes.get(name, getattr(before, name)))
+
+
+def check_sync(bench: Bench) -> None:
+    """Fail unless CLOCK tells the newest multiple of 4096 periods, and at least one pulse for each that began.
+
+    A device that shares its sync line may have heard more, before its own period 0 (clause CHN-026).
+    """
+    reading = bench.clock()
+    if reading.now // TICKS_PER_PERIOD % SYNC_PERIODS in (0, SYNC_PERIODS - 1):  # a pulse comes just now
+        bench.wait_periods(2)
+        reading = bench.clock()
+    period = reading.now // TICKS_PER_PERIOD
+    expect("sync_period", reading.sync_period, period - period % SYNC_PERIODS)
+    least = reading.sync_period // SYNC_PERIODS + 1
+    assert reading.sync_pulses >= least, f"sync_pulses is {reading.sync_pulses}, should be at least {least}"
 
 
 def let_stores_go(bench: Bench) -> Status:
