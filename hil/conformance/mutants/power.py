@@ -10,7 +10,6 @@ from ....emulator.control import controller
 from ....emulator.interfaces.usb_functions import ArrayFunction
 from ....emulator.machine import Emulator
 from ....emulator.ports.capture import Forced
-from ....protocol.codes import State
 from ....protocol.replies import ENABLED
 from ....protocol.states import Event
 from .patching import Patch, mutant
@@ -51,21 +50,6 @@ def resume_enables_again(patch: Patch) -> None:
     patch.wrap(Controller, "resume", of_resume)
 
 
-@mutant("SAF-005", "STA-003")
-def suspend_ends_what_plays_unattended(patch: Patch) -> None:
-    """A suspended bus silences a sequence that may go on without its host."""
-
-    def around(original: Any) -> Any:
-        def suspend(self: Any) -> None:
-            if self.state is State.UNATTENDED:
-                self._happen(Event.DISABLE, self._now)
-            original(self)
-
-        return suspend
-
-    patch.wrap(Controller, "suspend", around)
-
-
 @mutant("ACK-006", "USB-020")
 def suspend_and_resume_are_not_told(patch: Patch) -> None:
     """No status record of suspend and resume waits for the host when it is back."""
@@ -95,22 +79,6 @@ def bus_reset_keeps_playing(patch: Patch) -> None:
         def new_session(self: Any, _door: Any) -> None:
             self.settle()
             self._last_sequence = None
-
-        return new_session
-
-    patch.wrap(Controller, "new_session", around)
-
-
-@mutant("USB-003", "SAF-005")
-def bus_reset_keeps_playing_unattended(patch: Patch) -> None:
-    """A bus reset and SET_CONFIGURATION leave a sequence playing that may go on without its host."""
-
-    def around(original: Any) -> Any:
-        def new_session(self: Any, door: Any) -> None:
-            if self.state is State.UNATTENDED:
-                self._last_sequence = None
-            else:
-                original(self, door)
 
         return new_session
 

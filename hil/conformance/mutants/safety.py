@@ -63,6 +63,21 @@ def refused_blocks_feed_the_watchdog(patch: Patch) -> None:
     patch.wrap(controller.Controller, "_refuse", around)
 
 
+@mutant("SAF-003")
+def blocks_refused_for_what_they_would_play_feed_the_watchdog(patch: Patch) -> None:
+    """A block that is sound, and refused with RATE, DRIVE, EMPTY or IN_USE, is a sign of life: it was fed before."""
+
+    def around(original: Any) -> Any:
+        def refuse(self: Any, error: Any, what: str) -> None:
+            original(self, error, what)
+            if error.reason in (Reason.RATE, Reason.DRIVE, Reason.EMPTY, Reason.IN_USE):
+                self._watchdog.feed()
+
+        return refuse
+
+    patch.wrap(controller.Controller, "_refuse", around)
+
+
 @mutant("SAF-003", "BLK-009")
 def nak_feeds_the_watchdog(patch: Patch) -> None:
     """On USB a block that is answered with NAK is a sign of life: the interrupt of the endpoint resets the watchdog."""
@@ -592,7 +607,7 @@ def every_sequence_is_unattended(patch: Patch) -> None:
     misread_bodies(patch, lambda body: replace(body, unattended=True) if isinstance(body, Sequence) else body)
 
 
-@mutant("SAF-005", "USB-003")
+@mutant("SAF-005", "USB-003", "STA-003")
 def unattended_sequence_survives_a_new_session(patch: Patch) -> None:
     """A bus reset and SET_CONFIGURATION leave an unattended sequence playing: no host is what it was made for."""
 
@@ -609,7 +624,7 @@ def unattended_sequence_survives_a_new_session(patch: Patch) -> None:
     patch.wrap(controller.Controller, "new_session", around)
 
 
-@mutant("SAF-005", "USB-020")
+@mutant("SAF-005", "USB-020", "STA-003")
 def suspend_ends_what_is_unattended(patch: Patch) -> None:
     """A suspended bus ends an unattended sequence: the outputs are disabled whatever plays."""
 

@@ -1,4 +1,4 @@
-"""Broken handling of versions of the protocol (chapter VER)."""
+"""Broken handling of versions of the protocol and of features (chapter VER)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 
 from ....emulator.control import controller
 from ....errors import BlockError
-from ....protocol.blocks import checksum
-from ....protocol.codes import BLOCK_BYTES, CHECKSUM_OFFSET, PROTOCOL_VERSION, RECORD_BYTES, Reason
+from ....protocol.blocks import Modulation, Output, Samples, checksum
+from ....protocol.codes import BLOCK_BYTES, CHECKSUM_OFFSET, PROTOCOL_VERSION, RECORD_BYTES, Action, Feature, Reason
 from .patching import Patch, mutant
 
 VERSION_AT = 2
@@ -106,3 +106,66 @@ class _Echo:
 
     def encode(self) -> bytes:
         return self._body + zlib.crc32(self._body).to_bytes(CHECKSUM_BYTES, "little")
+
+
+# Features
+
+
+def _lack(patch: Patch, feature: Feature) -> None:
+    """Say in INFO that a feature is not there, and leave it in."""
+
+    def around(original: Any) -> Any:
+        def info(self: Any) -> Any:
+            told = original(self)
+            samples = 0 if feature is Feature.MODULATION else told.modulation_samples
+            return replace(told, features=told.features & ~feature, modulation_samples=samples)
+
+        return info
+
+    patch.wrap(controller.Controller, "info", around)
+
+
+@mutant("VER-005")
+def modulation_is_there_without_its_feature(patch: Patch) -> None:
+    """INFO does not name MODULATION, and its blocks are carried out all the same: nobody looks at the features."""
+    _lack(patch, Feature.MODULATION)
+
+
+@mutant("VER-005")
+def read_back_is_there_without_its_feature(patch: Patch) -> None:
+    """INFO does not name READ_BACK, and PULSES is answered all the same: it was left in from a firmware with more."""
+    _lack(patch, Feature.READ_BACK)
+
+
+@mutant("VER-005", "ACK-003")
+def kinds_without_their_feature_are_unknown(patch: Patch) -> None:
+    """Without MODULATION its kinds are refused with KIND, not with UNSUPPORTED: they are not built in."""
+    _lack(patch, Feature.MODULATION)
+
+    def around(original: Any) -> Any:
+        def unpack(packet: bytes) -> Any:
+            block = original(packet)
+            if isinstance(block.body, Samples | Modulation):
+                raise BlockError("an unknown kind", Reason.KIND)
+            return block
+
+        return unpack
+
+    patch.wrap(controller, "unpack", around)
+
+
+@mutant("VER-005", "ACK-003")
+def the_state_is_looked_at_before_the_features(patch: Patch) -> None:
+    """Without MODULATION a change that needs it is refused with DISABLED or FAULT, and UNSUPPORTED comes only then."""
+    _lack(patch, Feature.MODULATION)
+
+    def around(original: Any) -> Any:
+        def judge(self: Any, body: Any) -> None:
+            original(self, body)
+            ends = isinstance(body, Output) and body.action is Action.END_MODULATION
+            if ends or isinstance(body, Samples | Modulation):
+                raise BlockError("MODULATION is not there", Reason.UNSUPPORTED)
+
+        return judge
+
+    patch.wrap(controller.Controller, "_judge_state", around)

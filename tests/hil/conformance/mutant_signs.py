@@ -15,7 +15,7 @@ from phasewire.hil.conformance.lines.dfu import DfuLine, dfu_mode
 from phasewire.hil.conformance.lines.serial import SerialLine
 from phasewire.host.lines.usb_find import RUN_TIME
 from phasewire.protocol.blocks import Block, Modulation, NoOp, Samples, Update, checksum, pack
-from phasewire.protocol.codes import Bank, DfuState, FrameKind, Reason, Request, State
+from phasewire.protocol.codes import Bank, DfuState, Feature, FrameKind, Reason, Request, State
 from phasewire.protocol.framing import CONSOLE_FRAME, Frame, encode
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.requests import Setup
@@ -911,6 +911,30 @@ SIGNS["later-versions-are-taken-as-version-1"] = lambda bench: _of_version(bench
 SIGNS["version-0-is-taken-as-version-1"] = lambda bench: _of_version(bench, 0)[0] is Reason.ACCEPTED
 SIGNS["unknown-versions-are-refused-with-kind"] = lambda bench: _of_version(bench, 2)[0] is Reason.KIND
 SIGNS["acknowledgements-repeat-the-version-of-the-block"] = lambda bench: _of_version(bench, 2)[1] == 2
+
+
+def _without(bench: Bench, feature: Feature) -> bool:
+    return feature not in bench.info.features
+
+
+@sign_of("modulation-is-there-without-its-feature")
+def _(bench: Bench) -> bool:
+    return _without(bench, Feature.MODULATION) and bench.send(Samples(b"\1")).reason is Reason.ACCEPTED
+
+
+@sign_of("read-back-is-there-without-its-feature")
+def _(bench: Bench) -> bool:
+    return _without(bench, Feature.READ_BACK) and bench.read_back() is not None
+
+
+@sign_of("kinds-without-their-feature-are-unknown")
+def _(bench: Bench) -> bool:
+    return _without(bench, Feature.MODULATION) and bench.send(Samples(b"\1")).reason is Reason.KIND
+
+
+@sign_of("the-state-is-looked-at-before-the-features")
+def _(bench: Bench) -> bool:
+    return _without(bench, Feature.MODULATION) and bench.send(Modulation(0, 1, 1)).reason is Reason.DISABLED
 
 
 @sign_of("each-block-of-ones-takes-a-place-for-ever")

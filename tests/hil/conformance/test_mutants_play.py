@@ -574,6 +574,12 @@ DRIVE = Reason.DRIVE
 SAFE: list[Difference] = [
     ("watchdog-never-bites-after-a-sequence", after_a_sequence, State.OFF, State.READY),
     ("refused-blocks-feed-the-watchdog", fed_until(refused_block), False, True),
+    (
+        "blocks-refused-for-what-they-would-play-feed-the-watchdog",
+        fed_until(lambda bench: bench.send(Sequence(0, 1))),
+        False,
+        True,
+    ),
     ("nak-feeds-the-watchdog", nak, State.OFF, State.READY),
     ("every-request-feeds-the-watchdog", fed_until(lambda bench: bench.clock()), False, True),
     ("status-does-not-feed-the-watchdog", fed_until(lambda bench: bench.status()), True, False),
