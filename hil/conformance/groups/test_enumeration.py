@@ -14,7 +14,8 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.examples import example
 from phasewire.hil.conformance.lines.dfu import dfu_mode
-from phasewire.protocol.codes import Request, State
+from phasewire.hil.conformance.steps import LONG_MS
+from phasewire.protocol.codes import Feature, Request, State
 from phasewire.protocol.requests import Setup
 
 VENDOR, PRODUCT = 0x1209, 0x0001
@@ -271,7 +272,12 @@ def test_the_serial_number_is_kept_over_a_loss_of_power(bench: Bench) -> None:
 # DFU mode
 
 
-@case("USB-013", "USB-001", "USB-006", "USB-007", "USB-010", "USB-011", "USB-012", allow=(Risk.RESET,), line="usb")
+@case(
+    *("USB-013", "USB-001", "USB-006", "USB-007", "USB-010", "USB-011", "USB-012"),
+    allow=(Risk.RESET,),
+    line="usb",
+    features=Feature.DFU,
+)
 def test_the_descriptors_in_dfu_mode_are_as_printed(bench: Bench) -> None:
     """In DFU mode the device is the next product with one interface and the same serial number, for tools to find."""
     serial, run_time = string(bench, 3), device_descriptor(bench)
@@ -368,6 +374,7 @@ UNKNOWN = {
 @pytest.mark.parametrize("setup", UNKNOWN.values(), ids=UNKNOWN)
 def test_unknown_requests_stall_and_change_nothing(bench: Bench, setup: Setup) -> None:
     """A request that the device does not know, or not with this value, is answered with STALL and has no effect."""
+    bench.order(Request.WATCHDOG, LONG_MS)
     bench.enable()
     before = bench.status()
     stalls(bench, setup)

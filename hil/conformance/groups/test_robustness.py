@@ -7,11 +7,11 @@ from itertools import groupby
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Need, case, expect
+from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.forge import FIELDS, forged
 from phasewire.hil.conformance.waveforms import check_play, check_silent, expected_words
 from phasewire.protocol.blocks import Block, Body, Clock, Entries, Entry, NoOp, Samples, Slot, Update, pack
-from phasewire.protocol.codes import AckFlag, Feature, FrameKind, Reason, Request, State
+from phasewire.protocol.codes import AckFlag, DfuRequest, Feature, FrameKind, Reason, Request, State
 from phasewire.protocol.framing import DELIMITER, Frame, encode
 from phasewire.protocol.replies import Ack, Status, records
 from phasewire.protocol.requests import Setup
@@ -29,6 +29,9 @@ STANDARD, CLASS, VENDOR, RESERVED = 0x00, 0x20, 0x40, 0x60
 IN = 0x80
 KNOWN_STANDARD = {0, 1, 3, 5, 6, 8, 9, 10, 11}
 """Clause USB-014."""
+LASTING = {VENDOR: (Request.RESET, Request.REVERT), CLASS: (DfuRequest.DETACH, DfuRequest.DNLOAD)}
+"""By type, requests that restart a device or change its firmware where it knows them, be they right or wrong."""
+LASTS = frozenset({Risk.FLASH, Risk.RESET})
 
 
 # What must hold afterwards
@@ -276,7 +279,7 @@ def random_setups(bench: Bench) -> Iterator[tuple[Setup, bytes]]:
         )
         data = b"" if kind & IN else rng.randbytes(rng.choice([0, 0, 1, 7, 64]))
         setup = Setup(kind | recipient, request, value, index, rng.choice([1, 64, 512]) if kind & IN else len(data))
-        if is_unknown(setup):
+        if is_unknown(setup) and (bench.allowed >= LASTS or not might_last(setup)):
             yield setup, data
 
 
@@ -292,6 +295,11 @@ def is_unknown(setup: Setup) -> bool:
     if kind == CLASS and recipient == 1:
         return setup.index in (0, 2) or (setup.request not in range(7) and setup.request not in range(0x20, 0x23))
     return True
+
+
+def might_last(setup: Setup) -> bool:
+    """Whether a device that looks at less of this than it should restarts, or changes its firmware."""
+    return setup.request in LASTING.get(setup.request_type & 0x60, ())
 
 
 @case("USB-004", "REQ-001", "USB-014", line="usb")

@@ -40,9 +40,15 @@ class DfuLine:
     ----------
     bench : Bench
         The device, on USB.
+
+    Attributes
+    ----------
+    detached : float or None
+        The host's time when DETACH was answered last, in seconds.
     """
 
     def __init__(self, bench: Bench) -> None:
+        self.detached: float | None = None
         self._bench = bench
         self._usb = bench.usb
 
@@ -64,7 +70,10 @@ class DfuLine:
 
     def detach(self) -> bool:
         """DETACH; whether it was not answered with STALL."""
-        return self.request(DfuRequest.DETACH, DETACH_MS) is not None
+        answered = self.request(DfuRequest.DETACH, DETACH_MS) is not None
+        if answered:
+            self.detached = self._bench.line.time.monotonic()
+        return answered
 
     def download(self, number: int, data: bytes) -> bool:
         """DNLOAD of one block, or its end without data; whether it was not answered with STALL."""
