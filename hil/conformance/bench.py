@@ -67,8 +67,6 @@ BLOCK_SECONDS = {"usb": 0.01, "serial": 0.1}
 QUIET_SECONDS = 0.002
 NOTES = 60
 """Pieces of evidence that are kept of a case: the first half, and the newest."""
-MOST_LOOKS = 50
-"""At a clock that is waited for; the first wait is long enough, unless it runs slow."""
 RETURN_SECONDS = 15.0
 """For a device to come back after it was restarted."""
 SHOWN_BYTES = 64
@@ -310,13 +308,14 @@ class Bench:
         self.wait(periods / CARRIER_HZ)
 
     def wait_until(self, period: int) -> None:
-        """Let time pass until a carrier period of the device has begun, by its own clock."""
-        for _ in range(MOST_LOOKS):
-            left = period * TICKS_PER_PERIOD - self.clock().now
-            if left <= 0:
-                return
+        """Let time pass until a carrier period of the device has begun, by its own clock, if that comes any nearer."""
+        before = None
+        while (left := period * TICKS_PER_PERIOD - self.clock().now) > 0:
+            assert before is None or left < before, (
+                f"the clock does not come to period {period}: {left} ticks are left, {before} were before"
+            )
             self.wait((left + 1) / TICK_HZ)
-        raise AssertionError(f"the clock does not come to period {period}: {left} ticks are left again and again")
+            before = left
 
     # Requests
 
