@@ -108,10 +108,10 @@ class PortWire:
         self._port: Any = load_by_scheme(PORTS, url)(url)
         self.name: str = self._port.name
         self.time: Timekeeper = getattr(self._port, "time", time)
-        # A socket and a pseudo-terminal carry bytes and nothing else.
-        self._is_bare = url.startswith("socket:") or str(Path(self.name).resolve()).startswith(PSEUDO_TERMINALS)
-        # A port that has no baud rate leads to the device by USB.
-        self.has_break = not self._is_bare and not hasattr(self._port, "bytes_per_second")
+        # A port that has no baud rate leads to the device by USB; a socket and a pseudo-terminal carry bytes alone.
+        self._has_dtr = hasattr(self._port, "bytes_per_second")
+        bare = url.startswith("socket:") or str(Path(self.name).resolve()).startswith(PSEUDO_TERMINALS)
+        self.has_break = not (self._has_dtr or bare)
         self.bytes_per_second: float = getattr(self._port, "bytes_per_second", self._port.baudrate / UART_BITS_PER_BYTE)
         self._port.timeout = READ_SECONDS
         self._open()
@@ -138,18 +138,18 @@ class PortWire:
 
     def set_dtr(self, on: bool) -> None:
         """Raise or lower DTR of a port that leads to the device by USB; a UART has three wires."""
-        if not self.has_break:
+        if self._has_dtr:
             self._port.dtr = on
 
     def hang_up(self) -> None:
         """Hold the line low for 20 ms, or lower DTR and raise it again; inconclusive where neither can be done."""
-        if self._is_bare:
-            raise Inconclusive(f"{self.name} carries bytes alone: it has neither a break nor DTR to hang up with")
         if self.has_break:
             self._port.send_break(BREAK_SECONDS)
-        else:
+        elif self._has_dtr:
             self.set_dtr(False)
             self.set_dtr(True)
+        else:
+            raise Inconclusive(f"{self.name} carries bytes alone: it has neither a break nor DTR to hang up with")
 
     def reopen(self, seconds: float) -> None:
         """Open the port anew."""

@@ -7,13 +7,16 @@ from collections.abc import Iterator
 import pytest
 from phasewire.emulator import Emulator
 from phasewire.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
+from phasewire.hil.conformance.cases import Inconclusive
 from phasewire.hil.conformance.frames import console_frame, request_frame
 from phasewire.hil.conformance.lines.serial import CdcWire, PortWire, SerialLine
 from phasewire.hil.conformance.lines.usb import UsbLine
-from phasewire.protocol.codes import Request
+from phasewire.protocol.codes import FrameKind, Request
 from phasewire.protocol.framing import Mode
 from phasewire.protocol.replies import Info, Status
 from phasewire.protocol.requests import Setup
+
+from tests.host.serving import served_url
 
 INFO = Setup(0xC1, Request.INFO, 0, 0, Info.BYTES)
 STATUS = Setup(0xC1, Request.STATUS, 0, 0, Status.BYTES)
@@ -100,3 +103,33 @@ def test_only_a_uart_has_a_break() -> None:
     with Emulator() as emulator:
         assert PortWire(f"{emulator.url}?door=serial").has_break
         assert not CdcWire(UsbLine(emulator.url)).has_break
+
+
+def test_a_pseudo_terminal_and_a_socket_cannot_hang_up() -> None:
+    for scheme in ("serial", "socket"):
+        with served_url(scheme) as (url, _):
+            line = SerialLine(PortWire(url))
+            line.wire.set_dtr(True)  # of which nothing comes
+            line.enter_frames()
+            assert not line.wire.has_break
+            with pytest.raises(Inconclusive, match="neither a break nor DTR"):
+                line.hang_up()
+            line.close()
+
+
+def test_a_line_whose_other_end_is_gone_can_be_closed() -> None:
+    with served_url("serial") as (url, _):
+        line = SerialLine(PortWire(url))
+    with pytest.raises(DeviceLostError):
+        line.write(bytes(4096))
+    line.close()
+
+
+def test_a_reply_to_an_older_request_with_the_same_tag_is_not_taken_for_the_answer() -> None:
+    with Emulator() as emulator:
+        line = SerialLine(PortWire(f"{emulator.url}?door=serial"))
+        line.enter_frames()
+        line.write(request_frame(2, INFO))
+        line.listen(1, lambda: bool(line.frames(FrameKind.REPLY)))
+        assert len(line.request(STATUS) or b"") == Status.BYTES
+        assert [body[0] for body in line.frames(FrameKind.REPLY)] == [2]  # the older one is still there

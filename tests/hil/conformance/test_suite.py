@@ -1,0 +1,243 @@
+"""The cases themselves: what they say of themselves, and that a sound device fails none of them, by whatever line."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from phasewire import Emulator
+from phasewire.emulator.control.controller import Controller
+from phasewire.emulator.doors.umockdev import run_under_mock
+from phasewire.emulator.firmware.loader import Identity, make_flash
+from phasewire.hil.conformance import Run, Verdict
+from phasewire.hil.conformance.cases import Need, Risk
+from phasewire.hil.conformance.matrix import Matrix
+from phasewire.hil.conformance.plugin import Entry
+from phasewire.hil.conformance.profile import Profile
+from phasewire.hil.conformance.running import GROUPS, Options, catalogue, run_conformance
+from phasewire.protocol.codes import State, Target
+from phasewire.protocol.firmware import Image, Segment, sign
+from phasewire.protocol.versions import Version
+from phasewire.protocol.wiring import Wiring
+
+from tests.emulator.test_umockdev import needs
+from tests.host.serving import served_url
+from tests.test_processes import heed_ctrl_c
+
+# What cases say of themselves
+
+
+@pytest.fixture(scope="module")
+def entries() -> list[Entry]:
+    return catalogue()
+
+
+def test_every_must_has_a_case_or_a_reason_and_none_has_both(entries: list[Entry]) -> None:
+    matrix = Matrix.of(entry.claim for entry in entries)
+    assert [row.name for row in matrix.missing()] == []
+    assert [row.name for row in matrix.needless()] == []
+
+
+def test_every_case_has_a_name_of_its_own_and_says_in_one_or_two_sentences_what_it_does(entries: list[Entry]) -> None:
+    names = [entry.identifier for entry in entries]
+    assert len(set(names)) == len(names) > 1000
+    for entry in entries:
+        sentence = entry.about.sentence
+        assert re.fullmatch(r"[A-Z0-9`].*\.", sentence), f"{entry.identifier}: {sentence}"
+        assert len(re.findall(r"\.(?= [A-Z])", sentence)) <= 1, f"{entry.identifier}: {sentence}"
+
+
+def test_no_file_of_a_group_is_without_cases(entries: list[Entry]) -> None:
+    files = {path.stem.removeprefix("test_").replace("_", "-") for path in GROUPS.glob("test_*.py")}
+    assert {entry.group for entry in entries} == files
+
+
+# A sound device
+
+USB_ALONE = "this concerns USB, and the device is at the end of a serial line"
+UNSEEN = "this needs a capture of the outputs"
+YOUNG = "the device has been on for too short a time: N periods are left"
+OF_A_BUS = {"this concerns UARTs", "this concerns a device that is used over a serial line alone", YOUNG}
+PARTS = "a part of a block can arrive at full speed only, and this bus runs at high speed"
+"""A packet of 512 bytes is a whole block."""
+OF_A_UART = {USB_ALONE, YOUNG, "a serial line cannot bring updates while PULSES are read"}
+
+REASONS = {
+    "emulator:": OF_A_BUS | {PARTS},
+    "emulator:?speed=full": OF_A_BUS,
+    "emulator:?link=2wire": OF_A_BUS | {PARTS},
+    "emulator:?door=serial": OF_A_UART,
+    "emulator:?door=serial&baud=3000000": OF_A_UART,
+}
+"""Why something is inconclusive behind an emulator; numbers are N."""
+
+
+def reasons(run: Run) -> set[str]:
+    """Why cases were inconclusive; all numbers alike."""
+    found = {result.reason for result in run.results if result.verdict is Verdict.INCONCLUSIVE}
+    return {re.sub(r"\d+", "N", reason) for reason in found}
+
+
+def check_sound(run: Run) -> None:
+    """Fail where anything speaks against a device that is sound."""
+    against = [result for result in run.results if result.verdict in (Verdict.FAIL, Verdict.WARN)]
+    assert not against, "\n".join(f"{result.case}: {result.reason}" for result in against)
+    assert run.passed, run.trouble
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("url", REASONS)
+def test_nothing_speaks_against_the_emulator(url: str) -> None:
+    run = run_conformance(Options(url))
+    check_sound(run)
+    assert reasons(run) <= REASONS[url]
+    assert run.count(Verdict.PASS) > (1300 if "serial" not in url else 900)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("url", ["emulator:", "emulator:?door=serial&baud=3000000"])
+def test_what_is_not_allowed_or_cannot_be_seen_is_never_passed(entries: list[Entry], url: str) -> None:
+    run = run_conformance(Options(url, capture="none", allowed=frozenset()))
+    check_sound(run)
+    needy = {entry.identifier for entry in entries if entry.about.risks or Need.CAPTURE in entry.about.needs}
+    passed = {result.case for result in run.results if result.verdict is Verdict.PASS}
+    assert len(needy) > 300
+    assert not needy & passed
+    assert len(passed) > 400
+
+
+# Firmware that only its maker can sign
+
+KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
+IMAGE = Image(
+    Version(1, 0, 0),
+    (Segment(Target.ALL_PROCESSORS, bytes(range(256)) * 20), Segment(Target.CONTROLLER, bytes(range(250)) * 24)),
+)
+"""As large as the cases of DFU need it."""
+
+
+@pytest.mark.slow
+def test_nothing_speaks_against_a_device_that_trusts_a_key() -> None:
+    flash = make_flash(Identity("TRUSTS-A-KEY", Wiring.strips(), (KEY.public_key(),)), sign(IMAGE, KEY))
+    with Emulator(flash=flash) as emulator:
+        run = run_conformance(Options(emulator.url, only=("dfu", "flash")))
+    check_sound(run)
+    by_name = {result.case: result for result in run.results}
+    assert by_name["flash/keys-decide-whose-images-are-taken"].verdict is Verdict.PASS
+    assert {result.reason for result in run.results if result.verdict is not Verdict.PASS} == {
+        "the firmware is signed, so that nobody but its maker can make it longer",
+        "the firmware is signed, so that nobody but its maker can give it another version",
+        "the first segment of the firmware has no padding behind it",
+    }
+
+
+# Real lines, by the clock on the wall
+
+SOME = (
+    "acknowledgements",
+    "numbering",
+    "outputs",
+    "states",
+    "flow",
+    "serial/a-host",
+    "serial/one",
+    "console/what-is-t",
+)
+NO_BREAK = Profile(
+    name="a pseudo-terminal",
+    not_applicable={"serial/a-host-that-hangs-up-leaves-a-console": "the server's own port cannot break"},
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["serial", "socket", "rfc2217"])
+def test_nothing_speaks_against_the_emulator_at_the_end_of_a_line(scheme: str) -> None:
+    with served_url(scheme) as (url, _):
+        run = run_conformance(Options(url, only=SOME, profile=NO_BREAK if scheme == "rfc2217" else Profile()))
+    check_sound(run)
+    assert run.count(Verdict.PASS) > 100
+
+
+CONFORMANCE = """
+import sys, usb.backend.libusb1, libusb_package
+from phasewire.__main__ import main
+# The libusb of the system: that of libusb-package does not hear under umockdev that a device has come back.
+libusb_package.get_libusb1_backend = usb.backend.libusb1.get_backend
+main(["conformance", "--device", "usb:", *sys.argv[1:]])
+"""
+OF_A_BENCH_WITHOUT_LEVERS = {
+    UNSEEN,
+    "this needs faults that can be caused",
+    "this needs power that can be cut",
+    "this needs a bus that can be suspended",
+    "this needs a cable that can be pulled",
+    "this needs a second device, which may be broken for good",
+    "this line is too slow: the watchdog may have fired before the request arrived",
+    PARTS,
+    *OF_A_BUS,
+}
+
+
+@needs()
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "groups", [("acknowledgements", "numbering", "requests"), ("dfu", "enumeration", "flash", "power"), ("endpoints",)]
+)
+def test_nothing_speaks_against_the_emulator_on_the_bus_of_a_kernel(groups: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "conformance.py").write_text(CONFORMANCE)
+    allow = [f"--allow={risk}" for risk in Risk]
+    only = [f"--only={group}/" for group in groups]
+    command = [sys.executable, str(tmp_path / "conformance.py"), *allow, *only, f"--json={tmp_path / 'run.json'}"]
+    flash = make_flash(Identity("ON-A-BUS", Wiring.strips()), IMAGE)
+    with (tmp_path / "output").open("wb") as output:
+        bounded = ["timeout", "--signal=KILL", "300", *command]
+        code = run_under_mock(bounded, [Emulator(flash=flash)], stdout=output, stderr=output)
+    assert code == 0, (tmp_path / "output").read_text()
+    results = json.loads((tmp_path / "run.json").read_text())["results"]
+    verdicts = {result["verdict"] for result in results}
+    assert verdicts <= {"pass", "inconclusive", "not applicable"}
+    assert {result["reason"] for result in results if result["verdict"] == "inconclusive"} <= OF_A_BENCH_WITHOUT_LEVERS
+    assert {result["case"].partition("/")[0] for result in results if result["verdict"] == "pass"} == set(groups)
+
+
+# Ctrl-C
+
+LONG = "sequences/the-entry-that-plays-is-read-back"
+"""A case that takes seconds, out of the watchdog's reach."""
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_run_leaves_the_device_off_and_no_report(tmp_path: Path) -> None:
+    reports = [f"--json={tmp_path / 'run.json'}", f"--html={tmp_path / 'run.html'}", f"--junit={tmp_path / 'run.xml'}"]
+    with served_url("serial") as (url, emulator):
+        command = [sys.executable, "-m", "phasewire", "conformance", "--device", url, "--only", LONG, *reports]
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=heed_ctrl_c
+        ) as process:
+            await_playing(emulator)
+            process.send_signal(signal.SIGINT)
+            told, _ = process.communicate(timeout=60)
+        status = controller_of(emulator).status()
+    assert process.returncode == 130, told
+    assert "Traceback" not in told
+    assert (status.state, status.watchdog_fired) == (State.OFF, False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def controller_of(emulator: Emulator) -> Controller:
+    assert emulator.controller is not None
+    return emulator.controller
+
+
+def await_playing(emulator: Emulator) -> None:
+    end = time.monotonic() + 60
+    while controller_of(emulator).status().state is not State.PLAYING:
+        assert time.monotonic() < end
+        time.sleep(0.01)
