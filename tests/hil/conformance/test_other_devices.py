@@ -1,0 +1,208 @@
+"""Conformant devices that differ from the emulator break no case and warn of nothing: the suite asks for no more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from phasewire.emulator.control import agenda, controller, watchdog
+from phasewire.emulator.control.controller import Controller
+from phasewire.emulator.door import Stall
+from phasewire.emulator.interfaces import usb_device, usb_functions
+from phasewire.errors import BlockError
+from phasewire.hil.conformance import running
+from phasewire.hil.conformance.mutants.patching import Patch
+from phasewire.hil.conformance.running import Options, open_bench, run_conformance
+from phasewire.hil.conformance.steps import features_of
+from phasewire.hil.conformance.verdicts import Result, Verdict
+from phasewire.protocol.blocks import Body
+from phasewire.protocol.codes import Feature, Reason, Request
+from phasewire.protocol.firmware import Image
+from phasewire.protocol.requests import VALUES, Setup
+from phasewire.protocol.versions import Version
+
+Device = Callable[[Patch], None]
+
+
+def inform(patch: Patch, **fields: object) -> None:
+    """Let INFO say something else."""
+    patch.wrap(Controller, "info", lambda info: lambda self: replace(info(self), **fields))
+
+
+def set_room(patch: Patch, changes: int, stores: int, records: int) -> None:
+    """Let as many changes, stores and records wait."""
+    for module in (agenda, controller):
+        patch.replace(module, "QUEUE_BLOCKS", changes)
+    for module in (controller, usb_functions):
+        patch.replace(module, "RECORDS", records)
+    patch.replace(controller, "STORES", stores)
+
+
+def of_the_least_sizes(patch: Patch) -> None:
+    """The least that BLK-024 and ACK-001 allow, and one store at a time."""
+    set_room(patch, changes=4, stores=1, records=16)
+
+
+def large(patch: Patch) -> None:
+    """More than the emulator in everything that may be more."""
+    set_room(patch, changes=200, stores=100, records=1000)
+
+
+def set_rate(patch: Patch, periods: int) -> None:
+    """Accept an update every so many periods."""
+
+    def slow(init: Callable[..., None]) -> Callable[..., None]:
+        def made(self: Any, *arguments: Any, **named: Any) -> None:
+            init(self, *arguments, **named)
+            self._periods_per_update = periods
+
+        return made
+
+    patch.wrap(Controller, "__init__", slow)
+
+
+def slower_than_its_links(patch: Patch) -> None:
+    """Its firmware needs longer than the links, and says so (clause BUD-001)."""
+    set_rate(patch, 3)
+
+
+def slow_and_small(patch: Patch) -> None:
+    """Both at once."""
+    set_rate(patch, 3)
+    of_the_least_sizes(patch)
+
+
+def weaker(patch: Patch) -> None:
+    """At most 100 transducers' worth of drive (clause SAF-006)."""
+    inform(patch, drive_limit=100)
+    patch.replace(controller, "VALUES", {**VALUES, Request.LIMIT: range(101)})
+
+    def limited(init: Callable[..., None]) -> Callable[..., None]:
+        def made(self: Any, *arguments: Any, **named: Any) -> None:
+            init(self, *arguments, **named)
+            self._drive_limit = 100
+
+        return made
+
+    patch.wrap(Controller, "__init__", limited)
+
+
+def without_features(patch: Patch) -> None:
+    """It lacks what a device may lack but console and DFU, and says so (clause VER-005)."""
+    features = Feature.CONSOLE | Feature.DFU
+    patch.replace(controller, "FEATURES", features)
+    inform(patch, slots=0, sequence_entries=0, modulation_samples=0)
+
+    def judging(judge: Callable[[Controller, Body], None]) -> Callable[[Controller, Body], None]:
+        def judged(self: Controller, body: Body) -> None:
+            if features_of(body) & ~features:
+                raise BlockError(f"{type(body).__name__} is not there", Reason.UNSUPPORTED)
+            judge(self, body)
+
+        return judged
+
+    def answering(request: Callable[..., bytes]) -> Callable[..., bytes]:
+        def answered(self: Controller, setup: Setup, *more: Any) -> bytes:
+            if setup.request in (Request.PULSES, Request.REVERT):
+                raise Stall(f"request {setup.request} is not there")
+            return request(self, setup, *more)
+
+        return answered
+
+    patch.wrap(Controller, "_judge_state", judging)
+    patch.wrap(Controller, "request", answering)
+
+
+def of_another_make(patch: Patch) -> None:
+    """Its product string has characters of two and four bytes, and its firmware is not 1.0.0."""
+    patch.replace(usb_device, "PRODUCT", "Acme <b>ülträ</b> 𝄞")
+    patch.replace(running, "Image", lambda _, segments: Image(Version(3, 7, 9), segments))
+
+
+def slower_watchdog(patch: Patch) -> None:
+    """Half a second instead of a tenth: the one that SAF-003 does not allow."""
+    for module in (watchdog, controller):
+        patch.replace(module, "WATCHDOG_MS", 500)
+
+
+BY_SIZE = (
+    *("acknowledgements", "blocks", "endpoints", "flow", "long-run", "modulation", "numbering", "outputs", "requests"),
+    *("robustness", "safety", "sequences", "serial", "states", "stores", "timing"),
+)
+BY_RATE = ("acknowledgements", "blocks", "flow", "long-run", "modulation", "outputs", "requests", "sequences", "timing")
+BY_DRIVE = ("blocks", "endpoints", "long-run", "power", "pulses", "requests", "safety", "sequences", "stores", "timing")
+BY_MAKE = ("console", "dfu", "endpoints", "enumeration", "flash", "power", "requests", "serial", "versions")
+BY_FEATURES = ()
+"""Groups that a device's difference matters to; all of them where there is none."""
+TWO_WIRES = "emulator:?link=2wire"
+DEVICES: list[tuple[Device, str, tuple[str, ...], dict[str, object]]] = [
+    (of_the_least_sizes, "emulator:", BY_SIZE, {"queue_blocks": 4, "queue_records": 16}),
+    (large, "emulator:", BY_SIZE, {"queue_blocks": 200, "queue_records": 1000}),
+    (slower_than_its_links, TWO_WIRES, BY_RATE, {"periods_per_update": 3, "link_wires": 2}),
+    (slow_and_small, "emulator:", BY_RATE, {"periods_per_update": 3, "queue_blocks": 4}),
+    (weaker, "emulator:", BY_DRIVE, {"drive_limit": 100}),
+    (without_features, "emulator:", BY_FEATURES, {"features": Feature.CONSOLE | Feature.DFU, "slots": 0}),
+    (of_another_make, "emulator:", BY_MAKE, {"firmware": (3, 7, 9)}),
+]
+"""Devices, by which URL, what to ask of them, and what they say of themselves."""
+NAMES = [device.__name__.replace("_", "-") for device, *_ in DEVICES]
+
+
+@contextmanager
+def being(device: Device) -> Iterator[None]:
+    """Let emulators be such devices."""
+    patch = Patch()
+    try:
+        device(patch)
+        yield
+    finally:
+        patch.undo()
+
+
+def results(device: Device, url: str, only: tuple[str, ...]) -> list[Result]:
+    """What comes of cases on such a device."""
+    with being(device):
+        run = run_conformance(Options(url, only=only))
+    assert not run.trouble
+    assert {one.case.partition("/")[0] for one in run.results} >= {*only}
+    return list(run.results)
+
+
+def broken(found: list[Result]) -> list[str]:
+    """The cases that fail, or warn, and why."""
+    return [f"{one.case} {one.verdict}: {one.reason}" for one in found if one.verdict in (Verdict.FAIL, Verdict.WARN)]
+
+
+@pytest.mark.parametrize(("device", "url", "_", "fields"), DEVICES, ids=NAMES)
+def test_the_devices_say_how_they_differ(device: Device, url: str, _: object, fields: dict[str, object]) -> None:
+    with being(device), open_bench(Options(url)) as bench:
+        assert {name: getattr(bench.info, name) for name in fields} == fields
+    with open_bench(Options(url)) as bench:
+        assert all(getattr(bench.info, name) != value for name, value in fields.items() if name != "link_wires")
+
+
+@pytest.mark.slow
+def test_what_a_device_without_features_refuses_is_judged() -> None:
+    found = results(without_features, "emulator:", ("versions",))
+    without = {one.case: one.verdict for one in found if "without" in one.case}
+    assert len(without) == 6
+    there = "versions/detach-is-answered-with-stall-without-dfu"  # the one feature of them that it has
+    assert without == {case: Verdict.NOT_APPLICABLE if case == there else Verdict.PASS for case in without}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("device", "url", "only", "_"), DEVICES, ids=NAMES)
+def test_a_conformant_device_breaks_nothing(device: Device, url: str, only: tuple[str, ...], _: object) -> None:
+    assert broken(results(device, url, only)) == []
+
+
+@pytest.mark.slow
+def test_another_default_of_the_watchdog_breaks_what_asks_for_it_alone() -> None:
+    found = results(slower_watchdog, "emulator:", ("acknowledgements", "blocks", "requests", "safety", "states"))
+    assert [one.case for one in found if one.verdict in (Verdict.FAIL, Verdict.WARN)] == [
+        "requests/info-says-what-the-specification-demands",
+        "safety/the-watchdog-has-its-default-time",
+    ]
