@@ -481,10 +481,7 @@ def test_enable_and_status_are_signs_of_life(bench: Bench) -> None:
 
 @case("REQ-006", "CHN-026", "TIM-002/1")
 def test_the_clock_tells_ticks_and_sync_pulses(bench: Bench) -> None:
-    """CLOCK answers the tick, and period and count of the sync pulses: at period 0 and at every 4096th after it.
-
-    A device that shares its sync line may have counted some before its period 0, but no more of these later.
-    """
+    """CLOCK answers the tick, and period and count of sync pulses: one each 4096 periods, and any before period 0."""
     last, earlier = 0, set()
     for _ in range(8):
         data = bench.ask(Request.CLOCK)
