@@ -13,6 +13,7 @@ from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.images import Forgery, large_image, of_whole_blocks
 from phasewire.hil.conformance.lines.dfu import DfuLine, dfu_mode
+from phasewire.hil.conformance.steps import enable
 from phasewire.hil.conformance.waveforms import check_silent
 from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME
 from phasewire.protocol.blocks import Update
@@ -32,7 +33,6 @@ AWAY_SECONDS = 0.01
 """Off the bus, at least (clause DFU-002)."""
 CLOCK_ERROR = 0.001
 """How far the clocks of host and device are apart at most."""
-LONG_WATCHDOG_MS = 20_000
 ASK_SECONDS = 0.001
 
 IDLE, SYNC, DNBUSY, DNLOAD_IDLE = DfuState.DFU_IDLE, DfuState.DNLOAD_SYNC, DfuState.DNBUSY, DfuState.DNLOAD_IDLE
@@ -237,8 +237,7 @@ def _come_back(bench: Bench, line: DfuLine) -> None:
 @flashing("DFU-002", "SAF-004/1", "SAF-001", "STA-003", needs=(Need.CAPTURE,))
 def test_detach_silences_the_outputs_for_as_long_as_dfu_mode_lasts(bench: Bench) -> None:
     """DETACH silences the outputs within six periods, and they stay low while firmware is loaded."""
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     ack = bench.must(Update(bench.weak()))
     bench.wait_until(ack.commit_period + 4)
     earliest, period, latest = bench.line.time.monotonic(), bench.period(), bench.line.time.monotonic()

@@ -14,7 +14,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.examples import example
 from phasewire.hil.conformance.lines.dfu import dfu_mode
-from phasewire.hil.conformance.steps import LONG_MS
+from phasewire.hil.conformance.steps import enable
 from phasewire.protocol.codes import Feature, Request, State
 from phasewire.protocol.requests import Setup
 
@@ -374,8 +374,7 @@ UNKNOWN = {
 @pytest.mark.parametrize("setup", UNKNOWN.values(), ids=UNKNOWN)
 def test_unknown_requests_stall_and_change_nothing(bench: Bench, setup: Setup) -> None:
     """A request that the device does not know, or not with this value, is answered with STALL and has no effect."""
-    bench.order(Request.WATCHDOG, LONG_MS)
-    bench.enable()
+    enable(bench)
     before = bench.status()
     stalls(bench, setup)
     after = bench.status()

@@ -12,7 +12,7 @@ from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.forge import forged
-from phasewire.hil.conformance.steps import check_sync, require
+from phasewire.hil.conformance.steps import LONG_MS, check_sync, enable, require
 from phasewire.hil.conformance.waveforms import check_play, check_silent, expected_words
 from phasewire.protocol.blocks import Entries, Entry, Modulation, NoOp, Samples, Sequence, Slot, Update, pack
 from phasewire.protocol.board import CARRIER_HZ, PROCESSORS, TICK_HZ
@@ -24,7 +24,6 @@ from phasewire.protocol.requests import Setup
 
 RECORDS_IN = 0x81
 CONSOLE = 1
-LONG_WATCHDOG_MS = 20_000
 OFF_PERIODS = 400
 """10 ms, within which the outputs are off on a bus that fell silent (clause USB-020)."""
 CLOCK_ERROR = 0.01
@@ -71,8 +70,7 @@ def store_everything(bench: Bench) -> None:
 
 def play(bench: Bench) -> Ack:
     """An update that plays, and that no watchdog ends."""
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     ack = bench.must(Update(bench.weak(0.5)))
     bench.wait_until(ack.commit_period)
     expect("the state before", bench.status().state, State.PLAYING)
@@ -127,9 +125,8 @@ def test_slots_and_entries_are_empty_after_a_restart(bench: Bench, restart: Rest
     """A sequence that was stored before RESET or power-up is refused as EMPTY until entry and slot are stored again."""
     store_everything(bench)
     restart(bench)
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
     bench.order(Request.LIMIT, bench.drive_limit)
-    bench.enable()
+    enable(bench)
     expect("the reason without an entry", bench.send(Sequence(7, 1)).reason, Reason.EMPTY)
     bench.must(Entries((Entry(3, 40),), 7))
     expect("the reason without a slot", bench.send(Sequence(7, 1)).reason, Reason.EMPTY)
@@ -143,8 +140,7 @@ def test_samples_are_empty_after_a_restart(bench: Bench, restart: Restart) -> No
     """A modulation of samples from before RESET or power-up is refused as EMPTY until they are stored again."""
     store_everything(bench)
     restart(bench)
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     expect("the reason without samples", bench.send(Modulation(9, 2, 1)).reason, Reason.EMPTY)
     bench.must(Samples(bytes([255]), 9))
     expect("the reason with one of two", bench.send(Modulation(9, 2, 1)).reason, Reason.EMPTY)
@@ -207,8 +203,7 @@ def play_in(bench: Bench, state: State) -> None:
     """Bring the device to a state."""
     match state:
         case State.READY:
-            bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-            bench.enable()
+            enable(bench)
         case State.PLAYING:
             play(bench)
         case State.UNATTENDED:
@@ -228,8 +223,7 @@ def test_reset_leads_to_off_from_every_state(bench: Bench, state: State) -> None
 @case("STA-003", "REQ-013", allow=(Risk.RESET,), needs=(Need.FAULTS,))
 def test_reset_leads_to_off_while_a_fault_waits(bench: Bench) -> None:
     """RESET leads to OFF without faults also while one waits to be cleared."""
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     bench.levers.cause(HotBoard(board=2, celsius=100, periods=4000))
     bench.wait(0.05)
     bench.wait_periods(4000)
@@ -330,11 +324,10 @@ def suspended(bench: Bench) -> Iterator[None]:
 
 def play_unattended(bench: Bench, *, periods: int = 40, repeats: int = 0) -> tuple[Ack, Pulses]:
     """A sequence of one slot that may go on without its host; what it plays."""
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
     pulses = bench.weak(0.5)
     bench.must(Slot(3, pulses))
     bench.must(Entries((Entry(3, periods),), 7))
-    bench.enable()
+    enable(bench)
     ack = bench.must(Sequence(7, 1, repeats=repeats, unattended=True))
     bench.wait_until(ack.commit_period)
     expect("the state before", bench.status().state, State.UNATTENDED)
@@ -365,8 +358,7 @@ def test_suspend_turns_the_outputs_off(bench: Bench, state: State) -> None:
     for name in (*COUNTERS, "faults", "watchdog_ms", "drive_limit"):
         expect(f"the status' {name}", getattr(after, name), getattr(before, name))
     expect("the reason for an update", bench.send(Update(bench.weak()), restart=True).reason, Reason.DISABLED)
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     if queued is not None:
         bench.wait_until(queued.commit_period + 2)
         expect("the state past the period of what was queued", bench.status().state, State.READY)
@@ -379,8 +371,7 @@ def test_suspend_keeps_the_records(bench: Bench) -> None:
     blocks = [bench.numbered(NoOp()) for _ in range(3)]
     before = bench.status().accepted
     bench.usb.write(1, b"".join(map(pack, blocks)), SOON)
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     end = bench.line.time.monotonic() + SOON
     while (accepted := bench.status().accepted) != (before + len(blocks)) % 2**32:
         assert bench.line.time.monotonic() < end, (
@@ -416,8 +407,7 @@ def test_a_device_that_resumes_is_configured_as_before(bench: Bench) -> None:
     expect("the reason for an old number", bench.send(NoOp(), number=first.sequence).reason, Reason.SEQUENCE)
     ack = bench.must(NoOp(), number=(last.sequence + 3) % 2**32)
     expect("the flags behind two that are missing", ack.flags, AckFlag.GAP)
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     if Feature.SEQUENCES in bench.info.features:
         bench.must(Sequence(7, 1))
 
@@ -537,7 +527,7 @@ def test_an_unplugged_device_is_found_reset(bench: Bench) -> None:
     expect("what plays since", after.since_period, 0)
     expect("the room in the queue", after.free, bench.info.queue_blocks)
     expect("the count of accepted blocks", after.accepted, (before.accepted + 1) % 2**32)
-    expect("the watchdog's time", after.watchdog_ms, LONG_WATCHDOG_MS)
+    expect("the watchdog's time", after.watchdog_ms, LONG_MS)
     assert after.now > before.now, f"the time is {after.now}, should go on from {before.now}"
     expect("what comes of its own accord", bench.listen(0.02), [])
     expect("the line coding", bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7)), LINE_CODING_AT_FIRST)

@@ -9,6 +9,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.forge import FIELDS, forged
+from phasewire.hil.conformance.steps import enable
 from phasewire.hil.conformance.waveforms import check_play, check_silent, expected_words
 from phasewire.protocol.blocks import Block, Body, Clock, Entries, Entry, NoOp, Samples, Slot, Update, pack
 from phasewire.protocol.codes import AckFlag, DfuRequest, Feature, FrameKind, Reason, Request, State
@@ -19,7 +20,6 @@ from phasewire.protocol.requests import Setup
 BLOCK_BYTES = 512
 ENDPOINTS = (0x01, 0x81, 0x82, 0x03, 0x83)
 INTERFACES = (0, 1, 2, 3)
-LONG_WATCHDOG_MS = 20_000
 SOON = 1.0
 COUNTED = ("late", "lost", "missed_commits", "damaged_messages", "faults", "watchdog_ms", "drive_limit", "state")
 
@@ -61,8 +61,7 @@ def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> No
 
 def play(bench: Bench) -> Ack:
     """An update that plays, and that no watchdog ends."""
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     ack = bench.must(Update(bench.weak()))
     bench.wait_until(ack.commit_period)
     return ack
@@ -234,8 +233,7 @@ def test_nonsense_moves_no_output(bench: Bench) -> None:
 def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
     """What plays goes on tick by tick through nonsense of every kind, for one flipped bit must not be heard."""
     pulses = bench.weak()
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     ack = bench.must(Update(pulses))
     bench.wait_until(ack.commit_period)
     for _ in range(at_most(bench, 3)):

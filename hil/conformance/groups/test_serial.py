@@ -16,6 +16,7 @@ from phasewire.hil.conformance.forge import forged
 from phasewire.hil.conformance.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
 from phasewire.hil.conformance.lines.serial import QUIET_SECONDS, SerialLine
 from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
+from phasewire.hil.conformance.steps import LONG_MS, enable
 from phasewire.protocol.blocks import NoOp, Update, pack
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag
@@ -39,7 +40,6 @@ ANSWERS = {
 """Bytes of each answer (chapter REQ)."""
 ASK_CLOCK = Setup(VENDOR_IN, Request.CLOCK, 0, 0, 24)
 ENABLE = Setup(VENDOR_OUT, Request.ENABLE, 0, 0, 0)
-LONG_WATCHDOG_MS = 20_000
 SHARED_WATCHDOG_MS = 200
 ANSWER_SECONDS = 0.02
 """Clause SER-013."""
@@ -187,8 +187,7 @@ def test_what_the_device_sends_has_its_one_form(frames: SerialLine) -> None:
 def test_no_empty_group_follows_a_full_one_at_the_end(bench: Bench, frames: SerialLine) -> None:
     """Replies that end with 253 to 255 bytes without a zero have their one form: no group of no bytes ends them."""
     pulses = zero_free_pulses(bench)
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     bench.wait_until(bench.must(Update(pulses)).commit_period + 2)
     frames.rest()
     head = 16  # the last byte of read_period is 0 for the next million years
@@ -939,8 +938,7 @@ def test_doors_share_one_numbering(bench: Bench, frames: SerialLine) -> None:
 @case("SER-016", "SER-011", line="usb")
 def test_doors_share_one_queue(bench: Bench, frames: SerialLine) -> None:
     """Changes that came by USB fill the queue for the serial line too, and `free` counts those of all doors."""
-    bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
-    bench.enable()
+    enable(bench)
     free = bench.must(NoOp()).free
     first = bench.period() + 40_000
     bench.must(Update(Pulses.silent(CHANNELS), first))
@@ -953,7 +951,7 @@ def test_doors_share_one_queue(bench: Bench, frames: SerialLine) -> None:
 @case("SER-016", "ACK-006", line="usb")
 def test_what_comes_by_one_door_is_told_the_others(bench: Bench, frames: SerialLine) -> None:
     """A state that changes by what came through one door is told by a status record at the other, unasked."""
-    order(frames, Request.WATCHDOG, LONG_WATCHDOG_MS)
+    order(frames, Request.WATCHDOG, LONG_MS)
     order(frames, Request.ENABLE)
     expect("the state told by USB", bench.await_unasked(1).state, State.READY)
     expect_told(frames, State.OFF, lambda: bench.order(Request.DISABLE))
@@ -1004,7 +1002,7 @@ def test_doors_share_one_watchdog(bench: Bench, frames: SerialLine) -> None:
 @case("USB-003", "SER-016", "USB-026", line="usb")
 def test_what_was_enabled_by_the_serial_line_ends_with_the_session(bench: Bench, frames: SerialLine) -> None:
     """SET_CONFIGURATION turns off what was enabled and plays by the serial line, whichever door it came by."""
-    order(frames, Request.WATCHDOG, LONG_WATCHDOG_MS)
+    order(frames, Request.WATCHDOG, LONG_MS)
     order(frames, Request.ENABLE)
     expect("the reason of an update", send(frames, pack(bench.numbered(Update(bench.weak())))).reason, Reason.ACCEPTED)
     bench.usb.set_configuration()
