@@ -56,7 +56,7 @@ def let_pass(bench: Bench, seconds: float) -> float:
 
 @case("TIM-003", "BLK-005", "ACK-001", "NUM-002", "REQ-003", "BUD-001/2", "CHN-020", needs=[Need.CAPTURE])
 def test_a_long_stream_of_updates_plays_whole(bench: Bench) -> None:
-    """Two seconds of updates, five hundred a second, all play at their periods; the counters know every one of them."""
+    """Of two seconds of updates, 500 a second, none is late, missed or lost, and twelve stretches are seen to play."""
     stage = Stage(bench)
     fast = is_fast(bench)
     count, spacing, at_once = (1024, 4 * FAST_PERIODS, 16) if fast else (16, 2 * block_periods(bench), 4)
