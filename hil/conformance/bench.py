@@ -45,15 +45,15 @@ from ...protocol.replies import (
 )
 from ...protocol.requests import Setup
 from ...protocol.wiring import Wiring
-from .capture import Seen, Sight, Unseen
 from .cases import Inconclusive, Need, Risk
 from .levers import Levers
 from .lines.line import RawLine
 from .lines.serial import CdcWire, SerialLine
 from .lines.usb import UsbLine
-from .marks import MARK_PULSES, Mark
 from .profile import Profile
-from .sigrok import SigrokSight
+from .sight.capture import Seen, Sight, Unseen
+from .sight.marks import MARK_PULSES, Mark
+from .sight.sigrok import SigrokSight
 from .verdicts import Evidence
 
 __all__ = ["LOW_DRIVE", "OUTPUTS", "Bench", "Lost"]

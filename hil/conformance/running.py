@@ -27,7 +27,6 @@ from ...protocol.firmware import Image, Segment
 from ...protocol.versions import Version
 from ...protocol.wiring import Wiring
 from .bench import Bench
-from .capture import EmulatorSight, Sight
 from .cases import Risk
 from .levers import EmulatorLevers, Levers, NoLevers
 from .lines.line import RawLine
@@ -35,7 +34,8 @@ from .lines.serial import PortWire, SerialLine
 from .lines.usb import UsbLine
 from .plugin import Catalogue, Entry, Judge, Watcher
 from .profile import Profile
-from .sigrok import SessionFile, SigrokSight
+from .sight.capture import EmulatorSight, Sight
+from .sight.sigrok import SessionFile, SigrokSight
 from .verdicts import Provenance, Run
 
 __all__ = ["Options", "catalogue", "open_bench", "run_conformance"]

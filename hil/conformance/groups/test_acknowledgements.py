@@ -12,9 +12,9 @@ import pytest
 from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.forge import forged
 from phasewire.hil.conformance.lines.serial import SerialLine
-from phasewire.hil.conformance.steps import (
+from phasewire.hil.conformance.tools.forge import forged
+from phasewire.hil.conformance.tools.steps import (
     SILENT,
     begin,
     cut,

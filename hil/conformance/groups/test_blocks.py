@@ -9,10 +9,11 @@ import pytest
 from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
-from phasewire.hil.conformance.examples import example
-from phasewire.hil.conformance.forge import FIELDS, forged, seal
-from phasewire.hil.conformance.stage import Stage
-from phasewire.hil.conformance.steps import (
+from phasewire.hil.conformance.sight.waveforms import check_play, expected_words, modulated, only
+from phasewire.hil.conformance.tools.examples import example
+from phasewire.hil.conformance.tools.forge import FIELDS, forged, seal
+from phasewire.hil.conformance.tools.stage import Stage
+from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     Wrong,
@@ -30,7 +31,6 @@ from phasewire.hil.conformance.steps import (
     some,
     vectors,
 )
-from phasewire.hil.conformance.waveforms import check_play, expected_words, modulated, only
 from phasewire.protocol.blocks import (
     Block,
     Body,

@@ -13,9 +13,17 @@ import pytest
 from phasewire.emulator import faults
 from phasewire.emulator.faults import InjectedFault
 from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
-from phasewire.hil.conformance.capture import Seen
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.playing import (
+from phasewire.hil.conformance.sight.capture import Seen
+from phasewire.hil.conformance.sight.waveforms import (
+    SILENCE,
+    Words,
+    check_play,
+    check_silent,
+    expected_words,
+    modulated,
+)
+from phasewire.hil.conformance.tools.playing import (
     Field,
     check_falls_one_by_one,
     check_falls_silent,
@@ -23,9 +31,8 @@ from phasewire.hil.conformance.playing import (
     silent_from,
     told,
 )
-from phasewire.hil.conformance.stage import soon
-from phasewire.hil.conformance.steps import SILENT, enable, features_of, require
-from phasewire.hil.conformance.waveforms import SILENCE, Words, check_play, check_silent, expected_words, modulated
+from phasewire.hil.conformance.tools.stage import soon
+from phasewire.hil.conformance.tools.steps import SILENT, enable, features_of, require
 from phasewire.protocol.blocks import (
     Body,
     Clock,

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.capture import Seen
 from phasewire.hil.conformance.cases import Need, NotApplicable, Risk, case, expect
-from phasewire.hil.conformance.filling import fill_queue
-from phasewire.hil.conformance.frames import frame, request_frame
 from phasewire.hil.conformance.lines.serial import SerialLine
-from phasewire.hil.conformance.waveforms import SILENCE, check_play, expected_words, only
+from phasewire.hil.conformance.sight.capture import Seen
+from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, only
+from phasewire.hil.conformance.tools.filling import fill_queue
+from phasewire.hil.conformance.tools.frames import frame, request_frame
 from phasewire.protocol.blocks import Entries, Entry, Modulation, NoOp, Samples, Sequence, Slot, Update, pack
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (

@@ -11,10 +11,10 @@ from phasewire.emulator import faults
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.images import Forgery, large_image, of_whole_blocks
-from phasewire.hil.conformance.lines.dfu import DfuLine, dfu_mode
-from phasewire.hil.conformance.steps import enable
-from phasewire.hil.conformance.waveforms import check_silent
+from phasewire.hil.conformance.sight.waveforms import check_silent
+from phasewire.hil.conformance.tools.dfu import DfuLine, dfu_mode
+from phasewire.hil.conformance.tools.images import Forgery, large_image, of_whole_blocks
+from phasewire.hil.conformance.tools.steps import enable
 from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.board import CARRIER_HZ

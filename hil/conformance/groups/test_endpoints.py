@@ -9,10 +9,10 @@ import pytest
 from phasewire.errors import DeviceError, DeviceStalledError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.forge import forged
-from phasewire.hil.conformance.lines.dfu import DfuLine
 from phasewire.hil.conformance.lines.usb import CONSOLE_IN, CONSOLE_OUT
-from phasewire.hil.conformance.waveforms import check_silent
+from phasewire.hil.conformance.sight.waveforms import check_silent
+from phasewire.hil.conformance.tools.dfu import DfuLine
+from phasewire.hil.conformance.tools.forge import forged
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
     Body,

@@ -12,9 +12,9 @@ import usb.util
 from phasewire.errors import DeviceLostError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.examples import example
-from phasewire.hil.conformance.lines.dfu import dfu_mode
-from phasewire.hil.conformance.steps import enable
+from phasewire.hil.conformance.tools.dfu import dfu_mode
+from phasewire.hil.conformance.tools.examples import example
+from phasewire.hil.conformance.tools.steps import enable
 from phasewire.protocol.codes import Feature, Request, State
 from phasewire.protocol.requests import Setup
 

@@ -10,8 +10,8 @@ from phasewire.emulator import faults
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, NotApplicable, Risk, case, expect
-from phasewire.hil.conformance.images import as_version, large_image, signed_by
-from phasewire.hil.conformance.lines.dfu import DfuLine, dfu_mode
+from phasewire.hil.conformance.tools.dfu import DfuLine, dfu_mode
+from phasewire.hil.conformance.tools.images import as_version, large_image, signed_by
 from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Feature, ImageReason, Request, State
 

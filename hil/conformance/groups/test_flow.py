@@ -8,8 +8,9 @@ from collections.abc import Sequence as Many
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, case, expect
-from phasewire.hil.conformance.stage import PROMISED_PERIODS, Stage, is_fast, soon
-from phasewire.hil.conformance.steps import (
+from phasewire.hil.conformance.sight.waveforms import only
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, is_fast, soon
+from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
     begin,
@@ -20,7 +21,6 @@ from phasewire.hil.conformance.steps import (
     raw_records,
     refuse,
 )
-from phasewire.hil.conformance.waveforms import only
 from phasewire.protocol.blocks import Body, Clock, Entries, Entry, NoOp, Output, Samples, Sequence, Slot, Update, pack
 from phasewire.protocol.codes import Action, Feature, Reason, Request, State
 from phasewire.protocol.replies import Ack

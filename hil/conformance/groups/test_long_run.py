@@ -6,7 +6,7 @@ import time
 
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, case, expect
-from phasewire.hil.conformance.stage import FAST_PERIODS, Stage, block_periods, is_fast
+from phasewire.hil.conformance.tools.stage import FAST_PERIODS, Stage, block_periods, is_fast
 from phasewire.protocol.blocks import (
     Body,
     Clock,

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
-from phasewire.hil.conformance.stage import PROMISED_PERIODS, Stage
-from phasewire.hil.conformance.waveforms import only
+from phasewire.hil.conformance.sight.waveforms import only
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage
 from phasewire.protocol.blocks import (
     Body,
     Change,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk, case, expect
-from phasewire.hil.conformance.steps import (
+from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
     begin,

@@ -7,7 +7,8 @@ from itertools import pairwise
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
-from phasewire.hil.conformance.steps import (
+from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, modulated
+from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
     begin,
@@ -20,7 +21,6 @@ from phasewire.hil.conformance.steps import (
     refuse,
     require,
 )
-from phasewire.hil.conformance.waveforms import SILENCE, check_play, expected_words, modulated
 from phasewire.protocol.blocks import (
     Body,
     Clock,

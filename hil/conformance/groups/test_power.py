@@ -11,9 +11,9 @@ from phasewire.emulator.faults import HotBoard
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.forge import forged
-from phasewire.hil.conformance.steps import LONG_MS, check_sync, enable, require
-from phasewire.hil.conformance.waveforms import check_play, check_silent, expected_words
+from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
+from phasewire.hil.conformance.tools.forge import forged
+from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, require
 from phasewire.protocol.blocks import Entries, Entry, Modulation, NoOp, Samples, Sequence, Slot, Update, pack
 from phasewire.protocol.board import CARRIER_HZ, PROCESSORS, TICK_HZ
 from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag

@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.capture import Seen
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.forge import forged
-from phasewire.hil.conformance.stage import Stage, is_fast
-from phasewire.hil.conformance.waveforms import SILENCE, check_play, only
+from phasewire.hil.conformance.sight.capture import Seen
+from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, only
+from phasewire.hil.conformance.tools.forge import forged
+from phasewire.hil.conformance.tools.stage import Stage, is_fast
 from phasewire.protocol.blocks import Body, Entries, Entry, Modulation, Samples, Sequence, Slot, Update, pack
 from phasewire.protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS
 from phasewire.protocol.codes import Feature, Reason

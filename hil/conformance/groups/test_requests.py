@@ -10,7 +10,7 @@ import pytest
 from phasewire.emulator.faults import FlippedBit, HotBoard
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.steps import (
+from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     Wrong,

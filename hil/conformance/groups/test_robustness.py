@@ -8,9 +8,9 @@ from itertools import groupby
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
-from phasewire.hil.conformance.forge import FIELDS, forged
-from phasewire.hil.conformance.steps import enable
-from phasewire.hil.conformance.waveforms import check_play, check_silent, expected_words
+from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
+from phasewire.hil.conformance.tools.forge import FIELDS, forged
+from phasewire.hil.conformance.tools.steps import enable
 from phasewire.protocol.blocks import Block, Body, Clock, Entries, Entry, NoOp, Samples, Slot, Update, pack
 from phasewire.protocol.codes import AckFlag, DfuRequest, Feature, FrameKind, Reason, Request, State
 from phasewire.protocol.framing import DELIMITER, Frame, encode

@@ -10,13 +10,9 @@ from functools import cache
 import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
-from phasewire.hil.conformance.capture import Seen
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
-from phasewire.hil.conformance.forge import forged
-from phasewire.hil.conformance.playing import PLAYS, check_falls_silent, play, silent_from
-from phasewire.hil.conformance.playing import start as start_playing
-from phasewire.hil.conformance.steps import LONG_MS, SILENT, enable, features_of, forge, require
-from phasewire.hil.conformance.waveforms import (
+from phasewire.hil.conformance.sight.capture import Seen
+from phasewire.hil.conformance.sight.waveforms import (
     SILENCE,
     Words,
     check_play,
@@ -25,6 +21,10 @@ from phasewire.hil.conformance.waveforms import (
     modulated,
     only,
 )
+from phasewire.hil.conformance.tools.forge import forged
+from phasewire.hil.conformance.tools.playing import PLAYS, check_falls_silent, play, silent_from
+from phasewire.hil.conformance.tools.playing import start as start_playing
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, features_of, forge, require
 from phasewire.protocol.blocks import (
     Body,
     Clock,

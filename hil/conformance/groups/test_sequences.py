@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
-from phasewire.hil.conformance.stage import PROMISED_PERIODS, Stage, is_fast
-from phasewire.hil.conformance.waveforms import only
+from phasewire.hil.conformance.sight.waveforms import only
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, is_fast
 from phasewire.protocol.blocks import Body, Change, Entries, Entry, NoOp, Output, Sequence, Slot, Update
 from phasewire.protocol.board import CHANNELS
 from phasewire.protocol.codes import Action, Feature, Reason, Request, State, StatusFlag

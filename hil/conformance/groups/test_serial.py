@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Risk, case, expect
-from phasewire.hil.conformance.filling import fill_queue
-from phasewire.hil.conformance.forge import forged
-from phasewire.hil.conformance.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
 from phasewire.hil.conformance.lines.serial import QUIET_SECONDS, SerialLine
 from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
-from phasewire.hil.conformance.steps import LONG_MS, enable
+from phasewire.hil.conformance.tools.filling import fill_queue
+from phasewire.hil.conformance.tools.forge import forged
+from phasewire.hil.conformance.tools.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
+from phasewire.hil.conformance.tools.steps import LONG_MS, enable
 from phasewire.protocol.blocks import NoOp, Update, pack
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.capture import Seen
 from phasewire.hil.conformance.cases import Need, case, expect
-from phasewire.hil.conformance.stage import Stage, is_fast
-from phasewire.hil.conformance.waveforms import only, output_name
+from phasewire.hil.conformance.sight.capture import Seen
+from phasewire.hil.conformance.sight.waveforms import only, output_name
+from phasewire.hil.conformance.tools.stage import Stage, is_fast
 from phasewire.protocol.blocks import Entries, Entry, Sequence, Slot, Update
 from phasewire.protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import Feature, Request

@@ -10,12 +10,12 @@ from phasewire.emulator import faults
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
-from phasewire.hil.conformance.forge import forged
-from phasewire.hil.conformance.lines.dfu import DfuLine
 from phasewire.hil.conformance.lines.serial import SerialLine
-from phasewire.hil.conformance.playing import play, start, told
-from phasewire.hil.conformance.steps import LONG_MS, SILENT, enable, require
-from phasewire.hil.conformance.waveforms import check_silent
+from phasewire.hil.conformance.sight.waveforms import check_silent
+from phasewire.hil.conformance.tools.dfu import DfuLine
+from phasewire.hil.conformance.tools.forge import forged
+from phasewire.hil.conformance.tools.playing import play, start, told
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import Body, Entries, Entry, NoOp, Output, Sequence, Slot, Update, pack
 from phasewire.protocol.board import CARRIER_HZ

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Risk, case, expect
-from phasewire.hil.conformance.steps import (
+from phasewire.hil.conformance.sight.waveforms import only
+from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
     begin,
@@ -19,7 +20,6 @@ from phasewire.hil.conformance.steps import (
     refuse,
     some,
 )
-from phasewire.hil.conformance.waveforms import only
 from phasewire.protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Sequence, Slot, Update
 from phasewire.protocol.codes import Action, Feature, Reason, Request, State
 

@@ -10,8 +10,8 @@ from itertools import pairwise
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
-from phasewire.hil.conformance.stage import PROMISED_PERIODS, Stage, is_fast, soon
-from phasewire.hil.conformance.steps import SYNC_PERIODS, check_sync
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, is_fast, soon
+from phasewire.hil.conformance.tools.steps import SYNC_PERIODS, check_sync
 from phasewire.protocol.blocks import (
     Change,
     Clock,

@@ -11,8 +11,8 @@ from cobs import cobs
 from phasewire.emulator import faults
 from phasewire.emulator.machine import plugged
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.lines.dfu import DfuLine, dfu_mode
 from phasewire.hil.conformance.lines.serial import SerialLine
+from phasewire.hil.conformance.tools.dfu import DfuLine, dfu_mode
 from phasewire.host.lines.usb_find import RUN_TIME
 from phasewire.protocol.blocks import Block, Modulation, NoOp, Samples, Update, checksum, pack
 from phasewire.protocol.codes import Bank, DfuState, Feature, FrameKind, Reason, Request, State

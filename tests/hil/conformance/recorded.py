@@ -14,7 +14,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 import numpy as np
 from numpy.typing import NDArray
 from phasewire import Capture, Device, Emulator, Pulses, open_device
-from phasewire.hil.conformance.marks import MARK_PULSES, Mark
+from phasewire.hil.conformance.sight.marks import MARK_PULSES, Mark
 
 
 class Played(NamedTuple):

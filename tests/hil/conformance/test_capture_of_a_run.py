@@ -17,7 +17,7 @@ CASES = '''
 from __future__ import annotations
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, case
-from phasewire.hil.conformance.waveforms import check_play, check_silent, expected_words
+from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.protocol.blocks import Update
 
 @case("PUL-004", needs=(Need.CAPTURE,))

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.forge import FIELDS, forged, seal
 from phasewire.hil.conformance.lines.usb import UsbLine
 from phasewire.hil.conformance.mutants.catalogue import MUTANTS
 from phasewire.hil.conformance.mutants.patching import Patch
-from phasewire.hil.conformance.waveforms import expected_words, only
+from phasewire.hil.conformance.sight.waveforms import expected_words, only
+from phasewire.hil.conformance.tools.forge import FIELDS, forged, seal
 from phasewire.protocol.blocks import (
     Block,
     Body,

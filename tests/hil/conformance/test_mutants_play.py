@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.waveforms import SILENCE, expected_words
+from phasewire.hil.conformance.sight.waveforms import SILENCE, expected_words
 from phasewire.protocol.blocks import (
     Body,
     Entries,

@@ -8,9 +8,9 @@ import pytest
 from phasewire.emulator import Emulator
 from phasewire.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from phasewire.hil.conformance.cases import Inconclusive
-from phasewire.hil.conformance.frames import console_frame, request_frame
 from phasewire.hil.conformance.lines.serial import CdcWire, PortWire, SerialLine
 from phasewire.hil.conformance.lines.usb import UsbLine
+from phasewire.hil.conformance.tools.frames import console_frame, request_frame
 from phasewire.protocol.codes import FrameKind, Request
 from phasewire.protocol.framing import Mode
 from phasewire.protocol.replies import Info, Status

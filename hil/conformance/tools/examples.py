@@ -11,7 +11,7 @@ from functools import cache
 from importlib.resources import files
 from types import MappingProxyType
 
-from ... import protocol
+from .... import protocol
 
 __all__ = ["example"]
 

@@ -13,9 +13,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...emulator import Emulator
-from ...protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, TICKS_PER_PERIOD
-from ...protocol.wiring import Pin
+from ....emulator import Emulator
+from ....protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, TICKS_PER_PERIOD
+from ....protocol.wiring import Pin
 
 __all__ = ["NOT_ONE", "EmulatorSight", "Seen", "SeenPulses", "Sight", "Unseen", "check_stretch"]
 

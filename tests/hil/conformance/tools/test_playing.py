@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from phasewire.hil.conformance.capture import Seen
 from phasewire.hil.conformance.cases import Inconclusive
-from phasewire.hil.conformance.playing import check_falls_one_by_one, check_falls_silent, silent_from
-from phasewire.hil.conformance.waveforms import SILENCE
+from phasewire.hil.conformance.sight.capture import Seen
+from phasewire.hil.conformance.sight.waveforms import SILENCE
+from phasewire.hil.conformance.tools.playing import check_falls_one_by_one, check_falls_silent, silent_from
 
 WORDS = SILENCE.copy()
 WORDS[10:20] = 0b101

@@ -1,5 +1,5 @@
 import pytest
-from phasewire.hil.conformance.examples import example
+from phasewire.hil.conformance.tools.examples import example
 
 from tests.specification import hex_examples
 

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from phasewire import Wiring
 from phasewire.emulator.ports.export import export
 from phasewire.errors import InputFileError
-from phasewire.hil.conformance import sigrok
-from phasewire.hil.conformance.capture import Seen, Unseen
 from phasewire.hil.conformance.profile import Profile
-from phasewire.hil.conformance.sigrok import SessionFile, SigrokSight
+from phasewire.hil.conformance.sight import sigrok
+from phasewire.hil.conformance.sight.capture import Seen, Unseen
+from phasewire.hil.conformance.sight.sigrok import SessionFile, SigrokSight
 
 from tests.hil.conformance.recorded import Analyser, Played, play, write
 

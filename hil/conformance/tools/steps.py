@@ -12,13 +12,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from ...protocol.blocks import Body, Entries, Modulation, NoOp, Output, Samples, Sequence, Slot, pack
-from ...protocol.board import CHANNELS, TICKS_PER_PERIOD
-from ...protocol.codes import AckFlag, Action, Feature, Reason, Request
-from ...protocol.pulses import Pulses
-from ...protocol.replies import Status
-from .bench import Bench
-from .cases import NotApplicable, expect
+from ....protocol.blocks import Body, Entries, Modulation, NoOp, Output, Samples, Sequence, Slot, pack
+from ....protocol.board import CHANNELS, TICKS_PER_PERIOD
+from ....protocol.codes import AckFlag, Action, Feature, Reason, Request
+from ....protocol.pulses import Pulses
+from ....protocol.replies import Status
+from ..bench import Bench
+from ..cases import NotApplicable, expect
 from .forge import forged
 from .stage import soon
 
@@ -245,6 +245,6 @@ def cut(found: bytes) -> list[bytes]:
 @cache
 def vectors(section: str) -> list[dict[str, Any]]:
     """The golden vectors of a section of vectors.json, which were not made by a device."""
-    text = (Path(__file__).parents[2] / "protocol" / "vectors.json").read_text()
+    text = (Path(__file__).parents[3] / "protocol" / "vectors.json").read_text()
     found: list[dict[str, Any]] = json.loads(text)[section]["vectors"]
     return found

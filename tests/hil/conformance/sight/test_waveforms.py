@@ -10,9 +10,9 @@ import phasewire.protocol
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.hil.conformance.capture import Seen
 from phasewire.hil.conformance.cases import Inconclusive
-from phasewire.hil.conformance.waveforms import (
+from phasewire.hil.conformance.sight.capture import Seen
+from phasewire.hil.conformance.sight.waveforms import (
     SILENCE,
     Words,
     check_play,

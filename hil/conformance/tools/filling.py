@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from ...protocol.blocks import Update
-from ...protocol.board import CARRIER_HZ, CHANNELS
-from ...protocol.codes import Request
-from ...protocol.framing import MAX_FRAME_BYTES
-from ...protocol.pulses import Pulses
-from ...protocol.replies import Ack
-from .bench import Bench
-from .cases import Inconclusive, expect
-from .lines.serial import SerialLine
+from ....protocol.blocks import Update
+from ....protocol.board import CARRIER_HZ, CHANNELS
+from ....protocol.codes import Request
+from ....protocol.framing import MAX_FRAME_BYTES
+from ....protocol.pulses import Pulses
+from ....protocol.replies import Ack
+from ..bench import Bench
+from ..cases import Inconclusive, expect
+from ..lines.serial import SerialLine
 
 __all__ = ["fill_queue"]
 

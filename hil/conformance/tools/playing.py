@@ -10,16 +10,16 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from ...protocol.blocks import Body, Entries, Entry, Modulation, Samples, Sequence, Slot, Update
-from ...protocol.board import PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
-from ...protocol.codes import Feature
-from ...protocol.pulses import Pulses
-from ...protocol.replies import Status
-from .bench import SILENT_PERIODS, Bench
-from .capture import Seen
-from .cases import Inconclusive
+from ....protocol.blocks import Body, Entries, Entry, Modulation, Samples, Sequence, Slot, Update
+from ....protocol.board import PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
+from ....protocol.codes import Feature
+from ....protocol.pulses import Pulses
+from ....protocol.replies import Status
+from ..bench import SILENT_PERIODS, Bench
+from ..cases import Inconclusive
+from ..sight.capture import Seen
+from ..sight.waveforms import SILENCE, Words, check_play, expected_words, modulated
 from .steps import require
-from .waveforms import SILENCE, Words, check_play, expected_words, modulated
 
 __all__ = [
     "PLAYS",

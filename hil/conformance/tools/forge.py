@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 
-from ...protocol.codes import BLOCK_BYTES
+from ....protocol.codes import BLOCK_BYTES
 
 __all__ = ["FIELDS", "forged", "seal"]
 

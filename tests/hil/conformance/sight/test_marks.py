@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.hil.conformance.marks import MARK_PULSES, Anchor, Mark, TimeBase, find_mark, time_bases
+from phasewire.hil.conformance.sight.marks import MARK_PULSES, Anchor, Mark, TimeBase, find_mark, time_bases
 
 from tests import from_spec
 

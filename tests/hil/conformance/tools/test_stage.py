@@ -9,8 +9,8 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive
 from phasewire.hil.conformance.running import Options, open_bench
-from phasewire.hil.conformance.stage import Score, Stage, block_periods, check_in_time, is_fast, soon
-from phasewire.hil.conformance.waveforms import expected_words, modulated, only
+from phasewire.hil.conformance.sight.waveforms import expected_words, modulated, only
+from phasewire.hil.conformance.tools.stage import Score, Stage, block_periods, check_in_time, is_fast, soon
 from phasewire.protocol.blocks import Modulation, Output, Samples, Update
 from phasewire.protocol.codes import AckFlag, Action, Reason, State
 from phasewire.protocol.pulses import Pulses

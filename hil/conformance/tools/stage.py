@@ -14,16 +14,16 @@ from itertools import accumulate
 from math import ceil
 from typing import Generic, TypeVar
 
-from ...protocol.blocks import Body, Change, Entries, Entry, Modulation, Output, Samples, Sequence, Slot, Update
-from ...protocol.board import CARRIER_HZ, CHANNELS
-from ...protocol.codes import NOW, Action, Reason, Request
-from ...protocol.pulses import Pulses
-from ...protocol.replies import Ack
-from ...protocol.wiring import Wiring
-from .bench import Bench
-from .capture import Seen
-from .cases import Inconclusive
-from .waveforms import Words, check_play, expected_words, modulated
+from ....protocol.blocks import Body, Change, Entries, Entry, Modulation, Output, Samples, Sequence, Slot, Update
+from ....protocol.board import CARRIER_HZ, CHANNELS
+from ....protocol.codes import NOW, Action, Reason, Request
+from ....protocol.pulses import Pulses
+from ....protocol.replies import Ack
+from ....protocol.wiring import Wiring
+from ..bench import Bench
+from ..cases import Inconclusive
+from ..sight.capture import Seen
+from ..sight.waveforms import Words, check_play, expected_words, modulated
 
 __all__ = ["PROMISED_PERIODS", "Score", "Stage", "block_periods", "is_fast", "soon"]
 

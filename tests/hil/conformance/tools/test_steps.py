@@ -7,7 +7,17 @@ from collections.abc import Iterator
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.running import Options, open_bench
-from phasewire.hil.conformance.steps import Wrong, begin, check_same, cut, forge, packed, raw_records, refuse, some
+from phasewire.hil.conformance.tools.steps import (
+    Wrong,
+    begin,
+    check_same,
+    cut,
+    forge,
+    packed,
+    raw_records,
+    refuse,
+    some,
+)
 from phasewire.protocol.blocks import NoOp
 from phasewire.protocol.codes import Reason
 

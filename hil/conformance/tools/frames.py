@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import zlib
 
-from ...protocol.requests import Setup
+from ....protocol.requests import Setup
 
 __all__ = ["console_frame", "frame", "request_frame", "sealed", "stuffed", "unstuffed"]
 

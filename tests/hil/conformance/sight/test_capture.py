@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses, Wiring, open_device
-from phasewire.hil.conformance.capture import EmulatorSight, Seen, Unseen
+from phasewire.hil.conformance.sight.capture import EmulatorSight, Seen, Unseen
 
 from tests import from_spec
 from tests.hand_made import HandMade

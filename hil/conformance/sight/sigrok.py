@@ -24,9 +24,9 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputFileError
-from ...protocol.board import CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
-from ...protocol.wiring import Pin
+from ....errors import InputFileError
+from ....protocol.board import CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
+from ....protocol.wiring import Pin
 from .capture import Seen, Unseen, check_stretch
 from .marks import LONGEST_PULSE_GAP, Anchor, Mark, TimeBase, find_mark, time_bases
 

@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ...protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
-from ...protocol.pulses import Pulses
-from ...protocol.wiring import Wiring
+from ....protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
+from ....protocol.pulses import Pulses
+from ....protocol.wiring import Wiring
+from ..cases import Inconclusive
 from .capture import Seen
-from .cases import Inconclusive
 
 __all__ = [
     "SILENCE",

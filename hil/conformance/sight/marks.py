@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from ...protocol.pulses import Pulses
+from ....protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
+from ....protocol.pulses import Pulses
 
 __all__ = ["LONGEST_PULSE_GAP", "MARK_PULSES", "Anchor", "Mark", "TimeBase", "find_mark", "time_bases"]
 

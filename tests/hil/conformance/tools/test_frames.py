@@ -6,7 +6,7 @@ import pytest
 from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.hil.conformance.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
+from phasewire.hil.conformance.tools.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
 from phasewire.protocol.codes import FrameKind, Request
 from phasewire.protocol.requests import Setup
 

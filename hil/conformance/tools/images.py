@@ -14,9 +14,9 @@ from typing import Self
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from ...protocol.codes import ImageReason
-from .cases import Inconclusive, NotApplicable
-from .lines.dfu import DfuLine
+from ....protocol.codes import ImageReason
+from ..cases import Inconclusive, NotApplicable
+from .dfu import DfuLine
 
 __all__ = ["Forgery", "as_version", "large_image", "of_whole_blocks", "reseal", "signed_by"]
 
