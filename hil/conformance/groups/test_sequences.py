@@ -10,6 +10,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, is_fast
+from phasewire.hil.conformance.tools.steps import require
 from phasewire.protocol.blocks import Body, Change, Entries, Entry, NoOp, Output, Sequence, Slot, Update
 from phasewire.protocol.board import CHANNELS
 from phasewire.protocol.codes import Action, Feature, Reason, Request, State, StatusFlag
@@ -236,6 +237,8 @@ NOT_ENDS: dict[str, Callable[[Bench], object]] = {
 @pytest.mark.parametrize("what", NOT_ENDS)
 def test_nothing_else_ends_a_sequence(bench: Bench, what: str) -> None:
     """ENABLE, END_MODULATION, a new numbering, a refused update and CLEAR_FAULTS leave a sequence playing in step."""
+    if what == "end-of-modulation":
+        require(bench, Feature.MODULATION)
     stage = Stage(bench)
     store(stage, [Entry(0, 3), Entry(1, 2), Entry(2, 4)])
     ack = stage.send(Sequence(0, 3))
