@@ -11,7 +11,7 @@ import numpy as np
 from ....emulator import machine
 from ....emulator.boards.processor import Processor
 from ....emulator.control import agenda, controller
-from ....emulator.ports.clock import COUNTER_TICKS, BoardClock, Timebase
+from ....emulator.ports.clock import COUNTER_TICKS, BoardClock
 from ....protocol.blocks import Update
 from ....protocol.board import CYCLES_PER_PERIOD, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
 from ....protocol.codes import SYNC_PERIODS
@@ -109,20 +109,16 @@ def place_in_the_period_is_that_of_the_counter(patch: Patch) -> None:
 
 @mutant("TIM-002")
 def ticks_are_lost_at_sync_pulses(patch: Patch) -> None:
-    """The count of ticks and periods loses one tick every 4096 periods, while it is read out for the sync line."""
+    """The ticks that are told fall behind the outputs by one with each sync pulse, during which the timer is stopped."""
 
-    def tick(original: Any) -> Any:
-        def kept(self: Any, cycle: int) -> int:
-            ticks: int = original(self, cycle)
+    def around(original: Any) -> Any:
+        def kept(self: Any) -> int:
+            ticks: int = original(self)
             return ticks - ticks // (SYNC_PERIODS * TICKS_PER_PERIOD)
 
         return kept
 
-    def period(_: Any) -> Any:
-        return lambda self, cycle: self.tick(cycle) // TICKS_PER_PERIOD
-
-    patch.wrap(Timebase, "tick", tick)
-    patch.wrap(Timebase, "period", period)
+    patch.wrap(controller.Controller, "now_tick", around)
 
 
 @mutant("TIM-002")
