@@ -109,7 +109,7 @@ def place_in_the_period_is_that_of_the_counter(patch: Patch) -> None:
 
 @mutant("TIM-002")
 def ticks_are_lost_at_sync_pulses(patch: Patch) -> None:
-    """The ticks that are told fall behind the outputs by one with each sync pulse, during which the timer is stopped."""
+    """The ticks that are told fall behind the outputs by one with each sync pulse, while the timer stands still."""
 
     def around(original: Any) -> Any:
         def kept(self: Any) -> int:
