@@ -974,7 +974,7 @@ class Controller:
     def clock(self) -> ClockReading:
         """Answer the CLOCK request."""
         pulses = self.time.period(self._now) // SYNC_PERIODS  # besides the first, at period 0
-        return ClockReading(self.now_tick, pulses * SYNC_PERIODS, pulses + 1)
+        return ClockReading(self.now_tick, pulses * SYNC_PERIODS, (pulses + 1) % 2**32)
 
     def _read_back(self) -> ReadBack:
         """Collect what plays from the processors (clause REQ-007)."""
