@@ -157,6 +157,9 @@ NO_BREAK = Profile(
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings(
+    "ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning"
+)  # by pyserial's client of RFC 2217
 @pytest.mark.parametrize("scheme", ["serial", "socket", "rfc2217"])
 def test_nothing_speaks_against_the_emulator_at_the_end_of_a_line(scheme: str) -> None:
     with served_url(scheme) as (url, _):
@@ -180,6 +183,8 @@ OF_A_BENCH_WITHOUT_LEVERS = {
     "this needs a cable that can be pulled",
     "this needs a second device, which may be broken for good",
     "this line is too slow: the watchdog may have fired before the request arrived",
+    "this computer's own system does not let such a request through",
+    "the computer configures the device by itself, before a program can reset it",
     PARTS,
     *OF_A_BUS,
 }
@@ -187,9 +192,7 @@ OF_A_BENCH_WITHOUT_LEVERS = {
 
 @needs()
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "groups", [("acknowledgements", "numbering", "requests"), ("dfu", "enumeration", "flash", "power"), ("endpoints",)]
-)
+@pytest.mark.parametrize("groups", [("acknowledgements", "endpoints", "requests"), ("dfu", "enumeration")])
 def test_nothing_speaks_against_the_emulator_on_the_bus_of_a_kernel(groups: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / "conformance.py").write_text(CONFORMANCE)
     allow = [f"--allow={risk}" for risk in Risk]
