@@ -70,7 +70,7 @@ def _parse(layout: Construct, data: bytes, what: str, size: int) -> Any:
 
 
 def _sealed(layout: Construct, magic: bytes, record: Status) -> bytes:
-    body = asdict(record) | {"magic": magic, "version": PROTOCOL_VERSION, "reserved": None}
+    body = vars(record) | {"magic": magic, "version": PROTOCOL_VERSION, "reserved": None}
     return build(layout, {"body": {"value": body}}, record)
 
 
@@ -458,7 +458,7 @@ class ClockReading:
 
     def encode(self) -> bytes:
         """Encode as 24 bytes; raise `ValueError` where a field does not fit."""
-        return build(CLOCK, asdict(self) | {"reserved": None}, self)
+        return build(CLOCK, vars(self) | {"reserved": None}, self)
 
     @classmethod
     def decode(cls, data: bytes) -> ClockReading:
