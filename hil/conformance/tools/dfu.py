@@ -27,6 +27,8 @@ __all__ = ["BUSY", "DfuLine", "dfu_mode"]
 DETACH_MS = 1000
 RETURN_SECONDS = 15.0
 """Until a device is back in either mode."""
+SPARE_MS = 10
+"""Waited besides where it is not the point how long a device is busy: to ask too soon ends a download."""
 MOST_POLLS = 200
 BUSY = (DfuState.DNBUSY, DfuState.MANIFEST)
 STRING = 3
@@ -115,7 +117,7 @@ class DfuLine:
             assert reply is not None, "GETSTATUS is answered with STALL"
             if reply.state not in BUSY:
                 return reply
-            self.wait(reply.poll_ms)
+            self.wait(reply.poll_ms + SPARE_MS)
         raise AssertionError(f"the device is still busy after {MOST_POLLS} polls")
 
     def send(self, image: bytes, first: int = 0, last: int | None = None) -> DfuReply:

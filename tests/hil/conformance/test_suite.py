@@ -68,13 +68,19 @@ YOUNG = "the device has been on for too short a time: N periods are left"
 OF_A_BUS = {"this concerns UARTs", "this concerns a device that is used over a serial line alone", YOUNG}
 PARTS = "a part of a block can arrive at full speed only, and this bus runs at high speed"
 """A packet of 512 bytes is a whole block."""
-OF_A_UART = {USB_ALONE, YOUNG, "a serial line cannot bring updates while PULSES are read"}
+OF_A_UART = {
+    USB_ALONE,
+    YOUNG,
+    "a serial line cannot bring updates while PULSES are read",
+    "the line is too slow for a stream",
+    "the line is so slow that the queue never fills",
+}
 
 REASONS = {
     "emulator:": OF_A_BUS | {PARTS},
     "emulator:?speed=full": OF_A_BUS,
     "emulator:?link=2wire": OF_A_BUS | {PARTS},
-    "emulator:?door=serial": OF_A_UART,
+    "emulator:?door=serial": OF_A_UART | {"in N attempts no block came exactly N periods ahead of its change"},
     "emulator:?door=serial&baud=3000000": OF_A_UART,
 }
 """Why something is inconclusive behind an emulator; numbers are N."""
