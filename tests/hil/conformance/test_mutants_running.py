@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import re
 import sys
 import time
 from collections.abc import Sequence
@@ -200,3 +201,9 @@ def test_the_document_says_who_caught_whom() -> None:
         ["`dead`", "dead is broken.", "BLK-003", "**crashed**"],
         ["`late`", "late is broken.", "BLK-003", "`timing/a`<br>`timing/b`"],
     ]
+
+
+def test_the_document_of_mutants_has_all_of_them_and_all_are_caught() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "mutants.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `([^`]+)` \|", text, re.MULTILINE)) == set(MUTANTS)
+    assert f"none of {len(MUTANTS)} got away" in text
