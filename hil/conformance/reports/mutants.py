@@ -94,7 +94,8 @@ def markdown(results: Sequence[MutantResult]) -> str:
         "# Mutants",
         "",
         "Emulators that are broken in one way each, and the cases of the conformance suite that caught them:",
-        f"{_verdict(results)}. Where one case alone has caught a mutant, that is said.",
+        f"{_verdict(results)}. Cases that show a mutant's clauses and those of its group are",
+        "tried first, and others only where none of these has caught it; *alone* is the only one of these that has.",
         "`phasewire conformance --mutants --table FILE` writes this anew, `--mutant NAME` shows one's whole report.",
     ]
     for group, members in _by_group(results).items():
@@ -105,7 +106,7 @@ def markdown(results: Sequence[MutantResult]) -> str:
 
 def _row(result: MutantResult) -> str:
     named = [f"`{case}`" for case in result.cases[:MOST_CASES]]
-    alone = " alone" if result.fate is Fate.ONE_CASE else ""
+    alone = " *alone*" if result.fate is Fate.ONE_CASE else ""
     caught = "<br>".join(named) + alone if result.fate.is_catch else f"**{result.fate}**"
     mutant = result.mutant
     return f"| `{mutant.name}` | {mutant.sentence.replace('|', '∣')} | {', '.join(mutant.clauses)} | {caught} |"

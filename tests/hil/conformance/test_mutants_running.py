@@ -197,7 +197,7 @@ def test_the_document_says_who_caught_whom() -> None:
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| `")]
     assert rows == [
         ["`sly`", "sly is broken.", "BLK-003", "**survived**"],
-        ["`lone`", "lone is broken.", "BLK-003", "`blocks/c` alone"],
+        ["`lone`", "lone is broken.", "BLK-003", "`blocks/c` *alone*"],
         ["`dead`", "dead is broken.", "BLK-003", "**crashed**"],
         ["`late`", "late is broken.", "BLK-003", "`timing/a`<br>`timing/b`"],
     ]
