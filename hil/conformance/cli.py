@@ -99,7 +99,9 @@ def conformance(
     ] = False,
     jobs: Annotated[
         int | None,
-        typer.Option("--jobs", metavar="N", min=1, help="With --mutants: how many at a time. [default: at most 4]"),
+        typer.Option(
+            "--jobs", metavar="N", min=1, help="With --mutants: how many at a time; by default one a core, at most 4."
+        ),
     ] = None,
     strict: Annotated[
         bool,

@@ -184,7 +184,7 @@ def test_a_transducer_that_looks_away_stays_silent() -> None:
     array = TransducerArray([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]], [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
     for method in METHODS:
         drive = solve(array, ControlPoints([[0, 0, 0.2]]), method).drive
-        assert abs(drive[0]) == pytest.approx(1)
+        assert abs(drive[0]) == pytest.approx(1, rel=1e-5)  # in single precision
         assert drive[1] == 0
 
 
