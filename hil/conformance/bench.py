@@ -391,17 +391,17 @@ class Bench:
                 raise RuntimeError(f"a case drives {power:g} transducers; {self.drive_limit} are allowed here")
         return Block(body, number, restart)
 
-    def send(self, body: Body, **numbering: int | bool) -> Ack:
-        """Send a block; its acknowledgement."""
-        return self.send_raw(pack(self.numbered(body, **numbering)))[0]  # type: ignore[arg-type]
+    def send(self, body: Body, *, restart: bool = False, number: int | None = None) -> Ack:
+        """Send a block, numbered as `numbered` does it; its acknowledgement."""
+        return self.send_raw(pack(self.numbered(body, restart=restart, number=number)))[0]
 
     def send_all(self, bodies: Iterable[Body]) -> list[Ack]:
         """Send blocks in one go, and collect their acknowledgements, in order."""
         return self.send_raw(*(pack(self.numbered(body)) for body in bodies))
 
-    def must(self, body: Body, **numbering: int | bool) -> Ack:
-        """Send a block that has to be accepted."""
-        ack = self.send(body, **numbering)
+    def must(self, body: Body, *, restart: bool = False, number: int | None = None) -> Ack:
+        """Send a block that has to be accepted, numbered as `numbered` does it."""
+        ack = self.send(body, restart=restart, number=number)
         assert ack.reason is Reason.ACCEPTED, f"{type(body).__name__.upper()} is refused with {_name(ack.reason)}"
         return ack
 

@@ -323,14 +323,8 @@ def verdict_of(error: BaseException, about: Case) -> tuple[Verdict, str]:
         case Lost():
             return Verdict.FAIL, str(error)
         case AssertionError():
-            return (Verdict.WARN if about.should else Verdict.FAIL), _in_words(error)
+            return (Verdict.WARN if about.should else Verdict.FAIL), str(error) or "an assertion without words failed"
         case DeviceError() | ReplyError():
             return Verdict.FAIL, str(error)
         case _:
             return Verdict.FAIL, f"the suite did not expect this: {type(error).__name__}: {error}"
-
-
-def _in_words(error: AssertionError) -> str:
-    """What an assertion says, without the values that pytest adds to its words."""
-    words, _, _ = str(error).partition("\nassert ")
-    return words or "an assertion without words failed"

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
-from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, modulated
+from phasewire.hil.conformance.sight.waveforms import SILENCE, Words, check_play, expected_words, modulated
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
@@ -96,14 +96,14 @@ def test_an_output_ends_a_sequence(bench: Bench, action: Action) -> None:
     plain = [expected_words(pulses, bench.wiring) for pulses in slots]
     quiet = [expected_words(modulated(pulses, SAMPLE), bench.wiring) for pulses in slots]
 
-    def words(period: int) -> object:
+    def words(period: int) -> Words:
         place = int((period - began) % 5 >= 3)
         if period < named:
             return quiet[place]
         return plain[place] if action is Action.END_MODULATION else SILENCE
 
     steps = [(period, words(period)) for period in range(since, named + 30)]
-    bench.judge(since, named + 30, lambda seen: check_play(seen, steps))  # type: ignore[arg-type]
+    bench.judge(since, named + 30, lambda seen: check_play(seen, steps))
 
 
 @case("BLK-018", needs=(Need.CAPTURE,), features=FEATURES)
