@@ -25,6 +25,14 @@ from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import PLAYS, check_falls_silent, play, silent_from
 from phasewire.hil.conformance.tools.playing import start as start_playing
 from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, features_of, forge, require
+from phasewire.hil.conformance.tools.watchdog import (
+    PERIODS_PER_MS,
+    TICKS_PER_MS,
+    await_firing,
+    check_not_yet,
+    far_ahead,
+    patience,
+)
 from phasewire.protocol.blocks import (
     Body,
     Clock,
@@ -39,55 +47,18 @@ from phasewire.protocol.blocks import (
     Update,
     pack,
 )
-from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import Action, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.enumeration import ENDPOINT_OUT
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import ANSWER_BYTES, Ack, Status
 
-TICKS_PER_MS = TICK_HZ // 1000
-PERIODS_PER_MS = TICKS_PER_MS // TICKS_PER_PERIOD
 CAPTURE = (Need.CAPTURE,)
 ATTENDED = [what for what in PLAYS if what != "unattended"]
 ALL = tuple(PLAYS)
 
 
 # The watchdog
-
-
-def patience(bench: Bench) -> int:
-    """A watchdog time in ms within which some blocks arrive on this line."""
-    return 60 if bench.line.kind == "usb" else 250
-
-
-def far_ahead(bench: Bench) -> int:
-    """Periods within which some blocks arrive on this line, and the queue can be looked at."""
-    return 2_000 if bench.line.kind == "usb" else 40_000
-
-
-def check_fired(told: Status, first_sign: int, last_sign: int, ms: int) -> None:
-    """Fail unless the watchdog fired in time behind a sign of life that arrived at one of some ticks."""
-    expect("the state that is told", told.state, State.OFF)
-    assert told.watchdog_fired, f"the flags that are told are {told.flags!r}, should have WATCHDOG_FIRED"
-    after_ms = ms * TICKS_PER_MS
-    earliest, latest = first_sign + after_ms, last_sign + after_ms + TICKS_PER_PERIOD
-    assert earliest <= told.now <= latest, (
-        f"the watchdog of {ms} ms fired at tick {told.now}, {told.now - first_sign} ticks after the last sign of life "
-        f"(not before tick {first_sign}); it should be from tick {earliest} to {latest}"
-    )
-
-
-def await_firing(bench: Bench, first_sign: int, last_sign: int, ms: int) -> Status:
-    """Wait for the watchdog, which must fire in time."""
-    told = bench.await_unasked(ms / 1000 + 1)
-    check_fired(told, first_sign, last_sign, ms)
-    return told
-
-
-def check_not_yet(bench: Bench, tick: int) -> None:
-    """Be inconclusive where a tick has come before a case was ready for it."""
-    if (now := bench.clock().now) >= tick:
-        raise Inconclusive(f"this line is too slow: it is tick {now}, and the case should have been at {tick} before")
 
 
 @pytest.mark.parametrize("what", ["nothing", *ATTENDED])

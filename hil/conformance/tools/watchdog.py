@@ -1,0 +1,49 @@
+"""The watchdog: how long it waits in cases, and whether it fires in time after the last sign of life (SAF-003)."""
+
+from __future__ import annotations
+
+from ....protocol.board import TICK_HZ, TICKS_PER_PERIOD
+from ....protocol.codes import State
+from ....protocol.replies import Status
+from ..bench import Bench
+from ..cases import Inconclusive, expect
+
+__all__ = ["PERIODS_PER_MS", "TICKS_PER_MS", "await_firing", "check_fired", "check_not_yet", "far_ahead", "patience"]
+
+TICKS_PER_MS = TICK_HZ // 1000
+PERIODS_PER_MS = TICKS_PER_MS // TICKS_PER_PERIOD
+
+
+def patience(bench: Bench) -> int:
+    """A watchdog time in ms within which some blocks arrive on this line."""
+    return 60 if bench.line.kind == "usb" else 250
+
+
+def far_ahead(bench: Bench) -> int:
+    """Periods within which some blocks arrive on this line, and the queue can be looked at."""
+    return 2_000 if bench.line.kind == "usb" else 40_000
+
+
+def check_fired(told: Status, first_sign: int, last_sign: int, ms: int) -> None:
+    """Fail unless the watchdog fired in time behind a sign of life that arrived at one of some ticks."""
+    expect("the state that is told", told.state, State.OFF)
+    assert told.watchdog_fired, f"the flags that are told are {told.flags!r}, should have WATCHDOG_FIRED"
+    after_ms = ms * TICKS_PER_MS
+    earliest, latest = first_sign + after_ms, last_sign + after_ms + TICKS_PER_PERIOD
+    assert earliest <= told.now <= latest, (
+        f"the watchdog of {ms} ms fired at tick {told.now}, {told.now - first_sign} ticks after the last sign of life "
+        f"(not before tick {first_sign}); it should be from tick {earliest} to {latest}"
+    )
+
+
+def await_firing(bench: Bench, first_sign: int, last_sign: int, ms: int) -> Status:
+    """Wait for the watchdog, which must fire in time."""
+    told = bench.await_unasked(ms / 1000 + 1)
+    check_fired(told, first_sign, last_sign, ms)
+    return told
+
+
+def check_not_yet(bench: Bench, tick: int) -> None:
+    """Be inconclusive where a tick has come before a case was ready for it."""
+    if (now := bench.clock().now) >= tick:
+        raise Inconclusive(f"this line is too slow: it is tick {now}, and the case should have been at {tick} before")
