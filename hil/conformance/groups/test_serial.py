@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
 from itertools import pairwise
 from statistics import median
 
@@ -13,7 +12,19 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Risk, case, expect
 from phasewire.hil.conformance.lines.serial import QUIET_SECONDS, SerialLine
 from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
-from phasewire.hil.conformance.tools.filling import fill_queue
+from phasewire.hil.conformance.tools.exchange import (
+    acks,
+    ask,
+    await_ack,
+    damage,
+    fill,
+    no_op,
+    order,
+    put_to_wait,
+    same_but,
+    send,
+    statuses,
+)
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.frames import console_frame, frame, request_frame, sealed, stuffed, unstuffed
 from phasewire.hil.conformance.tools.steps import LONG_MS, enable
@@ -21,7 +32,7 @@ from phasewire.protocol.blocks import NoOp, Update, pack
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag
 from phasewire.protocol.pulses import Pulses
-from phasewire.protocol.replies import Ack, ClockReading, Status, records
+from phasewire.protocol.replies import ANSWER_BYTES, Ack, ClockReading, Status
 from phasewire.protocol.requests import ConsoleRequest, Setup
 
 VENDOR_IN, VENDOR_OUT = 0xC1, 0x41
@@ -29,15 +40,6 @@ BLOCK, RECORD, REQUEST, REPLY, CONSOLE = FrameKind
 DONE, STALL = Outcome
 MOST_DATA = 640
 MOST_FRAME_BYTES = 658
-ANSWERS = {
-    Request.INFO: 64,
-    Request.STATUS: 64,
-    Request.WIRING: 640,
-    Request.CLOCK: 24,
-    Request.PULSES: 496,
-    Request.PROCESSORS: 160,
-}
-"""Bytes of each answer (chapter REQ)."""
 ASK_CLOCK = Setup(VENDOR_IN, Request.CLOCK, 0, 0, 24)
 ENABLE = Setup(VENDOR_OUT, Request.ENABLE, 0, 0, 0)
 SHARED_WATCHDOG_MS = 200
@@ -50,47 +52,6 @@ GRAIN_SECONDS = 0.002
 
 
 # What is asked and seen
-
-
-def ask(line: SerialLine, request: Request) -> bytes:
-    """Ask for all of an answer over this line."""
-    answer = line.request(Setup(VENDOR_IN, request, 0, 0, ANSWERS[request]))
-    assert answer is not None, f"{request.name} is answered with STALL over the serial line"
-    return answer
-
-
-def order(line: SerialLine, request: Request, value: int = 0) -> None:
-    """Make a request without an answer over this line."""
-    done = line.request(Setup(VENDOR_OUT, request, value, 0, 0)) is not None
-    assert done, f"{request.name} with value {value} is answered with STALL over the serial line"
-
-
-def acks(line: SerialLine) -> list[Ack]:
-    """The acknowledgements that came since `forget`."""
-    return [record for body in line.frames(RECORD) for record in records(body) if isinstance(record, Ack)]
-
-
-def statuses(line: SerialLine) -> list[Status]:
-    """The status records that came since `forget`."""
-    return [record for body in line.frames(RECORD) for record in records(body) if isinstance(record, Status)]
-
-
-def send(line: SerialLine, block: bytes, seconds: float = 0) -> Ack:
-    """Send a block over this line, which may wait for so many seconds; its acknowledgement."""
-    line.forget()
-    line.write(b"\0" + frame(BLOCK, block))
-    return await_ack(line, block, seconds)
-
-
-def await_ack(line: SerialLine, block: bytes, seconds: float = 0) -> Ack:
-    """The acknowledgement of a block, which must be the only one."""
-    seconds += line.patience(len(block))
-    line.listen(seconds, lambda: bool(acks(line)))
-    found = acks(line)
-    number = int.from_bytes(block[4:8], "little")
-    assert found, f"block {number} is not acknowledged over the serial line within {seconds:.2f} s"
-    expect("the block acknowledged", [ack.sequence for ack in found], [number])
-    return found[0]
 
 
 def raw_frames(line: SerialLine, count: int = 1) -> list[bytes]:
@@ -114,26 +75,6 @@ def exchange(line: SerialLine, data: bytes) -> bytes:
     return content[:-4]
 
 
-def same_but(before: Status, after: Status, **changes: int) -> None:
-    """Fail where more has changed than what must; time and temperature go on."""
-    wanted = asdict(replace(before, now=after.now, temperature_c=after.temperature_c))
-    wanted |= {name: wanted[name] + change for name, change in changes.items()}
-    for name, value in asdict(after).items():
-        expect(f"{name} of STATUS", value, wanted[name])
-
-
-def damage(bench: Bench, line: SerialLine, data: bytes, count: int = 1) -> None:
-    """Send bytes that end with a zero: so many frames must be dropped and counted, and nothing else may come of it."""
-    before = bench.status()
-    line.forget()
-    bench.note("damaged", data)
-    line.write(data)
-    bench.wait(line.transit(len(data)))
-    expect("the clock", len(ask(line, Request.CLOCK)), 24)  # what follows is understood, and answers keep their order
-    expect("what is answered to a damaged frame", line.events, [])
-    same_but(before, bench.status(), dropped_frames=count)
-
-
 def filled(bench: Bench, size: int) -> bytes:
     """Random bytes without a zero."""
     return bytes(bench.random.randrange(1, 256) for _ in range(size))
@@ -153,11 +94,6 @@ def zero_free_pulses(bench: Bench) -> Pulses:
     """Weak pulses that are packed without a zero byte (clause PUL-005)."""
     phase = [16 * bench.random.randrange(6) + bench.random.randrange(1, 4) for _ in range(CHANNELS)]
     return Pulses(np.array(phase), np.ones(CHANNELS, int))
-
-
-def no_op(bench: Bench) -> bytes:
-    """The next block, which does nothing."""
-    return pack(bench.numbered(NoOp()))
 
 
 # Frames
@@ -451,10 +387,10 @@ def test_a_request_that_is_refused_is_answered_with_stall(bench: Bench, frames: 
 
 
 @case("SER-007", "SER-008", "SER-009/1", "REQ-001")
-@pytest.mark.parametrize("request_", ANSWERS, ids=lambda request: request.name.lower())
+@pytest.mark.parametrize("request_", ANSWER_BYTES, ids=lambda request: request.name.lower())
 def test_an_answer_is_as_long_as_was_asked_for(bench: Bench, frames: SerialLine, request_: Request) -> None:
     """Of an answer so much comes as was asked for, and all where more was, as over USB, for `length` means the same."""
-    size = ANSWERS[request_]
+    size = ANSWER_BYTES[request_]
     there = request_ is not Request.PULSES or Feature.READ_BACK in bench.info.features
     for length in sorted({0, 1, 7, size - 1, size, min(size + 1, MOST_DATA), MOST_DATA}):
         setup = Setup(VENDOR_IN, request_, 0, 0, length)
@@ -709,23 +645,6 @@ def test_reset_is_answered_before_it_is_carried_out(bench: Bench, frames: Serial
 
 
 # Credit
-
-
-def fill(bench: Bench, line: SerialLine, seconds: float) -> list[Ack]:
-    """Fill the queue by the bench's own line, and forget what this line was told of it."""
-    found = fill_queue(bench, seconds)
-    line.rest()
-    line.forget()
-    return found
-
-
-def put_to_wait(bench: Bench, line: SerialLine, block: bytes) -> None:
-    """Send a block that must wait for room in the queue: requests are answered meanwhile, the block is not."""
-    before = bench.status()
-    line.write(b"\0" + frame(BLOCK, block))
-    expect("the clock", len(ask(line, Request.CLOCK)), 24)
-    expect("what comes of a block while the queue has no room", line.rest(), b"")
-    same_but(before, bench.status())
 
 
 WAITING: dict[str, Callable[[Bench], bytes]] = {
