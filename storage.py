@@ -1,14 +1,108 @@
-"""Writing files so that nothing is lost: whole or not at all, and only where that was meant."""
+"""Files: read up to a bound; written whole or not at all, and only where that was meant."""
 
 from __future__ import annotations
 
+import errno
 import os
-import tempfile
+import secrets
+import stat
+import tomllib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, BinaryIO
 
-__all__ = ["check_outputs", "replacing"]
+from .errors import InputFileError
+
+__all__ = ["check_outputs", "open_plain", "read_file", "read_text", "read_toml", "replacing"]
+
+MOST_TOML_BYTES = 2**18
+MOST_TOML_LINE = 1024
+"""Characters. The time that tomllib takes for a key grows with the square of its dots."""
+MOST_TOML_DEPTH = 16
+_BLAMELESS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a write, of which the system names no file
+
+
+def read_file(path: Path, most_bytes: int) -> bytes:
+    """What is in a file, a pipe or a device, if it is no more than it may be.
+
+    Parameters
+    ----------
+    path : Path
+        What to read.
+    most_bytes : int
+        How much it may hold; not much more is read.
+
+    Raises
+    ------
+    InputFileError
+        If there is more in it.
+    OSError
+        If it cannot be read.
+    """
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(most_bytes + 1) if size <= most_bytes else b""
+    if size > most_bytes or len(data) > most_bytes:
+        has = f"has {size} bytes" if size > most_bytes else "has more than that"
+        raise InputFileError(f"{path} is too large: such a file may have {most_bytes} bytes, and it {has}")
+    return data
+
+
+def read_text(path: Path, most_bytes: int) -> str:
+    """The text of a file in UTF-8, with or without a byte order mark; errors as `read_file`, and if it is no text."""
+    try:
+        return read_file(path, most_bytes).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputFileError(f"{path} is no text in UTF-8: {error}") from error
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a TOML file holds; errors as `read_file`, and if it is no TOML or nested more deeply than people do it."""
+    text = read_text(path, MOST_TOML_BYTES)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if len(line) > MOST_TOML_LINE:
+            raise InputFileError(f"{path}, line {number} has {len(line)} characters; at most {MOST_TOML_LINE} may be")
+    try:
+        table = tomllib.loads(text)
+    except ValueError as error:
+        raise InputFileError(f"{path} is no TOML file: {error}") from error
+    except RecursionError as error:
+        raise _too_deep(path) from error
+    level: list[Any] = [table]
+    for _ in range(MOST_TOML_DEPTH):
+        level = [inner for value in level for inner in _inside(value)]
+    if level:
+        raise _too_deep(path)
+    return table
+
+
+def _inside(value: object) -> Iterable[object]:
+    return value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+
+
+def _too_deep(path: Path) -> InputFileError:
+    return InputFileError(f"{path} is nested too deeply: at most {MOST_TOML_DEPTH} levels of tables and lists may be")
+
+
+def open_plain(path: Path) -> BinaryIO:
+    """Open a plain file, of which any part can be read; nothing waits for what others may write to a pipe.
+
+    Raises
+    ------
+    InputFileError
+        If it is a pipe, a terminal or another device.
+    OSError
+        If it cannot be opened.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    kind = os.fstat(handle).st_mode
+    if stat.S_ISREG(kind):
+        return os.fdopen(handle, "rb")
+    os.close(handle)
+    if stat.S_ISDIR(kind):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    raise InputFileError(f"{path} is no plain file, as it must be; copy what it gives to one")
 
 
 def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] = ()) -> None:
@@ -51,30 +145,32 @@ def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] =
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path that takes the place of ``path`` if the block succeeds.
 
-    A link is followed, and what is no plain file, such as a pipe, is written to as it is.
+    What was written is on the disk before it takes that place, so that a crash at any moment leaves the old file or the
+    new one. A link is followed, and what is no plain file, such as a pipe, is written to as it is.
 
     Raises
     ------
     OSError
-        Where the folder cannot be written; whatever stood at ``path`` is untouched.
+        If the folder cannot be written, or the disk is full; it names ``path``, and what stood there is untouched.
     """
     if path.exists() and not path.is_file():
         yield path
         return
     real = path.resolve()
-    handle, name = tempfile.mkstemp(prefix=".phasewire-", dir=real.parent)
-    os.close(handle)
-    part = Path(name)
+    mode = stat.S_IMODE(real.stat().st_mode) if real.exists() else None
+    part = real.parent / f".phasewire-{secrets.token_hex(8)}"
     try:
+        # Of a new file's mode the system takes off the umask; who may not read the old one cannot read this either.
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else 0o600))
         yield part
-        part.chmod(real.stat().st_mode if real.exists() else _plain_mode())
+        if mode is not None:
+            part.chmod(mode)
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
         part.replace(real)
+    except OSError as error:
+        if error.filename == str(part) or (error.filename is None and error.errno in _BLAMELESS):
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
     finally:
         part.unlink(missing_ok=True)
-
-
-def _plain_mode() -> int:
-    """The mode of a plain new file; a temporary one is private."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask

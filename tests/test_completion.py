@@ -17,7 +17,7 @@ from phasewire.solver import METHODS
 from phasewire.solver.shapes import SHAPES
 
 BASH, ZSH, FISH = "bash", "zsh", "fish"
-SLOW = ("numba", "matplotlib", "h5py", "cryptography")
+SLOW = ("numba", "matplotlib", "cryptography")
 Offers = Callable[..., list[str]]
 
 

@@ -96,7 +96,9 @@ ROWS = {
     "limit": Row("limit 100", r"refuses more than 100 full transducers"),
     "stream": Row("stream circle:radius=0.02 --spin 5 --rate 1000 --seconds 0.05", OFF),
     "play": Row("play circle --seconds 0.05", OFF),
-    "record": Row("record circle --seconds 0.01 --output c.h5", r"c\.h5: 10 frames at 1000/s", makes=("c.h5",)),
+    "record": Row(
+        "record circle --seconds 0.01 --output c.frames", r"c\.frames: 10 frames at 1000/s", makes=("c.frames",)
+    ),
     "flash": Row("flash new.dfu", r"given firmware 2\.3\.4"),
     "firmware build": Row(
         "firmware build --controller c.bin --processors p.bin --firmware-version 1.2.3 --output made.dfu",

@@ -63,7 +63,7 @@ SourceArgument = Annotated[
     typer.Argument(
         metavar="SOURCE",
         help="A shape such as circle:radius=0.02, a file of points, a file of frames (.npz as solved, or with phase "
-        "and width, or drives; .h5 as recorded), or - for points on standard input.",
+        "and width, or drives; .frames as recorded), or - for points on standard input.",
         autocompletion=shapes_and_files((*POINT_FILES, ARCHIVE, SUFFIX)),
     ),
 ]
@@ -323,7 +323,7 @@ def play(
     )
 
 
-@commands.command(name="record", epilog="Example: phasewire record circle --spin 5 --seconds 2 -o circle.h5")
+@commands.command(name="record", epilog="Example: phasewire record circle --spin 5 --seconds 2 -o circle.frames")
 def record_command(
     context: typer.Context,
     source: SourceArgument,
@@ -342,7 +342,7 @@ def record_command(
     """
     check_outputs([output, json_target], inputs=files_in(source))
     if output.suffix.lower() != SUFFIX:
-        raise ValueError(f"{output}: a recording is an HDF5 file, with the suffix {SUFFIX}")
+        raise ValueError(f"{output}: a recording has the suffix {SUFFIX}")
     with open_source(source) as what:
         check_options(context, source, what)
         pace = rate or what.rate or RATE

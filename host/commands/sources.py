@@ -4,7 +4,7 @@
 a shape, or points    solved live, frame by frame; they may turn
 ``-``                 points on standard input, a line of JSON for each frame
 ``.npz``              as solved; or the arrays ``phase`` and ``width``, (n,) or (k, n); or ``drives``, (k, n)
-``.h5``               a recording
+``.frames``           a recording
 ====================  =====================================================================================
 """
 
@@ -23,6 +23,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from ...console import error_console
 from ...errors import InputFileError
 from ...protocol.pulses import Pulses
 from ...protocol.quantise import PulseFrames, check_pulses
@@ -108,6 +109,11 @@ def open_file(path: Path) -> Iterator[Source]:
     """
     if path.suffix.lower() == SUFFIX:
         with Recording.open(path) as recording:
+            if not recording.complete:
+                error_console().print(
+                    f"warning: {path} was cut off; it is used up to its last whole frame, {len(recording)} in all",
+                    style="yellow",
+                )
             yield Source(recording, recording.rate, recording.array, recording.medium, recording.calibration)
     else:
         yield _in_archive(read_arrays(path), path)

@@ -26,12 +26,15 @@ __all__ = [
     "PulseFrames",
     "StoredFrames",
     "beginning",
+    "check_rate",
     "frame_source",
     "solved",
     "to_pulses",
 ]
 
 NUMBERS = "iufc"  # kinds of types that drives may have
+LEAST_RATE = 1e-3
+"""Frames per second; who plays more slowly waits rather than plays."""
 
 Frame: TypeAlias = Pulses | Solution | NDArray[Any]
 """What can be shown: pulses as they are, or a drive, (n,) complex of magnitude at most 1, by itself or as solved."""
@@ -69,6 +72,12 @@ class FrameSource(Protocol):
         ValueError
             Where a frame is none; it is named by its number in the source, from 0.
         """
+
+
+def check_rate(rate: float) -> None:
+    """Raise `ValueError` if no frames can be played at a rate, in frames per second."""
+    if not LEAST_RATE <= rate < np.inf:
+        raise ValueError(f"a rate of {rate:g} frames/s must be at least {LEAST_RATE:g} and finite")
 
 
 def to_pulses(frame: Frame, calibration: Calibration | None, channels: int) -> Pulses:

@@ -1,20 +1,39 @@
-"""Recordings: frames of pulses in an HDF5 file, with all that is needed to play them again and to tell what they were.
+"""Recordings: frames of pulses in a file, with all that is needed to play them again and to tell what they were.
 
 A recording holds pulses, not drives: what is played from it is bit by bit what would have been played when it was made,
-and no calibration is applied again. Any program that reads HDF5 can read it: the datasets ``phase`` and ``width`` are
-(k, n) uint8, in half ticks and ticks; ``positions`` and ``normals``, (n, 3), are the array's, in metres; the group
-``calibration`` holds what was applied, if anything; attributes say the rest by their names. All of it has checksums.
+and no calibration is applied again. All numbers are little-endian:
+
+=========  =====  ==============================================================================
+at         bytes  content
+=========  =====  ==============================================================================
+0          8      ``PWFRAMES``
+8          4      T, the bytes of the text
+12         4      CRC-32 of the text
+16         8      how many frames follow; all ones in a file that was not finished
+24         4      CRC-32 of bytes 0 to 23
+28         T      the text: an object of JSON in UTF-8, see `_described`
+28 + T     2n+4   frame 0: n bytes of phases in half ticks, n of widths in ticks, and their CRC-32
+28+T+2n+4  2n+4   frame 1, and so on
+=========  =====  ==============================================================================
+
+The CRC-32 of a frame begins with its number instead of 0, as ``zlib.crc32(pulses, number)`` computes it, so that a
+frame in a wrong place is noticed. Nothing in a file names another file, and nothing in it is larger than it looks: a
+damaged or hostile one costs no more memory than its text and the frames that are asked for. A file that was cut off can
+be read up to its last whole frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import json
+import os
+import struct
+import zlib
 from dataclasses import asdict, fields
 from importlib.metadata import version
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +42,37 @@ from ...errors import InputFileError
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from ...protocol.quantise import PulseFrames, check_pulses
 from ...solver import Medium, TransducerArray
-from ...storage import replacing
+from ...storage import open_plain, replacing
 from .calibration import Calibration
-from .frames import Frames, frame_source
+from .frames import Frames, check_rate, frame_source
 
 __all__ = ["SUFFIX", "Recording", "record"]
 
-SUFFIX = ".h5"
-FORMAT = "phasewire-recording-1"
+SUFFIX = ".frames"
+MAGIC = b"PWFRAMES"
+FORMAT = "phasewire-recording-2"
 CLOCK = {"carrier_hz": CARRIER_HZ, "ticks_per_period": TICKS_PER_PERIOD}
-CHUNK_FRAMES = 256
-"""Frames that are compressed together and read at once: 6 ms of them at the highest rate."""
-MOST_FRAMES = 2**40
-HDF5_VERSION = ("v110", "v110")  # from which on metadata have checksums
+FRAMES_AT_A_TIME = 256
+"""That are written together: 6 ms of them at the highest rate."""
+MOST_TEXT_BYTES = 2**20
+"""Enough for the places of some ten thousand transducers."""
+UNFINISHED = 2**64 - 1
+CHECKSUM_BYTES = 4
+_LAYOUT = struct.Struct("<8sIIQ")
+HEAD_BYTES = _LAYOUT.size + CHECKSUM_BYTES
+
+
+class _Head(NamedTuple):
+    """How a file begins."""
+
+    magic: bytes
+    text_bytes: int
+    text_checksum: int
+    frames: int
+
+    def encode(self) -> bytes:
+        packed = _LAYOUT.pack(*self)
+        return packed + zlib.crc32(packed).to_bytes(CHECKSUM_BYTES, "little")
 
 
 def record(
@@ -75,58 +112,81 @@ def record(
     Raises
     ------
     ValueError
-        Where the rate is not positive and finite, or a frame is none.
+        Where the rate is not finite or less than `LEAST_RATE`, a frame is none, or there are too many transducers.
     OSError
-        Where the file cannot be written, or stands for something else than a file.
+        Where the file cannot be written, or stands for something else than a file. If the disk is full, the frames that
+        were written are kept beside it, in a recording that the error names.
     """
-    import h5py
-
-    if not 0 < rate < np.inf:
-        raise ValueError(f"a rate of {rate:g} frames/s must be positive and finite")
+    check_rate(rate)
     if path.exists() and not path.is_file():
         raise OSError(f"{path} cannot be written: a recording must be a plain file")
     array, medium = array or TransducerArray.grid(), medium or Medium()
     pulses = frame_source(frames, calibration, len(array))
+    text = json.dumps(_described(rate, array, medium, calibration, source), ensure_ascii=False).encode()
+    if len(text) > MOST_TEXT_BYTES:
+        raise ValueError(f"{len(array)} transducers are more than a recording can describe")
+    head = _Head(MAGIC, len(text), zlib.crc32(text), UNFINISHED)
     written = 0
-    with replacing(path) as part, h5py.File(part, "w", libver=HDF5_VERSION) as file:
-        for name, text in (("format", FORMAT), ("source", source), ("made_by", f"phasewire {version('phasewire')}")):
-            octets = text.encode()  # of fixed length, as others would stand where no checksum reaches
-            file.attrs.create(name, octets, dtype=h5py.string_dtype("utf-8", max(len(octets), 1)))
-        file.attrs.update(CLOCK, rate_hz=float(rate))
-        _write_table(file, "positions", array.positions)
-        _write_table(file, "normals", array.normals)
-        file.create_group("medium").attrs.update(asdict(medium))
-        if calibration is not None:
-            for field in fields(calibration):
-                _write_table(file.require_group("calibration"), field.name, getattr(calibration, field.name))
-        rows = [_growing(file, name, len(array)) for name in PulseFrames._fields]
-        while len((taken := pulses.take(CHUNK_FRAMES)).phase):
-            end = written + len(taken.phase)
-            for dataset, values in zip(rows, taken, strict=True):
-                dataset.resize(end, axis=0)
-                dataset[written:] = values
-            written = end
+    with replacing(path) as part, part.open("wb", buffering=0) as file:
+        try:
+            _write(file, head.encode() + text, path)
+            while len((taken := pulses.take(FRAMES_AT_A_TIME)).phase):
+                _write(file, _rows(taken, written), path)
+                written += len(taken.phase)
+            file.seek(0)
+            _write(file, head._replace(frames=written).encode(), path)
+        except OSError as error:
+            if not written:
+                raise
+            kept = path.resolve().with_name(f"{path.stem}.part{path.suffix}")
+            part.replace(kept)
+            said = f"{error.strerror}; what was written, {written} frames at least, is kept in {kept}"
+            raise OSError(error.errno, said, error.filename) from error
     return written
 
 
-def _write_table(group: Any, name: str, values: NDArray[Any]) -> None:
-    group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+def _described(
+    rate: float, array: TransducerArray, medium: Medium, calibration: Calibration | None, source: str
+) -> dict[str, Any]:
+    """What the text of a recording says."""
+    columns = None
+    if calibration is not None:
+        columns = {field.name: getattr(calibration, field.name).tolist() for field in fields(calibration)}
+    return {
+        "format": FORMAT,
+        "made_by": f"phasewire {version('phasewire')}",
+        "source": source,
+        **CLOCK,
+        "rate_hz": float(rate),
+        "medium": asdict(medium),
+        "positions": array.positions.tolist(),
+        "normals": array.normals.tolist(),
+        "calibration": columns,
+    }
 
 
-def _growing(file: Any, name: str, channels: int) -> Any:
-    return file.create_dataset(
-        name,
-        shape=(0, channels),
-        maxshape=(None, channels),
-        chunks=(CHUNK_FRAMES, channels),
-        dtype=np.uint8,
-        compression="gzip",
-        fletcher32=True,
-    )
+def _rows(frames: PulseFrames, first: int) -> bytes:
+    """Frames as they stand in a file, the first of them with this number."""
+    pulses = np.concatenate(frames, axis=1)
+    return b"".join(row.tobytes() + _checksum(row, number) for number, row in enumerate(pulses, start=first))
+
+
+def _checksum(pulses: NDArray[np.uint8], number: int) -> bytes:
+    return zlib.crc32(np.ascontiguousarray(pulses), number % 2**32).to_bytes(CHECKSUM_BYTES, "little")
+
+
+def _write(file: FileIO, data: bytes, path: Path) -> None:
+    """Write all of some bytes, without a buffer that would fail once more when the file is closed."""
+    left = memoryview(data)
+    try:
+        while left:
+            left = left[file.write(left) :]
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 class Recording:
-    """A recording that is open for reading. Frames are read as they are asked for, some hundred at a time.
+    """A recording that is open for reading. Frames are read when they are asked for.
 
     `Recording.open` opens one; use it in a ``with`` statement. `frame_source` takes it as it is.
 
@@ -134,6 +194,8 @@ class Recording:
     ----------
     rate : float
         Frames per second.
+    complete : bool
+        Whether all frames are there; false for a file that was cut off or never finished.
     array : TransducerArray
         Positions and normals of the transducers, in metres.
     medium : Medium
@@ -146,30 +208,31 @@ class Recording:
         Program and version.
     """
 
-    def __init__(self, path: Path, file: Any) -> None:
+    def __init__(self, path: Path, file: BinaryIO) -> None:
         self._path, self._file = path, file
-        if file.attrs.get("format") != FORMAT.encode():
-            raise InputFileError(f"{path} is not a recording; `phasewire record` makes one")
+        head, said = _read_head(path, file)
         for name, own in CLOCK.items():
-            if file.attrs[name] != own:
-                raise InputFileError(f"{path} was made for a device of {name} {file.attrs[name]}; here it is {own}")
-        self.rate = float(file.attrs["rate_hz"])
-        if not 0 < self.rate < np.inf:
-            raise ValueError(f"its rate is {self.rate:g} frames/s")
-        self.source, self.made_by = (file.attrs[name].decode() for name in ("source", "made_by"))
-        self._rows = [file[name] for name in PulseFrames._fields]
-        self._frames, self.channels = shape = self._rows[0].shape
-        if any(rows.shape != shape or rows.dtype != np.uint8 for rows in self._rows) or self._frames > MOST_FRAMES:
-            raise ValueError("its pulses are no tables of bytes of one shape")
-        positions, normals = (_table(file, name, (self.channels, 3)) for name in ("positions", "normals"))
-        self.array = TransducerArray(positions, normals)
-        air = file["medium"].attrs
-        self.medium = Medium(**{field.name: air[field.name].item() for field in fields(Medium)})
+            if said[name] != own:
+                raise ValueError(f"it was made for a device of {name} {said[name]!r}; here it is {own}")
+        self.rate = _one(said, "rate_hz", float)
+        check_rate(self.rate)
+        self.source, self.made_by = _one(said, "source", str), _one(said, "made_by", str)
+        self.array = TransducerArray(_numbers(said, "positions"), _numbers(said, "normals"))
+        self.channels = len(self.array)
+        air = _one(said, "medium", dict)
+        self.medium = Medium(**{field.name: _one(air, field.name, type(field.default)) for field in fields(Medium)})
         self.calibration: Calibration | None = None
-        if "calibration" in file:
-            columns = [_table(file["calibration"], field.name, (self.channels,)) for field in fields(Calibration)]
-            self.calibration = Calibration(*columns)
-        self._begin, self._chunk = -1, PulseFrames.joined([], self.channels)
+        if said["calibration"] is not None:
+            columns = _one(said, "calibration", dict)
+            self.calibration = Calibration(*(_numbers(columns, field.name) for field in fields(Calibration)))
+            if len(self.calibration) != self.channels:
+                raise ValueError(f"calibration of {len(self.calibration)} transducers, not {self.channels}")
+        self._begin = HEAD_BYTES + head.text_bytes
+        self._frame_bytes = 2 * self.channels + CHECKSUM_BYTES
+        self._frames, odd = divmod(os.fstat(file.fileno()).st_size - self._begin, self._frame_bytes)
+        self.complete = self._frames == head.frames and not odd
+        if self._frames > head.frames or (self._frames == head.frames and odd):
+            raise ValueError(f"there is more in it than its {head.frames} frames")
 
     @classmethod
     def open(cls, path: Path) -> Self:
@@ -178,21 +241,22 @@ class Recording:
         Raises
         ------
         InputFileError
-            Where the file is truncated, corrupted or no recording.
+            Where the file begins like no recording, is damaged there, or is no plain file.
         OSError
             Where it cannot be opened.
         """
-        import h5py
-
-        with path.open("rb"):  # so that a missing file is not taken for a bad one
-            pass
-        with _blamed(path):
-            file = h5py.File(path, "r")
-            try:
-                return cls(path, file)
-            except BaseException:
-                file.close()
-                raise
+        file = open_plain(path)
+        try:
+            return cls(path, file)
+        except InputFileError:
+            file.close()
+            raise
+        except KeyError as error:
+            file.close()
+            raise InputFileError(f"{path} is no usable recording: there is no {error} in it") from error
+        except (ValueError, TypeError, OverflowError) as error:
+            file.close()
+            raise InputFileError(f"{path} is no usable recording: {error}") from error
 
     def close(self) -> None:
         """Close the file."""
@@ -207,7 +271,7 @@ class Recording:
         self.close()
 
     def __len__(self) -> int:
-        return int(self._frames)
+        return self._frames
 
     @property
     def seconds(self) -> float:
@@ -224,39 +288,61 @@ class Recording:
         ValueError
             Where it has been closed.
         """
-        if not self._file:
+        if self._file.closed:
             raise ValueError(f"{self._path} is closed; open it again")
-        parts, wanted = [], range(len(self))[start:stop]
-        at = wanted.start
-        while at < wanted.stop:
-            begin = at - at % CHUNK_FRAMES
-            end = min(wanted.stop, begin + CHUNK_FRAMES)
-            parts.append(PulseFrames(*(values[at - begin : end - begin] for values in self._chunk_at(begin))))
-            at = end
-        return PulseFrames.joined(parts, self.channels)
+        wanted = range(len(self))[start:stop]
+        self._file.seek(self._begin + wanted.start * self._frame_bytes)
+        data = self._file.read(len(wanted) * self._frame_bytes)
+        if len(data) < len(wanted) * self._frame_bytes:
+            raise InputFileError(f"{self._path} has become shorter while it was read")
+        rows = np.frombuffer(data, np.uint8).reshape(len(wanted), self._frame_bytes)
+        for number, row in zip(wanted, rows, strict=True):
+            if _checksum(row[:-CHECKSUM_BYTES], number) != row[-CHECKSUM_BYTES:].tobytes():
+                raise InputFileError(f"{self._path}: frame {number} is damaged")
+        found = PulseFrames(*(rows[:, at : at + self.channels].copy() for at in (0, self.channels)))
+        try:
+            check_pulses(found, wanted.start)
+        except ValueError as error:
+            raise InputFileError(f"{self._path}: {error}") from error
+        return found
 
-    def _chunk_at(self, begin: int) -> PulseFrames:
-        if begin != self._begin:
-            with _blamed(self._path):
-                chunk = PulseFrames(*(rows[begin : begin + CHUNK_FRAMES] for rows in self._rows))
-                check_pulses(chunk, begin)
-            self._begin, self._chunk = begin, chunk
-        return self._chunk
 
-
-@contextmanager
-def _blamed(path: Path) -> Iterator[None]:
-    """Turn what reading a damaged or foreign file raises, which is nearly anything, into `InputFileError`."""
+def _read_head(path: Path, file: BinaryIO) -> tuple[_Head, dict[str, Any]]:
+    """How a file begins, and what its text says."""
+    begin = file.read(HEAD_BYTES)
+    if not begin.startswith(MAGIC):
+        raise InputFileError(f"{path} is not a recording; `phasewire record` makes one")
+    if len(begin) < HEAD_BYTES or begin != (head := _Head(*_LAYOUT.unpack_from(begin))).encode():
+        raise ValueError("it is damaged or cut off in its first bytes")
+    if head.text_bytes > MOST_TEXT_BYTES:
+        raise ValueError(f"its text has {head.text_bytes} bytes; it may have at most {MOST_TEXT_BYTES}")
+    text = file.read(head.text_bytes)
+    if len(text) < head.text_bytes or zlib.crc32(text) != head.text_checksum:
+        raise ValueError("its text is damaged or cut off")
     try:
-        yield
-    except InputFileError:
-        raise
-    except Exception as error:
-        raise InputFileError(f"{path} is truncated, corrupted or no recording: {error}") from error
+        said = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("its text is nested too deeply") from error
+    if not isinstance(said, dict) or said.get("format") != FORMAT:
+        raise ValueError(f"its text does not say that it is a {FORMAT}")
+    return head, said
 
 
-def _table(group: Any, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-    dataset = group[name]
-    if dataset.shape != shape:
-        raise ValueError(f"{name} has the shape {dataset.shape}, not {shape}")
-    return np.asarray(dataset[...])
+Kind = TypeVar("Kind")
+
+
+def _one(said: dict[str, Any], name: str, kind: type[Kind]) -> Kind:
+    """A value of some type; a whole number is a float too."""
+    value = said[name]
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        raise ValueError(f"its {name} is no {kind.__name__}")
+    return cast("Kind", value)
+
+
+def _numbers(said: dict[str, Any], name: str) -> NDArray[np.float64]:
+    try:
+        return np.array(_one(said, name, list), np.float64)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"its {name} are no table of numbers") from error

@@ -24,7 +24,7 @@ from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import AckFlag, Fault, Reason
 from ...protocol.updates import pack_updates
 from .clock import DeviceClock, Reading
-from .frames import FrameSource, PulseFrames
+from .frames import FrameSource, PulseFrames, check_rate
 from .session import DAMAGE, Answers, Session, as_ack
 
 __all__ = ["LOOK_AHEAD_SECONDS", "Stream", "StreamReport"]
@@ -164,10 +164,9 @@ class Stream:
         restore: Callable[[], None] | None,
     ) -> None:
         most = min(session.info.max_updates_per_second, session.line().most_blocks_per_second)
-        if not 0 < rate <= most:
-            raise ValueError(
-                f"a rate of {rate:g} frames/s must be more than 0, and at most {most:g} with this device and its line"
-            )
+        check_rate(rate)
+        if rate > most:
+            raise ValueError(f"a rate of {rate:g} frames/s must be at most {most:g} with this device and its line")
         if not 0 <= look_ahead <= MOST_LOOK_AHEAD_SECONDS:
             raise ValueError(f"a look-ahead of {look_ahead:g} s must lie between 0 and {MOST_LOOK_AHEAD_SECONDS:g} s")
         self._session, self._source = session, source

@@ -47,7 +47,7 @@ def files(tmp_path: Path) -> Path:
     np.savez(tmp_path / "one.npz", phase=one.phase[0], width=one.width[0])
     np.savez(tmp_path / "many.npz", phase=many.phase.astype(int), width=many.width.astype(int))
     np.savez(tmp_path / "drives.npz", drives=np.full((20, N), 0.5j))
-    record(tmp_path / "slow.h5", many, 500, medium=Medium(25), calibration=Calibration.perfect(N))
+    record(tmp_path / "slow.frames", many, 500, medium=Medium(25), calibration=Calibration.perfect(N))
     Calibration.perfect(N).save(tmp_path / "perfect.csv")
     return tmp_path
 
@@ -55,10 +55,10 @@ def files(tmp_path: Path) -> Path:
 # What is played
 
 
-@pytest.mark.parametrize("name", ["many.npz", "drives.npz", "slow.h5"])
+@pytest.mark.parametrize("name", ["many.npz", "drives.npz", "slow.frames"])
 def test_a_file_of_frames_is_streamed_to_its_end(phasewire: Run, files: Path, name: str) -> None:
     stream = json.loads(phasewire("stream", name, "--json", "-").out)["stream"]
-    assert (stream["accepted"], stream["rate"]) == (20, 500 if name == "slow.h5" else 1000)
+    assert (stream["accepted"], stream["rate"]) == (20, 500 if name == "slow.frames" else 1000)
 
 
 @pytest.mark.parametrize("source", ["solved.npz", "one.npz", "circle"])
@@ -85,7 +85,7 @@ def test_one_frame_is_shown(phasewire: Run, files: Path, name: str) -> None:
     assert phasewire("show", name, "--seconds", "0").code == 0
 
 
-@pytest.mark.parametrize("name", ["many.npz", "drives.npz", "slow.h5"])
+@pytest.mark.parametrize("name", ["many.npz", "drives.npz", "slow.frames"])
 def test_many_frames_are_not_shown(phasewire: Run, files: Path, name: str) -> None:
     outcome = phasewire("show", name)
     assert outcome.code == 2
@@ -117,10 +117,10 @@ def test_a_file_of_something_else_is_refused(phasewire: Run, tmp_path: Path, nam
 def test_whatever_plays_a_file_warns_of_another_array(phasewire: Run, tmp_path: Path) -> None:
     other = TransducerArray.grid(16, 20)
     save_solution(tmp_path / "other.npz", solve(other, ControlPoints([[0, 0, 0.2]])))
-    record(tmp_path / "other.h5", frames(2), 100, array=other, medium=Medium(frequency=25_000))
-    for line in ("show other.npz --seconds 0", "stream other.npz --seconds 0.01", "stream other.h5"):
+    record(tmp_path / "other.frames", frames(2), 100, array=other, medium=Medium(frequency=25_000))
+    for line in ("show other.npz --seconds 0", "stream other.npz --seconds 0.01", "stream other.frames"):
         assert "warning: other." in phasewire(*line.split()).err
-    assert "40000 Hz, not 25000 Hz" in phasewire("stream", "other.h5").err
+    assert "40000 Hz, not 25000 Hz" in phasewire("stream", "other.frames").err
 
 
 def test_a_stream_is_modulated_from_its_first_frame(phasewire: Run, files: Path) -> None:
@@ -145,21 +145,21 @@ def test_a_stream_that_fails_leaves_its_counts(phasewire: Run, files: Path) -> N
 
 
 def test_a_recording_is_recorded_as_it_is(phasewire: Run, files: Path) -> None:
-    assert phasewire("record", "slow.h5", "-o", "copy.h5").code == 0
-    with Recording.open(files / "slow.h5") as old, Recording.open(files / "copy.h5") as new:
+    assert phasewire("record", "slow.frames", "-o", "copy.frames").code == 0
+    with Recording.open(files / "slow.frames") as old, Recording.open(files / "copy.frames") as new:
         assert (new.rate, new.medium, new.calibration) == (500, Medium(25), old.calibration)
         for kept, copied in zip(old.read(0, 20), new.read(0, 20), strict=True):
             np.testing.assert_array_equal(copied, kept)
-    phasewire("record", "slow.h5", "-o", "copy.h5", "--seconds", "0.01", "--rate", "1000")
-    with Recording.open(files / "copy.h5") as new:
+    phasewire("record", "slow.frames", "-o", "copy.frames", "--seconds", "0.01", "--rate", "1000")
+    with Recording.open(files / "copy.frames") as new:
         assert (len(new), new.rate) == (10, 1000)
 
 
 def test_what_was_solved_is_recorded_with_its_array_and_its_air(phasewire: Run, tmp_path: Path) -> None:
     array = TransducerArray.grid(8, 4, 0.012)
     save_solution(tmp_path / "own.npz", solve(array, ControlPoints([[0, 0, 0.1]]), medium=Medium(35)))
-    assert phasewire("record", "own.npz", "-o", "own.h5", "--rate", "10").code == 0
-    with Recording.open(tmp_path / "own.h5") as recording:
+    assert phasewire("record", "own.npz", "-o", "own.frames", "--rate", "10").code == 0
+    with Recording.open(tmp_path / "own.frames") as recording:
         assert (len(recording), recording.medium) == (10, Medium(35))
         np.testing.assert_array_equal(recording.array.positions, array.positions)
 
@@ -171,24 +171,24 @@ def test_a_calibration_that_was_not_applied_is_not_recorded(
     (files / "mine.toml").write_text('calibration = "perfect.csv"\n')
     monkeypatch.setenv("PHASEWIRE_CONFIG", "mine.toml")
     for source, recorded in (("many.npz", False), ("drives.npz", True)):
-        assert phasewire("record", source, "-o", "made.h5").code == 0
-        with Recording.open(files / "made.h5") as recording:
+        assert phasewire("record", source, "-o", "made.frames").code == 0
+        with Recording.open(files / "made.frames") as recording:
             assert (recording.calibration is not None) == recorded
 
 
 # What is refused
 
 USELESS = [
-    "stream slow.h5 --spin 1",
+    "stream slow.frames --spin 1",
     "stream solved.npz --spin 1",
     "stream - --spin 1",
-    "stream slow.h5 --method wgs",
+    "stream slow.frames --method wgs",
     "stream many.npz --method tikhonov",
-    "stream slow.h5 --calibration perfect.csv",
+    "stream slow.frames --calibration perfect.csv",
     "stream many.npz --calibration perfect.csv",
     "show one.npz --calibration perfect.csv",
-    "record slow.h5 -o x.h5 --calibration perfect.csv",
-    "record one.npz -o x.h5 --spin 2",
+    "record slow.frames -o x.frames --calibration perfect.csv",
+    "record one.npz -o x.frames --spin 2",
     "play circle --unattended --seconds 2",
     "play circle --unattended --forever",
 ]
@@ -199,7 +199,7 @@ def test_an_option_without_effect_is_refused(phasewire: Run, files: Path, line: 
     outcome = phasewire(*line.split())
     assert outcome.code == 2
     assert "no effect" in outcome.err
-    assert not (files / "x.h5").exists()
+    assert not (files / "x.frames").exists()
 
 
 def test_defaults_from_a_file_may_be_without_effect(
@@ -207,14 +207,14 @@ def test_defaults_from_a_file_may_be_without_effect(
 ) -> None:
     (files / "mine.toml").write_text('method = "polish"\nspin = 2.0\ncalibration = "perfect.csv"\n')
     monkeypatch.setenv("PHASEWIRE_CONFIG", "mine.toml")
-    assert phasewire("stream", "slow.h5").code == 0
+    assert phasewire("stream", "slow.frames").code == 0
 
 
 NUMBERS = [
     f"{command} {option} {value}"
     for command, options in {
         "stream circle": ("--seconds", "--rate", "--spin", "--modulation", "--look-ahead"),
-        "record circle -o x.h5": ("--seconds", "--rate", "--spin"),
+        "record circle -o x.frames": ("--seconds", "--rate", "--spin"),
         "show one.npz": ("--seconds",),
         "play circle": ("--seconds", "--modulation"),
     }.items()
@@ -227,7 +227,7 @@ NUMBERS = [
 def test_no_number_is_too_much_for_a_message(phasewire: Run, files: Path, line: str) -> None:
     outcome = phasewire(*line.split())
     assert outcome.code == 2
-    assert not (files / "x.h5").exists()
+    assert not (files / "x.frames").exists()
     said = " ".join(outcome.err.split())
     assert re.search(rf"Invalid value for '{line.split()[-2]}'|{float(line.split()[-1]):g}", said.replace("+", ""))
 
@@ -238,3 +238,11 @@ def test_standard_input_is_solved_line_by_line(phasewire: Run, monkeypatch: pyte
     monkeypatch.setattr("sys.stdin", io.StringIO('{"positions": [[0, 0, 0.2]]}\n{"where": []}\n'))
     outcome = phasewire("stream", "-", *QUICK)
     assert (outcome.code, "standard input, line 2: it must be" in outcome.err) == (2, True)
+
+
+def test_a_recording_that_was_cut_off_is_played_up_to_there(files: Path, phasewire: Run) -> None:
+    whole = Path("slow.frames").read_bytes()
+    Path("cut.frames").write_bytes(whole[:-1000])
+    ended = phasewire("record", "cut.frames", "-o", "copy.frames")
+    assert (ended.code, "18 frames" in ended.out) == (0, True)
+    assert "warning: cut.frames was cut off; it is used up to its last whole frame, 18 in all" in ended.err

@@ -382,7 +382,7 @@ def test_a_device_that_fails_again_and_again_is_not_opened_for_ever() -> None:
 @pytest.mark.parametrize(
     ("rate", "look_ahead", "message"),
     [
-        (0, 0.01, "a rate of 0 frames/s must be more than 0, and at most 40000"),
+        (0, 0.01, "a rate of 0 frames/s must be at least 0.001 and finite"),
         (40_001, 0.01, "at most 40000"),
         (float("nan"), 0.01, "a rate of nan"),
         (100, -1, "a look-ahead of -1 s must lie between 0 and 10"),
