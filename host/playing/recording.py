@@ -33,7 +33,7 @@ from importlib.metadata import version
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple, Self, TypeVar, cast
+from typing import Any, BinaryIO, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,7 +172,7 @@ def _rows(frames: PulseFrames, first: int) -> bytes:
 
 
 def _checksum(pulses: NDArray[np.uint8], number: int) -> bytes:
-    return zlib.crc32(np.ascontiguousarray(pulses), number % 2**32).to_bytes(CHECKSUM_BYTES, "little")
+    return zlib.crc32(pulses.tobytes(), number % 2**32).to_bytes(CHECKSUM_BYTES, "little")
 
 
 def _write(file: FileIO, data: bytes, path: Path) -> None:
@@ -219,8 +219,7 @@ class Recording:
         self.source, self.made_by = _one(said, "source", str), _one(said, "made_by", str)
         self.array = TransducerArray(_numbers(said, "positions"), _numbers(said, "normals"))
         self.channels = len(self.array)
-        air = _one(said, "medium", dict)
-        self.medium = Medium(**{field.name: _one(air, field.name, type(field.default)) for field in fields(Medium)})
+        self.medium = _medium(_one(said, "medium", dict))
         self.calibration: Calibration | None = None
         if said["calibration"] is not None:
             columns = _one(said, "calibration", dict)
@@ -338,7 +337,12 @@ def _one(said: dict[str, Any], name: str, kind: type[Kind]) -> Kind:
         value = float(value)
     if type(value) is not kind:
         raise ValueError(f"its {name} is no {kind.__name__}")
-    return cast("Kind", value)
+    return value
+
+
+def _medium(air: dict[str, Any]) -> Medium:
+    kinds = {name: type(value) for name, value in asdict(Medium()).items()}
+    return Medium(**{name: _one(air, name, kind) for name, kind in kinds.items()})
 
 
 def _numbers(said: dict[str, Any], name: str) -> NDArray[np.float64]:
