@@ -11,7 +11,6 @@ import difflib
 import json
 import os
 import textwrap
-import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -24,7 +23,7 @@ from typer.core import TyperGroup, TyperOption
 
 from .console import JsonOption, console_for, write_json
 from .errors import InputFileError
-from .storage import check_outputs
+from .storage import check_outputs, read_toml
 
 __all__ = ["CONFIG_VARIABLE", "commands", "config_path", "defaults_from_file", "each_command"]
 
@@ -91,11 +90,7 @@ def defaults_from_file(context: typer.Context) -> dict[str, Any]:
     may_be_missing = CONFIG_VARIABLE not in os.environ or context.invoked_subcommand == config.__name__
     if may_be_missing and not path.exists():
         return {}
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:  # tomllib's, or bytes that are not UTF-8
-        raise InputFileError(f"{path} is no TOML file: {error}") from error
-    return _Reader(path).group(context, table, {})
+    return _Reader(path).group(context, read_toml(path), {})
 
 
 def each_command(context: typer.Context) -> Iterator[typer.Context]:

@@ -6,19 +6,25 @@ import errno
 import os
 import secrets
 import stat
+import struct
 import tomllib
+import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 
 from .errors import InputFileError
 
-__all__ = ["check_outputs", "open_plain", "read_file", "read_text", "read_toml", "replacing"]
+__all__ = ["check_outputs", "open_plain", "open_zip", "read_file", "read_text", "read_toml", "replacing"]
 
+MOST_AT_ONCE = 2**22
+"""Bytes of an archive that are read at once: its directory, or a piece of a member."""
 MOST_TOML_BYTES = 2**18
 MOST_TOML_LINE = 1024
-"""Characters. The time that tomllib takes for a key grows with the square of its dots."""
+"""Bytes. The time that tomllib takes for a key grows with the square of its dots."""
 MOST_TOML_DEPTH = 16
 _BLAMELESS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a write, of which the system names no file
 
@@ -44,8 +50,8 @@ def read_file(path: Path, most_bytes: int) -> bytes:
         size = os.fstat(file.fileno()).st_size
         data = file.read(most_bytes + 1) if size <= most_bytes else b""
     if size > most_bytes or len(data) > most_bytes:
-        has = f"has {size} bytes" if size > most_bytes else "has more than that"
-        raise InputFileError(f"{path} is too large: such a file may have {most_bytes} bytes, and it {has}")
+        found = size if size > most_bytes else f"more than {most_bytes}"
+        raise InputFileError(f"{path} has {found} bytes; such a file may have at most {most_bytes}")
     return data
 
 
@@ -59,12 +65,12 @@ def read_text(path: Path, most_bytes: int) -> str:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """What a TOML file holds; errors as `read_file`, and if it is no TOML or nested more deeply than people do it."""
-    text = read_text(path, MOST_TOML_BYTES)
-    for number, line in enumerate(text.splitlines(), start=1):
+    data = read_file(path, MOST_TOML_BYTES)
+    for number, line in enumerate(data.splitlines(), start=1):
         if len(line) > MOST_TOML_LINE:
-            raise InputFileError(f"{path}, line {number} has {len(line)} characters; at most {MOST_TOML_LINE} may be")
+            raise InputFileError(f"{path}, line {number} has {len(line)} bytes; at most {MOST_TOML_LINE} may be")
     try:
-        table = tomllib.loads(text)
+        table = tomllib.loads(data.decode())
     except ValueError as error:
         raise InputFileError(f"{path} is no TOML file: {error}") from error
     except RecursionError as error:
@@ -103,6 +109,45 @@ def open_plain(path: Path) -> BinaryIO:
     if stat.S_ISDIR(kind):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     raise InputFileError(f"{path} is no plain file, as it must be; copy what it gives to one")
+
+
+class _InPieces(FileIO):
+    """A file of which nobody takes more at once than `MOST_AT_ONCE`, whatever sizes it claims."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > MOST_AT_ONCE:
+            raise BadZipFile(f"a part of {size} bytes is too large")
+        return super().read(size)
+
+
+@contextmanager
+def open_zip(path: Path, otherwise: str) -> Iterator[ZipFile]:
+    """Open a zip archive, whose members are to be read in pieces of a stated size: their own sizes are mere claims.
+
+    Parameters
+    ----------
+    path : Path
+        A plain file.
+    otherwise : str
+        What it is if it cannot be read, for the error.
+
+    Raises
+    ------
+    InputFileError
+        If it is no plain file, no archive, a damaged one, or packed by another method than deflate; also in the block.
+    OSError
+        If it cannot be opened.
+    """
+    try:
+        with open_plain(path) as file, ZipFile(_InPieces(file.fileno(), closefd=False)) as archive:
+            for member in archive.infolist():
+                if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):  # zipfile unpacks others without a bound
+                    raise BadZipFile(f"{member.filename} is packed by method {member.compress_type}")
+            yield archive
+    except InputFileError:
+        raise
+    except (BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, OverflowError, ValueError) as error:
+        raise InputFileError(f"{path} is {otherwise}: {error}") from error
 
 
 def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] = ()) -> None:

@@ -11,13 +11,13 @@ A scenario lists faults; each names itself, and beside that has the fields of it
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputFileError
+from ..storage import read_toml
 from .faults import FAULTS, InjectedFault, limits
 
 __all__ = ["read_scenario"]
@@ -35,10 +35,7 @@ def read_scenario(path: Path) -> tuple[InjectedFault, ...]:
     OSError
         Where the file cannot be read.
     """
-    try:
-        content = tomllib.loads(path.read_bytes().decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputFileError(f"{path}: {error}") from error
+    content = read_toml(path)
     entries = content.pop(LIST, [])
     if content:
         raise InputFileError(

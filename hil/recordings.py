@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -32,6 +31,9 @@ FORMATS = {
 WHOLES = {"firmware": Traffic.FIRMWARE, "chain": Traffic.MESSAGE}
 """Formats that hold one piece."""
 
+MOST_PIPED_BYTES = 2**32
+"""Of a pipe, which is copied to the disk."""
+
 HEAD_BYTES = 4096
 """How much of a recording is looked at to tell its format."""
 
@@ -60,7 +62,10 @@ def _seekable(stream: BinaryIO) -> Iterator[BinaryIO]:
         yield stream
         return
     with tempfile.TemporaryFile() as copy:
-        shutil.copyfileobj(stream, copy)
+        while data := stream.read(2**16):
+            if copy.tell() + len(data) > MOST_PIPED_BYTES:
+                raise InputFileError(f"more than {MOST_PIPED_BYTES} bytes came through a pipe; record them to a file")
+            copy.write(data)
         copy.seek(0)
         yield copy
 

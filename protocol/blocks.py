@@ -401,6 +401,8 @@ def pack(block: Block) -> bytes:
     ValueError
         Where the sequence number does not fit 32 bits.
     """
+    if not (isinstance(block, Block) and isinstance(block.body, Body)):
+        raise ValueError(f"{block!r} is no Block of a body and a number")
     body, sequence, restart = block
     fields, payload = body._parts()
     fields = replace(fields, flags=fields.flags | (Flag.RESTART if restart else 0))

@@ -140,6 +140,11 @@ def unpack_updates(blocks: NDArray[np.uint8]) -> Updates:
 
 
 def _check_blocks(name: str, blocks: NDArray[Any]) -> None:
+    if not isinstance(blocks, np.ndarray):
+        raise ValueError(
+            f"{name} must be an array, (k, {BLOCK_BYTES}) uint8, not {type(blocks).__name__}; of k blocks in bytes "
+            f"np.frombuffer(blocks, np.uint8).reshape(-1, {BLOCK_BYTES}) makes one"
+        )
     if blocks.dtype != np.uint8 or blocks.ndim != 2 or blocks.shape[1] != BLOCK_BYTES or not blocks.flags.c_contiguous:
         raise ValueError(f"{name} must be contiguous (k, {BLOCK_BYTES}) uint8, not {blocks.shape} {blocks.dtype}")
 

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputFileError
+from ..storage import open_plain
+from .archives import read_array
 from .geometry import frozen
 
 __all__ = ["IMAGE_FILES", "Aperture"]
@@ -143,8 +145,7 @@ class Aperture:
         """
         if path.suffix.lower() not in IMAGE_FILES:
             raise InputFileError(f"{path}: apertures are read from {' or '.join(IMAGE_FILES)} files")
-        with path.open("rb"):  # so that a missing file is not taken for a bad one
-            pass
+        open_plain(path).close()  # so that a missing file is not taken for a bad one
         try:
             image = IMAGE_FILES[path.suffix.lower()](path)
             if image.ndim != 2 or not image.size:
@@ -156,7 +157,11 @@ class Aperture:
 
 def _read_png(path: Path) -> NDArray[np.float64]:
     from matplotlib.image import imread  # matplotlib takes as long to import as everything else together
+    from PIL.PngImagePlugin import PngImageFile
 
+    with PngImageFile(path) as file:  # which reads the size and no pixel
+        if max(file.size) > MAX_SIDE:
+            raise ValueError(f"a picture of {file.size} pixels is too large; at most {MAX_SIDE} a side")
     picture = np.asarray(imread(path), dtype=np.float64)
     if picture.ndim == 2:
         return picture
@@ -166,7 +171,7 @@ def _read_png(path: Path) -> NDArray[np.float64]:
 
 
 def _read_npy(path: Path) -> NDArray[np.complex128]:
-    return np.asarray(np.load(path, allow_pickle=False), dtype=np.complex128)
+    return np.asarray(read_array(path), dtype=np.complex128)
 
 
 IMAGE_FILES = {".png": _read_png, ".npy": _read_npy}

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputFileError
-from ..storage import replacing
+from ..storage import read_text, replacing
 from .aperture import Aperture
+from .archives import read_arrays
 from .array import TransducerArray
 from .field import PlaneField, VolumeField
 from .geometry import frozen
@@ -44,7 +45,8 @@ FIELD_FORMAT = "phasewire-field-1"
 FIELD_UNITS = (
     "pressure: Pa, peak, complex, e^(-iωt); centre, step: m; axes: unit vectors, the last one of pressure first"
 )
-MAX_ARCHIVE_BYTES = 500_000_000
+MOST_POINT_BYTES = 4_000_000
+"""A hundred thousand points, far more than any solver takes."""
 
 
 def read_points(path: Path) -> ControlPoints:
@@ -64,8 +66,8 @@ def read_points(path: Path) -> ControlPoints:
     """
     if path.suffix.lower() not in POINT_FILES:
         raise InputFileError(f"{path}: control points are read from {' or '.join(POINT_FILES)} files")
+    text = read_text(path, MOST_POINT_BYTES)
     try:
-        text = path.read_text(encoding="utf-8-sig")
         positions, amplitudes = POINT_FILES[path.suffix.lower()](text)
         return ControlPoints(positions, amplitudes)
     except (ValueError, TypeError, OverflowError, RecursionError, csv.Error) as error:
@@ -144,27 +146,6 @@ def save_solution(path: Path, solution: Solution) -> None:
             **_medium_arrays(solution.medium),
         }
         np.savez(file, allow_pickle=False, **entries)
-
-
-def read_arrays(path: Path) -> dict[str, np.ndarray[Any, Any]]:
-    """Read every array of an NPZ file.
-
-    Raises
-    ------
-    InputFileError
-        Where the file is truncated, corrupted or no NPZ file.
-    OSError
-        Where it cannot be opened.
-    """
-    with path.open("rb") as file:
-        try:
-            with np.load(file, allow_pickle=False) as archive:
-                size = sum(member.file_size for member in archive.zip.infolist())
-                if size <= MAX_ARCHIVE_BYTES:
-                    return {name: archive[name] for name in archive.files}
-        except Exception as error:  # on foreign bytes numpy and zipfile raise nearly anything
-            raise InputFileError(f"{path} is truncated, corrupted or not an NPZ file") from error
-    raise InputFileError(f"{path} holds {size} bytes; it may hold at most {MAX_ARCHIVE_BYTES}")
 
 
 def load_solution(path: Path) -> Solution:

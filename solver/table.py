@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from platformdirs import user_cache_path
 
+from ..errors import InputFileError
 from ..storage import replacing
 from .aperture import Aperture
+from .archives import read_arrays
 from .diffraction import KERNELS, Kernel, face_rings, integrate
 from .geometry import frozen
 from .medium import Medium
@@ -162,9 +164,8 @@ def _table(model: str, face: float | Aperture, reach: float, wavenumber: float, 
 def _read(path: Path, shape: tuple[int, int]) -> NDArray[np.complex128] | None:
     """Values from the cache; None where they are missing or damaged, of which the container keeps a checksum."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            values = archive["values"]
-    except Exception:  # on damaged bytes numpy and zipfile raise nearly anything
+        values = read_arrays(path)["values"]
+    except (InputFileError, KeyError, OSError):
         return None
     sound = values.shape == shape and values.dtype == np.complex128 and values.flags.c_contiguous
     return values if sound and np.isfinite(values).all() else None

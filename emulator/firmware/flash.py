@@ -19,7 +19,7 @@ from ...errors import InputFileError
 from ...protocol.board import CYCLES_PER_MS
 from ...protocol.codes import FLASH_BANK_BYTES, FLASH_SECTOR_BYTES, Bank
 from ...protocol.dfu import PAGE_BYTES, PAGE_PROGRAM_MS, SECTOR_ERASE_MS
-from ...storage import replacing
+from ...storage import read_file, replacing
 from ..scheduler import Scheduler
 
 __all__ = ["CYCLES_PER_MS", "FLASH_BYTES", "Defects", "Flash", "Times"]
@@ -140,11 +140,9 @@ class Flash:
             Where it cannot be read.
         """
         size = FLASH_BYTES + 4 * SECTORS
-        with path.open("rb") as file:
-            data = file.read(size + 1)
+        data = read_file(path, size)
         if len(data) != size:
-            found = f"{len(data)} bytes" if len(data) < size else "more"
-            raise InputFileError(f"{path}: a flash is kept in a file of {size} bytes, not {found}")
+            raise InputFileError(f"{path}: a flash is kept in a file of {size} bytes, not {len(data)} bytes")
         flash = cls(data[:FLASH_BYTES], times=times, seed=seed)
         flash.erasures[:] = np.frombuffer(data, "<u4", offset=FLASH_BYTES)
         return flash

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputFileError
+from ...storage import read_toml
 
 __all__ = ["Table", "read_table"]
 
@@ -83,7 +83,4 @@ def read_table(path: Path) -> Table:
     OSError
         Where it cannot be read.
     """
-    try:
-        return Table(path, "", tomllib.loads(path.read_bytes().decode()))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputFileError(f"{path}: it is no TOML: {error}") from error
+    return Table(path, "", read_toml(path))

@@ -8,12 +8,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Column, Table
 
-from ...console import JsonOption, console_for, write_json
+from ...console import JsonOption, console_for, error_console, write_json
 from ...errors import InputFileError
 from ...protocol.board import PROCESSORS
 from ...protocol.codes import SEGMENT_MAX_BYTES, Hardware, Target
@@ -21,8 +21,20 @@ from ...protocol.enumeration import PRODUCT_ID, VENDOR_ID
 from ...protocol.firmware import Image, ImageHeader, Segment, Suffix, sign, with_suffix
 from ...protocol.versions import Version
 from ...storage import check_outputs, replacing
+from ...storage import read_file as read_bounded
 from ..firmware.images import read_file, read_image
-from ..firmware.keys import MAKE_PRIVATE_KEY, MAKE_PUBLIC_KEY, judge, judge_file, read_private_key, read_public_keys
+from ..firmware.keys import (
+    MAKE_PRIVATE_KEY,
+    MAKE_PUBLIC_KEY,
+    exposure,
+    judge,
+    judge_file,
+    read_private_key,
+    read_public_keys,
+)
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 __all__ = ["commands"]
 
@@ -79,7 +91,7 @@ def build(
     segments = [_segment(target, path) for target, path in {**programs, Target.CONTROLLER: controller}.items()]
     image = Image(version, tuple(segments), _hardware(hardware))
     if key:
-        image = sign(image, read_private_key(key))
+        image = sign(image, _private_key(key))
     _write(output, image, Suffix(vendor, product, version.bcd), json_target)
 
 
@@ -126,7 +138,7 @@ def sign_file(
     """Sign a firmware image; a signature that it has is replaced, and nothing else."""
     check_outputs([output, json_target], [file, key])
     image, suffix = read_image(file)
-    _write(output, sign(image, read_private_key(key)), suffix, json_target)
+    _write(output, sign(image, _private_key(key)), suffix, json_target)
 
 
 @commands.command(epilog="Example: phasewire firmware verify signed.dfu --key public.pem")
@@ -204,14 +216,18 @@ def _id_text(number: int) -> str:
 # Files
 
 
+def _private_key(path: Path) -> Ed25519PrivateKey:
+    """A key to sign with; say so if others can use it too."""
+    key = read_private_key(path)
+    if problem := exposure(path):
+        error_console().print(f"warning: {problem}", style="yellow")
+    return key
+
+
 def _segment(target: Target, path: Path) -> Segment:
-    with path.open("rb") as file:
-        data = file.read(SEGMENT_MAX_BYTES + 1)
-    if not 0 < len(data) <= SEGMENT_MAX_BYTES:
-        found = f"more than {SEGMENT_MAX_BYTES}" if data else "no"
-        raise InputFileError(
-            f"{path} has {found} bytes; a program, this one for {target.name}, has 1 to {SEGMENT_MAX_BYTES}"
-        )
+    data = read_bounded(path, SEGMENT_MAX_BYTES)
+    if not data:
+        raise InputFileError(f"{path} is empty; the program for {target.name} must have 1 to {SEGMENT_MAX_BYTES} bytes")
     return Segment(target, data)
 
 

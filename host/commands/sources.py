@@ -47,6 +47,8 @@ __all__ = [
 ]
 
 STANDARD_INPUT = "-"
+MOST_LINE = 2**20
+"""Characters, enough for ten thousand points."""
 ARCHIVE = ".npz"
 HEEDED: dict[str, tuple[tuple[type, ...], str]] = {
     "spin": ((ControlPoints,), "only a shape or a file of points can turn"),
@@ -88,7 +90,7 @@ class Source(NamedTuple):
 def open_source(source: str) -> Iterator[Source]:
     """What a shape's notation, the name of a file or `STANDARD_INPUT` stands for; errors as `open_file`."""
     if source == STANDARD_INPUT:
-        yield Source(spoken(sys.stdin))
+        yield Source(spoken(iter(lambda: sys.stdin.readline(MOST_LINE + 1), "")))
     elif Path(source).suffix.lower() in (ARCHIVE, SUFFIX):
         with open_file(Path(source)) as what:
             yield what
@@ -167,6 +169,8 @@ def spoken(lines: Iterable[str]) -> Iterator[ControlPoints]:
         if not line.strip():
             continue
         try:
+            if len(line) > MOST_LINE:
+                raise ValueError(f"it has more than {MOST_LINE} characters")
             read = json.loads(line)
             if not isinstance(read, dict) or not {"positions"} <= set(read) <= {"positions", "amplitudes"}:
                 raise ValueError('it must be {"positions": [[x, y, z], ...], "amplitudes": [...]}')

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ...errors import ImageError
 from ...protocol.codes import ImageReason
 from ...protocol.firmware import Image, Suffix, Trust, split_suffix, trust
+from ...storage import read_file as read_bounded
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
@@ -29,9 +30,8 @@ class Firmware(NamedTuple):
 
 
 def read_file(path: Path) -> bytes:
-    """What is in a file, or more of it than any image has; raise `OSError` where it cannot be read."""
-    with path.open("rb") as file:
-        return file.read(MOST_FILE_BYTES)
+    """What is in a file; raise `InputFileError` if that is more than any image has, `OSError` if it cannot be read."""
+    return read_bounded(path, MOST_FILE_BYTES)
 
 
 def read_image(source: Path | bytes) -> tuple[Image, Suffix]:

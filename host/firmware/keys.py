@@ -6,6 +6,8 @@ kept nowhere; no key is made here, for openssl does.
 
 from __future__ import annotations
 
+import os
+import stat
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -13,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ...errors import ImageError, InputFileError
 from ...protocol.codes import ImageReason
 from ...protocol.firmware import Image, Trust, parse, trust
+from ...storage import read_file
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
@@ -21,6 +24,7 @@ __all__ = [
     "MAKE_PRIVATE_KEY",
     "MAKE_PUBLIC_KEY",
     "Verdict",
+    "exposure",
     "judge",
     "judge_file",
     "read_private_key",
@@ -48,7 +52,7 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
-    text = _read(path)
+    text = read_file(path, MOST_BYTES)
     if PUBLIC in text:
         raise InputFileError(f"{path} holds a public key; who signs needs the private one that belongs to it")
     try:
@@ -82,7 +86,7 @@ def _read_public_key(path: Path) -> Ed25519PublicKey:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
     from cryptography.hazmat.primitives.serialization import load_pem_public_key
 
-    text = _read(path)
+    text = read_file(path, MOST_BYTES)
     if PRIVATE in text:
         raise InputFileError(f"{path} holds a private key; its public half is enough: {MAKE_PUBLIC_KEY}")
     try:
@@ -96,9 +100,15 @@ def _read_public_key(path: Path) -> Ed25519PublicKey:
     return key
 
 
-def _read(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(MOST_BYTES)
+def exposure(path: Path) -> str:
+    """What is wrong with the permissions of a private key's file, and how to mend it; empty if nothing is."""
+    mode = path.stat().st_mode
+    if os.name != "posix" or not stat.S_ISREG(mode) or not mode & (stat.S_IRWXG | stat.S_IRWXO):
+        return ""
+    return (
+        f"{path} can be used by others than its owner (mode {stat.S_IMODE(mode):04o}), who can sign firmware with it; "
+        f"mend it by: chmod 600 {path}"
+    )
 
 
 def _wrong_kind(path: Path, key: object) -> InputFileError:

@@ -22,10 +22,12 @@ from ...errors import InputFileError
 from ...protocol.pulses import check_drives
 from ...solver.array import LEAST, MAX_GAIN
 from ...solver.geometry import frozen
-from ...storage import replacing
+from ...storage import read_text, replacing
 
 __all__ = ["Calibration"]
 
+MOST_BYTES = 2**20
+"""Of a file, enough for ten thousand transducers."""
 COLUMNS = ("transducer", "gain", "phase_deg", "polarity", "dead")
 
 
@@ -153,8 +155,9 @@ class Calibration:
         OSError
             Where it cannot be opened.
         """
+        text = read_text(path, MOST_BYTES)
         try:
-            rows = _read(path.read_text(encoding="utf-8-sig").splitlines())
+            rows = _read(text.splitlines())
             return cls(*zip(*(rows[transducer] for transducer in range(len(rows))), strict=True))
         except (ValueError, csv.Error) as error:
             raise InputFileError(f"{path}: {error}") from error

@@ -302,9 +302,15 @@ def test_it_survives_in_a_file(tmp_path: Path) -> None:
     loaded.erase(0)
 
 
-@pytest.mark.parametrize(("change", "found"), [(-1, "4198399 bytes"), (1, "more")])
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (-1, ": a flash is kept in a file of 4198400 bytes, not 4198399 bytes"),
+        (1, " has 4198401 bytes; such a file may have at most 4198400"),
+    ],
+)
 def test_another_file_is_refused(tmp_path: Path, change: int, found: str) -> None:
     path = tmp_path / "flash.bin"
     path.write_bytes(bytes(FLASH_BYTES + 4096 + change))
-    with pytest.raises(InputFileError, match=f"flash.bin: a flash is kept in a file of 4198400 bytes, not {found}"):
+    with pytest.raises(InputFileError, match=f"flash.bin{found}"):
         Flash.load(path)

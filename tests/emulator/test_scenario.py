@@ -112,8 +112,8 @@ def test_two_runs_of_a_scenario_are_alike(tmp_path: Path) -> None:
         ('[fault]\nname = "bus-reset"', ": 'fault' is no list; each fault begins with [[fault]]"),
         ("fault = [3]", ", fault 1: 3 is no table"),
         ("seed = 3", ": unknown 'seed'; a scenario holds nothing but [[fault]] entries"),
-        ("[[fault", ": Expected ']]'"),
-        ("# \xff", ": 'utf-8' codec can't decode"),
+        ("[[fault", " is no TOML file: Expected ']]'"),
+        ("# \xff", " is no TOML file: 'utf-8' codec can't decode"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_named(tmp_path: Path, text: str, complaint: str) -> None:

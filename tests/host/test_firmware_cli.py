@@ -59,6 +59,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         **{f"{n}.bin": bytes([n]) * (n + 1) for n in range(10)},
     }.items():
         (tmp_path / name).write_bytes(data)
+    (tmp_path / "key.pem").chmod(0o600)
     return tmp_path
 
 
@@ -302,8 +303,14 @@ VERSION = ("--firmware-version", "1.2.3")
             build_with(*ALIKE[:2], *VERSION, "--processor=1=1.bin", "--processor=1=2.bin"),
             "processor 1 has a program already, 1.bin",
         ),
-        (build_with("--controller", "empty.bin", *ALIKE[2:], *VERSION), "empty.bin has no bytes; a program"),
-        (build_with("--controller", "large.bin", *ALIKE[2:], *VERSION), "large.bin has more than 65536 bytes"),
+        (
+            build_with("--controller", "empty.bin", *ALIKE[2:], *VERSION),
+            "empty.bin is empty; the program for CONTROLLER",
+        ),
+        (
+            build_with("--controller", "large.bin", *ALIKE[2:], *VERSION),
+            "large.bin has 65537 bytes; such a file",
+        ),
         (build_with("--controller", "none.bin", *ALIKE[2:], *VERSION), "none.bin: No such file"),
         (("build", *ALIKE, *VERSION, "-o", "controller.bin"), "controller.bin cannot be written: it is also what is"),
         (("build", *ALIKE, *VERSION, "-o", "nowhere/image.dfu"), "no folder nowhere"),
@@ -343,3 +350,10 @@ def test_an_image_is_written_whole_or_not_at_all(firmware: Run, folder: Path, mo
     monkeypatch.setattr(Path, "write_bytes", full)
     assert firmware(*TO_BUILD).code == 2
     assert {path.name for path in folder.iterdir()} == before
+
+
+def test_a_private_key_that_others_can_use_is_told_of(firmware: Run, folder: Path) -> None:
+    (folder / "key.pem").chmod(0o640)
+    outcome = firmware(*TO_BUILD, "--key", "key.pem")
+    said = "warning: key.pem can be used by others than its owner (mode 0640), who can sign firmware with it; "
+    assert (outcome.code, " ".join(outcome.err.split())) == (0, f"{said}mend it by: chmod 600 key.pem")

@@ -223,9 +223,20 @@ def test_read_only_room_is_refused() -> None:
         pack_updates(GOOD, GOOD, 0, out=room)
 
 
-@pytest.mark.parametrize("blocks", [np.zeros(512, np.uint8), np.zeros((1, 511), np.uint8), np.zeros((1, 512))])
-def test_what_is_no_array_of_blocks_is_named(blocks: np.ndarray) -> None:
-    with pytest.raises(ValueError, match=r"blocks must be contiguous \(k, 512\) uint8"):
+@pytest.mark.parametrize(
+    "blocks",
+    [
+        np.zeros(512, np.uint8),
+        np.zeros((1, 511), np.uint8),
+        np.zeros((1, 512)),
+        [bytes(512)],
+        bytes(512),
+        "text",
+        None,
+    ],
+)
+def test_what_is_no_array_of_blocks_is_named(blocks: Any) -> None:
+    with pytest.raises(ValueError, match=r"blocks must be (contiguous|an array,) \(k, 512\) uint8"):
         unpack_updates(blocks)
 
 

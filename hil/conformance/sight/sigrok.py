@@ -8,7 +8,6 @@ the emulator's (`emulator.ports.sigrok`).
 from __future__ import annotations
 
 import re
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from configparser import ConfigParser
 from configparser import Error as ConfigError
@@ -19,7 +18,7 @@ from functools import cached_property
 from math import gcd
 from pathlib import Path
 from typing import NamedTuple
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from numpy.typing import NDArray
 from ....errors import InputFileError
 from ....protocol.board import CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
 from ....protocol.wiring import Pin
+from ....storage import open_zip
 from .capture import Seen, Unseen, check_stretch
 from .marks import LONGEST_PULSE_GAP, Anchor, Mark, TimeBase, find_mark, time_bases
 
@@ -41,10 +41,14 @@ SAME_CLOCK = 1e-7
 PIECE_BYTES = 2**22
 TICKS_AT_A_TIME = 20_000
 
-_RATE = re.compile(r"(\d+(?:\.\d+)?)\s*([kMG]?)(?:Hz)?", re.ASCII | re.IGNORECASE)
-_PROBE = re.compile(r"probe(?P<number>[1-9]\d*)", re.ASCII)
+_RATE = re.compile(r"(\d{1,15}(?:\.\d{1,15})?)\s*([kMG]?)(?:Hz)?", re.ASCII | re.IGNORECASE)
+_PROBE = re.compile(r"probe(?P<number>[1-9]\d{0,3})", re.ASCII)
 _FACTORS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
-_DAMAGES = (BadZipFile, zlib.error, EOFError, RuntimeError)  # what zipfile raises
+_OTHERWISE = "no sigrok session file, or damaged (sigrok-cli and PulseView write whole zip archives)"
+MOST_TEXT_BYTES = 2**16
+"""Of version or metadata, which name some hundred probes."""
+MOST_UNIT = 1024
+MOST_RATE_HZ = 10**12
 
 CHANNEL_NAMES = {Pin.of(channel).name: channel for channel in range(CHANNELS)}
 
@@ -99,20 +103,13 @@ class SessionFile:
             Where it cannot be read.
         """
         try:
-            with ZipFile(path) as archive:
+            with open_zip(path, _OTHERWISE) as archive:
                 sizes = {info.filename: info.file_size for info in archive.infolist()}
-                version, metadata = (archive.read(name).decode() for name in ("version", "metadata"))
+                version, metadata = (_text(archive, name) for name in ("version", "metadata"))
         except KeyError as error:
             raise InputFileError(
                 f"{path} is no sigrok session file: there is no version and metadata in it; sigrok-cli -o FILE.sr and "
                 "PulseView write such files"
-            ) from error
-        except UnicodeDecodeError as error:
-            raise InputFileError(f"{path}: its version or metadata is no text") from error
-        except _DAMAGES as error:
-            raise InputFileError(
-                f"{path} is no sigrok session file, or damaged ({error}); it should be a whole zip archive, as "
-                "sigrok-cli and PulseView write them"
             ) from error
         if version.strip() not in VERSIONS:
             raise InputFileError(
@@ -137,14 +134,8 @@ class SessionFile:
         OSError
             Where it cannot be read.
         """
-        try:
-            yield from self._pieces(first, end)
-        except _DAMAGES as error:
-            raise InputFileError(f"{self.path} is damaged: {error}") from error
-
-    def _pieces(self, first: int, end: int) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         step = max(PIECE_BYTES // self.unit, 1)
-        with ZipFile(self.path) as archive:
+        with open_zip(self.path, "damaged") as archive:
             for member in self.members:
                 begin, stop = max(first, member.first), min(end, member.end)
                 if begin >= stop:
@@ -195,6 +186,18 @@ class SessionFile:
         return np.concatenate(found)
 
 
+def _text(archive: ZipFile, name: str) -> str:
+    """A small member; raise `ValueError` if it is no text, or too much."""
+    with archive.open(name) as stream:
+        data = stream.read(MOST_TEXT_BYTES + 1)
+    if len(data) > MOST_TEXT_BYTES:
+        raise ValueError(f"its {name} has more than {MOST_TEXT_BYTES} bytes")
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"its {name} is no text") from error
+
+
 def _count(samples: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """How many bits of each sample are set, (n,)."""
     count = np.zeros(len(samples), np.uint16)
@@ -216,10 +219,10 @@ def _values(path: Path, metadata: str) -> Mapping[str, str]:
 
 
 def _number(path: Path, values: Mapping[str, str], key: str) -> int:
-    """A whole number from 1 on."""
+    """The number of bytes of a sample."""
     text = values.get(key, "")
-    if not (text.isascii() and text.isdigit() and int(text)):
-        raise InputFileError(f"{path}: {key} is {text!r}; it must be a whole number from 1 on")
+    if not (re.fullmatch(r"\d{1,9}", text, re.ASCII) and 1 <= int(text) <= MOST_UNIT):
+        raise InputFileError(f"{path}: {key} is {text[:40]!r}; it must be a whole number from 1 to {MOST_UNIT}")
     return int(text)
 
 
@@ -227,7 +230,7 @@ def _rate(path: Path, values: Mapping[str, str]) -> int:
     text = values.get("samplerate", "")
     found = _RATE.fullmatch(text)
     rate = int(Decimal(found[1]) * _FACTORS[found[2].lower()]) if found else 0
-    if not rate:
+    if not 0 < rate <= MOST_RATE_HZ:
         raise InputFileError(f"{path}: samplerate is {text!r}; it must be one such as 24 MHz")
     return rate
 

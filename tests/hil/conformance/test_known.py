@@ -33,7 +33,7 @@ def test_an_empty_file_knows_of_none(file: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("[", "it is no TOML"),
+        ("[", "is no TOML file"),
         ('["blocks/a"]\n', """["blocks/a"]: reason: it is missing; it must be text"""),
         ('["blocks/a"]\nreason = ""\n', """["blocks/a"]: reason = '': it must be text that is not empty"""),
         ('["blocks/a"]\nreason = 3\n', """["blocks/a"]: reason = 3: it must be text"""),

@@ -89,7 +89,7 @@ def test_a_transducer_s_probe_sits_where_the_device_is_wired(whole: Profile) -> 
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("name = ", "it is no TOML"),
+        ("name = ", "is no TOML file"),
         ("", "name: it is missing; it must be text"),
         ("name = ' '", "name = ' ': it must be text that is not empty"),
         ("name = 7", "name = 7: it must be text"),
@@ -122,7 +122,7 @@ def test_what_is_wrong_is_named_with_the_file(file: Path, text: str, complaint: 
 
 def test_a_file_in_another_encoding_is_no_toml(file: Path) -> None:
     file.write_bytes('name = "Gerät"'.encode("latin-1"))
-    with pytest.raises(InputFileError, match="it is no TOML"):
+    with pytest.raises(InputFileError, match="is no TOML file"):
         read_profile(file)
 
 

@@ -255,7 +255,7 @@ def metadata(old: str, new: str) -> dict[str, str | bytes]:
         ({"metadata": "nonsense"}, "its metadata cannot be read"),
         (metadata("[device 1]", "[device 2]"), r"no logic samples; .* \[device 1\]"),
         (metadata("capturefile=logic-1\n", ""), "no logic samples"),
-        (metadata("unitsize=2", ""), "unitsize is ''; it must be a whole number from 1 on"),
+        (metadata("unitsize=2", ""), "unitsize is ''; it must be a whole number from 1 to 1024"),
         (metadata("unitsize=2", "unitsize=0"), "unitsize is '0'"),
         (metadata("24 MHz", "fast"), "samplerate is 'fast'; it must be one such as 24 MHz"),
         (metadata("24 MHz", "0 MHz"), "samplerate is '0 MHz'"),
