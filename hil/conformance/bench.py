@@ -45,7 +45,7 @@ from ...protocol.replies import (
 )
 from ...protocol.requests import Setup
 from ...protocol.wiring import Wiring
-from .cases import Inconclusive, Need, Risk
+from .cases import NOT_USB, Inconclusive, Need, Risk, unmet
 from .levers import Levers
 from .lines.line import RawLine
 from .lines.serial import CdcWire, SerialLine
@@ -170,7 +170,7 @@ class Bench:
     def usb(self) -> UsbLine:
         """The line as a USB line; inconclusive where it is none."""
         if not isinstance(self.line, UsbLine):
-            raise Inconclusive("this concerns USB, and the device is at the end of a serial line")
+            raise Inconclusive(NOT_USB)
         return self.line
 
     @property
@@ -189,7 +189,7 @@ class Bench:
     def spare(self) -> Iterator[Bench]:
         """A bench with a fresh device of the same kind, which may be broken for good; what passes is noted here too."""
         if self._spare is None:
-            raise Inconclusive(f"this needs {Need.SPARE}")
+            raise Inconclusive(unmet(Need.SPARE))
         with self._spare() as other:
             other._notes = self._notes
             yield other
@@ -529,7 +529,7 @@ class Bench:
             Where nothing sees them.
         """
         if self.sight is None:
-            raise Inconclusive(f"this needs {Need.CAPTURE}: --capture sigrok:FILE")
+            raise Inconclusive(unmet(Need.CAPTURE))
         sight, marks = self.sight, self._marks
         if not over:
             self.wait_until(last + 1)

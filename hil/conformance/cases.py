@@ -16,12 +16,26 @@ from typing import Literal, TypeVar
 from ...protocol.codes import Feature
 from .clauses import resolve
 
-__all__ = ["Case", "Inconclusive", "Need", "NotApplicable", "Risk", "case", "case_of", "expect"]
+__all__ = [
+    "NOT_USB",
+    "Case",
+    "Inconclusive",
+    "Need",
+    "NotApplicable",
+    "Risk",
+    "case",
+    "case_of",
+    "expect",
+    "not_allowed",
+    "unmet",
+]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 ATTRIBUTE = "phasewire_case"
 NO_FEATURES = Feature(0)
+NOT_USB = "not this line: it concerns USB, and the device is at the end of a serial line"
+"""Why a case about USB cannot be judged here."""
 
 
 class Need(StrEnum):
@@ -47,6 +61,17 @@ class Risk(StrEnum):
 
 
 LineKind = Literal["usb", "serial"]
+
+
+def not_allowed(risk: Risk) -> str:
+    """Why a case cannot be judged without a risk, and what to do."""
+    return f"not allowed: pass --allow {risk}"
+
+
+def unmet(need: Need) -> str:
+    """Why a case cannot be judged by a bench that lacks something, and what to do."""
+    remedy = "pass --capture sigrok:FILE" if need is Need.CAPTURE else "only a device emulated by this command has that"
+    return f"needs {need}: {remedy}"
 
 
 class Inconclusive(Exception):

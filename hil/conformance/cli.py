@@ -136,7 +136,8 @@ def conformance(
     Each case shows some clauses. It passes, fails, warns where the device does not do what it should, is inconclusive
     where it cannot be judged here, or is not applicable. What is inconclusive is never counted as a pass.
 
-    The exit code is 0 if nothing broke, which says nothing of what was inconclusive, and 1 if something did.
+    The exit code is 0 if nothing broke, which says nothing of what was inconclusive, and 1 if something did. A run that
+    Ctrl-C or SIGTERM ends writes its reports all the same, with what was judged so far, and its code is 130 or 143.
     """
     if mutants:
         _judge_mutants(context, jobs, table, json_target, thorough=thorough)
@@ -156,7 +157,11 @@ def conformance(
     broken = None if mutant is None else _mutant(mutant)
 
     from .reports.terminal import LiveLine, print_run
-    from .running import Options, run_conformance  # which import pytest, and so does the line; that takes long
+    from .running import (
+        SIGNALLED,
+        Options,
+        run_conformance,
+    )  # which import pytest, and so does the line; that takes long
 
     options = Options(
         url,
@@ -172,12 +177,14 @@ def conformance(
         note_where_fresh(url)
     with LiveLine(error_console()) as watcher:
         run = run_conformance(options, watcher) if broken is None else _run_mutant(broken, options, watcher)
-    if not run.results and not run.trouble:
+    if not run.results and not run.trouble and not run.signal:
         raise ValueError(f"no case begins with {' or '.join(map(repr, options.only))}; --list names all")
     if strict:
         run = _strictly(run)
     _write(run, html, junit_xml, json_target)
     print_run(console_for(json_target), run)
+    if run.signal:
+        raise typer.Exit(SIGNALLED + run.signal)
     if not run.passed:
         raise typer.Exit(1)
 

@@ -15,7 +15,7 @@ import pytest
 from ...errors import DeviceError, ReplyError
 from ...protocol.codes import Feature
 from .bench import OUTPUTS, Bench, Lost
-from .cases import Case, Inconclusive, Need, NotApplicable, Risk, case_of
+from .cases import NOT_USB, Case, Inconclusive, Need, NotApplicable, Risk, case_of, not_allowed, unmet
 from .clauses import resolve
 from .matrix import Claim
 from .profile import Profile
@@ -24,7 +24,6 @@ from .verdicts import Evidence, Result, Verdict
 __all__ = ["Catalogue", "Entry", "Judge", "Watcher", "case_id", "wanted"]
 
 PREFIX = "test_"
-NOT_ON_USB = "this concerns USB, and the device is at the end of a serial line"
 
 
 @dataclass(frozen=True)
@@ -134,6 +133,8 @@ class Judge:
     enough : int or None
         After so many cases that break the run no further one is judged; None for all.
     watcher : Watcher
+    again : bool
+        Whether a case that failed is run once more.
 
     Attributes
     ----------
@@ -151,13 +152,15 @@ class Judge:
     only: tuple[str, ...]
     enough: int | None
     watcher: Watcher
+    again: bool = True
     results: list[Result] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
     claims: tuple[Claim, ...] = ()
     _pending: list[tuple[int, Case, list[Callable[[], str]]]] = field(default_factory=list)
     interruption: BaseException | None = None
     _outcome: tuple[Verdict, str] = (Verdict.PASS, "")
-    _count: int = 0
+    _asked: list[Entry] = field(default_factory=list)
+    _trying: bool = False
     _lost: str | None = None
 
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
@@ -168,9 +171,9 @@ class Judge:
         known = {name for entry in entries for name in (entry.identifier, entry.identifier.partition("[")[0])}
         self.trouble += [f"the known failure {name!r} names no case" for name in self.known if name not in known]
         self.trouble += _naming_nothing(self.profile, known | {entry.group for entry in entries})
-        asked = {entry.identifier for entry in entries if wanted(entry, self.only)}
+        self._asked = [entry for entry in entries if wanted(entry, self.only)]
+        asked = {entry.identifier for entry in self._asked}
         items[:] = [item for item in items if case_id(item) in asked]
-        self._count = len(items)
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         """Take note of what cannot be collected."""
@@ -183,7 +186,6 @@ class Judge:
         item = request.node
         about = case_of(item.function)
         assert about is not None
-        self._check(case_id(item), about)
         with ExitStack() as stack:
             # What goes wrong may leave traces in a device for good; where there is one to spare it goes wrong there.
             apart = Need.FAULTS in about.needs and self.bench.can(Need.SPARE)
@@ -212,36 +214,58 @@ class Judge:
         if missing := needed & ~self.bench.info.features:
             raise NotApplicable(f"INFO does not name the feature {missing.name}")
         if about.line == "usb" and self.bench.line.kind != "usb":
-            raise Inconclusive(NOT_ON_USB)
+            raise Inconclusive(NOT_USB)
         for risk in Risk:
             if risk in about.risks and risk not in self.bench.allowed:
-                raise Inconclusive(f"this was not allowed: --allow {risk}")
+                raise Inconclusive(not_allowed(risk))
         for need in about.needs:
             if not self.bench.can(need):
-                raise Inconclusive(f"this needs {need}")
+                raise Inconclusive(unmet(need))
 
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(self, item: pytest.Function) -> Generator[None, object, object]:
-        """Take note of what one case comes to, from beginning to end."""
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Function) -> bool | None:
+        """Judge one case, from beginning to end; a case that fails is run once more."""
+        if self._trying:
+            return None  # pytest runs it, as `_try` asks
         identifier, about = case_id(item), case_of(item.function)
         assert about is not None
-        self.watcher.began(identifier, len(self.results) + 1, self._count)
-        self.bench.forget()
-        self._outcome, began = (Verdict.PASS, ""), time.perf_counter()
-        done = yield
+        self.watcher.began(identifier, len(self.results) + 1, len(self._asked))
+        result = self._try(item, Result(identifier, about.clauses, about.sentence, Verdict.PASS), about)
         if self.interruption is not None:
-            return done  # nothing was judged
-        verdict, reason = self._outcome
-        if self.bench.deferred and verdict is Verdict.PASS:
+            return True  # nothing was judged
+        if result.verdict is Verdict.FAIL and self.again and self._lost is None:
+            again = self._try(item, replace(result, verdict=Verdict.PASS, reason=""), about)
+            if self.interruption is None:
+                result = _twice(result, again)
+        elif self.bench.deferred and result.verdict is Verdict.PASS:
             self._pending.append((len(self.results), about, self.bench.deferred))
-        evidence = self.bench.evidence(whole=verdict in (Verdict.FAIL, Verdict.WARN))
-        seconds = time.perf_counter() - began
-        result = self._expected(Result(identifier, about.clauses, about.sentence, verdict, reason, evidence, seconds))
+        result = self._expected(result)
         self.results.append(result)
         self.watcher.ended(result)
         if self.enough is not None and sum(result.breaks for result in self.results) >= self.enough:
             item.session.shouldstop = f"{self.enough} cases broke, which is enough"
-        return done
+        return True
+
+    def _try(self, item: pytest.Function, result: Result, about: Case) -> Result:
+        """Run a case once, unless it is clear beforehand that it cannot be judged: then nothing is sent."""
+        self.bench.forget()
+        began = time.perf_counter()
+        try:
+            self._check(result.case, about)
+        except (Inconclusive, NotApplicable) as error:
+            self._outcome = verdict_of(error, about)
+        else:
+            self._outcome, self._trying = (Verdict.PASS, ""), True
+            try:
+                item.ihook.pytest_runtest_protocol(
+                    item=item, nextitem=None
+                )  # the next one may be decided without pytest
+            finally:
+                self._trying = False
+        verdict, reason = self._outcome
+        evidence = self.bench.evidence(whole=verdict in (Verdict.FAIL, Verdict.WARN))
+        seconds = time.perf_counter() - began
+        return replace(result, verdict=verdict, reason=reason, evidence=evidence, seconds=seconds)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
@@ -258,6 +282,24 @@ class Judge:
             if self._outcome[0] is Verdict.PASS:
                 self._outcome = verdict_of(error, about)
         return report
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collection(self) -> Generator[None, object, object]:
+        """Collect the cases; see `_end_quietly`."""
+        return (yield from self._end_quietly())
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtestloop(self) -> Generator[None, object, object]:
+        """Run all cases; see `_end_quietly`."""
+        return (yield from self._end_quietly())
+
+    def _end_quietly(self) -> Generator[None, object, object]:
+        """Let a signal that exits the program end pytest as Ctrl-C does, of which it says nothing."""
+        try:
+            return (yield)
+        except SystemExit as error:
+            self.interruption = error
+            raise pytest.Session.Interrupted("a signal") from error
 
     def pytest_keyboard_interrupt(self, excinfo: pytest.ExceptionInfo[BaseException]) -> None:
         """Keep that somebody has pressed Ctrl-C; pytest's own end of a session looks like it."""
@@ -277,16 +319,37 @@ class Judge:
         """Whether cases can be judged only when a recording is there."""
         return bool(self._pending)
 
-    def finish(self) -> None:
-        """Judge what could only be judged after the run."""
+    def finish(self, ended_by: str = "") -> None:
+        """Judge what could only be judged after the run, or take note that it was not.
+
+        Parameters
+        ----------
+        ended_by : str
+            What ended the run before its time; empty if it came to its end.
+        """
         for index, about, looks in self._pending:
             result, seen = self.results[index], list[Evidence]()
             try:
+                if ended_by:
+                    raise Inconclusive(f"{ended_by} ended the run before the recording was there")
                 seen.extend(Evidence(OUTPUTS, look()) for look in looks)
             except Exception as error:
                 verdict, reason = verdict_of(error, about)
                 result = replace(result, verdict=verdict, reason=reason)
+                if verdict is Verdict.FAIL:
+                    seen.append(Evidence("run again", "no: the outputs were judged after the run, from its recording"))
             self.results[index] = self._expected(replace(result, evidence=(*result.evidence, *seen)))
+        if ended_by:
+            self.results += [
+                Result(
+                    entry.identifier,
+                    entry.about.clauses,
+                    entry.about.sentence,
+                    Verdict.INCONCLUSIVE,
+                    f"{ended_by} ended the run before this was judged",
+                )
+                for entry in self._asked[len(self.results) :]
+            ]
         self.trouble += self._passes()
 
     def _expected(self, result: Result) -> Result:
@@ -311,6 +374,18 @@ def _naming_nothing(profile: Profile, names: set[str]) -> Iterator[str]:
                 resolve(name)
             except ValueError as error:
                 yield f"the profile says that {name!r} does not apply, which is neither a group nor a case: {error}"
+
+
+def _twice(first: Result, again: Result) -> Result:
+    """What came of a case that failed and was run again: it stays a failure, whatever came then."""
+    if again.verdict is not Verdict.FAIL:
+        then = f"{again.verdict}, {again.reason}" if again.reason else str(again.verdict)
+        reason = f"{first.reason}; the second time: {then}"
+    elif again.reason != first.reason:
+        reason = f"{first.reason}; the second time: {again.reason}"
+    else:
+        reason = first.reason
+    return replace(first, reason=reason, again=again.verdict, seconds=first.seconds + again.seconds)
 
 
 def verdict_of(error: BaseException, about: Case) -> tuple[Verdict, str]:

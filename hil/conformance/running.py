@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -36,7 +37,7 @@ from .plugin import Catalogue, Entry, Judge, Watcher
 from .profile import Profile
 from .sight.capture import EmulatorSight, Sight
 from .sight.sigrok import SessionFile, SigrokSight
-from .verdicts import Provenance, Run
+from .verdicts import Provenance, Run, signal_name
 
 __all__ = ["Options", "catalogue", "open_bench", "run_conformance"]
 
@@ -45,6 +46,8 @@ EMULATOR, SIGROK = "emulator", "sigrok:"
 RECORDING_SECONDS = 600.0
 LOOK_SECONDS = 0.5
 SEED = 1
+SIGNALLED = 128
+"""Exit codes of signals are this and their number, as shells have it."""
 _serials = count(1)
 
 
@@ -69,6 +72,9 @@ class Options:
         Of everything random.
     enough : int or None
         The run ends after so many cases that break it; None for all of it.
+    again : bool
+        Whether a case that failed is run once more, which tells a device that fails now and then from one that always
+        does; it breaks the run either way.
     """
 
     url: str
@@ -79,6 +85,7 @@ class Options:
     only: tuple[str, ...] = ()
     seed: int = SEED
     enough: int | None = None
+    again: bool = True
 
 
 def catalogue() -> list[Entry]:
@@ -108,21 +115,26 @@ def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
     Returns
     -------
     Run
+        Also if Ctrl-C or another signal ended it, once the device was found: with what had been judged by then.
 
     Raises
     ------
     DeviceError
         Where the device cannot be opened or does not say what it is.
     """
-    began, started = datetime.now(UTC), perf_counter()
+    began, started, load = datetime.now(UTC), perf_counter(), _load()
     with open_bench(options) as bench:
-        judge = Judge(bench, options.profile, options.known, options.only, options.enough, watcher or Watcher())
-        _pytest(judge)
-        if judge.interruption is not None:
-            raise judge.interruption
-        if judge.awaits_recording and isinstance(bench.sight, SigrokSight):
-            _await_recording(bench.sight.path, began.timestamp(), judge.watcher)
-        judge.finish()
+        judge = Judge(
+            bench, options.profile, options.known, options.only, options.enough, watcher or Watcher(), options.again
+        )
+        try:
+            _pytest(judge)
+            if judge.interruption is None and judge.awaits_recording and isinstance(bench.sight, SigrokSight):
+                _await_recording(bench.sight.path, began.timestamp(), judge.watcher)
+        except (KeyboardInterrupt, SystemExit) as error:
+            judge.interruption = error
+        number = 0 if judge.interruption is None else _signal(judge.interruption)
+        judge.finish(signal_name(number) if number else "")
         provenance = Provenance(
             version("phasewire"),
             f"version {PROTOCOL_VERSION}, SPEC.md {_specification_digest()}",
@@ -133,8 +145,25 @@ def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
             bench.sight.name if bench.sight else "none",
             tuple(sorted(bench.allowed)),
             options.seed,
+            os.cpu_count() or 1,
+            None if load is None else (load, _load() or 0.0),
         )
-    return Run(provenance, tuple(judge.results), tuple(judge.trouble), judge.claims)
+    return Run(provenance, tuple(judge.results), tuple(judge.trouble), judge.claims, number)
+
+
+def _signal(interruption: BaseException) -> int:
+    """The number of the signal that an exception stands for; any other exception is raised."""
+    match interruption:
+        case KeyboardInterrupt():
+            return signal.SIGINT
+        case SystemExit(code=int(code)) if code > SIGNALLED:
+            return code - SIGNALLED
+    raise interruption
+
+
+def _load() -> float | None:
+    """The load average over a minute, if this system has one."""
+    return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
 
 
 def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:

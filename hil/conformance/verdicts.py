@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .matrix import Claim
 
-__all__ = ["Evidence", "Provenance", "Result", "Run", "Verdict"]
+__all__ = ["Evidence", "Provenance", "Result", "Run", "Verdict", "signal_name"]
 
 
 class Verdict(StrEnum):
@@ -63,6 +64,9 @@ class Result:
         How long it took by the wall clock.
     known : str or None
         Why it is expected to fail, where it is (`known-failures.toml`).
+    again : Verdict or None
+        What came of it when it was run again because it had failed; None if it was not run again. A case that failed
+        once is not made good by a second try: a device that fails now and then is not sound.
     """
 
     case: str
@@ -73,6 +77,14 @@ class Result:
     evidence: tuple[Evidence, ...] = ()
     seconds: float = 0.0
     known: str | None = None
+    again: Verdict | None = None
+
+    @property
+    def tally(self) -> str:
+        """How often it failed of how many tries, such as ``failed 1 of 2``; empty if it did not fail."""
+        if self.verdict is not Verdict.FAIL:
+            return ""
+        return f"failed {1 + (self.again is Verdict.FAIL)} of {1 if self.again is None else 2}"
 
     @property
     def group(self) -> str:
@@ -111,6 +123,10 @@ class Provenance:
         Risks that were allowed.
     seed : int
         Of everything random.
+    cores : int
+        Of the computer that ran the suite.
+    load : tuple of float, or None
+        Its load average over a minute, when the run began and when it ended; None if its system has no such figure.
     """
 
     suite: str
@@ -122,6 +138,8 @@ class Provenance:
     capture: str
     allowed: tuple[str, ...]
     seed: int
+    cores: int
+    load: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -137,18 +155,32 @@ class Run:
         What is wrong with the run itself, such as a known failure of no case; it fails the run.
     claims : tuple of Claim
         What all cases say that they show, whether they ran or not.
+    signal : int
+        Number of the signal that ended the run before its time, such as ``signal.SIGINT``; 0 if it came to its end.
+        Cases that were not judged then are inconclusive.
     """
 
     provenance: Provenance
     results: tuple[Result, ...]
     trouble: tuple[str, ...] = ()
     claims: tuple[Claim, ...] = ()
+    signal: int = 0
+
+    @property
+    def interrupted_by(self) -> str:
+        """What ended the run before its time, such as ``Ctrl-C`` or ``SIGTERM``; empty if nothing did."""
+        return signal_name(self.signal) if self.signal else ""
 
     @property
     def passed(self) -> bool:
-        """Whether nothing speaks against the device, as far as it could be seen."""
-        return not self.trouble and not any(result.breaks for result in self.results)
+        """Whether the run came to its end and nothing speaks against the device, as far as it could be seen."""
+        return not self.signal and not self.trouble and not any(result.breaks for result in self.results)
 
     def count(self, verdict: Verdict) -> int:
         """How many cases came to a verdict."""
         return sum(result.verdict is verdict for result in self.results)
+
+
+def signal_name(number: int) -> str:
+    """What people call a signal."""
+    return "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name

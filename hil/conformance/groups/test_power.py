@@ -10,7 +10,7 @@ import pytest
 from phasewire.emulator.faults import HotBoard
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect, unmet
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, require
@@ -51,7 +51,7 @@ def reset(bench: Bench) -> None:
 def cut_power(bench: Bench) -> None:
     """Power is taken away and given back."""
     if not bench.can(Need.POWER):
-        raise Inconclusive(f"this needs {Need.POWER}")
+        raise Inconclusive(unmet(Need.POWER))
     bench.power_cycle()
 
 

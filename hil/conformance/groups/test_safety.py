@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect, not_allowed
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import (
     SILENCE,
@@ -290,7 +290,7 @@ def without_stores(bench: Bench) -> Body:
     """Nothing, on a device that has nothing stored."""
     require(bench, Feature.SEQUENCES)
     if Risk.RESET not in bench.allowed:
-        raise Inconclusive(f"this was not allowed: --allow {Risk.RESET}")
+        raise Inconclusive(not_allowed(Risk.RESET))
     bench.restart(lambda: bench.order(Request.RESET))
     return NoOp()
 

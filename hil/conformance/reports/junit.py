@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, indent, tostring
 
 from ..verdicts import Provenance, Result, Run
 from .markup import element
-from .summary import Standing, groups, provenance_rows, standing, verdict_line
+from .summary import Standing, groups, provenance_rows, standing, verdict_line, why
 
 __all__ = ["junit"]
 
@@ -24,8 +24,9 @@ SKIPPED = (Standing.INCONCLUSIVE, Standing.NOT_APPLICABLE, Standing.KNOWN_FAILUR
 def junit(run: Run) -> str:
     """The whole document."""
     suites = [_suite(group, results, run.provenance) for group, results in groups(run).items()]
-    if run.trouble:
-        suites.append(_trouble(run.trouble))
+    interrupted = (f"interrupted by {run.interrupted_by}",) if run.interrupted_by else ()
+    if run.trouble or interrupted:
+        suites.append(_trouble((*interrupted, *run.trouble)))
     totals = {key: str(sum(int(suite.attrib[key]) for suite in suites)) for key in _numbers(0, 0, 0, 0)}
     whole = element("testsuites", *suites, name=f"{NAME}: {verdict_line(run)}", time=_seconds(run.results), **totals)
     indent(whole)
@@ -51,12 +52,12 @@ def _case(result: Result) -> Element:
     about = [("verdict", result.verdict.value), *(("clause", clause) for clause in result.clauses)]
     parts = [_properties(about)]
     if kind is Standing.FAIL:
-        parts.append(element("failure", f"{result.sentence}\n{result.reason}", message=result.reason, type=kind.value))
+        parts.append(element("failure", f"{result.sentence}\n{why(result)}", message=why(result), type=kind.value))
     elif kind is Standing.UNEXPECTED_PASS:
-        why = f"expected to fail, and did not: {result.known}"
-        parts.append(element("failure", result.sentence, message=why, type=kind.value))
+        message = f"expected to fail, and did not: {result.known}"
+        parts.append(element("failure", result.sentence, message=message, type=kind.value))
     elif kind is Standing.KNOWN_FAILURE:
-        parts.append(element("skipped", message=f"{kind.value}: {result.known}; {result.reason}"))
+        parts.append(element("skipped", message=f"{kind.value}: {result.known}; {why(result)}"))
     elif kind in SKIPPED:
         parts.append(element("skipped", message=f"{kind.value}: {result.reason}"))
     output = [result.sentence, *(f"{item.label}: {item.text}" for item in result.evidence)]

@@ -22,6 +22,7 @@ from .summary import (
     provenance_rows,
     standing,
     verdict_line,
+    why,
     worst,
 )
 
@@ -126,7 +127,7 @@ def _about(result: Result) -> Iterator[Element]:
     """What a case does, why it came to its verdict, and what it shows."""
     yield element("p", result.sentence)
     if result.reason:
-        yield element("p", result.reason, class_="reason")
+        yield element("p", why(result), class_="reason")
     if result.known is not None:
         yield element("p", f"Expected to fail: {result.known}", class_="reason")
     links = [element("a", clause, href=f"#{clause.partition('/')[0]}") for clause in result.clauses]

@@ -21,7 +21,8 @@ def record(run: Run, matrix: Matrix) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``outcome`` is ``fail``, ``pass``, or ``part`` where nothing broke but not all has been shown. ``counts`` has
+        ``outcome`` is ``fail``, ``pass``, or ``part`` where nothing broke but not all has been shown; that of a run
+        that something interrupted is ``fail``. ``counts`` has
         each verdict, and beside them what was expected. A row of the matrix has the worst verdict of its cases; null
         where none of them ran.
     """
@@ -33,6 +34,7 @@ def record(run: Run, matrix: Matrix) -> dict[str, Any]:
         "outcome": outcome(run).value,
         "passed": run.passed,
         "summary": verdict_line(run),
+        "interrupted by": run.interrupted_by or None,
         "provenance": asdict(run.provenance),
         "counts": {verdict.value: run.count(verdict) for verdict in Verdict}
         | {kind.value: standings.count(kind) for kind in expected},
@@ -52,6 +54,7 @@ def _result(result: Result) -> dict[str, Any]:
         "standing": standing(result).value,
         "breaks": result.breaks,
         "reason": result.reason,
+        "tally": result.tally,
         "known": result.known,
         "seconds": result.seconds,
         "evidence": [asdict(item) for item in result.evidence],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from enum import StrEnum
 
 from ..verdicts import Provenance, Result, Run, Verdict
@@ -16,8 +17,13 @@ __all__ = [
     "provenance_rows",
     "standing",
     "verdict_line",
+    "why",
     "worst",
 ]
+
+
+ONCE_OF_TWICE = "failed 1 of 2"
+_NUMBER = re.compile(r"\d[\d.,]*")
 
 
 class Standing(StrEnum):
@@ -67,8 +73,13 @@ def verdict_line(run: Run) -> str:
     passed, of = standings.count(Standing.PASS), len(standings)
     broken = sum(result.breaks for result in run.results)
     also = [f"{passed} passed"] if passed else []
-    if broken:
-        said = [f"FAIL: {broken} of {_cases(of)} broke", *also]
+    once = sum(result.breaks and result.tally == ONCE_OF_TWICE for result in run.results)
+    often = f" ({once} of them {ONCE_OF_TWICE})" if once else ""
+    if run.interrupted_by:
+        so_far = f"{broken} of {_cases(of)} broke{often}" if broken else "nothing broke"
+        said = [f"INTERRUPTED by {run.interrupted_by}: {so_far} so far", *also]
+    elif broken:
+        said = [f"FAIL: {broken} of {_cases(of)} broke{often}", *also]
     elif run.trouble:
         said = ["FAIL: no case broke, but the run itself is not in order", *also]
     elif not passed:
@@ -91,6 +102,11 @@ def _cases(number: int) -> str:
     return "1 case" if number == 1 else f"{number} cases"
 
 
+def why(result: Result) -> str:
+    """Why a case came to its verdict, and of a failure how often."""
+    return ": ".join(filter(None, (result.tally, result.reason)))
+
+
 def groups(run: Run) -> dict[str, list[Result]]:
     """The results of each group, in the order of the run."""
     found: dict[str, list[Result]] = {}
@@ -100,11 +116,18 @@ def groups(run: Run) -> dict[str, list[Result]]:
 
 
 def by_reason(results: Iterable[Result]) -> dict[str, list[Result]]:
-    """Results by the reason that they have, the most frequent first."""
+    """Results by the reason that they have, the most frequent first; reasons that differ in numbers alone are one."""
     found: dict[str, list[Result]] = {}
     for result in results:
-        found.setdefault(result.reason, []).append(result)
-    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
+        found.setdefault(_NUMBER.sub("", result.reason), []).append(result)
+    largest = sorted(found.values(), key=len, reverse=True)
+    return {_in_common(members): members for members in largest}
+
+
+def _in_common(results: Sequence[Result]) -> str:
+    """A reason for all of them: the first one's, and that others have other numbers, if they do."""
+    first = results[0].reason
+    return first if all(result.reason == first for result in results) else f"{first} (others: other numbers)"
 
 
 def worst(verdicts: Iterable[Verdict]) -> Verdict | None:
@@ -128,3 +151,13 @@ def provenance_rows(provenance: Provenance) -> Iterator[tuple[str, str]]:
     yield "capture", provenance.capture
     yield "allowed", ", ".join(provenance.allowed) or "nothing"
     yield "seed", str(provenance.seed)
+    yield "computer", _computer(provenance)
+
+
+def _computer(provenance: Provenance) -> str:
+    """What ran the suite, and how busy it was."""
+    cores = f"{provenance.cores} {'core' if provenance.cores == 1 else 'cores'}"
+    if provenance.load is None:
+        return cores
+    began, ended = provenance.load
+    return f"{cores}, load average {began:g} at the beginning and {ended:g} at the end"

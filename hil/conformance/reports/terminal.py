@@ -29,6 +29,7 @@ from .summary import (
     provenance_rows,
     standing,
     verdict_line,
+    why,
 )
 
 __all__ = ["Line", "LiveLine", "print_run"]
@@ -85,18 +86,47 @@ class Line:
 
 
 class LiveLine(Line, Watcher):
-    """Tells of cases while they run: on a terminal which one runs and what breaks, elsewhere each that is no pass."""
+    """Tells of cases while they run: what breaks, on a terminal which one runs, elsewhere which groups are done."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__(console)
+        self._group: list[Result] = []
+        self._done = self._of = 0
 
     def began(self, case: str, number: int, of: int) -> None:
         """A case begins: the how-manieth, from 1, of how many."""
+        if self._group and case.partition("/")[0] != self._group[0].group:
+            self._tell_group()
+        self._of = of
         self._show(case, number, of)
 
     def ended(self, result: Result) -> None:
         """A case has come to a verdict."""
         self._erase()
-        if result.breaks or (result.verdict is not Verdict.PASS and not self._console.is_terminal):
-            why = " ".join(legible(result.reason).split())
-            self._keep(_headed(result).append(f": {why}" if why else ""))
+        self._done += 1
+        self._group.append(result)
+        if result.breaks:
+            reason = " ".join(legible(why(result)).split())
+            self._keep(_headed(result).append(f": {reason}" if reason else ""))
+
+    def waits(self, what: str) -> None:
+        """Somebody has to do something before the run can go on."""
+        self._keep(Text(f"Now: {legible(what)}", "bold"))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        super().__exit__(kind, error, traceback)
+        if self._group:
+            self._tell_group()
+
+    def _tell_group(self) -> None:
+        """Off a terminal: what came of a group, and how many cases are done."""
+        verdicts = [result.verdict for result in self._group]
+        counts = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in Verdict if verdict in verdicts)
+        if not self._console.is_terminal:
+            self._keep(Text(f"{self._done:{len(str(self._of))}}/{self._of}  {legible(self._group[0].group)}: {counts}"))
+        self._group = []
 
 
 def print_run(out: Console, run: Run) -> None:
@@ -114,7 +144,7 @@ def print_run(out: Console, run: Run) -> None:
     if told[Standing.KNOWN_FAILURE]:
         out.print("\nFailed as is known:")
         for result in told[Standing.KNOWN_FAILURE]:
-            _print_indented(out, Text(f"{legible(result.case)}: {legible(result.known or '')}"))
+            _print_indented(out, Text(f"{legible(result.case)}: {legible(result.known or '')} ({result.tally})"))
     if run.trouble:
         out.print("\nWrong with the run itself:", style="bold red")
         for trouble in run.trouble:
@@ -154,7 +184,7 @@ def _print_whole(out: Console, result: Result) -> None:
     if standing(result) is Standing.UNEXPECTED_PASS:
         _print_indented(out, Text(f"It was expected to fail, and did not: {legible(result.known or '')}", "bold"))
     if result.reason:
-        _print_indented(out, Text(legible(result.reason), "bold"))
+        _print_indented(out, Text(legible(why(result)), "bold"))
     _print_indented(out, Text(f"shows {', '.join(map(legible, result.clauses))}", "dim"))
     if (left := len(result.evidence) - MOST_EVIDENCE) > 0:
         _print_indented(out, Text(f"… and {left} before these, which --html and --json tell", "dim"))

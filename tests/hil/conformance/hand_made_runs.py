@@ -23,6 +23,8 @@ PROVENANCE = Provenance(
     capture="none",
     allowed=("reset", "drive"),
     seed=7,
+    cores=2,
+    load=(7.9, 8.1),
 )
 
 SEEN = tuple(Evidence(f"step {number}", f"{number:02x} 00") for number in range(1, 11))
@@ -36,11 +38,20 @@ EVERY = Run(
             ("BLK-003", "ACK-003/1"),
             "A bad block is refused, for damage must not play.",
             Verdict.FAIL,
-            "status is 0, should be 1",
+            "the state is OFF, should be READY",
             (*SEEN, Evidence("device", HOSTILE)),
             0.5,
+            again=Verdict.FAIL,
         ),
-        Result("blocks/known", ("BLK-006/1",), "Known to fail.", Verdict.FAIL, "it did", known="revision C"),
+        Result(
+            "blocks/known",
+            ("BLK-006/1",),
+            "Known to fail.",
+            Verdict.FAIL,
+            "it did",
+            known="revision C",
+            again=Verdict.PASS,
+        ),
         Result("blocks/healed", ("BLK-006/1",), "Known, but passes.", Verdict.PASS, known="revision B"),
         Result("usb/slow", ("USB-001",), "Should be quick.", Verdict.WARN, "it took 3 s"),
         Result("usb/lines", ("USB-002",), "Lines are seen.", Verdict.INCONCLUSIVE, "needs an analyser: --capture X"),

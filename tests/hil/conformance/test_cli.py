@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -103,7 +104,7 @@ def test_all_that_is_asked_for_reaches_the_suite(phasewire: Phasewire, suite: Su
             "9",
         ),
     )
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.err) == (0, "1/1  blocks: 1 pass\n")
     assert suite.asked == [
         Options(
             "usb:",
@@ -122,7 +123,7 @@ def test_what_breaks_is_exit_code_1_and_is_told_while_it_runs(phasewire: Phasewi
     outcome = phasewire("--device", "usb:")
     assert outcome.code == 1
     assert outcome.out.splitlines()[-1].startswith("FAIL: 2 of 9 cases broke")
-    assert outcome.err.splitlines()[0] == "fail  blocks/bad[a b]: status is 0, should be 1"
+    assert outcome.err.splitlines()[0] == "fail  blocks/bad[a b]: failed 2 of 2: the state is OFF, should be READY"
 
 
 @pytest.mark.parametrize(
@@ -152,6 +153,19 @@ def test_reports_are_written_whether_it_passes_or_not(phasewire: Phasewire, suit
     found = json.loads(Path("c.json").read_text())
     assert (found["format"], len(found["results"])) == ("phasewire-conformance-1", 9)
     assert {chapter["name"] for chapter in found["matrix"]["chapters"]} >= {"TIM", "BLK", "VER"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_writes_all_its_reports(phasewire: Phasewire, suite: Suite, number: int) -> None:
+    suite.run = replace(CLEAN, signal=number)
+    outcome = phasewire("--html", "c.html", "--junit", "c.xml", "--json", "c.json")
+    assert outcome.code == 128 + number
+    name = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM"}[signal.Signals(number)]
+    said = f"INTERRUPTED by {name}: nothing broke so far, 1 passed"
+    assert outcome.out.splitlines()[-1] == said
+    assert said in Path("c.html").read_text(encoding="utf-8")
+    assert said in Path("c.xml").read_text(encoding="utf-8")
+    assert json.loads(Path("c.json").read_text())["interrupted by"] == name
 
 
 def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Suite) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import textwrap
 from dataclasses import replace
@@ -12,6 +14,7 @@ from phasewire.emulator import Emulator
 from phasewire.emulator.control.controller import Controller
 from phasewire.errors import DeviceError, DeviceNotFoundError
 from phasewire.hil.conformance import Result, Run, Verdict, running
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.profile import Profile
@@ -227,10 +230,10 @@ def test_what_is_not_allowed_or_not_there_is_inconclusive(groups: Path) -> None:
     assert set(allowed.values()) == {Verdict.PASS}
     run = run_conformance(Options("emulator:?door=serial", capture="none", allowed=frozenset({Risk.DRIVE})))
     assert [(result.verdict, result.reason) for result in run.results] == [
-        (Verdict.INCONCLUSIVE, "this was not allowed: --allow reset"),
-        (Verdict.INCONCLUSIVE, "this needs a capture of the outputs"),
+        (Verdict.INCONCLUSIVE, "not allowed: pass --allow reset"),
+        (Verdict.INCONCLUSIVE, "needs a capture of the outputs: pass --capture sigrok:FILE"),
         (Verdict.PASS, ""),
-        (Verdict.INCONCLUSIVE, "this concerns USB, and the device is at the end of a serial line"),
+        (Verdict.INCONCLUSIVE, "not this line: it concerns USB, and the device is at the end of a serial line"),
     ]
 
 
@@ -390,9 +393,12 @@ def test_third(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("end", "error"), [("sys.exit(143)", SystemExit), ("raise KeyboardInterrupt", KeyboardInterrupt)]
+    ("end", "number", "name"),
+    [("sys.exit(143)", signal.SIGTERM, "SIGTERM"), ("raise KeyboardInterrupt", signal.SIGINT, "Ctrl-C")],
 )
-def test_a_signal_ends_a_run_without_a_verdict(groups: Path, end: str, error: type[BaseException]) -> None:
+def test_a_signal_ends_a_run_which_tells_what_was_judged_and_what_was_not(
+    groups: Path, end: str, number: int, name: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     write(groups, "ending", ENDING.replace("END", end))
     ended: list[str] = []
 
@@ -401,13 +407,16 @@ def test_a_signal_ends_a_run_without_a_verdict(groups: Path, end: str, error: ty
             ended.append(result.case)
 
     with Emulator() as emulator:
-        with pytest.raises(error):
-            run_conformance(Options(emulator.url), Told())
+        run = run_conformance(Options(emulator.url), Told())
         assert emulator.running.status().state is State.OFF
     assert ended == ["ending/first"]
+    assert list(judged(run).values()) == [Verdict.PASS, Verdict.INCONCLUSIVE, Verdict.INCONCLUSIVE]
+    assert {result.reason for result in run.results[1:]} == {f"{name} ended the run before this was judged"}
+    assert (run.signal, run.interrupted_by, run.passed) == (number, name, False)
+    assert capfd.readouterr() == ("", "")  # not a word of pytest's
 
 
-def test_a_signal_between_cases_ends_a_run_too(groups: Path) -> None:
+def test_a_signal_between_cases_ends_a_run_too(groups: Path, capfd: pytest.CaptureFixture[str]) -> None:
     write(groups, "ending", ENDING.replace("END", "pass"))
 
     class Impatient(Watcher):
@@ -415,8 +424,84 @@ def test_a_signal_between_cases_ends_a_run_too(groups: Path) -> None:
             if number == 2:
                 raise SystemExit(143)
 
-    with pytest.raises(SystemExit):
-        run_conformance(Options("emulator:"), Impatient())
+    run = run_conformance(Options("emulator:"), Impatient())
+    assert list(judged(run).values()) == [Verdict.PASS, Verdict.INCONCLUSIVE, Verdict.INCONCLUSIVE]
+    assert run.signal == signal.SIGTERM
+    assert capfd.readouterr() == ("", "")
+
+
+FLAKY = '''
+tries = []
+
+@case("BLK-020")
+def test_now_and_then(bench: Bench) -> None:
+    """It fails the first time."""
+    tries.append(bench.random.random())
+    bench.enable()
+    expect("the number of tries", len(tries), 2)
+
+@case("BLK-020")
+def test_always(bench: Bench) -> None:
+    """It finds the device at rest, and fails."""
+    expect("the state", bench.status().state, State.PLAYING)
+
+@case("BLK-020")
+def test_otherwise(bench: Bench) -> None:
+    """It fails in another way each time."""
+    tries.append(bench.random.random())
+    expect("the number of tries", len(tries), 0)
+
+@case("BLK-020")
+def test_the_same_is_drawn(bench: Bench) -> None:
+    """Each try draws the same."""
+    expect("what was drawn", tries[0], tries[1])
+'''
+
+
+def test_a_case_that_fails_is_run_again_and_stays_a_failure(groups: Path) -> None:
+    write(groups, "flaky", FLAKY)
+    run = run_conformance(Options("emulator:", known={"flaky/always": "we know"}))
+    assert [(result.verdict, result.tally, result.reason) for result in run.results] == [
+        (Verdict.FAIL, "failed 1 of 2", "the number of tries is 1, should be 2; the second time: pass"),
+        (Verdict.FAIL, "failed 2 of 2", "the state is OFF, should be PLAYING"),
+        (
+            Verdict.FAIL,
+            "failed 2 of 2",
+            "the number of tries is 3, should be 0; the second time: the number of tries is 4, should be 0",
+        ),
+        (Verdict.PASS, "", ""),
+    ]
+    assert [result.breaks for result in run.results] == [True, False, True, False]
+
+
+def test_a_case_is_run_once_if_that_is_asked_for(groups: Path) -> None:
+    write(groups, "flaky", FLAKY)
+    run = run_conformance(Options("emulator:", again=False, only=("flaky/now",)))
+    assert [result.tally for result in run.results] == ["failed 1 of 1"]
+
+
+def test_what_cannot_be_judged_sends_nothing(groups: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(groups, "gated", GATED)
+    write(groups, "later", '@case("SAF-001")\ndef test_it(bench: Bench) -> None:\n    """It runs after those."""\n')
+    begun: list[str] = []
+    genuine = Bench.begin_case
+
+    def begin(bench: Bench, name: str) -> None:
+        begun.append(name)
+        genuine(bench, name)
+
+    monkeypatch.setattr(Bench, "begin_case", begin)
+    run = run_conformance(Options("emulator:?door=serial", capture="none", allowed=frozenset({Risk.DRIVE})))
+    assert begun == ["gated/a-fault", "later/it"]
+    assert run.passed
+
+
+def test_the_load_of_the_computer_stands_in_the_provenance(groups: Path) -> None:
+    write(groups, "gated", GATED)
+    provenance = run_conformance(Options("emulator:")).provenance
+    assert provenance.cores == os.cpu_count()
+    assert provenance.load is not None
+    assert all(load >= 0 for load in provenance.load)
 
 
 def test_a_mistake_of_the_suite_is_trouble(groups: Path) -> None:

@@ -18,7 +18,7 @@ from phasewire.emulator.control.controller import Controller
 from phasewire.emulator.doors.umockdev import run_under_mock
 from phasewire.emulator.firmware.loader import Identity, make_flash
 from phasewire.hil.conformance import Run, Verdict
-from phasewire.hil.conformance.cases import Need, Risk
+from phasewire.hil.conformance.cases import NOT_USB, Need, Risk, unmet
 from phasewire.hil.conformance.matrix import Matrix
 from phasewire.hil.conformance.plugin import Entry
 from phasewire.hil.conformance.profile import Profile
@@ -62,14 +62,12 @@ def test_no_file_of_a_group_is_without_cases(entries: list[Entry]) -> None:
 
 # A sound device
 
-USB_ALONE = "this concerns USB, and the device is at the end of a serial line"
-UNSEEN = "this needs a capture of the outputs"
 YOUNG = "the device has been on for too short a time: N periods are left"
 OF_A_BUS = {"this concerns UARTs", "this concerns a device that is used over a serial line alone", YOUNG}
 PARTS = "a part of a block can arrive at full speed only, and this bus runs at high speed"
 """A packet of 512 bytes is a whole block."""
 OF_A_UART = {
-    USB_ALONE,
+    NOT_USB,
     YOUNG,
     "a serial line cannot bring updates while PULSES are read",
     "the line is too slow for a stream",
@@ -187,12 +185,7 @@ name = "emulated beside other programs"
 "dfu/the-busy-state-ends-with-its-poll-time" = "the emulated device's time stands still while its computer is busy"
 """
 NO_LEVERS = {
-    UNSEEN,
-    "this needs faults that can be caused",
-    "this needs power that can be cut",
-    "this needs a bus that can be suspended",
-    "this needs a cable that can be pulled",
-    "this needs a second device, which may be broken for good",
+    *map(unmet, Need),
     "the line was too slow: the device was asked N.N s after it had block N",
     "this line is too slow: the watchdog may have fired before the request arrived",
     "this computer's own system does not let such a request through",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from signal import SIGTERM
 from xml.dom.minidom import parseString
 from xml.etree import ElementTree
 
@@ -49,8 +51,8 @@ def test_what_breaks_is_a_failure_and_what_is_not_judged_is_skipped() -> None:
         "serial/port": "skipped",
         "run/known failure blocks/ghost names no case": "error",
     }
-    assert message("blocks/bad[a b]") == "status is 0, should be 1"
-    assert message("blocks/known") == "known failure: revision C; it did"
+    assert message("blocks/bad[a b]") == "failed 2 of 2: the state is OFF, should be READY"
+    assert message("blocks/known") == "known failure: revision C; failed 1 of 2: it did"
     assert message("blocks/healed") == "expected to fail, and did not: revision B"
     assert message("usb/cut") == "inconclusive: needs --allow reset"
     assert message("serial/port") == "not applicable: no UART is fitted"
@@ -64,6 +66,7 @@ def test_clauses_and_provenance_are_properties() -> None:
     assert suite is not None
     told = {one.get("name"): one.get("value") for one in suite}
     assert (told["name"], told["unique id"], told["seed"]) == ("Array <b>", "A&B", "7")
+    assert told["computer"] == "2 cores, load average 7.9 at the beginning and 8.1 at the end"
     assert (told["allowed"], told["capture"]) == ("reset, drive", "none")
 
 
@@ -79,6 +82,15 @@ def test_another_parser_reads_it_too_and_the_parts_of_a_case_have_the_usual_orde
     for case in WHOLE.iter("testcase"):
         tags = [part.tag for part in case]
         assert tags == sorted(tags, key=order.index)
+
+
+def test_an_interrupted_run_is_an_error() -> None:
+    whole = ElementTree.fromstring(junit(replace(CLEAN, signal=SIGTERM)).encode())
+    assert (whole.get("errors"), whole.get("name")) == (
+        "1",
+        "phasewire conformance: INTERRUPTED by SIGTERM: nothing broke so far, 1 passed",
+    )
+    assert [error.get("message") for error in whole.iter("error")] == ["interrupted by SIGTERM"]
 
 
 def test_a_run_without_trouble_has_no_suite_for_it() -> None:

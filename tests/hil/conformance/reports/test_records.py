@@ -24,6 +24,7 @@ def test_it_has_a_format_and_its_keys_are_always_in_the_same_order() -> None:
         "outcome",
         "passed",
         "summary",
+        "interrupted by",
         "provenance",
         "counts",
         "trouble",
@@ -59,7 +60,8 @@ def test_every_field_of_a_result_is_told_and_texts_are_left_as_they_were() -> No
         "verdict": "fail",
         "standing": "fail",
         "breaks": True,
-        "reason": "status is 0, should be 1",
+        "reason": "the state is OFF, should be READY",
+        "tally": "failed 2 of 2",
         "known": None,
         "seconds": 0.5,
     }
@@ -74,6 +76,7 @@ def test_every_field_of_a_result_is_told_and_texts_are_left_as_they_were() -> No
 def test_provenance_is_told_whole() -> None:
     told = written()["provenance"]
     assert (told["device"]["unique id"], told["seed"], told["allowed"]) == ("A&B", 7, ["reset", "drive"])
+    assert (told["cores"], told["load"]) == (2, [7.9, 8.1])
     assert (told["began"], told["specification"]) == ("2026-11-20T16:00:00Z", "1 (0123456789abcdef)")
 
 

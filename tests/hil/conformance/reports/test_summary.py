@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations_with_replacement
+from signal import SIGINT, SIGTERM
 
 import pytest
 from phasewire.hil.conformance.reports.summary import Outcome, by_reason, groups, outcome, standing, verdict_line, worst
@@ -36,6 +37,12 @@ PASS, FAIL, WARN, OPEN, NONE = Verdict
         (run(OPEN), "NOTHING SHOWN: nothing broke, and no case passed, 1 could not be judged here", Outcome.PART),
         (run(NONE), "NOTHING SHOWN: nothing broke, and no case passed, 1 did not apply", Outcome.PART),
         (run(), "NOTHING SHOWN: nothing broke, and no case passed", Outcome.PART),
+        (Run(PROVENANCE, (replace(EVERY.results[1], again=PASS), EVERY.results[0])),
+         "FAIL: 1 of 2 cases broke (1 of them failed 1 of 2), 1 passed", Outcome.FAIL),
+        (replace(EVERY, signal=SIGINT), "INTERRUPTED by Ctrl-C: 2 of 9 cases broke so far, 1 passed, 1 should do "
+         "otherwise, 1 failed as is known, 3 could not be judged here, 1 did not apply", Outcome.FAIL),
+        (replace(run(PASS, OPEN), signal=SIGTERM), "INTERRUPTED by SIGTERM: nothing broke so far, 1 passed, "
+         "1 could not be judged here", Outcome.FAIL),
         (run(PASS, trouble=("x",)), "FAIL: no case broke, but the run itself is not in order, 1 passed", Outcome.FAIL),
     ],
 )  # fmt: skip
@@ -82,6 +89,10 @@ def test_results_are_grouped_in_the_order_of_the_run_and_reasons_by_how_many_hav
     assert [(reason, len(cases)) for reason, cases in found.items()] == [
         ("needs an analyser: --capture X", 2),
         ("needs --allow reset", 1),
+    ]
+    slow = [replace(inconclusive[0], reason=f"too slow: {seconds} s") for seconds in ("0.2", "13", "0.25")]
+    assert [(reason, len(cases)) for reason, cases in by_reason(slow).items()] == [
+        ("too slow: 0.2 s (others: other numbers)", 3)
     ]
 
 

@@ -46,24 +46,30 @@ def watched(out: Console) -> str:
     return written(out)
 
 
-def test_off_a_terminal_each_case_that_is_no_pass_has_a_line_and_nothing_is_taken_back() -> None:
+BROKE = ["fail  blocks/bad[a b]: failed 2 of 2: the state is OFF, should be READY", "unexpected pass  blocks/healed"]
+
+
+def test_off_a_terminal_what_breaks_and_each_group_has_a_line_and_nothing_is_taken_back() -> None:
     assert watched(console(terminal=False)).splitlines() == [
-        "fail  blocks/bad[a b]: status is 0, should be 1",
-        "known failure  blocks/known: it did",
-        "unexpected pass  blocks/healed",
-        "warn  usb/slow: it took 3 s",
-        "inconclusive  usb/lines: needs an analyser: --capture X",
-        "inconclusive  usb/more: needs an analyser: --capture X",
-        "inconclusive  usb/cut: needs --allow reset",
-        "not applicable  serial/port: no UART is fitted",
+        *BROKE,
+        "4/9  blocks: 2 pass, 2 fail",
+        "8/9  usb: 1 warn, 3 inconclusive",
+        "9/9  serial: 1 not applicable",
     ]
+
+
+def test_what_somebody_has_to_do_is_told_on_a_terminal_and_off_one() -> None:
+    for terminal in (True, False):
+        out = console(terminal=terminal)
+        LiveLine(out).waits("end the recording")
+        assert "Now: end the recording\n" in written(out)
 
 
 def test_on_a_terminal_one_line_follows_the_cases_and_what_breaks_stays() -> None:
     shown = watched(console(terminal=True))
     assert "2/9  blocks/bad[a b]" in shown
     stays = [line.split("\x1b[2K")[-1] for line in shown.split("\n")]
-    assert stays == ["fail  blocks/bad[a b]: status is 0, should be 1", "unexpected pass  blocks/healed", ""]
+    assert stays == [*BROKE, ""]
     assert shown.count("\n") == 2
 
 
@@ -88,7 +94,7 @@ def test_a_failure_is_told_with_what_somebody_needs_to_repair_it() -> None:
     after = text.partition("\nfail  blocks/bad[a b]\n")[2].partition("\n\n")[0].splitlines()
     assert [line.strip() for line in after] == [
         "A bad block is refused, for damage must not play.",
-        "status is 0, should be 1",
+        "failed 2 of 2: the state is OFF, should be READY",
         "shows BLK-003, ACK-003/1",
         "… and 3 before these, which --html and --json tell",
         *(f"step {number}: {number:02x} 00" for number in range(4, 11)),
@@ -111,7 +117,7 @@ def test_failures_come_before_warnings_before_what_was_not_judged_and_the_verdic
             "warn  usb/slow",
             "    2 cases: needs an analyser: --capture X\n    1 case: needs --allow reset\n",
             "    1 case: no UART is fitted\n",
-            "    blocks/known: revision C\n",
+            "    blocks/known: revision C (failed 1 of 2)\n",
             "    known failure blocks/ghost names no case\n",
             "url emulator:, name Array <b>, unique id A&B, firmware 1.2.3\nsuite phasewire 0.1.0",
             "FAIL: 2 of 9 cases broke",
@@ -119,6 +125,10 @@ def test_failures_come_before_warnings_before_what_was_not_judged_and_the_verdic
     ]
     assert places == sorted(places)
     assert text.splitlines()[-1].startswith("FAIL: 2 of 9")
+
+
+def test_the_load_of_the_computer_is_told() -> None:
+    assert "seed 7, computer 2 cores, load average 7.9 at the beginning and 8.1 at the end" in told(EVERY)
 
 
 def test_a_clean_run_says_little() -> None:
@@ -130,7 +140,7 @@ def test_a_clean_run_says_little() -> None:
 def test_a_reason_of_several_lines_is_indented_whole_and_wrapped_on_a_terminal_alone() -> None:
     long = "first line\n" + " ".join(50 * ["word"])
     run = replace(CLEAN, results=(replace(EVERY.results[1], reason=long, evidence=()),))
-    assert "    first line\n    word word" in told(run)
+    assert "    failed 2 of 2: first line\n    word word" in told(run)
     assert f"    {long.splitlines()[1]}\n" in told(run)
     out = console(terminal=True, width=60)
     print_run(out, run)
