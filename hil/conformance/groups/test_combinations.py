@@ -1,0 +1,459 @@
+"""Two things at once: what plays, is queued or waits, and what replaces, ends or disables it.
+
+What STATUS, records and PULSES tell is judged without a capture, in cases of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+from phasewire.emulator.faults import HotBoard
+from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.sight.capture import Seen
+from phasewire.hil.conformance.sight.waveforms import SILENCE, Words, check_play, check_silent, expected_words
+from phasewire.hil.conformance.tools.planning import (
+    APART,
+    PLACE,
+    SAMPLE,
+    SETTLED,
+    check_nothing_is_read_back,
+    check_rest,
+    some_time,
+    store,
+    store_for_plans,
+)
+from phasewire.hil.conformance.tools.playing import (
+    PLAYS,
+    check_falls_one_by_one,
+    check_falls_silent,
+    play,
+    silent_from,
+    start,
+    told,
+)
+from phasewire.hil.conformance.tools.stage import check_in_time, in_time, is_fast
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
+from phasewire.protocol.blocks import (
+    Body,
+    Change,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+)
+from phasewire.protocol.board import PROCESSORS, TICKS_PER_PERIOD
+from phasewire.protocol.codes import Action, Feature, Request, State
+
+CAPTURE = (Need.CAPTURE,)
+FAULTY = (Need.FAULTS, Need.SPARE)
+SUSPENDS = (Need.SUSPEND,)
+UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED
+SLOT = 9
+HOT_PERIODS = 400
+ROUND_SECONDS = 0.012
+"""In which the controller has asked every processor (clause CHN-017), and the answers are there."""
+SHORT_MS = 10
+
+
+# What was planned, and what disables the outputs
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How the outputs are disabled, so that they can be enabled again.
+
+    Parameters
+    ----------
+    happens : callable
+        Lets it happen.
+    planned : callable, optional
+        What is queued for it, before anything else, for a period.
+    state : State
+        In which the device is found then.
+    over : callable, optional
+        Brings the device to OFF, where it is not.
+    """
+
+    happens: Callable[[Bench, int], None]
+    planned: Callable[[Bench, int], None] = lambda _bench, _period: None
+    state: State = State.OFF
+    over: Callable[[Bench], None] = lambda _: None
+
+
+def let_watchdog_fire(bench: Bench, _: int) -> None:
+    """Give no sign of life for the shortest watchdog time."""
+    bench.order(Request.WATCHDOG, SHORT_MS)
+    told_state = bench.await_unasked(1).state
+    expect("the state that is told when the watchdog has fired", told_state, State.OFF)
+    bench.order(Request.WATCHDOG, LONG_MS)
+
+
+def suspend(bench: Bench, _: int) -> None:
+    """The bus is suspended for a while."""
+    bench.levers.suspend()
+    bench.wait(0.01)
+    bench.levers.resume()
+
+
+def heat(bench: Bench, _: int) -> None:
+    """A board is too hot for a while, until the controller knows."""
+    board = bench.random.randrange(bench.info.boards)
+    bench.levers.cause(HotBoard(board=board, celsius=90, periods=HOT_PERIODS))
+    bench.wait(ROUND_SECONDS)
+
+
+def cool_down(bench: Bench) -> None:
+    """Wait until no board is too hot, and the controller knows, and clear the fault."""
+    bench.wait_periods(HOT_PERIODS)
+    bench.wait(ROUND_SECONDS)
+    bench.order(Request.CLEAR_FAULTS)
+
+
+def queue_disable(bench: Bench, period: int) -> None:
+    """Queue an OUTPUT that disables."""
+    check_in_time(bench.must(Output(Action.DISABLE, period)), period)
+
+
+ENDINGS = {
+    "disable": Ending(lambda bench, _: bench.order(Request.DISABLE)),
+    "disabling-block": Ending(lambda bench, period: bench.wait_until(period + 1), queue_disable),
+    "watchdog": Ending(let_watchdog_fire),
+    "set-configuration": Ending(lambda bench, _: bench.usb.set_configuration()),
+    "set-interface": Ending(lambda bench, _: bench.usb.set_interface(0)),
+    "suspend": Ending(suspend),
+    "fault": Ending(heat, state=State.FAULT, over=cool_down),
+}
+BY_ANY_HOST = ("disable", "disabling-block", "watchdog")
+BY_USB_HOST = ("set-configuration", "set-interface")
+
+
+def plan_beginnings(bench: Bench) -> int:
+    """Queue a change of each kind that begins something; from when on they would all play."""
+    due, features = bench.period() + some_time(bench), bench.info.features
+    changes: list[Change] = [Update(bench.weak(), due)]
+    if Feature.SEQUENCES in features:
+        changes.append(Sequence(PLACE, 1, due + APART, unattended=Feature.UNATTENDED in features))
+    if Feature.MODULATION in features:
+        changes.append(Modulation(PLACE, 1, 1, due + 2 * APART))
+    for change in changes:
+        check_in_time(bench.must(change), change.period)
+    return due + len(changes) * APART
+
+
+def plan_ends(bench: Bench) -> int:
+    """Queue a change of each kind that ends something; from when on they would all have taken effect."""
+    due, actions = bench.period() + some_time(bench), [Action.SILENCE, Action.DISABLE]
+    if Feature.MODULATION in bench.info.features:
+        actions.insert(0, Action.END_MODULATION)
+    for number, action in enumerate(actions):
+        check_in_time(bench.must(Output(action, due + number * APART)), due + number * APART)
+    return due + len(actions) * APART
+
+
+def plan_last_repeat(bench: Bench, *, unattended: bool) -> int:
+    """Play a sequence with repeats, and wait until it does; when its last repeat would end."""
+    require(bench, UNATTENDED if unattended else Feature.SEQUENCES)
+    ack = bench.must(Sequence(PLACE, 1, repeats=2, unattended=unattended))
+    bench.wait_until(ack.commit_period + 1)
+    return ack.commit_period + 2 * (some_time(bench) // 2)
+
+
+PLANS: dict[str, Callable[[Bench], int]] = {
+    "beginnings": plan_beginnings,
+    "ends": plan_ends,
+    "last-repeat": lambda bench: plan_last_repeat(bench, unattended=False),
+    "unattended-last-repeat": lambda bench: plan_last_repeat(bench, unattended=True),
+}
+"""What can be planned; each gives the period from which on all of it would have happened."""
+QUEUED = ("beginnings", "ends")
+"""What of that is queued, the rest plays."""
+
+
+def check_stores_are_free(bench: Bench) -> None:
+    """Fail where something of what was planned is still in use (clause BLK-022)."""
+    if Feature.SEQUENCES in bench.info.features:
+        store(bench, 5)
+    if Feature.MODULATION in bench.info.features:
+        bench.must(Samples(bytes([SAMPLE]), PLACE))
+
+
+def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
+    """Plan something, let the outputs be disabled, and enable them again.
+
+    Returns
+    -------
+    since : int
+        A period from which on the outputs must be silent.
+    due : int
+        From when on all that was planned would have happened.
+    """
+    ending = ENDINGS[how]
+    store_for_plans(bench)
+    enable(bench)
+    bench.must(NoOp())
+    ends = bench.period() + some_time(bench) // 2
+    with in_time(bench, ends):
+        if plan in QUEUED:
+            ending.planned(bench, ends)
+        due = PLANS[plan](bench)
+        if plan not in QUEUED:  # for as soon as possible: what disables would come before it
+            ending.planned(bench, ends)
+    with in_time(bench, due - 3 * APART):
+        ending.happens(bench, ends)
+        since = bench.period() + SILENT_PERIODS + 1
+        check_rest(bench.status(), bench, ending.state, "when the outputs were disabled")
+        ending.over(bench)
+        bench.wait_periods(SILENT_PERIODS)
+        check_rest(bench.status(), bench, State.OFF, "before ENABLE")
+        check_nothing_is_read_back(bench, "before ENABLE")
+        check_stores_are_free(bench)
+        told(bench)
+        bench.enable()
+    return since, due
+
+
+def check_nothing_outlives(bench: Bench, how: str, plan: str) -> None:
+    """Disable and enable a device on which something is planned; fail where something of it happens still."""
+    _, due = disable_by(bench, how, plan)
+    with in_time(bench, due - 3 * APART):
+        before = bench.status()
+        expect("the state after ENABLE", before.state, State.READY)
+        if plan != "beginnings":  # what ends something needs something to end
+            if Feature.MODULATION in bench.info.features:
+                bench.must(Modulation(PLACE, 1, 1))
+            play(bench)
+            before = bench.status()
+            expect("the state when something new plays", before.state, State.PLAYING)
+    bench.wait_until(due + SETTLED)
+    after = bench.status()
+    expect("the state when what was planned is due", after.state, before.state)
+    expect("what plays since", after.since_period, before.since_period)
+    expect("the flags", after.flags, before.flags)
+    expect("the free places", after.free, bench.info.queue_blocks)
+    expect("the late changes", after.late, before.late)
+    expect("what is told unasked", [status.state for status in told(bench)], [])
+    if plan == "beginnings":
+        check_nothing_is_read_back(bench, "when what was planned is due")
+
+
+every_plan = pytest.mark.parametrize("plan", PLANS)
+CLAUSES = ("SAF-004", "STA-003", "REQ-003", "BLK-022")
+
+
+ENDED = [(plan, how) for plan in PLANS for how in BY_ANY_HOST if (plan, how) != ("unattended-last-repeat", "watchdog")]
+
+
+@pytest.mark.parametrize(("plan", "how"), ENDED)
+@case(*CLAUSES, "SAF-003", "BLK-018", "BLK-015")
+def test_nothing_that_was_planned_outlives_the_end(bench: Bench, plan: str, how: str) -> None:
+    """What was queued, or was to end by itself, when the outputs were disabled never happens: not to what plays next.
+
+    STATUS, the records and PULSES tell, without a look at the outputs.
+    """
+    check_nothing_outlives(bench, how, plan)
+
+
+@pytest.mark.parametrize("how", BY_USB_HOST)
+@every_plan
+@case(*CLAUSES, "USB-003", "USB-016", line="usb")
+def test_nothing_that_was_planned_outlives_a_new_session(bench: Bench, plan: str, how: str) -> None:
+    """The same where a host configures the device anew."""
+    check_nothing_outlives(bench, how, plan)
+
+
+@pytest.mark.parametrize("plan", [plan for plan in PLANS if not plan.startswith("unattended")])
+@case(*CLAUSES, "USB-020", line="usb", needs=SUSPENDS, allow=(Risk.RESET,))
+def test_nothing_that_was_planned_outlives_a_suspended_bus(bench: Bench, plan: str) -> None:
+    """The same where the bus is suspended and resumes."""
+    check_nothing_outlives(bench, "suspend", plan)
+
+
+@every_plan
+@case(*CLAUSES, "SAF-007/1", "REQ-011", needs=FAULTY)
+def test_nothing_that_was_planned_outlives_a_fault(bench: Bench, plan: str) -> None:
+    """The same where a silencing fault appears and is cleared."""
+    check_nothing_outlives(bench, "fault", plan)
+
+
+@pytest.mark.parametrize("how", BY_ANY_HOST)
+@case("SAF-004/2", "SAF-004/1", "STA-001", "BLK-018", needs=CAPTURE)
+def test_no_output_moves_when_what_was_planned_is_due(bench: Bench, how: str) -> None:
+    """Once the outputs are disabled, no output moves for what was queued, also when they are enabled again."""
+    since, due = disable_by(bench, how, "beginnings")
+    bench.judge(since, max(since, due) + SETTLED, check_silent)
+
+
+@case("BLK-018", "STA-003", "SAF-004")
+def test_the_first_of_two_disabling_blocks_disables(bench: Bench) -> None:
+    """Of two OUTPUTs that disable the first takes effect at its period, and the second is dropped with the queue."""
+    enable(bench)
+    field = play(bench)
+    first = bench.period() + some_time(bench) // 2
+    second = first + some_time(bench)
+    queue_disable(bench, first)
+    queue_disable(bench, second)
+    bench.wait_until(first - APART)
+    seen = bench.status()
+    if seen.now < first * TICKS_PER_PERIOD:
+        expect("the state before the first", seen.state, State.PLAYING)
+        expect("what plays since before the first", seen.since_period, field.period)
+    bench.wait_until(first + 1)
+    seen = bench.status()
+    if seen.now >= second * TICKS_PER_PERIOD:
+        raise Inconclusive("this line is too slow: the second was due before the first could be looked at")
+    check_rest(seen, bench, State.OFF, "after the first")
+    bench.enable()
+    again = play(bench)
+    bench.wait_until(second + SETTLED)
+    status = bench.status()
+    expect("the state after the period of the second", status.state, State.PLAYING)
+    expect("what plays since", status.since_period, again.period)
+
+
+def begin_close_behind(bench: Bench, distance: int) -> tuple[int, Words, Words]:
+    """Queue an OUTPUT that disables, and an update some periods later; its period, and what plays before and after."""
+    enable(bench)
+    field, following = play(bench), bench.weak()
+    ends = bench.period() + some_time(bench) // 2
+    queue_disable(bench, ends)
+    bench.must(Update(following, ends + distance))
+    bench.wait_until(ends + SETTLED)
+    return ends, field.words, expected_words(following, bench.wiring)
+
+
+CLOSE = pytest.mark.parametrize("distance", [1, 2, 5])
+
+
+@CLOSE
+@case("BLK-018", "STA-001", "STA-003", "SAF-004")
+def test_a_change_close_behind_a_disabling_block_is_dropped(bench: Bench, distance: int) -> None:
+    """An UPDATE for a period just after that of an OUTPUT that disables is no event, and holds no place."""
+    begin_close_behind(bench, distance)
+    check_rest(bench.status(), bench, State.OFF, "after the period of both")
+    check_nothing_is_read_back(bench, "after the period of both")
+    bench.enable()
+    bench.wait_periods(SETTLED)
+    check_rest(bench.status(), bench, State.READY, "after ENABLE")
+    check_nothing_is_read_back(bench, "after ENABLE")
+
+
+@CLOSE
+@case("BLK-018", "STA-001", "SAF-004/1", needs=CAPTURE)
+def test_a_change_close_behind_a_disabling_block_falls_silent(bench: Bench, distance: int) -> None:
+    """An UPDATE just after an OUTPUT that disables begins on no output, or on all and is silent in six periods."""
+    ends, playing, following = begin_close_behind(bench, distance)
+
+    def check(seen: Seen) -> None:
+        since = silent_from(seen)
+        assert since <= ends + SILENT_PERIODS, (
+            f"the outputs are silent from period {since} on, should be from {ends + SILENT_PERIODS} on at the latest"
+        )
+        begun = [(ends + distance, following), (since, SILENCE)] if since > ends + distance else []
+        check_play(seen, [(ends - APART, playing), (ends, SILENCE), *begun])
+
+    bench.judge(ends - APART, ends + SETTLED, check)
+
+
+# What disables the outputs, and what waits or is done meanwhile
+
+
+MEANWHILE: dict[str, Callable[[Bench], object]] = {
+    "disable": lambda bench: bench.order(Request.DISABLE),
+    "enable": lambda bench: bench.enable(),
+    "clear-faults": lambda bench: bench.order(Request.CLEAR_FAULTS),
+}
+"""What a host may do right after DISABLE."""
+
+
+@pytest.mark.parametrize("then", MEANWHILE)
+@pytest.mark.parametrize("what", ["update", "unattended"])
+@case("SAF-004/1", "SAF-004", "REQ-005", needs=CAPTURE)
+def test_nothing_puts_off_the_silence_after_disable(bench: Bench, what: str, then: str) -> None:
+    """Six periods after DISABLE all outputs are silent, whatever the host asks for in these, another DISABLE too."""
+    enable(bench)
+    field = start(bench, what)
+    before = bench.clock().now
+    bench.order(Request.DISABLE)
+    after = bench.clock().now
+    for _ in range(3):
+        MEANWHILE[then](bench)
+    end = bench.period() + SETTLED
+    bench.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, before, after))
+
+
+STORED_AT_ONCE = 14
+"""Blocks that one after the other keep the chain busy for dozens of periods."""
+
+
+def stores(bench: Bench) -> list[Body]:
+    """Stores that are as large as can be, as many as keep the chain busy."""
+    if Feature.SEQUENCES in bench.info.features:
+        return [Entries((Entry(SLOT, 1),) * 120, 120 * (number % 8)) for number in range(STORED_AT_ONCE)]
+    require(bench, Feature.MODULATION)
+    return [Samples(bytes([SAMPLE]) * 480, 480 * (number % 8)) for number in range(STORED_AT_ONCE)]
+
+
+AT_ONCE = {how: ENDINGS[how].happens for how in ("disable", *BY_USB_HOST)}
+
+
+def let_stores_wait(bench: Bench) -> None:
+    """Send stores in one go, of which some wait still when the next request comes."""
+    if not is_fast(bench):
+        raise Inconclusive("this line is slower than the chain: no store waits on the device")
+    bench.send_all(stores(bench))
+
+
+@pytest.mark.parametrize("how", AT_ONCE)
+@case("SAF-004/1", "CHN-019", "USB-003", needs=CAPTURE)
+def test_silence_does_not_wait_for_stores(bench: Bench, how: str) -> None:
+    """All outputs are silent six periods after DISABLE, or what acts like it, also while stores wait for the chain."""
+    enable(bench)
+    field = play(bench)
+    let_stores_wait(bench)
+    before = bench.clock().now
+    AT_ONCE[how](bench, 0)
+    after = bench.clock().now
+    end = after // TICKS_PER_PERIOD + 100
+    bench.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, before, after))
+
+
+@pytest.mark.parametrize("how", AT_ONCE)
+@case("SAF-004", "BLK-007", "USB-026", features=Feature.SEQUENCES | Feature.READ_BACK)
+def test_stores_that_wait_outlive_disable(bench: Bench, how: str) -> None:
+    """Stores that wait for the chain when the outputs are disabled are kept: what is accepted then plays them."""
+    enable(bench)
+    bench.must(Slot(SLOT, SILENT))
+    let_stores_wait(bench)
+    pulses = bench.weak()
+    bench.send_all([Slot(SLOT, pulses), Entries((Entry(SLOT, 1000),), 1023)])
+    AT_ONCE[how](bench, 0)
+    bench.enable()
+    began = bench.must(Sequence(1023, 1)).commit_period
+    bench.wait_until(began + 1)
+    expect("whether PULSES answers what was stored", bench.read_back().pulses == pulses, True)
+
+
+@pytest.mark.parametrize("what", PLAYS)
+@case("SAF-007/2", "SAF-007/1", "SAF-004/1", "SAF-005", needs=(*FAULTY, *CAPTURE))
+def test_a_fault_silences_all_boards_whatever_plays(bench: Bench, what: str) -> None:
+    """When the controller learns that one board is too hot all ten processors fall silent."""
+    enable(bench)
+    field = start(bench, what)
+    at = bench.period()
+    heat(bench, 0)
+    learned = bench.await_unasked(1)
+    expect("the state that is told", learned.state, State.FAULT)
+    latest = learned.now // TICKS_PER_PERIOD + SILENT_PERIODS
+    bench.judge(
+        field.period,
+        max(bench.period(), latest) + SETTLED,
+        lambda seen: check_falls_one_by_one(seen, field.words, [at] * PROCESSORS, [latest] * PROCESSORS),
+    )

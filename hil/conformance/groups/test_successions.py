@@ -1,0 +1,277 @@
+"""What follows what: a sequence and its successor, what plays unattended and the watchdog, a change and the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Inconclusive, case, expect
+from phasewire.hil.conformance.tools.forge import forged
+from phasewire.hil.conformance.tools.planning import (
+    APART,
+    PLACE,
+    SAMPLE,
+    SETTLED,
+    check_rest,
+    some_time,
+    store,
+    store_for_plans,
+)
+from phasewire.hil.conformance.tools.playing import (
+    play,
+    start,
+    told,
+)
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, check_in_time, is_fast
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
+from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
+from phasewire.protocol.blocks import (
+    Body,
+    Change,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+    pack,
+)
+from phasewire.protocol.board import TICKS_PER_PERIOD
+from phasewire.protocol.codes import Action, Feature, Request, State, StatusFlag
+from phasewire.protocol.replies import Status
+
+UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED
+SLOT = 9
+SHORT_MS = 10
+
+
+# A sequence, and what takes its place
+
+
+def by_silence(bench: Bench, period: int) -> int:
+    """Let SILENCE end what plays, and an update begin after it."""
+    bench.must(Output(Action.SILENCE, period))
+    return bench.must(Update(bench.weak(), period + APART)).commit_period
+
+
+SUCCESSORS: dict[str, tuple[Callable[[Bench, int], int], State]] = {
+    "update": (lambda bench, at: bench.must(Update(bench.weak(), at)).commit_period, State.PLAYING),
+    "silence-and-update": (by_silence, State.PLAYING),
+    "sequence": (lambda bench, at: bench.must(Sequence(PLACE + 1, 1, at)).commit_period, State.PLAYING),
+    "unattended-sequence": (
+        lambda bench, at: bench.must(Sequence(PLACE + 1, 1, at, unattended=True)).commit_period,
+        State.UNATTENDED,
+    ),
+}
+"""What can take the place of a sequence at a period; it gives the one at which what plays then began."""
+
+
+def check_successor(bench: Bench, by: str, unattended: bool, at: Callable[[int, int], int]) -> None:
+    """Let something replace a sequence at a period of its time; fail unless it goes on when that is over."""
+    successor, state = SUCCESSORS[by]
+    needed = UNATTENDED if unattended or state is State.UNATTENDED else Feature.SEQUENCES
+    require(bench, needed)
+    store(bench, some_time(bench) // 2)
+    store(bench, 7, PLACE + 1)
+    enable(bench)
+    began = bench.must(Sequence(PLACE, 1, repeats=2, unattended=unattended)).commit_period
+    ends = began + 2 * (some_time(bench) // 2)
+    replaced = at(began, ends)
+    since = successor(bench, replaced)
+    if not replaced <= since <= replaced + APART:
+        raise Inconclusive("this line is too slow: the sequence was over before something could replace it")
+    bench.unasked.clear()
+    bench.wait_until(max(since, ends) + SETTLED)
+    status = bench.status()
+    expect("the state after the time of what was replaced", status.state, state)
+    expect("what plays since", status.since_period, since)
+    sequence = StatusFlag(0) if "update" in by else StatusFlag.SEQUENCE
+    expect("the flags", status.flags, sequence)
+    expect("the free places", status.free, bench.info.queue_blocks)
+
+
+every_successor = pytest.mark.parametrize("by", SUCCESSORS)
+attended_or_not = pytest.mark.parametrize("unattended", [False, True], ids=["attended", "unattended"])
+
+
+@attended_or_not
+@every_successor
+@case("STA-003", "BLK-012", "BLK-015", "ACK-006", features=Feature.SEQUENCES)
+def test_a_sequence_that_was_replaced_does_not_end(bench: Bench, by: str, unattended: bool) -> None:
+    """When the time of a sequence that something has replaced is over nothing happens to what plays, nor is told."""
+    check_successor(bench, by, unattended, lambda began, ends: (began + ends) // 2)
+    expect("what is told unasked", [status.state for status in told(bench)], [])
+
+
+@attended_or_not
+@every_successor
+@case("STA-003", "BLK-012", "BLK-015", features=Feature.SEQUENCES)
+def test_what_begins_as_a_sequence_ends_goes_on(bench: Bench, by: str, unattended: bool) -> None:
+    """A change for the very period in which a sequence has played its last repeat begins there, and goes on."""
+    check_successor(bench, by, unattended, lambda _, ends: ends)
+
+
+@attended_or_not
+@case("STA-003", "BLK-015", "ACK-006", features=Feature.SEQUENCES)
+def test_a_sequence_that_begins_anew_ends_once(bench: Bench, unattended: bool) -> None:
+    """A sequence with repeats that replaces itself ends when its second run is over, and this is told once."""
+    require(bench, UNATTENDED if unattended else Feature.SEQUENCES)
+    lasts = some_time(bench) // 2
+    store(bench, lasts)
+    enable(bench)
+    began = bench.must(Sequence(PLACE, 1, repeats=1, unattended=unattended)).commit_period
+    again = began + lasts // 2
+    if bench.must(Sequence(PLACE, 1, again, repeats=1, unattended=unattended)).commit_period != again:
+        raise Inconclusive("this line is too slow: the first run was over before the second could be queued")
+    bench.wait_until(again + lasts + SETTLED)
+    check_rest(bench.status(), bench, State.READY, "after both runs")
+    ends = [(status.state, status.now // TICKS_PER_PERIOD) for status in told(bench)]
+    expect("the states that are told unasked, and when", ends, [(State.READY, again + lasts)])
+
+
+# What plays unattended, and the watchdog
+
+
+def over_unattended(bench: Bench, body: Body) -> None:
+    """Send a block that is accepted, and wait until it has taken effect."""
+    ack = bench.must(body)
+    bench.wait_until(max(ack.commit_period, ack.now_period) + 1)
+
+
+def modulate(bench: Bench, *, ends: bool = False) -> None:
+    """Let a modulation begin, and end."""
+    require(bench, Feature.MODULATION)
+    bench.must(Samples(bytes([SAMPLE]), PLACE))
+    over_unattended(bench, Modulation(PLACE, 1, 1))
+    if ends:
+        over_unattended(bench, Output(Action.END_MODULATION))
+
+
+def follow(bench: Bench) -> None:
+    """Let another unattended sequence begin."""
+    store(bench, 7, PLACE + 1)
+    over_unattended(bench, Sequence(PLACE + 1, 1, unattended=True))
+
+
+DISTURBANCES: dict[str, Callable[[Bench], object]] = {
+    "modulation": modulate,
+    "end-of-modulation": lambda bench: modulate(bench, ends=True),
+    "another-unattended-sequence": follow,
+    "no-op": lambda bench: over_unattended(bench, NoOp()),
+    "store": lambda bench: store(bench, 7, PLACE + 1),
+    "queued-update": lambda bench: bench.must(Update(SILENT, bench.period() + LONG_MS * PERIODS_PER_MS)),
+    "late-end-of-modulation": lambda bench: over_unattended(bench, Output(Action.END_MODULATION, 1)),
+    "refused-block": lambda bench: bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=1)),
+    "new-numbering": lambda bench: bench.must(NoOp(), restart=True),
+    "status": lambda bench: bench.status(),
+    "enable": lambda bench: bench.enable(),
+    "clear-faults": lambda bench: bench.order(Request.CLEAR_FAULTS),
+}
+"""What ends no sequence."""
+
+
+@pytest.mark.parametrize("what", DISTURBANCES)
+@pytest.mark.parametrize("set_before", [False, True], ids=["watchdog-after", "watchdog-before"])
+@case("SAF-005", "SAF-003", "STA-003", features=UNATTENDED)
+def test_nothing_but_its_end_starts_the_watchdog_of_what_plays_unattended(
+    bench: Bench, what: str, set_before: bool
+) -> None:
+    """Whatever is sent, accepted or takes effect over an unattended sequence, the watchdog rests until that ends."""
+    enable(bench)
+    field = start(bench, "unattended")
+    if set_before:
+        bench.order(Request.WATCHDOG, SHORT_MS)
+    DISTURBANCES[what](bench)
+    if not set_before:
+        bench.order(Request.WATCHDOG, SHORT_MS)
+    came = [record for record in bench.listen(4 * SHORT_MS / 1000) if isinstance(record, Status)]
+    expect("what the device tells unasked", [*bench.unasked, *came], [])
+    status = bench.status()
+    expect("the state", status.state, State.UNATTENDED)
+    assert not status.watchdog_fired, "the watchdog fired while a sequence played unattended"
+    if what != "another-unattended-sequence":
+        expect("what plays since", status.since_period, field.period)
+
+
+def beginning(kind: str, period: int) -> Change:
+    """A change of a kind, for a period."""
+    match kind:
+        case "update":
+            return Update(SILENT, period)
+        case "sequence":
+            return Sequence(PLACE, 1, period)
+        case "modulation":
+            return Modulation(PLACE, 1, 1, period)
+        case "end-of-modulation":
+            return Output(Action.END_MODULATION, period)
+    return Output(Action.SILENCE, period)
+
+
+NEEDED = {"sequence": Feature.SEQUENCES, "modulation": Feature.MODULATION, "end-of-modulation": Feature.MODULATION}
+
+
+@pytest.mark.parametrize("kind", ["update", "sequence", "modulation", "end-of-modulation", "silence"])
+@case("SAF-003", "BLK-005")
+def test_what_takes_effect_is_no_sign_of_life(bench: Bench, kind: str) -> None:
+    """A queued change that takes effect does not put the watchdog off: the host was heard when it was accepted."""
+    ms = patience(bench)
+    require(bench, NEEDED.get(kind, Feature(0)))
+    store_for_plans(bench)
+    enable(bench)
+    play(bench)
+    at = bench.period() + ms * PERIODS_PER_MS // 2
+    last = bench.must(beginning(kind, at))
+    check_in_time(last, at)
+    bench.order(Request.WATCHDOG, ms)
+    check_not_yet(bench, at * TICKS_PER_PERIOD)
+    await_firing(bench, last.now, last.now, ms)
+
+
+# What plays, and how soon a change can follow
+
+
+def restart_sequence(bench: Bench, unattended: bool) -> None:
+    """Let a sequence play, and nothing be queued or on the chain."""
+    ack = bench.must(Sequence(PLACE, 2, unattended=unattended))
+    bench.wait_until(ack.commit_period + 2)
+
+
+@attended_or_not
+@pytest.mark.parametrize("modulated", [False, True], ids=["plain", "modulated"])
+@pytest.mark.parametrize("kind", ["update", "sequence", "silence"])
+@case("BLK-005/2", "BLK-005/1", features=Feature.SEQUENCES)
+def test_the_fifth_period_is_promised_while_a_sequence_plays(
+    bench: Bench, kind: str, modulated: bool, unattended: bool
+) -> None:
+    """A change for the fifth period after its block's arrival is in time also while a sequence plays, modulated too."""
+    require(bench, UNATTENDED if unattended else Feature.SEQUENCES)
+    bench.must(Slot(SLOT, bench.weak()))
+    bench.must(Entries((Entry(SLOT, 1), Entry(SLOT, 2)), PLACE))
+    enable(bench)
+    if modulated:
+        require(bench, Feature.MODULATION)
+        bench.must(Samples(bytes([SAMPLE, 255]), PLACE))
+    rounds, wanted = (80, 4) if is_fast(bench) else (12, 1)
+    hits, latency = 0, PROMISED_PERIODS
+    for _ in range(rounds):
+        if modulated:
+            bench.must(Modulation(PLACE, 2, 1))
+        restart_sequence(bench, unattended)
+        bench.wait_periods(bench.random.random())
+        asked = bench.period()
+        period = asked + latency + PROMISED_PERIODS
+        ack = bench.must(beginning(kind, period))
+        lead = period - ack.now_period
+        latency = ack.now_period - asked
+        hits += lead == PROMISED_PERIODS
+        if lead >= PROMISED_PERIODS:
+            expect(f"LATE of a change {lead} periods ahead, whose block came at tick {ack.now}", ack.late, False)
+            expect("the commit period", ack.commit_period, period)
+        if hits == wanted:
+            return
+    if not hits:
+        raise Inconclusive(f"in {rounds} attempts no block came exactly {PROMISED_PERIODS} periods ahead of its change")

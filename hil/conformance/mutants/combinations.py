@@ -1,0 +1,396 @@
+"""Two things at once go wrong: what is queued or plays, and what ends, replaces or disables it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from ....emulator.control import controller
+from ....emulator.interfaces.usb_functions import ArrayFunction
+from ....protocol.blocks import Output, Update
+from ....protocol.board import CYCLES_PER_PERIOD
+from ....protocol.codes import Action, Request, State
+from ....protocol.states import Event
+from .patching import Patch, mutant
+from .seams import one_by_one
+
+SLOW_PERIODS = 4
+
+
+def _on(patch: Patch, events: tuple[Event, ...], method: str, instead: Callable[..., None]) -> None:
+    """While the controller follows some events, let a method of it, or of a part of it, be another."""
+
+    def around(original: Any) -> Any:
+        def happen(self: Any, event: Event, *arguments: Any, **more: Any) -> None:
+            owner, _, name = method.rpartition(".")
+            part = getattr(self, owner) if owner else self
+            if event in events:
+                vars(part)[name] = instead
+            try:
+                original(self, event, *arguments, **more)
+            finally:
+                vars(part).pop(name, None)
+
+        return happen
+
+    patch.wrap(controller.Controller, "_happen", around)
+
+
+def _nothing(*_: Any, **__: Any) -> None:
+    pass
+
+
+# What is queued, and what disables
+
+
+@mutant("BLK-018", "STA-001", "SAF-004")
+def a_change_close_behind_a_disabling_block_plays(patch: Patch) -> None:
+    """An UPDATE for the period after an OUTPUT that disables is on the chain by then, and plays on in OFF."""
+
+    def around(original: Any) -> Any:
+        def plan(self: Any, *arguments: Any, **more: Any) -> Any:
+            disabled_from, self._disabled_from = self._disabled_from, None
+            change = original(self, *arguments, **more)
+            self._disabled_from = disabled_from
+            return change
+
+        return plan
+
+    patch.wrap(controller.Controller, "_plan", around)
+    one_by_one(patch)
+
+
+@mutant("BLK-018", "STA-003")
+def a_disabling_block_leaves_the_queue(patch: Patch) -> None:
+    """What was accepted after an OUTPUT that disables stays in the queue and never plays: only the request drops it."""
+
+    def around(original: Any) -> Any:
+        def disable(self: Any, door: Any, period: int) -> None:
+            before = self._agenda.recent.copy()
+            original(self, door, period)
+            self._agenda.recent[:] = before
+
+        return disable
+
+    patch.wrap(controller.Controller, "_disable_as_planned", around)
+
+
+@mutant("SAF-003", "SAF-004", "STA-003")
+def the_watchdog_leaves_the_queue(patch: Patch) -> None:
+    """When the watchdog fires the outputs fall silent, and what is queued plays in its time: only DISABLE drops it."""
+    _on(patch, (Event.WATCHDOG,), "_agenda.drop_queued", _nothing)
+    one_by_one(patch)
+
+
+@mutant("STA-003", "USB-003", "SAF-004")
+def a_bus_reset_leaves_the_queue(patch: Patch) -> None:
+    """SET_CONFIGURATION silences the outputs, and what is queued plays in its time: only DISABLE drops it."""
+    _on(patch, (Event.BUS_RESET, Event.SUSPEND), "_agenda.drop_queued", _nothing)
+    one_by_one(patch)
+
+
+@mutant("SAF-007", "SAF-004", "STA-003")
+def a_fault_leaves_the_queue(patch: Patch) -> None:
+    """A silencing fault silences the outputs, and what is queued plays in its time: only DISABLE drops it."""
+    _on(patch, (Event.FAULT,), "_agenda.drop_queued", _nothing)
+    one_by_one(patch)
+
+
+def _haunt(patch: Patch, action: Action) -> None:
+    """Let an OUTPUT that is queued take effect in its time, though the outputs were disabled before."""
+
+    def around(original: Any) -> Any:
+        def carry_out(self: Any, body: Any, door: Any) -> Any:
+            change = original(self, body, door)
+            if isinstance(body, Output) and body.action is action:
+                effect = change.effect
+                self._scheduler.at(self.time.boundary(change.period), partial(take_effect, self, change, effect))
+            return change
+
+        return carry_out
+
+    def take_effect(self: Any, change: Any, effect: Any) -> None:
+        self.settle()
+        if change.effect is None or change not in self._agenda._changes:  # dropped, or over
+            effect(change.period)
+
+    patch.wrap(controller.Controller, "_carry_out", around)
+
+
+@mutant("SAF-004", "BLK-018")
+def a_queued_disable_outlives_disable(patch: Patch) -> None:
+    """An OUTPUT that disables is remembered beside the queue: after DISABLE and ENABLE it ends what plays then."""
+    _haunt(patch, Action.DISABLE)
+
+
+@mutant("SAF-004", "BLK-018")
+def a_queued_silence_outlives_disable(patch: Patch) -> None:
+    """An OUTPUT that silences is remembered beside the queue: after DISABLE and ENABLE it ends what plays then."""
+    _haunt(patch, Action.SILENCE)
+
+
+@mutant("SAF-004", "BLK-018")
+def a_queued_end_of_modulation_outlives_disable(patch: Patch) -> None:
+    """A queued END_MODULATION is remembered beside the queue: after DISABLE and ENABLE it ends another modulation."""
+    _haunt(patch, Action.END_MODULATION)
+
+
+@mutant("BLK-018", "STA-003")
+def a_second_disabling_block_puts_off_the_first(patch: Patch) -> None:
+    """Of two OUTPUTs that disable only the later one does: there is one variable for the period."""
+
+    def around(original: Any) -> Any:
+        def carry_out(self: Any, body: Any, door: Any) -> Any:
+            if isinstance(body, Output) and body.action is Action.DISABLE:
+                for change in self._agenda:
+                    if getattr(getattr(change.effect, "func", None), "__name__", "") == "_disable_as_planned":
+                        change.effect = None
+            return original(self, body, door)
+
+        return carry_out
+
+    patch.wrap(controller.Controller, "_carry_out", around)
+
+
+@mutant("BLK-022", "SAF-003")
+def stores_stay_in_use_after_the_watchdog(patch: Patch) -> None:
+    """What was to play when the watchdog fired is IN_USE for ever: only DISABLE frees it."""
+    _on(patch, (Event.WATCHDOG, Event.BUS_RESET, Event.FAULT, Event.SUSPEND), "_stores.end", _nothing)
+
+
+# Silence, and what the chain is busy with
+
+
+@mutant("SAF-004")
+def silence_waits_for_stores(patch: Patch) -> None:
+    """On DISABLE silence goes onto the chain after the stores that wait, up to 40 periods later: there is one queue."""
+
+    def around(original: Any) -> Any:
+        def send(self: Any, stops: Any) -> None:
+            leaves = self._loading.leaves
+            if self._loading:
+                self._loading.leaves = self._agenda.loads_gone(self._now, len(self._loading))
+            original(self, stops)
+            self._loading.leaves = leaves
+
+        return send
+
+    patch.wrap(controller.Controller, "_send_silence", around)
+
+
+@mutant("SAF-007", "SAF-004", "STA-003")
+def a_fault_while_unattended_silences_one_board(patch: Patch) -> None:
+    """While a sequence plays unattended a fault silences the board that has it and no other: nobody is told."""
+
+    def around(original: Any) -> Any:
+        def happen(self: Any, event: Event, *arguments: Any, **more: Any) -> None:
+            if event is Event.FAULT and self._state is State.UNATTENDED:
+                vars(self)["_send_silence"] = _nothing
+            original(self, event, *arguments, **more)
+            vars(self).pop("_send_silence", None)
+
+        return happen
+
+    patch.wrap(controller.Controller, "_happen", around)
+
+
+@mutant("SAF-004", "BLK-013")
+def disable_drops_the_stores_that_wait(patch: Patch) -> None:
+    """Stores that wait for the chain are lost when the outputs are disabled: there is one queue, and it is emptied."""
+
+    def around(original: Any) -> Any:
+        def drop(self: Any) -> None:
+            self._loading.drop()
+            original(self)
+
+        return drop
+
+    patch.wrap(controller.Controller, "_drop_all", around)
+
+
+# What plays, and what comes after it
+
+
+@mutant("STA-003", "BLK-012", "BLK-015")
+def a_replaced_sequence_still_ends(patch: Patch) -> None:
+    """A sequence that something else replaced ends all the same in its time, and what plays then with it."""
+
+    def around(original: Any) -> Any:
+        def begin(self: Any, run: Any, door: Any, period: int) -> None:
+            original(self, run, door, period)
+            ends = self._runs.ends
+            if ends is not None:
+                self._scheduler.at(self.time.boundary(ends), lambda: end(self))
+
+        return begin
+
+    def end(self: Any) -> None:
+        self.settle()
+        self._end_sequence()
+        if self._state in (State.PLAYING, State.UNATTENDED):
+            self._runs, self._since_period = None, 0
+            self._happen(Event.END, self._now)
+            self._speak()
+
+    patch.wrap(controller.Controller, "_begin_sequence", around)
+
+
+@mutant("STA-003", "BLK-012")
+def a_sequence_that_is_disabled_still_ends(patch: Patch) -> None:
+    """A sequence that DISABLE ended still ends in its time, and with it what plays after the next ENABLE."""
+
+    def around(original: Any) -> Any:
+        def drop(self: Any) -> None:
+            run = self._runs
+            original(self)
+            if run is not None and run.ends is not None:
+                self._scheduler.at(self.time.boundary(run.ends), lambda: end(self))
+
+        return drop
+
+    def end(self: Any) -> None:
+        self.settle()
+        if self._state in (State.PLAYING, State.UNATTENDED):
+            self._runs, self._since_period = None, 0
+            self._happen(Event.END, self._now)
+            self._speak()
+
+    patch.wrap(controller.Controller, "_drop_all", around)
+
+
+@mutant("STA-003", "BLK-012")
+def the_last_repeat_ends_what_begins_with_it(patch: Patch) -> None:
+    """An UPDATE for the very period in which a sequence ends is ended with it: the end is looked at last."""
+
+    def around(original: Any) -> Any:
+        def begin(self: Any, door: Any, period: int) -> None:
+            run = self._runs
+            original(self, door, period)
+            if run is not None and run.ends == period:
+                self._since_period = 0
+                self._happen(Event.END, self._now)
+
+        return begin
+
+    patch.wrap(controller.Controller, "_begin_update", around)
+
+
+@mutant("BLK-005")
+def an_update_waits_while_a_sequence_plays(patch: Patch) -> None:
+    """While a sequence plays an UPDATE for the fifth period is late: the table of entries is walked first."""
+
+    def around(original: Any) -> Any:
+        def carry_out(self: Any, body: Any, door: Any) -> Any:
+            add = self._agenda.add
+            if isinstance(body, Update) and self._runs is not None:
+                late = SLOW_PERIODS * CYCLES_PER_PERIOD
+                vars(self._agenda)["add"] = lambda ready, *rest, **more: add(ready + late, *rest, **more)
+            try:
+                return original(self, body, door)
+            finally:
+                vars(self._agenda).pop("add", None)
+
+        return carry_out
+
+    patch.wrap(controller.Controller, "_carry_out", around)
+
+
+# What starts the watchdog and what feeds it
+
+
+@mutant("SAF-005", "SAF-003")
+def a_modulation_wakes_the_watchdog(patch: Patch) -> None:
+    """A modulation that begins over an unattended sequence starts the watchdog: a change has taken effect."""
+
+    def around(original: Any) -> Any:
+        def begin(self: Any, period: int) -> None:
+            original(self, period)
+            if self._state is State.UNATTENDED:
+                self._watchdog.watch(self._now)
+
+        return begin
+
+    patch.wrap(controller.Controller, "_begin_modulation", around)
+    patch.wrap(controller.Controller, "_end_modulation", around)
+
+
+@mutant("SAF-005", "SAF-003")
+def a_block_wakes_the_watchdog(patch: Patch) -> None:
+    """A block that is accepted while a sequence plays unattended starts the watchdog: to feed it is to arm it."""
+
+    def around(original: Any) -> Any:
+        def carry_out(self: Any, body: Any, door: Any) -> Any:
+            if self._state is State.UNATTENDED:
+                self._watchdog.watch(self._now)
+            return original(self, body, door)
+
+        return carry_out
+
+    patch.wrap(controller.Controller, "_carry_out", around)
+
+
+@mutant("SAF-005", "REQ-009")
+def a_new_time_wakes_the_watchdog(patch: Patch) -> None:
+    """WATCHDOG starts the watchdog also while a sequence plays unattended: to set the timer is to run it."""
+
+    def around(original: Any) -> Any:
+        def request(self: Any, setup: Any, data: bytes, door: Any) -> Any:
+            answer = original(self, setup, data, door)
+            if setup.request == Request.WATCHDOG and self._state is State.UNATTENDED:
+                self._watchdog.watch(self._now)
+            return answer
+
+        return request
+
+    patch.wrap(controller.Controller, "request", around)
+
+
+@mutant("SAF-005", "STA-004")
+def an_unattended_sequence_that_follows_another_is_watched(patch: Patch) -> None:
+    """An unattended sequence that replaces another starts the watchdog: what ends wakes it, and nothing rests it."""
+
+    def around(original: Any) -> Any:
+        def begin(self: Any, run: Any, door: Any, period: int) -> None:
+            again = self._state is State.UNATTENDED and run.unattended
+            original(self, run, door, period)
+            if again:
+                self._watchdog.watch(self._now)
+
+        return begin
+
+    patch.wrap(controller.Controller, "_begin_sequence", around)
+
+
+@mutant("SAF-003")
+def what_takes_effect_feeds_the_watchdog(patch: Patch) -> None:
+    """A change that takes effect is a sign of life: the watchdog is fed where the state is set."""
+
+    def around(original: Any) -> Any:
+        def settle(self: Any) -> None:
+            before = len(self._agenda)
+            original(self)
+            if len(self._agenda) < before:
+                self._watchdog.feed()
+
+        return settle
+
+    patch.wrap(controller.Controller, "settle", around)
+
+
+# Buses that come and go
+
+
+@mutant("STA-006")
+def an_unplugged_device_still_belongs_to_its_bus(patch: Patch) -> None:
+    """After its cable was pulled a device that no bus has configured again is suspended with the bus all the same."""
+
+    def around(original: Any) -> Any:
+        def unplug(self: Any) -> None:
+            adopted = self._adopted
+            original(self)
+            self._adopted = adopted
+
+        return unplug
+
+    patch.wrap(ArrayFunction, "unplug", around)

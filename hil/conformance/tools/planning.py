@@ -1,0 +1,66 @@
+"""Two things at once: what cases plan for a period, and what a device is like when nothing of it is left."""
+
+from __future__ import annotations
+
+from ....protocol.blocks import Entries, Entry, Samples, Slot
+from ....protocol.codes import Feature, Request, State, StatusFlag
+from ....protocol.pulses import Pulses
+from ....protocol.replies import Status
+from ..bench import Bench
+from ..cases import expect
+from .stage import is_fast
+from .watchdog import far_ahead
+
+__all__ = [
+    "APART",
+    "PLACE",
+    "SAMPLE",
+    "SETTLED",
+    "check_nothing_is_read_back",
+    "check_rest",
+    "some_time",
+    "store",
+    "store_for_plans",
+]
+
+PLACE, SAMPLE = 40, 128
+APART = 20
+"""Periods between changes that are queued one after the other: any chain can carry that."""
+SETTLED = 60
+"""Periods after which all that was due has taken effect."""
+
+
+def some_time(bench: Bench) -> int:
+    """Periods within which a case can queue what it needs, let it be disabled, and begin something new."""
+    return 4 * far_ahead(bench) if is_fast(bench) else 60_000
+
+
+def store(bench: Bench, periods: int, place: int = PLACE) -> Pulses:
+    """Store an entry of so many periods, and its slot."""
+    pulses = bench.weak()
+    bench.must(Slot(place % 256, pulses))
+    bench.must(Entries((Entry(place % 256, periods),), place))
+    return pulses
+
+
+def check_rest(status: Status, bench: Bench, state: State, what: str) -> None:
+    """Fail unless nothing plays, modulates or is queued."""
+    expect(f"the state {what}", status.state, state)
+    expect(f"what plays since {what}", status.since_period, 0)
+    expect(f"the flags {what}", status.flags & ~StatusFlag.WATCHDOG_FIRED, StatusFlag(0))
+    expect(f"the free places {what}", status.free, bench.info.queue_blocks)
+
+
+def check_nothing_is_read_back(bench: Bench, what: str) -> None:
+    """Fail unless the processors say that they play nothing, where they can be asked."""
+    if Feature.READ_BACK in bench.info.features:
+        answer = bench.ask(Request.PULSES)
+        expect(f"PULSES {what}, without read_period", answer[:8] + answer[16:], bytes(8 + 480))
+
+
+def store_for_plans(bench: Bench) -> None:
+    """Store what plans and what comes after them refer to, while the outputs are off."""
+    if Feature.SEQUENCES in bench.info.features:
+        store(bench, some_time(bench) // 2)
+    if Feature.MODULATION in bench.info.features:
+        bench.must(Samples(bytes([SAMPLE]), PLACE))
