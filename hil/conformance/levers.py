@@ -11,9 +11,13 @@ from typing import Protocol
 from ...emulator import Emulator
 from ...emulator.faults import InjectedFault
 from ...protocol.board import CYCLES_PER_MS
+from ...protocol.codes import StandardRequest
+from ...protocol.requests import Setup
 from .cases import Need
 
 __all__ = ["EmulatorLevers", "Levers", "NoLevers"]
+
+SET_CONFIGURATION = Setup(0x00, StandardRequest.SET_CONFIGURATION, 1, 0, 0)
 
 
 class Levers(Protocol):
@@ -39,6 +43,9 @@ class Levers(Protocol):
     def plug(self) -> None:
         """Plug it in again."""
 
+    def configure(self) -> None:
+        """Let a host at the bus reset and configure the device, if blocks go by another line."""
+
     def cause(self, fault: InjectedFault) -> None:
         """Let something go wrong, as `emulator.faults` names it."""
 
@@ -51,7 +58,7 @@ class NoLevers:
     def _cannot(self, *_what: InjectedFault) -> None:
         raise RuntimeError("this bench has no levers; a case that needs one says so in its decorator")
 
-    power_down = power_up = suspend = resume = unplug = plug = cause = _cannot
+    power_down = power_up = suspend = resume = unplug = plug = configure = cause = _cannot
 
 
 class EmulatorLevers:
@@ -92,6 +99,11 @@ class EmulatorLevers:
     def plug(self) -> None:
         """Plug it in again."""
         self._emulator.usb.plug()
+
+    def configure(self) -> None:
+        """Let a host at the bus reset and configure the device."""
+        self._emulator.usb.reset()
+        self._emulator.usb.control(SET_CONFIGURATION)
 
     def cause(self, fault: InjectedFault) -> None:
         """Let something go wrong."""

@@ -584,9 +584,41 @@ def test_the_outputs_go_on_unattended_while_the_cable_is_pulled(bench: Bench) ->
 @case("STA-006", needs=(Need.SUSPEND, Need.PLUG, Need.POWER), allow=(Risk.RESET,), line="serial")
 def test_a_bus_that_configured_nothing_suspends_nothing(bench: Bench) -> None:
     """A device that no bus has configured plays on for a serial line, whatever the bus does."""
+    needs_serial_alone(bench)
+    bench.power_cycle()
+    check_plays_on(bench)
+
+
+@case("STA-006", "STA-003", needs=(Need.SUSPEND, Need.PLUG), allow=(Risk.RESET,), line="serial")
+def test_a_device_that_was_unplugged_is_not_suspended_until_configured(bench: Bench) -> None:
+    """The voltage of the bus takes the configuration with it: what was unplugged and is not configured plays on."""
+    needs_serial_alone(bench)
+    bench.levers.configure()
+    play(bench)
+    bench.listen(0.02)
+    bench.unasked.clear()
+    with suspended(bench):
+        bench.wait(0.02)
+        expect("the state while a bus that configured it is suspended", bench.status().state, State.SUSPENDED)
+    for _ in range(2):
+        bench.levers.configure()
+        play(bench)
+        bench.levers.unplug()
+        bench.wait(0.02)
+        expect("the state without a cable", bench.status().state, State.OFF)
+        bench.levers.plug()
+        expect("the state with the cable, before the device is configured", bench.status().state, State.OFF)
+        check_plays_on(bench)
+
+
+def needs_serial_alone(bench: Bench) -> None:
+    """Go on where the line of blocks is a serial one, beside which a bus can come and go."""
     if bench.line.kind != "serial":
         raise Inconclusive("this concerns a device that is used over a serial line alone")
-    bench.power_cycle()
+
+
+def check_plays_on(bench: Bench) -> None:
+    """Fail unless what plays goes on whatever a bus does that has not configured the device."""
     bench.order(Request.LIMIT, bench.drive_limit)
     ack = play(bench)
     with suspended(bench):

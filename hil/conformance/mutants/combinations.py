@@ -381,7 +381,7 @@ def what_takes_effect_feeds_the_watchdog(patch: Patch) -> None:
 # Buses that come and go
 
 
-@mutant("STA-006")
+@mutant("STA-006", url="emulator:?door=serial")
 def an_unplugged_device_still_belongs_to_its_bus(patch: Patch) -> None:
     """After its cable was pulled a device that no bus has configured again is suspended with the bus all the same."""
 

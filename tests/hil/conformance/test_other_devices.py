@@ -131,8 +131,12 @@ def slower_watchdog(patch: Patch) -> None:
 BY_SIZE = (
     *("acknowledgements", "blocks", "endpoints", "flow", "long-run", "modulation", "numbering", "outputs", "requests"),
     *("robustness", "safety", "sequences", "serial", "states", "stores", "timing"),
+    *("combinations", "successions"),
 )
-BY_RATE = ("acknowledgements", "blocks", "flow", "long-run", "modulation", "outputs", "requests", "sequences", "timing")
+BY_RATE = (
+    *("acknowledgements", "blocks", "flow", "long-run", "modulation", "outputs", "requests", "sequences", "timing"),
+    *("combinations", "successions"),
+)
 BY_DRIVE = ("blocks", "endpoints", "long-run", "power", "pulses", "requests", "safety", "sequences", "stores", "timing")
 BY_MAKE = ("console", "dfu", "endpoints", "enumeration", "flash", "power", "requests", "serial", "versions")
 BY_FEATURES = ()
