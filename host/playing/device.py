@@ -163,10 +163,16 @@ class Device:
                     self._turn_off()
                 raise
             finally:
-                self._session.close()
+                self._session.end()
 
     def close(self) -> None:
-        """Give the line back and leave the device as it is, playing where it may; ``with`` then ends without a stop."""
+        """Give the line back and leave the device as it is, playing where it may; ``with`` then ends without a stop.
+
+        A stream, or a call that a signal's handler has interrupted for this, ends in a `DeviceError`, with outputs off.
+        """
+        with self._session.lock as interrupted:
+            if self._streaming and not interrupted:
+                self._silence_after_failure()
         self._session.close()
 
     # What it is and does

@@ -6,8 +6,8 @@ which block. What the blocks are for is its callers' business.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from math import ceil
 from threading import RLock
 from typing import NamedTuple, NoReturn, Self, TypeVar
@@ -83,8 +83,6 @@ class Session:
         What the device says that it is.
     closed : bool
         Whether the line was given back.
-    lock : RLock
-        Held while the line is in use; whoever needs several steps in a row takes it for them.
 
     Raises
     ------
@@ -97,8 +95,31 @@ class Session:
     def __init__(self, transport: Transport) -> None:
         self._line = transport
         self.closed = False
-        self.lock = RLock()
+        self._lock = RLock()
+        self._depth = 0
+        self._begun = self._closing = False
         self._meet()
+
+    @property
+    def lock(self) -> AbstractContextManager[bool]:
+        """To be held while the line is in use; whoever needs several steps in a row takes it for them.
+
+        It gives whether this thread held it before, as it does in a signal's handler: that runs within the call that it
+        interrupts, and does not wait for its lock.
+        """
+        return self._turn()
+
+    @contextmanager
+    def _turn(self) -> Iterator[bool]:
+        with self._lock:
+            before = self._depth
+            self._depth += 1
+            try:
+                yield before > 0
+            finally:
+                self._depth = before
+                if self._closing and not before:
+                    self._close_what_was_interrupted()
 
     def _meet(self) -> None:
         """Learn who the device is."""
@@ -121,6 +142,7 @@ class Session:
         On a line that is slow the watchdog's time is made longer where need be (clause SER-014).
         """
         with self.lock:
+            self._begun = True
             self.order(Request.DISABLE)
             blocks_seconds = WATCHDOG_BLOCKS / self._line.most_blocks_per_second
             if self._watchdog < blocks_seconds:
@@ -144,15 +166,34 @@ class Session:
 
     def line(self) -> Transport:
         """The line; raise `DeviceError` where the session is over."""
-        if self.closed:
+        if self.closed or self._closing:
             raise DeviceError(f"{self.name} is closed; open it again")
         return self._line
 
     def close(self) -> None:
-        """Give the line back."""
-        with self.lock:
-            self.closed = True
-            self._line.close()
+        """Give the line back.
+
+        If this thread is in the middle of a call, as it is when a signal's handler asks for this, that call still needs
+        the line: what is left of it fails, then the outputs are turned off, and then the line is given back.
+        """
+        with self._lock:
+            if self._depth:
+                self._closing = True
+            else:
+                self.end()
+
+    def end(self) -> None:
+        """Give the line back at once; for who has the lock and needs the line no more."""
+        self.closed, self._closing = True, False
+        self._line.close()
+
+    def _close_what_was_interrupted(self) -> None:
+        try:
+            if self._begun:  # otherwise another program plays
+                with suppress(DeviceError):  # out of reach: its watchdog does it
+                    self._line.order(Request.DISABLE)
+        finally:
+            self.end()
 
     def reopen(self, seconds: float = COMES_BACK_SECONDS) -> None:
         """Begin anew with the same device, which was lost or has restarted, once it comes back.
@@ -324,6 +365,7 @@ class Session:
         sent = done = 0
         moved = line.time.monotonic()
         while done < count:
+            self.line()  # a signal's handler may have closed it
             progress = False
             room = min(line.window(self._free, self.info.queue_records) - (sent - done), count - sent)
             if room > 0:
