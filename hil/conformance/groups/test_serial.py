@@ -784,6 +784,26 @@ def test_a_request_may_be_repeated(bench: Bench, frames: SerialLine) -> None:
     expect("the watchdog time", bench.status().watchdog_ms, 1234)
 
 
+@case("SER-009/1", "SER-012")
+def test_the_same_request_again_is_carried_out_again(frames: SerialLine) -> None:
+    """A request with the bytes of the one before, its tag included, is answered anew: a host may use one tag only."""
+    times = [ClockReading.decode(exchange(frames, request_frame(7, ASK_CLOCK))[3:]).now for _ in range(3)]
+    assert times[0] < times[1] < times[2], f"CLOCK answers ticks {times} under one tag, should be each time a later one"
+
+
+@case("SER-009/1", "SER-016", "SAF-004")
+def test_disable_under_the_same_tag_disables_again(bench: Bench, frames: SerialLine) -> None:
+    """DISABLE under the tag of an earlier DISABLE turns off what was enabled in between, and is no repeated answer."""
+    tag = 9
+    for _ in range(3):
+        enable(bench)
+        expect("the state after ENABLE", bench.status().state, State.READY)
+        frames.rest()
+        reply = exchange(frames, request_frame(tag, Setup(VENDOR_OUT, Request.DISABLE, 0, 0, 0)))
+        expect("the reply to DISABLE", reply, bytes([REPLY, tag, DONE]))
+        expect("the state after DISABLE", bench.status().state, State.OFF)
+
+
 # Times
 
 

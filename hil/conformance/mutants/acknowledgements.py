@@ -334,6 +334,40 @@ def serial_lines_are_told_nothing_unasked(patch: Patch) -> None:
     patch.replace(SerialLine, "notify", lambda _self, _record: None)
 
 
+def _keep_quiet(patch: Patch, handler: str) -> None:
+    """Let other doors be told nothing of what a block does when it takes effect."""
+
+    def around(original: Any) -> Any:
+        def take_effect(self: Any, *arguments: Any) -> None:
+            vars(self)["_speak"] = lambda *_, **_besides: None
+            try:
+                original(self, *arguments)
+            finally:
+                del vars(self)["_speak"]
+
+        return take_effect
+
+    patch.wrap(controller.Controller, handler, around)
+
+
+@mutant("ACK-006", "SER-016", "BLK-018")
+def other_doors_are_not_told_of_a_block_that_disables(patch: Patch) -> None:
+    """After an OUTPUT block with DISABLE the other doors get no status record: only the request DISABLE sends them."""
+    _keep_quiet(patch, "_disable_as_planned")
+
+
+@mutant("ACK-006", "SER-016", "BLK-018")
+def other_doors_are_not_told_of_a_block_that_silences(patch: Patch) -> None:
+    """After an OUTPUT block with SILENCE the other doors get no status record, and believe that it plays."""
+    _keep_quiet(patch, "_fall_silent")
+
+
+@mutant("ACK-006", "SER-016")
+def other_doors_are_not_told_of_sequences(patch: Patch) -> None:
+    """When a sequence begins the other doors get no status record: an UPDATE alone sends them."""
+    _keep_quiet(patch, "_begin_sequence")
+
+
 @mutant("ACK-006")
 def states_are_told_only_when_asked_for(patch: Patch) -> None:
     """No status record comes when the state changes, be it by the watchdog: faults alone are told unasked."""

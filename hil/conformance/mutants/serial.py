@@ -202,6 +202,33 @@ def replies_overtake_what_waits(patch: Patch) -> None:
     patch.wrap(serial_line._Outbox, "answer", around)
 
 
+@mutant("SER-009", "SER-012")
+def same_request_again_is_answered_from_memory(patch: Patch) -> None:
+    """A request that is the same as the one before, tag and all, gets the same REPLY again and has no effect."""
+    last: dict[Any, Any] = {}
+
+    def of_answer(original: Any) -> Any:
+        def answer(self: Any, request: Any) -> None:
+            asked, reply = last.get(self, (None, None))
+            if asked == request:
+                self._reply(reply)
+            else:
+                last[self] = request, None
+                original(self, request)
+
+        return answer
+
+    def of_reply(original: Any) -> Any:
+        def reply(self: Any, reply: SerialReply) -> None:
+            last[self] = last[self][0], reply
+            original(self, reply)
+
+        return reply
+
+    patch.wrap(SerialLine, "_answer", of_answer)
+    patch.wrap(SerialLine, "_reply", of_reply)
+
+
 @mutant("SER-006", "REQ-001")
 def requests_of_any_type_are_carried_out(patch: Patch) -> None:
     """A request is carried out whoever it is addressed to: of its type only the direction is looked at."""
@@ -272,6 +299,43 @@ def waiting_blocks_are_signs_of_life(patch: Patch) -> None:
         return admit
 
     patch.wrap(SerialLine, "_admit", around)
+
+
+@mutant("SER-010", "SER-011")
+def hang_up_forgets_the_block_that_waits(patch: Patch) -> None:
+    """A block that waits for room when its host hangs up is never judged: the line's memory is cleared, all of it."""
+
+    def of_hang_up(original: Any) -> Any:
+        def hang_up(self: Any) -> None:
+            original(self)
+            self._waiting = None
+
+        return hang_up
+
+    def of_try(original: Any) -> Any:
+        return lambda self, waiting: original(self, waiting) if waiting is self._waiting else None
+
+    patch.wrap(SerialLine, "hang_up", of_hang_up)
+    patch.wrap(SerialLine, "_try_again", of_try)
+
+
+@mutant("SER-010", "SER-011")
+def hang_up_leaves_the_waiting_place_taken(patch: Patch) -> None:
+    """A block that waits when its host hangs up is never judged and keeps its place: no later block may wait."""
+    left: list[Any] = []
+
+    def of_hang_up(original: Any) -> Any:
+        def hang_up(self: Any) -> None:
+            original(self)
+            left.append(self._waiting)
+
+        return hang_up
+
+    def of_try(original: Any) -> Any:
+        return lambda self, waiting: None if any(waiting is each for each in left) else original(self, waiting)
+
+    patch.wrap(SerialLine, "hang_up", of_hang_up)
+    patch.wrap(SerialLine, "_try_again", of_try)
 
 
 # Modes

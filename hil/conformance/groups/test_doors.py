@@ -1,0 +1,171 @@
+"""Several doors to one device, and hosts that hang up while a block waits (chapters SER and ACK)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import case, expect
+from phasewire.hil.conformance.lines.serial import SerialLine
+from phasewire.hil.conformance.tools.exchange import (
+    acks,
+    await_ack,
+    damage,
+    fill,
+    no_op,
+    order,
+    put_to_wait,
+    same_but,
+    send,
+    statuses,
+)
+from phasewire.hil.conformance.tools.frames import frame
+from phasewire.hil.conformance.tools.stage import soon
+from phasewire.hil.conformance.tools.steps import LONG_MS, let_stores_go
+from phasewire.protocol.blocks import Body, Entries, Entry, Output, Sequence, Slot, Update, pack
+from phasewire.protocol.board import CHANNELS
+from phasewire.protocol.codes import Action, Feature, FrameKind, Reason, Request, State
+from phasewire.protocol.pulses import Pulses
+from phasewire.protocol.replies import Ack, Status
+
+QUEUED_SECONDS = 15.0
+"""For how long the queue stays full, unless DISABLE empties it: longer than any host needs for what comes meanwhile."""
+TOLD_PERIODS = 40
+"""So soon after a change has taken effect a device knows of it."""
+
+
+# Hosts that hang up
+
+
+@case("SER-010", "SER-011/1")
+def test_a_block_that_waits_outlives_its_host(bench: Bench, frames: SerialLine) -> None:
+    """A block that waits when its host hangs up is judged when there is room, and the next host gets no answer."""
+    fill(bench, frames, QUEUED_SECONDS)
+    put_to_wait(bench, frames, no_op(bench))
+    before = bench.status()
+    frames.hang_up()
+    frames.enter_frames()
+    same_but(before, bench.status())
+    check_judged(bench, frames, before)
+
+
+@case("SER-010", "SER-011/3")
+def test_a_hang_up_leaves_one_place_for_a_block_to_wait(bench: Bench, frames: SerialLine) -> None:
+    """After a hang-up the block that waits keeps its place, and a later one has the place once that was judged."""
+    fill(bench, frames, QUEUED_SECONDS)
+    put_to_wait(bench, frames, no_op(bench))
+    frames.hang_up()
+    frames.enter_frames()
+    damage(bench, frames, frame(FrameKind.BLOCK, no_op(bench)))
+    check_judged(bench, frames, bench.status())
+    fill(bench, frames, QUEUED_SECONDS)
+    block = no_op(bench)
+    put_to_wait(bench, frames, block)
+    order(frames, Request.DISABLE)
+    expect("the reason of a block that waits after it", await_ack(frames, block).reason, Reason.ACCEPTED)
+
+
+@case("SER-010", "SER-011/1", "USB-026", line="usb")
+def test_a_block_that_waits_outlives_its_session(bench: Bench, frames: SerialLine) -> None:
+    """SET_CONFIGURATION empties the queue and hangs up: a block that waits is judged and its answer dropped."""
+    fill(bench, frames, QUEUED_SECONDS)
+    put_to_wait(bench, frames, no_op(bench))
+    before = bench.status()
+    bench.usb.set_configuration()
+    frames.assume_console()
+    frames.enter_frames()
+    check_judged(bench, frames, before)
+
+
+def check_judged(bench: Bench, line: SerialLine, before: Status) -> None:
+    """Empty the queue: the block that waits must be accepted then, and its answer must not be sent."""
+    order(line, Request.DISABLE)
+    line.rest()
+    expect("the acknowledgements that come by the line", acks(line), [])
+    after = bench.status()
+    expect("the count of accepted blocks", after.accepted, before.accepted + 1)
+    expect("the count of dropped frames", after.dropped_frames, before.dropped_frames)
+
+
+# What one door does, told at another
+
+DOORS = ("usb", "serial")
+
+
+@case("SER-016", "ACK-006", "BLK-018", line="usb")
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("when", ["now", "later"])
+def test_what_blocks_of_one_door_do_is_told_at_the_other(
+    bench: Bench, frames: SerialLine, door: str, when: str
+) -> None:
+    """What an UPDATE, SILENCE and DISABLE by one door lead to is told at the other when they take effect."""
+    bodies: list[tuple[Callable[[int], Body], State]] = [
+        (lambda period: Update(Pulses.silent(CHANNELS), period), State.PLAYING),
+        (lambda period: Output(Action.SILENCE, period), State.READY),
+        (lambda period: Update(Pulses.silent(CHANNELS), period), State.PLAYING),
+        (lambda period: Output(Action.DISABLE, period), State.OFF),
+    ]
+    begin(bench, frames, door)
+    for body, state in bodies:
+        ack = accepted(bench, frames, door, body(soon(bench) if when == "later" else 0))
+        check_told(bench, frames, door, state, ack.commit_period)
+
+
+@case("SER-016", "ACK-006", "BLK-018", line="usb", features=Feature.SEQUENCES | Feature.UNATTENDED)
+@pytest.mark.parametrize("door", DOORS)
+def test_what_sequences_of_one_door_do_is_told_at_the_other(bench: Bench, frames: SerialLine, door: str) -> None:
+    """That a sequence plays, with its host or without, and that DISABLE ends it, is told at the other door."""
+    begin(bench, frames, door)
+    for store in (Slot(0, Pulses.silent(CHANNELS)), Entries((Entry(0, 100),))):
+        accepted(bench, frames, door, store)
+    let_stores_go(bench)
+    bodies: list[tuple[Body, State]] = [
+        (Sequence(0, 1), State.PLAYING),
+        (Sequence(0, 1, unattended=True), State.UNATTENDED),
+        (Output(Action.DISABLE), State.OFF),
+    ]
+    for body, state in bodies:
+        check_told(bench, frames, door, state, accepted(bench, frames, door, body).commit_period)
+
+
+@case("SER-016", "ACK-006", "CON-004/1", line="usb")
+def test_what_is_typed_is_told_by_usb(bench: Bench, console: SerialLine) -> None:
+    """What `enable`, `test` and `stop` lead to at the console is told by USB, for a program must not go on blindly."""
+    bench.order(Request.WATCHDOG, LONG_MS)
+    for command, state in (("enable", State.READY), ("test 17", State.PLAYING), ("stop", State.OFF)):
+        expect(f"the answer to {command}", console.command(command), "ok\r\n")
+        expect(f"the state told by USB after {command}", bench.await_unasked(console.patience()).state, state)
+
+
+def begin(bench: Bench, line: SerialLine, door: str) -> None:
+    """Enable the outputs by a door, out of the watchdog's reach; the other door must be told."""
+    bench.order(Request.WATCHDOG, LONG_MS)
+    if door == "usb":
+        bench.enable()
+    else:
+        order(line, Request.ENABLE)
+    check_told(bench, line, door, State.READY)
+
+
+def accepted(bench: Bench, line: SerialLine, door: str, body: Body) -> Ack:
+    """Send a block by a door; its acknowledgement, which must accept it."""
+    if door == "usb":
+        return bench.must(body)
+    ack = send(line, pack(bench.numbered(body)))
+    expect("the reason of a block by the serial line", ack.reason, Reason.ACCEPTED)
+    return ack
+
+
+def check_told(bench: Bench, line: SerialLine, door: str, state: State, period: int | None = None) -> None:
+    """Fail unless the other door is told, once, that the device came to a state, in a period if it is known."""
+    if door == "usb":
+        line.listen(line.patience(), lambda: bool(statuses(line)))
+        told = statuses(line)
+        line.forget()
+    else:
+        told = [bench.await_unasked(line.patience())]
+    expect("the states told at the other door", [status.state.name for status in told], [state.name])
+    if period is not None:
+        at = told[0].period
+        assert period <= at < period + TOLD_PERIODS, f"{state.name} is told of period {at}, should be of {period}"
