@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import is_dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -55,6 +56,9 @@ from .sight.capture import Seen, Sight, Unseen
 from .sight.marks import MARK_PULSES, Mark
 from .sight.sigrok import SigrokSight
 from .verdicts import Evidence
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 __all__ = ["LOW_DRIVE", "OUTPUTS", "Bench", "Lost"]
 
@@ -106,7 +110,8 @@ class Bench:
     profile : Profile
         What is declared of the device.
     spare : callable, optional
-        Gives a bench with a fresh device of the same kind, as a context manager.
+        Gives a bench with a fresh device of the same kind, which trusts a key or, with None, has no keys; as a context
+        manager.
 
     Attributes
     ----------
@@ -131,7 +136,7 @@ class Bench:
         seed: int,
         *,
         profile: Profile,
-        spare: Callable[[], AbstractContextManager[Bench]] | None = None,
+        spare: Callable[[Ed25519PrivateKey | None], AbstractContextManager[Bench]] | None = None,
     ) -> None:
         self.line = line
         self.levers = levers
@@ -186,11 +191,14 @@ class Bench:
         return need in self.levers.can or seen or (need is Need.SPARE and self._spare is not None)
 
     @contextmanager
-    def spare(self) -> Iterator[Bench]:
-        """A bench with a fresh device of the same kind, which may be broken for good; what passes is noted here too."""
+    def spare(self, key: Ed25519PrivateKey | None = None) -> Iterator[Bench]:
+        """A bench with a fresh device of the same kind, which may be broken for good; what passes is noted here too.
+
+        With a key the device trusts that key alone, which has signed its firmware (clause FWU-012).
+        """
         if self._spare is None:
             raise Inconclusive(unmet(Need.SPARE))
-        with self._spare() as other:
+        with self._spare(key) as other:
             other._notes = self._notes
             yield other
 

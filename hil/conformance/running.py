@@ -14,6 +14,7 @@ from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from time import monotonic, perf_counter, sleep
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -24,7 +25,7 @@ from ...emulator.firmware.loader import Identity, make_flash
 from ...emulator.machine import plugged
 from ...errors import DeviceNotFoundError, InputFileError
 from ...protocol.codes import PROTOCOL_VERSION, Target
-from ...protocol.firmware import Image, Segment
+from ...protocol.firmware import Image, Segment, sign
 from ...protocol.versions import Version
 from ...protocol.wiring import Wiring
 from .bench import Bench
@@ -38,6 +39,9 @@ from .profile import Profile
 from .sight.capture import EmulatorSight, Sight
 from .sight.sigrok import SessionFile, SigrokSight
 from .verdicts import Provenance, Run, signal_name
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 __all__ = ["Options", "catalogue", "open_bench", "run_conformance"]
 
@@ -209,8 +213,14 @@ def _about(url: str, bench: Bench) -> dict[str, str]:
 
 
 @contextmanager
-def open_bench(options: Options) -> Iterator[Bench]:
+def open_bench(options: Options, key: Ed25519PrivateKey | None = None) -> Iterator[Bench]:
     """The bench for a URL: a device emulated in this process with all its levers and outputs, or any other as it is.
+
+    Parameters
+    ----------
+    options : Options
+    key : Ed25519PrivateKey, optional
+        Which a fresh emulated device trusts, and which has signed its firmware; without it the device has no keys.
 
     Raises
     ------
@@ -223,7 +233,7 @@ def open_bench(options: Options) -> Iterator[Bench]:
     """
     with ExitStack() as stack:
         path = _recording(options.capture)
-        emulator, url = _emulated(options.url, stack)
+        emulator, url = _emulated(options.url, key, stack)
         levers: Levers = NoLevers() if emulator is None else EmulatorLevers(emulator)
         sight = _sight(options, emulator)
         line = _line(url)
@@ -245,7 +255,7 @@ def _fresh(url: str) -> str:
     return f"{scheme}:?{rest.partition('?')[2]}".removesuffix("?")
 
 
-def _emulated(url: str, stack: ExitStack) -> tuple[Emulator | None, str]:
+def _emulated(url: str, key: Ed25519PrivateKey | None, stack: ExitStack) -> tuple[Emulator | None, str]:
     """The emulated device that a URL means, plugged in, and the URL by which the host finds it."""
     scheme, _, rest = url.partition(":")
     if scheme != EMULATOR:
@@ -256,15 +266,18 @@ def _emulated(url: str, stack: ExitStack) -> tuple[Emulator | None, str]:
         if address.serial not in there:
             raise DeviceNotFoundError(f"no device at {url!r}: nothing of this serial number is plugged in")
         return there[address.serial], url
-    emulator = stack.enter_context(address.make(_flash()))
+    emulator = stack.enter_context(address.make(_flash(key)))
     options = [option for option in rest.removeprefix("?").split("&") if option.startswith(("door=", "baud="))]
     return emulator, emulator.url + ("?" + "&".join(options) if options else "")
 
 
-def _flash() -> Flash:
+def _flash(key: Ed25519PrivateKey | None) -> Flash:
     """Of a device whose firmware is as large as real firmware is in blocks and sectors, though nothing executes it."""
     segments = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(Target.CONTROLLER, bytes(6000)))
-    return make_flash(Identity(f"CONFORMANCE-{next(_serials)}", Wiring.strips()), Image(Version(1, 0, 0), segments))
+    image = Image(Version(1, 0, 0), segments)
+    keys = () if key is None else (key.public_key(),)
+    identity = Identity(f"CONFORMANCE-{next(_serials)}", Wiring.strips(), keys)
+    return make_flash(identity, image if key is None else sign(image, key))
 
 
 def _line(url: str) -> RawLine:

@@ -328,6 +328,30 @@ def test_blocks_out_of_turn_are_refused_with_address(bench: Bench) -> None:
             _expect_error(line, DfuStatus.ADDRESS, what)
 
 
+@pytest.mark.parametrize("how", ["clrstatus", "abort", "end"])
+@flashing("DFU-009", "DFU-006")
+def test_each_download_begins_with_block_0(bench: Bench, how: str) -> None:
+    """After a download that failed, was given up or came to its end no other goes on: the first block has number 0."""
+    with dfu_mode(bench) as line:
+        image = large_image(line)
+        last = (len(image) - 1) // BLOCK
+        for blocks in (1, 2, last):
+            expect("the state before it", line.send(image, 0, blocks).state, DNLOAD_IDLE)
+            if how == "clrstatus":
+                assert not line.download(blocks + 1, image[:BLOCK]), "a block out of turn is not answered with STALL"
+                assert line.clear(), "CLRSTATUS in dfuERROR is answered with STALL"
+            elif how == "abort":
+                assert line.abort(), "ABORT between two blocks is answered with STALL"
+            else:
+                line.send(image, blocks)
+                expect("the state at its end", line.end().state, IDLE)
+            for number in (blocks, 1):
+                taken = line.download(number, image[BLOCK * number :][:BLOCK])
+                assert not taken, f"block {number} at first, after {blocks} of a download, is not answered with STALL"
+                _expect_error(line, DfuStatus.ADDRESS, f"a download that begins with block {number}")
+                line.rest()
+
+
 def _expect_error(line: DfuLine, status: DfuStatus, what: str, string: int | None = 0) -> None:
     reply = line.status()
     assert reply is not None, f"GETSTATUS in dfuERROR is answered with STALL after {what}"

@@ -9,17 +9,34 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from phasewire.emulator import faults
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Need, NotApplicable, Risk, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.tools.dfu import DfuLine, dfu_mode
-from phasewire.hil.conformance.tools.images import as_version, large_image, signed_by
+from phasewire.hil.conformance.tools.images import UNTRUSTED, Forgery, as_version, large_image, signed_by
+from phasewire.host.lines.usb_find import RUN_TIME
 from phasewire.protocol.board import CARRIER_HZ
-from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Feature, ImageReason, Request, State
+from phasewire.protocol.codes import (
+    FLASH_SECTOR_BYTES,
+    Bank,
+    DfuState,
+    DfuStatus,
+    Fault,
+    Feature,
+    ImageReason,
+    Request,
+    State,
+)
+from phasewire.protocol.dfu import DfuReply
+from phasewire.protocol.requests import Setup
 
 flashing = partial(case, allow=(Risk.FLASH, Risk.RESET), line="usb", features=Feature.DFU)
 reverting = partial(case, allow=(Risk.FLASH, Risk.RESET), line="usb", features=Feature.DFU | Feature.REVERT)
 BLOCK = 2048
+DEVICE_DESCRIPTOR = Setup(0x80, 6, 0x0100, 0, 18)
+ASK_INFO = Setup(0xC1, Request.INFO, 0, 0, 64)
 STUCK_SECONDS = 12.0
 """For how long a bit of the flash sticks: a restart takes less, and nothing is left of it for the next case."""
+FOR_ITS_SIGNATURE = (DfuStatus.FILE, 16 + ImageReason.SIGNATURE)
+"""Status and string of an image that is refused for its signature (clause DFU-012)."""
 UP_SECONDS = 5.0
 """After which a device that was given its power back has come up, or started and failed to."""
 
@@ -67,17 +84,47 @@ def test_upgrades_go_to_the_bank_that_does_not_run_and_boot_from_it(bench: Bench
         expect("the faults", bench.status().faults, Fault(0))
 
 
+@pytest.mark.parametrize("how", ["abort", "failure", "bus-reset"])
 @flashing("FWU-018/1", "FWU-018", "DFU-010", "FWU-019")
-def test_a_download_that_is_given_up_leaves_its_bank_empty(bench: Bench) -> None:
+def test_a_download_that_is_given_up_leaves_its_bank_empty(bench: Bench, how: str) -> None:
     """A download that is given up over an upgrade leaves no record of it: what ran before boots, and nothing failed."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
         image = large_image(line)
         line.flash(image)
         expect("the state behind three blocks", line.send(image, 0, 3).state, DfuState.DNLOAD_IDLE)
-        assert line.abort(), "ABORT between two blocks is answered with STALL"
+        if how == "abort":
+            assert line.abort(), "ABORT between two blocks is answered with STALL"
+        elif how == "failure":
+            assert not line.download(0, image[:BLOCK]), "block 0 after block 2 is not answered with STALL"
     expect("the faults", bench.status().faults, Fault(0))
     expect("the bank that boots", settled(bench), before)
+
+
+@pytest.mark.parametrize("forgery", Forgery.of_contents(), ids=str)
+@flashing("DFU-011", "FWU-018/1", "FWU-015", "FWU-019")
+def test_a_wrong_image_never_boots(bench: Bench, forgery: Forgery) -> None:
+    """After an image that is wrong behind its header what ran before boots, whatever the device has said of it."""
+    before = upgraded(bench)
+    with dfu_mode(bench) as line:
+        offer(line, forgery.of(_own(line)))
+    expect("the faults", bench.status().faults, Fault(0))
+    expect("the bank that boots", settled(bench), before)
+
+
+@flashing("DFU-010", "FWU-018/1", "DFU-014")
+def test_a_refused_header_erases_nothing(bench: Bench) -> None:
+    """An upgrade that waits for a reset boots although a download was refused for its header behind it."""
+    before = upgraded(bench)
+    with dfu_mode(bench) as line:
+        own = _own(line)
+        line.flash(own)
+        for wrong in (bytes(BLOCK), own[:31], Forgery.of_headers()[2].of(own)[:BLOCK]):
+            line.download(0, wrong)
+            expect("the state behind it", line.poll().state, DfuState.ERROR)
+            line.rest()
+    expect("the faults", bench.status().faults, Fault(0))
+    expect("the bank that boots", settled(bench), idle_bank(before))
 
 
 @flashing("FWU-020/2", "FWU-020", needs=(Need.POWER,))
@@ -100,6 +147,49 @@ def test_an_image_that_never_came_up_does_not_boot_again(bench: Bench) -> None:
         bench.power_cycle()
     expect("the bank that boots", settled_with_fault(bench), before)
     upgraded(bench)  # over what never came up
+
+
+@pytest.mark.parametrize("what", ["bus-reset", "descriptors", "other-requests"])
+@flashing("FWU-020/3", "FWU-020", "FWU-019", needs=(Need.POWER,))
+def test_what_comes_before_configuration_does_not_confirm_an_image(bench: Bench, what: str) -> None:
+    """New firmware that met bus resets or requests, but was not configured, does not boot again."""
+    before = upgraded(bench)
+    with dfu_mode(bench) as line:
+        line.flash(_own(line))
+        _power(bench)
+        bench.usb.wait_for(RUN_TIME, UP_SECONDS, configured=False)
+        if bench.usb.is_configured:
+            raise Inconclusive("the computer configures the device by itself, before a program can reset it")
+        for _ in range(3):
+            match what:
+                case "bus-reset":
+                    bench.usb.reset(configured=False)
+                case "descriptors":
+                    assert bench.request(DEVICE_DESCRIPTOR), "the descriptor of the device is answered with STALL"
+                case _:
+                    expect("INFO before the device is configured", bench.request(ASK_INFO), None)
+        bench.power_cycle()
+    expect("the bank that boots", settled_with_fault(bench), before)
+    upgraded(bench)
+
+
+@flashing("FWU-018/3", "FWU-018", needs=(Need.FAULTS, Need.POWER))
+def test_a_record_that_may_not_boot_is_gone_even_where_it_cannot_be_erased(bench: Bench) -> None:
+    """The record of an image that never came up is overwritten before its sector is erased, so that none is left."""
+    before = upgraded(bench)
+    with dfu_mode(bench) as line:
+        line.flash(_own(line))
+        _power(bench)  # it boots on trial, and no host configures it
+        bench.power_cycle()
+    expect("the bank that boots", settled_with_fault(bench), before)
+    sector = idle_bank(before).record_address // FLASH_SECTOR_BYTES
+    with dfu_mode(bench) as line:
+        bench.levers.cause(faults.FailingSector(sector=sector, periods=round(STUCK_SECONDS * CARRIER_HZ)))
+        expect("the status of a sector that is not erased", line.send(_own(line)).status, DfuStatus.ERASE)
+    expect("the faults, for the bank has no record", bench.status().faults, Fault(0))
+    expect("the bank that boots", settled(bench), before)
+    bench.wait(STUCK_SECONDS)
+    upgraded(bench)
 
 
 @flashing("FWU-018/3", "FWU-018/2", needs=(Need.FAULTS, Need.POWER))
@@ -199,15 +289,15 @@ def test_an_image_that_has_gone_bad_does_not_boot(bench: Bench) -> None:
     before = upgraded(bench)
     with dfu_mode(bench) as line:
         line.flash(_own(line))
-        _stick(bench, idle_bank(before))
+        _stick(bench, idle_bank(before).image_address)
     expect("the bank that boots", settled_with_fault(bench), before)
     bench.wait(STUCK_SECONDS)
 
 
-def _stick(bench: Bench, bank: Bank) -> None:
-    """Let the first byte of a bank's image, which is 50h, read as 51h for a while."""
+def _stick(bench: Bench, address: int) -> None:
+    """Let the first byte of an image or a record, which is 50h, read as 51h for a while."""
     periods = round(STUCK_SECONDS * CARRIER_HZ)
-    bench.levers.cause(faults.StuckFlashBit(address=bank.image_address, bit=0, value=1, periods=periods))
+    bench.levers.cause(faults.StuckFlashBit(address=address, bit=0, value=1, periods=periods))
 
 
 @reverting("REQ-014", "FWU-022/1", "FWU-022")
@@ -242,11 +332,12 @@ def test_a_revert_that_is_cut_short_leaves_the_newer_image_or_the_factory_s(benc
         expect("the bank that boots after a whole REVERT", settled(bench), Bank.FACTORY)
 
 
+@pytest.mark.parametrize("what", ["image", "record"])
 @reverting("FWU-022/2", needs=(Need.FAULTS,))
-def test_revert_gives_up_nothing_where_the_factory_image_is_bad(bench: Bench) -> None:
+def test_revert_gives_up_nothing_where_the_factory_image_is_bad(bench: Bench, what: str) -> None:
     """Where the factory's image is not what its record says, REVERT restarts the device with the upgrade it has."""
     running = upgraded(bench)
-    _stick(bench, Bank.FACTORY)
+    _stick(bench, Bank.FACTORY.image_address if what == "image" else Bank.FACTORY.record_address)
     bench.restart(lambda: bench.order(Request.REVERT))
     expect("the bank that boots", settled(bench), running)
     bench.wait(STUCK_SECONDS)
@@ -267,19 +358,17 @@ def test_an_older_version_is_taken_like_a_newer_one(bench: Bench) -> None:
     settled(bench)
 
 
-@flashing("FWU-012/1", "FWU-011")
+@flashing("FWU-012", "FWU-011")
 def test_keys_decide_whose_images_are_taken(bench: Bench) -> None:
-    """A device that trusts keys refuses images that are not signed, or by another key; one without keys takes both."""
-    stranger = Ed25519PrivateKey.from_private_bytes(bench.random.randbytes(32))
+    """Images that are not signed and those by an unknown key are both taken, or both refused for their signature."""
+    stranger = key_of(bench)
     with dfu_mode(bench) as line:
         own = _own(line)
         takes = []
         for image in (signed_by(own, None), signed_by(own, stranger)):
-            line.send(image)
-            line.download(0, b"")
-            reply = line.poll()
+            reply = offer(line, image)
             if reply.state is DfuState.ERROR:
-                expect("why it is refused", (reply.status, reply.string), (DfuStatus.FILE, 16 + ImageReason.SIGNATURE))
+                expect("why it is refused", (reply.status, reply.string), FOR_ITS_SIGNATURE)
             takes.append(reply.state is not DfuState.ERROR)
             line.rest()
         assert takes[0] == takes[1], (
@@ -288,8 +377,49 @@ def test_keys_decide_whose_images_are_taken(bench: Bench) -> None:
         )
         line.flash(own)
     settled(bench)
-    if takes[0]:
-        raise NotApplicable("the device trusts no keys, and takes any valid image")
+
+
+def key_of(bench: Bench) -> Ed25519PrivateKey:
+    """A new key."""
+    return Ed25519PrivateKey.from_private_bytes(bench.random.randbytes(32))
+
+
+def offer(line: DfuLine, image: bytes) -> DfuReply:
+    """Download an image to its end, whatever becomes of it; what the device says then."""
+    line.send(image)
+    line.download(0, b"")
+    return line.poll()
+
+
+@pytest.mark.parametrize("what", UNTRUSTED)
+@pytest.mark.parametrize("runs", ["factory", "upgrade"])
+@flashing("FWU-012/1", "FWU-011", "FWU-015", needs=(Need.SPARE,))
+def test_a_device_with_keys_refuses_what_they_have_not_signed(bench: Bench, runs: str, what: str) -> None:
+    """An image that no trusted key has signed is refused, whichever image runs, and the one that runs boots again."""
+    with bench.spare(key_of(bench)) as device:
+        running = upgraded(device) if runs == "upgrade" else bank_of(device)
+        with dfu_mode(device) as line:
+            own = _own(line)
+            reply = offer(line, UNTRUSTED[what](own, key_of(bench)))
+            expect("the state after it", reply.state, DfuState.ERROR)
+            expect("why it is refused", (reply.status, reply.string), FOR_ITS_SIGNATURE)
+            line.rest()
+            expect("the image that would boot next", line.image(), own)
+        expect("the bank that boots", settled(device), running)
+
+
+@flashing("FWU-012", "FWU-013/1", "FWU-011", needs=(Need.SPARE,))
+def test_a_device_with_keys_takes_what_they_have_signed(bench: Bench) -> None:
+    """Images that the trusted key has signed are taken one after the other, older versions like newer ones."""
+    key = key_of(bench)
+    with bench.spare(key) as device:
+        running = bank_of(device)
+        for version in ((9, 0, 0), (0, 0, 1), (1, 0, 0)):
+            with dfu_mode(device) as line:
+                line.flash(signed_by(as_version(signed_by(_own(line), None), version), key))
+            before, running = running, settled(device)
+            expect("the bank that boots", running, idle_bank(before))
+            expect("the version that runs", tuple(device.processors()[0].firmware), version)
 
 
 @pytest.mark.parametrize("processor", [0, 4, 9])

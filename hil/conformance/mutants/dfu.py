@@ -179,6 +179,21 @@ def numbers_of_blocks_are_not_checked(patch: Patch) -> None:
     handle(patch, DOWNLOAD, around)
 
 
+@mutant("DFU-009", "DFU-006")
+def download_goes_on_after_clrstatus(patch: Patch) -> None:
+    """A download that an error has ended goes on with its next block after CLRSTATUS: the count of blocks is kept."""
+
+    def around(original: Any) -> Any:
+        def download(self: Any, setup: Setup, data: bytes) -> Any:
+            if self.state is DfuState.DFU_IDLE and data and 0 < self._received == setup.value * DFU_TRANSFER_BYTES:
+                self.state = DfuState.DNLOAD_IDLE
+            return original(self, setup, data)
+
+        return download
+
+    handle(patch, DOWNLOAD, around)
+
+
 @mutant("DFU-009")
 def download_may_end_early(patch: Patch) -> None:
     """DNLOAD without data ends the download before the last block too, and the image is judged as it is."""

@@ -12,9 +12,10 @@ from ....emulator import machine
 from ....emulator.firmware import dfu, loader
 from ....emulator.firmware.dfu import DfuMode
 from ....emulator.firmware.flash import Flash
+from ....emulator.interfaces.usb_device import UsbDevice
 from ....errors import ImageError
 from ....protocol.codes import Bank, DfuState, DfuStatus, Fault, ImageReason, Target
-from ....protocol.firmware import BootRecord, Image, ImageHeader, Segment, idle_bank
+from ....protocol.firmware import BootRecord, Image, ImageHeader, Segment, Trust, idle_bank, trust
 from .dfu import DOWNLOAD, handle
 from .patching import Patch, mutant
 
@@ -124,6 +125,54 @@ def signature_without_a_key_is_taken(patch: Patch) -> None:
 
     patch.wrap(DfuMode, "_judge", around)
     _start_bad_images(patch)
+
+
+def _trust_more(patch: Patch, trusted: Trust) -> None:
+    """Let a device with keys take images that none of them has signed."""
+
+    def judged(image: Image, keys: Any) -> Trust:
+        found = trust(image, keys)
+        return Trust.SIGNED if found is trusted else found
+
+    patch.replace(dfu, "trust", judged)
+
+
+@mutant("FWU-012", "FWU-015")
+def unsigned_images_are_taken_in_spite_of_keys(patch: Patch) -> None:
+    """A device with keys takes images that are not signed: only where there is a signature is it looked at."""
+    _trust_more(patch, Trust.UNSIGNED)
+
+
+@mutant("FWU-012", "FWU-015")
+def images_by_unknown_keys_are_taken(patch: Patch) -> None:
+    """A device with keys takes images by a key that it does not know: what cannot be checked is let through."""
+    _trust_more(patch, Trust.UNKNOWN_KEY)
+
+
+@mutant("FWU-012", "FWU-011")
+def name_of_the_key_is_enough(patch: Patch) -> None:
+    """A device with keys takes images that name one of them, whatever their signature is: it is not verified."""
+
+    def judged(image: Image, keys: Any) -> Trust:
+        try:
+            return trust(image, keys)
+        except ImageError:
+            return Trust.SIGNED
+
+    patch.replace(dfu, "trust", judged)
+
+
+@mutant("FWU-012")
+def keys_are_lost_with_the_first_upgrade(patch: Patch) -> None:
+    """Only the factory's image looks at the keys: what runs from another bank takes any valid image."""
+
+    def around(original: Any) -> Any:
+        def init(self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any) -> None:
+            original(self, scheduler, flash, running, keys if running is Bank.FACTORY else ())
+
+        return init
+
+    patch.wrap(DfuMode, "__init__", around)
 
 
 @mutant("FWU-013")
@@ -252,6 +301,37 @@ def new_images_are_confirmed_at_once(patch: Patch) -> None:
         return come_up
 
     patch.wrap(machine.Emulator, "_come_up", around)
+
+
+@mutant("FWU-020")
+def bus_reset_confirms_images(patch: Patch) -> None:
+    """New firmware is confirmed by a bus reset, before a host has configured it: that proves a cable only."""
+
+    def around(original: Any) -> Any:
+        def reset(self: Any) -> None:
+            original(self)
+            if self._dfu is not None:
+                self._dfu._controller.host_arrived()
+
+        return reset
+
+    patch.wrap(UsbDevice, "reset", around)
+
+
+@mutant("FWU-020")
+def descriptors_confirm_images(patch: Patch) -> None:
+    """New firmware is confirmed when a host reads its descriptors: that is the code that was there for sure."""
+
+    def around(original: Any) -> Any:
+        def descriptor(self: Any, setup: Any) -> bytes:
+            if self._dfu is not None:
+                self._dfu._controller.host_arrived()
+            found: bytes = original(self, setup)
+            return found
+
+        return descriptor
+
+    patch.wrap(UsbDevice, "_descriptor", around)
 
 
 @mutant("FWU-020")

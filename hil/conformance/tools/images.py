@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
@@ -18,7 +18,7 @@ from ....protocol.codes import ImageReason
 from ..cases import Inconclusive, NotApplicable
 from .dfu import DfuLine
 
-__all__ = ["Forgery", "as_version", "large_image", "of_whole_blocks", "reseal", "signed_by"]
+__all__ = ["UNTRUSTED", "Forgery", "as_version", "large_image", "of_whole_blocks", "reseal", "signed_by"]
 
 BLOCK = 2048
 LEAST_BLOCKS = 5
@@ -46,6 +46,10 @@ def as_version(image: bytes, version: tuple[int, int, int]) -> bytes:
     """The same firmware under another version, not signed; not applicable where it is signed."""
     if image[16:24] != bytes(8):
         raise NotApplicable("the firmware is signed, so that nobody but its maker can give it another version")
+    return _renamed(image, version)
+
+
+def _renamed(image: bytes, version: tuple[int, int, int]) -> bytes:
     return reseal(image[:8] + bytes(version) + image[11:])
 
 
@@ -203,3 +207,22 @@ def signed_by(image: bytes, key: Ed25519PrivateKey | None) -> bytes:
     identifier = bytes(8) if key is None else hashlib.sha256(key.public_key().public_bytes_raw()).digest()[:8]
     body = reseal(image[:16] + identifier + image[24:-SIGNATURE])
     return body + (bytes(SIGNATURE) if key is None else key.sign(body))
+
+
+def _damaged(image: bytes, at: int) -> bytes:
+    """The image with a wrong bit in one byte."""
+    wrong = bytearray(image)
+    wrong[at] ^= 0x10
+    return bytes(wrong)
+
+
+UNTRUSTED: Mapping[str, Callable[[bytes, Ed25519PrivateKey], bytes]] = {
+    "unsigned": lambda image, _: signed_by(image, None),
+    "by-an-unknown-key": signed_by,
+    "by-an-unknown-key-in-another-s-name": lambda image, key: image[:-SIGNATURE] + key.sign(image[:-SIGNATURE]),
+    "with-a-damaged-signature": lambda image, _: _damaged(image, -SIGNATURE),
+    "with-a-signature-of-zeros": lambda image, _: image[:-SIGNATURE] + bytes(SIGNATURE),
+    "signed-before-it-was-changed": lambda image, _: _renamed(image, (0, 0, 1)),
+    "signed-without-a-key": lambda image, _: reseal(image[:16] + bytes(8) + image[24:]),
+}
+"""What may become of a signed image in the hands of who has another key only: none of them is trusted (FWU-012)."""
