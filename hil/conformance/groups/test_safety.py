@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 
@@ -24,7 +24,7 @@ from phasewire.hil.conformance.sight.waveforms import (
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import PLAYS, check_falls_silent, play, silent_from
 from phasewire.hil.conformance.tools.playing import start as start_playing
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, features_of, forge, require
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, features_of, forge, require, some
 from phasewire.hil.conformance.tools.watchdog import (
     PERIODS_PER_MS,
     TICKS_PER_MS,
@@ -48,10 +48,23 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD
-from phasewire.protocol.codes import Action, Feature, Reason, Request, State, StatusFlag
-from phasewire.protocol.enumeration import ENDPOINT_OUT
+from phasewire.protocol.codes import (
+    REQUEST_TYPE_IN,
+    REQUEST_TYPE_OUT,
+    Action,
+    DfuRequest,
+    Feature,
+    Flag,
+    Reason,
+    Request,
+    StandardRequest,
+    State,
+    StatusFlag,
+)
+from phasewire.protocol.enumeration import ENDPOINT_IN, ENDPOINT_OUT
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import ANSWER_BYTES, Ack, Status
+from phasewire.protocol.requests import ConsoleRequest, Setup
 
 CAPTURE = (Need.CAPTURE,)
 ATTENDED = [what for what in PLAYS if what != "unattended"]
@@ -245,71 +258,138 @@ def test_a_request_that_is_a_sign_of_life(bench: Bench, request_: Request) -> No
 
 @dataclass(frozen=True)
 class Refused:
-    """A block that is refused, given the acknowledgement of the last that was accepted, and what that one is."""
+    """Blocks that are refused, and how a device is brought to refuse them.
 
-    block: Callable[[Bench, Ack], bytes]
-    before: Callable[[Bench], Body] = lambda _: NoOp()
-    """May prepare something, as long as the outputs are off."""
+    Parameters
+    ----------
+    blocks : callable
+        They, given the acknowledgement of the block that was accepted last.
+    before : callable, optional
+        May prepare something, as long as the outputs are off; it gives what is to be accepted once they are not.
+    """
 
-
-def wrong(body: Body, payload: bytes | None = None, **fields: int) -> Refused:
-    """A block that is wrong in one place."""
-    return Refused(lambda bench, _: forge(bench, body, payload, **fields))
-
-
-def lacking(bench: Bench) -> Body:
-    """A block that needs a feature which the device lacks."""
-    for body in (Slot(0, SILENT), Samples(b"\1"), Sequence(0, 1, unattended=True)):
-        if features_of(body) & ~bench.info.features:
-            return body
-    raise NotApplicable("it has the feature of every block")
+    blocks: Callable[[Bench, Ack], list[bytes]]
+    before: Callable[[Bench], list[Body]] = lambda _: [NoOp()]
 
 
-def playing_sequence(bench: Bench) -> Body:
-    """The start of a sequence that is stored."""
+ANY_FLAGS = (0, Flag.RESTART)
+"""That every kind may have (clause BLK-011)."""
+FLAGS_OF_A_SEQUENCE = (*ANY_FLAGS, Flag.UNATTENDED, Flag.RESTART | Flag.UNATTENDED)
+
+
+def with_flags(bench: Bench, bodies: Iterable[Body], payload: bytes | None = None, **fields: int) -> list[bytes]:
+    """Blocks that are wrong in the same place, each with all flags that its kind may have."""
+    return [
+        forge(bench, body, payload, flags=flags, **fields)
+        for body in bodies
+        for flags in (FLAGS_OF_A_SEQUENCE if isinstance(body, Sequence) else ANY_FLAGS)
+    ]
+
+
+def wrong(kinds: Iterable[str], payload: bytes | None = None, **fields: int) -> Refused:
+    """Blocks of some kinds that are wrong in one place."""
+    return Refused(lambda bench, _: with_flags(bench, map(body_of, kinds), payload, **fields))
+
+
+def shortened(bench: Bench, _: Ack) -> list[bytes]:
+    """Blocks that end too early, with and without what stands at their ends."""
+    return [pack(bench.numbered(NoOp(), restart=True))[:size] for size in (500, 27, 1)]
+
+
+def lacking(bench: Bench, _: Ack) -> list[bytes]:
+    """Blocks that need a feature which the device lacks."""
+    bodies = [body_of(kind) for kind in KINDS] + [Sequence(0, 1, unattended=True), Output(Action.END_MODULATION)]
+    lacked = [body for body in bodies if features_of(body) & ~bench.info.features]
+    if not lacked:
+        raise NotApplicable("it has the feature of every block")
+    return [block for body in lacked for block in with_flags(bench, [body])]
+
+
+def numbered_as(bench: Bench, last: Ack) -> list[bytes]:
+    """Blocks of all kinds with a number that was accepted before."""
+    bodies = [*map(body_of, KINDS), Sequence(0, 1, unattended=True)]
+    return [pack(bench.numbered(body, number=last.sequence)) for body in bodies]
+
+
+def what_plays(bench: Bench) -> list[Body]:
+    """The start of a sequence and of a modulation that are stored."""
     require(bench, Feature.SEQUENCES)
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, 1000),)))
-    return Sequence(0, 1)
+    if Feature.MODULATION not in bench.info.features:
+        return [Sequence(0, 1)]
+    bench.must(Samples(bytes([255])))
+    return [Modulation(0, 1, 1), Sequence(0, 1)]
 
 
-def named_update(bench: Bench) -> Body:
+def in_use(bench: Bench, _: Ack) -> list[bytes]:
+    """Stores over what plays."""
+    modulated = Feature.MODULATION in bench.info.features
+    return with_flags(bench, map(body_of, ("slot", "entries", "samples") if modulated else ("slot", "entries")))
+
+
+def named_update(bench: Bench) -> list[Body]:
     """An update for a period that is not near, where the next must not follow at once."""
     if bench.info.periods_per_update < 2:
         raise NotApplicable("its chain can carry an update in every period")
-    return Update(SILENT, bench.period() + far_ahead(bench))
+    return [Update(SILENT, bench.period() + far_ahead(bench))]
 
 
-def without_drive(bench: Bench) -> Body:
-    """Nothing, under a limit that lets no pulse through."""
+def without_drive(bench: Bench) -> list[Body]:
+    """Nothing, under a limit that lets no pulse through but one in a slot that was stored before."""
+    if Feature.SEQUENCES in bench.info.features:
+        bench.must(Slot(0, WEAKEST))
+        bench.must(Entries((Entry(0, 1),)))
     bench.order(Request.LIMIT, 0)
-    return NoOp()
+    return [NoOp()]
 
 
-def without_stores(bench: Bench) -> Body:
+def too_strong(bench: Bench, _: Ack) -> list[bytes]:
+    """What would drive one transducer."""
+    stored: list[Body] = [Slot(1, WEAKEST), Sequence(0, 1)] if Feature.SEQUENCES in bench.info.features else []
+    return with_flags(bench, [Update(WEAKEST), *stored])
+
+
+def without_stores(bench: Bench) -> list[Body]:
     """Nothing, on a device that has nothing stored."""
     require(bench, Feature.SEQUENCES)
     if Risk.RESET not in bench.allowed:
         raise Inconclusive(not_allowed(Risk.RESET))
     bench.restart(lambda: bench.order(Request.RESET))
-    return NoOp()
+    return [NoOp()]
 
+
+def never_stored(bench: Bench, _: Ack) -> list[bytes]:
+    """What would play stores that are empty."""
+    modulation: list[Body] = [Modulation(0, 1, 1)] if Feature.MODULATION in bench.info.features else []
+    return with_flags(bench, [Sequence(0, 1), *modulation])
+
+
+WEAKEST = only(319, width=1)
+FEW_REFUSED = 2
+"""Blocks that a slow serial line carries within the watchdog time."""
+NAMING = ("update", "sequence", "modulation", "output")
+"""Kinds that name a period."""
 
 REFUSED: dict[Reason, Refused] = {
-    Reason.LENGTH: Refused(lambda bench, _: pack(bench.numbered(NoOp()))[:500]),
-    Reason.CHECKSUM: wrong(NoOp(), checksum=1),
-    Reason.MAGIC: wrong(NoOp(), magic=0),
-    Reason.VERSION: wrong(NoOp(), version=77),
-    Reason.KIND: wrong(NoOp(), kind=99),
-    Reason.FIELD: wrong(NoOp(), reserved=1),
-    Reason.PULSE: wrong(Update(SILENT), b"\x7f"),
-    Reason.UNSUPPORTED: Refused(lambda bench, _: forge(bench, lacking(bench))),
-    Reason.SEQUENCE: Refused(lambda bench, last: pack(bench.numbered(NoOp(), number=last.sequence))),
-    Reason.HORIZON: wrong(Update(SILENT, 2**62)),
-    Reason.RATE: Refused(lambda bench, last: forge(bench, Update(SILENT, last.commit_period + 1)), named_update),
-    Reason.DRIVE: Refused(lambda bench, _: forge(bench, Update(only(319, width=1))), without_drive),
-    Reason.EMPTY: Refused(lambda bench, _: forge(bench, Sequence(0, 1)), without_stores),
-    Reason.IN_USE: Refused(lambda bench, _: forge(bench, Slot(0, SILENT)), playing_sequence),
+    Reason.LENGTH: Refused(shortened),
+    Reason.CHECKSUM: wrong(KINDS, checksum=1),
+    Reason.MAGIC: wrong(KINDS, magic=0),
+    Reason.VERSION: wrong(KINDS, version=77),
+    Reason.KIND: wrong(KINDS, kind=99),
+    Reason.FIELD: wrong(KINDS, reserved=1),
+    Reason.PULSE: wrong(("update", "slot"), b"\x7f"),
+    Reason.UNSUPPORTED: Refused(lacking),
+    Reason.SEQUENCE: Refused(numbered_as),
+    Reason.HORIZON: Refused(
+        lambda bench, _: with_flags(
+            bench, (body for body in map(body_of, NAMING) if features_of(body) in bench.info.features), period=2**62
+        )
+    ),
+    Reason.RATE: Refused(lambda bench, last: with_flags(bench, [Update(SILENT, last.commit_period + 1)]), named_update),
+    Reason.DRIVE: Refused(too_strong, without_drive),
+    Reason.EMPTY: Refused(never_stored, without_stores),
+    Reason.IN_USE: Refused(in_use, what_plays),
 }
 """All but FAULT and DISABLED, with which blocks are refused where no watchdog runs."""
 
@@ -317,18 +397,20 @@ REFUSED: dict[Reason, Refused] = {
 @pytest.mark.parametrize("reason", REFUSED, ids=lambda reason: reason.name.lower())
 @case("SAF-003", "BLK-003", "BLK-008")
 def test_a_refused_block_is_no_sign_of_life(bench: Bench, reason: Reason) -> None:
-    """A host whose blocks are refused counts as silent, for what it wants does not play."""
+    """A host whose blocks are refused counts as silent, whatever their kinds and flags: what it wants does not play."""
     if reason is Reason.LENGTH and bench.line.kind == "serial":
         raise NotApplicable("a frame of another length carries no block")
     ms, refused = patience(bench), REFUSED[reason]
     accepted = refused.before(bench)
     enable(bench)
-    last = bench.must(accepted)
+    last = [bench.must(body) for body in accepted][-1]
     bench.order(Request.WATCHDOG, ms)
     bench.wait(ms / 3000)
-    (ack,) = bench.send_raw(refused.block(bench, last))
+    blocks = some(bench, refused.blocks(bench, last), FEW_REFUSED)
+    at_once = 1 if reason is Reason.LENGTH else len(blocks)
+    acks = [ack for at in range(0, len(blocks), at_once) for ack in bench.send_raw(*blocks[at : at + at_once])]
     check_not_yet(bench, last.now + ms * TICKS_PER_MS)
-    expect("the reason", ack.reason, reason)
+    expect("the reasons", {ack.reason for ack in acks}, {reason})
     await_firing(bench, last.now, last.now, ms)
 
 
@@ -376,6 +458,82 @@ def test_another_request_is_no_sign_of_life(bench: Bench, other: Request) -> Non
         bench.ask(other)
     else:
         bench.try_order(other, ms if other is Request.WATCHDOG else 0)
+    check_not_yet(bench, last + ms * TICKS_PER_MS)
+    await_firing(bench, last, last, ms)
+
+
+STALLED: dict[str, tuple[Setup, ...]] = {
+    "status": (
+        Setup(REQUEST_TYPE_IN, Request.STATUS, 1, 0, Status.BYTES),
+        Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0x0100, Status.BYTES),
+        Setup(REQUEST_TYPE_OUT, Request.STATUS, 0, 0, 0),
+    ),
+    "enable": (
+        Setup(REQUEST_TYPE_OUT, Request.ENABLE, 1, 0, 0),
+        Setup(REQUEST_TYPE_OUT, Request.ENABLE, 0, 0x0100, 0),
+        Setup(REQUEST_TYPE_OUT, Request.ENABLE, 0, 0, 4),
+    ),
+    "others": (Setup(REQUEST_TYPE_OUT, Request.LIMIT, 0, 0, 0), Setup(REQUEST_TYPE_IN, 99, 0, 0, 64)),
+}
+"""Requests that are answered with STALL while the outputs are enabled."""
+
+
+@pytest.mark.parametrize("what", STALLED)
+@case("SAF-003", "REQ-001")
+def test_a_request_that_is_answered_with_stall_is_no_sign_of_life(bench: Bench, what: str) -> None:
+    """What is answered with STALL, STATUS and ENABLE among it, does not put the watchdog off: it has no effect."""
+    ms = patience(bench)
+    enable(bench)
+    last = bench.must(NoOp()).now
+    bench.order(Request.WATCHDOG, ms)
+    bench.wait(ms / 3000)
+    for setup in STALLED[what]:
+        answer = bench.request(setup, b"" if setup.is_in else bytes(setup.length))
+        expect(f"the answer to request {setup}", answer, None)
+    check_not_yet(bench, last + ms * TICKS_PER_MS)
+    await_firing(bench, last, last, ms)
+
+
+def use_endpoints(bench: Bench) -> None:
+    """End a halt, send an empty packet and read."""
+    bench.usb.clear_halt(ENDPOINT_OUT)
+    bench.usb.write(ENDPOINT_OUT, b"", 0.01)
+    bench.usb.read(ENDPOINT_IN, 512, 0.001)
+
+
+def ask_all(*setups: Setup) -> Callable[[Bench], None]:
+    """Make requests, whatever is answered."""
+
+    def ask(bench: Bench) -> None:
+        for setup in setups:
+            bench.request(setup)
+
+    return ask
+
+
+ON_THE_BUS: dict[str, Callable[[Bench], None]] = {
+    "standard": ask_all(
+        Setup(0x80, StandardRequest.GET_STATUS, 0, 0, 2),
+        Setup(0x80, StandardRequest.GET_DESCRIPTOR, 0x0100, 0, 18),
+        Setup(0x81, StandardRequest.GET_STATUS, 0, 0, 2),
+        Setup(0x82, StandardRequest.GET_STATUS, 0, ENDPOINT_OUT, 2),
+    ),
+    "class": ask_all(Setup(0xA1, ConsoleRequest.GET_LINE_CODING, 0, 1, 7), Setup(0xA1, DfuRequest.GETSTATUS, 0, 3, 6)),
+    "endpoints": use_endpoints,
+}
+"""What no host does to keep something playing."""
+
+
+@pytest.mark.parametrize("what", ON_THE_BUS)
+@case("SAF-003", "USB-014", "USB-015", "USB-018", "USB-023", "USB-024", line="usb")
+def test_nothing_else_on_the_bus_is_a_sign_of_life(bench: Bench, what: str) -> None:
+    """Standard and class requests, a halt that ends, an empty packet and reading do not put the watchdog off."""
+    ms = patience(bench)
+    enable(bench)
+    last = bench.must(NoOp()).now
+    bench.order(Request.WATCHDOG, ms)
+    bench.wait(ms / 3000)
+    ON_THE_BUS[what](bench)
     check_not_yet(bench, last + ms * TICKS_PER_MS)
     await_firing(bench, last, last, ms)
 

@@ -7,10 +7,12 @@ from functools import partial
 from typing import Any
 
 from ....emulator.control import controller
+from ....emulator.interfaces.usb_device import UsbDevice
 from ....emulator.interfaces.usb_functions import ArrayFunction
-from ....protocol.blocks import Output, Update
+from ....errors import BlockError
+from ....protocol.blocks import Block, Entries, Output, Samples, Slot, Update
 from ....protocol.board import CYCLES_PER_PERIOD
-from ....protocol.codes import Action, Request, State
+from ....protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Action, Reason, Request, State
 from ....protocol.states import Event
 from .patching import Patch, mutant
 from .seams import one_by_one
@@ -376,6 +378,74 @@ def what_takes_effect_feeds_the_watchdog(patch: Patch) -> None:
         return settle
 
     patch.wrap(controller.Controller, "settle", around)
+
+
+def _feed_where_refused(patch: Patch, feeds: Callable[[Block, Reason], bool]) -> None:
+    """Let some refused blocks be signs of life."""
+
+    def around(original: Any) -> Any:
+        def judge(self: Any, block: Block, arrived: int) -> None:
+            try:
+                original(self, block, arrived)
+            except BlockError as error:
+                if feeds(block, Reason(error.reason)):
+                    self._watchdog.feed()
+                raise
+
+        return judge
+
+    patch.wrap(controller.Controller, "_judge", around)
+
+
+@mutant("SAF-003", "NUM-004")
+def refused_blocks_that_begin_the_numbering_feed_the_watchdog(patch: Patch) -> None:
+    """A block with RESTART that is refused for its contents is a sign of life: a host has just begun."""
+    contents = (Reason.DRIVE, Reason.EMPTY, Reason.IN_USE)
+    _feed_where_refused(patch, lambda block, reason: block.restart and reason in contents)
+
+
+@mutant("SAF-003", "SAF-005")
+def refused_unattended_sequences_feed_the_watchdog(patch: Patch) -> None:
+    """A SEQUENCE with UNATTENDED is a sign of life, also where it is refused: the watchdog is seen to by its flag."""
+    _feed_where_refused(patch, lambda block, _: getattr(block.body, "unattended", False))
+
+
+@mutant("SAF-003", "SAF-006")
+def refused_stores_feed_the_watchdog(patch: Patch) -> None:
+    """A store is a sign of life as soon as its bytes are sound, also where it is refused with DRIVE or IN_USE."""
+    _feed_where_refused(patch, lambda block, _: isinstance(block.body, Slot | Entries | Samples))
+
+
+@mutant("SAF-003", "REQ-001")
+def stalled_requests_feed_the_watchdog(patch: Patch) -> None:
+    """STATUS and ENABLE with a value or an index that they do not take are signs of life: they feed it first."""
+
+    def around(original: Any) -> Any:
+        def request(self: Any, setup: Any, data: bytes, door: Any) -> Any:
+            if setup.request in (Request.STATUS, Request.ENABLE):
+                self._watchdog.feed()
+            return original(self, setup, data, door)
+
+        return request
+
+    patch.wrap(controller.Controller, "request", around)
+
+
+@mutant("SAF-003", "USB-014")
+def every_control_transfer_feeds_the_watchdog(patch: Patch) -> None:
+    """On USB each SETUP packet is a sign of life, of standard and class requests too: its interrupt feeds it."""
+
+    def around(original: Any) -> Any:
+        def control(self: Any, setup: Any, data: bytes = b"") -> bytes:
+            function = self._functions.get(0)
+            if isinstance(function, ArrayFunction) and setup.request_type not in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT):
+                behind: Any = function._controller
+                behind._watchdog.feed()
+            return bytes(original(self, setup, data))
+
+        return control
+
+    patch.wrap(UsbDevice, "control", around)
 
 
 # Buses that come and go
