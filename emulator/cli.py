@@ -29,6 +29,7 @@ from .doors.uart import Uart
 from .doors.usbip import PORT
 from .doors.usbip_session import Exported
 from .firmware.flash import Flash
+from .firmware.loader import keep
 from .machine import Emulator
 from .ports.export import check_export_path, export
 from .scenario import read_scenario
@@ -136,7 +137,8 @@ def emulate(
     flash: Annotated[
         Path | None,
         typer.Option(
-            help="File that is the device's flash: read at the beginning if it is there, written at the end.",
+            help="File that is the device's flash: read at the beginning if it is there, written at each step of an "
+            "upgrade and at the end.",
             dir_okay=False,
         ),
     ] = None,
@@ -203,6 +205,8 @@ def emulate(
             )
         )
         emulators[-1].inject(*faults)
+    if flash:
+        keep(emulators[0].flash, flash, _complain)
     try:
         if program is not None:
             from .doors.umockdev import run_under_mock  # for Linux only
@@ -223,6 +227,10 @@ def emulate(
             emulators[0].flash.save(flash)
     if code:
         raise typer.Exit(code)
+
+
+def _complain(error: OSError) -> None:
+    error_console().print(f"warning: the flash is not kept: {error}", style="yellow")
 
 
 def _draw_way(path: Path, link: Link) -> None:

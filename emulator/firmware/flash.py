@@ -102,6 +102,8 @@ class Flash:
         Core cycle at which the last operation is over.
     failed : bool
         Whether the flash says that the last operation failed; it is known when that is over.
+    on_change : callable or None
+        Is told the address of each operation that has changed something, when it is over or its power is cut.
 
     Raises
     ------
@@ -119,6 +121,7 @@ class Flash:
         self.erasures: NDArray[np.uint32] = np.zeros(SECTORS, np.uint32)
         self.busy_until = 0
         self.failed = False
+        self.on_change: Callable[[int], None] | None = None
         if content is None:
             self._cells = np.full(FLASH_BYTES, ERASED_BYTE, np.uint8)
         else:
@@ -168,8 +171,10 @@ class Flash:
 
     def cut_power(self) -> None:
         """Take the power away, now: what is under way stays half done. Nothing happens where there is none."""
-        if self._operation is not None and self.busy:
-            self._leave_half_done(self._operation, self._clock.now)
+        operation, under_way = self._operation, self.busy
+        if operation is not None and under_way:
+            self._leave_half_done(operation, self._clock.now)
+            self._tell(operation)
         self._scheduler = self._operation = self._fuse = None
 
     def cut_power_after(self, written_bytes: int, blown: Callable[[], None] = lambda: None) -> None:
@@ -267,7 +272,13 @@ class Flash:
             place = slice(address, address + after.size)
             self._operation = _Operation(now, self.busy_until, address, self._cells[place].copy(), is_erasure)
             self._cells[place] = after
+            if self.on_change is not None:
+                self._clock.at(self.busy_until, partial(self._tell, self._operation))
         self._burn(after.size)
+
+    def _tell(self, operation: _Operation) -> None:
+        if self._operation is operation and self.on_change is not None:  # otherwise the power was cut before
+            self.on_change(operation.address)
 
     # Power cuts
 

@@ -7,15 +7,16 @@ says of the device. It knows nothing of USB, and how an image comes into a bank 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ...errors import DeviceError, InputFileError
 from ...protocol.board import PROCESSORS
-from ...protocol.codes import Bank, Fault, Target
+from ...protocol.codes import FLASH_SECTOR_BYTES, Bank, Fault, Target
 from ...protocol.firmware import BootRecord, Image, Segment, boot_order
 from ...protocol.timing import Link
 from ...protocol.versions import Version
@@ -32,6 +33,7 @@ __all__ = [
     "boot",
     "confirm",
     "give_up_upgrades",
+    "keep",
     "load_cycles",
     "make_flash",
     "next_image",
@@ -97,6 +99,24 @@ def make_flash(identity: Identity, image: Image = FACTORY_IMAGE) -> Flash:
     ):
         content[address : address + len(data)] = np.frombuffer(data, np.uint8)
     return Flash(content)
+
+
+def keep(flash: Flash, path: Path, complain: Callable[[OSError], None]) -> None:
+    """Write a flash to a file now, and whenever a boot record has changed, before the device says so to anybody.
+
+    What is not yet in a record boots nowhere, so the file always holds a flash that a power cut could have left: one
+    from before a step of an upgrade, or from after it. Somebody is told of an error, and the device goes on.
+    """
+
+    def save(address: int) -> None:
+        if any(0 <= address - bank.record_address < FLASH_SECTOR_BYTES for bank in Bank):
+            try:
+                flash.save(path)
+            except OSError as error:
+                complain(error)
+
+    flash.save(path)
+    flash.on_change = save
 
 
 def read_record(flash: Flash, bank: Bank) -> BootRecord | None:

@@ -246,6 +246,16 @@ def test_a_flash_is_kept_from_one_time_to_the_next(tmp_path: Path, capsys: pytes
     assert "a flash is kept in a file of" in capsys.readouterr().err
 
 
+def test_a_flash_outlives_a_process_that_is_killed(tmp_path: Path) -> None:
+    """What is written at each step of an upgrade is `test_upgrade`'s business."""
+    path = tmp_path / "flash.bin"
+    with emulate("--flash", str(path), "--serial-number", "KEPT-1") as served:
+        served.process.kill()
+    with emulate("--flash", str(path)) as served:
+        assert served.announced["devices"][0]["serial"] == "KEPT-1"
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_a_scenario_breaks_what_it_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "scenario.toml"
     path.write_text('[[fault]]\nname = "hot-board"\nboard = 2\ncelsius = 90\n')

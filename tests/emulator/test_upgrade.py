@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Stall
 from phasewire.emulator.faults import DeadProcessor
+from phasewire.emulator.firmware import loader
 from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
+from phasewire.emulator.scheduler import Scheduler
 from phasewire.errors import DeviceError
 from phasewire.protocol import descriptors
 from phasewire.protocol.blocks import Entries, Entry, Sequence, Slot, Update
@@ -526,3 +532,57 @@ def test_a_device_without_power_is_not_on_the_bus(device: Upgraded) -> None:
     assert device.high_periods() == set()
     (before,) = device.emulator.past
     assert before.bits(0, before.end_tick).any()
+
+
+# Kept in a file
+
+
+def kept(path: Path) -> Version:
+    """What a device would run with the flash that a file holds now."""
+    flash = Flash.load(path)
+    flash.power_up(Scheduler())
+    return loader.boot(flash).image.version
+
+
+def test_a_flash_in_a_file_is_what_a_power_cut_would_leave(tmp_path: Path) -> None:
+    path = tmp_path / "flash.bin"
+    with Emulator() as emulator:
+        loader.keep(emulator.flash, path, print)
+        device = Upgraded(emulator)
+        device.enter_dfu_mode()
+        pieces = [IMAGE[at : at + BLOCK] for at in range(0, len(IMAGE), BLOCK)]
+        for number, piece in enumerate(pieces):
+            device.dfu_out(1, number, piece)
+            device.poll()
+            assert kept(path) == FACTORY
+        device.dfu_out(1, len(pieces))
+        assert device.poll().state is DfuState.DFU_IDLE
+        assert kept(path) == NEW
+        device.boot()
+        device.configure()
+        device.run_ms(20)
+        assert Flash.load(path).read(0, FLASH_BYTES) == emulator.flash.read(0, FLASH_BYTES)
+
+
+def test_a_device_that_is_killed_after_an_upgrade_has_it(tmp_path: Path) -> None:
+    path = tmp_path / "flash.bin"
+    script = (
+        "import os, sys; from pathlib import Path; from phasewire import Emulator; "
+        "from phasewire.emulator.firmware.loader import keep; from tests.emulator.test_upgrade import IMAGE, Upgraded; "
+        "emulator = Emulator().__enter__(); keep(emulator.flash, Path(sys.argv[1]), print); "
+        "device = Upgraded(emulator); device.enter_dfu_mode(); device.send_image(IMAGE); os.kill(os.getpid(), 9)"
+    )
+    root = Path(__file__).parents[2]
+    ended = subprocess.run([sys.executable, "-c", script, path], cwd=root, stderr=subprocess.PIPE, check=False)
+    assert (ended.returncode, ended.stderr) == (-9, b"")
+    assert kept(path) == NEW
+
+
+def test_a_full_disk_is_told_and_stops_no_device(tmp_path: Path) -> None:
+    told: list[OSError] = []
+    with Emulator() as emulator:
+        loader.keep(emulator.flash, tmp_path / "flash.bin", told.append)
+        emulator.flash.save = Mock(side_effect=OSError(28, "No space left on device"))  # type: ignore[method-assign]  # stands for the disk
+        Upgraded(emulator).upgrade(IMAGE)
+        assert told
+        assert Upgraded(emulator).version == NEW
