@@ -13,26 +13,30 @@ The way of one update::
 
 from __future__ import annotations
 
-from .emulator import Capture, Emulator
-from .errors import DeviceError, PhasewireError
-from .host import Device, open_device
-from .protocol import Pulses, Wiring
-from .solver import (
-    Circle,
-    ControlPoints,
-    Medium,
-    Solution,
-    Solver,
-    Sphere,
-    Transducer,
-    TransducerArray,
-    focus_report,
-    parse_shape,
-    pressure,
-    sample_plane,
-    solve,
-    two_sided,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .emulator import Capture, Emulator
+    from .errors import DeviceError, PhasewireError
+    from .host import Device, open_device
+    from .protocol import Pulses, Wiring
+    from .solver import (
+        Circle,
+        ControlPoints,
+        Medium,
+        Solution,
+        Solver,
+        Sphere,
+        Transducer,
+        TransducerArray,
+        focus_report,
+        parse_shape,
+        pressure,
+        sample_plane,
+        solve,
+        two_sided,
+    )
 
 __all__ = [
     "Capture",
@@ -58,3 +62,43 @@ __all__ = [
     "solve",
     "two_sided",
 ]
+
+_HOMES = {
+    "Capture": "emulator",
+    "Circle": "solver",
+    "ControlPoints": "solver",
+    "Device": "host",
+    "DeviceError": "errors",
+    "Emulator": "emulator",
+    "Medium": "solver",
+    "PhasewireError": "errors",
+    "Pulses": "protocol",
+    "Solution": "solver",
+    "Solver": "solver",
+    "Sphere": "solver",
+    "Transducer": "solver",
+    "TransducerArray": "solver",
+    "Wiring": "protocol",
+    "focus_report": "solver",
+    "open_device": "host",
+    "parse_shape": "solver",
+    "pressure": "solver",
+    "sample_plane": "solver",
+    "solve": "solver",
+    "two_sided": "solver",
+}
+_ROOMS = ("emulator", "hil", "host", "protocol", "solver")
+
+
+def __getattr__(name: str) -> Any:
+    """Load what a name stands for when it is first used: who needs one room does not wait for the others."""
+    if name in _ROOMS:
+        return import_module(f".{name}", __name__)
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_ROOMS})

@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
 
 import typer
-from rich import box
-from rich.table import Table
 from typer.core import TyperGroup, TyperOption
 
 from .console import JsonOption, console_for, write_json
@@ -292,6 +290,9 @@ def config(
         out.print(f"Defaults of options; there is no {path} (phasewire config --init writes an example).")
     found = effective_defaults(root)
     if not init:
+        from rich import box
+        from rich.table import Table
+
         table = Table("command", "option", "default", "from", box=box.SIMPLE_HEAD)
         for default in found:
             shown = "" if default.value is None else _toml(default.value)

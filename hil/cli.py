@@ -1,4 +1,4 @@
-"""Commands that prove: ``demo``, ``conformance``, ``decode``, ``budget`` and ``vectors``."""
+"""The command that proves all at once: ``demo``."""
 
 from __future__ import annotations
 
@@ -19,20 +19,12 @@ from ..protocol.board import TICK_HZ
 from ..protocol.codes import BLOCK_BYTES
 from ..solver import Solver, Sphere, TransducerArray
 from ..storage import check_outputs
-from .budget_cli import commands as budget_commands
-from .conformance.cli import commands as conformance_commands
-from .decode_cli import commands as decode_commands
 from .end_to_end import EndToEnd, run_end_to_end
 from .picture import save_end_to_end_picture
-from .vectors_cli import commands as vectors_commands
 
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
-commands.add_typer(conformance_commands)
-commands.add_typer(budget_commands)
-commands.add_typer(decode_commands)
-commands.add_typer(vectors_commands)
 
 
 @commands.command(epilog="Example: phasewire demo --picture demo.svg --json demo.json")

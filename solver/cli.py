@@ -32,7 +32,6 @@ from .picture import OIL, save_field_picture
 from .points import REACH, ControlPoints
 from .propagation import pressure
 from .quantities import QUANTITIES
-from .reproduce_cli import commands as reproduce_commands
 from .shapes import SHAPES, parse_shape, shape_help
 from .solve import Solution, Solver
 from .transducer import MODELS, TRANSDUCERS
@@ -41,7 +40,6 @@ from .vti import save_vti
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
-commands.add_typer(reproduce_commands, name="reproduce")
 
 PLANES = {"xy": "xy", "xz": "xz", "yz": "yz", "box": "xyz"}  # by name, the axes along which each extends
 CLEARANCE = 0.01  # metres above the array, nearer to which a standing plane does not begin

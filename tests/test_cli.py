@@ -17,8 +17,10 @@ import numpy as np
 import pytest
 import typer
 from phasewire import ControlPoints, Emulator, Medium, Sphere, Transducer, TransducerArray, open_device, pressure, solve
-from phasewire.__main__ import command_line, main, unwinding
+from phasewire.__main__ import main
+from phasewire.commands import HOMES, command_line
 from phasewire.settings import each_command
+from phasewire.signals import unwinding
 from phasewire.solver import METHODS, Star
 from phasewire.solver.files import load_field, load_solution, save_solution
 
@@ -309,6 +311,11 @@ def test_another_carrier_is_warned_of(phasewire: Run, tmp_path: Path) -> None:
     solution = solve(TransducerArray.grid(), Sphere().sample(), medium=Medium(frequency=25_000))
     save_solution(tmp_path / "low.npz", solution)
     assert "the device's carrier has 40000 Hz, not 25000 Hz" in phasewire("show", "low.npz", "--seconds", "0").err
+
+
+def test_the_list_of_commands_says_of_each_what_its_own_help_says() -> None:
+    said = {name: command.get_short_help_str(1000) for name, command in command_line().commands.items()}
+    assert said == {name: home.help for name, home in HOMES.items()}
 
 
 def test_version(phasewire: Run) -> None:

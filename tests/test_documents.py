@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 import typer
-from phasewire.__main__ import command_line, main
+from phasewire.__main__ import main
+from phasewire.commands import command_line
 from phasewire.settings import each_command
 from typer.core import TyperGroup
 

@@ -22,7 +22,7 @@ import pytest
 import typer
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 from phasewire import Sphere, TransducerArray, solve
-from phasewire.__main__ import command_line
+from phasewire.commands import command_line
 from phasewire.settings import each_command
 from phasewire.solver.files import save_solution
 
@@ -317,6 +317,49 @@ def test_ctrl_c_at_any_moment_leaves_the_outputs_off(folder: Path, milliseconds:
         assert process.wait(PATIENCE) in (0, 130)
     assert "Traceback" not in said
     assert orders(said)[-1] == "DISABLE"
+
+
+BEGUN = "import sys; from phasewire.__main__ import main; print('begun', flush=True); main()"
+"""A program that says when Python itself has started, which no program can make quiet."""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("line", ["--help", "info", "conformance --only numbering"])
+def test_a_signal_while_the_program_loads_ends_it_without_a_word(folder: Path, line: str, number: int) -> None:
+    for milliseconds in (0, 20, 50, 100, 200, 400, 800):
+        with subprocess.Popen(
+            [sys.executable, "-c", BEGUN, *line.split()],
+            cwd=folder,
+            env=environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            preexec_fn=heed_ctrl_c,
+        ) as process:
+            assert process.stdout
+            assert process.stdout.readline() == b"begun\n"
+            time.sleep(milliseconds / 1000)
+            process.send_signal(number)
+            _, said = process.communicate(timeout=PATIENCE)
+        assert process.returncode in (0, 128 + number, -number), said  # of which a shell says the latter two alike
+        assert b"Traceback" not in said
+        assert b"Exception" not in said
+
+
+def test_an_interrupted_run_of_cases_writes_its_reports(folder: Path) -> None:
+    command = [*COMMAND, "conformance", "--only", "blocks", "--html", "r.html", "--junit", "r.xml", "--json", "r.json"]
+    with subprocess.Popen(
+        command, cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stderr
+        read_until(process.stderr.fileno(), "fresh emulated device")
+        process.send_signal(signal.SIGTERM)
+        out, said = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 128 + signal.SIGTERM, said
+    if (folder / "r.json").exists():  # the device was there
+        assert "INTERRUPTED by SIGTERM" in out.decode().splitlines()[-1]
+        assert json.loads((folder / "r.json").read_text())["interrupted by"] == "SIGTERM"
+        assert {path.name for path in folder.glob("r.*")} == {"r.html", "r.xml", "r.json"}
+    assert b"mainloop" not in said
 
 
 def test_a_program_that_is_told_to_end_leaves_the_outputs_off(folder: Path) -> None:

@@ -12,7 +12,8 @@ import platformdirs
 import pytest
 import typer
 from phasewire import settings
-from phasewire.__main__ import command_line, main
+from phasewire.__main__ import main
+from phasewire.commands import command_line
 from phasewire.settings import Default, config_path, defaults_from_file, effective_defaults, example
 
 

@@ -11,6 +11,7 @@ import typer
 from ...console import JsonOption, among, console_for, error_console, write_json
 from ...host.commands.options import DeviceOption, given, note_where_fresh
 from ...host.lines.transport import DEFAULT_URL
+from ...signals import SIGNALLED, loading
 from ...storage import check_outputs, replacing
 from .cases import Risk
 from .known import read_known_failures
@@ -156,12 +157,9 @@ def conformance(
         raise ValueError("--mutant brings a device of its own; leave out one of --device and --mutant")
     broken = None if mutant is None else _mutant(mutant)
 
-    from .reports.terminal import LiveLine, print_run
-    from .running import (
-        SIGNALLED,
-        Options,
-        run_conformance,
-    )  # which import pytest, and so does the line; that takes long
+    with loading():  # pytest and whatever the cases need
+        from .reports.terminal import LiveLine, print_run
+        from .running import Options, run_conformance
 
     options = Options(
         url,

@@ -28,6 +28,7 @@ from ...protocol.codes import PROTOCOL_VERSION, Target
 from ...protocol.firmware import Image, Segment, sign
 from ...protocol.versions import Version
 from ...protocol.wiring import Wiring
+from ...signals import SIGNALLED
 from .bench import Bench
 from .cases import Risk
 from .levers import EmulatorLevers, Levers, NoLevers
@@ -50,8 +51,6 @@ EMULATOR, SIGROK = "emulator", "sigrok:"
 RECORDING_SECONDS = 600.0
 LOOK_SECONDS = 0.5
 SEED = 1
-SIGNALLED = 128
-"""Exit codes of signals are this and their number, as shells have it."""
 _serials = count(1)
 
 

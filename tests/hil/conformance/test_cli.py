@@ -11,11 +11,10 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 import pytest
-from phasewire.__main__ import app, main
+from phasewire.__main__ import main
 from phasewire.emulator.control import controller
 from phasewire.errors import DeviceNotFoundError
 from phasewire.hil.conformance.cases import Risk
-from phasewire.hil.conformance.cli import commands
 from phasewire.hil.conformance.mutants.catalogue import MUTANTS
 from phasewire.hil.conformance.mutants.patching import Mutant
 from phasewire.hil.conformance.mutants.running import Fate, MutantResult, MutantWatcher
@@ -23,7 +22,6 @@ from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.profile import Profile
 from phasewire.hil.conformance.running import Options
 from phasewire.hil.conformance.verdicts import Run, Verdict
-from typer.models import TyperInfo
 
 from tests.hil.conformance.hand_made_runs import CLEAN, EVERY
 
@@ -42,7 +40,6 @@ def phasewire(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: p
     """Run the command in a new folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
-    monkeypatch.setattr(app, "registered_groups", [*app.registered_groups, TyperInfo(commands)])
 
     def run(*arguments: str) -> Outcome:
         with pytest.raises(SystemExit) as exited:
