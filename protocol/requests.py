@@ -10,12 +10,15 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from .board import BOARDS, CHANNELS
-from .codes import Request
+from .codes import Request, StandardRequest
 
 __all__ = ["DIRECTION_IN", "VALUES", "ConsoleRequest", "Setup"]
 
 DIRECTION_IN = 0x80
 """The bit of a request's type, and of an endpoint's address, that says to the host."""
+
+KIND, STANDARD, VENDOR = 0x60, 0x00, 0x40
+"""The bits of a request's type that say who defines it, and two who do."""
 
 _LAYOUT = struct.Struct("<BBHHH")
 
@@ -36,6 +39,15 @@ class Setup:
     def is_in(self) -> bool:
         """Whether its data, if there are any, go to the host."""
         return bool(self.request_type & DIRECTION_IN)
+
+    @property
+    def name(self) -> str:
+        """What people call it: a vendor request of chapter REQ, a standard request, or else its numbers."""
+        kinds: dict[int, type[IntEnum]] = {VENDOR: Request, STANDARD: StandardRequest}
+        known = kinds.get(self.request_type & KIND)
+        if known is None or self.request not in set(known):
+            return f"request {self.request} of type {self.request_type:02X}"
+        return known(self.request).name
 
     def encode(self) -> bytes:
         """Encode as 8 bytes."""

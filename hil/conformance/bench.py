@@ -44,7 +44,7 @@ from ...protocol.replies import (
     decode_wiring,
     records,
 )
-from ...protocol.requests import Setup
+from ...protocol.requests import VALUES, Setup
 from ...protocol.wiring import Wiring
 from .cases import NOT_USB, Inconclusive, Need, Risk, unmet
 from .levers import Levers
@@ -81,6 +81,8 @@ DECODERS: Mapping[Request, Callable[[bytes], object]] = {
     Request.STATUS: Status.decode,
     Request.CLOCK: ClockReading.decode,
 }
+COUNTERS = ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames")
+"""Of STATUS (clause REQ-003)."""
 FLAGS_OFFSET = 26  # clause BLK-002
 POWERS = np.floor(1000 * np.sin(np.pi * np.arange(26) / 50) ** 2 + 0.5)
 """Of a pulse of each width, in thousandths of that of the widest (clause SAF-006)."""
@@ -154,6 +156,7 @@ class Bench:
         self.random = random.Random(seed)
         self.unasked: list[Status] = []
         self._number: int | None = None
+        self._first: Status | None = None
         try:
             self.info = Info.decode(self.ask(Request.INFO))
         except (AssertionError, ReplyError) as error:
@@ -285,7 +288,7 @@ class Bench:
             raise DeviceError(f"the device is {status.state.name} after DISABLE and CLEAR_FAULTS")
         self.order(Request.WATCHDOG, self.info.watchdog_ms)
         self.order(Request.LIMIT, self.drive_limit)
-        self._number = None
+        self._number, self._first = None, status
 
     def _recover(self) -> None:
         """Bring back a device that does not answer as it should: open it anew, reset the bus, cut its power."""
@@ -330,7 +333,7 @@ class Bench:
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
         """Make any control request; what came back, None for STALL."""
         answer = self.line.request(setup, data)
-        sent = f"{setup.encode().hex(' ')} {_request_name(setup)}"
+        sent = f"{setup.encode().hex(' ')} {setup.name}"
         self.note("request", f"{sent}, with {_hex(data)}" if data else sent)
         self.note("answer", "STALL" if answer is None else answer or "done")
         return answer
@@ -462,11 +465,24 @@ class Bench:
         number = int.from_bytes(block[4:8], "little")
         end = self.line.time.monotonic() + ACK_SECONDS
         while not self._acks:
-            assert self.line.time.monotonic() < end, f"block {number} is not acknowledged within {ACK_SECONDS:g} s"
+            assert self.line.time.monotonic() < end, (
+                f"block {number} is not acknowledged within {ACK_SECONDS:g} s; {self._moved()}"
+            )
             self._collect(end - self.line.time.monotonic())
         ack = self._acks.popleft()
         assert ack.sequence == number, f"the acknowledgement of block {number} should come, not of {ack.sequence}"
         return ack
+
+    def _moved(self) -> str:
+        """Which counters of STATUS have risen since the case began, for what may explain that no answer comes."""
+        try:
+            answer = self.line.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
+            now, first = plain(Status.decode(answer or b"")), plain(self._first)
+        except (DeviceError, ReplyError):
+            return "nor is STATUS answered"
+        rises = {name: now[name] - first[name] for name in COUNTERS}
+        told = " and ".join(f"{name} rose by {rise}" for name, rise in rises.items() if rise > 0)
+        return f"since the case began {told or 'no counter of STATUS rose'}"
 
     def await_unasked(self, seconds: float) -> Status:
         """Wait for a status record that nobody asked for; the oldest that came since `unasked` was cleared."""
@@ -559,8 +575,12 @@ class Bench:
             self.note(OUTPUTS, look())
 
     def play_mark(self) -> None:
-        """Let the outputs show a mark, by which a recording of this case is known (see `Mark`)."""
+        """Let the outputs show a mark, by which a recording of this case is known (see `Mark`).
+
+        Meanwhile the watchdog has its longest time, so that a slow host does not end the mark.
+        """
         self._settle()
+        self.order(Request.WATCHDOG, VALUES[Request.WATCHDOG][-1])
         self.enable()
         changes = []
         for gap, is_on in Mark.plan(random.Random()):  # never the same, so that another run's recording is not taken
@@ -569,6 +589,7 @@ class Bench:
             self.wait_until(ack.commit_period)
             changes.append((ack.commit_period, is_on))
         self.disable()
+        self.order(Request.WATCHDOG, self.info.watchdog_ms)
         self._marks.append(Mark(tuple(changes)))
         self.marks.append(self._marks[-1])
 
@@ -604,12 +625,6 @@ def _decoded(request: Request, answer: bytes) -> object:
         return DECODERS[request](answer)
     except (KeyError, ReplyError):
         return answer
-
-
-def _request_name(setup: Setup) -> str:
-    """What a request is called, where it is one of chapter REQ."""
-    vendor = setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT)
-    return _name(Request(setup.request)) if vendor and setup.request in set(Request) else ""
 
 
 def _name(code: int) -> str:

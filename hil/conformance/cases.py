@@ -9,8 +9,9 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum, Flag, IntEnum, IntFlag, StrEnum
 from typing import Literal, TypeVar
 
 from ...protocol.codes import Feature
@@ -163,11 +164,24 @@ def expect(what: str, seen: object, wanted: object) -> None:
     AssertionError
         Naming the thing, its value, and what would be right.
     """
-    assert seen == wanted, f"{what} is {_shown(seen)}, should be {_shown(wanted)}"
+    assert seen == wanted, f"{what} is {_shown(seen, wanted)}, should be {_shown(wanted, seen)}"
 
 
-def _shown(value: object) -> str:
-    if isinstance(value, bytes | bytearray):
-        return value.hex(" ") or "nothing"
-    name = getattr(value, "name", None)
-    return name if isinstance(name, str) else repr(value)
+def _shown(value: object, beside: object) -> str:
+    """A value in words; a number beside a code is shown by the code's name, if it has one."""
+    match value:
+        case bytes() | bytearray():
+            return value.hex(" ") or "nothing"
+        case list() | tuple():
+            other = beside[0] if isinstance(beside, list | tuple) and beside else None
+            return f"[{', '.join(_shown(part, other) for part in value)}]"
+        case bool():
+            return repr(value)
+        case int() if isinstance(beside, IntEnum | IntFlag) and not isinstance(value, Enum):
+            with suppress(ValueError):
+                return _shown(type(beside)(value), value)
+        case Flag():
+            return value.name or "none"
+        case Enum():
+            return value.name
+    return repr(value)

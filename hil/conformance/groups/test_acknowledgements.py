@@ -239,7 +239,7 @@ def test_late_is_said_of_changes_that_come_too_late(bench: Bench) -> None:
     expect("commit_period in time", found[1].commit_period, named)
     taken = [answer.commit_period for answer in found]
     assert named < taken[2] < taken[3], f"late changes take effect at {taken[2:]}, should be one after the other"
-    expect("the reasons", [answer.reason for answer in found], [0] * 4)
+    expect("the reasons", [answer.reason for answer in found], [Reason.ACCEPTED] * 4)
 
 
 @case("ACK-004", "BLK-005/1", features=Feature.MODULATION | Feature.SEQUENCES)

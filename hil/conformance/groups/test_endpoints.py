@@ -27,7 +27,7 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import CARRIER_HZ
-from phasewire.protocol.codes import AckFlag, Feature, Reason, Request, State
+from phasewire.protocol.codes import AckFlag, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Ack, Status, records
 from phasewire.protocol.requests import Setup
 
@@ -555,7 +555,7 @@ def check_unattended_ends(bench: Bench, way: Way) -> None:
     way.go(bench)
     status = bench.status()
     expect("the state", status.state, State.OFF)
-    expect("the flags", int(status.flags), 0)
+    expect("the flags", status.flags, StatusFlag(0))
     expect("what plays since", status.since_period, 0)
 
 

@@ -401,7 +401,7 @@ class SerialLine:
         self.listen(self.patience(BLOCK_BYTES), lambda: self._answered(before) is not None)
         place = self._answered(before)
         if place is None:
-            raise DeviceTimeoutError(f"{self.name} does not answer request {setup.request}")
+            raise DeviceTimeoutError(f"{self.name} does not answer {setup.name}")
         event = self.events.pop(place)
         assert isinstance(event, Frame)
         reply = SerialReply.decode(event.body)

@@ -121,7 +121,7 @@ class UsbLine:
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
         """Make a control request; what came back, None for STALL."""
         what = setup.length if setup.is_in else data or None
-        with translated(f"request {setup.request} of type {setup.request_type:02X}"):
+        with translated(setup.name):
             try:
                 answer = self.device.ctrl_transfer(
                     setup.request_type, setup.request, setup.value, setup.index, what, round(1000 * REQUEST_SECONDS)

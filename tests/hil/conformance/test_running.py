@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 import textwrap
@@ -478,6 +479,27 @@ def test_a_case_is_run_once_if_that_is_asked_for(groups: Path) -> None:
     write(groups, "flaky", FLAKY)
     run = run_conformance(Options("emulator:", again=False, only=("flaky/now",)))
     assert [result.tally for result in run.results] == ["failed 1 of 1"]
+
+
+def test_what_is_not_acknowledged_is_told_with_the_counter_that_moved(
+    groups: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("phasewire.hil.conformance.bench.ACK_SECONDS", 0.1)
+    write(
+        groups,
+        "lost",
+        '''
+        @case("BLK-020")
+        def test_it(bench: Bench) -> None:
+            """Its block is damaged on the way."""
+            bench.line.send_blocks = lambda blocks, _: (bench.line.write(b"\\0\\2\\2\\0"), len(blocks))[1]
+            bench.must(NoOp())
+        ''',
+    )
+    (result,) = run_conformance(Options("emulator:?door=serial", again=False)).results
+    assert re.fullmatch(
+        r"block \d+ is not acknowledged within 0.1 s; since the case began dropped_frames rose by 1", result.reason
+    ), result.reason
 
 
 def test_what_cannot_be_judged_sends_nothing(groups: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,42 @@
+"""What a case says where something is not as it should be."""
+
+from __future__ import annotations
+
+import pytest
+from phasewire.hil.conformance.cases import expect
+from phasewire.protocol.codes import DfuState, Fault, Reason, Request, State
+from phasewire.protocol.requests import Setup
+
+
+@pytest.mark.parametrize(
+    ("seen", "wanted", "said"),
+    [
+        (State.OFF, State.READY, "it is OFF, should be READY"),
+        (2, State.OFF, f"it is {State(2).name}, should be OFF"),
+        (State.OFF, 1, f"it is OFF, should be {State(1).name}"),
+        (200, State.OFF, "it is 200, should be OFF"),
+        (Fault.TEMPERATURE, Fault(0), "it is TEMPERATURE, should be none"),
+        ([0, Reason.CHECKSUM], [Reason.ACCEPTED], "it is [ACCEPTED, CHECKSUM], should be [ACCEPTED]"),
+        (DfuState.DFU_IDLE, None, "it is DFU_IDLE, should be None"),
+        (b"", b"\x01", "it is nothing, should be 01"),
+        (True, False, "it is True, should be False"),
+        (3, 4, "it is 3, should be 4"),
+    ],
+)
+def test_codes_are_told_by_name(seen: object, wanted: object, said: str) -> None:
+    with pytest.raises(AssertionError) as error:
+        expect("it", seen, wanted)
+    assert str(error.value) == said
+
+
+@pytest.mark.parametrize(
+    ("setup", "name"),
+    [
+        (Setup(0xC0, Request.INFO, 0, 0, 64), "INFO"),
+        (Setup(0x81, 0, 0, 0, 2), "GET_STATUS"),
+        (Setup(0xA1, 3, 0, 0, 6), "request 3 of type A1"),
+        (Setup(0xC0, 250, 0, 0, 6), "request 250 of type C0"),
+    ],
+)
+def test_a_request_has_a_name(setup: Setup, name: str) -> None:
+    assert setup.name == name
