@@ -1,19 +1,21 @@
 """The text console: what a person at a terminal can ask a device, as pure functions (SPEC.md, chapter CON).
 
 Typed bytes become lines in `LineEditor`, a line becomes a `Command` in `parse_command`, and the answer becomes text
-again in `format_fields`, `format_ok` and `format_error`. `COMMANDS` is the one table of what there is. Most commands
-stand for a control request; what a device does on one is the device's business.
+again in `answer_fields`, `format_fields`, `format_ok` and `format_error`. `COMMANDS` is the one table of what there is.
+Most commands stand for a control request; what a device does on one is the device's business.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from enum import Enum, IntFlag
 from types import MappingProxyType
 from typing import NamedTuple
 
 from ..errors import CommandError
 from .board import CHANNELS
-from .codes import ConsoleCode, Request
+from .codes import ConsoleCode, Hardware, Request
+from .replies import ClockReading, Info, ReadBack, Status, decode_reports
 from .requests import VALUES
 
 __all__ = [
@@ -25,6 +27,7 @@ __all__ = [
     "Command",
     "CommandForm",
     "LineEditor",
+    "answer_fields",
     "format_error",
     "format_fields",
     "format_ok",
@@ -142,6 +145,58 @@ def parse_command(line: str) -> Command | None:
     if value not in wanted.values:
         raise CommandError(f"{name} takes {wanted}, not {value}", ConsoleCode.RANGE)
     return Command(name, value)
+
+
+def answer_fields(command: Command, data: bytes) -> list[tuple[str, str]]:
+    """Keys and values that a command tells of the answer to its request (clause CON-007).
+
+    Parameters
+    ----------
+    command : Command
+    data : bytes
+        What the request was answered; of a command that tells nothing of it, anything.
+    """
+    match command:
+        case Command("version"):
+            info = vars(Info.decode(data))
+            return _in_words({name: info[name] for name in ("oldest_version", "newest_version", "firmware")})
+        case Command("info"):
+            info = vars(Info.decode(data))
+            known = {name: value for name, value in info.items() if name != "later"}
+            hardware = info["hardware"]
+            return _in_words(known | {"hardware": Hardware(hardware) if hardware in set(Hardware) else hardware})
+        case Command("status"):
+            return _in_words(vars(Status.decode(data)))
+        case Command("faults"):
+            return _in_words({"faults": Status.decode(data).faults})
+        case Command("clock"):
+            return _in_words(vars(ClockReading.decode(data)))
+        case Command("boards"):
+            reports = [_in_words(vars(report)) for report in decode_reports(data)]
+            return [(f"processor {node}", ", ".join(map(" ".join, report))) for node, report in enumerate(reports)]
+        case Command("pulses", int(transducer)):
+            pulses = ReadBack.decode(data).pulses
+            return _in_words({"phase": pulses.phase[transducer], "width": pulses.width[transducer]})
+    return []
+
+
+def _in_words(fields: Mapping[str, object]) -> list[tuple[str, str]]:
+    return [(name, _word(value)) for name, value in fields.items()]
+
+
+def _word(value: object) -> str:
+    match value:
+        case IntFlag():
+            return "+".join(str(flag.name) for flag in value) or "none"
+        case Enum():
+            return value.name
+        case bytes():
+            return value.hex()
+        case tuple():
+            return ".".join(map(str, value))
+        case None:
+            return "0"  # the bank of a processor that is not there
+    return str(value)
 
 
 def _printable(text: str) -> str:

@@ -1,30 +1,30 @@
 """The device's text console: what is typed goes in, what the terminal shows comes out (SPEC.md, chapter CON).
 
-A command asks the controller what a host would ask by a request, and the answer is put into words here. How lines are
-typed and parsed stands in `phasewire.protocol.console`. Nothing here knows of frames, or of what the text travels over.
+A command asks the controller what a host would ask by a request. How lines are typed and parsed, and how answers are put
+into words, stands in `phasewire.protocol.console`. Nothing here knows of frames, or of what the text travels over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from enum import Enum, IntFlag
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import NamedTuple, Protocol
 
 from ...errors import BlockError, CommandError
-from ...protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, ConsoleCode, Hardware, Reason, State
+from ...protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, ConsoleCode, Reason, State
 from ...protocol.console import (
     COMMANDS,
     PROMPT,
     Command,
     LineEditor,
+    answer_fields,
     format_error,
     format_fields,
     format_ok,
     help_fields,
     parse_command,
 )
-from ...protocol.replies import ANSWER_BYTES, ClockReading, Info, ReadBack, Status, decode_reports
+from ...protocol.replies import ANSWER_BYTES
 from ...protocol.requests import VALUES, Setup
 from ...protocol.states import Event, after
 from ..door import Door, Stall
@@ -164,7 +164,7 @@ class Console:
 
     def _ask(self, command: Command) -> Fields:
         try:
-            return _fields(command, self._controller.request(_setup(command), b"", self._door))
+            return answer_fields(command, self._controller.request(_setup(command), b"", self._door))
         except Stall as stall:
             raise _refused(str(stall)) from stall
 
@@ -182,47 +182,3 @@ def _setup(command: Command) -> Setup:
     value = command.argument if command.argument is not None and request in VALUES else 0
     direction = REQUEST_TYPE_IN if request in ANSWER_BYTES else REQUEST_TYPE_OUT
     return Setup(direction, request, value, 0, ANSWER_BYTES.get(request, 0))
-
-
-def _fields(command: Command, data: bytes) -> Fields:
-    """What a command tells of the answer to its request (clause CON-007)."""
-    match command:
-        case Command("version"):
-            info = vars(Info.decode(data))
-            return _in_words({name: info[name] for name in ("oldest_version", "newest_version", "firmware")})
-        case Command("info"):
-            info = vars(Info.decode(data))
-            known = {name: value for name, value in info.items() if name != "later"}
-            return _in_words(known | {"hardware": Hardware(info["hardware"])})
-        case Command("status"):
-            return _in_words(vars(Status.decode(data)))
-        case Command("faults"):
-            return _in_words({"faults": Status.decode(data).faults})
-        case Command("clock"):
-            return _in_words(vars(ClockReading.decode(data)))
-        case Command("boards"):
-            reports = [_in_words(vars(report)) for report in decode_reports(data)]
-            return [(f"processor {node}", ", ".join(map(" ".join, report))) for node, report in enumerate(reports)]
-        case Command("pulses", int(transducer)):
-            pulses = ReadBack.decode(data).pulses
-            return [("phase", pulses.phase[transducer]), ("width", pulses.width[transducer])]
-    return []
-
-
-def _in_words(fields: Mapping[str, object]) -> list[tuple[str, str]]:
-    return [(name, _word(value)) for name, value in fields.items()]
-
-
-def _word(value: object) -> str:
-    match value:
-        case IntFlag():
-            return "+".join(str(flag.name) for flag in value) or "none"
-        case Enum():
-            return value.name
-        case bytes():
-            return value.hex()
-        case tuple():
-            return ".".join(map(str, value))
-        case None:
-            return "0"  # the bank of a processor that is not there
-    return str(value)

@@ -25,6 +25,8 @@ from .cases import Section, section, vector
 __all__ = [
     "ACK",
     "INFO",
+    "RECORDS",
+    "REPORTS",
     "STATUS",
     "answers",
     "packets",
@@ -86,6 +88,16 @@ INFO = Info(
     watchdog_ms=100,
 )
 REPORT = ProcessorReport(Fault(0), 31, Bank.A, 0, 0, (1, 2, 3))
+WORST = ProcessorReport(Fault(0b111_1111), -128, Bank.FACTORY, U32_MAX, U32_MAX, (99, 9, 9))
+MISSING = ProcessorReport(Fault.PROCESSOR, 0, None, 0, 0, (0, 0, 0))
+REPORTS: dict[str, tuple[str, list[ProcessorReport]]] = {
+    "processors": ("all well", [REPORT] * 10),
+    "processors-last": (
+        "all is wrong with the last one, which runs the factory's firmware",
+        [REPORT] * 9 + [WORST],
+    ),
+    "processors-missing": ("the last one is not there", [REPORT] * 9 + [MISSING]),
+}
 
 RECORDS: dict[str, tuple[str, Ack | Status]] = {
     "ack-specification": ("the example of ACK-002", ACK),
@@ -242,14 +254,6 @@ def answers() -> Section:
         "pulses-silent": ("nothing has played yet", ReadBack(0, 400, SILENT)),
         "pulses-mixed": ("pulses of every kind", ReadBack(1000, 2**40, MIXED)),
     }
-    worst = ProcessorReport(Fault(0b111_1111), -128, Bank.FACTORY, U32_MAX, U32_MAX, (99, 9, 9))
-    reports = {
-        "processors": ("all well", [REPORT] * 10),
-        "processors-last": (
-            "all is wrong with the last one, which runs the factory's firmware",
-            [REPORT] * 9 + [worst],
-        ),
-    }
     reversed_order = Wiring(list(range(319, -1, -1)))
     wirings = {
         "wiring-strips": ("each board under a strip of four columns, to and fro", Wiring.strips()),
@@ -271,7 +275,7 @@ def answers() -> Section:
             *(vector(n, shows, request="PULSES", hex=v.encode(), fields=v) for n, (shows, v) in readings.items()),
             *(
                 vector(n, shows, request="PROCESSORS", hex=encode_reports(v), fields={"reports": v})
-                for n, (shows, v) in reports.items()
+                for n, (shows, v) in REPORTS.items()
             ),
             *(
                 vector(n, shows, request="WIRING", hex=encode_wiring(v), fields={"channels": v.channels.tolist()})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from cobs import cobs
@@ -14,7 +14,9 @@ from ..codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, ConsoleCode, FrameKind, O
 from ..console import (
     MAX_LINE_CHARACTERS,
     PROMPT,
+    Command,
     LineEditor,
+    answer_fields,
     format_fields,
     format_ok,
     help_fields,
@@ -32,11 +34,11 @@ from ..framing import (
     SerialRequest,
     encode,
 )
-from ..replies import encode_wiring
+from ..replies import encode_reports, encode_wiring
 from ..wiring import Wiring
 from .blocks import BLOCKS
 from .cases import Section, section, vector
-from .replies import ACK, INFO, STATUS
+from .replies import ACK, INFO, RECORDS, REPORTS, STATUS
 
 __all__ = ["commands", "exchanges", "frames", "refused_frames", "streams", "typing"]
 
@@ -309,22 +311,59 @@ def _judged(line: str) -> dict[str, Any]:
 
 def exchanges() -> Section:
     """Lines and their answers."""
-    version = ".".join(map(str, INFO.firmware))
     cases: dict[str, tuple[str, list[tuple[str, object]]]] = {
         "help": ("each command as it is written, and its meaning", [*help_fields()]),
-        "version": (
-            "of the device whose INFO is 'info'",
-            [("oldest_version", 1), ("newest_version", 1), ("firmware", version)],
-        ),
         "clock": ("as in 'clock-reading'", [("now", 20_000), ("sync_period", 0), ("sync_pulses", 1)]),
-        "faults": ("none is set", [("faults", "none")]),
         "pulses 17": ("after test 17", [("phase", 0), ("width", 2)]),
         "enable": ("nothing to say", []),
     }
-    return section(
-        "Lines of a console and all that the device sends behind them, the prompt included (CON-002, CON-007).",
+    told: list[tuple[str, str, str, bytes]] = [
+        ("version", "no more than versions", "info", INFO.encode()),
         (
-            vector(f"exchange-{line.split()[0]}", shows, line=line, answer=format_fields(fields) + format_ok() + PROMPT)
-            for line, (shows, fields) in cases.items()
+            "info",
+            "every field but the last: a code by its name, bytes in small letters, bits lowest first",
+            "info",
+            INFO.encode(),
         ),
+        *(
+            (line, shows, name, RECORDS[name][1].encode())
+            for line, shows, name in (
+                ("status", "names of what is 0: no faults, no refusal, no flags", "status-at-rest"),
+                ("status", "two flags and a refusal", "status-playing"),
+                ("status", "every fault, and a negative number", "status-faults"),
+                ("faults", "none is set", "status-at-rest"),
+                ("faults", "every one is set", "status-faults"),
+            )
+        ),
+        ("boards", "a line for each processor", "processors", encode_reports(REPORTS["processors"][1])),
+        (
+            "boards",
+            "the last processor is not there",
+            "processors-missing",
+            encode_reports(REPORTS["processors-missing"][1]),
+        ),
+    ]
+    return section(
+        "Lines of a console and all that the device sends behind them, the prompt included (CON-002, CON-007). What "
+        "comes from a record or from an answer of REQ names that one in 'of'.",
+        [
+            *(
+                vector(f"exchange-{line.split()[0]}", shows, line=line, answer=_answered(fields))
+                for line, (shows, fields) in cases.items()
+            ),
+            *(
+                vector(
+                    f"exchange-{line}-{name.removeprefix(line)}".replace("--", "-").strip("-"),
+                    shows,
+                    line=line,
+                    of=name,
+                    answer=_answered(answer_fields(Command(line), data)),
+                )
+                for line, shows, name, data in told
+            ),
+        ],
     )
+
+
+def _answered(fields: Iterable[tuple[str, object]]) -> str:
+    return format_fields(fields) + format_ok() + PROMPT

@@ -10,11 +10,12 @@ from phasewire.emulator.interfaces.console import Console
 from phasewire.protocol.codes import State
 from phasewire.protocol.requests import Setup
 
-from tests.emulator.model_controller import VECTORS, ModelController, Nowhere
-from tests.from_spec import parse_command, typed
+from tests.emulator.model_controller import ANSWERS, VECTORS, ModelController, Nowhere
+from tests.from_spec import parse_command, read_status, typed
 from tests.specification import SPEC, table
 
 RESET = Setup(0x41, 13, 0, 0, 0)
+RECORDS = {case["name"]: bytes.fromhex(case["hex"]) for case in VECTORS["records"]["vectors"]}
 
 
 def console_of(controller: ModelController, detach: Callable[[], None] = lambda: None) -> Console:
@@ -41,49 +42,12 @@ def test_the_session_of_the_specification() -> None:
 def test_the_exchanges_of_the_vectors(exchange: dict[str, str]) -> None:
     controller = ModelController()
     controller.tested = 17
+    if (of := exchange.get("of")) in RECORDS:
+        controller.status = read_status(RECORDS[of])
+        controller.state = State(controller.status["state"])
+    elif of in ANSWERS:
+        controller.processors = ANSWERS[of]
     assert answer(controller, exchange["line"]) == exchange["answer"]
-
-
-def test_info_tells_every_field_but_what_is_later() -> None:
-    assert answer(ModelController(), "info").replace("\r\n", "\n") == (
-        "oldest_version: 1\nnewest_version: 1\nhardware: FIVE_BOARDS\nfirmware: 1.2.3\nboards: 5\n"
-        "unique_id: efcdab8967452301\ncarrier_hz: 40000\n"
-        "features: SEQUENCES+MODULATION+UNATTENDED+READ_BACK+CONSOLE+DFU+REVERT\nchannels: 320\ncolumns: 20\nrows: 16\n"
-        "pitch_um: 10300\nprocessors_per_board: 2\nticks_per_period: 50\nmax_width_ticks: 25\nlink_wires: 5\n"
-        "cycles_per_symbol: 2\nqueue_blocks: 8\nperiods_per_update: 1\nqueue_records: 32\nslots: 256\n"
-        "sequence_entries: 1024\nmodulation_samples: 4096\ndrive_limit: 320\nwatchdog_ms: 100\nok\n> "
-    )
-
-
-def test_status_tells_codes_by_their_names() -> None:
-    controller = ModelController()
-    controller.state = State.FAULT
-    controller.status = {
-        "faults": 1 + 8, "last_refusal": 10, "flags": 1, "now": 20_000, "since_period": 0, "accepted": 3, "refused": 4,
-        "late": 5, "lost": 6, "missed_commits": 7, "damaged_messages": 8, "free": 2, "temperature_c": -3,
-        "watchdog_ms": 5000, "drive_limit": 300, "dropped_frames": 9,
-    }  # fmt: skip
-    assert answer(controller, "status").replace("\r\n", "\n") == (
-        "state: FAULT\nfaults: CHAIN+TEMPERATURE\nlast_refusal: DISABLED\nflags: WATCHDOG_FIRED\nnow: 20000\n"
-        "since_period: 0\naccepted: 3\nrefused: 4\nlate: 5\nlost: 6\nmissed_commits: 7\ndamaged_messages: 8\nfree: 2\n"
-        "temperature_c: -3\nwatchdog_ms: 5000\ndrive_limit: 300\ndropped_frames: 9\nok\n> "
-    )
-    assert answer(controller, "faults") == "faults: CHAIN+TEMPERATURE\r\nok\r\n> "
-
-
-def test_boards_tells_of_a_processor_a_line() -> None:
-    controller = ModelController()
-    there = bytes([0, 0, 31, 2, 1, 0, 0, 0, 2, 0, 0, 0, 1, 2, 3, 0])
-    missing = bytes([2, 0, *bytes(14)])
-    controller.processors = 9 * there + missing
-    lines = answer(controller, "boards").split("\r\n")
-    assert len(lines) == 12
-    assert lines[0] == (
-        "processor 0: faults none, temperature_c 31, bank A, missed_commits 1, damaged_messages 2, firmware 1.2.3"
-    )
-    assert lines[9] == (
-        "processor 9: faults PROCESSOR, temperature_c 0, bank 0, missed_commits 0, damaged_messages 0, firmware 0.0.0"
-    )
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from ....emulator.control import controller
 from ....emulator.interfaces import console
 from ....emulator.interfaces.serial_line import SerialLine
 from ....errors import CommandError
+from ....protocol import console as words
 from ....protocol.codes import ConsoleCode, State
 from ....protocol.console import COMMANDS, MAX_LINE_CHARACTERS, PROMPT, Command, LineEditor
 from ....protocol.requests import VALUES
@@ -236,7 +237,7 @@ def keys_of_status_are_sorted(patch: Patch) -> None:
 
         return fields
 
-    patch.wrap(console, "_fields", around)
+    patch.wrap(console, "answer_fields", around)
 
 
 @mutant("CON-007")
@@ -250,7 +251,7 @@ def no_bits_are_said_as_0(patch: Patch) -> None:
 
         return word
 
-    patch.wrap(console, "_word", around)
+    patch.wrap(words, "_word", around)
 
 
 @mutant("CON-005", "CON-007")
@@ -270,7 +271,7 @@ def later_of_info_is_told(patch: Patch) -> None:
 
         return fields
 
-    patch.wrap(console, "_fields", around)
+    patch.wrap(console, "answer_fields", around)
 
 
 # What is carried out
