@@ -1,7 +1,7 @@
 """The device's text console: what is typed goes in, what the terminal shows comes out (SPEC.md, chapter CON).
 
-A command asks the controller what a host would ask by a request. How lines are typed and parsed, and how answers are put
-into words, stands in `phasewire.protocol.console`. Nothing here knows of frames, or of what the text travels over.
+A command asks the controller what a host would ask by a request. How lines are typed and parsed, and how answers are
+put into words, stands in `phasewire.protocol.console`. Nothing here knows of frames, or of what the text travels over.
 """
 
 from __future__ import annotations

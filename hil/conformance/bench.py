@@ -7,6 +7,7 @@ anew. What a case changes besides, it need not put right, but for what lasts: fi
 from __future__ import annotations
 
 import random
+import time
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -30,6 +31,7 @@ from ...protocol.codes import (
     Request,
     State,
 )
+from ...protocol.framing import MAX_FRAME_BYTES
 from ...protocol.plain import plain
 from ...protocol.pulses import Pulses
 from ...protocol.replies import (
@@ -60,7 +62,7 @@ from .verdicts import Evidence
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-__all__ = ["LOW_DRIVE", "OUTPUTS", "Bench", "Lost"]
+__all__ = ["LOW_DRIVE", "OUTPUTS", "TOLD_PERIODS", "Bench", "Lost"]
 
 LOW_DRIVE = 32
 """Transducers' worth of total drive that a case may use where hard driving was not allowed: a tenth of the array."""
@@ -88,6 +90,10 @@ POWERS = np.floor(1000 * np.sin(np.pi * np.arange(26) / 50) ** 2 + 0.5)
 """Of a pulse of each width, in thousandths of that of the widest (clause SAF-006)."""
 SILENT_PERIODS = 6
 """Clause SAF-004."""
+TOLD_PERIODS = 800
+"""20 ms, in which a device begins to tell unasked what has happened (clause ACK-006)."""
+FAR_SECONDS = 0.03
+"""What a line to a real device and the programs at its end may add to a record that is ready."""
 
 
 class Lost(Exception):
@@ -494,8 +500,15 @@ class Bench:
             self._collect(left)
         return self.unasked.pop(0)
 
-    def listen(self, seconds: float) -> list[Ack | Status]:
-        """Everything that comes of the device's own accord in this time."""
+    def listen(self, seconds: float | None = None) -> list[Ack | Status]:
+        """Everything that comes of the device's own accord in this time.
+
+        By default it takes until all that has happened up to now must have been told, by the device's clock.
+        """
+        if seconds is None:
+            self.wait_until(self.period() + TOLD_PERIODS + 1)
+            seconds = QUIET_SECONDS + (FAR_SECONDS if self.line.time is time else 0.0)
+            seconds += self.line.transit(2 * MAX_FRAME_BYTES) if isinstance(self.line, SerialLine) else 0.0
         end, found = self.line.time.monotonic() + seconds, b""
         while (left := end - self.line.time.monotonic()) > 0:
             found += self.line.receive_records(left)

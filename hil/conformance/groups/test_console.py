@@ -751,7 +751,7 @@ def test_a_test_has_no_number(bench: Bench, console: SerialLine) -> None:
     by_request(bench, console, begin)
     told(console, "test 17")
     if bench.line.kind == "usb":
-        expect("acknowledgements by USB", [each for each in bench.listen(0.02) if isinstance(each, Ack)], [])
+        expect("acknowledgements by USB", [each for each in bench.listen() if isinstance(each, Ack)], [])
 
     def go_on() -> None:
         before = bench.status()

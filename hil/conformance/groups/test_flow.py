@@ -144,7 +144,7 @@ def test_a_full_queue_is_answered_with_nak(bench: Bench) -> None:
     bench.disable()
     number = bench.must(NoOp()).sequence
     expect("the number taken", number, bench.numbered(NoOp()).sequence - 1 & 0xFFFFFFFF)
-    expect("what comes besides", bench.listen(0.01), [])
+    expect("what comes besides", bench.listen(), [])
 
 
 @case("BLK-009", "BLK-024", "BLK-007", needs=(Need.CAPTURE,))

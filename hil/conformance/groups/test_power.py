@@ -441,10 +441,10 @@ def test_the_outputs_are_off_while_the_bus_is_suspended(bench: Bench) -> None:
 def test_what_plays_unattended_goes_on_while_the_bus_is_suspended(bench: Bench) -> None:
     """A sequence with permission plays on through a suspension, and no status record says that anything changed."""
     ack, _ = play_unattended(bench)
-    bench.listen(0.02)
+    bench.listen()
     with suspended(bench):
         bench.wait(0.2)
-    expect("what comes of its own accord", bench.listen(0.02), [])
+    expect("what comes of its own accord", bench.listen(), [])
     status = bench.status()
     expect("the state", status.state, State.UNATTENDED)
     expect("what plays since", status.since_period, ack.commit_period)
@@ -473,7 +473,7 @@ def test_suspend_follows_where_a_sequence_ends_on_a_suspended_bus(bench: Bench) 
     status = bench.status()
     expect("the state", status.state, State.OFF)
     expect("the flags", status.flags, StatusFlag(0))
-    found = bench.listen(0.02)
+    found = bench.listen()
     expect("the states that are told unasked", [record.state.name for record in found], ["OFF"])
 
 
@@ -529,7 +529,7 @@ def test_an_unplugged_device_is_found_reset(bench: Bench) -> None:
     expect("the count of accepted blocks", after.accepted, (before.accepted + 1) % 2**32)
     expect("the watchdog's time", after.watchdog_ms, LONG_MS)
     assert after.now > before.now, f"the time is {after.now}, should go on from {before.now}"
-    expect("what comes of its own accord", bench.listen(0.02), [])
+    expect("what comes of its own accord", bench.listen(), [])
     expect("the line coding", bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7)), LINE_CODING_AT_FIRST)
     ack = bench.must(NoOp(), number=old)
     expect("the flags of any number", ack.flags, AckFlag(0))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from ....emulator.control import controller
+from ....emulator.door import Door
 from ....emulator.interfaces.serial_line import SerialLine
 from ....emulator.interfaces.usb_functions import ArrayFunction
 from ....protocol.blocks import Output, Sequence, Update
@@ -326,6 +328,38 @@ def unasked_statuses_pile_up(patch: Patch) -> None:
         return notify
 
     patch.wrap(ArrayFunction, "notify", around)
+
+
+def _speak_later(patch: Patch, milliseconds: int, hears: Callable[[Door, Door | None], bool]) -> None:
+    """Let a record that nobody asked for go to some doors later, given each and the one that changed the state."""
+
+    def around(_: Any) -> Any:
+        def speak(self: Any, besides: Door | None = None) -> None:
+            status = self.status().encode()
+
+            def tell(later: bool) -> None:
+                for door in self._doors:
+                    if later is hears(door, besides) and (later or door is not besides):
+                        door.notify(status)
+
+            tell(False)
+            self._scheduler.at(self._now + milliseconds * CYCLES_PER_MS, lambda: tell(True))
+
+        return speak
+
+    patch.wrap(controller.Controller, "_speak", around)
+
+
+@mutant("ACK-006")
+def what_nobody_asked_for_is_told_50_ms_late(patch: Patch) -> None:
+    """Status records of the device's own accord come 50 ms late: a task of low priority sends them."""
+    _speak_later(patch, 50, lambda door, besides: door is not besides)
+
+
+@mutant("ACK-006", "SER-016")
+def the_door_that_changed_the_state_is_told_too(patch: Patch) -> None:
+    """What came through a door is told unasked at that door as well, 15 ms later: every door polls the state."""
+    _speak_later(patch, 15, lambda door, besides: door is besides)
 
 
 @mutant("ACK-006", "STA-002")

@@ -32,7 +32,6 @@ __all__ = [
     "told",
 ]
 
-LISTEN_SECONDS = 0.01
 SAMPLE = 128
 SLOT, PLACE = 7, 5
 
@@ -102,7 +101,7 @@ PLAYS: Mapping[str, Callable[[Bench], Field]] = MappingProxyType(
 
 def told(bench: Bench) -> list[Status]:
     """What the device has told unasked, in the order in which it came."""
-    came = bench.listen(LISTEN_SECONDS)
+    came = bench.listen()
     statuses, bench.unasked = [*bench.unasked, *(record for record in came if isinstance(record, Status))], []
     return statuses
 
