@@ -62,8 +62,9 @@ def reach(bench: Bench, state: State) -> None:
     if state is UNATTENDED:
         require(bench, Feature.UNATTENDED)
     bench.must(NoOp())
+    bench.order(Request.WATCHDOG, LONG_MS)
     if state in ENABLED:
-        enable(bench)
+        bench.enable()
     if state is PLAYING:
         play(bench)
     if state is UNATTENDED:
