@@ -50,7 +50,7 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import PROCESSORS, TICKS_PER_PERIOD
-from phasewire.protocol.codes import Action, Feature, Request, State
+from phasewire.protocol.codes import Action, Feature, Request, State, StatusFlag
 
 CAPTURE = (Need.CAPTURE,)
 FAULTY = (Need.FAULTS, Need.SPARE)
@@ -387,6 +387,24 @@ def test_nothing_puts_off_the_silence_after_disable(bench: Bench, what: str, the
         MEANWHILE[then](bench)
     end = bench.period() + SETTLED
     bench.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, before, after))
+
+
+@pytest.mark.parametrize("what", PLAYS)
+@case("SAF-004", "STA-003", "REQ-007", features=Feature.READ_BACK)
+def test_what_begins_right_after_enable_is_not_silenced(bench: Bench, what: str) -> None:
+    """An update that comes right after DISABLE and ENABLE plays on: the silence of before does not overtake it."""
+    enable(bench)
+    start(bench, what)
+    bench.order(Request.DISABLE)
+    bench.enable()
+    pulses = bench.weak()
+    began = bench.must(Update(pulses)).commit_period
+    bench.wait_until(began + SETTLED)
+    status = bench.status()
+    expect("the state", status.state, State.PLAYING)
+    expect("what plays since", status.since_period, began)
+    expect("the flags", status.flags, StatusFlag(0))
+    expect("whether PULSES answers the update", bench.read_back().pulses == pulses, True)
 
 
 STORED_AT_ONCE = 14

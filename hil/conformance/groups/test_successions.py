@@ -109,10 +109,20 @@ def test_a_sequence_that_was_replaced_does_not_end(bench: Bench, by: str, unatte
 
 @attended_or_not
 @every_successor
-@case("STA-003", "BLK-012", "BLK-015", features=Feature.SEQUENCES)
+@case("STA-003", "BLK-012", "BLK-015", "SAF-003", "SAF-005", features=Feature.SEQUENCES)
 def test_what_begins_as_a_sequence_ends_goes_on(bench: Bench, by: str, unattended: bool) -> None:
-    """A change for the very period in which a sequence has played its last repeat begins there, and goes on."""
+    """A change for the very period in which a sequence has played its last repeat begins there, and goes on.
+
+    The watchdog runs then where what plays needs its host, and rests where it does not.
+    """
     check_successor(bench, by, unattended, lambda _, ends: ends)
+    told(bench)
+    bench.order(Request.WATCHDOG, SHORT_MS)
+    if SUCCESSORS[by][1] is State.UNATTENDED:
+        bench.wait(3 * SHORT_MS / 1000)
+        expect("what is told while the watchdog rests", [status.state for status in told(bench)], [])
+    else:
+        expect("the state that is told when the watchdog has fired", bench.await_unasked(1).state, State.OFF)
 
 
 @attended_or_not

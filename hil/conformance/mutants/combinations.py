@@ -11,13 +11,16 @@ from ....emulator.interfaces.usb_device import UsbDevice
 from ....emulator.interfaces.usb_functions import ArrayFunction
 from ....errors import BlockError
 from ....protocol.blocks import Block, Entries, Output, Samples, Slot, Update
-from ....protocol.board import CYCLES_PER_PERIOD
+from ....protocol.board import CYCLES_PER_PERIOD, PROCESSORS
+from ....protocol.chain import SLICE_BYTES
 from ....protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Action, Reason, Request, State
 from ....protocol.states import Event
 from .patching import Patch, mutant
 from .seams import one_by_one
 
 SLOW_PERIODS = 4
+REPEATED_PERIODS = 20
+SILENCE = bytes(PROCESSORS * SLICE_BYTES)
 
 
 def _on(patch: Patch, events: tuple[Event, ...], method: str, instead: Callable[..., None]) -> None:
@@ -177,6 +180,24 @@ def silence_waits_for_stores(patch: Patch) -> None:
             self._loading.leaves = leaves
 
         return send
+
+    patch.wrap(controller.Controller, "_send_silence", around)
+
+
+@mutant("SAF-004", "STA-003")
+def silence_is_sent_twice(patch: Patch) -> None:
+    """Some periods after DISABLE silence is sent once more, to be sure, though the outputs may be enabled again."""
+
+    def around(original: Any) -> Any:
+        def send(self: Any, stops: Any) -> None:
+            original(self, stops)
+            self._scheduler.at(self._now + REPEATED_PERIODS * CYCLES_PER_PERIOD, lambda: again(self))
+
+        return send
+
+    def again(self: Any) -> None:
+        self.settle()
+        self._dispatch(self._agenda.add(self._now, 0, SILENCE, (), None, folded=self._chain.folded, asked=False))
 
     patch.wrap(controller.Controller, "_send_silence", around)
 
