@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
 from phasewire.hil.conformance.lines.serial import SerialLine
 from phasewire.hil.conformance.tools.exchange import (
     acks,
@@ -22,15 +23,17 @@ from phasewire.hil.conformance.tools.exchange import (
 )
 from phasewire.hil.conformance.tools.frames import frame
 from phasewire.hil.conformance.tools.stage import soon
-from phasewire.hil.conformance.tools.steps import LONG_MS, let_stores_go
+from phasewire.hil.conformance.tools.steps import LONG_MS, enable, let_stores_go
+from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, patience
 from phasewire.protocol.blocks import Body, Entries, Entry, Output, Sequence, Slot, Update, pack
-from phasewire.protocol.board import CHANNELS
-from phasewire.protocol.codes import Action, Feature, FrameKind, Reason, Request, State
+from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD
+from phasewire.protocol.codes import Action, Fault, Feature, FrameKind, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Ack, Status
 
 QUEUED_SECONDS = 15.0
 """For how long the queue stays full, unless DISABLE empties it: longer than any host needs for what comes meanwhile."""
+NO_ROOM_MS = 600
 TOLD_PERIODS = 40
 """So soon after a change has taken effect a device knows of it."""
 
@@ -88,6 +91,24 @@ def check_judged(bench: Bench, line: SerialLine, before: Status) -> None:
     expect("the count of dropped frames", after.dropped_frames, before.dropped_frames)
 
 
+@case("SER-011", "SAF-003")
+def test_blocks_that_find_no_room_keep_nothing_alive(bench: Bench, frames: SerialLine) -> None:
+    """Blocks that come while the queue is full, of which one waits and the others are dropped, feed no watchdog."""
+    fill(bench, frames, QUEUED_SECONDS)
+    first = bench.clock().now
+    bench.status()  # the last sign of life
+    last = bench.clock().now
+    bench.order(Request.WATCHDOG, NO_ROOM_MS)
+    due, came = last + NO_ROOM_MS * TICKS_PER_MS, 0
+    while bench.clock().now < due and came < 100:
+        frames.write(b"\0" + frame(FrameKind.BLOCK, no_op(bench)))
+        came += 1
+        bench.wait(0.05)
+    if came < 3:
+        raise Inconclusive(f"this line is too slow: {came} blocks went to the device before the watchdog was due")
+    await_firing(bench, first, last, NO_ROOM_MS)
+
+
 # What one door does, told at another
 
 DOORS = ("usb", "serial")
@@ -136,6 +157,75 @@ def test_what_is_typed_is_told_by_usb(bench: Bench, console: SerialLine) -> None
     for command, state in (("enable", State.READY), ("test 17", State.PLAYING), ("stop", State.OFF)):
         expect(f"the answer to {command}", console.command(command), "ok\r\n")
         expect(f"the state told by USB after {command}", bench.await_unasked(console.patience()).state, state)
+
+
+# One device behind all of them
+
+
+@case("STA-005", "CON-004/2", "SER-016", needs=(Need.FAULTS,), features=Feature.SEQUENCES | Feature.UNATTENDED)
+@pytest.mark.parametrize("door", ["requests", "frames", "console"])
+def test_every_door_stops_in_every_state(bench: Bench, frames: SerialLine, door: str) -> None:
+    """DISABLE over this line or another, and `stop` at the console, are done in each state, and end what is enabled."""
+    stop: dict[str, Callable[[], None]] = {
+        "requests": lambda: bench.order(Request.DISABLE),
+        "frames": lambda: order(frames, Request.DISABLE),
+        "console": lambda: typed_stop(frames),
+    }
+    for store in (Slot(0, Pulses.silent(CHANNELS)), Entries((Entry(0, 100),))):
+        bench.must(store)
+    let_stores_go(bench)
+    plays: dict[State, Body | None] = {
+        State.READY: None,
+        State.PLAYING: Update(Pulses.silent(CHANNELS)),
+        State.UNATTENDED: Sequence(0, 1, unattended=True),
+    }
+    for state, body in plays.items():
+        enable(bench)
+        if body is not None:
+            bench.wait_until(bench.must(body).commit_period + 1)
+        expect("the state before it", bench.status().state, state)
+        stop[door]()
+        expect(f"the state after it, in {state.name}", bench.status().state, State.OFF)
+    stop[door]()
+    expect("the state after it, in OFF", bench.status().state, State.OFF)
+    bench.levers.cause(WrongSupply(millivolts=5000))
+    bench.wait(0.1)
+    stop[door]()
+    status = bench.status()
+    expect("state and faults after it, in FAULT", (status.state, status.faults), (State.FAULT, Fault.SUPPLY))
+
+
+def typed_stop(line: SerialLine) -> None:
+    """Type `stop`, which must be answered with ok, and go back to frames."""
+    line.enter_console()
+    expect("the answer to stop", line.command("stop"), "ok\r\n")
+    line.enter_frames()
+
+
+@case("SAF-005", "SER-016", "SAF-003", line="usb", features=Feature.SEQUENCES | Feature.UNATTENDED)
+@pytest.mark.parametrize("door", DOORS)
+def test_an_update_by_any_door_wakes_the_watchdog(bench: Bench, frames: SerialLine, door: str) -> None:
+    """An UPDATE that ends an unattended sequence starts the watchdog, whichever door the two came by."""
+    milliseconds = patience(bench)
+    other = DOORS[DOORS.index(door) - 1]
+    enable(bench)
+    for store in (Slot(0, Pulses.silent(CHANNELS)), Entries((Entry(0, 100),))):
+        bench.must(store)
+    let_stores_go(bench)
+    begun = accepted(bench, frames, other, Sequence(0, 1, unattended=True)).commit_period
+    bench.wait_until(begun + 1)
+    bench.order(Request.WATCHDOG, milliseconds)
+    bench.wait(2 * milliseconds / 1000)
+    expect("the state when the watchdog's time has passed twice", bench.status().state, State.UNATTENDED)
+    bench.listen(0.01)
+    bench.unasked.clear()
+    ends = accepted(bench, frames, door, Update(Pulses.silent(CHANNELS))).commit_period * TICKS_PER_PERIOD
+    if door == "serial":
+        expect("the state told by USB", bench.await_unasked(1).state, State.PLAYING)
+    await_firing(bench, ends, ends, milliseconds)
+
+
+# Steps
 
 
 def begin(bench: Bench, line: SerialLine, door: str) -> None:

@@ -131,13 +131,16 @@ def slower_watchdog(patch: Patch) -> None:
 BY_SIZE = (
     *("acknowledgements", "blocks", "endpoints", "flow", "long-run", "modulation", "numbering", "outputs", "requests"),
     *("robustness", "safety", "sequences", "serial", "states", "stores", "timing"),
-    *("combinations", "successions"),
+    *("combinations", "doors", "successions"),
 )
 BY_RATE = (
     *("acknowledgements", "blocks", "flow", "long-run", "modulation", "outputs", "requests", "sequences", "timing"),
     *("combinations", "successions"),
 )
-BY_DRIVE = ("blocks", "endpoints", "long-run", "power", "pulses", "requests", "safety", "sequences", "stores", "timing")
+BY_DRIVE = (
+    *("blocks", "endpoints", "limits", "long-run", "power", "pulses", "requests", "safety", "sequences", "stores"),
+    "timing",
+)
 BY_MAKE = ("console", "dfu", "endpoints", "enumeration", "flash", "power", "requests", "serial", "versions")
 BY_FEATURES = ()
 """Groups that a device's difference matters to; all of them where there is none."""
