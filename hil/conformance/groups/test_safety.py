@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +19,7 @@ from phasewire.hil.conformance.sight.waveforms import (
     modulated,
     only,
 )
+from phasewire.hil.conformance.tools.drives import power, widths_for
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import PLAYS, check_falls_silent, play, silent_from
 from phasewire.hil.conformance.tools.playing import start as start_playing
@@ -864,32 +863,6 @@ def test_changes_are_refused_while_the_outputs_are_off(bench: Bench, how: str) -
 
 
 # The limit on the total drive
-
-
-def power(width: int) -> int:
-    """Of a pulse, in thousandths of that of 25 ticks, by the formula of clause SAF-006."""
-    return math.floor(1000 * math.sin(math.pi * width / 50) ** 2 + 1 / 2)
-
-
-@cache
-def last_widths(most: int) -> list[int]:
-    """For each total up to the most, the width of one of as few pulses as make it up; 0 where none do."""
-    fewest, last = [0] + [most] * most, [0] * (most + 1)
-    powers = [(width, power(width)) for width in range(1, 26)]
-    for total in range(1, most + 1):
-        fewest[total], last[total] = min(
-            ((fewest[total - part] + 1, width) for width, part in powers if part <= total), default=(most, 0)
-        )
-    return last
-
-
-def widths_for(total: int) -> list[int]:
-    """As few widths as can be whose powers make up a total of at most 3001 thousandths."""
-    widths: list[int] = []
-    while total:
-        widths.append(last_widths(3001)[total])
-        total -= power(widths[-1])
-    return widths
 
 
 def pulses_of(bench: Bench, total: int, width: int) -> Pulses:

@@ -1,0 +1,510 @@
+"""Widths of numbers: sums, products, differences and counts that need more bits than firmware may give them.
+
+Each case chooses numbers of which too few bits leave almost nothing, so that a mistake shows within milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from math import ceil
+from typing import NamedTuple
+
+import pytest
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
+from phasewire.hil.conformance.tools.drives import widths_for
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, soon
+from phasewire.hil.conformance.tools.steps import (
+    LONG_MS,
+    SILENT,
+    Wrong,
+    begin,
+    check_sync,
+    enable,
+    features_of,
+    forge,
+    let_stores_go,
+    packed,
+    refuse,
+    require,
+    some,
+)
+from phasewire.protocol.blocks import (
+    Body,
+    Change,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+)
+from phasewire.protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.codes import Action, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.pulses import Pulses
+
+TICKS_PER_MS = TICK_HZ // 1000
+HORIZON_PERIODS = 2**32
+MOST_MS = 60_000
+TABLE, BUFFER, MOST_ENTRY_PERIODS = 1024, 4096, 65_535
+ENTRIES_PER_BLOCK, SAMPLES_PER_BLOCK = 120, 480
+BITS = (8, 15, 16, 24, 31, 32)
+"""Of too narrow a number; 15 and 31 stand for signed ones of 16 and 32 bits."""
+PER_PERIOD = {"periods": 1, "ticks": 50, "cycles of a timer at 100 MHz": 2_500, "core cycles": 10_000}
+"""In what firmware may count time, and how many there are in a period."""
+PER_MS = {"ms": 1, "µs": 1_000, **{name: 40 * count for name, count in PER_PERIOD.items()}}
+
+
+class Span(NamedTuple):
+    """A time of which a narrow number keeps almost nothing."""
+
+    what: str
+    time: int
+
+
+def spans(units: dict[str, int], least: int, most: int = 2**63) -> list[Span]:
+    """For each unit and width the shortest time, not below the least, that leaves less than 1 in that width.
+
+    It is an odd multiple, so that a signed number of one bit more is negative.
+
+    Parameters
+    ----------
+    units : dict of str to int
+        How many of each there are in one of what is returned.
+    least, most : int
+        Longer times than the most are left out.
+    """
+    found = []
+    for name, count in units.items():
+        for bits in BITS:
+            laps = -(-least * count // 2**bits) | 1
+            time = -(-laps * 2**bits // count)
+            if time <= most:
+                found.append(Span(f"{bits} bits of {name}", time))
+    return found
+
+
+# The watchdog
+
+
+@case("REQ-009", "SAF-003")
+def test_a_watchdog_time_is_counted_whole(bench: Bench) -> None:
+    """Watchdog times that leave next to nothing in few bits of ms, µs, ticks or cycles do not fire at once."""
+    bench.must(NoOp())
+    for what, ms in some(bench, spans(PER_MS, 2000, MOST_MS)):
+        bench.order(Request.WATCHDOG, LONG_MS)
+        bench.enable()
+        began = bench.must(NoOp()).now
+        bench.order(Request.WATCHDOG, ms)
+        bench.wait(0.005)
+        status = bench.status()
+        if status.now - began >= ms * TICKS_PER_MS:
+            raise Inconclusive(f"this line is too slow: {ms} ms went by before the device was asked")
+        expect(f"the state 5 ms into a watchdog time of {ms} ms ({what})", status.state, State.READY)
+
+
+@case("SAF-003", "REQ-009", "STA-003")
+def test_a_long_watchdog_time_ends(bench: Bench) -> None:
+    """A watchdog time beyond 2³² core cycles fires in time: 10.7 s, and 60 s on a device whose time costs nothing."""
+    ms = MOST_MS if bench.can(Need.SPARE) else 2**32 // PER_MS["core cycles"] + 1
+    bench.order(Request.WATCHDOG, ms)
+    bench.enable()
+    last = bench.must(NoOp()).now
+    told = bench.await_unasked(ms / 1000 + 1)
+    check_fired(told.now, last, ms)
+    expect("the state that is told", (told.state, told.watchdog_fired), (State.OFF, True))
+
+
+def check_fired(tick: int, last_sign: int, ms: int) -> None:
+    """Fail unless the watchdog fired in time after a sign of life."""
+    due = last_sign + ms * TICKS_PER_MS
+    assert due <= tick <= due + TICKS_PER_PERIOD, (
+        f"the watchdog of {ms} ms fired at tick {tick}, {tick - last_sign} ticks after the last sign of life; it "
+        f"should from tick {due} to {due + TICKS_PER_PERIOD}"
+    )
+
+
+# Total drives
+
+TOTALS = tuple(2**bits for bits in range(7, 19))
+"""In thousandths of a transducer: of each a number that is too narrow keeps nothing, or makes a negative one."""
+
+
+def driven(total: int) -> Pulses:
+    """Pulses of a total drive in thousandths."""
+    widths = widths_for(total)
+    return Pulses([0] * CHANNELS, widths + [0] * (CHANNELS - len(widths)))
+
+
+def too_heavy(bench: Bench, body: Slot | Update) -> list[Wrong]:
+    """Blocks like one that is silent, with each of the total drives, which no limit of 0 transducers allows."""
+    payloads = {total: packed((0, width) for width in widths_for(total)) for total in TOTALS}
+    return [
+        Wrong(f"a total drive of {total} thousandths", forge(bench, body, payload), Reason.DRIVE)
+        for total, payload in some(bench, payloads.items())
+    ]
+
+
+@case("SAF-006", "REQ-010", features=Feature.SEQUENCES)
+def test_the_drive_of_a_slot_is_summed_up_whole(bench: Bench) -> None:
+    """Under a limit of 0 a slot is refused with DRIVE whatever it drives, up to 262 transducers; none of them plays."""
+    bench.order(Request.LIMIT, 0)
+    bench.must(NoOp())
+    try:
+        refuse(bench, too_heavy(bench, Slot(0, SILENT)))
+    finally:
+        bench.must(Slot(0, SILENT))  # nothing heavy is left, whatever came of it
+
+
+@case("SAF-006", "REQ-010", allow=(Risk.DRIVE,))
+def test_the_drive_of_an_update_is_summed_up_whole(bench: Bench) -> None:
+    """Under a limit of 0 an update is refused with DRIVE whatever it drives, up to 262 transducers."""
+    bench.order(Request.LIMIT, 0)
+    begin(bench)
+    refuse(bench, too_heavy(bench, Update(SILENT)))
+
+
+@case("SAF-006", "REQ-010", features=Feature.SEQUENCES)
+def test_the_drive_of_a_stored_slot_is_kept_whole(bench: Bench) -> None:
+    """No slot of any drive that was stored under a higher limit plays under a limit of 0."""
+    totals = some(bench, [total for total in TOTALS if total <= 1000 * bench.drive_limit])
+    for slot, total in enumerate(totals):
+        bench.must(Slot(slot, driven(total)))
+    bench.must(Entries(tuple(Entry(slot, 1) for slot in range(len(totals)))))
+    bench.order(Request.LIMIT, 0)
+    enable(bench)
+    let_stores_go(bench)
+    refuse(
+        bench,
+        [
+            Wrong(f"a slot of {total} thousandths", forge(bench, Sequence(slot, 1)), Reason.DRIVE)
+            for slot, total in enumerate(totals)
+        ],
+    )
+
+
+@case("SAF-006", "REQ-010", allow=(Risk.DRIVE,), features=Feature.SEQUENCES)
+@pytest.mark.parametrize("limit", [33, 66, 132, 197, 256, 263])
+def test_a_drive_limit_is_kept_whole(bench: Bench, limit: int) -> None:
+    """Limits of which 8 or 16 bits of transducers or of their thousandths leave almost nothing let 20 through."""
+    if limit > bench.info.drive_limit:
+        raise NotApplicable(f"the device allows {bench.info.drive_limit} transducers at most")
+    bench.order(Request.LIMIT, limit)
+    expect("drive_limit in STATUS", bench.status().drive_limit, limit)
+    bench.must(Slot(0, driven(20_000)))
+
+
+# Sequences
+
+LONG_PERIODS = 40_000
+"""A second: in less a case has looked at what plays."""
+AT_ONCE_PERIODS = 400
+"""By when a sequence is over that a narrow count of its periods ends."""
+
+
+def parts(periods: int) -> tuple[list[int], int]:
+    """Entries and repeats of a sequence that lasts so long, or up to a repeat longer, with few repeats."""
+    repeats = -(-periods // (TABLE * MOST_ENTRY_PERIODS))
+    once = -(-periods // repeats)
+    whole, rest = divmod(once, MOST_ENTRY_PERIODS)
+    return [MOST_ENTRY_PERIODS] * whole + [rest] * (rest > 0), repeats
+
+
+DURATIONS = [
+    *((what, *parts(time + 1)) for what, time in spans(PER_PERIOD, LONG_PERIODS, TABLE * MOST_ENTRY_PERIODS * 100)),
+    ("16 bits of periods, 256 times 256", [256], 256),
+    ("32 bits of periods, 131 072 times 32 768", [65_535, 65_535, 2], 32_768),
+    ("16 bits of an entry's end, twice", [40_000, 25_600], 2),
+    ("15 bits of repeats", [1], 40_000),
+    ("the longest entry, as often as can be", [65_535], 65_535),
+]
+"""Of each what would keep too little of it, the periods of its entries, and its repeats."""
+
+
+def store_entries(bench: Bench, entries: list[Entry]) -> None:
+    """Store entries from the head of the table on."""
+    for at in range(0, len(entries), ENTRIES_PER_BLOCK):
+        bench.must(Entries(tuple(entries[at : at + ENTRIES_PER_BLOCK]), at))
+
+
+@case("BLK-015", "STA-003", "BLK-022", "REQ-003", features=Feature.SEQUENCES)
+def test_the_duration_of_a_sequence_is_counted_whole(bench: Bench) -> None:
+    """Sequences whose duration leaves next to nothing in few bits play on, and what they play stays in use."""
+    enable(bench)
+    pulses = bench.weak()
+    bench.must(Slot(7, pulses))
+    for what, periods, repeats in some(bench, DURATIONS):
+        store_entries(bench, [Entry(7, each) for each in periods])
+        bench.unasked.clear()
+        began = bench.must(Sequence(0, len(periods), repeats=repeats)).commit_period
+        bench.wait_until(began + AT_ONCE_PERIODS)
+        ack = bench.send(Slot(7, SILENT))
+        status = bench.status()
+        if status.period >= began + sum(periods) * repeats:
+            raise Inconclusive(f"this line is too slow: {sum(periods)} periods, {repeats} times, went by")
+        told = (status.state, status.flags, status.since_period)
+        wanted = (State.PLAYING, StatusFlag.SEQUENCE, began)
+        expect(f"state, flags and since_period of a sequence that is too long for {what}", told, wanted)
+        expect(f"the reason for a slot of a sequence that is too long for {what}", ack.reason, Reason.IN_USE)
+        expect("what is told unasked", bench.unasked, [])
+        bench.wait_until(bench.must(Output(Action.SILENCE)).commit_period)
+
+
+@case("BLK-015", "STA-003", "ACK-006", features=Feature.SEQUENCES)
+@pytest.mark.parametrize(
+    ("once", "repeats"), [(16, 16), (1, 257), (256, 256), (65_535, 1), (2, 32_769), (1, 65_535)], ids=str
+)
+def test_a_sequence_ends_with_the_last_period_of_its_duration(bench: Bench, once: int, repeats: int) -> None:
+    """A sequence whose duration is a round number of bits, or near one, ends in time: the device tells the tick."""
+    enable(bench)
+    bench.must(Slot(7, bench.weak()))
+    bench.must(Entries((Entry(7, once),)))
+    bench.unasked.clear()
+    began = bench.must(Sequence(0, 1, repeats=repeats)).commit_period
+    told = bench.await_unasked((once * repeats + 4000) / CARRIER_HZ + 1)
+    expect("the state that is told", (told.state, told.since_period), (State.READY, 0))
+    expect("the tick of the end", told.now, (began + once * repeats) * TICKS_PER_PERIOD)
+
+
+@case("REQ-007", "BLK-015", "CHN-015", features=Feature.SEQUENCES | Feature.READ_BACK)
+def test_the_place_in_a_sequence_is_counted_whole(bench: Bench) -> None:
+    """Behind 2¹⁶ periods of a sequence PULSES tells the entry that plays, in the first turn and in the second."""
+    enable(bench)
+    slots = [bench.weak(), bench.weak()]
+    for number, pulses in enumerate(slots):
+        bench.must(Slot(number, pulses))
+    bench.must(Entries((Entry(0, 40_000), Entry(1, 30_000))))
+    let_stores_go(bench)
+    began = bench.must(Sequence(0, 2)).commit_period
+    for at, since, slot in ((66_000, 40_000, 1), (71_000, 70_000, 0)):
+        bench.wait_until(began + at)
+        reading = bench.read_back()
+        if reading.read_period >= began + since + 30_000:
+            raise Inconclusive("this line is too slow for the sequence")
+        expect(f"since_period {at} periods into the sequence", reading.since_period, began + since)
+        expect(f"whether PULSES are those of slot {slot}", reading.pulses == slots[slot], True)
+
+
+# What is stored and looked for
+
+LATE_ENTRIES = (120, 255, 256, 512, 1023)
+LATE_SAMPLES = (480, 511, 512, 1024, 2048, 4095)
+"""Places behind the first block of either, and where a table of 8 bits or another power of two would end."""
+
+
+def store_but(bench: Bench, size: int, gaps: tuple[int, ...], at_once: int, store: Callable[[int, int], Body]) -> None:
+    """Store everything of a table or a buffer but what stands at some places."""
+    for gap, behind in pairwise((-1, *gaps, size)):
+        for first in range(gap + 1, behind, at_once):
+            bench.must(store(first, min(at_once, behind - first)))
+
+
+def silent_entries(first: int, count: int) -> Body:
+    """Entries of slot 0, for a period each."""
+    return Entries((Entry(0, 1),) * count, first)
+
+
+def empty(bench: Bench, what: str, body: Body) -> None:
+    """See that a block is refused with EMPTY."""
+    refuse(bench, [Wrong(f"all, where {what} was never stored", forge(bench, body), Reason.EMPTY)])
+
+
+@case("BLK-021", "BLK-014", allow=(Risk.RESET,), features=Feature.SEQUENCES)
+def test_what_a_sequence_lacks_is_missed_wherever_it_stands(bench: Bench) -> None:
+    """A SEQUENCE of all 1024 entries is refused with EMPTY for one entry, and for one slot, from place 120 on."""
+    bench.restart(lambda: bench.order(Request.RESET))
+    begin(bench)
+    bench.must(Slot(0, SILENT))
+    store_but(bench, TABLE, LATE_ENTRIES, ENTRIES_PER_BLOCK, silent_entries)
+    for place in LATE_ENTRIES:
+        empty(bench, f"entry {place}", Sequence(0, TABLE))
+        bench.must(silent_entries(place, 1))
+    for slot, place in enumerate(LATE_ENTRIES, 1):
+        bench.must(Entries((Entry(slot, 1),), place))
+    for slot, place in enumerate(LATE_ENTRIES, 1):
+        empty(bench, f"the slot of entry {place}", Sequence(0, TABLE))
+        bench.must(Slot(slot, SILENT))
+    bench.must(Sequence(0, TABLE))
+
+
+@case("BLK-021", "BLK-016", allow=(Risk.RESET,), features=Feature.MODULATION)
+def test_what_a_modulation_lacks_is_missed_wherever_it_stands(bench: Bench) -> None:
+    """A MODULATION of all 4096 samples is refused with EMPTY for one sample from place 480 on."""
+    bench.restart(lambda: bench.order(Request.RESET))
+    begin(bench)
+    store_but(bench, BUFFER, LATE_SAMPLES, SAMPLES_PER_BLOCK, lambda first, count: Samples(b"\xff" * count, first))
+    for place in LATE_SAMPLES:
+        empty(bench, f"sample {place}", Modulation(0, BUFFER, 1))
+        bench.must(Samples(b"\xff", place))
+    bench.must(Modulation(0, BUFFER, 1))
+
+
+@case("SAF-006", "BLK-022", "REQ-010", features=Feature.SEQUENCES)
+def test_a_slot_is_judged_and_guarded_wherever_it_stands(bench: Bench) -> None:
+    """A slot of an entry from place 120 on is refused with DRIVE above the limit, and in use while it plays."""
+    bench.must(Slot(0, SILENT))
+    bench.must(Slot(1, driven(1004)))
+    store_but(bench, TABLE, (), ENTRIES_PER_BLOCK, silent_entries)
+    bench.order(Request.LIMIT, 1)
+    enable(bench)
+    for place in LATE_ENTRIES:
+        bench.must(Entries((Entry(1, 1),), place))
+        refuse(bench, [Wrong(f"a slot above the limit at {place}", forge(bench, Sequence(0, TABLE)), Reason.DRIVE)])
+        bench.must(silent_entries(place, 1))
+    bench.must(Slot(1, SILENT))
+    for place in LATE_ENTRIES:
+        bench.must(Entries((Entry(1, 1),), place))
+        bench.must(Sequence(0, TABLE))
+        over = (Slot(1, SILENT), silent_entries(place, 1))
+        let_stores_go(bench)
+        refuse(bench, [Wrong(f"a store over entry {place}", forge(bench, body), Reason.IN_USE) for body in over])
+        bench.wait_until(bench.must(Output(Action.SILENCE)).commit_period)
+        bench.must(silent_entries(place, 1))
+
+
+@case("BLK-022", features=Feature.MODULATION)
+def test_a_sample_is_guarded_wherever_it_stands(bench: Bench) -> None:
+    """While all 4096 samples modulate none of them can be overwritten, from place 480 on either."""
+    enable(bench)
+    store_but(bench, BUFFER, (), SAMPLES_PER_BLOCK, lambda first, count: Samples(b"\xff" * count, first))
+    bench.must(Modulation(0, BUFFER, 1))
+    let_stores_go(bench)
+    refuse(
+        bench,
+        [Wrong(f"sample {place}", forge(bench, Samples(b"\xff", place)), Reason.IN_USE) for place in LATE_SAMPLES],
+    )
+
+
+# Periods far ahead
+
+CHANGES: dict[str, Callable[[int], Change]] = {
+    "update": lambda period: Update(SILENT, period),
+    "sequence": lambda period: Sequence(0, 1, period),
+    "modulation": lambda period: Modulation(0, 1, 1, period),
+    "end-of-modulation": lambda period: Output(Action.END_MODULATION, period),
+    "silence": lambda period: Output(Action.SILENCE, period),
+    "disable": lambda period: Output(Action.DISABLE, period),
+}
+FAR_SPANS = spans(PER_PERIOD, LONG_PERIODS, HORIZON_PERIODS - LONG_PERIODS)
+
+
+def store_what_changes_play(bench: Bench) -> None:
+    """Store what the changes refer to, as far as the device knows it."""
+    stores: tuple[Body, ...] = (Slot(0, SILENT), Entries((Entry(0, 1),)), Samples(b"\xff"))
+    for body in stores:
+        if features_of(body) in bench.info.features:
+            bench.must(body)
+    let_stores_go(bench)
+
+
+@case("BLK-005", "BLK-010", "BLK-018", "TIM-002")
+@pytest.mark.parametrize("kind", CHANGES)
+def test_a_change_waits_for_its_period_however_far_it_is(bench: Bench, kind: str) -> None:
+    """A change for a period that is near in few bits of periods, ticks or cycles takes a place and has no effect yet."""
+    change = CHANGES[kind]
+    require(bench, features_of(change(0)))
+    enable(bench)
+    store_what_changes_play(bench)
+    for what, ahead in some(bench, FAR_SPANS):
+        bench.enable()
+        playing = bench.must(Update(SILENT)).commit_period
+        modulated = kind == "end-of-modulation"
+        if modulated:
+            bench.wait_until(bench.must(Modulation(0, 1, 1)).commit_period)
+        near = soon(bench, 2)
+        ack = bench.must(change(near + ahead))
+        told = (ack.commit_period, ack.late)
+        expect(f"commit_period and LATE of a change that is near in {what}", told, (near + ahead, False))
+        bench.wait_until(near + PROMISED_PERIODS)
+        status = bench.status()
+        if status.period >= near + ahead:
+            raise Inconclusive(f"this line is too slow: period {near + ahead} has come")
+        flags = StatusFlag.MODULATION if modulated else StatusFlag(0)
+        expect(
+            f"state, flags, since_period and free while a change waits that is near in {what}",
+            (status.state, status.flags, status.since_period, status.free),
+            (State.PLAYING, flags, playing, bench.info.queue_blocks - 1),
+        )
+        bench.disable()
+
+
+@case("BLK-010", "BLK-008", "TIM-002")
+@pytest.mark.parametrize("kind", ["update", "silence"])
+def test_what_is_beyond_the_horizon_is_refused_however_it_is_counted(bench: Bench, kind: str) -> None:
+    """Periods that are near in 32 to 63 bits, or in 64 bits of ticks or cycles, are refused, whatever is queued."""
+    begin(bench)
+    near = soon(bench, 20)
+    bench.must(Output(Action.SILENCE, near + 2**31))  # it is the arrival that counts, not what is queued
+    beyond = {f"{bits} bits of periods": 2**bits for bits in (32, 33, 40, 48, 56, 62, 63)}
+    for name, count in PER_PERIOD.items():
+        beyond |= {f"{bits} bits of {name}": -(-(2**bits) // count) for bits in (63, 64) if count > 1}
+    wrong = {what: forge(bench, CHANGES[kind](near + ahead)) for what, ahead in beyond.items()}
+    refuse(bench, some(bench, [Wrong(f"near in {what}", block, Reason.HORIZON) for what, block in wrong.items()]))
+
+
+@case("BLK-023")
+def test_how_far_updates_are_apart_is_counted_whole(bench: Bench) -> None:
+    """Two updates that are far apart, and one period in few bits, are not refused for their rate."""
+    if bench.info.periods_per_update == 1:
+        raise NotApplicable("its chain can carry an update in every period")
+    enable(bench)
+    for bits in BITS[:-1]:
+        bench.enable()
+        first = bench.must(Update(SILENT, soon(bench, 2))).commit_period
+        bench.must(Update(SILENT, first + 2**bits + 1))
+        bench.disable()
+
+
+# Where counts wrap
+
+PER_SECOND = {"ms": 1_000, "µs": 1_000_000, **{name: 40_000 * count for name, count in PER_PERIOD.items()}}
+AROUND_SECONDS = 20
+"""So long before and after a wrap, for what counts may have begun some seconds before period 0."""
+
+
+@case("TIM-002/1", "SAF-003", "BLK-005", "BLK-015", "CHN-026", needs=(Need.SPARE,), features=Feature.SEQUENCES)
+def test_nothing_goes_wrong_where_a_count_wraps(bench: Bench) -> None:
+    """Watchdog, queue, sequences and lateness hold where 31 and 32 bits of ms, µs, ticks, cycles or periods end."""
+    for name, count in PER_SECOND.items():
+        for bits in (31, 32):
+            edge = 2**bits * CARRIER_HZ // count
+            bench.note("a count wraps", f"{bits} bits of {name}, at period {edge}")
+            with bench.spare() as device:
+                check_wrap(device, edge)
+
+
+def check_wrap(device: Bench, edge: int) -> None:
+    """Let a sequence end, an update begin and the watchdog fire where a count wraps, and more behind it."""
+    device.wait_periods(max(edge - AROUND_SECONDS * CARRIER_HZ - device.period(), 0))
+    enable(device)
+    device.must(Slot(0, SILENT))
+    device.must(Slot(1, pulses := device.weak()))
+    device.must(Entries((Entry(0, 30),)))
+    device.unasked.clear()
+    device.must(Sequence(0, 1, edge - 50, repeats=10))
+    device.must(Update(pulses, edge + 1000))
+    last = device.must(NoOp()).now
+    ms = ceil((edge + AROUND_SECONDS * CARRIER_HZ - last // TICKS_PER_PERIOD) * TICKS_PER_PERIOD / TICKS_PER_MS)
+    device.order(Request.WATCHDOG, ms)
+    ended = device.await_unasked(2 * AROUND_SECONDS)
+    expect("the tick at which the sequence ends", ended.now, (edge + 250) * TICKS_PER_PERIOD)
+    device.wait_until(edge + 1001)
+    expect("since when the update plays", device.read_back().since_period, edge + 1000)
+    check_fired(device.await_unasked(2 * AROUND_SECONDS).now, last, ms)
+    enable(device)
+    ack = device.must(Update(SILENT, 1))
+    expect("LATE of a change for period 1", ack.late, True)
+    assert ack.commit_period <= ack.now_period + PROMISED_PERIODS, (
+        f"a change for period 1 takes effect at period {ack.commit_period}, its block had arrived in {ack.now_period}"
+    )
+    far_ahead = device.period() + HORIZON_PERIODS
+    expect(
+        "the reason within the horizon", device.send(Output(Action.SILENCE, far_ahead - 100)).reason, Reason.ACCEPTED
+    )
+    expect("the reason beyond it", device.send(Output(Action.SILENCE, far_ahead + 4000)).reason, Reason.HORIZON)
+    check_sync(device)
+    device.disable()

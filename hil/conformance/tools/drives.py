@@ -1,0 +1,40 @@
+"""Pulses of a chosen total drive, by the formula of clause SAF-006 and not by a device's table."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+__all__ = ["power", "widths_for"]
+
+FULL_WIDTH, FULL_POWER = 25, 1000
+MOST_BY_SEARCH = 3001
+"""Totals up to this are made up of any widths; of larger ones the rest is full pulses."""
+
+
+def power(width: int) -> int:
+    """Of a pulse, in thousandths of that of 25 ticks, by the formula of clause SAF-006."""
+    return math.floor(1000 * math.sin(math.pi * width / 50) ** 2 + 1 / 2)
+
+
+@cache
+def _last_widths() -> list[int]:
+    """For each total up to the most, the width of one of as few pulses as make it up; 0 where none do."""
+    most = MOST_BY_SEARCH
+    fewest, last = [0] + [most] * most, [0] * (most + 1)
+    powers = [(width, power(width)) for width in range(1, 26)]
+    for total in range(1, most + 1):
+        fewest[total], last[total] = min(
+            ((fewest[total - part] + 1, width) for width, part in powers if part <= total), default=(most, 0)
+        )
+    return last
+
+
+def widths_for(total: int) -> list[int]:
+    """As few widths as can be, but for a few, whose powers make up a total in thousandths."""
+    full = max(total - MOST_BY_SEARCH + FULL_POWER - 1, 0) // FULL_POWER
+    widths, left = [FULL_WIDTH] * full, total - full * FULL_POWER
+    while left:
+        widths.append(_last_widths()[left])
+        left -= power(widths[-1])
+    return widths
