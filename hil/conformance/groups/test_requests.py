@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
@@ -23,10 +24,12 @@ from phasewire.hil.conformance.tools.steps import (
     let_stores_go,
     packed,
     refuse,
+    require,
     vectors,
 )
 from phasewire.protocol.blocks import (
     Block,
+    Body,
     Clock,
     Entries,
     Entry,
@@ -357,6 +360,108 @@ def test_requests_move_no_counter(bench: Bench) -> None:
     bench.try_order(Request.LIMIT, 1)
     bench.try_order(Request.WATCHDOG, 3)
     check_same(before, bench.status())
+
+
+def accept(bench: Bench, *bodies: Body) -> int:
+    """Send blocks that have to be accepted, and wait for the last; how many they are."""
+    for body in bodies:
+        ack = bench.must(body)
+    bench.wait_until(ack.commit_period)
+    return len(bodies)
+
+
+def let_sequence_end(bench: Bench) -> int:
+    """Play a sequence to its last repeat; how many blocks that takes."""
+    require(bench, Feature.SEQUENCES)
+    count = accept(bench, Slot(0, SILENT), Entries((Entry(0, 3),)), Sequence(0, 1, repeats=2))
+    bench.await_unasked(1)
+    return count
+
+
+def let_watchdog_fire(bench: Bench) -> int:
+    """Let the watchdog fire."""
+    bench.order(Request.WATCHDOG, 10)
+    bench.await_unasked(1)
+    bench.order(Request.WATCHDOG, KEPT_MS)
+    return 0
+
+
+def suspend(bench: Bench) -> int:
+    """Suspend the bus and resume it."""
+    if not bench.can(Need.SUSPEND):
+        raise Inconclusive(f"this needs {Need.SUSPEND}")
+    bench.usb.set_configuration()
+    bench.levers.suspend()
+    bench.levers.resume()
+    return 0
+
+
+def reset_bus(bench: Bench) -> int:
+    """Reset the bus."""
+    if Risk.RESET not in bench.allowed:
+        raise Inconclusive(f"this was not allowed: --allow {Risk.RESET}")
+    bench.usb.reset()
+    return 0
+
+
+def configure_anew(bench: Bench) -> int:
+    """Configure the device once more."""
+    bench.usb.set_configuration()
+    return 0
+
+
+def choose_setting_anew(bench: Bench) -> int:
+    """Choose the setting of interface 0 once more."""
+    bench.usb.set_interface(0)
+    return 0
+
+
+def make(bench: Bench, *orders: Request) -> int:
+    """Make requests."""
+    for order in orders:
+        bench.order(order)
+    return 0
+
+
+KEPT_MS = 4321
+KEEPS: dict[str, Callable[[Bench], int]] = {
+    "enable": lambda bench: make(bench, Request.DISABLE, Request.ENABLE),
+    "disable": lambda bench: make(bench, Request.DISABLE),
+    "clear-faults": lambda bench: make(bench, Request.CLEAR_FAULTS),
+    "accepted-blocks": lambda bench: accept(bench, NoOp(), Clock(), Update(SILENT), Output(Action.SILENCE)),
+    "output-disable": lambda bench: accept(bench, Output(Action.DISABLE)),
+    "the-end-of-a-sequence": let_sequence_end,
+    "the-watchdog": let_watchdog_fire,
+    "suspend": suspend,
+    "bus-reset": reset_bus,
+    "set-configuration": configure_anew,
+    "set-interface": choose_setting_anew,
+}
+"""What leaves counters, last refusal and settings as they are; each tells how many blocks were accepted for it."""
+KEPT = (
+    *("last_refusal", "refused", "late", "lost", "missed_commits", "damaged_messages"),
+    *("dropped_frames", "faults", "watchdog_ms", "drive_limit"),
+)
+
+
+@case("REQ-003", "REQ-009", "REQ-010", "USB-026", "STA-003")
+@pytest.mark.parametrize("what", KEEPS)
+def test_counts_and_the_last_refusal_are_kept(bench: Bench, what: str) -> None:
+    """Counters, last refusal, watchdog time and limit in STATUS stay as they are, whatever the state changes to."""
+    bench.order(Request.LIMIT, 1)
+    bench.order(Request.WATCHDOG, KEPT_MS)
+    bench.enable()
+    first = bench.must(NoOp()).sequence
+    refuse(bench, [Wrong("an update beyond the horizon", forge(bench, Update(SILENT, 2**63)), Reason.HORIZON)])
+    bench.must(NoOp(), number=(first + 5) % 2**32)
+    bench.must(Update(SILENT, 1))
+    before = bench.status()
+    bench.unasked.clear()
+    accepted = KEEPS[what](bench)
+    after = bench.status()
+    for name in KEPT:
+        expect(f"{name} in STATUS", getattr(after, name), getattr(before, name))
+    expect("the count of accepted blocks", after.accepted, (before.accepted + accepted) % 2**32)
 
 
 @case("REQ-003", "STA-001", features=ENTRIES_FEATURES)

@@ -140,11 +140,11 @@ def test_a_change_for_now_plays_from_the_period_acknowledged(bench: Bench, kind:
     stage.judge(first, ack.commit_period + 20)
 
 
-@case("BLK-005/1")
+@case("BLK-005/1", "REQ-003")
 @EVERY_KIND
 @pytest.mark.parametrize("back", [0, 1, 300, 2**40], ids=["this-period", "one-ago", "long-ago", "at-the-beginning"])
 def test_a_late_change_is_counted_and_said(bench: Bench, kind: Kind, back: int) -> None:
-    """A change for a period that has begun is late: accepted with LATE, counted once, and due within five periods."""
+    """A change for a period that has begun is late: accepted with LATE, counted once, and plays within five periods."""
     stage = Stage(bench)
     change = changes(stage, kind)
     before = bench.status()
@@ -155,6 +155,9 @@ def test_a_late_change_is_counted_and_said(bench: Bench, kind: Kind, back: int) 
     expect("the count of late changes", after.late - before.late, 1)
     expect("the count of accepted blocks", after.accepted - before.accepted, 1)
     expect("the count of refused blocks", after.refused - before.refused, 0)
+    bench.wait_until(ack.commit_period)
+    since = {Kind.UPDATE: ack.commit_period, Kind.SEQUENCE: ack.commit_period, Kind.SILENCE: 0}
+    expect("since_period", bench.status().since_period, since.get(kind, before.since_period))
 
 
 def check_late(ack: Ack) -> None:
