@@ -11,7 +11,15 @@ from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.tools.dfu import DfuLine, dfu_mode
-from phasewire.hil.conformance.tools.images import UNTRUSTED, Forgery, as_version, large_image, signed_by
+from phasewire.hil.conformance.tools.images import (
+    UNTRUSTED,
+    Forgery,
+    as_version,
+    boot_record,
+    large_image,
+    of_many_blocks,
+    signed_by,
+)
 from phasewire.host.lines.usb_find import RUN_TIME
 from phasewire.protocol.board import CARRIER_HZ
 from phasewire.protocol.codes import (
@@ -294,10 +302,46 @@ def test_an_image_that_has_gone_bad_does_not_boot(bench: Bench) -> None:
     bench.wait(STUCK_SECONDS)
 
 
-def _stick(bench: Bench, address: int) -> None:
-    """Let the first byte of an image or a record, which is 50h, read as 51h for a while."""
+def _stick(bench: Bench, address: int, bit: int = 0, value: int = 1) -> None:
+    """Let a bit of the flash stick for a while; bit 0 makes 51h of 50h, with which images and records begin."""
     periods = round(STUCK_SECONDS * CARRIER_HZ)
-    bench.levers.cause(faults.StuckFlashBit(address=address, bit=0, value=1, periods=periods))
+    bench.levers.cause(faults.StuckFlashBit(address=address, bit=bit, value=value, periods=periods))
+
+
+@flashing("DFU-009", "DFU-014", "FWU-007", "FWU-008", "FWU-019")
+def test_an_image_of_more_than_256_blocks_boots(bench: Bench) -> None:
+    """The firmware with zeros after it, of 258 blocks and one segment of 65 536, is taken, given back, and boots."""
+    before = bank_of(bench)
+    with dfu_mode(bench) as line:
+        own = _own(line)
+        image = of_many_blocks(own, 258)
+        line.flash(image)
+        found = line.image()
+        assert found == image, f"an image of {len(image)} bytes is given back as another, of {len(found)} bytes"
+    expect("the bank that boots", settled(bench), idle_bank(before))
+    expect("the faults", bench.status().faults, Fault(0))
+    with dfu_mode(bench) as line:
+        line.flash(own)
+    settled(bench)
+
+
+@pytest.mark.parametrize("generation", [0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF], ids=lambda number: f"{number:X}")
+@reverting("FWU-017", "FWU-019", needs=(Need.FAULTS,))
+def test_an_upgrade_is_newer_whatever_generation_it_follows(bench: Bench, generation: int) -> None:
+    """After an upgrade of the largest generation of some bits, as its stuck record reads, the next one boots."""
+    bench.restart(lambda: bench.order(Request.REVERT))
+    expect("the bank that boots", upgraded(bench), Bank.A)  # with generation 0, for there is no other record
+    with dfu_mode(bench) as line:
+        own = _own(line)
+        written, reads = boot_record(own, 0), boot_record(own, generation)
+        for number, (one, other) in enumerate(zip(written, reads, strict=True)):
+            for bit in range(8):
+                if (one ^ other) >> bit & 1:
+                    _stick(bench, Bank.A.record_address + number, bit, other >> bit & 1)
+        line.flash(own)
+    expect("the bank that boots", settled(bench), Bank.B)
+    expect("the faults", bench.status().faults, Fault(0))
+    bench.wait(STUCK_SECONDS)
 
 
 @reverting("REQ-014", "FWU-022/1", "FWU-022")

@@ -26,6 +26,7 @@ from . import (
     sorting,
     timing,
     versions,
+    widths,
 )
 from .patching import MUTANTS
 
@@ -55,4 +56,5 @@ GROUPS = (
     console,
     robustness,
     long_run,
+    widths,
 )

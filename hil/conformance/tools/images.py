@@ -6,6 +6,7 @@ Nothing here makes firmware up: what is flashed to the end is what the device it
 from __future__ import annotations
 
 import hashlib
+import struct
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,11 +15,22 @@ from typing import Self
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from ....protocol.codes import ImageReason
+from ....protocol.board import PROCESSORS
+from ....protocol.codes import ImageReason, Target
 from ..cases import Inconclusive, NotApplicable
 from .dfu import DfuLine
 
-__all__ = ["UNTRUSTED", "Forgery", "as_version", "large_image", "of_whole_blocks", "reseal", "signed_by"]
+__all__ = [
+    "UNTRUSTED",
+    "Forgery",
+    "as_version",
+    "boot_record",
+    "large_image",
+    "of_many_blocks",
+    "of_whole_blocks",
+    "reseal",
+    "signed_by",
+]
 
 BLOCK = 2048
 LEAST_BLOCKS = 5
@@ -73,6 +85,38 @@ def of_whole_blocks(image: bytes) -> bytes:
     grown[entry + 12 : entry + 16] = zlib.crc32(segment).to_bytes(4, "little")
     grown[entry + 16 : entry + 48] = hashlib.sha256(segment).digest()
     return reseal(grown)
+
+
+def of_many_blocks(image: bytes, blocks: int) -> bytes:
+    """The same firmware in a segment for each processor, with zeros after each, so that it has so many blocks at least.
+
+    The first segment is as large as one can be. It is not signed; not applicable where the firmware is.
+    """
+    if image[16:24] != bytes(8):
+        raise NotApplicable("the firmware is signed, so that nobody but its maker can make it longer")
+    found = [_segment(image, number) for number in range(image[5])]
+    *programs, controller = (image[begin:end] for begin, end in found)
+    each = -(-(blocks * BLOCK - LARGEST_SEGMENT) // (PROCESSORS - 1))
+    sizes = [LARGEST_SEGMENT, *[min(each, LARGEST_SEGMENT)] * (PROCESSORS - 1)]
+    of_all = programs * PROCESSORS if len(programs) == 1 else programs
+    segments = [program.ljust(size, b"\0") for program, size in zip(of_all, sizes, strict=True)] + [controller]
+    table, body, at = b"", b"", HEADER + ENTRY * len(segments)
+    for target, segment in zip((*range(PROCESSORS), Target.CONTROLLER), segments, strict=True):
+        body += bytes(-len(body) % 4)
+        place = (target, at + len(body), len(segment), zlib.crc32(segment))
+        table += struct.pack("<4I", *place) + hashlib.sha256(segment).digest()
+        body += segment
+    body += bytes(-len(body) % 4)
+    header = bytearray(image[:HEADER])
+    header[5] = len(segments)
+    header[12:16] = (at + len(body) + SIGNATURE).to_bytes(4, "little")
+    return reseal(bytes(header) + table + body + bytes(SIGNATURE))
+
+
+def boot_record(image: bytes, generation: int) -> bytes:
+    """The record of an image up to its checksum (clause FWU-017)."""
+    record = b"PWBR" + struct.pack("<II", generation, len(image)) + hashlib.sha256(image).digest()
+    return record + zlib.crc32(record).to_bytes(4, "little")
 
 
 @dataclass(frozen=True)
@@ -133,8 +177,14 @@ class Forgery:
             cls("a target twice", ImageReason.TARGETS, _repeat_target),
             cls("a segment of no bytes", ImageReason.SIZE, _put(HEADER + 8, bytes(4))),
             cls("a segment of 65537 bytes", ImageReason.SIZE, _put(HEADER + 8, (65_537).to_bytes(4, "little"))),
+            cls("a segment of 2¹⁶ bytes more", ImageReason.SIZE, _add(HEADER + 8, 2**16)),
+            cls("a segment of 2³¹ bytes more", ImageReason.SIZE, _add(HEADER + 8, 2**31)),
             cls("a gap before a segment", ImageReason.OFFSET, _add(HEADER + 4, 4)),
+            cls("a segment 2¹⁶ bytes further on", ImageReason.OFFSET, _add(HEADER + 4, 2**16)),
+            cls("a segment 2³¹ bytes further on", ImageReason.OFFSET, _add(HEADER + 4, 2**31)),
             cls("a total of four bytes more", ImageReason.OFFSET, _add(12, 4)),
+            cls("a total of 2¹⁶ bytes more", ImageReason.OFFSET, _add(12, 2**16)),
+            cls("a total of 2³¹ bytes more", ImageReason.OFFSET, _add(12, 2**31)),
         ]
         both = [earlier.with_later(later) for earlier, later in pairwise(alone) if earlier.reason is not later.reason]
         return alone + both
@@ -177,9 +227,9 @@ def _repeat_target(image: bytearray) -> None:
     image[HEADER + ENTRY] = image[HEADER]
 
 
-def _segment(image: bytearray) -> tuple[int, int]:
-    """Where the first segment begins and ends."""
-    offset, size = (int.from_bytes(image[HEADER + at :][:4], "little") for at in (4, 8))
+def _segment(image: bytes | bytearray, number: int = 0) -> tuple[int, int]:
+    """Where a segment begins and ends, the first by default."""
+    offset, size = (int.from_bytes(image[HEADER + ENTRY * number + at :][:4], "little") for at in (4, 8))
     return offset, offset + size
 
 
