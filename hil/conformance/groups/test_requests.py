@@ -382,6 +382,7 @@ def let_watchdog_fire(bench: Bench) -> int:
     """Let the watchdog fire."""
     bench.order(Request.WATCHDOG, 10)
     bench.await_unasked(1)
+    expect("watchdog_ms after the watchdog has fired", bench.status().watchdog_ms, 10)
     bench.order(Request.WATCHDOG, KEPT_MS)
     return 0
 

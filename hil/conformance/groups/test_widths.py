@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from math import ceil
 from typing import NamedTuple
 
 import pytest
@@ -120,8 +119,13 @@ def test_a_long_watchdog_time_ends(bench: Bench) -> None:
 
 # Total drives
 
-TOTALS = tuple(2**bits for bits in range(7, 19))
-"""In thousandths of a transducer: of each a number that is too narrow keeps nothing, or makes a negative one."""
+LIMITS = pytest.mark.parametrize("limit", [0, 1])
+TOTAL_BITS = range(7, 19)
+
+
+def totals(limit: int) -> list[int]:
+    """Total drives above a limit, in thousandths, of which a narrow number keeps half of that, or is negative."""
+    return [2**bits + 500 * limit for bits in TOTAL_BITS if 2**bits > 1000 * limit]
 
 
 def driven(total: int) -> Pulses:
@@ -130,9 +134,9 @@ def driven(total: int) -> Pulses:
     return Pulses([0] * CHANNELS, widths + [0] * (CHANNELS - len(widths)))
 
 
-def too_heavy(bench: Bench, body: Slot | Update) -> list[Wrong]:
-    """Blocks like one that is silent, with each of the total drives, which no limit of 0 transducers allows."""
-    payloads = {total: packed((0, width) for width in widths_for(total)) for total in TOTALS}
+def too_heavy(bench: Bench, body: Slot | Update, limit: int) -> list[Wrong]:
+    """Blocks like one that is silent, with each of the total drives, which are above a limit."""
+    payloads = {total: packed((0, width) for width in widths_for(total)) for total in totals(limit)}
     return [
         Wrong(f"a total drive of {total} thousandths", forge(bench, body, payload), Reason.DRIVE)
         for total, payload in some(bench, payloads.items())
@@ -140,39 +144,42 @@ def too_heavy(bench: Bench, body: Slot | Update) -> list[Wrong]:
 
 
 @case("SAF-006", "REQ-010", features=Feature.SEQUENCES)
-def test_the_drive_of_a_slot_is_summed_up_whole(bench: Bench) -> None:
-    """Under a limit of 0 a slot is refused with DRIVE whatever it drives, up to 262 transducers; none of them plays."""
-    bench.order(Request.LIMIT, 0)
+@LIMITS
+def test_the_drive_of_a_slot_is_summed_up_whole(bench: Bench, limit: int) -> None:
+    """Above a low limit a slot is refused with DRIVE whatever it drives, up to 262 transducers; none of them plays."""
+    bench.order(Request.LIMIT, limit)
     bench.must(NoOp())
     try:
-        refuse(bench, too_heavy(bench, Slot(0, SILENT)))
+        refuse(bench, too_heavy(bench, Slot(0, SILENT), limit))
     finally:
         bench.must(Slot(0, SILENT))  # nothing heavy is left, whatever came of it
 
 
 @case("SAF-006", "REQ-010", allow=(Risk.DRIVE,))
-def test_the_drive_of_an_update_is_summed_up_whole(bench: Bench) -> None:
-    """Under a limit of 0 an update is refused with DRIVE whatever it drives, up to 262 transducers."""
-    bench.order(Request.LIMIT, 0)
+@LIMITS
+def test_the_drive_of_an_update_is_summed_up_whole(bench: Bench, limit: int) -> None:
+    """Above a low limit an update is refused with DRIVE whatever it drives, up to 262 transducers."""
+    bench.order(Request.LIMIT, limit)
     begin(bench)
-    refuse(bench, too_heavy(bench, Update(SILENT)))
+    refuse(bench, too_heavy(bench, Update(SILENT), limit))
 
 
 @case("SAF-006", "REQ-010", features=Feature.SEQUENCES)
-def test_the_drive_of_a_stored_slot_is_kept_whole(bench: Bench) -> None:
-    """No slot of any drive that was stored under a higher limit plays under a limit of 0."""
-    totals = some(bench, [total for total in TOTALS if total <= 1000 * bench.drive_limit])
-    for slot, total in enumerate(totals):
+@LIMITS
+def test_the_drive_of_a_stored_slot_is_kept_whole(bench: Bench, limit: int) -> None:
+    """No slot that was stored under a higher limit plays above a low one, whatever it drives."""
+    stored = some(bench, [total for total in totals(limit) if total <= 1000 * bench.drive_limit])
+    for slot, total in enumerate(stored):
         bench.must(Slot(slot, driven(total)))
-    bench.must(Entries(tuple(Entry(slot, 1) for slot in range(len(totals)))))
-    bench.order(Request.LIMIT, 0)
+    bench.must(Entries(tuple(Entry(slot, 1) for slot in range(len(stored)))))
+    bench.order(Request.LIMIT, limit)
     enable(bench)
     let_stores_go(bench)
     refuse(
         bench,
         [
             Wrong(f"a slot of {total} thousandths", forge(bench, Sequence(slot, 1)), Reason.DRIVE)
-            for slot, total in enumerate(totals)
+            for slot, total in enumerate(stored)
         ],
     )
 
@@ -334,26 +341,21 @@ def test_what_a_modulation_lacks_is_missed_wherever_it_stands(bench: Bench) -> N
 
 
 @case("SAF-006", "BLK-022", "REQ-010", features=Feature.SEQUENCES)
-def test_a_slot_is_judged_and_guarded_wherever_it_stands(bench: Bench) -> None:
-    """A slot of an entry from place 120 on is refused with DRIVE above the limit, and in use while it plays."""
+@pytest.mark.parametrize("place", LATE_ENTRIES)
+def test_a_slot_is_judged_and_guarded_wherever_it_stands(bench: Bench, place: int) -> None:
+    """Of a SEQUENCE of the whole table a late entry's slot is judged by the limit, and is in use while it plays."""
     bench.must(Slot(0, SILENT))
     bench.must(Slot(1, driven(1004)))
     store_but(bench, TABLE, (), ENTRIES_PER_BLOCK, silent_entries)
+    bench.must(Entries((Entry(1, 1),), place))
     bench.order(Request.LIMIT, 1)
     enable(bench)
-    for place in LATE_ENTRIES:
-        bench.must(Entries((Entry(1, 1),), place))
-        refuse(bench, [Wrong(f"a slot above the limit at {place}", forge(bench, Sequence(0, TABLE)), Reason.DRIVE)])
-        bench.must(silent_entries(place, 1))
+    refuse(bench, [Wrong("a slot above the limit", forge(bench, Sequence(0, TABLE)), Reason.DRIVE)])
     bench.must(Slot(1, SILENT))
-    for place in LATE_ENTRIES:
-        bench.must(Entries((Entry(1, 1),), place))
-        bench.must(Sequence(0, TABLE))
-        over = (Slot(1, SILENT), silent_entries(place, 1))
-        let_stores_go(bench)
-        refuse(bench, [Wrong(f"a store over entry {place}", forge(bench, body), Reason.IN_USE) for body in over])
-        bench.wait_until(bench.must(Output(Action.SILENCE)).commit_period)
-        bench.must(silent_entries(place, 1))
+    bench.must(Sequence(0, TABLE))
+    let_stores_go(bench)
+    over = (Slot(1, SILENT), silent_entries(place, 1))
+    refuse(bench, [Wrong("a store over what plays", forge(bench, body), Reason.IN_USE) for body in over])
 
 
 @case("BLK-022", features=Feature.MODULATION)
@@ -456,45 +458,51 @@ AROUND_SECONDS = 20
 """So long before and after a wrap, for what counts may have begun some seconds before period 0."""
 
 
-@case("TIM-002/1", "SAF-003", "BLK-005", "BLK-015", "CHN-026", needs=(Need.SPARE,), features=Feature.SEQUENCES)
-def test_nothing_goes_wrong_where_a_count_wraps(bench: Bench) -> None:
+@case("TIM-002/1", "SAF-003", "SAF-005", "BLK-005", "BLK-015", "CHN-026", needs=(Need.SPARE,))
+@pytest.mark.parametrize("unattended", [False, True], ids=["attended", "unattended"])
+def test_nothing_goes_wrong_where_a_count_wraps(bench: Bench, unattended: bool) -> None:
     """Watchdog, queue, sequences and lateness hold where 31 and 32 bits of ms, µs, ticks, cycles or periods end."""
+    require(bench, Feature.SEQUENCES | Feature.READ_BACK | (Feature.UNATTENDED if unattended else Feature(0)))
     for name, count in PER_SECOND.items():
         for bits in (31, 32):
             edge = 2**bits * CARRIER_HZ // count
             bench.note("a count wraps", f"{bits} bits of {name}, at period {edge}")
             with bench.spare() as device:
-                check_wrap(device, edge)
+                device.wait_periods(max(edge - AROUND_SECONDS * CARRIER_HZ - device.period(), 0))
+                check_wrap(device, edge, unattended)
+                check_beyond(device)
 
 
-def check_wrap(device: Bench, edge: int) -> None:
-    """Let a sequence end, an update begin and the watchdog fire where a count wraps, and more behind it."""
-    device.wait_periods(max(edge - AROUND_SECONDS * CARRIER_HZ - device.period(), 0))
+def check_wrap(device: Bench, edge: int, unattended: bool) -> None:
+    """Let a sequence end, an update begin and the watchdog fire about where a count wraps."""
     enable(device)
     device.must(Slot(0, SILENT))
     device.must(Slot(1, pulses := device.weak()))
     device.must(Entries((Entry(0, 30),)))
     device.unasked.clear()
-    device.must(Sequence(0, 1, edge - 50, repeats=10))
+    ends = edge + (-10 if unattended else 250)  # from the end of an unattended one on the watchdog's time counts
+    device.must(Sequence(0, 1, ends - 300, repeats=10, unattended=unattended))
     device.must(Update(pulses, edge + 1000))
     last = device.must(NoOp()).now
-    ms = ceil((edge + AROUND_SECONDS * CARRIER_HZ - last // TICKS_PER_PERIOD) * TICKS_PER_PERIOD / TICKS_PER_MS)
+    since = ends * TICKS_PER_PERIOD if unattended else last
+    ms = ((edge + AROUND_SECONDS * CARRIER_HZ) * TICKS_PER_PERIOD - since) // TICKS_PER_MS
     device.order(Request.WATCHDOG, ms)
     ended = device.await_unasked(2 * AROUND_SECONDS)
-    expect("the tick at which the sequence ends", ended.now, (edge + 250) * TICKS_PER_PERIOD)
+    expect("the tick at which the sequence ends", ended.now, ends * TICKS_PER_PERIOD)
     device.wait_until(edge + 1001)
     expect("since when the update plays", device.read_back().since_period, edge + 1000)
-    await_firing(device, last, last, ms)
+    await_firing(device, since, since, ms)
+
+
+def check_beyond(device: Bench) -> None:
+    """See that lateness and the horizon are judged right, by a clock that is told right."""
     enable(device)
     ack = device.must(Update(SILENT, 1))
     expect("LATE of a change for period 1", ack.late, True)
     assert ack.commit_period <= ack.now_period + PROMISED_PERIODS, (
         f"a change for period 1 takes effect at period {ack.commit_period}, its block had arrived in {ack.now_period}"
     )
-    far_ahead = device.period() + HORIZON_PERIODS
-    expect(
-        "the reason within the horizon", device.send(Output(Action.SILENCE, far_ahead - 100)).reason, Reason.ACCEPTED
-    )
-    expect("the reason beyond it", device.send(Output(Action.SILENCE, far_ahead + 4000)).reason, Reason.HORIZON)
+    horizon = device.period() + HORIZON_PERIODS
+    device.must(Output(Action.SILENCE, horizon - 100))
+    refuse(device, [Wrong("beyond", forge(device, Output(Action.SILENCE, horizon + LONG_PERIODS)), Reason.HORIZON)])
     check_sync(device)
-    device.disable()
