@@ -314,6 +314,9 @@ def _due_in_32_bits(patch: Patch, cycles: int) -> None:
                 left = self._time.boundary(first.period) // cycles - now // cycles
                 if signed(left, WORD) <= 0 < left:
                     first.period = self._time.period(now)
+                    near = first.tail._replace(period=first.period, table=min(first.tail.table, first.period))
+                    self.tail = near if self.tail is first.tail else self.tail
+                    first.tail = near
             return original(self, now)
 
         return due
