@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 from phasewire.emulator.faults import FlippedBit, HotBoard
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect, not_allowed, unmet
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
@@ -390,7 +390,7 @@ def let_watchdog_fire(bench: Bench) -> int:
 def suspend(bench: Bench) -> int:
     """Suspend the bus and resume it."""
     if not bench.can(Need.SUSPEND):
-        raise Inconclusive(f"this needs {Need.SUSPEND}")
+        raise Inconclusive(unmet(Need.SUSPEND))
     bench.usb.set_configuration()
     bench.levers.suspend()
     bench.levers.resume()
@@ -400,7 +400,7 @@ def suspend(bench: Bench) -> int:
 def reset_bus(bench: Bench) -> int:
     """Reset the bus."""
     if Risk.RESET not in bench.allowed:
-        raise Inconclusive(f"this was not allowed: --allow {Risk.RESET}")
+        raise Inconclusive(not_allowed(Risk.RESET))
     bench.usb.reset()
     return 0
 
