@@ -14,12 +14,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import is_dataclass
 from functools import cached_property
+from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import DeviceError, DeviceVersionError, InputFileError, ReplyError
-from ...protocol.blocks import Block, Body, Slot, Update, pack
+from ...protocol.blocks import Block, Body, Change, Slot, Update, pack
 from ...protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import (
     BLOCK_BYTES,
@@ -66,8 +67,12 @@ __all__ = ["LOW_DRIVE", "OUTPUTS", "TOLD_PERIODS", "Bench", "Lost"]
 
 LOW_DRIVE = 32
 """Transducers' worth of total drive that a case may use where hard driving was not allowed: a tenth of the array."""
-ACK_SECONDS = 2.0
+ACK_SECONDS = 10.0
 """A device answers at once; the rest is for a computer that is busy."""
+AHEAD_PERIODS = 1000
+"""What a change names so far ahead is meant to be in time: 25 ms."""
+LAST_LOOK_SECONDS = 0.1
+"""For what a device has sent in time to reach this program."""
 BLOCK_SECONDS = {"usb": 0.01, "serial": 0.1}
 """For one block to be taken, at the least speed of a line (clause SER-014), and twice that."""
 QUIET_SECONDS = 0.002
@@ -163,6 +168,7 @@ class Bench:
         self.unasked: list[Status] = []
         self._number: int | None = None
         self._first: Status | None = None
+        self._known_tick = 0
         try:
             self.info = Info.decode(self.ask(Request.INFO))
         except (AssertionError, ReplyError) as error:
@@ -282,7 +288,7 @@ class Bench:
         if isinstance(self.line, SerialLine):
             self.line.enter_frames()
         self.order(Request.DISABLE)
-        self.wait(2 * SILENT_PERIODS / CARRIER_HZ)
+        self.wait_periods(2 * SILENT_PERIODS)
         for _ in range(1000):
             if not self.line.receive_records(QUIET_SECONDS):
                 break
@@ -316,23 +322,57 @@ class Bench:
 
     # Time
 
+    @property
+    def is_far(self) -> bool:
+        """Whether the device's time is not that of this process: either may fall behind the other."""
+        return self.line.time is time
+
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Let time pass for the host; a simulated device may fall behind."""
         self.line.time.sleep(seconds)
 
+    def outlast(self, seconds: float) -> None:
+        """Let time pass for the device, which must answer CLOCK: neither a sign of life nor a change."""
+        due = self.clock().now + ceil(seconds * TICK_HZ) if self.is_far else 0
+        self.wait(seconds)
+        if self.is_far:
+            self._wait_until_tick(due)
+
     def wait_periods(self, periods: float) -> None:
-        """Let carrier periods pass."""
-        self.wait(periods / CARRIER_HZ)
+        """Let carrier periods of the device pass."""
+        self.outlast(periods / CARRIER_HZ)
 
     def wait_until(self, period: int) -> None:
         """Let time pass until a carrier period of the device has begun, by its own clock, if that comes any nearer."""
-        before = None
-        while (left := period * TICKS_PER_PERIOD - self.clock().now) > 0:
-            assert before is None or left < before, (
-                f"the clock does not come to period {period}: {left} ticks are left, {before} were before"
-            )
+        self._wait_until_tick(period * TICKS_PER_PERIOD)
+
+    def _wait_until_tick(self, tick: int) -> None:
+        for left in self._left_until(tick):
             self.wait((left + 1) / TICK_HZ)
+
+    def _left_until(self, tick: int) -> Iterator[int]:
+        """How many ticks the device has still to go, asked again and again."""
+        before = None
+        while (left := tick - self.clock().now) > 0:
+            assert before is None or left < before, (
+                f"the clock does not come to tick {tick}: {left} ticks are left, {before} were before"
+            )
+            yield left
             before = left
+
+    def _looks(self, seconds: float) -> Iterator[float]:
+        """For how long to look for what the device sends, again and again, until the time is over.
+
+        It is over by the host's clock and by the device's, and what was sent before has arrived.
+        """
+        due = self.clock().now + ceil(seconds * TICK_HZ) if self.is_far else 0
+        end = self.line.time.monotonic() + seconds
+        while (left := end - self.line.time.monotonic()) > 0:
+            yield left
+        if self.is_far:
+            for ticks in self._left_until(due):
+                yield (ticks + 1) / TICK_HZ
+            yield LAST_LOOK_SECONDS
 
     # Requests
 
@@ -363,11 +403,15 @@ class Bench:
 
     def status(self) -> Status:
         """Ask for STATUS."""
-        return Status.decode(self.ask(Request.STATUS))
+        status = Status.decode(self.ask(Request.STATUS))
+        self._known_tick = status.now
+        return status
 
     def clock(self) -> ClockReading:
         """Ask for CLOCK."""
-        return ClockReading.decode(self.ask(Request.CLOCK))
+        reading = ClockReading.decode(self.ask(Request.CLOCK))
+        self._known_tick = reading.now
+        return reading
 
     def read_back(self) -> ReadBack:
         """Ask for PULSES."""
@@ -417,18 +461,32 @@ class Bench:
         return self.send_raw(*(pack(self.numbered(body)) for body in bodies))
 
     def must(self, body: Body, *, restart: bool = False, number: int | None = None) -> Ack:
-        """Send a block that has to be accepted, numbered as `numbered` does it."""
+        """Send a block that has to be accepted, numbered as `numbered` does it.
+
+        Raises
+        ------
+        Inconclusive
+            If it is a change for a period that was well ahead when the case began to send it, and was over when it
+            arrived: the computer or the line was too slow.
+        """
+        known = self._known_tick // TICKS_PER_PERIOD
         ack = self.send(body, restart=restart, number=number)
         assert ack.reason is Reason.ACCEPTED, f"{type(body).__name__.upper()} is refused with {_name(ack.reason)}"
+        if isinstance(body, Change) and ack.late and known + AHEAD_PERIODS <= body.period <= ack.now_period:
+            raise Inconclusive(
+                f"a block for period {body.period}, sent in period {known} or soon after, had arrived in "
+                f"{ack.now_period} only: this computer or the line is too slow"
+            )
         return ack
 
     def send_raw(self, *blocks: bytes) -> list[Ack]:
         """Send blocks of 512 bytes as they are; their acknowledgements, which must come in order, each with its number.
 
-        Fails where one does not come within a second, or another comes.
+        Fails if one does not come in time, or another comes.
         """
         self._write(blocks)
         acks = [self._next_ack(block) for block in blocks]
+        self._known_tick = acks[-1].now if acks else self._known_tick
         if acks and acks[0].reason is not Reason.ACCEPTED and self._begins(blocks[0]):
             self._number = None  # what was refused has begun nothing
         self.note("acknowledged", ", ".join(_brief(ack) for ack in acks[:8]) + (" …" if len(acks) > 8 else ""))
@@ -492,11 +550,11 @@ class Bench:
 
     def await_unasked(self, seconds: float) -> Status:
         """Wait for a status record that nobody asked for; the oldest that came since `unasked` was cleared."""
-        end = self.line.time.monotonic() + seconds
         self._acks = deque()
+        looks = self._looks(seconds)
         while not self.unasked:
-            left = end - self.line.time.monotonic()
-            assert left > 0, f"no status record comes of the device's own accord within {seconds:g} s"
+            left = next(looks, None)
+            assert left is not None, f"no status record comes of the device's own accord within {seconds:g} s"
             self._collect(left)
         return self.unasked.pop(0)
 
@@ -507,11 +565,9 @@ class Bench:
         """
         if seconds is None:
             self.wait_until(self.period() + TOLD_PERIODS + 1)
-            seconds = QUIET_SECONDS + (FAR_SECONDS if self.line.time is time else 0.0)
+            seconds = QUIET_SECONDS + (FAR_SECONDS if self.is_far else 0.0)
             seconds += self.line.transit(2 * MAX_FRAME_BYTES) if isinstance(self.line, SerialLine) else 0.0
-        end, found = self.line.time.monotonic() + seconds, b""
-        while (left := end - self.line.time.monotonic()) > 0:
-            found += self.line.receive_records(left)
+        found = b"".join([self.line.receive_records(left) for left in self._looks(seconds)])
         if found:
             self.note("came", found)
         return records(found)

@@ -13,6 +13,7 @@ from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import TOLD_PERIODS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.lines.serial import SerialLine
+from phasewire.hil.conformance.tools.clocks import unless_busy
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
@@ -200,7 +201,7 @@ def test_the_state_is_that_in_which_the_block_was_judged(bench: Bench) -> None:
     named = later(bench)
     (update,) = answers(bench, forge(bench, Update(SILENT, named)))
     expect("state before an update begins", update.state, State.READY)
-    bench.wait_until(named)
+    bench.wait_until(update.commit_period)
     (silence,) = answers(bench, forge(bench, Output(Action.SILENCE)))
     expect("state while an update plays", silence.state, State.PLAYING)
     bench.wait_until(silence.commit_period)
@@ -276,7 +277,7 @@ def leave_unread(bench: Bench, bodies: Seq[Body]) -> None:
     """Send blocks and read nothing."""
     data = b"".join(blocks_of(bench, bodies))
     expect("bytes taken", bench.usb.write(ENDPOINT_OUT, data, 1.0), len(data))
-    bench.wait(0.01)
+    bench.outlast(0.01)
 
 
 @case("ACK-005", "USB-019", line="usb")
@@ -288,7 +289,7 @@ def test_a_packet_holds_whole_records(bench: Bench, many: int) -> None:
     bench.order(Request.WATCHDOG, 100)
     bench.enable()
     leave_unread(bench, [NoOp()] * many)
-    bench.wait(0.15)
+    bench.outlast(0.15)
     found = packets(bench, 32 * many + 64)
     for packet in found:
         records = cut(packet)
@@ -321,10 +322,14 @@ def test_a_record_is_not_held_back(bench: Bench) -> None:
     """A single acknowledgement comes at once: a host may wait for it before it sends more."""
     bench.must(NoOp())
     delays = []
-    for _ in range(10 if bench.line.kind == "usb" else 3):
+    allowed = 10 if bench.line.kind == "usb" else 40
+    for _ in range(10):
         ack = bench.must(NoOp())
         delays.append((bench.clock().now - ack.now) / 2000)
-    allowed = 10 if bench.line.kind == "usb" else 40
+        if delays[-1] < allowed:
+            break
+    else:
+        unless_busy(bench, f"acknowledgements come {min(delays):.1f} ms after their blocks")
     assert min(delays) < allowed, f"acknowledgements come {min(delays):.1f} ms after their blocks, should be {allowed}"
 
 
@@ -382,7 +387,7 @@ def test_faults_are_told(bench: Bench) -> None:
     expect("the state", status.state, State.FAULT)
     expect("faults", status.faults, Fault.TEMPERATURE)
     bench.levers.cause(HotBoard(board=1, celsius=40))
-    bench.wait(0.03)
+    bench.outlast(0.03)
     bench.order(Request.CLEAR_FAULTS)
     status = bench.await_unasked(1)
     expect("the state", status.state, State.OFF)
@@ -409,11 +414,11 @@ def test_only_the_newest_status_waits(bench: Bench) -> None:
     for _ in range(3):  # each leaves a record: OFF, by the watchdog
         bench.order(Request.WATCHDOG, 10)
         bench.enable()
-        bench.wait(0.03)
+        bench.outlast(0.03)
     bench.order(Request.WATCHDOG, 5000)
     bench.enable()
     leave_unread(bench, [NoOp(), Sequence(0, 1, repeats=2)])
-    bench.wait(0.03)
+    bench.outlast(0.03)
     found = bench.listen(0.05)
     expect("the records", [type(record).__name__ for record in found], ["Ack", "Ack", "Status"])
     status = found[-1]
@@ -428,7 +433,7 @@ def test_a_status_has_a_place_of_its_own(bench: Bench) -> None:
     bench.order(Request.WATCHDOG, 100)
     bench.enable()
     leave_unread(bench, [NoOp()] * bench.info.queue_records)
-    bench.wait(0.2)
+    bench.outlast(0.2)
     found = bench.listen(0.05)
     kinds = [type(record).__name__ for record in found]
     expect("acknowledgements", kinds.count("Ack"), bench.info.queue_records)

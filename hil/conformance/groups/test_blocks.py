@@ -546,7 +546,7 @@ def let_loads_go(bench: Bench, queued: int) -> None:
     for _ in range(100):
         if bench.status().free == bench.info.queue_blocks - queued:
             return
-        bench.wait(0.005)
+        bench.outlast(0.005)
     raise AssertionError(f"free stays {bench.status().free}, should be {bench.info.queue_blocks - queued}")
 
 

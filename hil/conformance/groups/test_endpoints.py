@@ -36,9 +36,10 @@ ENDPOINTS = (BLOCKS_OUT, RECORDS_IN, NOTIFICATIONS_IN, CONSOLE_OUT, CONSOLE_IN)
 ARRAY, CONSOLE, CONSOLE_DATA, FIRMWARE = 0, 1, 2, 3
 BLOCK_BYTES = 512
 ACK_BYTES = 32
-SOON = 0.5
+SOON = 5.0
+"""For what comes at once; the rest is for a computer that is busy."""
 """Seconds within which a device that can answer has answered, however slow the host is."""
-LONG_READ = 2.0
+LONG_READ = 10.0
 QUIET = 0.03
 """Seconds in which something that must not come would have come."""
 SILENT_PERIODS = 6
@@ -114,7 +115,7 @@ def let_watchdog_fire(bench: Bench) -> None:
     """So that a status record waits that nobody asked for."""
     bench.order(Request.WATCHDOG, 10)
     bench.enable()
-    bench.wait(0.02)
+    bench.outlast(0.02)
 
 
 def read_records(bench: Bench, size: int = 32 * BLOCK_BYTES) -> list[Ack | Status]:

@@ -9,7 +9,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
-from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, is_fast, soon
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
@@ -29,6 +29,8 @@ ENDPOINT_OUT = 0x01
 SILENT_PERIODS = 6
 REFUSED_SECONDS = 0.02
 """For a block that must be answered with NAK all the time."""
+PATIENCE_SECONDS = 5.0
+"""For what comes in tenths of a second; the rest is for a computer that is busy."""
 FEATURES = Feature.SEQUENCES | Feature.MODULATION
 SYMBOLS = {2: 10, 5: 4}
 """In a token, by the wires of a link (clause BUD-002)."""
@@ -84,7 +86,8 @@ def test_a_place_is_free_again_when_its_change_has_gone(bench: Bench) -> None:
     first = soon(bench, places)
     periods = [first + gap * place for place in range(places)]
     acks = send_many(bench, [Update(SILENT, period) for period in periods])
-    expect("commit_period", [ack.commit_period for ack in acks], periods)
+    for ack, period in zip(acks, periods, strict=True):
+        check_in_time(ack, period)
     looks_every = gap // 3
     for _ in range(2 * (periods[-1] - bench.period()) // looks_every):
         before, status = bench.period(), bench.status()
@@ -113,7 +116,7 @@ def test_only_changes_take_a_place(bench: Bench) -> None:
     for _ in range(100):
         if bench.status().free == 1:
             break
-        bench.wait(0.005)
+        bench.outlast(0.005)
     expect("free", bench.status().free, 1)
     expect("free behind the last change", bench.must(Output(Action.SILENCE)).free, 0)
 
@@ -189,7 +192,7 @@ def test_a_block_that_is_held_back_is_no_sign_of_life(bench: Bench) -> None:
     bench.order(Request.WATCHDOG, 150)
     bench.status()
     block = pack(bench.numbered(NoOp()))
-    taken, end = 0, bench.line.time.monotonic() + 0.4
+    taken, end = 0, bench.line.time.monotonic() + PATIENCE_SECONDS
     while not taken and bench.line.time.monotonic() < end:
         taken = bench.usb.write(ENDPOINT_OUT, block, REFUSED_SECONDS)
     expect("bytes taken when the watchdog has emptied the queue", taken, 512)
@@ -207,7 +210,7 @@ def test_records_that_are_not_read_hold_the_host_back(bench: Bench) -> None:
     taken = bench.usb.write(ENDPOINT_OUT, b"".join(blocks), 0.2 + places / 1000)
     expect("blocks taken", taken / 512, places)
     check_nak(bench, blocks[-1])
-    bench.wait(0.02)
+    bench.outlast(0.02)
     waiting = bench.listen(0.05)
     numbers = [int.from_bytes(block[4:8], "little") for block in blocks[:-1]]
     expect("the acknowledgements", [record.sequence for record in waiting if isinstance(record, Ack)], numbers)

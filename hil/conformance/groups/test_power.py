@@ -30,7 +30,7 @@ CLOCK_ERROR = 0.01
 """How far the clocks of host and device are apart at most."""
 MOST_JUDGED = 4000
 """Periods of silence that are looked at, of many."""
-SOON = 0.5
+SOON = 5.0
 LEAVES_SECONDS = 2.0
 LINE_CODING = bytes([0x80, 0x25, 0, 0, 2, 1, 7])
 LINE_CODING_AT_FIRST = bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])

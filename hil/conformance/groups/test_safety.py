@@ -115,7 +115,7 @@ def test_the_watchdog_starts_with_enable(bench: Bench) -> None:
     ms = patience(bench)
     bench.must(NoOp())
     bench.order(Request.WATCHDOG, ms)
-    bench.wait(2 * ms / 1000)
+    bench.outlast(2 * ms / 1000)
     before = bench.clock().now
     bench.enable()
     after = bench.clock().now
@@ -158,7 +158,7 @@ def test_a_shorter_watchdog_time_holds_at_once(bench: Bench) -> None:
     """Where the last sign of life is longer ago than the new watchdog time, the watchdog fires with the request."""
     enable(bench)
     bench.must(NoOp())
-    bench.wait(0.05)
+    bench.outlast(0.05)
     before = bench.clock().now
     bench.order(Request.WATCHDOG, 10)
     after = bench.clock().now
@@ -423,8 +423,8 @@ def test_a_block_that_is_answered_with_nak_is_no_sign_of_life(bench: Bench) -> N
     expect("the free places", last.free, 0)
     bench.order(Request.WATCHDOG, 60)
     taken = bench.usb.write(ENDPOINT_OUT, pack(bench.numbered(NoOp())), 0.03)
-    assert taken < 512, "the device took a block although its queue has no room"
     check_not_yet(bench, last.now + 60 * TICKS_PER_MS)
+    assert taken < 512, "the device took a block although its queue has no room"
     await_firing(bench, last.now, last.now, 60)
     bench.usb.clear_halt(ENDPOINT_OUT)  # at full speed a part of the block may have been taken
 
@@ -587,16 +587,20 @@ def test_the_watchdog_starts_anew_when_an_unattended_sequence_ends(bench: Bench,
     ended = bench.must(Sequence(0, 1, repeats=1 if body is None else 0, unattended=True)).commit_period + 8000
     if body is not None:
         expect("the period at which the end is due", bench.must(body(ended)).commit_period, ended)
-    expect("the state before the end", bench.status().state, State.UNATTENDED)
-    check_not_yet(bench, ended * TICKS_PER_PERIOD)
+    before = bench.status()
+    check_not_yet(bench, ended * TICKS_PER_PERIOD, before.now)
+    expect("the state before the end", before.state, State.UNATTENDED)
     bench.wait_until(ended)
     bench.order(Request.WATCHDOG, ms)
     check_not_yet(bench, ended * TICKS_PER_PERIOD + ms * TICKS_PER_MS)
     if how == "last-repeat":
-        expect("the state that is told at the end", bench.await_unasked(1).state, state)
+        told = bench.await_unasked(1)
+        check_not_yet(bench, ended * TICKS_PER_PERIOD + ms * TICKS_PER_MS, told.now)
+        expect("the state that is told at the end", told.state, state)
     (refused,) = bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=1))  # which is no sign of life
-    expect("the state behind the end", refused.state, state)
     tick = ended * TICKS_PER_PERIOD
+    check_not_yet(bench, tick + ms * TICKS_PER_MS, refused.now)
+    expect("the state behind the end", refused.state, state)
     await_firing(bench, tick, tick, ms)
 
 
@@ -694,10 +698,13 @@ def test_what_is_queued_is_dropped_by_disable(bench: Bench) -> None:
     """Changes that were queued when DISABLE came never begin, not even when the outputs are enabled again."""
     enable(bench)
     ahead = far_ahead(bench)
-    changes = queue_of_everything(bench, bench.period() + ahead)
+    first = bench.period() + ahead
+    changes = queue_of_everything(bench, first)
     before = bench.status()
+    check_not_yet(bench, first * TICKS_PER_PERIOD, before.now)
     expect("the free places", before.free, bench.info.queue_blocks - changes)
     bench.order(Request.DISABLE)
+    check_not_yet(bench, first * TICKS_PER_PERIOD)
     since = bench.period() + SILENT_PERIODS
     status = bench.status()
     expect("the free places", status.free, bench.info.queue_blocks)
@@ -722,6 +729,7 @@ def test_what_is_accepted_behind_a_disabling_block_is_dropped(bench: Bench) -> N
     expect("the period of the end", bench.must(Output(Action.DISABLE, ends)).commit_period, ends)
     behind = queue_of_everything(bench, ends + 200)
     before = bench.status()
+    check_not_yet(bench, ends * TICKS_PER_PERIOD, before.now)
     expect("the free places", before.free, bench.info.queue_blocks - behind - 1)
     bench.wait_until(ends + 1)
     after = bench.status()

@@ -12,6 +12,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Risk, case, expect
 from phasewire.hil.conformance.lines.serial import QUIET_SECONDS, SerialLine
 from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
+from phasewire.hil.conformance.tools.clocks import unless_busy
 from phasewire.hil.conformance.tools.exchange import (
     acks,
     ask,
@@ -47,6 +48,8 @@ ANSWER_SECONDS = 0.02
 """Clause SER-013."""
 LEAVE_SECONDS = 0.3
 """After a device has said that it restarts, nobody answers any more."""
+CLOCK_ERROR = 0.01
+"""By which the host's clock and the device's may differ, and much more."""
 GRAIN_SECONDS = 0.002
 """How finely a line tells when a byte came."""
 
@@ -314,7 +317,7 @@ def test_damaged_frames_are_no_sign_of_life(bench: Bench, frames: SerialLine) ->
     order(frames, Request.WATCHDOG, 300)
     order(frames, Request.ENABLE)
     for _ in range(4):
-        bench.wait(0.1)
+        bench.outlast(0.1)
         frames.write(b"\0" + DAMAGED["request-out-with-too-much"])
     status = Status.decode(ask(frames, Request.STATUS))
     expect("the state", status.state, State.OFF)
@@ -566,7 +569,7 @@ def test_the_watchdog_says_so_among_frames(frames: SerialLine) -> None:
     """When the watchdog fires a status record comes of its own accord, once, on a line that carries frames."""
     order(frames, Request.WATCHDOG, 200)
     order(frames, Request.ENABLE)
-    frames.listen(1, lambda: any(status.watchdog_fired for status in statuses(frames)))
+    frames.listen(frames.patience(), lambda: any(status.watchdog_fired for status in statuses(frames)))
     frames.rest()
     found = [status for status in statuses(frames) if status.watchdog_fired]
     expect("the states in the records that say that it has fired", [status.state for status in found], [State.OFF])
@@ -631,16 +634,18 @@ def test_reset_is_answered_before_it_is_carried_out(bench: Bench, frames: Serial
     old = bench.clock().now
     refused = frames.request(Setup(VENDOR_OUT, Request.RESET, 1, 0, 0))
     expect("the answer to RESET with a value", refused, None)
-    bench.wait(0.2)
+    bench.outlast(0.2)
     assert bench.clock().now > old + TICK_HZ // 5, "the device restarted for a RESET that it had refused"
     frames.forget()
+    began = bench.line.time.monotonic()
     frames.write(request_frame(9, Setup(VENDOR_OUT, Request.RESET, 0, 0, 0)))
     answer = frame(REPLY, bytes([9, DONE])) + console_frame()
     came = frames.read(frames.patience(), lambda data: data.lstrip(b"\0").endswith(answer))
     expect("what answers RESET", came.lstrip(b"\0"), answer)
     bench.restart(lambda: bench.wait(LEAVE_SECONDS))
     new = bench.clock().now
-    assert new < old + TICK_HZ // 5, f"tick {new} is no beginning of time after tick {old}"
+    most = (bench.line.time.monotonic() - began) * TICK_HZ * (1 + CLOCK_ERROR)
+    assert new < most, f"tick {new} is no beginning of time {most:.0f} ticks after RESET, which was at tick {old}"
     expect("the drive limit after RESET", bench.status().drive_limit, bench.info.drive_limit)
 
 
@@ -722,7 +727,8 @@ def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: SerialLine)
     sent = ClockReading.decode(ask(frames, Request.CLOCK)).now
     order(frames, Request.WATCHDOG, milliseconds)
     ack = await_ack(frames, block)
-    fired = ClockReading.decode(ask(frames, Request.CLOCK)).now
+    fired = ClockReading.decode(ask(frames, Request.CLOCK)).now  # unless the device told when
+    fired = min([fired, *(status.now for status in statuses(frames) if status.watchdog_fired)])
     expect("the reason, for the watchdog has made room", ack.reason, Reason.ACCEPTED)
     expect("the state when it was judged", ack.state, State.OFF)
     assert last.now < ack.now <= sent, f"the block had arrived by tick {sent}; its acknowledgement says {ack.now}"
@@ -841,6 +847,8 @@ def check_prompt(bench: Bench, line: SerialLine, questions: Sequence[bytes]) -> 
     line.rest(1000)
     bench.note("answers began after ms", ", ".join(f"{1000 * each:.2f}" for each in passed))
     limit, passes = ANSWER_SECONDS + line.latency + GRAIN_SECONDS, median(passed)
+    if passes > limit:
+        unless_busy(bench, f"answers begin after {1000 * min(passed):.1f} to {1000 * max(passed):.1f} ms")
     assert passes <= limit, f"answers begin after {1000 * passes:.1f} ms, should within {1000 * limit:g} ms"
 
 
@@ -963,6 +971,8 @@ def test_a_console_that_is_not_read_delays_no_block(bench: Bench) -> None:
         bench.must(NoOp())
         bench.status()
     seconds = bench.line.time.monotonic() - began
+    if seconds >= 0.5:
+        unless_busy(bench, f"20 blocks and requests take {seconds:.2f} s")
     assert seconds < 0.5, f"20 blocks and requests take {seconds:.2f} s beside a console that nobody reads"
 
 
@@ -1008,4 +1018,6 @@ def test_a_uart_sends_at_its_baud_rate(bench: Bench, frames: SerialLine) -> None
         bench.note("came", f"{len(first)} bytes, then {len(rest)}")
     byte, took = frames.transit(1), median(passed)
     slack = (frames.latency + GRAIN_SECONDS) / MOST_DATA + 0.02 * byte
+    if abs(took - byte) > slack:
+        unless_busy(bench, f"a byte takes {1e6 * min(passed):.1f} to {1e6 * max(passed):.1f} µs")
     assert abs(took - byte) <= slack, f"a byte takes {1e6 * took:.1f} µs, should take {1e6 * byte:.1f} µs"

@@ -116,7 +116,7 @@ def ask_to_enable(bench: Bench, state: State) -> None:
 def let_watchdog_fire(bench: Bench, _: State) -> None:
     """Give no sign of life for longer than the watchdog time."""
     bench.order(Request.WATCHDOG, SHORT_MS)
-    bench.wait(3 * SHORT_MS / 1000)
+    bench.outlast(3 * SHORT_MS / 1000)
     bench.order(Request.WATCHDOG, LONG_MS)
 
 
@@ -450,7 +450,7 @@ def test_the_watchdog_is_told_at_every_door(bench: Bench) -> None:
         bench.enable()
         heard(line)
         bench.order(Request.WATCHDOG, SHORT_MS)
-        bench.wait(3 * SHORT_MS / 1000)
+        bench.outlast(3 * SHORT_MS / 1000)
         for where, said in (("over USB", told(bench)), ("in frames", heard(line))):
             expect(f"the states that are told {where}", states_in(said), [OFF])
             assert said[0].watchdog_fired, f"the flags that are told {where} are {said[0].flags!r}"
@@ -467,7 +467,7 @@ def test_what_is_told_unasked_comes_behind_the_acknowledgements_that_wait(bench:
     blocks = b"".join(pack(bench.numbered(body)) for body in bodies)
     expect("the bytes that the device took", bench.line.send_blocks(blocks, 1), len(blocks))
     bench.order(Request.WATCHDOG, 100)
-    bench.wait(0.15)
+    bench.outlast(0.15)
     came = bench.listen()
     kinds = [type(record).__name__ for record in came]
     expect(

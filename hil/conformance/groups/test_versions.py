@@ -174,7 +174,7 @@ def test_version_1_sends_nothing_but_version_1(bench: Bench) -> None:
         assert record[26] <= 6, f"state is {record[26]}, should be 0 to 6"
         expect("the reserved byte of an acknowledgement", record[27], 0)
     bench.order(Request.WATCHDOG, 10)
-    bench.wait(0.05)
+    bench.outlast(0.05)
     for record in [bench.ask(Request.STATUS), *cut(bench.line.receive_records(0.05))]:
         _, version, state, faults, refusal, flags = struct.unpack_from("<2sBBHBB", record)
         expect("version of a status", version, 1)

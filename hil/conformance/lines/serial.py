@@ -35,7 +35,7 @@ from .usb import CONSOLE_IN, CONSOLE_OUT, UsbLine
 
 __all__ = ["QUIET_SECONDS", "CdcWire", "PortWire", "SerialLine", "Wire"]
 
-PATIENCE_SECONDS = 2.0
+PATIENCE_SECONDS = 10.0
 """For any answer, besides the time that its bytes take; the rest is for a computer that is busy."""
 QUIET_SECONDS = 0.05
 """Where nothing comes for so long, besides the time that bytes under way take, nothing was to come."""
@@ -114,6 +114,8 @@ class PortWire:
         self.has_break = not (self._has_dtr or bare)
         self.bytes_per_second: float = getattr(self._port, "bytes_per_second", self._port.baudrate / UART_BITS_PER_BYTE)
         self._port.timeout = READ_SECONDS
+        if self._port.write_timeout is not None:  # RFC 2217 has none
+            self._port.write_timeout += PATIENCE_SECONDS
         self._open()
 
     def _open(self) -> None:
@@ -306,7 +308,7 @@ class SerialLine:
 
     def listen(self, seconds: float, enough: Callable[[], bool] = lambda: False) -> list[LineEvent]:
         """Take in what comes until there is enough, or the time is over; all events since `forget`."""
-        end = self.time.monotonic() + seconds
+        end = self.time.monotonic() + seconds + self.latency
         while not enough() and (left := end - self.time.monotonic()) > 0:
             self._hear(left)
         return self.events

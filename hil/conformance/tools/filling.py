@@ -14,8 +14,10 @@ from ..lines.serial import SerialLine
 
 __all__ = ["fill_queue"]
 
-WATCHDOG_MS = 20_000
+WATCHDOG_MS = 60_000
 MOST_SECONDS = 5
+FAR_TIMES = 5
+"""How often as long the queue is full for a real device, since the computer may be busy."""
 FAR_SECONDS = 0.03
 """For a block and its acknowledgement over a line to a real device, at worst."""
 
@@ -46,7 +48,7 @@ def fill_queue(bench: Bench, seconds: float) -> list[Ack]:
         raise Inconclusive(f"to fill a queue of {rooms} changes over this line may take {fills:.0f} s")
     bench.order(Request.WATCHDOG, WATCHDOG_MS)
     bench.enable()
-    first = bench.period() + round(CARRIER_HZ * (seconds + fills))
+    first = bench.period() + round(CARRIER_HZ * (seconds * (FAR_TIMES if bench.is_far else 1) + fills))
     silence = Pulses.silent(CHANNELS)
     acks = [bench.must(Update(silence, first + step * number)) for number in range(rooms)]
     expect("the free places in the queue", acks[-1].free, 0)
