@@ -199,10 +199,12 @@ def test_a_frame_that_is_too_long_is_dropped(bench: Bench, frames: SerialLine, s
 
 
 @case("SER-005")
-def test_a_good_frame_at_the_end_of_a_long_one_is_dropped_with_it(bench: Bench, frames: SerialLine) -> None:
+@pytest.mark.parametrize("what", ["request", "block"])
+def test_a_good_frame_at_the_end_of_a_long_one_is_dropped_with_it(bench: Bench, frames: SerialLine, what: str) -> None:
     """A frame ends with its zero and nothing else: what looks like a frame at the end of too long a one is none."""
     sizes = [512, 640, *range(655, 661), 1024]
-    damage(bench, frames, b"".join(size * b"\x01" + request_frame(1, ENABLE) for size in sizes), len(sizes))
+    good = request_frame(1, ENABLE) if what == "request" else frame(BLOCK, no_op(bench))
+    damage(bench, frames, b"".join(size * b"\x01" + good for size in sizes), len(sizes))
 
 
 @case("SER-005")
