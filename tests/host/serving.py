@@ -20,19 +20,23 @@ PATIENCE = 10.0  # seconds
 LONGEST = 600.0
 """A server ends after so many seconds, whatever became of the test that began it."""
 BAUD = 3_000_000
+HISTORY_PERIODS = 4_000
+"""Of outputs that are kept: 0.1 s, in which a long test does not fill the memory."""
 
 
 class Served:
     """An emulated device whose UART is at a TCP port or a pseudo-terminal; its loop has a thread of its own."""
 
-    def __init__(self, *, pty: bool, pace: Pace = Pace.FAST, baud: int = BAUD) -> None:
-        self._pty, self._pace, self._baud = pty, pace, baud
+    def __init__(
+        self, *, pty: bool, pace: Pace = Pace.FAST, baud: int = BAUD, history_periods: int = HISTORY_PERIODS
+    ) -> None:
+        self._pty, self._pace, self._baud, self._history_periods = pty, pace, baud, history_periods
         self._open = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
 
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
-        self.emulator = Emulator(history_periods=4_000)
+        self.emulator = Emulator(history_periods=self._history_periods)
         station = Station(self.emulator.scheduler, self._pace)
         uart = Uart(lambda: self.emulator.line, self.emulator.scheduler, self._baud)
         async with Server({self.emulator.serial: station}, lambda line: None) as self._server:

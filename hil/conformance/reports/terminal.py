@@ -111,6 +111,8 @@ class LiveLine(Line, Watcher):
 
     def waits(self, what: str) -> None:
         """Somebody has to do something before the run can go on."""
+        if self._group:
+            self._tell_group()
         self._keep(Text(f"Now: {legible(what)}", "bold"))
 
     def __exit__(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +13,7 @@ import pytest
 from phasewire.emulator import Emulator
 from phasewire.emulator.ports.export import export
 from phasewire.hil.conformance import Run, Verdict, running
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.running import Options, run_conformance
 
@@ -52,11 +56,13 @@ class Saves(Watcher):
 
 
 @pytest.fixture(autouse=True)
-def groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "groups"
     folder.mkdir()
     (folder / "test_seen_later.py").write_text(CASES, encoding="utf-8")
     monkeypatch.setattr(running, "GROUPS", folder)
+    sys.modules.pop("test_seen_later", None)
+    return folder
 
 
 @pytest.fixture
@@ -106,3 +112,76 @@ def test_the_recording_of_another_run_is_none_of_this(
     run = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), SavesOld())
     assert verdicts(run) == [Verdict.INCONCLUSIVE] * 2
     assert "was not recorded during this run" in run.results[0].reason
+
+
+DEVICE = """
+import sys
+from pathlib import Path
+from phasewire.emulator.ports.export import export
+from tests.host.serving import Served
+
+with Served(pty=False, baud=3_000_000, history_periods=400_000) as served:
+    print(f"socket://{served.where}?baud=3000000", flush=True)
+    sys.stdin.readline()
+    export(served.emulator.capture(), Path(sys.argv[1]), [0, 40, 170, 319])
+"""
+"""A device in a process of its own, behind a TCP port; it writes what its outputs did when a line comes."""
+
+
+def test_the_command_asks_for_the_recording_of_a_device_elsewhere_and_judges_it(tmp_path: Path) -> None:
+    path = tmp_path / "run.sr"
+    suite = Path(__file__).parents[3]
+    with subprocess.Popen(
+        [sys.executable, "-c", DEVICE, path], cwd=suite, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as device:
+        assert device.stdin
+        assert device.stdout
+        url = device.stdout.readline().strip()
+        command = ["-m", "phasewire", "conformance", "--device", url, "--capture", f"sigrok:{path}"]
+        command += ["--only", "pulses/pulses-are-packed", "--json", str(tmp_path / "run.json")]
+        with subprocess.Popen(
+            [sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        ) as judging:
+            assert judging.stderr
+            said = ""
+            while "Now: end the recording" not in said:
+                line = judging.stderr.readline()
+                assert line, said
+                said += line
+            device.stdin.write("\n")
+            device.stdin.flush()
+            judging.stderr.read()
+            assert judging.wait(60) == 0
+    results = json.loads((tmp_path / "run.json").read_text())["results"]
+    seen = [result["case"] for result in results if any("seen in periods" in e["text"] for e in result["evidence"])]
+    assert seen
+    assert {result["verdict"] for result in results if result["case"] in seen} == {"pass"}
+
+
+SLOW_HOST = '''
+from __future__ import annotations
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Need, case, expect
+
+@case("SAF-003", needs=(Need.CAPTURE,))
+def test_watchdog(bench: Bench) -> None:
+    """The case finds the device's own watchdog time."""
+    expect("the watchdog", bench.status().watchdog_ms, bench.info.watchdog_ms)
+'''
+
+
+def test_a_slow_host_does_not_end_a_mark(
+    emulator: Emulator, groups: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half a second passes between a mark's changes, five times the watchdog's own time."""
+    (groups / "test_seen_later.py").write_text(SLOW_HOST, encoding="utf-8")
+    genuine = Bench.period
+
+    def late(bench: Bench) -> int:
+        bench.wait(0.5)
+        return genuine(bench)
+
+    monkeypatch.setattr(Bench, "period", late)
+    path = tmp_path / "later.sr"
+    (result,) = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), Saves(emulator, path)).results
+    assert (result.verdict, result.reason) == (Verdict.PASS, "")
