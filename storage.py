@@ -146,6 +146,10 @@ def open_zip(path: Path, otherwise: str) -> Iterator[ZipFile]:
             yield archive
     except InputFileError:
         raise
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # which a seek to a place before the file's beginning gives
+            raise
+        raise InputFileError(f"{path} is {otherwise}: it names a place that is not in it") from error
     except (BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, OverflowError, ValueError) as error:
         raise InputFileError(f"{path} is {otherwise}: {error}") from error
 

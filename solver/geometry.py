@@ -24,6 +24,8 @@ def as_points(values: ArrayLike, what: str) -> NDArray[np.float64]:
         That says ``what`` a row is and names the first bad one.
     """
     try:
+        if np.iscomplexobj(values):
+            raise TypeError("they are complex")
         points = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{what}s must be (m, 3) numbers: {error}") from error

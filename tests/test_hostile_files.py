@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from phasewire import ControlPoints, TransducerArray, solve
 from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.scenario import read_scenario
 from phasewire.errors import ImageError, InputFileError
@@ -26,7 +27,7 @@ from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording
 from phasewire.solver.aperture import Aperture
 from phasewire.solver.archives import read_array, read_arrays
-from phasewire.solver.files import read_points
+from phasewire.solver.files import load_solution, read_points, save_solution
 from phasewire.storage import read_toml
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -242,3 +243,20 @@ def test_what_is_sound_is_read(tmp_path: Path) -> None:
         assert list(found) == list(values)
         for name, value in values.items():
             np.testing.assert_array_equal(found[name], value)
+
+
+def test_an_archive_without_its_beginning(tmp_path: Path) -> None:
+    """Its directory then names places before the file's first byte."""
+    members = {"version": b"2", "metadata": b"", "drive.npy": npy("'u1'", "(9,)", bytes(9))}
+    for name in ("solved.npz", "capture.sr"):
+        path = archive(tmp_path / name, members)
+        path.write_bytes(path.read_bytes()[10:])
+        refused(name, path)
+
+
+def test_positions_that_are_complex(tmp_path: Path) -> None:
+    path = tmp_path / "solved.npz"
+    save_solution(path, solve(TransducerArray.grid(2, 2), ControlPoints([[0, 0, 0.1]])))
+    np.savez(path, allow_pickle=False, **read_arrays(path) | {"array_positions": np.zeros((4, 3), complex)})
+    with pytest.raises(InputFileError, match=r"transducer positions must be \(m, 3\) numbers: they are complex"):
+        load_solution(path)

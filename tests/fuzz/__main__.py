@@ -8,12 +8,14 @@ that broke something are written beside it.
 from __future__ import annotations
 
 import re
+import resource
 import subprocess
 import sys
 from hashlib import sha256
 from pathlib import Path
 
 FOUND = Path("build") / "fuzz"
+ROOM_BYTES = 2**30
 KERNELS = "phasewire.protocol.kernels"  # numba compiles them as they stand
 
 
@@ -32,8 +34,15 @@ def fuzz(group: str, options: list[str]) -> None:
         (corpus / sha256(seed).hexdigest()[:16]).write_bytes(seed)
     files = [option for option in options if not option.startswith("-")]
     defaults = [f"-artifact_prefix={FOUND / group}-", "-print_final_stats=1"]
+    limit_memory()
     atheris.Setup([__file__, *defaults, *options, *([] if files else [str(corpus)])], GROUPS[group])
     atheris.Fuzz()
+
+
+def limit_memory() -> None:
+    """Let what is mapped now, mostly libraries and what numba has compiled, grow by no more than `ROOM_BYTES`."""
+    mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (mapped + ROOM_BYTES, resource.RLIM_INFINITY))
 
 
 def fuzz_all(seconds: int) -> int:

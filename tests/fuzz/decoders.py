@@ -71,6 +71,7 @@ from phasewire.protocol.replies import (
 )
 
 from tests.captures import bulk_in, bulk_out, pcap, pcapng
+from tests.fuzz.readers import READERS, reader_seeds
 from tests.protocol.blocks import reason_by_construct, resealed
 
 __all__ = ["GROUPS", "seeds"]
@@ -333,7 +334,7 @@ def recordings(data: bytes) -> None:
 GROUPS: dict[str, Callable[[bytes], None]] = {
     group.__name__: group
     for group in (blocks, replies, chain, serial, console, firmware, descriptors, describe, recordings)
-}
+} | READERS
 
 
 def _hex(*parts: str, key: str = "hex") -> list[bytes]:
@@ -343,6 +344,8 @@ def _hex(*parts: str, key: str = "hex") -> list[bytes]:
 @cache
 def seeds(group: str) -> tuple[bytes, ...]:
     """Bytes that a fuzzer of a group begins with."""
+    if group in READERS:
+        return tuple(reader_seeds(group, _hex("images", "refused_images")))
     packets = _hex("packets", "blocks")
     requests = [
         setup + data for setup, data in zip(_hex("descriptors", key="setup"), _hex("descriptors"), strict=False)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.fuzz.decoders import GROUPS, seeds
+from tests.fuzz.readers import READERS
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,7 +34,7 @@ def test_bytes_near_the_seeds(group: str, data: st.DataObject) -> None:
     GROUPS[group](bytes(seed))
 
 
-@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize("group", sorted(GROUPS.keys() - READERS.keys()))  # readers refuse such bytes at once
 @given(data=st.binary(max_size=600))
 def test_other_bytes(group: str, data: bytes) -> None:
     GROUPS[group](data)

@@ -1,0 +1,209 @@
+"""What every reader of files does with any bytes: read them, or refuse them with the error that is documented.
+
+Whatever a file claims, reading it takes little memory, which `python -m tests.fuzz` limits. Archives and checksums are
+made right around the bytes too, for no fuzzer guesses them.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import re
+import shutil
+import struct
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import typer
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+from phasewire import ControlPoints, TransducerArray, solve
+from phasewire.__main__ import command_line
+from phasewire.emulator.scenario import read_scenario
+from phasewire.errors import ImageError, InputFileError
+from phasewire.hil.conformance.known import read_known_failures
+from phasewire.hil.conformance.profile import read_profile
+from phasewire.hil.conformance.sight.sigrok import SessionFile
+from phasewire.host.commands.sources import open_file
+from phasewire.host.firmware.images import read_firmware
+from phasewire.host.firmware.keys import read_private_key, read_public_keys
+from phasewire.host.playing.calibration import Calibration
+from phasewire.host.playing.recording import Recording, record
+from phasewire.protocol import PulseFrames
+from phasewire.settings import CONFIG_VARIABLE, defaults_from_file
+from phasewire.solver.aperture import Aperture
+from phasewire.solver.files import POINT_FILES, read_points, save_solution
+
+DOCUMENTS = Path(__file__).parents[2] / "docs"
+MOST_SAMPLES = 2**20
+
+
+@cache
+def _folder() -> Path:
+    folder = tempfile.mkdtemp(prefix="phasewire-fuzz-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+def _attempt(read: Callable[[Path], object], data: bytes, name: str) -> None:
+    """Give bytes to a reader in a file."""
+    path = _folder() / name
+    path.write_bytes(data)
+    with suppress(InputFileError, ImageError):
+        read(path)
+
+
+def frames(data: bytes) -> None:
+    """Recordings, as they are and with checksums that are right."""
+    for piece in (data, _sealed(data)):
+        _attempt(_read_frames, piece, "a.frames")
+
+
+def _read_frames(path: Path) -> None:
+    with Recording.open(path) as recording:
+        assert len(recording.read(0, 1000).phase) <= len(recording)
+
+
+def _sealed(data: bytes) -> bytes:
+    """A recording whose head and text have the right checksums, whatever else is wrong with it."""
+    text = data[28 : 28 + int.from_bytes(data[8:12], "little")]
+    head = b"PWFRAMES" + struct.pack("<II", len(text), zlib.crc32(text)) + data[16:24].ljust(8, b"\xff")
+    return head + zlib.crc32(head).to_bytes(4, "little") + text + data[28 + len(text) :]
+
+
+def toml(data: bytes) -> None:
+    """All that is written in TOML: defaults of options, scenarios, profiles, known failures."""
+    for read in (read_scenario, read_profile, read_known_failures, _read_settings):
+        _attempt(read, data, "a.toml")
+
+
+def _read_settings(path: Path) -> None:
+    os.environ[CONFIG_VARIABLE] = str(path)
+    try:
+        defaults_from_file(_commands())
+    finally:
+        del os.environ[CONFIG_VARIABLE]
+
+
+@cache
+def _commands() -> typer.Context:
+    return typer.Context(command_line(), info_name="phasewire")
+
+
+def tables(data: bytes) -> None:
+    """Points in every format, and calibrations."""
+    for suffix in POINT_FILES:
+        _attempt(read_points, data, f"a{suffix}")
+    _attempt(Calibration.load, data, "a.csv")
+
+
+def session_files(data: bytes) -> None:
+    """Logic analysers' files: as they are, and with these bytes for the metadata or the samples."""
+    said = b"[device 1]\ncapturefile=logic-1\nunitsize=2\nsamplerate=8 MHz\nprobe1=b0p0_00\n"
+    for meta, samples in ((data, b"ab" * 50), (said, data)):
+        _attempt(_read_session, _zipped({"version": b"2", "metadata": meta, "logic-1-1": samples}), "a.sr")
+    _attempt(_read_session, data, "a.sr")
+
+
+def _read_session(path: Path) -> None:
+    file = SessionFile.open(path)
+    for _, samples in file.pieces(0, min(file.samples, MOST_SAMPLES)):
+        assert samples.shape[1] == file.unit
+
+
+def solved(data: bytes) -> None:
+    """Solved files and other arrays: as they are, and with these bytes for one of the arrays; apertures."""
+    members = {f"{name}.npy": array for name, array in _solved_arrays().items()}
+    for name in ("format", "drive", "array_positions", "medium"):
+        _attempt(_read_source, _zipped(members | {f"{name}.npy": data}), "a.npz")
+    _attempt(_read_source, _zipped({"phase.npy": data, "width.npy": data}), "a.npz")
+    _attempt(_read_source, _zipped({"drives.npy": data}), "a.npz")
+    _attempt(_read_source, data, "a.npz")
+    for suffix in (".npy", ".png"):
+        _attempt(lambda path: Aperture.from_image(path, 0.01), data, f"a{suffix}")
+
+
+def _read_source(path: Path) -> None:
+    with open_file(path):
+        pass
+
+
+def images(data: bytes) -> None:
+    """Firmware images, and keys."""
+    _attempt(read_firmware, data, "a.dfu")
+    _attempt(read_private_key, data, "a.pem")
+    _attempt(lambda path: read_public_keys([path]), data, "a.pem")
+
+
+READERS: dict[str, Callable[[bytes], None]] = {
+    group.__name__: group for group in (frames, toml, tables, session_files, solved, images)
+}
+
+
+# What a fuzzer begins with
+
+
+def _zipped(members: dict[str, bytes]) -> bytes:
+    whole = BytesIO()
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return whole.getvalue()
+
+
+@cache
+def _solved_file() -> bytes:
+    path = _folder() / "solved.npz"
+    save_solution(path, solve(TransducerArray.grid(2, 2), ControlPoints([[0, 0, 0.1]])))
+    return path.read_bytes()
+
+
+@cache
+def _solved_arrays() -> dict[str, bytes]:
+    with zipfile.ZipFile(BytesIO(_solved_file())) as archive:
+        return {name.removesuffix(".npy"): archive.read(name) for name in archive.namelist()}
+
+
+def _recorded() -> bytes:
+    path = _folder() / "seed.frames"
+    pulses = PulseFrames(*(np.full((3, 4), value, np.uint8) for value in (50, 20)))
+    record(path, pulses, 100, array=TransducerArray.grid(2, 2), calibration=Calibration.perfect(4))
+    return path.read_bytes()
+
+
+def _cuts(whole: bytes) -> list[bytes]:
+    """A file, and beginnings of it."""
+    return [whole[: len(whole) * part // 21] for part in range(1, 22)]
+
+
+def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
+    """Bytes that a fuzzer of a group begins with; some are images of firmware."""
+    match group:
+        case "frames":
+            return _cuts(_recorded())
+        case "toml":
+            documents = "".join((DOCUMENTS / f"{name}.md").read_text() for name in ("conformance", "faults", "cli"))
+            written = re.findall(r"```toml\n(.*?)```", documents, re.DOTALL)
+            return [*map(str.encode, written), *_cuts("".join(written).encode())]
+        case "tables":
+            path = _folder() / "seed.csv"
+            Calibration.perfect(4).save(path)
+            points = [b"x,y,z\n0,0,0.1\n", b"0 0 0.1 1 # one\n", b'{"positions": [[0, 0, 0.1]], "amplitudes": [1]}']
+            return [*points, *_cuts(path.read_bytes())]
+        case "session_files":
+            metadata = b"[global]\nsigrok version=0.5.2\n[device 1]\ncapturefile=logic-1\nunitsize=1\n"
+            metadata += b"total probes=2\nsamplerate=24 MHz\nprobe1=b0p0_00\nprobe2=D1\n"
+            return [metadata, *_cuts(_zipped({"version": b"2", "metadata": metadata, "logic-1-1": bytes(64)}))]
+        case "solved":
+            return [*_solved_arrays().values(), *_cuts(_solved_file())]
+    key = Ed25519PrivateKey.from_private_bytes(bytes(32))
+    public = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    return [*firmware, *_cuts(public), *_cuts(private)]
