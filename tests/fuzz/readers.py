@@ -25,7 +25,7 @@ import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 from phasewire import ControlPoints, TransducerArray, solve
-from phasewire.__main__ import command_line
+from phasewire.commands import command_line
 from phasewire.emulator.scenario import read_scenario
 from phasewire.errors import ImageError, InputFileError
 from phasewire.hil.conformance.known import read_known_failures
