@@ -39,6 +39,8 @@ PATIENCE_SECONDS = 10.0
 """For any answer, besides the time that its bytes take; the rest is for a computer that is busy."""
 QUIET_SECONDS = 0.05
 """Where nothing comes for so long, besides the time that bytes under way take, nothing was to come."""
+SLOWER = 0.9
+"""How much of the longest time that an answer took is expected of the next one."""
 READ_SECONDS = 0.002
 """How long a port waits for bytes at a time; some ports take long to change that."""
 LOOK_SECONDS = 0.05
@@ -253,6 +255,7 @@ class SerialLine:
         self._incoming = Line()
         self._given = 0
         self._tag = 0
+        self._slow = 0.0
 
     @property
     def name(self) -> str:
@@ -323,7 +326,8 @@ class SerialLine:
     def rest(self, size: int = 0) -> bytes:
         """Take in bytes until nothing more comes, where so many may still be under way."""
         found = b""
-        while data := self.read(QUIET_SECONDS + self.latency + self.transit(size + MAX_FRAME_BYTES), bool):
+        quiet = QUIET_SECONDS + max(self.latency, self._slow)  # what answers took of late on a busy computer
+        while data := self.read(quiet + self.transit(size + MAX_FRAME_BYTES), bool):
             found += data
         return found
 
@@ -399,8 +403,11 @@ class SerialLine:
         """
         self._tag = (self._tag + 1) % TAGS
         before = len(self.events)  # among which replies to others with this tag may be
+        asked = self.time.monotonic()
         self.send_frame(FrameKind.REQUEST, bytes([self._tag]) + setup.encode() + data)
         self.listen(self.patience(BLOCK_BYTES), lambda: self._answered(before) is not None)
+        if self.latency:
+            self._slow = max(self.time.monotonic() - asked, SLOWER * self._slow)
         place = self._answered(before)
         if place is None:
             raise DeviceTimeoutError(f"{self.name} does not answer {setup.name}")

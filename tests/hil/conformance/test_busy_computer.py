@@ -1,0 +1,123 @@
+"""What the suite makes of a sound device on a computer that is too slow: nothing, or that it cannot be judged."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.cases import Inconclusive
+from phasewire.hil.conformance.running import Options, open_bench
+from phasewire.hil.conformance.tools.clocks import compare_clocks, unless_busy
+from phasewire.hil.conformance.tools.steps import SILENT, enable
+from phasewire.hil.conformance.tools.watchdog import check_not_yet
+from phasewire.protocol.blocks import Update
+from phasewire.protocol.board import TICK_HZ
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    """An emulated device that the suite takes for one with a time of its own."""
+    monkeypatch.setattr(Bench, "is_far", True)
+    with open_bench(Options("emulator:")) as opened:
+        yield opened
+
+
+def test_a_block_that_the_host_sends_too_late_is_no_failure(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    enable(bench)
+    send, held_up = bench.line.send_blocks, bench.line.time.sleep
+
+    def send_late(blocks: bytes, seconds: float) -> int:
+        held_up(0.2)
+        return send(blocks, seconds)
+
+    monkeypatch.setattr(bench.line, "send_blocks", send_late)
+    with pytest.raises(Inconclusive, match="too slow"):
+        bench.must(Update(SILENT, bench.period() + 2000))
+
+
+def test_a_change_that_is_meant_to_be_late_is_no_matter_of_the_host(bench: Bench) -> None:
+    enable(bench)
+    assert bench.must(Update(SILENT, bench.period() - 1)).late
+
+
+def test_time_that_a_case_outlasts_is_the_devices(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    sleep, before = bench.line.time.sleep, bench.clock().now
+    monkeypatch.setattr(bench.line.time, "sleep", lambda seconds: sleep(seconds / 10))
+    bench.outlast(0.02)
+    assert bench.clock().now >= before + TICK_HZ // 50
+
+
+def test_a_tick_that_has_passed_makes_a_case_inconclusive(bench: Bench) -> None:
+    now = bench.clock().now
+    check_not_yet(bench, now + TICK_HZ)
+    with pytest.raises(Inconclusive, match="too slow"):
+        check_not_yet(bench, now)
+
+
+@dataclass
+class Device:
+    """A clock that runs at one rate after the other, of which each lasts for one attempt."""
+
+    rates: list[float]
+    seconds: float = 0.0
+    ticks: float = 0.0
+    is_far: bool = True
+    notes: list[tuple[str, str]] = field(default_factory=list)
+
+    @property
+    def line(self) -> SimpleNamespace:
+        return SimpleNamespace(time=SimpleNamespace(monotonic=lambda: self.seconds))
+
+    def clock(self) -> SimpleNamespace:
+        return SimpleNamespace(now=int(self.ticks))
+
+    def note(self, label: str, text: str) -> None:
+        self.notes.append((label, text))
+
+    def pass_a_second(self) -> None:
+        self.seconds += 1
+        self.ticks += TICK_HZ * self.rates.pop(0)
+
+
+def judge(device: Any) -> None:
+    compare_clocks(cast(Bench, device), device.pass_a_second, 0.01)
+
+
+def test_a_clock_that_agrees_is_right() -> None:
+    judge(Device([1.001]))
+
+
+@pytest.mark.parametrize("rate", [0.97, 1.03, -5.0, 50.0])
+def test_a_clock_that_is_always_wrong_fails(rate: float) -> None:
+    with pytest.raises(AssertionError, match="ticks"):
+        judge(Device([rate] * 4))
+
+
+@pytest.mark.parametrize("rates", [[0.8, 1.0], [0.8, 0.95, 0.7, 0.9]])
+def test_a_clock_that_is_held_up_cannot_be_judged(rates: list[float]) -> None:
+    with pytest.raises(Inconclusive, match="busy"):
+        judge(Device(rates))
+
+
+def test_a_device_in_this_process_has_no_such_excuse() -> None:
+    with pytest.raises(AssertionError, match="ticks"):
+        judge(Device([0.8, 1.0], is_far=False))
+
+
+@pytest.mark.parametrize(("load", "is_far", "excused"), [(9.0, True, True), (9.0, False, False), (0.0, True, False)])
+def test_a_late_answer_is_judged_unless_the_computer_is_busy(
+    monkeypatch: pytest.MonkeyPatch, load: float, is_far: bool, excused: bool
+) -> None:
+    monkeypatch.setattr(os, "getloadavg", lambda: (load, load, load))
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    device = cast(Bench, Device([], is_far=is_far))
+    if excused:
+        with pytest.raises(Inconclusive, match=r"load of 9\.0 on 2 cores"):
+            unless_busy(device, "an answer came late")
+    else:
+        unless_busy(device, "an answer came late")
