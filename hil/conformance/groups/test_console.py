@@ -171,12 +171,11 @@ def says(text: str, value: object) -> bool:
     """Whether a text says a value of a record as CON-007 puts it."""
     match value:
         case IntFlag():
-            names = [str(flag.name) for flag in value]
-            return sorted(text.split("+")) == sorted(names) if names else text == "none"
+            return text == ("+".join(str(flag.name) for flag in value) or "none")
         case IntEnum():
             return text == value.name
         case bytes():
-            return text.replace(" ", "").lower() == value.hex()
+            return text == value.hex()
         case tuple():
             return text == ".".join(map(str, value))
     return text == str(value)

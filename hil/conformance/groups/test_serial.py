@@ -33,7 +33,7 @@ from phasewire.protocol.blocks import NoOp, Update, pack
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag
 from phasewire.protocol.pulses import Pulses
-from phasewire.protocol.replies import ANSWER_BYTES, Ack, ClockReading, Status
+from phasewire.protocol.replies import ANSWER_BYTES, Ack, ClockReading, Status, records
 from phasewire.protocol.requests import ConsoleRequest, Setup
 
 VENDOR_IN, VENDOR_OUT = 0xC1, 0x41
@@ -464,7 +464,7 @@ def test_both_directions_may_be_busy_at_once(bench: Bench, frames: SerialLine) -
 # Modes
 
 
-@case("SER-010/1", "SER-010")
+@case("SER-010/1", "SER-010", "CON-003")
 @pytest.mark.parametrize("typed", ["", "enabl", "enable"])
 def test_a_zero_leads_from_the_console_to_frames(bench: Bench, console: SerialLine, typed: str) -> None:
     """00 is answered with 00 and ends the text: a line that was not finished is dropped, and frames are understood."""
@@ -716,14 +716,16 @@ def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: SerialL
     expect("the count of lost blocks", after.lost, before.lost + 1)
 
 
-@case("SER-011", "SAF-003")
+@case("SER-011", "ACK-006/1", "SAF-003")
 def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: SerialLine) -> None:
-    """The watchdog does not count from a block that waits for room: its host may have no control over what plays."""
+    """The watchdog does not count from a block that waits; when it has fired the block is judged, and then it is told."""
     milliseconds = 400
     last = fill(bench, frames, 5)[-1]
     bench.wait_until(bench.clock().now // TICKS_PER_PERIOD + 1)
     block = no_op(bench)
-    alive = bench.status().now
+    before = bench.status()
+    alive = before.now
+    frames.forget()
     bench.wait(0.2)
     frames.write(b"\0" + frame(BLOCK, block))
     sent = ClockReading.decode(ask(frames, Request.CLOCK)).now
@@ -738,6 +740,12 @@ def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: SerialLine)
     assert fired >= alive + least, f"the watchdog fired at tick {fired}, before {milliseconds} ms from tick {alive} on"
     late = fired - least - alive
     assert late < ack.now - alive, f"the watchdog fired {late} ticks late: it counted from the block that waits"
+    frames.rest()
+    came = [record for body in frames.frames(RECORD) for record in records(body)]
+    expect("the kinds of records that come", [type(record).__name__ for record in came], ["Ack", "Status"])
+    expect(
+        "accepted blocks in the record unasked", [status.accepted for status in statuses(frames)], [before.accepted + 1]
+    )
 
 
 @case("SER-010", "SER-011")

@@ -15,10 +15,12 @@ from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import DfuLine
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import play, start, told
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
+from phasewire.hil.conformance.tools.stage import check_in_time, soon
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, let_stores_go, require
+from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import Body, Entries, Entry, NoOp, Output, Sequence, Slot, Update, pack
-from phasewire.protocol.board import CARRIER_HZ
+from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import REQUEST_TYPE_OUT, Action, Fault, Feature, FrameKind, Reason, Request, State
 from phasewire.protocol.replies import Status, records
 from phasewire.protocol.requests import Setup
@@ -160,6 +162,56 @@ def test_what_the_host_does_leads_to(bench: Bench, state: State, way: str) -> No
         expect("what plays since", after.since_period, before.since_period)
         expect("the flags", after.flags, before.flags)
         expect("the free places", after.free, before.free)
+
+
+FOLLOWERS: dict[str, tuple[Callable[[int], Body], State, list[State]]] = {
+    "update": (lambda period: Update(SILENT, period), PLAYING, []),
+    "sequence": (lambda period: Sequence(0, 1, period), PLAYING, []),
+    "silence": (lambda period: Output(Action.SILENCE, period), READY, []),
+    "disable": (lambda period: Output(Action.DISABLE, period), OFF, []),
+    "end-of-modulation": (lambda period: Output(Action.END_MODULATION, period), READY, [READY]),
+}
+"""Changes for the period in which a sequence ends: the state then, and the states that are told unasked."""
+
+
+def follow_sequence(bench: Bench, body: Callable[[int], Body], periods: int, *, unattended: bool) -> tuple[int, int]:
+    """Queue a sequence of one repeat, and a change for the period in which it ends; when it begins and ends."""
+    require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
+    enable(bench)
+    bench.must(Slot(0, SILENT))
+    bench.must(Entries((Entry(0, periods),)))
+    let_stores_go(bench)
+    begins = soon(bench, 2)
+    ends = begins + periods
+    for change, period in ((Sequence(0, 1, begins, repeats=1, unattended=unattended), begins), (body(ends), ends)):
+        check_in_time(bench.must(change), period)
+    return begins, ends
+
+
+@pytest.mark.parametrize("unattended", [False, True], ids=["attended", "unattended"])
+@pytest.mark.parametrize("what", FOLLOWERS)
+@case("STA-002", "STA-003", "ACK-006/1", features=Feature.SEQUENCES | Feature.MODULATION)
+def test_a_change_in_the_period_in_which_a_sequence_ends_is_the_only_event(
+    bench: Bench, what: str, unattended: bool
+) -> None:
+    """What takes the place of a sequence just when it ends leaves no END, and none is told."""
+    body, state, tells = FOLLOWERS[what]
+    _, ends = follow_sequence(bench, body, 4000, unattended=unattended)
+    bench.wait_until(ends + 1)
+    expect("the states that are told unasked", states_in(told(bench)), tells)
+    expect_state(bench, state)
+
+
+@case("STA-002", "SAF-003", "SAF-005", features=Feature.SEQUENCES | Feature.UNATTENDED)
+def test_the_watchdog_starts_in_the_period_in_which_an_update_follows_an_unattended_sequence(bench: Bench) -> None:
+    """The watchdog counts from the period in which an UPDATE takes the place of an unattended sequence that ends."""
+    ms = patience(bench)
+    begins, ends = follow_sequence(bench, FOLLOWERS["update"][0], 4 * ms * PERIODS_PER_MS, unattended=True)
+    bench.wait_until(begins + 1)
+    bench.order(Request.WATCHDOG, ms)
+    check_not_yet(bench, ends * TICKS_PER_PERIOD)
+    bench.wait_until(ends)
+    await_firing(bench, ends * TICKS_PER_PERIOD, ends * TICKS_PER_PERIOD, ms)
 
 
 BUS_RESETS: dict[str, Callable[[Bench], None]] = {

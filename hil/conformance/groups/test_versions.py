@@ -8,6 +8,7 @@ import zlib
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import NotApplicable, Risk, case, expect
+from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
 from phasewire.hil.conformance.tools.steps import SILENT, Wrong, begin, cut, far, forge, raw_records, refuse, some
 from phasewire.protocol.blocks import (
     Body,
@@ -155,6 +156,21 @@ def test_read_back_is_there(bench: Bench) -> None:
     bench.read_back()
     bench.wait_until(bench.must(Update(SILENT)).commit_period)
     bench.read_back()
+
+
+@case("VER-005", "VER-008", "SER-010", "CON-002")
+def test_frames_and_text_come_together(bench: Bench) -> None:
+    """With CONSOLE in INFO a serial line has frames and text; without it the device has no serial line at all."""
+    if bench.line.kind == "usb" and Feature.CONSOLE not in bench.info.features:
+        expect("bytes that a console that is not there takes", bench.usb.write(CONSOLE_OUT, b"\r", 0.05), 0)
+        return
+    assert Feature.CONSOLE in bench.info.features, "INFO does not name CONSOLE, and this is a serial line"
+    line = bench.serial
+    line.enter_console()
+    answer = line.command("faults")
+    assert answer.endswith("ok\r\n"), f"the command faults is answered {answer!r}, should be with ok"
+    line.enter_frames()
+    expect("INFO in frames", line.request(Setup(IN, Request.INFO, 0, 0, 64)), bench.info.encode())
 
 
 @case("VER-007", "ACK-002", "REQ-003", "REQ-006", "REQ-008")

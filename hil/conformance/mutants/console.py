@@ -9,7 +9,7 @@ from ....emulator.interfaces import console
 from ....emulator.interfaces.serial_line import SerialLine
 from ....errors import CommandError
 from ....protocol import console as words
-from ....protocol.codes import ConsoleCode, State
+from ....protocol.codes import ConsoleCode, Reason, State
 from ....protocol.console import COMMANDS, MAX_LINE_CHARACTERS, PROMPT, Command, LineEditor
 from ....protocol.requests import VALUES
 from .patching import Patch, mutant
@@ -252,6 +252,34 @@ def no_bits_are_said_as_0(patch: Patch) -> None:
         return word
 
     patch.wrap(words, "_word", around)
+
+
+@mutant("CON-007")
+def bytes_are_said_in_capitals(patch: Patch) -> None:
+    """Bytes are said in capital hexadecimal digits, as its author's library writes them."""
+    patch.wrap(
+        words, "_word", lambda original: lambda said: said.hex().upper() if type(said) is bytes else original(said)
+    )
+
+
+@mutant("CON-007")
+def no_refusal_is_said_as_none(patch: Patch) -> None:
+    """A last refusal of 0 is said as none, as an empty set of bits is."""
+    patch.wrap(words, "_word", lambda original: lambda said: "none" if said is Reason.ACCEPTED else original(said))
+
+
+@mutant("CON-003", "SER-010")
+def echo_is_on_again_after_frames(patch: Patch) -> None:
+    """A line has echo on when it comes back from frames, also where `echo 0` was given: its editor is a new one."""
+
+    def around(original: Any) -> Any:
+        def begin(self: Any) -> Any:
+            self._editor.echo = True
+            return original(self)
+
+        return begin
+
+    patch.wrap(console.Console, "begin_line", around)
 
 
 @mutant("CON-005", "CON-007")

@@ -226,6 +226,24 @@ def watchdog_time_holds_from_the_next_sign_of_life(patch: Patch) -> None:
     patch.wrap(Watchdog, "_due", due)
 
 
+@mutant("REQ-009", "ACK-006")
+def watchdog_tells_when_its_time_was_over(patch: Patch) -> None:
+    """The record of a watchdog that was made too short says when the new time was over, not when it has fired."""
+
+    def around(original: Any) -> Any:
+        def fall(self: Any) -> None:
+            due, status = self.time.tick(self._watchdog._due), self.status
+            vars(self)["status"] = lambda: replace(status(), now=due)
+            try:
+                original(self)
+            finally:
+                del vars(self)["status"]
+
+        return fall
+
+    patch.wrap(controller.Controller, "_fall_to_watchdog", around)
+
+
 @mutant("REQ-009", "SAF-003")
 def watchdog_time_begins_anew_with_watchdog(patch: Patch) -> None:
     """The request WATCHDOG is itself a sign of life: the new time is counted from it."""

@@ -21,6 +21,7 @@ from .patching import Patch, mutant
 from .seams import misread_bodies
 
 ENDED = -1
+PERIODS_PER_MS = 40
 MOST_REPEATS = 2**16 - 1
 Periods = NDArray[np.int64]
 
@@ -168,6 +169,21 @@ def _behind_the_end(patch: Patch, then: Any) -> None:
     patch.wrap(controller.Controller, "_end_sequence", around)
 
 
+@mutant("STA-002", "ACK-006")
+def end_of_a_sequence_comes_before_what_follows_at_once(patch: Patch) -> None:
+    """A sequence ends, and says so, before a change of the very period in which it ends takes its place."""
+
+    def around(original: Any) -> Any:
+        def wake(self: Any, turn: int) -> None:
+            if turn == self._turn:
+                self._end_sequence()
+            original(self, turn)
+
+        return wake
+
+    patch.wrap(controller.Controller, "_wake", around)
+
+
 @mutant("ACK-006")
 def end_of_a_sequence_is_not_said(patch: Patch) -> None:
     """Where a sequence has played its last repeat, no status record comes of the device's own accord."""
@@ -281,6 +297,22 @@ def slots_in_use_are_not_looked_for(patch: Patch) -> None:
         return check
 
     patch.wrap(Stores, "check_free", around)
+
+
+@mutant("BLK-022", "SAF-004")
+def uses_outlast_disable_by_a_millisecond(patch: Patch) -> None:
+    """What played when the outputs were disabled stays in use for a millisecond after they are silent."""
+
+    def around(original: Any) -> Any:
+        def send(self: Any, stops: Any) -> None:
+            playing = [use for use in self._stores._uses if use.until is None]
+            original(self, stops)
+            for use in playing:
+                use.until += PERIODS_PER_MS
+
+        return send
+
+    patch.wrap(controller.Controller, "_send_silence", around)
 
 
 @mutant("BLK-022", "SAF-004")

@@ -8,12 +8,14 @@ from typing import Any
 
 from cobs import cobs
 
+from ....emulator.control import controller
 from ....emulator.interfaces import serial_line
 from ....emulator.interfaces.console import Console
 from ....emulator.interfaces.serial_line import SerialLine
 from ....emulator.interfaces.usb_functions import ConsoleFunction
 from ....errors import FrameError
 from ....protocol import framing
+from ....protocol.board import CYCLES_PER_MS
 from ....protocol.codes import REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, FrameKind, Outcome
 from ....protocol.console import PROMPT
 from ....protocol.framing import DELIMITER, MAX_FRAME_BYTES, Frame, FrameReader, Line, SerialReply
@@ -25,6 +27,16 @@ CHECKSUM_BYTES = 4
 LENGTH_AT = slice(8, 10)
 REQUEST_HEAD_BYTES = 10
 """Of a request with its kind before it."""
+
+
+@mutant("SER-011", "ACK-006")
+def a_block_that_waits_is_judged_after_the_event_is_told(patch: Patch) -> None:
+    """What waits for room is judged a millisecond later, by another task: the record of what made room comes first."""
+
+    def around(original: Any) -> Any:
+        return lambda self: self._scheduler.at(self._now + CYCLES_PER_MS, lambda: original(self))
+
+    patch.wrap(controller.Controller, "_announce_room", around)
 
 
 # Frames

@@ -137,6 +137,12 @@ def read_back_is_there_without_its_feature(patch: Patch) -> None:
     _lack(patch, Feature.READ_BACK)
 
 
+@mutant("VER-005")
+def serial_lines_are_there_without_their_feature(patch: Patch) -> None:
+    """INFO does not name CONSOLE, and the console's endpoints take frames and text all the same."""
+    _lack(patch, Feature.CONSOLE)
+
+
 @mutant("VER-005", "ACK-003")
 def kinds_without_their_feature_are_unknown(patch: Patch) -> None:
     """Without MODULATION its kinds are refused with KIND, not with UNSUPPORTED: they are not built in."""
