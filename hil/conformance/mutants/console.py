@@ -9,7 +9,7 @@ from ....emulator.interfaces import console
 from ....emulator.interfaces.serial_line import SerialLine
 from ....errors import CommandError
 from ....protocol import console as words
-from ....protocol.codes import ConsoleCode, Reason, State
+from ....protocol.codes import ConsoleCode, State
 from ....protocol.console import COMMANDS, MAX_LINE_CHARACTERS, PROMPT, Command, LineEditor
 from ....protocol.requests import VALUES
 from .patching import Patch, mutant
@@ -260,12 +260,6 @@ def bytes_are_said_in_capitals(patch: Patch) -> None:
     patch.wrap(
         words, "_word", lambda original: lambda said: said.hex().upper() if type(said) is bytes else original(said)
     )
-
-
-@mutant("CON-007")
-def no_refusal_is_said_as_none(patch: Patch) -> None:
-    """A last refusal of 0 is said as none, as an empty set of bits is."""
-    patch.wrap(words, "_word", lambda original: lambda said: "none" if said is Reason.ACCEPTED else original(said))
 
 
 @mutant("CON-003", "SER-010")
