@@ -718,7 +718,7 @@ def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: SerialL
 
 @case("SER-011", "ACK-006/1", "SAF-003")
 def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: SerialLine) -> None:
-    """The watchdog does not count from a block that waits; when it fires, the block is judged, then the record is sent."""
+    """The watchdog does not count from a block that waits; when it fires, the block is judged, then it is told."""
     milliseconds = 400
     last = fill(bench, frames, 5)[-1]
     bench.wait_until(bench.clock().now // TICKS_PER_PERIOD + 1)
