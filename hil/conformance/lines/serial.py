@@ -406,11 +406,11 @@ class SerialLine:
         asked = self.time.monotonic()
         self.send_frame(FrameKind.REQUEST, bytes([self._tag]) + setup.encode() + data)
         self.listen(self.patience(BLOCK_BYTES), lambda: self._answered(before) is not None)
-        if self.latency:
-            self._slow = max(self.time.monotonic() - asked, SLOWER * self._slow)
         place = self._answered(before)
         if place is None:
             raise DeviceTimeoutError(f"{self.name} does not answer {setup.name}")
+        if self.latency:
+            self._slow = max(self.time.monotonic() - asked, SLOWER * self._slow)
         event = self.events.pop(place)
         assert isinstance(event, Frame)
         reply = SerialReply.decode(event.body)
