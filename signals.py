@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-__all__ = ["SIGNALLED", "loading", "unwinding"]
+__all__ = ["SIGNALLED", "loading", "postponing", "unwinding"]
 
 SIGNALLED = 128
 """An exit code is this and the signal's number, as shells have it: 130 is Ctrl-C."""
@@ -55,6 +55,16 @@ def unwinding(*, last: bool) -> Iterator[None]:
 
     with _handled(unwind, last=last):
         yield
+
+
+@contextmanager
+def postponing() -> Iterator[None]:
+    """Let a signal wait until the block ends, which must be short: what it writes is not cut off."""
+    waiting: list[int] = []
+    with _handled(lambda number, _frame: waiting.append(number), last=False):
+        yield
+    for number in waiting[:1]:
+        signal.raise_signal(number)
 
 
 @contextmanager

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +14,7 @@ import typer
 from ...console import JsonOption, among, console_for, error_console, write_json
 from ...host.commands.options import DeviceOption, given, note_where_fresh
 from ...host.lines.transport import DEFAULT_URL
-from ...signals import SIGNALLED, loading
+from ...signals import SIGNALLED, loading, postponing
 from ...storage import check_outputs, replacing
 from .cases import Risk
 from .known import read_known_failures
@@ -173,14 +176,16 @@ def conformance(
     )
     if broken is None:
         note_where_fresh(url)
-    with LiveLine(error_console()) as watcher:
-        run = run_conformance(options, watcher) if broken is None else _run_mutant(broken, options, watcher)
-    if not run.results and not run.trouble and not run.signal:
-        raise ValueError(f"no case begins with {' or '.join(map(repr, options.only))}; --list names all")
-    if strict:
-        run = _strictly(run)
-    _write(run, html, junit_xml, json_target)
-    print_run(console_for(json_target), run)
+    with ExitStack() as end:
+        with LiveLine(error_console()) as watcher:
+            judge = run_conformance if broken is None else partial(_run_mutant, broken)
+            run = judge(options, watcher, lambda: end.enter_context(postponing()))
+        if not run.results and not run.trouble and not run.signal:
+            raise ValueError(f"no case begins with {' or '.join(map(repr, options.only))}; --list names all")
+        if strict:
+            run = _strictly(run)
+        _write(run, html, junit_xml, json_target)
+        print_run(console_for(json_target), run)
     if run.signal:
         raise typer.Exit(SIGNALLED + run.signal)
     if not run.passed:
@@ -237,13 +242,13 @@ def _judge_mutants(
         raise typer.Exit(1)
 
 
-def _run_mutant(broken: Mutant, options: Options, watcher: Watcher) -> Run:
+def _run_mutant(broken: Mutant, options: Options, watcher: Watcher, judged: Callable[[], object]) -> Run:
     """The run of a mutant, whose reports say that it is one."""
     from .mutants.patching import applied
     from .running import run_conformance
 
     with applied(broken):
-        run = run_conformance(replace(options, url=broken.url), watcher)
+        run = run_conformance(replace(options, url=broken.url), watcher, judged)
     device = run.provenance.device | {"mutant": f"{broken.name}: {broken.sentence}"}
     return replace(run, provenance=replace(run.provenance, device=device))
 

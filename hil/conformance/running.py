@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -106,7 +106,9 @@ def catalogue() -> list[Entry]:
     return found.entries
 
 
-def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
+def run_conformance(
+    options: Options, watcher: Watcher | None = None, judged: Callable[[], object] = lambda: None
+) -> Run:
     """Run the suite against a device.
 
     Parameters
@@ -114,6 +116,8 @@ def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
     options : Options
     watcher : Watcher, optional
         Is told how it goes on.
+    judged : callable, optional
+        Is called when the cases have run, or a signal has ended them: what is left to do is short.
 
     Returns
     -------
@@ -136,6 +140,7 @@ def run_conformance(options: Options, watcher: Watcher | None = None) -> Run:
                 _await_recording(bench.sight.path, began.timestamp(), judge.watcher)
         except (KeyboardInterrupt, SystemExit) as error:
             judge.interruption = error
+        judged()
         number = 0 if judge.interruption is None else _signal(judge.interruption)
         judge.finish(signal_name(number) if number else "")
         provenance = Provenance(
@@ -175,7 +180,9 @@ def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:
     quiet = ["-p", "no:terminal", "-p", "no:cacheprovider", "-p", "no:faulthandler", "-p", "no:logging", "--capture=no"]
     alone = ["--import-mode=importlib", f"--rootdir={GROUPS}", f"--confcutdir={GROUPS}", "-c", os.devnull]
     with _environment(PYTEST_DISABLE_PLUGIN_AUTOLOAD="1", PYTEST_ADDOPTS=""):
-        pytest.main([*quiet, *plain, *alone, *arguments, str(GROUPS)], plugins=[plugin])
+        code = pytest.main([*quiet, *plain, *alone, *arguments, str(GROUPS)], plugins=[plugin])
+    if code == pytest.ExitCode.USAGE_ERROR:
+        plugin.trouble.append(f"pytest {pytest.__version__} could not begin; standard error says why")
 
 
 @contextmanager

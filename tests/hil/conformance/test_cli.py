@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pkgutil
 import signal
 from collections.abc import Callable
 from dataclasses import replace
@@ -58,7 +59,9 @@ class Suite:
         self.asked: list[Options] = []
         self.look: Callable[[Options], None] = lambda _: None
 
-    def __call__(self, options: Options, watcher: Watcher | None = None) -> Run:
+    def __call__(
+        self, options: Options, watcher: Watcher | None = None, judged: Callable[[], object] = lambda: None
+    ) -> Run:
         self.asked.append(options)
         self.look(options)
         assert watcher is not None
@@ -165,6 +168,26 @@ def test_an_interrupted_run_writes_all_its_reports(phasewire: Phasewire, suite: 
     assert json.loads(Path("c.json").read_text())["interrupted by"] == name
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("place", ["bench.Bench.leave_off", "cli.page", "cli.junit"])
+def test_a_signal_after_all_is_judged_waits_for_the_reports(
+    phasewire: Phasewire, monkeypatch: pytest.MonkeyPatch, place: str, number: int, code: int
+) -> None:
+    owner, _, name = f"phasewire.hil.conformance.{place}".rpartition(".")
+    genuine = getattr(pkgutil.resolve_name(owner), name)
+
+    def interrupted(*arguments: object) -> object:
+        signal.raise_signal(number)
+        return genuine(*arguments)
+
+    monkeypatch.setattr(f"{owner}.{name}", interrupted)
+    outcome = phasewire("--only", "VER-001", "--html", "c.html", "--junit", "c.xml", "--json", "c.json")
+    assert outcome.code == code
+    assert outcome.out.splitlines()[-1].startswith("PASS: nothing broke")
+    assert json.loads(Path("c.json").read_text())["interrupted by"] is None
+    assert {path.name for path in Path().iterdir()} == {"c.html", "c.xml", "c.json"}
+
+
 def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Suite) -> None:
     outcome = phasewire("--json", "-")
     assert json.loads(outcome.out)["outcome"] == "pass"
@@ -220,7 +243,7 @@ def test_a_choice_that_no_case_fits_is_wrong_use_and_writes_nothing(phasewire: P
 
 
 def test_no_device_is_exit_code_3(phasewire: Phasewire, monkeypatch: pytest.MonkeyPatch) -> None:
-    def find_none(options: Options, watcher: Watcher | None = None) -> Run:
+    def find_none(*_: object) -> Run:
         raise DeviceNotFoundError("nothing is plugged in")
 
     monkeypatch.setattr("phasewire.hil.conformance.running.run_conformance", find_none)

@@ -336,6 +336,18 @@ def test_a_device_that_is_not_there_is_no_run(groups: Path) -> None:
         run_conformance(Options("usb:", capture="emulator"))
 
 
+def test_pytest_that_cannot_begin_is_trouble_of_the_run(
+    groups: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(running, "GROUPS", groups / "missing")
+    run = run_conformance(Options("emulator:"))
+    assert not run.passed
+    assert re.fullmatch(r"pytest \S+ could not begin; standard error says why", *run.trouble)
+    assert "missing" in capfd.readouterr().err
+    with pytest.raises(RuntimeError, match="could not begin"):
+        catalogue()
+
+
 def test_a_spare_device_breaks_alone(groups: Path) -> None:
     write(
         groups,
