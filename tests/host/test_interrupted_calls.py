@@ -92,7 +92,9 @@ def close_and_exit(device: Device) -> None:
 @pytest.mark.parametrize("url", ["", "?door=serial&baud=3000000"], ids=["usb", "serial"])
 @pytest.mark.parametrize("call", [show, stream])
 @pytest.mark.parametrize(
-    ("handle", "kind"), [(Device.close, DeviceError), (fail, Raised), (close_and_exit, SystemExit)], ids=str
+    ("handle", "kind"),
+    [(Device.close, DeviceError), (fail, Raised), (close_and_exit, SystemExit)],
+    ids=["close", "fail", "close-and-exit"],
 )
 def test_a_handler_within_a_call(
     url: str, call: Callable[[Device], None], handle: Callable[[Device], None], kind: type[BaseException]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 from phasewire.emulator.faults import WrongSupply
-from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
 from phasewire.hil.conformance.lines.serial import SerialLine
 from phasewire.hil.conformance.tools.exchange import (
@@ -22,6 +22,7 @@ from phasewire.hil.conformance.tools.exchange import (
     statuses,
 )
 from phasewire.hil.conformance.tools.frames import frame
+from phasewire.hil.conformance.tools.playing import play
 from phasewire.hil.conformance.tools.stage import soon
 from phasewire.hil.conformance.tools.steps import LONG_MS, enable, let_stores_go
 from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, patience
@@ -79,6 +80,23 @@ def test_a_block_that_waits_outlives_its_session(bench: Bench, frames: SerialLin
     frames.assume_console()
     frames.enter_frames()
     check_judged(bench, frames, before)
+
+
+@case("SER-010")
+def test_the_end_of_a_connection_concerns_its_line_alone(bench: Bench, frames: SerialLine) -> None:
+    """When a host closes its connection, what plays goes on, and the next connection begins with the console."""
+    if not frames.wire.is_connection:
+        raise Inconclusive("this line is no connection that could be closed, as one by socket: is")
+    enable(bench)
+    play(bench)
+    before = bench.status()
+    frames.wire.reopen(RETURN_SECONDS)
+    frames.assume_console()
+    frames.write(b"info\r")
+    if not frames.answer():
+        raise Inconclusive("the line carries frames still: a gateway to a UART, as it seems, does not pass the end on")
+    frames.enter_frames()
+    same_but(before, bench.status())
 
 
 def check_judged(bench: Bench, line: SerialLine, before: Status) -> None:

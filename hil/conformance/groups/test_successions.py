@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import pytest
-from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Inconclusive, case, expect
+from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
+from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
+from phasewire.hil.conformance.sight.waveforms import check_play, check_silent
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.planning import (
     APART,
@@ -23,9 +25,9 @@ from phasewire.hil.conformance.tools.playing import (
     start,
     told,
 )
-from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, check_in_time, is_fast
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
-from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
+from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.protocol.blocks import (
     Body,
     Change,
@@ -285,3 +287,69 @@ def test_the_fifth_period_is_promised_while_a_sequence_plays(
             return
     if not hits:
         raise Inconclusive(f"in {rounds} attempts no block came exactly {PROMISED_PERIODS} periods ahead of its change")
+
+
+# What has just gone onto the chain when the outputs are disabled
+
+CHAIN_TICKS = 3 * TICKS_PER_PERIOD
+"""So long before its period a change has gone onto the chain (chapter BUD)."""
+TRIES = 100
+
+
+def fire_over_the_chain(bench: Bench, change: Callable[[int], Change]) -> tuple[int, int]:
+    """Let the watchdog fire within `CHAIN_TICKS` before the period of a change.
+
+    The watchdog fires a whole number of milliseconds after the last sign of life, so that the right one has to be met.
+
+    Returns
+    -------
+    since, due : int
+        The period from which on the outputs must be silent, and that of the change.
+    """
+    due = soon(bench, 2 * TRIES)
+    check_in_time(bench.must(change(due)), due)
+    for _ in range(TRIES):
+        ms, rest = divmod(due * TICKS_PER_PERIOD - bench.status().now, TICKS_PER_MS)
+        if ms < SHORT_MS:
+            break
+        if 0 < rest <= CHAIN_TICKS:
+            bench.order(Request.WATCHDOG, ms)
+            fired = bench.await_unasked(ms / 1000 + 1)
+            expect("the state that is told when the watchdog has fired", fired.state, State.OFF)
+            if fired.now >= due * TICKS_PER_PERIOD:
+                break
+            bench.order(Request.WATCHDOG, LONG_MS)
+            return fired.now // TICKS_PER_PERIOD + SILENT_PERIODS + 1, due
+        bench.wait_periods(PERIODS_PER_MS * bench.random.random())
+    raise Inconclusive("no sign of life came a whole number of milliseconds before the change went onto the chain")
+
+
+BEGINNINGS: dict[str, Callable[[Bench], Callable[[int], Change]]] = {
+    "update": lambda bench: partial(Update, bench.weak()),
+    "sequence": lambda _: partial(Sequence, PLACE, 1),
+}
+
+
+@pytest.mark.parametrize("what", BEGINNINGS)
+@case("SAF-004/1", "STA-001", "SAF-003", needs=(Need.CAPTURE,))
+def test_no_output_moves_for_what_was_on_the_chain(bench: Bench, what: str) -> None:
+    """When the watchdog fires while nothing plays but a change is on the chain, that change is silenced too."""
+    if what == "sequence":
+        require(bench, Feature.SEQUENCES)
+    store_for_plans(bench)
+    enable(bench)
+    since, due = fire_over_the_chain(bench, BEGINNINGS[what](bench))
+    bench.judge(since, max(since, due) + SETTLED, check_silent)
+
+
+@case("SAF-004", "BLK-017", needs=(Need.CAPTURE,), features=Feature.MODULATION)
+def test_no_modulation_outlives_disable_that_was_on_the_chain(bench: Bench) -> None:
+    """A modulation that is on the chain when the watchdog fires does not modulate what plays after the next ENABLE."""
+    store_for_plans(bench)
+    enable(bench)
+    play(bench)
+    fire_over_the_chain(bench, partial(Modulation, PLACE, 1, 1))
+    bench.enable()
+    field = play(bench)
+    bench.wait_until(field.period + SETTLED)
+    bench.judge(field.period, field.period + SETTLED, lambda seen: check_play(seen, [(field.period, field.words)]))

@@ -73,6 +73,10 @@ class Wire(Protocol):
     def has_break(self) -> bool:
         """Whether it is a UART, whose line can be held low; where it is none, DTR can be lowered instead."""
 
+    @property
+    def is_connection(self) -> bool:
+        """Whether it is a connection, such as a TCP socket, whose end is a hang-up."""
+
     def write(self, data: bytes) -> None:
         """Send bytes."""
 
@@ -112,7 +116,8 @@ class PortWire:
         self.time: Timekeeper = getattr(self._port, "time", time)
         # A port that has no baud rate leads to the device by USB; a socket and a pseudo-terminal carry bytes alone.
         self._has_dtr = hasattr(self._port, "bytes_per_second")
-        bare = url.startswith("socket:") or str(Path(self.name).resolve()).startswith(PSEUDO_TERMINALS)
+        self.is_connection: bool = url.startswith("socket:")
+        bare = self.is_connection or str(Path(self.name).resolve()).startswith(PSEUDO_TERMINALS)
         self.has_break = not (self._has_dtr or bare)
         self.bytes_per_second: float = getattr(self._port, "bytes_per_second", self._port.baudrate / UART_BITS_PER_BYTE)
         self._port.timeout = READ_SECONDS
@@ -184,6 +189,7 @@ class CdcWire:
     """
 
     has_break = False
+    is_connection = False
     bytes_per_second = CDC_BYTES_PER_SECOND
 
     def __init__(self, usb: UsbLine) -> None:

@@ -469,6 +469,56 @@ def every_control_transfer_feeds_the_watchdog(patch: Patch) -> None:
     patch.wrap(UsbDevice, "control", around)
 
 
+# What is on the chain when the outputs are disabled
+
+
+@mutant("SAF-004", "STA-001")
+def silence_is_not_sent_while_nothing_plays(patch: Patch) -> None:
+    """DISABLE in READY sends no silence, for nothing plays: an update that is on the chain begins and plays on."""
+
+    def around(original: Any) -> Any:
+        def happen(self: Any, *arguments: Any, **more: Any) -> None:
+            self.mutant_was_ready = self._state is State.READY
+            original(self, *arguments, **more)
+            self.mutant_was_ready = False
+
+        return happen
+
+    def send_nothing(original: Any) -> Any:
+        def send(self: Any, stops: Any) -> None:
+            if getattr(self, "mutant_was_ready", False) and not stops:
+                self._stores.end(self.time.period(self._now) + 1, sequences=True, modulations=True)
+            else:
+                original(self, stops)
+
+        return send
+
+    patch.wrap(controller.Controller, "_happen", around)
+    patch.wrap(controller.Controller, "_send_silence", send_nothing)
+
+
+@mutant("SAF-004")
+def modulation_on_the_chain_outlives_disable(patch: Patch) -> None:
+    """DISABLE stops what modulates: a modulation that is on the chain and has not begun is in the next session."""
+
+    def around(original: Any) -> Any:
+        def drop_all(self: Any) -> None:
+            self.mutant_modulates = self._modulation_plays
+            original(self)
+
+        return drop_all
+
+    def stop_what_modulates(original: Any) -> Any:
+        def send(self: Any, stops: Any) -> None:
+            modulates, self.mutant_modulates = getattr(self, "mutant_modulates", None), None
+            original(self, () if modulates is False else stops)
+
+        return send
+
+    patch.wrap(controller.Controller, "_drop_all", around)
+    patch.wrap(controller.Controller, "_send_silence", stop_what_modulates)
+
+
 # Buses that come and go
 
 
