@@ -342,7 +342,8 @@ def test_pytest_that_cannot_begin_is_trouble_of_the_run(
     monkeypatch.setattr(running, "GROUPS", groups / "missing")
     run = run_conformance(Options("emulator:"))
     assert not run.passed
-    assert re.fullmatch(r"pytest \S+ could not begin; standard error says why", *run.trouble)
+    (trouble,) = run.trouble
+    assert re.fullmatch(r"pytest \S+ could not begin; standard error says why", trouble)
     assert "missing" in capfd.readouterr().err
     with pytest.raises(RuntimeError, match="could not begin"):
         catalogue()
