@@ -31,6 +31,7 @@ import zlib
 from dataclasses import asdict, fields
 from importlib.metadata import version
 from io import FileIO
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, NamedTuple, Self, TypeVar
@@ -138,7 +139,8 @@ def record(
         except OSError as error:
             if not written:
                 raise
-            kept = path.resolve().with_name(f"{path.stem}.part{path.suffix}")
+            names = (path.resolve().with_name(f"{path.stem}.part{number or ''}{path.suffix}") for number in count())
+            kept = next(name for name in names if not name.exists())
             part.replace(kept)
             said = f"{error.strerror}; what was written, {written} frames at least, is kept in {kept}"
             raise OSError(error.errno, said, error.filename) from error

@@ -196,13 +196,15 @@ def test_a_recording_must_be_a_file(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_loses_nothing_that_was_written(tmp_path: Path) -> None:
-    """In a process of its own, which must live on: a library of C that kept the frames once took it along."""
+    """In a process of its own, which must live on."""
     (tmp_path / "full.frames").write_text("the old one")
+    (tmp_path / "full.part.frames").write_text("kept before")
     ended = subprocess.run([sys.executable, "-c", ON_A_FULL_DISK, tmp_path], capture_output=True, text=True, check=True)
     assert ended.stdout == "alive\n"
     assert (tmp_path / "full.frames").read_text() == "the old one"
-    assert {file.name for file in tmp_path.iterdir()} == {"full.frames", "full.part.frames"}
-    with Recording.open(tmp_path / "full.part.frames") as kept:
+    assert (tmp_path / "full.part.frames").read_text() == "kept before"
+    assert {file.name for file in tmp_path.iterdir()} == {"full.frames", "full.part.frames", "full.part1.frames"}
+    with Recording.open(tmp_path / "full.part1.frames") as kept:
         assert (len(kept) > 1000, kept.complete) == (True, False)
         np.testing.assert_array_equal(kept.read(0, len(kept)).phase, np.zeros((len(kept), 320)))
 
