@@ -24,7 +24,6 @@ VERSION_AT = slice(8, 11)
 CHECKSUM_AT = slice(28, 32)
 HEADER_BYTES, ENTRY_BYTES = 32, 48
 SEGMENTS_AT = 5
-NOT_MARKED = bytes([0xFF] * 4)
 MARKED = bytes(4)
 
 
