@@ -488,6 +488,22 @@ def test_a_device_waits_for_a_bus_reset_in_dfu_mode(bench: Bench) -> None:
     expect("the state", bench.status().state, State.OFF)
 
 
+@flashing("DFU-016", "DFU-006", needs=(Need.SUSPEND,))
+def test_a_suspended_bus_leaves_a_download_where_it_is(bench: Bench) -> None:
+    """A host that sleeps in the middle of a download finds it as it was: the next block is taken."""
+    with dfu_mode(bench) as line:
+        image = line.image()
+        reply = line.send(image, last=1)
+        expect("the state after the first block", reply.state, DfuState.DNLOAD_IDLE)
+        bench.levers.suspend()
+        bench.wait(0.1)
+        bench.levers.resume()
+        expect("the state after the bus was suspended", line.state(), DfuState.DNLOAD_IDLE)
+        line.send(image, first=1)
+        reply = line.end()
+        expect("the state after manifestation", reply.state, DfuState.DFU_IDLE)
+
+
 @restarting("DFU-015")
 def test_resets_of_enumeration_do_not_boot_the_device(bench: Bench) -> None:
     """A bus reset before a host has configured the device in DFU mode leaves it there: hosts reset more than once."""

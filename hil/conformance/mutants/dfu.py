@@ -10,7 +10,7 @@ from ....emulator.door import Stall
 from ....emulator.firmware import dfu
 from ....emulator.firmware.dfu import DfuMode
 from ....emulator.firmware.flash import CYCLES_PER_MS
-from ....emulator.interfaces.usb_functions import DETACH_CYCLES, DfuRunTimeFunction
+from ....emulator.interfaces.usb_functions import DETACH_CYCLES, DfuModeFunction, DfuRunTimeFunction, Function
 from ....protocol.codes import (
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,
@@ -367,3 +367,20 @@ def upload_takes_any_number(patch: Patch) -> None:
         return upload
 
     handle(patch, UPLOAD, around)
+
+
+@mutant("DFU-016", "DFU-006")
+def suspend_gives_up_a_download(patch: Patch) -> None:
+    """In DFU mode suspend ends a download, as it ends what plays at run time: the device is back in dfuIDLE."""
+
+    def around(original: Any) -> Any:
+        def suspend(self: Any) -> None:
+            original(self)
+            upgrade = self._upgrade if isinstance(self, DfuModeFunction) else None
+            if isinstance(upgrade, DfuMode) and upgrade.state is DfuState.DNLOAD_IDLE:
+                upgrade.stop()
+                upgrade.state = DfuState.DFU_IDLE
+
+        return suspend
+
+    patch.wrap(Function, "suspend", around)
