@@ -7,8 +7,9 @@ lets the outputs be judged by that. Nothing here knows how a device comes to its
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from collections.abc import Sequence as Many
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import accumulate
 from math import ceil
@@ -25,7 +26,7 @@ from ..cases import Inconclusive
 from ..sight.capture import Seen
 from ..sight.waveforms import Words, check_play, expected_words, modulated
 
-__all__ = ["PROMISED_PERIODS", "Score", "Stage", "block_periods", "check_in_time", "is_fast", "soon"]
+__all__ = ["PROMISED_PERIODS", "Score", "Stage", "block_periods", "check_in_time", "in_time", "is_fast", "soon"]
 
 PROMISED_PERIODS = 5
 """Clause BLK-005: a change that names this period after the one of its block's arrival is in time."""
@@ -58,6 +59,22 @@ def is_fast(bench: Bench) -> bool:
 def soon(bench: Bench, blocks: int = 1) -> int:
     """A period before which so many blocks, which are sent now, have arrived long since."""
     return bench.period() + LATENCY_PERIODS + blocks * block_periods(bench)
+
+
+@contextmanager
+def in_time(bench: Bench, period: int) -> Iterator[None]:
+    """What is done here must be over before a period begins; inconclusive if the host or the line was too slow."""
+    failure: Exception | None = None
+    try:
+        yield
+    except Exception as error:  # which may have come of that slowness; a signal has not
+        failure = error
+    if (now := bench.period()) >= period:
+        raise Inconclusive(
+            f"what had to be over before period {period} was over in period {now} only: a slow line"
+        ) from failure
+    if failure is not None:
+        raise failure
 
 
 @dataclass(frozen=True)
