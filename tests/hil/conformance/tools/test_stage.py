@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator
+from contextlib import nullcontext
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive
 from phasewire.hil.conformance.running import Options, open_bench
 from phasewire.hil.conformance.sight.waveforms import expected_words, modulated, only
-from phasewire.hil.conformance.tools.stage import Score, Stage, block_periods, check_in_time, is_fast, soon
+from phasewire.hil.conformance.tools.stage import Score, Stage, block_periods, check_in_time, in_time, is_fast, soon
 from phasewire.protocol.blocks import Modulation, Output, Samples, Update
 from phasewire.protocol.codes import AckFlag, Action, Reason, State
 from phasewire.protocol.pulses import Pulses
@@ -144,3 +145,20 @@ def test_a_slow_line_gets_more_time() -> None:
         assert block_periods(bench) > 521 * 10 * 40_000 / 115_200
         now = bench.period()
         assert soon(bench, 10) > now + 10 * block_periods(bench)
+
+
+@pytest.mark.parametrize(
+    ("raised", "told_late"),
+    [(None, Inconclusive), (AssertionError, Inconclusive), (KeyboardInterrupt, KeyboardInterrupt)],
+)
+def test_what_is_over_too_late_is_inconclusive_unless_a_signal_ended_it(
+    bench: Bench, raised: type[BaseException] | None, told_late: type[BaseException]
+) -> None:
+    def end() -> None:
+        if raised is not None:
+            raise raised
+
+    with nullcontext() if raised is None else pytest.raises(raised), in_time(bench, bench.period() + 1000):
+        end()
+    with pytest.raises(told_late), in_time(bench, 0):
+        end()
