@@ -87,12 +87,12 @@ _HOMES = {
     "solve": "solver",
     "two_sided": "solver",
 }
-_ROOMS = ("emulator", "hil", "host", "protocol", "solver")
+_MODULES = ("emulator", "errors", "hil", "host", "protocol", "solver")
 
 
 def __getattr__(name: str) -> Any:
-    """Load what a name stands for when it is first used: who needs one room does not wait for the others."""
-    if name in _ROOMS:
+    """Load what a name stands for when it is first used, so that a program loads the rooms that it needs alone."""
+    if name in _MODULES:
         return import_module(f".{name}", __name__)
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -101,4 +101,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_ROOMS})
+    return sorted({*globals(), *__all__, *_MODULES})

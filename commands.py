@@ -142,7 +142,7 @@ class Commands(Mapping[str, TyperCommand | TyperGroup]):
 
 
 class CommandLine(TyperGroup):
-    """The commands of every room, which end quietly where nobody reads on."""
+    """The commands of every room. They end quietly if the program that reads their output ends."""
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """Read the command line, and print what it asks for by ``--help`` and its like."""
@@ -246,7 +246,7 @@ def message(error: Exception) -> str:
 
 @contextmanager
 def _heard() -> Iterator[None]:
-    """End the program quietly where whoever read its output, such as ``head``, has left."""
+    """End the program quietly if the program that reads its output, such as ``head``, has ended."""
     try:
         yield
     except BrokenPipeError:

@@ -1,4 +1,4 @@
-"""Files: read up to a bound; written whole or not at all, and only where that was meant."""
+"""Files: read up to a bound; written whole or not at all, and over no file that is needed."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def read_text(path: Path, most_bytes: int) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """What a TOML file holds; errors as `read_file`, and if it is no TOML or nested more deeply than people do it."""
+    """What a TOML file holds; errors as `read_file`, and if it is no TOML, or nested too deeply."""
     data = read_file(path, MOST_TOML_BYTES)
     for number, line in enumerate(data.splitlines(), start=1):
         if len(line) > MOST_TOML_LINE:
@@ -92,7 +92,7 @@ def _too_deep(path: Path) -> InputFileError:
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """Open a plain file, of which any part can be read; nothing waits for what others may write to a pipe.
+    """Open a plain file, of which any part can be read; a pipe is refused at once, and not waited for.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def open_plain(path: Path) -> BinaryIO:
 
 
 class _InPieces(FileIO):
-    """A file of which nobody takes more at once than `MOST_AT_ONCE`, whatever sizes it claims."""
+    """A file that gives no more at once than `MOST_AT_ONCE`, whatever sizes an archive in it claims."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is not None and size > MOST_AT_ONCE:

@@ -26,6 +26,11 @@ def test_a_polished_drive_has_the_phases_of_a_pulse() -> None:
     assert PHASE_LEVELS == board.HALF_TICKS_PER_PERIOD
 
 
+def test_the_package_has_its_names_and_rooms_without_further_imports() -> None:
+    code = "import phasewire as p; [getattr(p, name) for name in (*p.__all__, *p._MODULES)]; p.errors.DeviceLostError"
+    subprocess.run([sys.executable, "-c", code], timeout=60, check=True)
+
+
 def test_importing_the_package_imports_nothing_slow() -> None:
     """What takes long to import, only some users need, and the list of commands needs none of it."""
     slow = ("numba", "matplotlib", "cryptography", "dpkt", "scipy", "numpy", "rich.table")

@@ -113,9 +113,9 @@ def record(
     Raises
     ------
     ValueError
-        Where the rate is not finite or less than `LEAST_RATE`, a frame is none, or there are too many transducers.
+        If the rate is not finite or less than `LEAST_RATE`, a frame is none, or there are too many transducers.
     OSError
-        Where the file cannot be written, or stands for something else than a file. If the disk is full, the frames that
+        If the file cannot be written, or is no plain file. If the disk is full, the frames that
         were written are kept beside it, in a recording that the error names.
     """
     check_rate(rate)
@@ -242,9 +242,9 @@ class Recording:
         Raises
         ------
         InputFileError
-            Where the file begins like no recording, is damaged there, or is no plain file.
+            If the file begins like no recording, is damaged there, or is no plain file.
         OSError
-            Where it cannot be opened.
+            If it cannot be opened.
         """
         file = open_plain(path)
         try:
@@ -285,9 +285,9 @@ class Recording:
         Raises
         ------
         InputFileError
-            Where the file is damaged there.
+            If the file is damaged there.
         ValueError
-            Where it has been closed.
+            If it has been closed.
         """
         if self._file.closed:
             raise ValueError(f"{self._path} is closed; open it again")

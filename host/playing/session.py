@@ -102,7 +102,7 @@ class Session:
 
     @property
     def lock(self) -> AbstractContextManager[bool]:
-        """To be held while the line is in use; whoever needs several steps in a row takes it for them.
+        """To be held while the line is in use, also over several steps in a row.
 
         It gives whether this thread held it before, as it does in a signal's handler: that runs within the call that it
         interrupts, and does not wait for its lock.

@@ -79,7 +79,7 @@ class Ending:
     state : State
         In which the device is found then.
     over : callable, optional
-        Brings the device to OFF, where it is not.
+        Brings the device to OFF, if it is not there.
     """
 
     happens: Callable[[Bench, int], None]
@@ -178,7 +178,7 @@ QUEUED = ("beginnings", "ends")
 
 
 def check_stores_are_free(bench: Bench) -> None:
-    """Fail where something of what was planned is still in use (clause BLK-022)."""
+    """Fail if anything that was planned is still in use (clause BLK-022)."""
     if Feature.SEQUENCES in bench.info.features:
         store(bench, 5)
     if Feature.MODULATION in bench.info.features:
@@ -221,7 +221,7 @@ def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
 
 
 def check_nothing_outlives(bench: Bench, how: str, plan: str) -> None:
-    """Disable and enable a device on which something is planned; fail where something of it happens still."""
+    """Disable and enable a device on which something is planned; fail if anything of it still happens."""
     _, due = disable_by(bench, how, plan)
     with in_time(bench, due - 3 * APART):
         before = bench.status()
@@ -265,21 +265,21 @@ def test_nothing_that_was_planned_outlives_the_end(bench: Bench, plan: str, how:
 @every_plan
 @case(*CLAUSES, "USB-003", "USB-016", line="usb")
 def test_nothing_that_was_planned_outlives_a_new_session(bench: Bench, plan: str, how: str) -> None:
-    """The same where a host configures the device anew."""
+    """The same if a host configures the device anew."""
     check_nothing_outlives(bench, how, plan)
 
 
 @pytest.mark.parametrize("plan", [plan for plan in PLANS if not plan.startswith("unattended")])
 @case(*CLAUSES, "USB-020", line="usb", needs=SUSPENDS, allow=(Risk.RESET,))
 def test_nothing_that_was_planned_outlives_a_suspended_bus(bench: Bench, plan: str) -> None:
-    """The same where the bus is suspended and resumes."""
+    """The same if the bus is suspended and resumes."""
     check_nothing_outlives(bench, "suspend", plan)
 
 
 @every_plan
 @case(*CLAUSES, "SAF-007/1", "REQ-011", needs=FAULTY)
 def test_nothing_that_was_planned_outlives_a_fault(bench: Bench, plan: str) -> None:
-    """The same where a silencing fault appears and is cleared."""
+    """The same if a silencing fault appears and is cleared."""
     check_nothing_outlives(bench, "fault", plan)
 
 

@@ -112,7 +112,7 @@ def test_a_download_that_is_given_up_leaves_its_bank_empty(bench: Bench, how: st
 @pytest.mark.parametrize("forgery", Forgery.of_contents(), ids=str)
 @flashing("DFU-011", "FWU-018/1", "FWU-015", "FWU-019")
 def test_a_wrong_image_never_boots(bench: Bench, forgery: Forgery) -> None:
-    """After an image that is wrong behind its header what ran before boots, whatever the device has said of it."""
+    """After an image that is wrong after its header, what ran before boots, whatever the device has said of it."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
         offer(line, forgery.of(_own(line)))
@@ -122,14 +122,14 @@ def test_a_wrong_image_never_boots(bench: Bench, forgery: Forgery) -> None:
 
 @flashing("DFU-010", "FWU-018/1", "DFU-014")
 def test_a_refused_header_erases_nothing(bench: Bench) -> None:
-    """An upgrade that waits for a reset boots although a download was refused for its header behind it."""
+    """An upgrade that waits for a reset boots although a later download was refused for its header."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
         own = _own(line)
         line.flash(own)
         for wrong in (bytes(BLOCK), own[:31], Forgery.of_headers()[2].of(own)[:BLOCK]):
             line.download(0, wrong)
-            expect("the state behind it", line.poll().state, DfuState.ERROR)
+            expect("the state after it", line.poll().state, DfuState.ERROR)
             line.rest()
     expect("the faults", bench.status().faults, Fault(0))
     expect("the bank that boots", settled(bench), idle_bank(before))

@@ -269,7 +269,7 @@ def test_a_sequence_ends_with_the_last_period_of_its_duration(bench: Bench, once
 
 @case("REQ-007", "BLK-015", "CHN-015", features=Feature.SEQUENCES | Feature.READ_BACK)
 def test_the_place_in_a_sequence_is_counted_whole(bench: Bench) -> None:
-    """Behind 2¹⁶ periods of a sequence PULSES tells the entry that plays, in the first turn and in the second."""
+    """After 2¹⁶ periods of a sequence PULSES tells the entry that plays, in the first turn and in the second."""
     enable(bench)
     slots = [bench.weak(), bench.weak()]
     for number, pulses in enumerate(slots):

@@ -231,7 +231,7 @@ def slots_are_free_after_32_bits_of_periods(patch: Patch) -> None:
 
 @mutant("CHN-015", "BLK-015", "REQ-007")
 def place_in_a_sequence_is_a_short(patch: Patch) -> None:
-    """Behind 65 536 periods a sequence jumps: processors count the periods since its beginning in 16 bits."""
+    """After 65 536 periods a sequence jumps: processors count the periods since its beginning in 16 bits."""
     patch.wrap(Turns, "entries", lambda original: lambda self, since: original(self, since % HALF_WORD))
 
 

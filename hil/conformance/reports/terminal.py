@@ -94,7 +94,7 @@ class LiveLine(Line, Watcher):
         self._done = self._of = 0
 
     def began(self, case: str, number: int, of: int) -> None:
-        """A case begins: the how-manieth, from 1, of how many."""
+        """A case begins: its number, from 1, and how many there are."""
         if self._group and case.partition("/")[0] != self._group[0].group:
             self._tell_group()
         self._of = of

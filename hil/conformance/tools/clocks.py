@@ -30,7 +30,7 @@ def unless_busy(bench: Bench, what: str) -> None:
 
 
 def compare_clocks(bench: Bench, meanwhile: Callable[[], object], tolerance: float) -> None:
-    """Fail where the device's ticks over some time are not those of the host's clock.
+    """Fail if the device's ticks over some time are not those of the host's clock.
 
     The device's clock and its reading are in order if they agree at once. A clock that is wrong is wrong again by as
     much. A computer that is busy holds up the host, or a simulated device, by another time at each attempt.

@@ -71,7 +71,7 @@ def await_ack(line: SerialLine, block: bytes, seconds: float = 0) -> Ack:
 
 
 def same_but(before: Status, after: Status, **changes: int) -> None:
-    """Fail where more has changed than what must; time and temperature go on."""
+    """Fail if more has changed than what must; time and temperature go on."""
     wanted = asdict(replace(before, now=after.now, temperature_c=after.temperature_c))
     wanted |= {name: wanted[name] + change for name, change in changes.items()}
     for name, value in asdict(after).items():

@@ -90,7 +90,7 @@ def of_whole_blocks(image: bytes) -> bytes:
 def of_many_blocks(image: bytes, blocks: int) -> bytes:
     """The same firmware in a segment for each processor, with zeros after each, so that it has so many blocks at least.
 
-    The first segment is as large as one can be. It is not signed; not applicable where the firmware is.
+    The first segment is as large as one can be. It is not signed; not applicable if the firmware is.
     """
     if image[16:24] != bytes(8):
         raise NotApplicable("the firmware is signed, so that nobody but its maker can make it longer")

@@ -52,7 +52,7 @@ def check_rest(status: Status, bench: Bench, state: State, what: str) -> None:
 
 
 def check_nothing_is_read_back(bench: Bench, what: str) -> None:
-    """Fail unless the processors say that they play nothing, where they can be asked."""
+    """Fail unless the processors say that they play nothing, if they can be asked."""
     if Feature.READ_BACK in bench.info.features:
         answer = bench.ask(Request.PULSES)
         expect(f"PULSES {what}, without read_period", answer[:8] + answer[16:], bytes(8 + 480))

@@ -25,7 +25,7 @@ def far_ahead(bench: Bench) -> int:
 
 
 def check_fired(told: Status, first_sign: int, last_sign: int, ms: int) -> None:
-    """Fail unless the watchdog fired in time behind a sign of life that arrived at one of some ticks."""
+    """Fail unless the watchdog fired in time after a sign of life that arrived between two ticks."""
     expect("the state that is told", told.state, State.OFF)
     assert told.watchdog_fired, f"the flags that are told are {told.flags!r}, should have WATCHDOG_FIRED"
     after_ms = ms * TICKS_PER_MS

@@ -1,4 +1,4 @@
-"""What a case says where something is not as it should be."""
+"""What a case says if something is not as it should be."""
 
 from __future__ import annotations
 
