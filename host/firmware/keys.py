@@ -48,7 +48,7 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
     OSError
         Where it cannot be read.
     """
-    from cryptography.exceptions import UnsupportedAlgorithm  # few commands sign, and this takes long to import
+    from cryptography.exceptions import InternalError, UnsupportedAlgorithm  # few commands sign, and this takes long to import
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
@@ -61,7 +61,7 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
         raise InputFileError(
             f"{path} holds a private key that is encrypted; decrypt it first: openssl pkey -in {path} -out PLAIN.pem"
         ) from error
-    except (ValueError, UnsupportedAlgorithm) as error:
+    except (ValueError, UnsupportedAlgorithm, InternalError) as error:
         raise InputFileError(f"{path} holds no private key in PEM; this makes one: {MAKE_PRIVATE_KEY}") from error
     if not isinstance(key, Ed25519PrivateKey):
         raise _wrong_kind(path, key)
@@ -82,7 +82,7 @@ def read_public_keys(paths: Iterable[Path]) -> tuple[Ed25519PublicKey, ...]:
 
 
 def _read_public_key(path: Path) -> Ed25519PublicKey:
-    from cryptography.exceptions import UnsupportedAlgorithm
+    from cryptography.exceptions import InternalError, UnsupportedAlgorithm
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
     from cryptography.hazmat.primitives.serialization import load_pem_public_key
 
@@ -91,7 +91,7 @@ def _read_public_key(path: Path) -> Ed25519PublicKey:
         raise InputFileError(f"{path} holds a private key; its public half is enough: {MAKE_PUBLIC_KEY}")
     try:
         key = load_pem_public_key(text)
-    except (ValueError, UnsupportedAlgorithm) as error:
+    except (ValueError, UnsupportedAlgorithm, InternalError) as error:
         raise InputFileError(
             f"{path} holds no public key in PEM; this makes one of a private key: {MAKE_PUBLIC_KEY}"
         ) from error

@@ -74,6 +74,10 @@ def test_what_the_help_says_makes_keys(tmp_path: Path) -> None:
 P256 = ec.generate_private_key(ec.SECP256R1())
 ED448 = Ed448PrivateKey.generate()
 ENCRYPTED = KEY.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"secret"))
+X448_OF_32_BYTES = (  # its length is that of another algorithm, which OpenSSL reports as an internal error
+    b"-----BEGIN PRIVATE KEY-----\nMC4CAQAwBQYDK2VvBCIEIAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA\n"
+    b"-----END PRIVATE KEY-----\n"
+)
 OPENSSH = KEY.private_bytes(Encoding.PEM, PrivateFormat.OpenSSH, PLAIN)
 
 
@@ -86,6 +90,7 @@ OPENSSH = KEY.private_bytes(Encoding.PEM, PrivateFormat.OpenSSH, PLAIN)
         (private_pem(KEY)[:60], "holds no private key"),
         (private_pem(KEY).replace(b"MC4C", b"MC4D"), "holds no private key"),
         (OPENSSH, "holds no private key in PEM"),
+        (X448_OF_32_BYTES, "holds no private key in PEM"),
         (public_pem(KEY), "holds a public key; who signs needs the private one"),
         (ENCRYPTED, r"is encrypted; decrypt it first: openssl pkey -in \S+some.pem"),
         (private_pem(P256), "of another kind, ECPrivateKey; images are signed with Ed25519"),
