@@ -48,7 +48,7 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
     OSError
         Where it cannot be read.
     """
-    from cryptography.exceptions import InternalError, UnsupportedAlgorithm  # few commands sign, and this takes long to import
+    from cryptography.exceptions import InternalError, UnsupportedAlgorithm  # few commands sign; this is slow to import
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
