@@ -20,6 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+from ....signals import postponing
 from .patching import Mutant, applied
 
 __all__ = ["DEFAULT_JOBS", "Fate", "MutantResult", "MutantWatcher", "run_mutants"]
@@ -142,7 +143,8 @@ def run_mutants(
     with TemporaryDirectory() as folder, _ended_at_last(running):
         while waiting or running:
             while waiting and len(running) < jobs:
-                running.append(_Attempt(waiting.popleft(), Path(folder), None if thorough else ENOUGH, judge))
+                with postponing():  # until the process is known, which is ended then
+                    running.append(_Attempt(waiting.popleft(), Path(folder), None if thorough else ENOUGH, judge))
                 watcher.goes_on([attempt.mutant.name for attempt in running], len(results), len(chosen))
             time.sleep(LOOK_SECONDS)
             for attempt in [attempt for attempt in running if attempt.is_over]:

@@ -6,10 +6,12 @@ import json
 import multiprocessing
 import os
 import re
+import signal
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from phasewire.hil.conformance.mutants import running
@@ -137,6 +139,21 @@ def test_ctrl_c_leaves_no_process(folder: Path) -> None:
         run_mutants([a_mutant("slow-one"), a_mutant("bad-one")], 2, Impatient(), judge=judge_by_name)
     assert not is_alive(folder, "bad-one")
     assert not (folder / "slow-one").exists() or not is_alive(folder, "slow-one")
+
+
+def test_ctrl_c_while_a_process_begins_leaves_none(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begin = running._Attempt.__init__
+
+    def interrupted(attempt: Any, *arguments: Any) -> None:
+        begin(attempt, *arguments)
+        while not (folder / "slow-one").exists():
+            time.sleep(0.01)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(running._Attempt, "__init__", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_mutants([a_mutant("slow-one")], 1, MutantWatcher(), judge=judge_by_name)
+    assert not is_alive(folder, "slow-one")
 
 
 RESULTS = [
