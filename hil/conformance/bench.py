@@ -11,6 +11,7 @@ import time
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import is_dataclass
 from functools import cached_property
@@ -136,6 +137,9 @@ class Bench:
         For this case: the same for the same seed, whatever ran before.
     marks : list of Mark
         All that were played in this run.
+    looks : list of callable
+        What was to be judged of the outputs in this case, in order. Each says what was seen, or raises what speaks
+        against it.
     unasked : list of Status
         Status records that came of the device's own accord, since the case began or `unasked` was cleared.
     """
@@ -161,7 +165,7 @@ class Bench:
         self._serial: SerialLine | None = line if isinstance(line, SerialLine) else None
         self._notes: deque[tuple[str, str | bytes]] = deque()
         self._dropped = 0
-        self.deferred: list[Callable[[], str]] = []
+        self.looks: list[Callable[[], str]] = []
         self._marks: list[Mark] = []
         self.marks: list[Mark] = []
         self.random = random.Random(seed)
@@ -214,7 +218,7 @@ class Bench:
         if self._spare is None:
             raise Inconclusive(unmet(Need.SPARE))
         with self._spare(key) as other:
-            other._notes = self._notes
+            other._notes, other.looks = self._notes, self.looks
             yield other
 
     @property
@@ -241,6 +245,7 @@ class Bench:
     def forget(self) -> None:
         """Begin with no evidence."""
         self._notes.clear()
+        self.looks.clear()
         self._dropped = 0
 
     # Cases
@@ -254,7 +259,6 @@ class Bench:
             Where it cannot be brought there, by no means that are allowed.
         """
         self.forget()
-        self.deferred = []
         self._marks = []
         if self._serial is not self.line:
             self._serial = None  # whatever a case before left of it
@@ -614,20 +618,16 @@ class Bench:
         """Judge what the outputs did from a period to another, not included, by a function that fails like a case.
 
         It waits until the periods are over by the device's clock, unless they are said to be, as where the device
-        answers no request. Where the outputs are seen only after the run, the judgement comes then.
-
-        Raises
-        ------
-        Inconclusive
-            Where nothing sees them.
+        answers no request. Whatever the outputs show, the case goes on: `looks` keep it. If the outputs are seen only
+        after the run, the judgement comes then.
         """
-        if self.sight is None:
-            raise Inconclusive(unmet(Need.CAPTURE))
         sight, marks = self.sight, self._marks
         if not over:
             self.wait_until(last + 1)
 
         def look() -> str:
+            if sight is None:
+                raise Inconclusive(unmet(Need.CAPTURE))
             try:
                 part = sight.between(marks[0], marks[-1]) if isinstance(sight, SigrokSight) else sight
                 seen = part.seen(first, last)
@@ -638,10 +638,7 @@ class Bench:
             watched = np.bitwise_count(seen.observed).sum()
             return f"{watched} of {CHANNELS} seen in periods {first} to {last - 1}, {moved} of them high at some time"
 
-        if sight.deferred:
-            self.deferred.append(look)
-        else:
-            self.note(OUTPUTS, look())
+        self.looks.append(look if sight is not None and sight.deferred else _done(look))
 
     def play_mark(self) -> None:
         """Let the outputs show a mark, by which a recording of this case is known (see `Mark`).
@@ -661,6 +658,16 @@ class Bench:
         self.order(Request.WATCHDOG, self.info.watchdog_ms)
         self._marks.append(Mark(tuple(changes)))
         self.marks.append(self._marks[-1])
+
+
+def _done(look: Callable[[], str]) -> Callable[[], str]:
+    """Look now, and tell later what came of it."""
+    done = Future[str]()
+    try:
+        done.set_result(look())
+    except Exception as error:
+        done.set_exception(error)
+    return done.result
 
 
 def _shown(what: str | bytes, *, whole: bool) -> str:

@@ -10,7 +10,7 @@ import inspect
 import re
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, Flag, IntEnum, IntFlag, StrEnum
 from typing import Literal, TypeVar
 
@@ -93,6 +93,8 @@ class Case:
         What it shows.
     sentence : str
         What it does and why.
+    outputs : tuple of str
+        What only the outputs show of it. It runs without sight of them too, and comes to a verdict of its own on them.
     needs : tuple of Need
     risks : tuple of Risk
     line : {"usb", "serial"} or None
@@ -105,15 +107,22 @@ class Case:
 
     clauses: tuple[str, ...]
     sentence: str
+    outputs: tuple[str, ...] = ()
     needs: tuple[Need, ...] = ()
     risks: tuple[Risk, ...] = ()
     line: LineKind | None = None
     features: Feature = NO_FEATURES
     should: bool = False
 
+    @property
+    def at_the_outputs(self) -> Case:
+        """The part that only the outputs show, as a case of its own."""
+        return replace(self, clauses=self.outputs, outputs=(), needs=(*self.needs, Need.CAPTURE))
+
 
 def case(
     *clauses: str,
+    outputs: Collection[str] = (),
     needs: Collection[Need] = (),
     allow: Collection[Risk] = (),
     line: LineKind | None = None,
@@ -126,7 +135,7 @@ def case(
     ----------
     *clauses : str
         What it shows, such as ``BLK-003`` or ``BLK-005/1``.
-    needs, allow, line, features, should
+    outputs, needs, allow, line, features, should
         See `Case`; ``allow`` are its risks.
 
     Raises
@@ -138,12 +147,12 @@ def case(
     def mark(function: Function) -> Function:
         if not clauses:
             raise ValueError(f"{function.__name__} names no clause")
-        for clause in clauses:
+        for clause in (*clauses, *outputs):
             resolve(clause)
         sentence = re.sub(r"\s+", " ", inspect.getdoc(function) or "").strip()
         if not sentence:
             raise ValueError(f"{function.__name__} has no sentence that says what it does and why")
-        about = Case(clauses, sentence, tuple(needs), tuple(allow), line, features, should)
+        about = Case(clauses, sentence, tuple(outputs), tuple(needs), tuple(allow), line, features, should)
         setattr(function, ATTRIBUTE, about)
         return function
 

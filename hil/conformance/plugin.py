@@ -6,7 +6,7 @@ It alone knows that pytest runs the cases. An unknown clause fails collection, f
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
@@ -19,7 +19,7 @@ from .cases import NOT_USB, Case, Inconclusive, Need, NotApplicable, Risk, case_
 from .clauses import resolve
 from .matrix import Claim
 from .profile import Profile
-from .verdicts import Evidence, Result, Verdict
+from .verdicts import AT_THE_OUTPUTS, Evidence, Result, Verdict
 
 __all__ = ["Catalogue", "Entry", "Judge", "Watcher", "case_id", "wanted"]
 
@@ -28,12 +28,12 @@ PREFIX = "test_"
 
 @dataclass(frozen=True)
 class Entry:
-    """A case in the catalogue.
+    """A case in the catalogue, or the part of one that only the outputs show.
 
     Parameters
     ----------
     identifier : str
-        ``group/name[parameter]``.
+        ``group/name[parameter]``; of that part ``group/name#outputs[parameter]``.
     about : Case
         What it says of itself.
     """
@@ -45,6 +45,11 @@ class Entry:
     def claim(self) -> Claim:
         """What it says that it shows."""
         return Claim(self.identifier, self.about.clauses, self.about.sentence)
+
+    @property
+    def result(self) -> Result:
+        """A pass, as long as nothing speaks against it."""
+        return Result(self.identifier, self.about.clauses, self.about.sentence, Verdict.PASS)
 
     @property
     def group(self) -> str:
@@ -84,7 +89,8 @@ class Catalogue:
 
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
         """Take note of the cases."""
-        self.entries, trouble = _entries(items)
+        entries, trouble = _entries(items)
+        self.entries = [part for parts in entries for part in parts]
         self.trouble += trouble
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
@@ -93,15 +99,25 @@ class Catalogue:
             self.trouble.append(f"{report.nodeid}: {report.longrepr}")
 
 
-def _entries(items: list[pytest.Function]) -> tuple[list[Entry], list[str]]:
+def _entries(items: list[pytest.Function]) -> tuple[list[tuple[Entry, ...]], list[str]]:
+    """The parts of each case, and what is none."""
     entries, trouble = [], []
     for item in items:
-        about = case_of(item.function)
-        if about is None:
+        if case_of(item.function) is None:
             trouble.append(f"{item.nodeid} is no case: it has no decorator `case`")
         else:
-            entries.append(Entry(case_id(item), about))
+            entries.append(_parts(item))
     return entries, trouble
+
+
+def _parts(item: pytest.Function) -> tuple[Entry, ...]:
+    """A case and, if it has one, the part of it that only the outputs show."""
+    identifier, about = case_id(item), case_of(item.function)
+    assert about is not None
+    if not about.outputs:
+        return (Entry(identifier, about),)
+    name, bracket, parameter = identifier.partition("[")
+    return Entry(identifier, about), Entry(f"{name}{AT_THE_OUTPUTS}{bracket}{parameter}", about.at_the_outputs)
 
 
 class Watcher:
@@ -156,7 +172,7 @@ class Judge:
     results: list[Result] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
     claims: tuple[Claim, ...] = ()
-    _pending: list[tuple[int, Case, list[Callable[[], str]]]] = field(default_factory=list)
+    _pending: list[tuple[int, Entry, list[Callable[[], str]]]] = field(default_factory=list)
     interruption: BaseException | None = None
     _outcome: tuple[Verdict, str] = (Verdict.PASS, "")
     _asked: list[Entry] = field(default_factory=list)
@@ -165,13 +181,14 @@ class Judge:
 
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
         """Leave out what was not asked for."""
-        entries, trouble = _entries(items)
+        cases, trouble = _entries(items)
+        entries = [part for parts in cases for part in parts]
         self.claims = tuple(entry.claim for entry in entries)
         self.trouble += trouble
         known = {name for entry in entries for name in (entry.identifier, entry.identifier.partition("[")[0])}
         self.trouble += [f"the known failure {name!r} names no case" for name in self.known if name not in known]
         self.trouble += _naming_nothing(self.profile, known | {entry.group for entry in entries})
-        self._asked = [entry for entry in entries if wanted(entry, self.only)]
+        self._asked = [part for parts in cases if any(wanted(each, self.only) for each in parts) for part in parts]
         asked = {entry.identifier for entry in self._asked}
         items[:] = [item for item in items if case_id(item) in asked]
 
@@ -192,7 +209,8 @@ class Judge:
             bench = stack.enter_context(self.bench.spare()) if apart else self.bench
             try:
                 bench.begin_case(case_id(item))
-                marked = bench.sight is not None and bench.sight.deferred and Need.CAPTURE in about.needs
+                looks = bool(about.outputs) or Need.CAPTURE in about.needs
+                marked = looks and bench.sight is not None and bench.sight.deferred
                 if marked:
                     bench.play_mark()
             except Lost as error:
@@ -203,11 +221,12 @@ class Judge:
                 bench.play_mark()
             bench.end_case()
 
-    def _check(self, identifier: str, about: Case) -> None:
-        """Raise what says that a case is not to be judged."""
+    def _check(self, entry: Entry) -> None:
+        """Raise what says that a case, or a part of one, is not to be judged."""
         if self._lost is not None:
             raise Inconclusive(self._lost)
-        reason = self.profile.reason_for(identifier, identifier.partition("/")[0], about.clauses)
+        about = entry.about
+        reason = self.profile.reason_for(entry.identifier, entry.group, about.clauses)
         if reason is not None:
             raise NotApplicable(reason)
         needed = about.features | (Feature.CONSOLE if about.line == "serial" else Feature(0))
@@ -227,33 +246,38 @@ class Judge:
         """Judge one case, from beginning to end; a case that fails is run once more."""
         if self._trying:
             return None  # pytest runs it, as `_try` asks
-        identifier, about = case_id(item), case_of(item.function)
-        assert about is not None
-        self.watcher.began(identifier, len(self.results) + 1, len(self._asked))
-        result = self._try(item, Result(identifier, about.clauses, about.sentence, Verdict.PASS), about)
+        parts = _parts(item)
+        self.watcher.began(parts[0].identifier, len(self.results) + 1, len(self._asked))
+        results = self._try(item, parts)
         if self.interruption is not None:
             return True  # nothing was judged
-        if result.verdict is Verdict.FAIL and self.again and self._lost is None:
-            again = self._try(item, replace(result, verdict=Verdict.PASS, reason=""), about)
+        if any(result.verdict is Verdict.FAIL for result in results) and self.again and self._lost is None:
+            again = self._try(item, parts)
             if self.interruption is None:
-                result = _twice(result, again)
-        elif self.bench.deferred and result.verdict is Verdict.PASS:
-            self._pending.append((len(self.results), about, self.bench.deferred))
-        result = self._expected(result)
-        self.results.append(result)
-        self.watcher.ended(result)
-        if self.enough is not None and sum(result.breaks for result in self.results) >= self.enough:
+                results = [_twice(*tries) for tries in zip(results, again, strict=True)]
+        elif self._is_deferred and self.bench.looks and results[-1].verdict is Verdict.PASS:
+            self._pending.append((len(self.results) + len(parts) - 1, parts[-1], self.bench.looks.copy()))
+        for result in map(self._expected, results):
+            self.results.append(result)
+            self.watcher.ended(result)
+        if self.enough is not None and len({result.whole for result in self.results if result.breaks}) >= self.enough:
             item.session.shouldstop = f"{self.enough} cases broke, which is enough"
         return True
 
-    def _try(self, item: pytest.Function, result: Result, about: Case) -> Result:
+    @property
+    def _is_deferred(self) -> bool:
+        """Whether outputs are seen only after the run."""
+        return self.bench.sight is not None and self.bench.sight.deferred
+
+    def _try(self, item: pytest.Function, parts: Sequence[Entry]) -> list[Result]:
         """Run a case once, unless it is clear beforehand that it cannot be judged: then nothing is sent."""
         self.bench.forget()
         began = time.perf_counter()
+        case = parts[0]
         try:
-            self._check(result.case, about)
+            self._check(case)
         except (Inconclusive, NotApplicable) as error:
-            self._outcome = verdict_of(error, about)
+            self._outcome = verdict_of(error, case.about)
         else:
             self._outcome, self._trying = (Verdict.PASS, ""), True
             try:
@@ -263,9 +287,36 @@ class Judge:
             finally:
                 self._trying = False
         verdict, reason = self._outcome
-        evidence = self.bench.evidence(whole=verdict in (Verdict.FAIL, Verdict.WARN))
-        seconds = time.perf_counter() - began
-        return replace(result, verdict=verdict, reason=reason, evidence=evidence, seconds=seconds)
+        results = [replace(case.result, verdict=verdict, reason=reason)]
+        if len(parts) > 1:
+            results.append(self._of_outputs(parts[1], results[0]))
+        elif self.bench.looks and not self._is_deferred:
+            seen = _looked(case.result, case.about, self.bench.looks)
+            if seen.verdict is not Verdict.PASS or verdict is Verdict.PASS:
+                results = [seen]  # what speaks against it was seen before the case itself ended
+        whole = any(result.verdict in (Verdict.FAIL, Verdict.WARN) for result in results)
+        evidence = self.bench.evidence(whole=whole)
+        results = [replace(result, evidence=(*evidence, *result.evidence)) for result in results]
+        results[0] = replace(results[0], seconds=time.perf_counter() - began)
+        return results
+
+    def _of_outputs(self, part: Entry, case: Result) -> Result:
+        """What the outputs showed of a case, as far as they are seen by now."""
+        blank = replace(part.result, verdict=case.verdict, reason=case.reason)
+        if case.verdict is Verdict.NOT_APPLICABLE:
+            return blank
+        try:
+            self._check(part)
+        except (Inconclusive, NotApplicable) as error:
+            verdict, reason = verdict_of(error, part.about)
+            return replace(blank, verdict=verdict, reason=reason)
+        looks = self.bench.looks
+        seen = part.result if looks and self._is_deferred else _looked(part.result, part.about, looks)
+        if case.verdict is Verdict.PASS or seen.verdict is Verdict.FAIL:
+            return seen
+        if case.verdict is Verdict.INCONCLUSIVE:
+            return blank
+        return replace(blank, verdict=Verdict.INCONCLUSIVE, reason="the case failed before its outputs were judged")
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
@@ -327,29 +378,21 @@ class Judge:
         ended_by : str
             What ended the run before its time; empty if it came to its end.
         """
-        for index, about, looks in self._pending:
-            result, seen = self.results[index], list[Evidence]()
-            try:
-                if ended_by:
-                    raise Inconclusive(f"{ended_by} ended the run before the recording was there")
-                seen.extend(Evidence(OUTPUTS, look()) for look in looks)
-            except Exception as error:
-                verdict, reason = verdict_of(error, about)
-                result = replace(result, verdict=verdict, reason=reason)
-                if verdict is Verdict.FAIL:
-                    seen.append(Evidence("run again", "no: the outputs were judged after the run, from its recording"))
-            self.results[index] = self._expected(replace(result, evidence=(*result.evidence, *seen)))
+        for index, part, looks in self._pending:
+            result = self.results[index]
+            if ended_by:
+                reason = f"{ended_by} ended the run before the recording was there"
+                result = replace(result, verdict=Verdict.INCONCLUSIVE, reason=reason)
+            else:
+                result = _looked(result, part.about, looks)
+            if result.verdict is Verdict.FAIL:
+                told = Evidence("run again", "no: the outputs were judged after the run, from its recording")
+                result = replace(result, evidence=(*result.evidence, told))
+            self.results[index] = self._expected(result)
         if ended_by:
-            self.results += [
-                Result(
-                    entry.identifier,
-                    entry.about.clauses,
-                    entry.about.sentence,
-                    Verdict.INCONCLUSIVE,
-                    f"{ended_by} ended the run before this was judged",
-                )
-                for entry in self._asked[len(self.results) :]
-            ]
+            reason = f"{ended_by} ended the run before this was judged"
+            left = self._asked[len(self.results) :]
+            self.results += [replace(entry.result, verdict=Verdict.INCONCLUSIVE, reason=reason) for entry in left]
         self.trouble += self._passes()
 
     def _expected(self, result: Result) -> Result:
@@ -376,13 +419,33 @@ def _naming_nothing(profile: Profile, names: set[str]) -> Iterator[str]:
                 yield f"the profile says that {name!r} does not apply, which is neither a group nor a case: {error}"
 
 
+def _looked(result: Result, about: Case, looks: Iterable[Callable[[], str]]) -> Result:
+    """A result with what the outputs showed, up to the first look that speaks against it."""
+    seen = list[Evidence]()
+    try:
+        seen.extend(Evidence(OUTPUTS, look()) for look in looks)
+        if not seen:
+            raise Inconclusive("the case looked at no outputs")
+    except Exception as error:
+        verdict, reason = verdict_of(error, about)
+        result = replace(result, verdict=verdict, reason=reason)
+    return replace(result, evidence=(*result.evidence, *seen))
+
+
 def _twice(first: Result, again: Result) -> Result:
-    """What came of a case that failed and was run again: it stays a failure, whatever came then."""
+    """What came of a case that was run again because it, or what it showed at the outputs, failed.
+
+    It stays a failure if it failed once, whatever came the other time.
+    """
+    if first.verdict is not Verdict.FAIL:
+        if again.verdict is not Verdict.FAIL:
+            return first
+        first, again = again, first
     if again.verdict is not Verdict.FAIL:
         then = f"{again.verdict}, {again.reason}" if again.reason else str(again.verdict)
-        reason = f"{first.reason}; the second time: {then}"
+        reason = f"{first.reason}; the other time: {then}"
     elif again.reason != first.reason:
-        reason = f"{first.reason}; the second time: {again.reason}"
+        reason = f"{first.reason}; the other time: {again.reason}"
     else:
         reason = first.reason
     return replace(first, reason=reason, again=again.verdict, seconds=first.seconds + again.seconds)

@@ -10,7 +10,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .matrix import Claim
 
-__all__ = ["Evidence", "Provenance", "Result", "Run", "Verdict", "signal_name"]
+__all__ = ["AT_THE_OUTPUTS", "Evidence", "Provenance", "Result", "Run", "Verdict", "signal_name"]
+
+
+AT_THE_OUTPUTS = "#outputs"
+"""Stands in the name of a part of a case, which only the outputs show, after the name of the case."""
 
 
 class Verdict(StrEnum):
@@ -90,6 +94,11 @@ class Result:
     def group(self) -> str:
         """The file that the case stands in."""
         return self.case.partition("/")[0]
+
+    @property
+    def whole(self) -> str:
+        """The case; where this is the part of it that only the outputs show, the case of which it is a part."""
+        return self.case.replace(AT_THE_OUTPUTS, "", 1)
 
     @property
     def breaks(self) -> bool:

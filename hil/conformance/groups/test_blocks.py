@@ -657,7 +657,7 @@ def _reason_while_off(fields: dict[str, object], limit: int) -> Reason:
 # What a refusal leaves as it is
 
 
-@case("BLK-008", "BLK-003", "VER-002", needs=(Need.CAPTURE,), features=STORES)
+@case("BLK-008", "BLK-003", "VER-002", outputs=("BLK-008",), features=STORES)
 @pytest.mark.parametrize("plays", ["update", "sequence"])
 def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> None:
     """While something plays, modulated, and another waits, refused blocks of all kinds do not change the outputs."""
@@ -699,7 +699,7 @@ def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> 
     bench.judge(began, waits + 40, lambda seen: check_play(seen, steps))
 
 
-@case("BLK-008", "BLK-013", "BLK-014", "BLK-016", needs=(Need.CAPTURE,), features=STORES)
+@case("BLK-008", outputs=("BLK-008", "BLK-013", "BLK-014", "BLK-016"), features=STORES)
 def test_refused_stores_leave_what_is_stored(bench: Bench) -> None:
     """A slot, entries and samples play as they were stored, though others for their places came and were refused."""
     bench.order(Request.LIMIT, 2)

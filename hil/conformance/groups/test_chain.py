@@ -962,7 +962,7 @@ def queue_length(bench: Bench) -> int:
     return min(bench.info.queue_blocks, 32 if bench.line.kind == "usb" else 10)
 
 
-@case("CHN-005", "CHN-007", "CHN-020", "TIM-003", "BUD-004", needs=(Need.CAPTURE,))
+@case("CHN-020", "BUD-004", outputs=("CHN-005", "CHN-007", "TIM-003"))
 def test_updates_at_the_rate_that_holds_play_on_all_processors(bench: Bench) -> None:
     """Updates as close as INFO allows change all outputs in the same tick each, and no processor misses one."""
     enable(bench)
@@ -979,7 +979,7 @@ def test_updates_at_the_rate_that_holds_play_on_all_processors(bench: Bench) -> 
     bench.judge(first, end, lambda seen: check_play(seen, steps))
 
 
-@case("CHN-019", "CHN-020", "CHN-017/1", "CHN-012/2", needs=(Need.CAPTURE,), features=Feature.SEQUENCES)
+@case("CHN-019", "CHN-020", "CHN-017/1", outputs=("CHN-019", "CHN-012/2"), features=Feature.SEQUENCES)
 def test_no_update_waits_for_stores_or_questions(bench: Bench) -> None:
     """Updates take effect on time while stores go onto the chain and PULSES asks every processor what it plays."""
     enable(bench)
@@ -1007,7 +1007,7 @@ def test_no_update_waits_for_stores_or_questions(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("gap", [1, 2, 5])
-@case("CHN-014/2", "CHN-014", needs=(Need.CAPTURE,), features=Feature.SEQUENCES)
+@case("CHN-014/2", outputs=("CHN-014/2", "CHN-014"), features=Feature.SEQUENCES)
 def test_sequences_close_to_each_other_begin_each_at_its_own_period(bench: Bench, gap: int) -> None:
     """Sequences that follow each other closely each begin when their acknowledgements say, and none is missed."""
     enable(bench)

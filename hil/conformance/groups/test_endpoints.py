@@ -967,7 +967,7 @@ def test_other_dfu_requests_stall_at_run_time(bench: Bench, setup: Setup) -> Non
     bench.must(NoOp())
 
 
-@case("USB-024", "DFU-002", "SAF-004/1", needs=(Need.CAPTURE,), features=Feature.DFU, allow=(Risk.RESET,), line="usb")
+@case("USB-024", "DFU-002", outputs=("SAF-004/1",), features=Feature.DFU, allow=(Risk.RESET,), line="usb")
 def test_detach_silences_the_outputs_first(bench: Bench) -> None:
     """On DETACH the outputs are off before the device leaves the bus, for nobody drives them in DFU mode."""
     play_and_queue(bench)

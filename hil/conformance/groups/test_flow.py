@@ -7,7 +7,7 @@ from collections.abc import Sequence as Many
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, NotApplicable, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.steps import (
@@ -150,7 +150,7 @@ def test_a_full_queue_is_answered_with_nak(bench: Bench) -> None:
     expect("what comes besides", bench.listen(), [])
 
 
-@case("BLK-009", "BLK-024", "BLK-007", needs=(Need.CAPTURE,))
+@case("BLK-009", "BLK-024", outputs=("BLK-009", "BLK-007"))
 def test_more_updates_than_fit_all_play(bench: Bench) -> None:
     """Three times as many updates as the queue holds, sent in one go, are held back, and all play in order, in time."""
     if not is_fast(bench):
@@ -169,7 +169,7 @@ def test_more_updates_than_fit_all_play(bench: Bench) -> None:
     stage.judge(first - 10, first + gap * count)
 
 
-@case("BLK-009", "BLK-024", "BLK-013", features=Feature.SEQUENCES, line="usb", needs=(Need.CAPTURE,))
+@case("BLK-009", "BLK-024", outputs=("BLK-009", "BLK-013"), features=Feature.SEQUENCES, line="usb")
 def test_more_stores_than_wait_are_all_kept(bench: Bench) -> None:
     """A hundred slots in one transfer are all accepted and play as they were stored, be they held back by NAK."""
     stage, many = Stage(bench), 100
@@ -227,7 +227,7 @@ def stream(bench: Bench, first: int, gap: int, count: int) -> Iterable[Update]:
     return [Update(updates[number % 5], first + gap * number) for number in range(count)]
 
 
-@case("BUD-001/1", "BUD-004", "BUD-003", "BLK-023", "BLK-005/2", "CHN-019", needs=(Need.CAPTURE,))
+@case("BUD-001/1", "BUD-004", "BLK-023", "BLK-005/2", outputs=("BUD-001/1", "BUD-003", "CHN-019"))
 def test_a_stream_at_the_rate_that_holds_is_played_in_full(bench: Bench) -> None:
     """Updates as close as INFO says, far more than fit the queue, all play at their periods: none is late or missed."""
     if not is_fast(bench) or bench.line.kind == "serial":
@@ -251,7 +251,7 @@ def test_a_stream_at_the_rate_that_holds_is_played_in_full(bench: Bench) -> None
     stage.judge(first - 10, acks[-1].commit_period + 10)
 
 
-@case("BUD-001/2", "BUD-004", "BUD-007", "CHN-019", "CHN-020", needs=(Need.CAPTURE,), features=FEATURES)
+@case("BUD-001/2", "BUD-004", outputs=("BUD-001/2", "BUD-007", "CHN-019", "CHN-020"), features=FEATURES)
 def test_a_stream_holds_its_rate_beside_stores(bench: Bench) -> None:
     """A stream at the rate that holds is played in full while slots, entries and samples are stored between updates."""
     stage, gap = Stage(bench), bench.info.periods_per_update

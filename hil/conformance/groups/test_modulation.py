@@ -174,7 +174,7 @@ def test_a_modulation_of_a_sequence_keeps_both_in_step(bench: Bench) -> None:
     stage.judge(begin + 50_000, begin + 50_300)
 
 
-@case("BLK-007", "BLK-012", "BLK-017", "STA-001", "REQ-003", features=MODULATION, needs=CAPTURE)
+@case("BLK-007", "BLK-012", "STA-001", "REQ-003", outputs=("BLK-007", "BLK-012", "BLK-017"), features=MODULATION)
 def test_a_modulation_over_silence_waits_for_what_plays(bench: Bench) -> None:
     """A modulation over silence leaves the device silent and READY, and what begins later begins under its sample."""
     stage = Stage(bench)
@@ -208,7 +208,7 @@ def test_an_update_follows_a_modulation_a_period_later(bench: Bench) -> None:
     stage.judge(begin - 3, begin + 40)
 
 
-@case("BUD-006", "BUD-004", "BUD-001/2", "CHN-019", "SAF-008", features=MODULATION, needs=CAPTURE)
+@case("BUD-006", "BUD-004", "BUD-001/2", "SAF-008", outputs=("BUD-006", "BUD-001/2", "CHN-019"), features=MODULATION)
 def test_the_rate_holds_under_a_modulation(bench: Bench) -> None:
     """Updates as fast as INFO says begin each at its period under a modulation of a sample a period: no overrun."""
     stage = Stage(bench)
@@ -229,7 +229,7 @@ def test_the_rate_holds_under_a_modulation(bench: Bench) -> None:
     stage.judge(begin - 3, first + spacing * count + 60)
 
 
-@case("CHN-014/2", "BLK-012", "BLK-007", features=MODULATION, needs=CAPTURE)
+@case("CHN-014/2", outputs=("CHN-014/2", "BLK-012", "BLK-007"), features=MODULATION)
 def test_modulations_queued_behind_each_other_begin_in_time(bench: Bench) -> None:
     """A modulation ends the one before at its own period, and begins with its own first sample."""
     stage = Stage(bench)
@@ -263,7 +263,7 @@ def test_pulses_are_read_back_before_modulation(bench: Bench) -> None:
 # How it ends
 
 
-@case("BLK-018", "BLK-017", "BLK-012", "REQ-003", features=BOTH, needs=CAPTURE)
+@case("BLK-018", "BLK-012", "REQ-003", outputs=("BLK-018", "BLK-017"), features=BOTH)
 @pytest.mark.parametrize("beneath", ["update", "sequence"])
 def test_the_end_of_a_modulation_leaves_what_plays(bench: Bench, beneath: str) -> None:
     """END_MODULATION lets what plays go on unmodulated, in step and with the period of its own start."""
@@ -306,7 +306,7 @@ def disabled_by_request(stage: Stage) -> None:
     stage.bench.enable()
 
 
-@case("BLK-017", "BLK-018", "SAF-004", features=MODULATION, needs=CAPTURE)
+@case("BLK-018", "SAF-004", outputs=("BLK-018", "BLK-017"), features=MODULATION)
 @pytest.mark.parametrize(
     "end", [silenced, disabled_by_output, disabled_by_request], ids=["SILENCE", "DISABLE", "request-DISABLE"]
 )
@@ -322,7 +322,7 @@ def test_silence_and_disable_end_a_modulation(bench: Bench, end: Callable[[Stage
     stage.judge(ack.commit_period - 2, ack.commit_period + 30)
 
 
-@case("BLK-018", "BLK-008", features=MODULATION, needs=CAPTURE)
+@case("BLK-018", "BLK-008", outputs=("BLK-018",), features=MODULATION)
 def test_the_end_of_no_modulation_is_accepted(bench: Bench) -> None:
     """END_MODULATION is accepted where there is no modulation, over silence and over an update, and does nothing."""
     stage = Stage(bench)
@@ -345,7 +345,7 @@ NOT_ENDS: dict[str, Callable[[Bench], object]] = {
 }
 
 
-@case("BLK-017", "BLK-008", "REQ-005", features=MODULATION, needs=CAPTURE)
+@case("BLK-017", "BLK-008", "REQ-005", outputs=("BLK-017",), features=MODULATION)
 @pytest.mark.parametrize("what", NOT_ENDS)
 def test_nothing_else_ends_a_modulation(bench: Bench, what: str) -> None:
     """ENABLE, a new numbering, a refused OUTPUT and CLEAR_FAULTS leave a modulation going on in step."""
@@ -356,13 +356,14 @@ def test_nothing_else_ends_a_modulation(bench: Bench, what: str) -> None:
     before = bench.period()
     NOT_ENDS[what](bench)
     bench.wait_periods(40)
+    expect("the flags", bench.status().flags, StatusFlag.MODULATION)
     stage.judge(before, bench.period())
 
 
 # What may be stored while it plays
 
 
-@case("BLK-022", "BLK-008", features=MODULATION, needs=CAPTURE)
+@case("BLK-022", "BLK-008", outputs=("BLK-022", "BLK-008"), features=MODULATION)
 def test_what_modulates_is_not_overwritten(bench: Bench) -> None:
     """Stores over a sample of a modulation, be it queued or begun, are refused with IN_USE, the same bytes too."""
     stage = Stage(bench)
@@ -382,7 +383,7 @@ def test_what_modulates_is_not_overwritten(bench: Bench) -> None:
     stage.judge(last - 60, last)
 
 
-@case("BLK-022", "CHN-019", features=MODULATION, needs=CAPTURE)
+@case("BLK-022", outputs=("BLK-022", "CHN-019"), features=MODULATION)
 def test_what_does_not_modulate_may_be_stored(bench: Bench) -> None:
     """Beside the samples of a modulation all others may be stored, right up to them, and it goes on."""
     stage = Stage(bench)
@@ -448,7 +449,7 @@ def test_samples_take_effect_before_the_modulation_behind_them(bench: Bench) -> 
     stage.judge(acks[-1].commit_period, acks[-1].commit_period + 490)
 
 
-@case("BLK-016", "SAF-004", "SAF-002", features=MODULATION, needs=CAPTURE)
+@case("BLK-016", "SAF-002", "SAF-004", outputs=("BLK-016",), features=MODULATION)
 def test_what_is_stored_stays_over_disable(bench: Bench) -> None:
     """Samples are stored while the outputs are off too, and stay over DISABLE and another session."""
     stage = Stage(bench)
@@ -464,7 +465,7 @@ def test_what_is_stored_stays_over_disable(bench: Bench) -> None:
     stage.judge(ack.commit_period, ack.commit_period + 10)
 
 
-@case("BLK-016", "USB-026", features=MODULATION, needs=CAPTURE, line="usb")
+@case("USB-026", outputs=("USB-026", "BLK-016"), features=MODULATION, line="usb")
 @pytest.mark.parametrize("how", ["SET_CONFIGURATION", "SET_INTERFACE"])
 def test_what_is_stored_stays_over_a_new_configuration(bench: Bench, how: str) -> None:
     """Samples stay where a host configures the device anew, though what plays ends: they last until RESET."""
@@ -472,7 +473,7 @@ def test_what_is_stored_stays_over_a_new_configuration(bench: Bench, how: str) -
     check_stored_over(bench, again[how])
 
 
-@case("BLK-016", "USB-026", features=MODULATION, needs=CAPTURE, line="usb", allow=[Risk.RESET])
+@case("USB-026", outputs=("USB-026", "BLK-016"), features=MODULATION, line="usb", allow=[Risk.RESET])
 def test_what_is_stored_stays_over_a_bus_reset(bench: Bench) -> None:
     """Samples stay over a bus reset in run-time mode, which is no reset of the device."""
     check_stored_over(bench, bench.usb.reset)

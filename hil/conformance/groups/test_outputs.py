@@ -58,7 +58,7 @@ def play_modulated(bench: Bench) -> tuple[Pulses, int]:
 # OUTPUT
 
 
-@case("BLK-018", "BLK-012", needs=(Need.CAPTURE,), features=FEATURES)
+@case("BLK-018", "BLK-012", outputs=("BLK-018", "BLK-012"), features=FEATURES)
 @ended
 def test_an_output_ends_at_its_period(bench: Bench, action: Action) -> None:
     """END_MODULATION leaves the update unmodulated, SILENCE and DISABLE leave nothing, from the named period on."""
@@ -106,7 +106,7 @@ def test_an_output_ends_a_sequence(bench: Bench, action: Action) -> None:
     bench.judge(since, named + 30, lambda seen: check_play(seen, steps))
 
 
-@case("BLK-018", needs=(Need.CAPTURE,), features=FEATURES)
+@case("BLK-018", outputs=("BLK-018",), features=FEATURES)
 def test_silence_leaves_the_outputs_enabled(bench: Bench) -> None:
     """After SILENCE the outputs are enabled: the next update plays, without the modulation that ended."""
     play_modulated(bench)
@@ -148,7 +148,7 @@ def test_an_output_takes_effect_behind_what_is_queued(bench: Bench, action: Acti
     expect("free after DISABLE", status.free, bench.info.queue_blocks)
 
 
-@case("BLK-018", "SAF-002", needs=(Need.CAPTURE,))
+@case("BLK-018", "SAF-002", outputs=("BLK-018", "SAF-002"))
 def test_what_is_behind_a_disable_is_dropped(bench: Bench) -> None:
     """Changes accepted behind OUTPUT with DISABLE are dropped with it: nothing plays, nothing is counted but blocks."""
     begin(bench)

@@ -7,7 +7,7 @@ from itertools import groupby
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Need, Risk, case, expect
+from phasewire.hil.conformance.cases import Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import FIELDS, forged
 from phasewire.hil.conformance.tools.steps import enable
@@ -219,7 +219,7 @@ def collect(bench: Bench, count: int) -> list[Ack]:
     return found
 
 
-@case("BLK-008", "SAF-002", "SAF-001", needs=(Need.CAPTURE,))
+@case("BLK-008", outputs=("BLK-008", "SAF-002", "SAF-001"))
 def test_nonsense_moves_no_output(bench: Bench) -> None:
     """Whatever nonsense comes while the outputs are off, none of them ever goes high."""
     bench.must(NoOp())
@@ -230,7 +230,7 @@ def test_nonsense_moves_no_output(bench: Bench) -> None:
     bench.judge(max(first, last - 2000), last, check_silent)
 
 
-@case("BLK-008", "BLK-003", needs=(Need.CAPTURE,))
+@case("BLK-008", "BLK-003", outputs=("BLK-008", "BLK-003"))
 def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
     """What plays goes on tick by tick through nonsense of every kind, for one flipped bit must not be heard."""
     pulses = bench.weak()
@@ -239,6 +239,7 @@ def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
     bench.wait_until(ack.commit_period)
     for _ in range(at_most(bench, 3)):
         check_batch(bench, ["noise", "flipped-bits", "wrong-fields"], at_most(bench, 30))
+    expect("what plays since", bench.status().since_period, ack.commit_period)
     last = bench.period()
     first = max(ack.commit_period, last - 2000)
     words = expected_words(pulses, bench.wiring)

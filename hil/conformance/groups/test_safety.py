@@ -74,7 +74,7 @@ ALL = tuple(PLAYS)
 
 
 @pytest.mark.parametrize("what", ["nothing", *ATTENDED])
-@case("SAF-003", "SAF-004/1", "ACK-006", "STA-003", needs=CAPTURE)
+@case("SAF-003", "ACK-006", "STA-003", outputs=("SAF-004/1",))
 def test_the_watchdog_silences_what_plays(bench: Bench, what: str) -> None:
     """Without a sign of life the watchdog fires, not sooner and a period later at most, and all outputs fall silent."""
     ms = patience(bench)
@@ -551,7 +551,7 @@ def store_sequence(bench: Bench, periods: int, place: int = 0) -> Pulses:
     return pulses
 
 
-@case("SAF-005", "BLK-015", "STA-003", needs=CAPTURE, features=UNATTENDED)
+@case("SAF-005", "STA-003", outputs=("SAF-005", "BLK-015"), features=UNATTENDED)
 def test_an_unattended_sequence_goes_on_without_its_host(bench: Bench) -> None:
     """A sequence with the flag UNATTENDED plays on when the host falls silent for many watchdog times."""
     enable(bench)
@@ -621,7 +621,7 @@ def test_the_end_of_an_attended_sequence_is_no_sign_of_life(bench: Bench) -> Non
 
 
 @pytest.mark.parametrize("what", PLAYS)
-@case("SAF-004/1", "SAF-004", "STA-003", "BLK-017", "CHN-029", needs=CAPTURE)
+@case("SAF-004", "STA-003", outputs=("SAF-004/1", "BLK-017", "CHN-029"))
 def test_disable_silences_what_plays(bench: Bench, what: str) -> None:
     """On DISABLE all outputs fall silent together, at a boundary within six periods, and nothing plays or is queued."""
     enable(bench)
@@ -693,7 +693,7 @@ def test_a_change_close_to_the_end_begins_everywhere_or_nowhere(bench: Bench) ->
         bench.judge(field.period, begins + 60, check)
 
 
-@case("SAF-004/2", "SAF-004", "REQ-003", "STA-003", needs=CAPTURE)
+@case("SAF-004/2", "SAF-004", "REQ-003", "STA-003", outputs=("SAF-004/2",))
 def test_what_is_queued_is_dropped_by_disable(bench: Bench) -> None:
     """Changes that were queued when DISABLE came never begin, not even when the outputs are enabled again."""
     enable(bench)
@@ -720,7 +720,7 @@ def test_what_is_queued_is_dropped_by_disable(bench: Bench) -> None:
     bench.judge(since, end, check_silent)
 
 
-@case("BLK-018", "SAF-004", "STA-003", "REQ-003", needs=CAPTURE)
+@case("BLK-018", "SAF-004", "STA-003", "REQ-003", outputs=("BLK-018", "SAF-004"))
 def test_what_is_accepted_behind_a_disabling_block_is_dropped(bench: Bench) -> None:
     """Changes that were accepted behind an OUTPUT that disables never begin, and are counted as accepted only."""
     enable(bench)
@@ -786,7 +786,7 @@ def silence_by_watchdog(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("how", OFF)
-@case("SAF-004", "CHN-012/2", needs=CAPTURE, features=Feature.SEQUENCES)
+@case("SAF-004", outputs=("SAF-004", "CHN-012/2"), features=Feature.SEQUENCES)
 def test_what_is_stored_stays_when_the_outputs_are_disabled(bench: Bench, how: str) -> None:
     """Slots, entries and samples are kept when the outputs are disabled, and play again once they are enabled."""
     first, second = bench.weak(), bench.weak()
@@ -805,7 +805,7 @@ def test_what_is_stored_stays_when_the_outputs_are_disabled(bench: Bench, how: s
 
 
 @pytest.mark.parametrize("how", OFF)
-@case("SAF-004", "BLK-017", needs=CAPTURE, features=Feature.MODULATION)
+@case("SAF-004", outputs=("SAF-004", "BLK-017"), features=Feature.MODULATION)
 def test_there_is_no_modulation_once_the_outputs_were_disabled(bench: Bench, how: str) -> None:
     """A modulation ends when the outputs are disabled: the next update plays as it is, and samples are still there."""
     enable(bench)
@@ -901,7 +901,7 @@ def test_the_power_of_every_width_is_counted(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("limit", [1, 2, 17, 31])
-@case("SAF-006", "REQ-010", "BLK-008", needs=CAPTURE)
+@case("SAF-006", "REQ-010", "BLK-008", outputs=("SAF-006", "BLK-008"))
 def test_an_update_above_the_limit_is_refused(bench: Bench, limit: int) -> None:
     """An update of exactly the limit plays; one of a little more is refused with DRIVE, and what plays goes on."""
     set_limit(bench, limit)

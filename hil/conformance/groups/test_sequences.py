@@ -140,7 +140,7 @@ def test_entries_stay_in_step_long_after_the_start(bench: Bench) -> None:
 # How it ends
 
 
-@case("BLK-015", "ACK-006", "STA-003", "REQ-003", features=SEQUENCES, needs=CAPTURE)
+@case("BLK-015", "ACK-006", "STA-003", "REQ-003", outputs=("BLK-015",), features=SEQUENCES)
 @pytest.mark.parametrize("repeats", [1, 2, 3, 7, 256])
 def test_repeats_are_exact_and_then_there_is_silence(bench: Bench, repeats: int) -> None:
     """A sequence plays as often as it says and falls silent in the next period; the device says so and is READY."""
@@ -187,7 +187,7 @@ ENDS: dict[str, Change] = {
 }
 
 
-@case("BLK-015", "BLK-012", "BLK-018", "TIM-003", features=SEQUENCES, needs=CAPTURE)
+@case("BLK-015", "BLK-012", "BLK-018", outputs=("BLK-015", "BLK-012", "BLK-018", "TIM-003"), features=SEQUENCES)
 @pytest.mark.parametrize("end", ENDS)
 def test_a_sequence_is_ended_at_a_period(bench: Bench, end: str) -> None:
     """An update, another sequence, the same from its beginning, SILENCE and DISABLE end a sequence at their periods."""
@@ -206,7 +206,7 @@ def test_a_sequence_is_ended_at_a_period(bench: Bench, end: str) -> None:
     stage.judge(period - 30, period + 40)
 
 
-@case("SAF-004", "BLK-015", "BLK-022", features=SEQUENCES, needs=CAPTURE)
+@case("SAF-004", outputs=("SAF-004", "BLK-015", "BLK-022"), features=SEQUENCES)
 def test_disable_ends_a_sequence(bench: Bench) -> None:
     """DISABLE silences a sequence within six periods, and it does not play again when the outputs are enabled."""
     stage = Stage(bench)
@@ -233,7 +233,7 @@ NOT_ENDS: dict[str, Callable[[Bench], object]] = {
 }
 
 
-@case("BLK-015", "BLK-008", "BLK-018", "REQ-005", features=SEQUENCES, needs=CAPTURE)
+@case("BLK-015", "BLK-008", "BLK-018", "REQ-005", outputs=("BLK-015",), features=SEQUENCES)
 @pytest.mark.parametrize("what", NOT_ENDS)
 def test_nothing_else_ends_a_sequence(bench: Bench, what: str) -> None:
     """ENABLE, END_MODULATION, a new numbering, a refused update and CLEAR_FAULTS leave a sequence playing in step."""
@@ -251,7 +251,7 @@ def test_nothing_else_ends_a_sequence(bench: Bench, what: str) -> None:
     stage.judge(before, after)
 
 
-@case("CHN-014/2", "BLK-007", "BLK-015", features=SEQUENCES, needs=CAPTURE)
+@case("CHN-014/2", outputs=("CHN-014/2", "BLK-007", "BLK-015"), features=SEQUENCES)
 def test_sequences_queued_behind_each_other_begin_in_time(bench: Bench) -> None:
     """Sequences queued a few periods apart begin each at its own period: a program waits for the one before to play."""
     stage = Stage(bench)
@@ -265,7 +265,7 @@ def test_sequences_queued_behind_each_other_begin_in_time(bench: Bench) -> None:
     stage.judge(period - 5, period + 4 * apart + 20)
 
 
-@case("SAF-005", "STA-003", "ACK-006", features=SEQUENCES | Feature.UNATTENDED, needs=CAPTURE)
+@case("SAF-005", "STA-003", outputs=("SAF-005",), features=SEQUENCES | Feature.UNATTENDED)
 def test_an_unattended_sequence_plays_without_its_host(bench: Bench) -> None:
     """With UNATTENDED a sequence plays on beyond the watchdog's time, to its last repeat; then the watchdog runs."""
     stage = Stage(bench)
@@ -280,7 +280,7 @@ def test_an_unattended_sequence_plays_without_its_host(bench: Bench) -> None:
     stage.judge(end - 200, end + 50)
 
 
-@case("SAF-005", "SAF-003", features=SEQUENCES, needs=CAPTURE)
+@case("SAF-005", "SAF-003", outputs=("SAF-005",), features=SEQUENCES)
 def test_a_sequence_needs_its_host_unless_it_says_otherwise(bench: Bench) -> None:
     """Without UNATTENDED a sequence is silenced by the watchdog like an update."""
     stage = Stage(bench)
@@ -330,7 +330,7 @@ def refused(bench: Bench, body: Body, reason: Reason) -> None:
     expect("the last refusal", after.last_refusal, reason)
 
 
-@case("BLK-022", "BLK-008", features=SEQUENCES, needs=CAPTURE)
+@case("BLK-022", "BLK-008", outputs=("BLK-022", "BLK-008"), features=SEQUENCES)
 def test_what_a_sequence_plays_is_not_overwritten(bench: Bench) -> None:
     """Stores over an entry or a slot of a playing sequence are refused with IN_USE, the same bytes too; it plays on."""
     stage = Stage(bench)
@@ -352,7 +352,7 @@ def test_what_a_sequence_plays_is_not_overwritten(bench: Bench) -> None:
     stage.judge(after - min(after - before, 2000), after)
 
 
-@case("BLK-022", "CHN-019", features=SEQUENCES, needs=CAPTURE)
+@case("BLK-022", outputs=("BLK-022", "CHN-019"), features=SEQUENCES)
 def test_what_a_sequence_does_not_play_may_be_stored(bench: Bench) -> None:
     """Beside a playing sequence every other slot and entry may be stored, right up to its own, and it plays on."""
     stage = Stage(bench)
@@ -368,7 +368,7 @@ def test_what_a_sequence_does_not_play_may_be_stored(bench: Bench) -> None:
     stage.judge(after - min(after - before, 2000), after)
 
 
-@case("BLK-022", "BLK-008", features=SEQUENCES, needs=CAPTURE)
+@case("BLK-022", "BLK-008", outputs=("BLK-022",), features=SEQUENCES)
 def test_what_will_play_is_not_overwritten(bench: Bench) -> None:
     """From its acceptance on, before it begins, the entries and slots of a queued sequence are refused with IN_USE."""
     stage = Stage(bench)
@@ -475,7 +475,7 @@ def test_stores_take_effect_before_the_sequence_behind_them(bench: Bench) -> Non
     stage.judge(max(first, acks[-1].commit_period - 200), acks[-1].commit_period + 2 * ENTRIES_PER_BLOCK)
 
 
-@case("BLK-013", "BLK-014", "SAF-002", "SAF-004", features=SEQUENCES, needs=CAPTURE)
+@case("BLK-013", "BLK-014", "SAF-002", "SAF-004", outputs=("BLK-013", "BLK-014"), features=SEQUENCES)
 def test_what_is_stored_stays_over_disable(bench: Bench) -> None:
     """Slots and entries are stored while the outputs are off too, and stay over DISABLE and another session."""
     stage = Stage(bench)
@@ -490,7 +490,7 @@ def test_what_is_stored_stays_over_disable(bench: Bench) -> None:
     stage.judge(ack.commit_period, ack.commit_period + 10)
 
 
-@case("BLK-013", "BLK-014", "USB-026", features=SEQUENCES, needs=CAPTURE, line="usb")
+@case("USB-026", outputs=("USB-026", "BLK-013", "BLK-014"), features=SEQUENCES, line="usb")
 @pytest.mark.parametrize("how", ["SET_CONFIGURATION", "SET_INTERFACE"])
 def test_what_is_stored_stays_over_a_new_configuration(bench: Bench, how: str) -> None:
     """Slots and entries stay where a host configures the device anew, though what plays ends: they last until RESET."""
@@ -498,7 +498,7 @@ def test_what_is_stored_stays_over_a_new_configuration(bench: Bench, how: str) -
     check_stored_over(bench, again[how])
 
 
-@case("BLK-013", "BLK-014", "USB-026", features=SEQUENCES, needs=CAPTURE, line="usb", allow=[Risk.RESET])
+@case("USB-026", outputs=("USB-026", "BLK-013", "BLK-014"), features=SEQUENCES, line="usb", allow=[Risk.RESET])
 def test_what_is_stored_stays_over_a_bus_reset(bench: Bench) -> None:
     """Slots and entries stay over a bus reset in run-time mode, which is no reset of the device."""
     check_stored_over(bench, bench.usb.reset)

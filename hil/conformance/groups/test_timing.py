@@ -216,7 +216,7 @@ def test_the_fifth_period_is_promised(bench: Bench, kind: Kind) -> None:
         raise Inconclusive(f"in {rounds} attempts no block came exactly {PROMISED_PERIODS} periods ahead of its change")
 
 
-@case("BLK-007", "BLK-005/1", "BLK-005", "CHN-007", needs=[Need.CAPTURE])
+@case("BLK-007", "BLK-005/1", "BLK-005", outputs=("BLK-007", "CHN-007"))
 def test_changes_take_effect_in_the_order_of_acceptance(bench: Bench) -> None:
     """Behind a queued change one for the same period, an earlier one, or none, begins next, as their order was."""
     stage = Stage(bench)
@@ -240,7 +240,7 @@ def test_changes_take_effect_in_the_order_of_acceptance(bench: Bench) -> None:
     stage.judge(period - 40, acks[-1].commit_period + 30)
 
 
-@case("BLK-007", "BLK-012", "CHN-014/2", "CHN-029", "TIM-003", needs=[Need.CAPTURE], features=BOTH)
+@case("BLK-007", "BLK-012", "CHN-014/2", outputs=("BLK-007", "BLK-012", "CHN-029", "TIM-003"), features=BOTH)
 def test_changes_of_all_kinds_follow_each_other(bench: Bench) -> None:
     """Updates, sequences, modulations and their ends queued a few periods apart begin each at its own period."""
     stage = Stage(bench)
@@ -272,7 +272,7 @@ def test_changes_of_all_kinds_follow_each_other(bench: Bench) -> None:
     stage.judge(period - 10, last + 30)
 
 
-@case("BLK-007", "BLK-005/1", needs=[Need.CAPTURE], features=Feature.MODULATION)
+@case("BLK-007", "BLK-005/1", outputs=("BLK-007", "BLK-005/1"), features=Feature.MODULATION)
 def test_an_update_and_a_modulation_cannot_begin_together(bench: Bench) -> None:
     """An update for the period of a modulation that was accepted before it is late, and begins soon behind it."""
     stage = Stage(bench)
@@ -324,7 +324,7 @@ def test_the_horizon_is_exact(bench: Bench, kind: Kind) -> None:
         raise Inconclusive(f"no block came exactly 2³² periods ahead of its change, and one more: {sorted(seen)}")
 
 
-@case("CHN-005", "CHN-007", "CHN-020", "TIM-003", "BLK-023", "BUD-001/1", "BUD-004", needs=[Need.CAPTURE])
+@case("CHN-020", "BLK-023", "BUD-001/1", "BUD-004", outputs=("CHN-005", "CHN-007", "TIM-003", "BUD-001/1"))
 def test_all_processors_change_in_the_same_tick(bench: Bench) -> None:
     """Updates as fast as INFO says begin on all ten processors at their periods, none late and none missed."""
     stage = Stage(bench)

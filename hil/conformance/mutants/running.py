@@ -105,7 +105,7 @@ def judge_alone(name: str, enough: int | None, out: Path) -> None:
         run = run_conformance(Options(mutant.url, only=mutant.names if enough else (), enough=enough, again=False))
         if enough and run.passed:  # nobody of those who should have caught it
             run = run_conformance(Options(mutant.url, enough=1, again=False))
-    cases = [result.case for result in run.results if result.breaks]
+    cases = list(dict.fromkeys(result.whole for result in run.results if result.breaks))
     out.write_text(json.dumps({"cases": cases, "trouble": run.trouble}), encoding="utf-8")
 
 

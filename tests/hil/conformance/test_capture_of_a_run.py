@@ -86,6 +86,24 @@ def test_a_recording_is_judged_after_the_run(emulator: Emulator, tmp_path: Path)
     assert f"save it as {path}" in told
 
 
+def test_what_only_the_outputs_show_is_judged_from_the_recording(
+    emulator: Emulator, groups: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "later.sr"
+    cases = CASES.replace('"PUL-004", needs=(Need.CAPTURE,)', '"BLK-005", outputs=("PUL-004",)')
+    blind = '@case("BLK-005", outputs=("PUL-004",))\ndef test_blind(bench: Bench) -> None:\n    """It never looks."""\n'
+    (groups / "test_seen_later.py").write_text(cases + blind, encoding="utf-8")
+    run = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), Saves(emulator, path))
+    assert {result.case.partition("/")[2]: (result.verdict, result.tally) for result in run.results} == {
+        "what-is-right": (Verdict.PASS, ""),
+        "what-is-right#outputs": (Verdict.PASS, ""),
+        "what-is-wrong": (Verdict.PASS, ""),
+        "what-is-wrong#outputs": (Verdict.FAIL, "failed 1 of 1"),
+        "blind": (Verdict.PASS, ""),
+        "blind#outputs": (Verdict.INCONCLUSIVE, ""),
+    }
+
+
 def test_what_no_recording_shows_is_inconclusive(
     emulator: Emulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

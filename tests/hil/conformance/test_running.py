@@ -238,6 +238,80 @@ def test_what_is_not_allowed_or_not_there_is_inconclusive(groups: Path) -> None:
     ]
 
 
+HALF_SEEN = '''
+@pytest.mark.parametrize("kind", ["sound", "answers", "outputs", "both", "unsure"])
+@case("STA-003", outputs=("SAF-001",))
+def test_it(bench: Bench, kind: str) -> None:
+    """Answers and outputs each show a part of it."""
+    loud = kind in ("outputs", "both")
+    bench.judge(bench.period(), bench.period() + 2, lambda seen: expect("the outputs", bool(seen.words.any()), loud))
+    if kind == "unsure":
+        raise Inconclusive("the line is slow")
+    expect("the state", bench.status().state, State.PLAYING if kind in ("answers", "both") else State.OFF)
+
+@case("STA-003", outputs=("SAF-001",))
+def test_blind(bench: Bench) -> None:
+    """It never looks."""
+'''
+SILENT = "the outputs is False, should be True"
+OFF = "the state is OFF, should be PLAYING"
+NOT_SEEN = "needs a capture of the outputs: pass --capture sigrok:FILE"
+CUT_SHORT = "the case failed before its outputs were judged"
+
+
+def test_what_only_the_outputs_show_has_a_verdict_of_its_own(groups: Path) -> None:
+    write(groups, "half", HALF_SEEN)
+    run = run_conformance(Options("emulator:", again=False))
+    assert {result.case: (result.clauses, result.verdict, result.reason) for result in run.results} == {
+        "half/it[sound]": (("STA-003",), Verdict.PASS, ""),
+        "half/it#outputs[sound]": (("SAF-001",), Verdict.PASS, ""),
+        "half/it[answers]": (("STA-003",), Verdict.FAIL, OFF),
+        "half/it#outputs[answers]": (("SAF-001",), Verdict.INCONCLUSIVE, CUT_SHORT),
+        "half/it[outputs]": (("STA-003",), Verdict.PASS, ""),
+        "half/it#outputs[outputs]": (("SAF-001",), Verdict.FAIL, SILENT),
+        "half/it[both]": (("STA-003",), Verdict.FAIL, OFF),
+        "half/it#outputs[both]": (("SAF-001",), Verdict.FAIL, SILENT),
+        "half/it[unsure]": (("STA-003",), Verdict.INCONCLUSIVE, "the line is slow"),
+        "half/it#outputs[unsure]": (("SAF-001",), Verdict.INCONCLUSIVE, "the line is slow"),
+        "half/blind": (("STA-003",), Verdict.PASS, ""),
+        "half/blind#outputs": (("SAF-001",), Verdict.INCONCLUSIVE, "the case looked at no outputs"),
+    }
+
+
+def test_without_sight_answers_are_judged_and_outputs_are_not(groups: Path) -> None:
+    write(groups, "half", HALF_SEEN)
+    run = run_conformance(Options("emulator:", capture="none", again=False))
+    answers = [(result.case, result.verdict) for result in run.results if "#" not in result.case]
+    assert answers == [
+        ("half/it[sound]", Verdict.PASS),
+        ("half/it[answers]", Verdict.FAIL),
+        ("half/it[outputs]", Verdict.PASS),
+        ("half/it[both]", Verdict.FAIL),
+        ("half/it[unsure]", Verdict.INCONCLUSIVE),
+        ("half/blind", Verdict.PASS),
+    ]
+    outputs = {(result.verdict, result.reason) for result in run.results if "#" in result.case}
+    assert outputs == {(Verdict.INCONCLUSIVE, NOT_SEEN)}
+
+
+def test_the_part_at_the_outputs_is_called_by_its_name(groups: Path) -> None:
+    write(groups, "half", HALF_SEEN)
+    assert [entry.identifier for entry in catalogue()][:2] == ["half/it[sound]", "half/it#outputs[sound]"]
+    assert len(run_conformance(Options("emulator:", only=("SAF-001",))).results) == 12  # with the cases themselves
+    parts = Options("emulator:", only=("half/it#outputs",), known={"half/it#outputs": "we know"})
+    known = run_conformance(parts)
+    assert [result.case for result in known.results if result.known] == [
+        "half/it#outputs[outputs]",
+        "half/it#outputs[both]",
+    ]
+    assert [result.tally for result in known.results if result.known] == ["failed 2 of 2"] * 2
+    waived = run_conformance(Options("emulator:", profile=Profile("mine", {"SAF-001": "no outputs"}), again=False))
+    assert judged(waived)["half/it[outputs]"] is Verdict.PASS
+    assert judged(waived)["half/it#outputs[outputs]"] is Verdict.NOT_APPLICABLE
+    cut = run_conformance(Options("emulator:", enough=2, again=False))
+    assert [result.whole for result in cut.results if result.breaks] == ["half/it[answers]", "half/it[outputs]"]
+
+
 @pytest.mark.parametrize(
     ("cases", "what"),
     [
@@ -476,12 +550,12 @@ def test_a_case_that_fails_is_run_again_and_stays_a_failure(groups: Path) -> Non
     write(groups, "flaky", FLAKY)
     run = run_conformance(Options("emulator:", known={"flaky/always": "we know"}))
     assert [(result.verdict, result.tally, result.reason) for result in run.results] == [
-        (Verdict.FAIL, "failed 1 of 2", "the number of tries is 1, should be 2; the second time: pass"),
+        (Verdict.FAIL, "failed 1 of 2", "the number of tries is 1, should be 2; the other time: pass"),
         (Verdict.FAIL, "failed 2 of 2", "the state is OFF, should be PLAYING"),
         (
             Verdict.FAIL,
             "failed 2 of 2",
-            "the number of tries is 3, should be 0; the second time: the number of tries is 4, should be 0",
+            "the number of tries is 3, should be 0; the other time: the number of tries is 4, should be 0",
         ),
         (Verdict.PASS, "", ""),
     ]
