@@ -257,6 +257,8 @@ class Judge:
                 results = [_twice(*tries) for tries in zip(results, again, strict=True)]
         elif self._is_deferred and self.bench.looks and results[-1].verdict is Verdict.PASS:
             self._pending.append((len(self.results) + len(parts) - 1, parts[-1], self.bench.looks.copy()))
+            waits = "its outputs are judged from the recording"
+            results = [*results[:-1], replace(results[-1], verdict=Verdict.INCONCLUSIVE, reason=waits)]
         for result in map(self._expected, results):
             self.results.append(result)
             self.watcher.ended(result)
@@ -370,25 +372,32 @@ class Judge:
         """Whether cases can be judged only when a recording is there."""
         return bool(self._pending)
 
+    def look(self) -> None:
+        """Judge what can only be judged when the recording is there; the watcher is told of each case once more."""
+        of = len(self._pending)
+        while self._pending:
+            index, part, looks = self._pending[0]
+            result = replace(self.results[index], verdict=Verdict.PASS, reason="")
+            self.watcher.began(result.case, of - len(self._pending) + 1, of)
+            result = _looked(result, part.about, looks)
+            if result.verdict is Verdict.FAIL:
+                told = Evidence("run again", "no: the outputs were judged after the run, from its recording")
+                result = replace(result, evidence=(*result.evidence, told))
+            self.results[index] = self._expected(result)
+            del self._pending[0]
+            self.watcher.ended(self.results[index])
+
     def finish(self, ended_by: str = "") -> None:
-        """Judge what could only be judged after the run, or take note that it was not.
+        """Take note of what was not judged, and of known failures that are none any more.
 
         Parameters
         ----------
         ended_by : str
             What ended the run before its time; empty if it came to its end.
         """
-        for index, part, looks in self._pending:
-            result = self.results[index]
-            if ended_by:
-                reason = f"{ended_by} ended the run before the recording was there"
-                result = replace(result, verdict=Verdict.INCONCLUSIVE, reason=reason)
-            else:
-                result = _looked(result, part.about, looks)
-            if result.verdict is Verdict.FAIL:
-                told = Evidence("run again", "no: the outputs were judged after the run, from its recording")
-                result = replace(result, evidence=(*result.evidence, told))
-            self.results[index] = self._expected(result)
+        for index, _, _ in self._pending:
+            reason = f"{ended_by} ended the run before its outputs were judged"
+            self.results[index] = replace(self.results[index], reason=reason)
         if ended_by:
             reason = f"{ended_by} ended the run before this was judged"
             left = self._asked[len(self.results) :]

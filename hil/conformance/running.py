@@ -117,7 +117,7 @@ def run_conformance(
     watcher : Watcher, optional
         Is told how it goes on.
     judged : callable, optional
-        Is called when the cases have run, or a signal has ended them: what is left to do is short.
+        Is called when all is judged, or a signal has ended that: what is left to do is short.
 
     Returns
     -------
@@ -138,6 +138,7 @@ def run_conformance(
             _pytest(judge)
             if judge.interruption is None and judge.awaits_recording and isinstance(bench.sight, SigrokSight):
                 _await_recording(bench.sight.path, began.timestamp(), judge.watcher)
+                judge.look()
         except (KeyboardInterrupt, SystemExit) as error:
             judge.interruption = error
         judged()

@@ -97,6 +97,8 @@ class LiveLine(Line, Watcher):
         """A case begins: its number, from 1, and how many there are."""
         if self._group and case.partition("/")[0] != self._group[0].group:
             self._tell_group()
+        if number == 1:
+            self._done = 0  # what a recording shows is judged after the run, and counted anew
         self._of = of
         self._show(case, number, of)
 

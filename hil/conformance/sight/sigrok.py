@@ -304,18 +304,13 @@ def find_marks(file: SessionFile, bits: Sequence[int], marks: Sequence[Mark]) ->
     Raises
     ------
     InputFileError
-        Where none is there, or the file is damaged.
+        Where the file is damaged.
     OSError
         Where it cannot be read.
     """
     samples_per_tick = file.rate / TICK_HZ
     silences = file.silences(bits, LONGEST_PULSE_GAP * samples_per_tick)
-    found = [anchor for mark in marks if (anchor := find_mark(mark, silences, samples_per_tick)) is not None]
-    if not found:
-        raise InputFileError(
-            f"{file.path} was not recorded during this run: none of the {len(marks)} marks that were played is in it"
-        )
-    return found
+    return [anchor for mark in marks if (anchor := find_mark(mark, silences, samples_per_tick)) is not None]
 
 
 @dataclass(frozen=True)
@@ -342,6 +337,16 @@ class _Recording:
 
     @cached_property
     def anchors(self) -> Sequence[Anchor]:
+        """The marks that are in it; `InputFileError`, each time and after one look, if none is."""
+        if not self._found:
+            raise InputFileError(
+                f"{self.path} was not recorded during this run: none of the {len(self.marks)} marks that were played "
+                "is in it"
+            )
+        return self._found
+
+    @cached_property
+    def _found(self) -> Sequence[Anchor]:
         return find_marks(self.file, list(self.wired.values()), self.marks)
 
 

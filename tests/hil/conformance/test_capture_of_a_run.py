@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from phasewire.emulator import Emulator
 from phasewire.emulator.ports.export import export
-from phasewire.hil.conformance import Run, Verdict, running
+from phasewire.hil.conformance import Result, Run, Verdict, running
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.running import Options, run_conformance
@@ -49,6 +49,10 @@ class Saves(Watcher):
     def __init__(self, emulator: Emulator, path: Path) -> None:
         self.emulator, self.path = emulator, path
         self.told: list[str] = []
+        self.verdicts: list[Verdict] = []
+
+    def ended(self, result: Result) -> None:
+        self.verdicts.append(result.verdict)
 
     def waits(self, what: str) -> None:
         self.told.append(what)
@@ -84,6 +88,19 @@ def test_a_recording_is_judged_after_the_run(emulator: Emulator, tmp_path: Path)
     assert run.provenance.capture == f"sigrok:{path}"
     (told,) = watcher.told
     assert f"save it as {path}" in told
+    assert watcher.verdicts == [Verdict.INCONCLUSIVE] * 2 + verdicts(run)
+
+
+def test_a_signal_ends_the_judging_of_a_recording(emulator: Emulator, tmp_path: Path) -> None:
+    class Interrupts(Saves):
+        def began(self, _case: str, _number: int, _of: int) -> None:
+            if len(self.verdicts) == 3:
+                raise KeyboardInterrupt
+
+    path = tmp_path / "later.sr"
+    run = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), Interrupts(emulator, path))
+    assert verdicts(run) == [Verdict.PASS, Verdict.INCONCLUSIVE]
+    assert run.results[1].reason == "Ctrl-C ended the run before its outputs were judged"
 
 
 def test_what_only_the_outputs_show_is_judged_from_the_recording(

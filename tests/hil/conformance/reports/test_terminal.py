@@ -38,9 +38,9 @@ def told(run: Run) -> str:
     return written(out)
 
 
-def watched(out: Console) -> str:
+def watched(out: Console, times: int = 1) -> str:
     with LiveLine(out) as watcher:
-        for number, result in enumerate(EVERY.results, start=1):
+        for number, result in list(enumerate(EVERY.results, start=1)) * times:
             watcher.began(result.case, number, len(EVERY.results))
             watcher.ended(result)
     return written(out)
@@ -56,6 +56,10 @@ def test_off_a_terminal_what_breaks_and_each_group_has_a_line_and_nothing_is_tak
         "8/9  usb: 1 warn, 3 inconclusive",
         "9/9  serial: 1 not applicable",
     ]
+
+
+def test_cases_that_a_recording_shows_are_counted_anew() -> None:
+    assert watched(console(terminal=False), times=2) == 2 * watched(console(terminal=False))
 
 
 def test_what_somebody_has_to_do_is_told_on_a_terminal_and_off_one() -> None:
