@@ -19,6 +19,7 @@ from contextlib import suppress
 from functools import cache
 from io import BytesIO
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import typer
@@ -85,11 +86,8 @@ def toml(data: bytes) -> None:
 
 
 def _read_settings(path: Path) -> None:
-    os.environ[CONFIG_VARIABLE] = str(path)
-    try:
+    with patch.dict(os.environ, {CONFIG_VARIABLE: str(path)}):
         defaults_from_file(_commands())
-    finally:
-        del os.environ[CONFIG_VARIABLE]
 
 
 @cache

@@ -123,14 +123,18 @@ def test_a_stage_knows_what_was_stored(bench: Bench) -> None:
     stage.send_all([Modulation(20, 2, 3, begin), Output(Action.SILENCE, begin + 20)])
     assert [sample for _, sample in played(stage.score, begin - 1, begin + 7)] == [255, 255, 255, 255, 0, 0, 0, 255]
     stage.judge(begin - 5, begin + 40)
+    (look,) = bench.looks
+    look()  # raises if the outputs are others
 
 
 def test_a_score_that_is_wrong_fails(bench: Bench) -> None:
     stage = Stage(bench)
     begin = stage.send(Update(only(5))).commit_period
     stage.score.update(begin + 4, only(6))
+    stage.judge(begin, begin + 6)
+    (look,) = bench.looks
     with pytest.raises(AssertionError, match=f"period {begin + 4}"):
-        stage.judge(begin, begin + 6)
+        look()
 
 
 def test_a_refused_block_fails(bench: Bench) -> None:
