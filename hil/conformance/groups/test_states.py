@@ -19,7 +19,19 @@ from phasewire.hil.conformance.tools.stage import check_in_time, soon
 from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, let_stores_go, require
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.host.lines.usb_find import DFU_MODE
-from phasewire.protocol.blocks import Body, Entries, Entry, NoOp, Output, Sequence, Slot, Update, pack
+from phasewire.protocol.blocks import (
+    Body,
+    Entries,
+    Entry,
+    Modulation,
+    NoOp,
+    Output,
+    Samples,
+    Sequence,
+    Slot,
+    Update,
+    pack,
+)
 from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import REQUEST_TYPE_OUT, Action, Fault, Feature, FrameKind, Reason, Request, State
 from phasewire.protocol.replies import Status, records
@@ -169,6 +181,7 @@ FOLLOWERS: dict[str, tuple[Callable[[int], Body], State, list[State]]] = {
     "sequence": (lambda period: Sequence(0, 1, period), PLAYING, []),
     "silence": (lambda period: Output(Action.SILENCE, period), READY, []),
     "disable": (lambda period: Output(Action.DISABLE, period), OFF, []),
+    "modulation": (lambda period: Modulation(0, 1, 1, period), READY, [READY]),
     "end-of-modulation": (lambda period: Output(Action.END_MODULATION, period), READY, [READY]),
 }
 """Changes for the period in which a sequence ends: the state then, and the states that are told unasked."""
@@ -180,6 +193,8 @@ def follow_sequence(bench: Bench, body: Callable[[int], Body], periods: int, *, 
     enable(bench)
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, periods),)))
+    if Feature.MODULATION in bench.info.features:
+        bench.must(Samples(bytes([255])))
     let_stores_go(bench)
     begins = soon(bench, 2)
     ends = begins + periods

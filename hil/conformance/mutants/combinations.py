@@ -535,3 +535,21 @@ def an_unplugged_device_still_belongs_to_its_bus(patch: Patch) -> None:
         return unplug
 
     patch.wrap(ArrayFunction, "unplug", around)
+
+
+# What takes effect in the period in which a sequence ends
+
+
+@mutant("STA-002")
+def a_modulation_takes_the_place_of_the_end(patch: Patch) -> None:
+    """A MODULATION in the period in which a sequence ends swallows the END: the state stays PLAYING."""
+
+    def around(original: Any) -> Any:
+        def begin_modulation(self: Any, period: int) -> None:
+            original(self, period)
+            if self._runs is not None and self._runs.ends == period:
+                self._runs = None
+
+        return begin_modulation
+
+    patch.wrap(controller.Controller, "_begin_modulation", around)
