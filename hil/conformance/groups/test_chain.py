@@ -31,7 +31,7 @@ from phasewire.hil.conformance.tools.playing import (
     silent_from,
     told,
 )
-from phasewire.hil.conformance.tools.stage import soon
+from phasewire.hil.conformance.tools.stage import check_in_time, soon
 from phasewire.hil.conformance.tools.steps import SILENT, enable, features_of, require
 from phasewire.protocol.blocks import (
     Body,
@@ -703,7 +703,7 @@ def test_a_board_that_is_not_well_stays_silent_whatever_it_is_sent(bench: Bench)
     bench.levers.cause(faults.HotBoard(board=board, celsius=100, period=at))
     for number, pulses in enumerate(later):
         ack = bench.must(Update(pulses, at + 30 * number + 7))
-        expect("the period of the update", ack.commit_period, at + 30 * number + 7)
+        check_in_time(ack, at + 30 * number + 7)
     bench.wait_until(at + 450)
     learned = expect_learned(expect_told(bench, State.FAULT, Fault.TEMPERATURE), at)
     words = [(at + 30 * number + 7, expected_words(pulses, bench.wiring)) for number, pulses in enumerate(later)]
@@ -971,7 +971,7 @@ def test_updates_at_the_rate_that_holds_play_on_all_processors(bench: Bench) -> 
     for number in range(queue_length(bench)):
         pulses = bench.weak()
         ack = bench.must(Update(pulses, first + number * bench.info.periods_per_update))
-        expect("the period of the update", ack.commit_period, first + number * bench.info.periods_per_update)
+        check_in_time(ack, first + number * bench.info.periods_per_update)
         steps.append((ack.commit_period, expected_words(pulses, bench.wiring)))
     end = steps[-1][0] + 20
     bench.wait_until(end)
@@ -989,7 +989,7 @@ def test_no_update_waits_for_stores_or_questions(bench: Bench) -> None:
     for number in range(count):
         pulses = bench.weak()
         steps.append((first + number * spacing, expected_words(pulses, bench.wiring)))
-        expect("the period of the update", bench.must(Update(pulses, steps[-1][0])).commit_period, steps[-1][0])
+        check_in_time(bench.must(Update(pulses, steps[-1][0])), steps[-1][0])
     slots = [bench.weak() for _ in range(6)]
     if bench.line.kind == "usb":
         bench.wait_until(first - 60)

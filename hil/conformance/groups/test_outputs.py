@@ -8,6 +8,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
 from phasewire.hil.conformance.sight.waveforms import SILENCE, Words, check_play, expected_words, modulated
+from phasewire.hil.conformance.tools.stage import check_in_time
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
@@ -65,7 +66,7 @@ def test_an_output_ends_at_its_period(bench: Bench, action: Action) -> None:
     pulses, since = play_modulated(bench)
     named = later(bench)
     ack = bench.must(Output(action, named))
-    expect("commit_period", ack.commit_period, named)
+    check_in_time(ack, named)
     bench.wait_until(named + 1)
     status = bench.status()
     plays = action is Action.END_MODULATION
