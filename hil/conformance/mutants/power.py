@@ -141,23 +141,14 @@ def reset_keeps_the_counters(patch: Patch) -> None:
     _keep_over_reset(patch, lambda device: tuple(getattr(device, name) for name in names), restore)
 
 
-@mutant("NUM-004", "REQ-013")
+@mutant("NUM-004", "REQ-013", url="emulator:?door=serial")
 def reset_keeps_the_number_of_the_last_block(patch: Patch) -> None:
-    """After RESET the first number has to follow the last one before, also in a new session."""
-
-    def restore(device: Any, number: int) -> None:
-        device._last_sequence = number
-        device.expected = number
-
-    def around(original: Any) -> Any:
-        def new_session(self: Any, door: Any) -> None:
-            original(self, door)
-            self._last_sequence = vars(self).pop("expected", None)
-
-        return new_session
-
-    _keep_over_reset(patch, lambda device: device._last_sequence, restore)
-    patch.wrap(Controller, "new_session", around)
+    """After RESET the first number has to follow the last one before, if no bus begins a new session."""
+    _keep_over_reset(
+        patch,
+        lambda device: device._last_sequence,
+        lambda device, number: setattr(device, "_last_sequence", number),
+    )
 
 
 @mutant("REQ-013", "TIM-002")
