@@ -305,8 +305,9 @@ def lacking(bench: Bench, _: Ack) -> list[bytes]:
 
 
 def numbered_as(bench: Bench, last: Ack) -> list[bytes]:
-    """Blocks of all kinds with a number that was accepted before."""
-    bodies = [*map(body_of, KINDS), Sequence(0, 1, unattended=True)]
+    """Blocks of all kinds that the device has, with a number that was accepted before."""
+    every = [*map(body_of, KINDS), Sequence(0, 1, unattended=True)]
+    bodies = [body for body in every if not features_of(body) & ~bench.info.features]
     return [pack(bench.numbered(body, number=last.sequence)) for body in bodies]
 
 
