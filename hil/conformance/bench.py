@@ -64,7 +64,7 @@ from .verdicts import Evidence
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-__all__ = ["LOW_DRIVE", "OUTPUTS", "TOLD_PERIODS", "Bench", "Lost"]
+__all__ = ["LOW_DRIVE", "OUTPUTS", "POWERS", "RETURN_SECONDS", "TOLD_PERIODS", "Bench", "Lost"]
 
 LOW_DRIVE = 32
 """Transducers' worth of total drive that a case may use where hard driving was not allowed: a tenth of the array."""

@@ -39,6 +39,7 @@ from .plugin import Catalogue, Entry, Judge, Watcher
 from .profile import Profile
 from .sight.capture import EmulatorSight, Sight
 from .sight.sigrok import SessionFile, SigrokSight
+from .tools.clocks import load_average
 from .verdicts import Provenance, Run, signal_name
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ def run_conformance(
     DeviceError
         Where the device cannot be opened or does not say what it is.
     """
-    began, started, load = datetime.now(UTC), perf_counter(), _load()
+    began, started, load = datetime.now(UTC), perf_counter(), load_average()
     with open_bench(options) as bench:
         judge = Judge(
             bench, options.profile, options.known, options.only, options.enough, watcher or Watcher(), options.again
@@ -155,7 +156,7 @@ def run_conformance(
             tuple(sorted(bench.allowed)),
             options.seed,
             os.cpu_count() or 1,
-            None if load is None else (load, _load() or 0.0),
+            None if load is None else (round(load, 2), round(load_average() or 0.0, 2)),
         )
     return Run(provenance, tuple(judge.results), tuple(judge.trouble), judge.claims, number)
 
@@ -168,11 +169,6 @@ def _signal(interruption: BaseException) -> int:
         case SystemExit(code=int(code)) if code > SIGNALLED:
             return code - SIGNALLED
     raise interruption
-
-
-def _load() -> float | None:
-    """The load average over a minute, if this system has one."""
-    return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
 
 
 def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:

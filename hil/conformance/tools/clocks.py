@@ -9,11 +9,16 @@ from ....protocol.board import TICK_HZ
 from ..bench import Bench
 from ..cases import Inconclusive
 
-__all__ = ["compare_clocks", "unless_busy"]
+__all__ = ["compare_clocks", "load_average", "unless_busy"]
 
 STRETCHES = 4
 CATCHES_UP = 3
 """A simulated device that had fallen behind catches up; it is never as many times as fast as the host's clock."""
+
+
+def load_average() -> float | None:
+    """The load average of this computer over a minute, if its system has one."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
 
 
 def unless_busy(bench: Bench, what: str) -> None:
@@ -24,8 +29,8 @@ def unless_busy(bench: Bench, what: str) -> None:
     Inconclusive
         If the device's time is not the host's own, and more programs want to run here than there are cores.
     """
-    load, cores = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0, os.cpu_count() or 1
-    if bench.is_far and load > cores:
+    load, cores = load_average(), os.cpu_count() or 1
+    if bench.is_far and load is not None and load > cores:
         raise Inconclusive(f"{what}, on a computer with a load of {load:.1f} on {cores} cores: that is no judge of it")
 
 

