@@ -74,6 +74,7 @@ OF_A_UART = {
     "the line is too slow for a stream",
     NO_CONNECTION,
     "the line is so slow that the queue never fills",
+    "this line is slower than the chain: no store waits on the device",
 }
 
 REASONS = {
