@@ -15,22 +15,23 @@ FARTHEST = 1000.0
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
-def as_points(values: ArrayLike, what: str) -> NDArray[np.float64]:
+def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[np.float64]:
     """Read (m, 3) coordinates in metres, m of at least 1, none further than `FARTHEST`.
 
     Raises
     ------
     ValueError
-        That says ``what`` a row is and names the first bad one.
+        That says ``what`` a row is, or ``many`` of them if that is not ``what`` with an s, and names the first bad one.
     """
+    many = many or f"{what}s"
     try:
         if np.iscomplexobj(values):
             raise TypeError("they are complex")
         points = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{what}s must be (m, 3) numbers: {error}") from error
+        raise ValueError(f"{many} must be (m, 3) numbers: {error}") from error
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise ValueError(f"{what}s must have the shape (m, 3) with m of at least 1, not {points.shape}")
+        raise ValueError(f"{many} must have the shape (m, 3) with m of at least 1, not {points.shape}")
     if points.max() <= FARTHEST and points.min() >= -FARTHEST:  # false where one is not a number
         return points
     if (bad := np.flatnonzero(~np.isfinite(points).all(axis=1))).size:

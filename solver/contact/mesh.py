@@ -10,9 +10,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import as_points, frozen
+from ..geometry import FARTHEST, as_points, frozen
 
-__all__ = ["Mesh", "Solid"]
+__all__ = ["MOST_FACES", "Mesh", "Solid"]
+
+MOST_FACES = 1_000_000
+"""Faces that a mesh may have. A tree over them takes seconds and hundreds of megabytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,16 +27,84 @@ class Solid:
     vertices : (v, 3) float
         In metres.
     faces : (f, 3) int
-        Vertices of each triangle, counterclockwise as seen from outside.
+        Vertices of each triangle, counterclockwise as seen from outside; f from 1 to `MOST_FACES`.
+
+    Raises
+    ------
+    ValueError
+        If a coordinate is not finite or too large, there is no face or too many, or a face names a vertex that does not
+        exist.
+
+    Notes
+    -----
+    Triangles without area, duplicate triangles and open surfaces are possible here; `repair` removes them or refuses.
     """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
 
+    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
+        points = as_points(vertices, "vertex", "vertices")
+        object.__setattr__(self, "vertices", frozen(points))
+        object.__setattr__(self, "faces", frozen(_as_faces(faces, len(points))))
 
-@dataclass(frozen=True, eq=False)
+    @cached_property
+    def centre(self) -> NDArray[np.float64]:
+        """(3,) centre of the bounding box in metres, in the solid's coordinates."""
+        return frozen((self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2)
+
+    @property
+    def edges(self) -> NDArray[np.int64]:
+        """(e, 2) edges, the vertex with the smaller number first, sorted, each once."""
+        return self._edges[0]
+
+    @property
+    def face_edges(self) -> NDArray[np.int64]:
+        """(f, 3) edges of each face: from its first vertex to its second, from its second to its third, and back."""
+        return self._edges[1]
+
+    @property
+    def edge_faces(self) -> NDArray[np.int64]:
+        """(e, 2) faces at each edge; -1 if there is no second one, the first and the last if there are more."""
+        return self._edges[2]
+
+    @cached_property
+    def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        count = len(self.vertices)
+        ends = np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2).reshape(-1, 2)
+        keys = ends.min(axis=1) * count + ends.max(axis=1)
+        order = np.argsort(keys, kind="stable")
+        begins = np.flatnonzero(np.diff(keys[order], prepend=-1))  # of each edge's run in the order
+        uses = np.diff(begins, append=len(keys))
+        face_edges = np.empty(len(keys), dtype=np.int64)
+        face_edges[order] = np.repeat(np.arange(len(begins)), uses)
+        edges = np.stack(np.divmod(keys[order[begins]], count), axis=1)
+        second = np.where(uses > 1, order[begins + uses - 1] // 3, -1)
+        edge_faces = np.stack([order[begins] // 3, second], axis=1)
+        return frozen(edges), frozen(face_edges.reshape(-1, 3)), frozen(edge_faces)
+
+
+def _as_faces(values: ArrayLike, vertices: int) -> NDArray[np.int64]:
+    try:
+        given = np.asarray(values)
+    except ValueError as error:
+        raise ValueError(f"faces must be (f, 3) whole numbers: {error}") from error
+    if given.ndim != 2 or given.shape[1] != 3 or not len(given):
+        raise ValueError(f"faces must have the shape (f, 3) with f of at least 1, not {given.shape}")
+    if given.dtype.kind not in "iu":
+        raise ValueError(f"faces must be whole numbers, the vertices of each triangle, not {given.dtype}")
+    if len(given) > MOST_FACES:
+        raise ValueError(f"a mesh of {len(given)} faces is too large; at most {MOST_FACES} are possible: simplify it")
+    if (bad := np.flatnonzero(((given < 0) | (given >= vertices)).any(axis=1))).size:
+        raise ValueError(f"face {bad[0]} is {given[bad[0]].tolist()}; there are vertices 0 to {vertices - 1}")
+    return np.array(given, dtype=np.int64, order="C")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """An object that can be felt: a `Solid` and where it is.
+
+    `Mesh.of` makes one from triangles, `Mesh.load` from a file, `Mesh.cube` and its sisters are the paper's.
 
     Parameters
     ----------
@@ -43,17 +114,37 @@ class Mesh:
         Turns the solid's coordinates into the array's.
     offset : (3,) float
         Is added after that, in metres.
+
+    Raises
+    ------
+    ValueError
+        If the rotation is none, or the offset is not finite or too large.
     """
 
     solid: Solid
     rotation: NDArray[np.float64]
     offset: NDArray[np.float64]
 
+    def __post_init__(self) -> None:
+        """Check the pose."""
+        rotation, offset = (np.array(value, dtype=np.float64) for value in (self.rotation, self.offset))
+        if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-9):
+            raise ValueError(f"{rotation.tolist()} is no rotation: its rows must be perpendicular unit vectors")
+        if np.linalg.det(rotation) < 0:
+            raise ValueError(f"{rotation.tolist()} is no rotation but a reflection, which turns the object inside out")
+        object.__setattr__(self, "rotation", frozen(rotation))
+        object.__setattr__(self, "offset", frozen(_position(offset, "offset")))
+
+    def __repr__(self) -> str:
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        size = " × ".join(f"{length:.3g}" for length in high - low)
+        centre = ", ".join(f"{place:.3g}" for place in np.round((low + high) / 2, 9) + 0.0)  # no minus before zero
+        return f"<Mesh of {len(self.faces)} faces, {size} m, centred at ({centre}) m>"
+
     @classmethod
     def of(cls, vertices: ArrayLike, faces: ArrayLike) -> Self:
-        """A mesh of triangles whose vertices are given in the array's coordinates."""
-        solid = Solid(frozen(as_points(vertices, "vertex")), frozen(np.array(faces, dtype=np.int64)))
-        return cls(solid, frozen(np.eye(3)), frozen(np.zeros(3)))
+        """A mesh of triangles whose vertices are given in the array's coordinates; parameters and errors as `Solid`."""
+        return cls(Solid(vertices, faces), np.eye(3), np.zeros(3))
 
     @cached_property
     def vertices(self) -> NDArray[np.float64]:
@@ -65,19 +156,38 @@ class Mesh:
         """(f, 3) vertices of each triangle."""
         return self.solid.faces
 
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """(3,) where the centre of the solid's bounding box is, in metres, in the array's coordinates."""
+        return self.rotation @ self.solid.centre + self.offset
+
     def moved(self, offset: ArrayLike) -> Self:
         """The same object, moved by (3,) metres."""
-        return type(self)(self.solid, self.rotation, frozen(self.offset + np.asarray(offset, dtype=np.float64)))
+        return type(self)(self.solid, self.rotation, self.offset + _position(offset, "offset"))
 
     def rotated(self, degrees: float, axis: ArrayLike = (0, 0, 1)) -> Self:
-        """The same object, turned about an axis through the centre of its bounding box, counterclockwise."""
-        unit = np.asarray(axis, dtype=np.float64) / np.linalg.norm(np.asarray(axis, dtype=np.float64))
-        x, y, z = unit
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        angle = math.radians(degrees)
-        turn = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-        centre = (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
-        return type(self)(self.solid, frozen(turn @ self.rotation), frozen(turn @ (self.offset - centre) + centre))
+        """The same object, turned about an axis through its `centre`, counterclockwise as seen from the axis' tip.
+
+        Raises
+        ------
+        ValueError
+            If the angle is not finite, or the axis has no direction.
+        """
+        turn = _rotation(degrees, axis)
+        return type(self)(self.solid, turn @ self.rotation, self.centre - turn @ (self.centre - self.offset))
+
+    def scaled(self, factor: float) -> Self:
+        """An object ``factor`` times as large, with the same `centre`.
+
+        Raises
+        ------
+        ValueError
+            If the factor is not positive, or the object becomes too large.
+        """
+        if not 0 < factor < math.inf:
+            raise ValueError(f"scale {factor} must be positive and finite")
+        solid = Solid((self.solid.vertices - self.solid.centre) * factor, self.faces)
+        return type(self)(solid, self.rotation, self.centre)
 
     @classmethod
     def cube(cls, size: float = 0.1, centre: ArrayLike = (0, 0, 0.17)) -> Self:
@@ -86,3 +196,25 @@ class Mesh:
         quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         faces = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
         return cls.of(corners + np.asarray(centre), faces)
+
+
+def _position(value: ArrayLike, what: str) -> NDArray[np.float64]:
+    place = np.array(value, dtype=np.float64)
+    if place.shape != (3,) or not (np.abs(place) <= FARTHEST).all():
+        raise ValueError(f"{what} {place.tolist()} must be three numbers of metres, at most {FARTHEST:g} each")
+    return place
+
+
+def _rotation(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:
+    """The (3, 3) rotation by an angle about an axis: Rodrigues' formula."""
+    direction = np.array(axis, dtype=np.float64)
+    length = np.linalg.norm(direction)
+    if direction.shape != (3,) or not 0 < length < math.inf:
+        raise ValueError(f"axis {direction.tolist()} must be three finite numbers, not all of them 0")
+    if not math.isfinite(degrees):
+        raise ValueError(f"an angle of {degrees} degrees is not finite")
+    x, y, z = direction / length
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = math.radians(degrees)
+    turn: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return turn
