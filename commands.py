@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from .errors import DeviceError, DeviceNotFoundError, PhasewireError
+from .errors import DeviceError, DeviceNotFoundError, PhasewireError, TrackerError, TrackerNotFoundError
 from .signals import SIGNALLED, loading
 
 __all__ = ["app", "command_line", "run"]
@@ -228,9 +228,9 @@ def command_line() -> TyperGroup:
 
 def exit_code(error: Exception) -> int:
     """The exit code that stands for an error."""
-    if isinstance(error, DeviceNotFoundError):
+    if isinstance(error, (DeviceNotFoundError, TrackerNotFoundError)):
         return NO_DEVICE
-    if isinstance(error, DeviceError):
+    if isinstance(error, (DeviceError, TrackerError)):
         return DEVICE_FAILED
     if isinstance(error, (ValueError, OSError)):
         return WRONG_USE

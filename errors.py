@@ -43,6 +43,9 @@ __all__ = [
     "InputFileError",
     "PhasewireError",
     "ReplyError",
+    "TrackerError",
+    "TrackerLostError",
+    "TrackerNotFoundError",
 ]
 
 
@@ -133,3 +136,15 @@ class DeviceTimeoutError(DeviceError):
 
 class DeviceLostError(DeviceError):
     """The device went away while it was in use."""
+
+
+class TrackerError(PhasewireError):
+    """A source of hands went wrong."""
+
+
+class TrackerNotFoundError(TrackerError):
+    """No source of hands answers to this URL."""
+
+
+class TrackerLostError(TrackerError):
+    """The source of hands went away while it was in use."""

@@ -14,7 +14,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal, Protocol
 
-from ...errors import DeviceError, DeviceNotFoundError, ReplyError
+from ...errors import DeviceError, DeviceNotFoundError, PhasewireError, ReplyError
 from ...protocol.codes import Request
 from .tracing import traced
 
@@ -178,25 +178,36 @@ def entries(group: str) -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=group)}
 
 
-def load_by_scheme(group: str, url: str) -> Any:
+def load_by_scheme(
+    group: str, url: str, what: str = "device", missing: type[PhasewireError] = DeviceNotFoundError
+) -> Any:
     """Load the entry point of a group that is named as the URL's scheme.
+
+    Parameters
+    ----------
+    group : str
+        Of entry points.
+    url : str
+        That begins with the scheme.
+    what : str
+        What such URLs name, for the error.
+    missing : type
+        Of that error.
 
     Raises
     ------
-    DeviceNotFoundError
-        Where there is none, and the known ones are named; or where it cannot be loaded.
+    DeviceNotFoundError, or what is ``missing``
+        If there is none, and the known ones are named; or if it cannot be loaded.
     """
     scheme, colon, _ = url.partition(":")
     found = entries(group)
     if not colon or scheme not in found:
         known = ", ".join(f"{name}:" for name in sorted(found))
-        raise DeviceNotFoundError(f"no device at {url!r}: the URL of a device begins with one of {known}")
+        raise missing(f"no {what} at {url!r}: the URL of a {what} begins with one of {known}")
     try:
         return found[scheme].load()
     except Exception as error:  # it may be another package's, and raise whatever it likes
-        raise DeviceNotFoundError(
-            f"{url!r}: {found[scheme].value}, which is to open it, cannot be loaded: {error}"
-        ) from error
+        raise missing(f"{url!r}: {found[scheme].value}, which is to open it, cannot be loaded: {error}") from error
 
 
 def open_transport(url: str) -> Transport:

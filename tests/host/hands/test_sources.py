@@ -1,0 +1,216 @@
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint, entry_points
+from itertools import count
+from threading import Thread
+
+import pytest
+from phasewire.commands import exit_code
+from phasewire.errors import TrackerError, TrackerLostError, TrackerNotFoundError
+from phasewire.host.hands import HandFrame, HandSource, open_hands
+from phasewire.host.hands.sources import MOST_WAITING, LiveHands, PlayedHands, read_options
+from phasewire.host.lines import transport
+
+
+class Clock:
+    """Time that passes only while somebody waits."""
+
+    def __init__(self, now: float = 1000.0) -> None:
+        self.now = now
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float, /) -> None:
+        assert seconds > 0
+        self.now += seconds
+
+
+def frames(period: float = 0.5, first: float = 7.0) -> Iterator[HandFrame]:
+    return (HandFrame(first + number * period, number=number) for number in count())
+
+
+def three() -> Iterator[HandFrame]:
+    return iter([HandFrame(0.0), HandFrame(0.5, number=1), HandFrame(0.5, number=2)])
+
+
+# By URL
+
+
+@pytest.mark.parametrize("url", ["nonsense:", "nonsense", "", ":", "leap", "http://127.0.0.1/"])
+def test_an_unknown_url_names_the_known_ones(url: str) -> None:
+    known = "camera:, gesture:, leap:, recording:, video:"
+    with pytest.raises(TrackerNotFoundError, match=f"the URL of a tracker begins with one of {known}"):
+        open_hands(url)
+
+
+def test_the_mouse_belongs_to_the_page() -> None:
+    with pytest.raises(TrackerNotFoundError, match="mouse: is the hand of the page"):
+        open_hands("mouse:")
+
+
+def test_sources_are_found_by_entry_point_and_get_the_rest_of_the_url_and_the_clock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert {entry.name for entry in entry_points(group="phasewire.hands")} >= {"recording", "gesture", "leap", "video"}
+    theirs = EntryPoint("theirs", f"{__name__}:THEIRS", "phasewire.hands")
+    monkeypatch.setattr(transport, "entries", lambda group: {"theirs": theirs})
+    monkeypatch.setattr(EntryPoint, "load", lambda entry: Theirs())
+    clock = Clock()
+    source = open_hands("theirs:a:b?c=1", clock)
+    assert source.name == "a:b?c=1"
+    first = source.next_frame(0)
+    assert first is not None
+    assert first.time == clock.now
+
+
+class Theirs:
+    form, help = "theirs:WHERE", "Hands from elsewhere."
+
+    def open(self, rest: str, clock: Clock) -> HandSource:
+        return PlayedHands(rest, three(), 2, clock)
+
+
+def test_what_another_package_cannot_load_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    theirs = EntryPoint("theirs", "no_such_package:SCHEME", "phasewire.hands")
+    monkeypatch.setattr(transport, "entries", lambda group: {"theirs": theirs})
+    with pytest.raises(TrackerNotFoundError, match="cannot be loaded: No module named 'no_such"):
+        open_hands("theirs:1")
+
+
+def test_exit_codes() -> None:
+    assert exit_code(TrackerNotFoundError()) == 3
+    assert exit_code(TrackerLostError()) == exit_code(TrackerError()) == 4
+
+
+def test_options_of_a_url() -> None:
+    known = {"speed": float, "loop": int}
+    assert read_options("a%3Fb?speed=2&loop=1", known, "") == ("a?b", {"speed": 2.0, "loop": 1})
+    assert read_options("a", known, "") == ("a", {})
+    for rest, message in [
+        ("a?sped=2", "there is no option 'sped' here; such a URL has the form f:A"),
+        ("a?speed=2&speed=3", "option 'speed' stands twice"),
+        ("a?speed=fast", "option speed=fast: could not convert .*; such a URL has the form f:A"),
+        ("a?speed", "option speed=: could not convert"),
+        ("?" + "speed=1&" * 200, "[Mm]ax number of fields"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            read_options(rest, known, "f:A")
+
+
+# Frames that are there already
+
+
+def test_an_iterator_gives_every_frame_with_the_time_that_was_recorded() -> None:
+    source = PlayedHands("three", three(), 2, Clock())
+    assert [(frame.time, frame.number) for frame in source] == [(0.0, 0), (0.5, 1), (0.5, 2)]
+    assert source.ended
+    assert list(source) == []
+
+
+def test_a_loop_gets_frames_when_they_are_due_by_its_own_clock() -> None:
+    clock = Clock()
+    source = PlayedHands("endless", frames(), 2, clock)
+    first = source.next_frame(0)
+    assert first is not None
+    assert (first.time, first.number, clock.now) == (1000.0, 0, 1000.0)
+    assert source.next_frame(0.2) is None
+    assert clock.now == pytest.approx(1000.2)
+    second = source.next_frame(10)
+    assert second is not None
+    assert (second.time, second.number) == (1000.5, 1)
+    assert clock.now == pytest.approx(1000.5)
+
+
+def test_a_late_loop_gets_the_newest_frame_with_the_time_that_it_was_due() -> None:
+    clock = Clock()
+    source = PlayedHands("endless", frames(), 2, clock)
+    source.next_frame(0)
+    clock.now += 2.2
+    newest = source.next_frame(5)
+    assert newest is not None
+    assert (newest.time, newest.number, clock.now) == (1002.0, 4, 1002.2)
+
+
+def test_the_end_is_told_from_a_pause() -> None:
+    clock = Clock()
+    source = PlayedHands("three", three(), 2, clock)
+    assert source.next_frame(0) is not None
+    assert not source.ended
+    last = source.next_frame(1)
+    assert last is not None
+    assert last.number == 2
+    assert source.next_frame(1) is None
+    assert source.ended
+    assert clock.now == 1000.5
+
+
+def test_closing_closes_what_is_read() -> None:
+    closed = []
+    with PlayedHands("three", three(), 2, Clock(), lambda: closed.append(1)) as source:
+        pass
+    assert closed
+    assert source.ended
+    assert source.next_frame(1) is None
+
+
+# Live frames
+
+
+def test_a_loop_gets_the_newest_frame_and_what_it_missed_is_counted() -> None:
+    source = LiveHands("tracker", 100)
+    assert source.next_frame(0) is None
+    assert not source.ended
+    for frame in three():
+        source.put(frame)
+    newest = source.next_frame(0)
+    assert newest is not None
+    assert newest.number == 2
+    assert source.dropped == 2
+
+
+def test_an_iterator_waits_for_each_frame_until_the_end() -> None:
+    source = LiveHands("tracker", 100)
+
+    def send() -> None:
+        for frame in three():
+            source.put(frame)
+            time.sleep(0.01)
+        source.end()
+
+    thread = Thread(target=send)
+    thread.start()
+    assert [frame.number for frame in source] == [0, 1, 2]
+    assert source.ended
+    thread.join()
+
+
+def test_a_tracker_that_is_lost_raises_after_its_last_frame() -> None:
+    source = LiveHands("tracker", 100)
+    source.put(HandFrame(1.0))
+    source.end(TrackerLostError("the service closed the connection"))
+    source.end()
+    assert source.next_frame(1) is not None
+    for _ in range(2):
+        with pytest.raises(TrackerLostError, match="closed the connection"):
+            source.next_frame(1)
+        with pytest.raises(TrackerLostError, match="closed the connection"):
+            next(source)
+    assert source.ended
+
+
+def test_a_flood_takes_no_memory() -> None:
+    source = LiveHands("tracker", 100)
+    for number in range(3 * MOST_WAITING):
+        source.put(HandFrame(0.0, number=number))
+    assert source.dropped == 2 * MOST_WAITING
+    assert next(source).number == 2 * MOST_WAITING
+
+
+def test_a_closed_source_has_ended() -> None:
+    with LiveHands("tracker", 100) as source:
+        pass
+    assert source.next_frame(60) is None
+    assert source.ended
