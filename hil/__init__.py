@@ -9,5 +9,6 @@ from __future__ import annotations
 
 from .air import Playback
 from .end_to_end import Check, EndToEnd, run_end_to_end
+from .touching import TouchRun, run_touch
 
-__all__ = ["Check", "EndToEnd", "Playback", "run_end_to_end"]
+__all__ = ["Check", "EndToEnd", "Playback", "TouchRun", "run_end_to_end", "run_touch"]

@@ -1,0 +1,87 @@
+"""The verdict on what is felt must be good for what is right, and red for each thing that is broken on purpose."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from phasewire import ControlPoints, Device, Emulator, Sphere, TransducerArray, Wiring
+from phasewire.hil.touching import TouchRun, run_touch
+from phasewire.solver import TwoSided, intensity_component, two_sided
+
+TICK, EARLY, DRIVE, FELT = range(4)
+
+
+def verdicts(run: TouchRun) -> list[bool]:
+    return [check.passed for check in run.checks()]
+
+
+@pytest.fixture(scope="module")
+def intended(array: TransducerArray) -> TwoSided:
+    return two_sided(array, Sphere().sample())
+
+
+def test_what_is_felt_arrives(intended: TwoSided, emulator: Emulator) -> None:
+    run = run_touch(intended, emulator)
+    assert verdicts(run) == [True] * 4
+    points = intended.points.positions
+    felt = intensity_component(intended.first.array, run.emitted, points)
+    np.testing.assert_allclose(felt, run.felt(run.rebuilt), rtol=1e-9)
+    np.testing.assert_allclose(
+        felt, intensity_component(intended.first.array, intended.modulation, points), atol=0.05 * felt.max()
+    )
+
+
+@settings(max_examples=5)
+@given(
+    st.lists(st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(0.1, 0.4)), min_size=1, max_size=24),
+    st.integers(0, 2**32 - 1),
+)
+def test_any_points_are_felt_over_any_wiring(points: list[tuple[float, float, float]], seed: int) -> None:
+    wiring = Wiring(np.random.default_rng(seed).permutation(320))
+    with Emulator(wiring=wiring) as emulator:
+        assert run_touch(two_sided(TransducerArray.grid(), ControlPoints(points)), emulator).passed
+
+
+def test_a_swapped_pair_in_the_wiring_table_is_red(intended: TwoSided) -> None:
+    true = Wiring.strips()
+    swapped = true.channels.copy()
+    swapped[[100, 101]] = swapped[[101, 100]]
+    with Emulator(wiring=true, table=Wiring(swapped)) as emulator:
+        assert verdicts(run_touch(intended, emulator))[:3] == [True, True, False]
+
+
+def test_one_board_a_tick_late_is_red(intended: TwoSided) -> None:
+    with Emulator(clock_offset_ticks={3: 1}) as emulator:
+        run = run_touch(intended, emulator)
+    assert run.checks()[TICK].value == 2
+    assert not verdicts(run)[DRIVE]
+
+
+@pytest.mark.parametrize(
+    ("steps", "red"),
+    [
+        ([(1, 100), (0, 100)], [DRIVE]),
+        ([(0, 200)], [DRIVE, FELT]),
+        ([(0, 50), (1, 50)], [DRIVE, FELT]),
+        ([(0, 99), (1, 101)], [DRIVE]),
+    ],
+    ids=["the halves in the other order", "one half all the time", "twice as fast", "a period late"],
+)
+def test_other_times_of_the_halves_are_red(
+    intended: TwoSided,
+    emulator: Emulator,
+    monkeypatch: pytest.MonkeyPatch,
+    steps: list[tuple[int, int]],
+    red: list[int],
+) -> None:
+    genuine = Device.play
+    monkeypatch.setattr(Device, "play", lambda device, _: genuine(device, steps))
+    run = run_touch(intended, emulator)
+    assert [index for index, good in enumerate(verdicts(run)) if not good] == red
+
+
+def test_drives_for_another_array_are_refused(emulator: Emulator) -> None:
+    with pytest.raises(ValueError, match=r"\(4,\) for a device with 320 transducers"):
+        run_touch(two_sided(TransducerArray.grid(2, 2), ControlPoints([[0, 0, 0.2]])), emulator)
