@@ -11,11 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import FARTHEST, as_points, frozen
+from .edges import edge_tables
+from .solids import SOLIDS
 
 __all__ = ["MOST_FACES", "Mesh", "Solid"]
 
 MOST_FACES = 1_000_000
 """Faces that a mesh may have. A tree over them takes seconds and hundreds of megabytes."""
+SIZE = 0.1
+"""Side in metres of the cube that the paper's shapes fit (Figure 10)."""
+CENTRE = (0.0, 0.0, 0.17)
+"""Where the paper has them, in metres: 17 cm above the array's middle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,18 +76,7 @@ class Solid:
 
     @cached_property
     def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        count = len(self.vertices)
-        ends = np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=2).reshape(-1, 2)
-        keys = ends.min(axis=1) * count + ends.max(axis=1)
-        order = np.argsort(keys, kind="stable")
-        begins = np.flatnonzero(np.diff(keys[order], prepend=-1))  # of each edge's run in the order
-        uses = np.diff(begins, append=len(keys))
-        face_edges = np.empty(len(keys), dtype=np.int64)
-        face_edges[order] = np.repeat(np.arange(len(begins)), uses)
-        edges = np.stack(np.divmod(keys[order[begins]], count), axis=1)
-        second = np.where(uses > 1, order[begins + uses - 1] // 3, -1)
-        edge_faces = np.stack([order[begins] // 3, second], axis=1)
-        return frozen(edges), frozen(face_edges.reshape(-1, 3)), frozen(edge_faces)
+        return edge_tables(self.faces, len(self.vertices))
 
 
 def _as_faces(values: ArrayLike, vertices: int) -> NDArray[np.int64]:
@@ -190,12 +185,54 @@ class Mesh:
         return type(self)(solid, self.rotation, self.centre)
 
     @classmethod
-    def cube(cls, size: float = 0.1, centre: ArrayLike = (0, 0, 0.17)) -> Self:
-        """The paper's cube."""
-        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size / 2
-        quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-        faces = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
-        return cls.of(corners + np.asarray(centre), faces)
+    def cone(cls, size: float = SIZE, centre: ArrayLike = CENTRE) -> Self:
+        """The paper's cone, its tip upwards; parameters and errors as `cube`."""
+        return cls._paper("cone", size, centre)
+
+    @classmethod
+    def sphere(cls, size: float = SIZE, centre: ArrayLike = CENTRE) -> Self:
+        """The paper's sphere; parameters and errors as `cube`."""
+        return cls._paper("sphere", size, centre)
+
+    @classmethod
+    def pyramid(cls, size: float = SIZE, centre: ArrayLike = CENTRE) -> Self:
+        """The paper's pyramid, its tip upwards, over a square; parameters and errors as `cube`."""
+        return cls._paper("pyramid", size, centre)
+
+    @classmethod
+    def horizontal_prism(cls, size: float = SIZE, centre: ArrayLike = CENTRE) -> Self:
+        """The paper's lying prism, a roof with its ridge along x; parameters and errors as `cube`."""
+        return cls._paper("horizontal_prism", size, centre)
+
+    @classmethod
+    def vertical_prism(cls, size: float = SIZE, centre: ArrayLike = CENTRE) -> Self:
+        """The paper's standing prism over an equilateral triangle; parameters and errors as `cube`."""
+        return cls._paper("vertical_prism", size, centre)
+
+    @classmethod
+    def cube(cls, size: float = SIZE, centre: ArrayLike = CENTRE) -> Self:
+        """The paper's cube.
+
+        Parameters
+        ----------
+        size : float
+            Side in metres of the cube that the shape just fits.
+        centre : (3,) float
+            Of the shape's bounding box, in metres.
+
+        Raises
+        ------
+        ValueError
+            If the size is not positive, or a coordinate is not finite or too large.
+        """
+        return cls._paper("cube", size, centre)
+
+    @classmethod
+    def _paper(cls, name: str, size: float, centre: ArrayLike) -> Self:
+        if not 0 < size <= FARTHEST:
+            raise ValueError(f"size {size} m must be positive and at most {FARTHEST:g} m")
+        vertices, faces = SOLIDS[name]()
+        return cls(Solid(vertices * size, faces), np.eye(3), _position(centre, "centre"))
 
 
 def _position(value: ArrayLike, what: str) -> NDArray[np.float64]:
