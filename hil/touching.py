@@ -14,13 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..emulator import Capture, Emulator
-from ..host import open_device
+from ..errors import DeviceError
+from ..host import Device, open_device
 from ..protocol.board import PROCESSORS, TICKS_PER_PERIOD
 from ..protocol.replies import Ack
 from ..solver import Modulation, TransducerArray, TwoSided, intensity_component, pressure, transfer_matrix
+from ..solver.modulation import FREQUENCY
 from .end_to_end import NUMERICAL, Check, emission, nearest_emission
 
-__all__ = ["TouchRun", "run_touch"]
+__all__ = ["TouchRun", "read_back_modulation", "run_touch"]
+
+CYCLES_READ = 4
+READINGS_PER_CYCLE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,3 +148,37 @@ def run_touch(intended: TwoSided, emulator: Emulator) -> TouchRun:
         emulator.run_until(ack.commit_period + sum(periods for _, periods in steps))
         capture = emulator.capture()
     return TouchRun(intended, ack, capture)
+
+
+def read_back_modulation(device: Device, frequency: float = FREQUENCY) -> Modulation:
+    """The drives that a device plays in turn, rebuilt from the pulses that its processors report.
+
+    Parameters
+    ----------
+    device : Device
+        That plays one or two drives in turn, as `two_sided` makes them.
+    frequency : float
+        Of the modulation, in hertz; the device is read for some cycles at most.
+
+    Returns
+    -------
+    Modulation
+        Of one drive if no other was seen.
+
+    Raises
+    ------
+    DeviceError
+        If the device cannot be read back, or its line fails.
+    """
+    drives: dict[bytes, NDArray[np.complex128]] = {}
+    for _ in range(CYCLES_READ * READINGS_PER_CYCLE):
+        reading = device.read_back()
+        if not reading.mixed:
+            drive = reading.pulses.to_drive()
+            drives.setdefault(drive.tobytes(), drive)
+        if len(drives) == 2:
+            break
+        device.time.sleep(1 / (READINGS_PER_CYCLE * frequency))
+    if not drives:
+        raise DeviceError(f"{device.name} changed its pulses in every reading: none shows one drive on all processors")
+    return Modulation(list(drives.values()), np.eye(len(drives)), frequency)
