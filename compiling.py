@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 
 from numba import njit
 
-__all__ = ["kernel"]
+__all__ = ["kernel", "part"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -29,3 +29,8 @@ def kernel(function: Function, **options: Any) -> Function:
         return cast(Function, njit(cache=True, nogil=True, **options)(function))
     except RuntimeError:  # there is no folder that numba's cache could be written to
         return cast(Function, njit(nogil=True, **options)(function))
+
+
+def part(function: Function) -> Function:
+    """A function for kernels of the same module, compiled with them. It is not cached alone."""
+    return cast(Function, njit(function))

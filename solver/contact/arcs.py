@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +37,11 @@ class Arcs:
     along : (k,) float
         The place of each vertex on its mesh edge, from 0 at the edge's first mesh vertex to 1 at its second; 0 where
         there is no edge.
+
+    Notes
+    -----
+    The piece that bridges a knuckle has the face and the quadrilateral of the piece before it. Neighbours may coincide:
+    a cut through a vertex of the mesh crosses several edges there, and each of them is named.
     """
 
     vertices: NDArray[np.float64]
@@ -45,6 +52,25 @@ class Arcs:
     quads: NDArray[np.int64]
     edges: NDArray[np.int64]
     along: NDArray[np.float64]
+
+    @classmethod
+    def joined(cls, parts: Sequence[tuple[NDArray[Any], ...]]) -> Self:
+        """The arcs of objects 0, 1, …: of each vertices, starts, closed, faces, quads, edges and along, as above."""
+        if len(parts) == 1:
+            vertices, starts, closed, *rest = parts[0]
+            return cls(vertices, starts, closed, np.zeros(len(closed), np.int64), *rest)
+        if not parts:
+            none = np.empty(0, np.int64)
+            return cls(np.empty((0, 3)), np.zeros(1, np.int64), none.astype(np.bool_), none, none, none, none, none / 1)
+        vertices, starts, closed, *rest = zip(*parts, strict=True)
+        before = np.cumsum([0, *(len(part) for part in vertices)])
+        return cls(
+            np.concatenate(vertices),
+            np.concatenate([*(part[:-1] + shift for part, shift in zip(starts, before, strict=False)), before[-1:]]),
+            np.concatenate(closed),
+            np.repeat(np.arange(len(parts)), [len(part) for part in closed]),
+            *(np.concatenate(part) for part in rest),
+        )
 
     def __len__(self) -> int:
         return len(self.closed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry import FARTHEST, as_points, frozen
 from .edges import edge_tables
 from .solids import SOLIDS
+
+if TYPE_CHECKING:
+    from .bvh import Bvh
 
 __all__ = ["MOST_FACES", "Mesh", "Solid"]
 
@@ -73,6 +76,13 @@ class Solid:
     def edge_faces(self) -> NDArray[np.int64]:
         """(e, 2) faces at each edge; -1 if there is no second one, the first and the last if there are more."""
         return self._edges[2]
+
+    @cached_property
+    def bvh(self) -> Bvh:
+        """The tree by which cuts find faces."""
+        from .bvh import build  # imports numba
+
+        return build(self.vertices, self.faces)
 
     @cached_property
     def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
