@@ -101,6 +101,7 @@ class Outcome(IntEnum):
     STALLED = -32  # EPIPE
     MALFORMED = -71  # EPROTO
     OVERFLOW = -75  # EOVERFLOW
+    TAKEN_BACK = -104  # ECONNRESET
     SHORT = -121  # EREMOTEIO
 
 

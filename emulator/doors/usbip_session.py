@@ -2,9 +2,9 @@
 
 A client's host controller keeps some things to itself, which are made good here. It says nothing of bus resets: one is
 inferred where a host begins to enumerate, asking for the device descriptor with room for 64 bytes and then for 18, and
-nothing else is under way. It may take a transfer back before it submits it. And a device that attaches itself anew is
-another one to it: the connection ends, and the client attaches again. A device whose client leaves is unplugged, and
-plugged in again where nobody listens; so it waits for the next.
+nothing else is under way. It may take a transfer back before it submits it, or one of the connection before. A device
+that attaches itself anew is another one to it: the connection ends, and the client attaches again. A device whose client
+leaves is unplugged, and plugged in again where nobody listens; so it waits for the next.
 """
 
 from __future__ import annotations
@@ -44,7 +44,6 @@ MOST_PENDING = 1 << 20
 ATTACH_CYCLES = CORE_HZ
 """How long a client waits for a device that is about to attach itself: one second, for it may have to boot."""
 
-_TAKEN_BACK = -104  # ECONNRESET
 _FIRST_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorType.DEVICE << 8, 0, 64)
 _SECOND_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorType.DEVICE << 8, 0, 18)
 
@@ -239,7 +238,7 @@ class UsbIpSession:
             return
         self._newest = command.number
         if command.number in self._premature:
-            self._pending += encode_unlinked(self._premature.pop(command.number), _TAKEN_BACK)
+            self._pending += encode_unlinked(self._premature.pop(command.number), Outcome.TAKEN_BACK)
             return
         if command.number in self._transfers:
             self._leave(f"it sent a second transfer {command.number} while the first was under way")
@@ -289,15 +288,23 @@ class UsbIpSession:
         assert self._bus
         if not self._is_ours(command):
             return
-        if command.target in self._transfers:
-            self._bus.cancel(self._forget(command.target))
-            self._pending += encode_unlinked(command.number, _TAKEN_BACK)
-        elif self._newest is None or 0 < (command.target - self._newest) % 2**32 < 2**31:
+        transfer = self._transfers.get(command.target)
+        if transfer is not None:
+            self._bus.cancel(transfer)
+            if transfer.sent or transfer.received:  # the answer to Unlink cannot say how much was carried
+                transfer.on_end(transfer, Outcome.TAKEN_BACK)
+                self._pending += encode_unlinked(command.number, Outcome.DONE)
+            else:
+                self._forget(command.target)
+                self._pending += encode_unlinked(command.number, Outcome.TAKEN_BACK)
+        elif self._newest is None:  # it is one of the connection before this one; a client waits for the answer
+            self._pending += encode_unlinked(command.number, Outcome.TAKEN_BACK)
+        elif 0 < (command.target - self._newest) % 2**32 < 2**31:
             self._premature[command.target] = command.number
             if len(self._premature) > MOST_TRANSFERS:
                 self._leave(f"it took back more than {MOST_TRANSFERS} transfers that it never began")
         else:
-            self._pending += encode_unlinked(command.number, int(Outcome.DONE))
+            self._pending += encode_unlinked(command.number, Outcome.DONE)
 
     def _leave(self, reason: str, replug: bool = True) -> None:
         """Have no more to do with the client."""

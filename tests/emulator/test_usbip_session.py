@@ -154,11 +154,36 @@ def test_a_transfer_may_be_taken_back_before_it_comes(start: int) -> None:
     assert [packet[:1] for _, packet in desk.device.taken] == [b"1", b"3"]
 
 
-def test_the_first_transfer_of_all_may_be_taken_back_before_it_comes() -> None:
+def test_a_transfer_of_the_connection_before_is_taken_back_at_once() -> None:
+    """Linux goes on to take back what it submitted before the device attached itself anew, and waits for the answer."""
     client, _ = Desk().attached()
     client.unlink(7, number=8)
-    client.submit(0x81, 512, number=7)
     assert client.answer()[:3] == (4, 8, TAKEN_BACK)
+    client.wait_for(client.submit(0x01, 512, b"1" * 512, number=9))
+
+
+def test_a_transfer_that_is_taken_back_tells_how_much_was_sent() -> None:
+    desk = Desk()
+    client, session = desk.attached()
+    desk.device.room = 2
+    sent = client.submit(0x01, 1536, bytes(1536))
+    desk.run(session)
+    unlink = client.unlink(sent)
+    answer = client.answer()
+    assert (answer.number, answer.status, answer.length) == (sent, TAKEN_BACK, 1024)
+    assert client.answer()[:3] == (4, unlink, 0)
+
+
+def test_a_transfer_that_is_taken_back_loses_nothing_that_was_received() -> None:
+    desk = Desk()
+    client, session = desk.attached()
+    wanted = client.submit(0x81, 1024)
+    desk.device.give(0x81, b"r" * 512)
+    desk.run(session)
+    unlink = client.unlink(wanted)
+    answer = client.answer()
+    assert (answer.number, answer.status, answer.data) == (wanted, TAKEN_BACK, b"r" * 512)
+    assert client.answer()[:3] == (4, unlink, 0)
 
 
 def test_what_the_device_refuses_for_now_waits_as_long_as_the_clock_says() -> None:
@@ -335,6 +360,7 @@ def test_a_client_cannot_have_more_under_way_than_there_is_memory_for(monkeypatc
     client.submit(0x81, 512)
     assert session.over
     client, session = desk.attached()
+    client.submit(0x81, 512)
     for number in range(5):
         client.unlink(2**20 + number, number=1)
     assert not session.over
