@@ -3,8 +3,8 @@
 A client's host controller keeps some things to itself, which are made good here. It says nothing of bus resets: one is
 inferred where a host begins to enumerate, asking for the device descriptor with room for 64 bytes and then for 18, and
 nothing else is under way. It may take a transfer back before it submits it, or one of the connection before. A device
-that attaches itself anew is another one to it: the connection ends, and the client attaches again. A device whose client
-leaves is unplugged, and plugged in again where nobody listens; so it waits for the next.
+that attaches itself anew is another one to it: the connection ends, and the client attaches again. A device whose
+client leaves is unplugged, and plugged in again where nobody listens; so it waits for the next.
 """
 
 from __future__ import annotations
