@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import as_points, frozen
+from .anatomy import BONES, FINGERS, LENGTH, NEUTRAL, PALM, PARENTS, WIDTHS, Side, posed
+from .poses import as_position, rotation_matrix
 
 __all__ = ["LANDMARKS", "QUADS", "Hand", "Side"]
 
 LANDMARKS = 21
 QUADS = 16
 """Quadrilaterals of a hand: the palm, then three of each finger from the thumb to the little finger, base first."""
-
-Side: TypeAlias = Literal["left", "right"]
+LEAST_SIZE, MOST_SIZE = 0.3, 2.0
+"""Of the palm, as parts of the mean hand's: from a newborn's hand to a mistake in the units."""
+LEAST_BONE, MOST_BONE = 0.2, 3.0
+"""Of a finger's bones, as parts of the mean hand's at the size of this palm: trackers shorten a bone that they see from
+its end, and people differ."""
+LEAST_BREADTH = 0.3
+"""Across the knuckles, as a part of the mean hand's at the size of this palm."""
+MOST_WIDTH = 0.1
+"""Of a finger, in metres."""
+BACKWARDS = math.radians(20)
+"""Bend of finger joints to the back of the hand, on average, from which on the hand is rather one of the other side."""
+MOST_NAMED = 3
+_NEUTRAL_PALM = float(np.linalg.norm(NEUTRAL[PALM], axis=1).mean())
+_NEUTRAL_BREADTH = float(NEUTRAL[17, 0] - NEUTRAL[5, 0])
+_FINGER_BONES = np.array([landmark for landmark in range(1, LANDMARKS) if PARENTS[landmark - 1] != 0])
+"""The landmarks at the ends of fingers' bones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +48,192 @@ class Hand:
         index, middle, ring and little finger four each, from the base to the tip.
     side : str
         "left" or "right".
+    widths : (5,) float, optional
+        Breadth of each finger from the thumb on, in metres; by default as the hand's size would have it
+        (`anatomy.WIDTHS`).
+
+    Raises
+    ------
+    ValueError
+        If these are not 21 points, one is not finite, or no hand could be so: too large or too small, a palm without
+        breadth, a bone that is far too long or too short. `repaired` takes more.
     """
 
     landmarks: NDArray[np.float64]
     side: Side
+    widths: NDArray[np.float64]
 
-    def __init__(self, landmarks: ArrayLike, side: Side = "right") -> None:
-        object.__setattr__(self, "landmarks", frozen(as_points(landmarks, "landmark")))
+    def __init__(self, landmarks: ArrayLike, side: Side = "right", widths: ArrayLike | None = None) -> None:
+        points, size = _checked(landmarks, side)
+        if len(wrong := _impossible(points, size)):
+            said = [_described(points, landmark, size) for landmark in wrong[:MOST_NAMED]]
+            more = f"; so are {len(wrong) - MOST_NAMED} more" if len(wrong) > MOST_NAMED else ""
+            raise ValueError(f"{'; '.join(said)}{more}")
+        object.__setattr__(self, "landmarks", frozen(points))
         object.__setattr__(self, "side", side)
+        object.__setattr__(self, "widths", frozen(size * WIDTHS if widths is None else _as_widths(widths)))
+
+    @classmethod
+    def repaired(
+        cls, landmarks: ArrayLike, side: Side = "right", widths: ArrayLike | None = None
+    ) -> tuple[Self, tuple[str, ...]]:
+        """A hand of landmarks as trackers give them, of which some may be impossible.
+
+        A bone that is far too long or too short gets the nearest possible length and keeps its direction, and the rest
+        of the finger moves with it. A hand whose fingers bend to its back is one of the other side.
+
+        Returns
+        -------
+        Hand, tuple of str
+            The hand, and what was repaired.
+
+        Raises
+        ------
+        ValueError
+            If too little is right: see `Hand`, but for bones.
+        """
+        points, size = _checked(landmarks, side)
+        notes = []
+        for landmark in _impossible(points, size):
+            notes.append(f"{_described(points, landmark, size)}; it was repaired")
+            _repair(points, landmark, size)
+        if _backwards(points, side) > BACKWARDS:
+            notes.append(f"the {side} hand's fingers bend to its back; it was taken for the other hand")
+            side = "right" if side == "left" else "left"
+        return cls(points, side, widths), tuple(notes)
+
+    @classmethod
+    def flat(
+        cls, centre: ArrayLike = (0, 0, 0.17), side: Side = "right", length: float = LENGTH, curl: float = 0.0
+    ) -> Self:
+        """A hand of mean proportions, its palm level and facing the array, its fingertips to +y.
+
+        Parameters
+        ----------
+        centre : (3,) float
+            Of the palm, in metres.
+        side : str
+            "left" or "right".
+        length : float
+            From the wrist to the middle fingertip, in metres.
+        curl : float
+            How far the fingers bend, from 0, straight, to 1, a fist.
+
+        Raises
+        ------
+        ValueError
+            If the length or the curl is none.
+        """
+        if not 0 <= curl <= 1:
+            raise ValueError(f"curl is {curl}; it must be from 0, straight fingers, to 1, a fist")
+        hand = cls(posed(side, curl) * (length / LENGTH), side)
+        return hand.moved(as_position(centre, "centre") - hand.centre)
+
+    @cached_property
+    def centre(self) -> NDArray[np.float64]:
+        """(3,) the middle of the palm, half-way from the wrist to the knuckles, in metres."""
+        return frozen((self.landmarks[0] + self.landmarks[PALM].mean(axis=0)) / 2)
+
+    @cached_property
+    def quads(self) -> NDArray[np.float64]:
+        """(16, 4, 3) what feels: planar quadrilaterals in metres.
+
+        The palm, then three of each finger from the thumb to the little finger, base first. Corners: base left, base
+        right, tip right, tip left, as seen on the back of the hand with the fingertips up; so they run counterclockwise
+        there. The edge from tip left to tip right of a finger's quadrilateral is, bit by bit, that from base left to
+        base right of the next one.
+        """
+        from .hand_quads import hand_quads
+
+        return frozen(hand_quads(self.landmarks, self.widths, 1.0 if self.side == "right" else -1.0))
+
+    def moved(self, offset: ArrayLike) -> Self:
+        """The same hand, moved by (3,) metres."""
+        return type(self)(self.landmarks + as_position(offset, "offset"), self.side, self.widths)
+
+    def rotated(self, degrees: float, axis: ArrayLike = (0, 0, 1)) -> Self:
+        """The same hand, turned about an axis through the middle of its palm, counterclockwise.
+
+        Raises
+        ------
+        ValueError
+            If the axis has no direction.
+        """
+        turn = rotation_matrix(degrees, axis)
+        return type(self)((self.landmarks - self.centre) @ turn.T + self.centre, self.side, self.widths)
+
+
+def _checked(landmarks: ArrayLike, side: Side) -> tuple[NDArray[np.float64], float]:
+    """Landmarks that have a palm, and its size as a part of the mean hand's."""
+    if side not in ("left", "right"):
+        raise ValueError(f"the side of a hand is 'left' or 'right', not {side!r}")
+    points = as_points(landmarks, "landmark")
+    if len(points) != LANDMARKS:
+        raise ValueError(f"a hand has {LANDMARKS} landmarks, not {len(points)}")
+    palm = points[PALM] - points[0]
+    size = float(np.sqrt((palm * palm).sum(axis=1)).mean()) / _NEUTRAL_PALM
+    if not LEAST_SIZE <= size <= MOST_SIZE:
+        millimetres = "; these look like millimetres" if LEAST_SIZE <= size / 1000 <= MOST_SIZE else ""
+        raise ValueError(
+            f"the palm is {size * _NEUTRAL_PALM:.3g} m long, from landmark 0 to the knuckles (5, 9, 13, 17); "
+            f"it must be from {LEAST_SIZE * _NEUTRAL_PALM:.2g} to {MOST_SIZE * _NEUTRAL_PALM:.2g} m{millimetres}"
+        )
+    along, across = palm.mean(axis=0), points[17] - points[5]
+    long_square = float(along @ along)
+    beside = across - (float(across @ along) / long_square if long_square > 0 else 0) * along
+    breadth, least = math.sqrt(float(beside @ beside)), LEAST_BREADTH * _NEUTRAL_BREADTH * size
+    if breadth < least or long_square < (LEAST_BREADTH * _NEUTRAL_PALM * size) ** 2:
+        raise ValueError(
+            f"the palm has no breadth: landmarks 5 and 17 are {breadth * 1e3:.1f} mm apart across it; "
+            f"a palm of this length has at least {least * 1e3:.1f} mm"
+        )
+    return points, size
+
+
+def _as_widths(widths: ArrayLike) -> NDArray[np.float64]:
+    values = np.array(widths, dtype=np.float64)
+    if values.shape != (len(FINGERS),) or not (values > 0).all() or not (values <= MOST_WIDTH).all():
+        raise ValueError(
+            f"widths must be {len(FINGERS)} numbers above 0 and up to {MOST_WIDTH} m, one for each finger, "
+            f"not {values.tolist()}"
+        )
+    return values
+
+
+def _impossible(points: NDArray[np.float64], size: float) -> NDArray[np.int64]:
+    """The landmarks at the ends of fingers' bones that are far too long or too short."""
+    bones = points[_FINGER_BONES] - points[_FINGER_BONES - 1]
+    parts = np.sqrt((bones * bones).sum(axis=1)) / (BONES[_FINGER_BONES - 1] * size)
+    found: NDArray[np.int64] = _FINGER_BONES[(parts < LEAST_BONE) | (parts > MOST_BONE)]
+    return found
+
+
+def _described(points: NDArray[np.float64], landmark: int, size: float) -> str:
+    length = float(np.linalg.norm(points[landmark] - points[landmark - 1]))
+    least, most = (part * BONES[landmark - 1] * size * 1e3 for part in (LEAST_BONE, MOST_BONE))
+    return (
+        f"the {FINGERS[(landmark - 1) // 4]}'s bone from landmark {landmark - 1} to {landmark} is "
+        f"{length * 1e3:.1f} mm long; in a hand of this size it has {least:.1f} to {most:.1f} mm"
+    )
+
+
+def _repair(points: NDArray[np.float64], landmark: int, size: float) -> None:
+    """Give the bone that ends at a landmark a possible length, and move the rest of the finger with it."""
+    usual = BONES[landmark - 1] * size
+    length = float(np.linalg.norm(points[landmark] - points[landmark - 1]))
+    wanted = usual * (LEAST_BONE * 1.001 if length < usual else MOST_BONE * 0.999)
+    # A bone without length continues the last one that has some.
+    bones = [points[landmark] - points[before] for before in range(landmark - 1, -1, -1)]
+    bone = next((bone for bone in bones if bone.any()), points[PALM].mean(axis=0) - points[0])
+    tip = 4 * ((landmark - 1) // 4) + 4
+    points[landmark : tip + 1] += points[landmark - 1] + bone / np.linalg.norm(bone) * wanted - points[landmark]
+
+
+def _backwards(points: NDArray[np.float64], side: Side) -> float:
+    """How far the outer joints of the four fingers bend to the back of the hand, on average, in radians."""
+    across = (points[17] - points[5]) * (1 if side == "right" else -1)
+    fingers = points[5:].reshape(4, 4, 3)
+    bones = np.diff(fingers, axis=1)
+    bends = np.cross(bones[:, :-1], bones[:, 1:]) @ (across / np.linalg.norm(across))
+    straight = (bones[:, :-1] * bones[:, 1:]).sum(axis=2)
+    return float(np.arctan2(bends, straight).mean())

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import FARTHEST, as_points, frozen
 from .edges import edge_tables
+from .poses import as_position, rotation_matrix
 from .solids import SOLIDS
 
 if TYPE_CHECKING:
@@ -138,7 +139,7 @@ class Mesh:
         if np.linalg.det(rotation) < 0:
             raise ValueError(f"{rotation.tolist()} is no rotation but a reflection, which turns the object inside out")
         object.__setattr__(self, "rotation", frozen(rotation))
-        object.__setattr__(self, "offset", frozen(_position(offset, "offset")))
+        object.__setattr__(self, "offset", frozen(as_position(offset, "offset")))
 
     def __repr__(self) -> str:
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
@@ -168,7 +169,7 @@ class Mesh:
 
     def moved(self, offset: ArrayLike) -> Self:
         """The same object, moved by (3,) metres."""
-        return type(self)(self.solid, self.rotation, self.offset + _position(offset, "offset"))
+        return type(self)(self.solid, self.rotation, self.offset + as_position(offset, "offset"))
 
     def rotated(self, degrees: float, axis: ArrayLike = (0, 0, 1)) -> Self:
         """The same object, turned about an axis through its `centre`, counterclockwise as seen from the axis' tip.
@@ -178,7 +179,7 @@ class Mesh:
         ValueError
             If the angle is not finite, or the axis has no direction.
         """
-        turn = _rotation(degrees, axis)
+        turn = rotation_matrix(degrees, axis)
         return type(self)(self.solid, turn @ self.rotation, self.centre - turn @ (self.centre - self.offset))
 
     def scaled(self, factor: float) -> Self:
@@ -242,26 +243,4 @@ class Mesh:
         if not 0 < size <= FARTHEST:
             raise ValueError(f"size {size} m must be positive and at most {FARTHEST:g} m")
         vertices, faces = SOLIDS[name]()
-        return cls(Solid(vertices * size, faces), np.eye(3), _position(centre, "centre"))
-
-
-def _position(value: ArrayLike, what: str) -> NDArray[np.float64]:
-    place = np.array(value, dtype=np.float64)
-    if place.shape != (3,) or not (np.abs(place) <= FARTHEST).all():
-        raise ValueError(f"{what} {place.tolist()} must be three numbers of metres, at most {FARTHEST:g} each")
-    return place
-
-
-def _rotation(degrees: float, axis: ArrayLike) -> NDArray[np.float64]:
-    """The (3, 3) rotation by an angle about an axis: Rodrigues' formula."""
-    direction = np.array(axis, dtype=np.float64)
-    length = np.linalg.norm(direction)
-    if direction.shape != (3,) or not 0 < length < math.inf:
-        raise ValueError(f"axis {direction.tolist()} must be three finite numbers, not all of them 0")
-    if not math.isfinite(degrees):
-        raise ValueError(f"an angle of {degrees} degrees is not finite")
-    x, y, z = direction / length
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angle = math.radians(degrees)
-    turn: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    return turn
+        return cls(Solid(vertices * size, faces), np.eye(3), as_position(centre, "centre"))
