@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from .aperture import Aperture
 from .array import TransducerArray
+from .contact.mesh import Mesh
 from .convolution import PlanePropagator
 from .diffraction import KERNELS
 from .field import Field, PlaneField, VolumeField, sample_cut, sample_plane, sample_volume
@@ -51,6 +52,7 @@ __all__ = [
     "Grid",
     "Lobe",
     "Medium",
+    "Mesh",
     "Modulation",
     "Null",
     "Oil",

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry import FARTHEST, as_points, frozen
 from .edges import edge_tables
 from .poses import as_position, rotation_matrix
+from .repair import repair
 from .solids import SOLIDS
 
 if TYPE_CHECKING:
@@ -38,6 +39,8 @@ class Solid:
         In metres.
     faces : (f, 3) int
         Vertices of each triangle, counterclockwise as seen from outside; f from 1 to `MOST_FACES`.
+    repairs : tuple of str
+        What was repaired (`Mesh.repaired`), for people to read.
 
     Raises
     ------
@@ -47,16 +50,18 @@ class Solid:
 
     Notes
     -----
-    Triangles without area, duplicate triangles and open surfaces are possible here; `repair` removes them or refuses.
+    Triangles without area, duplicate triangles and open surfaces are possible; `Mesh.repaired` removes them or refuses.
     """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
+    repairs: tuple[str, ...]
 
-    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
+    def __init__(self, vertices: ArrayLike, faces: ArrayLike, repairs: tuple[str, ...] = ()) -> None:
         points = as_points(vertices, "vertex", "vertices")
         object.__setattr__(self, "vertices", frozen(points))
         object.__setattr__(self, "faces", frozen(_as_faces(faces, len(points))))
+        object.__setattr__(self, "repairs", repairs)
 
     @cached_property
     def centre(self) -> NDArray[np.float64]:
@@ -163,6 +168,11 @@ class Mesh:
         return self.solid.faces
 
     @property
+    def repairs(self) -> tuple[str, ...]:
+        """What was repaired, a clause each, such as "2 duplicate faces removed"; empty if nothing had to be."""
+        return self.solid.repairs
+
+    @property
     def centre(self) -> NDArray[np.float64]:
         """(3,) where the centre of the solid's bounding box is, in metres, in the array's coordinates."""
         return self.rotation @ self.solid.centre + self.offset
@@ -192,8 +202,19 @@ class Mesh:
         """
         if not 0 < factor < math.inf:
             raise ValueError(f"scale {factor} must be positive and finite")
-        solid = Solid((self.solid.vertices - self.solid.centre) * factor, self.faces)
+        solid = Solid((self.solid.vertices - self.solid.centre) * factor, self.faces, self.repairs)
         return type(self)(solid, self.rotation, self.centre)
+
+    def repaired(self) -> Self:
+        """The same object with a closed surface, and in `repairs` what had to be done for that.
+
+        Raises
+        ------
+        ValueError
+            If that is not safe; it says what is wrong with the mesh. The rules are those of `repair.repair`.
+        """
+        vertices, faces, repairs = repair(self.solid.vertices, self.faces)
+        return type(self)(Solid(vertices, faces, self.repairs + repairs), self.rotation, self.offset)
 
     @classmethod
     def cone(cls, size: float = SIZE, centre: ArrayLike = CENTRE) -> Self:
