@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import FARTHEST, as_points, frozen
+from .curvature import edge_curvature
 from .edges import edge_tables
 from .poses import as_position, rotation_matrix
 from .repair import repair
@@ -64,9 +65,14 @@ class Solid:
         object.__setattr__(self, "repairs", repairs)
 
     @cached_property
+    def box(self) -> NDArray[np.float64]:
+        """(2, 3) lowest and highest coordinates in metres, in the solid's coordinates."""
+        return frozen(np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]))
+
+    @cached_property
     def centre(self) -> NDArray[np.float64]:
         """(3,) centre of the bounding box in metres, in the solid's coordinates."""
-        return frozen((self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2)
+        return frozen((self.box[0] + self.box[1]) / 2)
 
     @property
     def edges(self) -> NDArray[np.int64]:
@@ -89,6 +95,11 @@ class Solid:
         from .bvh import build  # imports numba
 
         return build(self.vertices, self.faces)
+
+    @cached_property
+    def edge_curvature(self) -> NDArray[np.float64]:
+        """(e, 2) curvature in radians at both ends of each edge: see `curvature.edge_curvature`."""
+        return edge_curvature(self.vertices, self.faces, self.edges, self.edge_faces)
 
     @cached_property
     def _edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:

@@ -1,0 +1,303 @@
+"""Compiled kernels that divide arcs into control points, densely at edges and corners (section 4.2 of the paper).
+
+Along an arc, points stand at equal steps of the integral of their density. Without corners the density is one point for
+each spacing. With corners, equation (13) raises it towards the mesh's edges by their curvature κ:
+
+    κ(t) = κ₀·e^{-c(t - t₀)} + κ₁·e^{-c(t₁ - t)}
+
+on each piece between two edges that have a curvature, with t the arc length; the end that a quadrilateral's border cuts
+off has none. Edges inside flat faces have none either and end no piece, so the triangulation of a face is not felt.
+The density grows linearly with κ, from its minimum at 0 to one point for each `CLOSEST` at `FULL`. If the values at
+the ends of a piece are so large that κ exceeds `FULL` there, both are lowered alike.
+
+A crossing of a sharp edge carries a point itself, an anchor. So an arc falls into stretches between anchors and ends:
+
+- between two anchors, steps are whole;
+- an end is half a step away from its nearest point, so that each point stands for one step of arc, and arcs that end
+  side by side at the border of two quadrilaterals do not crowd there;
+- on a closed arc without an anchor, steps are whole, and the point that they begin with is free.
+
+Kernels see arrays that the caller has checked; indices are taken as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...compiling import kernel, part
+from .curvature import SHARP
+
+__all__ = ["CLOSEST", "FULL", "arrange", "counts", "curvature_of", "locate", "measure", "stretches", "strength"]
+
+CLOSEST = 6e-3
+"""Least mean distance in metres between points on a stretch: below it, the solvers' matrices become ill conditioned
+(physics.md), and a focus of the paper's array is wider."""
+
+FULL = math.pi / 2
+"""Curvature in radians from which a point is as near to the next as it may be: that of a cube's edges and corners."""
+
+FADING = 0.5  # of the spacing: the length in which κ falls to 1/e, so that it is 0.3 % in the middle of a 10 cm face
+SHARPER = 1.05  # of two crossings too close for two points the first has it, unless the second is this much sharper
+HOLD = 0.2  # of a step: by how much more than half a step a stretch must change before its number of points does
+HALVINGS = 24  # of the interval in which `counts` looks for the density that the room allows
+ROUNDS = 60  # at most of Newton's iteration in `locate`
+OUTWARD = (0.83, 0.49, 0.27)  # a closed arc begins at its farthest vertex in this direction, which no usual face has
+
+
+@kernel
+def curvature_of(solid: Any, values: Any, objects: Any, starts: Any, edges: Any, along: Any, curvature: Any) -> None:
+    """Write the curvature at each vertex of the arcs of one object.
+
+    Parameters
+    ----------
+    solid : int
+        The object.
+    values : (e, 2) float
+        Of its edges, at both ends, in radians.
+    objects, starts, edges, along
+        Of the arcs: see `Arcs`.
+    curvature : (k,) float
+        Written, for this object's arcs alone: radians, 0 for a vertex on no edge.
+    """
+    for arc in range(objects.size):
+        if objects[arc] == solid:
+            for i in range(starts[arc], starts[arc + 1]):
+                edge = edges[i]
+                curvature[i] = 0.0 if edge < 0 else values[edge, 0] + along[i] * (values[edge, 1] - values[edge, 0])
+
+
+@part
+def arrange(vertices: Any, starts: Any, closed: Any, quads: Any, curvature: Any) -> Any:
+    """The arcs with their lengths, the closed ones from a place on that no triangulation decides.
+
+    A closed arc begins at a sharp crossing, if it has one; if there are several vertices to begin with, at the farthest
+    in the direction `OUTWARD`.
+
+    Returns
+    -------
+    (k, 3), (k,), (k,), (k,)
+        Vertices; the quadrilateral of the piece that begins there, at the last vertex the one that ends there;
+        curvature; arc length from the arc's first vertex, in metres.
+    """
+    points, owners, values = np.empty_like(vertices), np.empty_like(quads), np.empty_like(curvature)
+    reached = np.zeros(curvature.size)
+    for arc in range(closed.size):
+        begin, count = starts[arc], starts[arc + 1] - starts[arc]
+        cycle, shift = count, 0
+        if closed[arc]:
+            cycle = count - 1
+            shift = _first_vertex(vertices[begin : begin + cycle], curvature[begin : begin + cycle])
+        for i in range(count):
+            source, target = begin + (i + shift) % cycle, begin + i
+            points[target], values[target] = vertices[source], curvature[source]
+            owners[target] = quads[source]
+            if i > 0:
+                reached[target] = reached[target - 1] + math.sqrt(_square(points[target], points[target - 1]))
+        if count > 1:
+            owners[begin + count - 1] = owners[begin + count - 2]
+    return points, owners, values, reached
+
+
+@part
+def _first_vertex(vertices: Any, curvature: Any) -> Any:
+    first, farthest, is_sharp = 0, -np.inf, False
+    for i in range(curvature.size):
+        sharp = curvature[i] >= SHARP
+        distance = vertices[i, 0] * OUTWARD[0] + vertices[i, 1] * OUTWARD[1] + vertices[i, 2] * OUTWARD[2]
+        if (sharp and not is_sharp) or (sharp == is_sharp and distance > farthest):
+            first, farthest, is_sharp = i, distance, sharp
+    return first
+
+
+@part
+def _square(one: Any, other: Any) -> Any:
+    x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    return x * x + y * y + z * z
+
+
+@part
+def measure(starts: Any, curvature: Any, reached: Any, spacing: Any) -> Any:
+    """The integral of the density along arcs.
+
+    Returns
+    -------
+    (k,) float
+        Steps from the arc's first vertex to each: the integral of the density.
+    (k, 4) float
+        Of the piece that each vertex begins or is inside: κ₀ and κ₁ in units of `FULL`, lowered where needed, and the
+        arc lengths t₀ and t₁ in metres.
+    """
+    steps, pieces = np.zeros(reached.size), np.zeros((reached.size, 4))
+    fade = 1 / (FADING * spacing)
+    for arc in range(starts.size - 1):
+        begin, end = starts[arc], starts[arc + 1] - 1
+        while begin < end:
+            stop = begin + 1
+            while stop < end and curvature[stop] == 0:
+                stop += 1
+            near, far = min(curvature[begin] / FULL, 1.0), min(curvature[stop] / FULL, 1.0)
+            faded = math.exp(-fade * (reached[stop] - reached[begin])) if near + far > 0 else 0.0
+            peak = max(near + far * faded, far + near * faded, 1.0)
+            for i in range(begin, stop + 1):  # the next piece overwrites the last row
+                pieces[i, 0], pieces[i, 1] = near / peak, far / peak
+                pieces[i, 2], pieces[i, 3] = reached[begin], reached[stop]
+            for i in range(begin, stop):
+                steps[i + 1] = steps[begin] + _within(pieces[i], reached[i + 1], spacing)
+            begin = stop
+    return steps, pieces
+
+
+@part
+def _within(piece: Any, place: Any, spacing: Any) -> Any:
+    """Steps from the beginning of a piece to a place on it: the integral of the density, in closed form."""
+    near, far, begin, end = piece[0], piece[1], piece[2], piece[3]
+    steps = (place - begin) / spacing
+    if near + far > 0:
+        length = FADING * spacing
+        rise = near * -math.expm1((begin - place) / length)
+        rise += far * (math.exp((place - end) / length) - math.exp((begin - end) / length))
+        steps += _gain(spacing) * length / spacing * rise
+    return steps
+
+
+@part
+def _gain(spacing: Any) -> Any:
+    """By how much the density rises at `FULL`, relative to its minimum."""
+    return max(spacing / CLOSEST - 1, 0.0)
+
+
+@part
+def strength(piece: Any, place: Any, spacing: Any) -> Any:
+    """κ at a place on a piece, in units of `FULL`, by equation (13)."""
+    if piece[0] + piece[1] == 0:
+        return 0.0
+    length = FADING * spacing
+    return piece[0] * math.exp((piece[2] - place) / length) + piece[1] * math.exp((place - piece[3]) / length)
+
+
+@part
+def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: Any) -> Any:
+    """Divide arcs at their anchors: sharp crossings, the sharper one of two that are too close for two points.
+
+    Returns
+    -------
+    (s, 3) int
+        Arc, first vertex and last vertex of each stretch, in their order.
+    (s, 2) float
+        What is between the end of the stretch and the point nearest to it, in steps: 1 at an anchor, ½ at an end, 0 at
+        both ends of a closed arc without anchors.
+    """
+    spans, gaps = np.empty((reached.size + closed.size, 3), np.int64), np.empty((reached.size + closed.size, 2))
+    anchors = np.empty(reached.size, np.int64)
+    closest, total = min(CLOSEST, spacing), 0
+    for arc in range(closed.size):
+        begin, end = starts[arc], starts[arc + 1] - 1
+        kept = 0
+        for i in range(begin, end if closed[arc] else end + 1):
+            if curvature[i] >= SHARP:
+                if kept == 0 or reached[i] - reached[anchors[kept - 1]] >= closest:
+                    anchors[kept] = i
+                    kept += 1
+                elif curvature[i] > SHARPER * curvature[anchors[kept - 1]] and not (closed[arc] and kept == 1):
+                    anchors[kept - 1] = i
+        if closed[arc] and kept > 1 and reached[end] - reached[anchors[kept - 1]] < closest:
+            kept -= 1
+        gap, last = (0.0 if closed[arc] else 0.5), begin
+        for j in range(kept):
+            if anchors[j] > begin:
+                spans[total] = arc, last, anchors[j]
+                gaps[total] = gap, 1.0
+                total += 1
+            gap, last = 1.0, anchors[j]
+        if last < end or kept == 0:
+            spans[total] = arc, last, end
+            gaps[total] = gap, (gap if closed[arc] else 0.5)
+            total += 1
+        elif begin == end:  # an arc of one vertex, on a sharp edge
+            spans[total] = arc, begin, end
+            gaps[total] = 0.5, 0.5
+            total += 1
+    return spans[:total].copy(), gaps[:total].copy()
+
+
+@part
+def counts(lengths: Any, steps: Any, gaps: Any, before: Any, room: Any, spacing: Any) -> Any:
+    """How many points are on each stretch between its ends, anchors not counted.
+
+    Parameters
+    ----------
+    lengths : (s,) float
+        Arc lengths of the stretches, in metres.
+    steps : (s,) float
+        Integrals of the density over them.
+    gaps : (s, 2) float
+        As from `stretches`.
+    before : (s,) int
+        How many were there in the frame before, -1 on an arc that is new. As long as that many nearly fit, they stay.
+    room : int
+        Most points on all stretches together. If more are wanted, the density of all of them is lowered alike.
+
+    Returns
+    -------
+    (s,) int
+        A stretch without an anchor has at least one.
+    """
+    wanted = np.empty(steps.size, np.int64)
+    if _fill(1.0, lengths, steps, gaps, before, spacing, wanted) <= room:
+        return wanted
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        if _fill(middle, lengths, steps, gaps, before, spacing, wanted) <= room:
+            low = middle
+        else:
+            high = middle
+    _fill(low, lengths, steps, gaps, before, spacing, wanted)
+    return wanted
+
+
+@part
+def _fill(share: Any, lengths: Any, steps: Any, gaps: Any, before: Any, spacing: Any, wanted: Any) -> Any:
+    """Write the counts with a share of the density, and return how many they are together."""
+    total, closest = 0, min(CLOSEST, spacing)
+    for i in range(steps.size):
+        both = gaps[i, 0] + gaps[i, 1]
+        extra = both - 1 if both > 0 else 0.0  # steps that a stretch has more than points
+        least = 0 if both > 1 else 1
+        fit = share * steps[i] - extra
+        count = before[i] if before[i] >= 0 and abs(fit - before[i]) <= 0.5 + HOLD else int(math.floor(fit + 0.5))
+        wanted[i] = max(least, min(count, int(lengths[i] / closest - extra)))
+        total += wanted[i]
+    return total
+
+
+@part
+def locate(step: Any, first: Any, last: Any, steps: Any, reached: Any, pieces: Any, spacing: Any) -> Any:
+    """The arc length at which the integral of the density has a value, between two vertices of an arc."""
+    vertex = first + np.searchsorted(steps[first : last + 1], step, side="right") - 1
+    vertex = max(first, min(vertex, last - 1))
+    low, high = reached[vertex], reached[min(vertex + 1, last)]
+    rise = steps[min(vertex + 1, last)] - steps[vertex]
+    if rise <= 0:
+        return low
+    piece, wanted = pieces[vertex], step - steps[vertex]
+    place = low + (high - low) * min(max(wanted / rise, 0.0), 1.0)
+    if piece[0] + piece[1] == 0:
+        return place
+    start = _within(piece, low, spacing)
+    for _ in range(ROUNDS):
+        miss = _within(piece, place, spacing) - start - wanted
+        if miss > 0:
+            high = place
+        else:
+            low = place
+        better = place - miss * spacing / (1 + _gain(spacing) * strength(piece, place, spacing))
+        if not low <= better <= high:
+            better = (low + high) / 2
+        if abs(better - place) <= 1e-14:
+            return better
+        place = better
+    return place

@@ -1,0 +1,205 @@
+"""Touch: from hands and objects to control points (section 4.2 of the paper)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..curves import SPACING
+from ..points import MAX_POINTS, ControlPoints
+from .arcs import Arcs
+from .hand import QUADS, Hand
+from .mesh import Mesh
+
+__all__ = ["MOST_OBJECTS", "MOST_POINTS", "LEAST_SPACING", "Touch", "Toucher", "touch"]
+
+MOST_POINTS = 32
+"""Control points by default at most: a whole section of the paper's cube; the more there are, the weaker is each."""
+
+LEAST_SPACING = 1e-3
+"""Least spacing in metres: far below what a focus resolves."""
+
+MOST_HANDS = 16
+MOST_OBJECTS = 256
+"""Hands and objects at once, so that no call takes unbounded time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """What hands feel of objects at one moment; true if they feel anything.
+
+    Parameters
+    ----------
+    cuts : Arcs
+        The arcs, with the faces, edges and quadrilaterals that they are made of.
+    points : ControlPoints or None
+        m control points on the arcs; None if nothing is touched. Radiation force goes with the square of the amplitude:
+        with corners it rises to twice that of a flat face at edges of 90° and more.
+    ids : (m,) int
+        Identities of the points: one that survives from frame to frame keeps its own, and none is used twice.
+    objects : (m,) int
+        The object that each point is on.
+    quads : (m,) int
+        The quadrilateral that each point is in, hand · 16 + quad.
+    anchors : (m,) bool
+        Which points stand for crossings of sharp edges.
+    """
+
+    cuts: Arcs
+    points: ControlPoints | None
+    ids: NDArray[np.int64]
+    objects: NDArray[np.int64]
+    quads: NDArray[np.int64]
+    anchors: NDArray[np.bool_]
+
+    @cached_property
+    def arcs(self) -> list[NDArray[np.float64]]:
+        """The arcs as (k, 3) polylines in metres; closed ones repeat their first vertex."""
+        return self.cuts.polylines()
+
+    def __bool__(self) -> bool:
+        return self.points is not None
+
+
+class Toucher:
+    """Finds what hands feel, frame after frame: points keep their identities, places and order as long as they can.
+
+    Parameters
+    ----------
+    spacing : float
+        Arc length between control points in metres, where nothing is curved; the paper's 15 mm by default.
+    corners : bool
+        Whether points are denser and stronger at edges and corners, by the paper's equation (13), and stand on sharp
+        edges exactly. If not, they are evenly spaced and of equal strength.
+    most_points : int
+        Most control points. If an even density asks for more, edges and corners keep theirs, and the others are
+        thinned alike.
+
+    Raises
+    ------
+    ValueError
+        If the spacing or the number of points is out of range.
+
+    Notes
+    -----
+    How points are placed is described in `density`, and how they are followed in `tracking`. Objects are known by their
+    place in the sequence and their solid, hands by their nearness.
+    """
+
+    def __init__(self, spacing: float = SPACING, corners: bool = True, most_points: int = MOST_POINTS) -> None:
+        if not LEAST_SPACING <= spacing < math.inf:
+            raise ValueError(f"spacing {spacing} m must be finite and at least {LEAST_SPACING:g} m")
+        if not 1 <= most_points <= MAX_POINTS:
+            raise ValueError(f"most_points is {most_points}; it must be from 1 to {MAX_POINTS}")
+        self._spacing, self._corners, self._most = float(spacing), bool(corners), int(most_points)
+        self._fresh = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew with the next frame: none of its points is one of before."""
+        self._positions, self._ids = np.empty((0, 3)), np.empty(0, dtype=np.int64)
+        self._marks = np.empty((0, 3), dtype=np.int64)
+        self._quads = np.empty((0, QUADS, 4, 3))
+        self._objects: tuple[Mesh, ...] = ()
+
+    def touch(self, hands: Hand | Sequence[Hand], objects: Mesh | Sequence[Mesh]) -> Touch:
+        """What hands feel of objects in the next frame.
+
+        Parameters
+        ----------
+        hands : Hand or sequence of Hand
+            None at all is possible.
+        objects : Mesh or sequence of Mesh
+            In the same order in each frame.
+
+        Raises
+        ------
+        ValueError
+            If there are too many hands or objects, or something else than them.
+        """
+        from .cut import cut  # compiled
+        from .tracking import follow, motion
+
+        quads = _quads(_several(hands, Hand, "hand", MOST_HANDS))
+        meshes = _several(objects, Mesh, "object", MOST_OBJECTS)
+        arcs = cut(quads.reshape(-1, 4, 3), meshes, hands=True)
+        self._positions, amplitudes, self._marks, self._ids, self._fresh = follow(
+            arcs.vertices,
+            arcs.starts,
+            arcs.closed,
+            arcs.objects,
+            arcs.quads,
+            _curvature(arcs, meshes) if self._corners else np.zeros(len(arcs.vertices)),
+            self._spacing,
+            self._most,
+            motion(quads, self._quads),
+            self._motion_of(meshes),
+            self._positions,
+            self._marks,
+            self._ids,
+            self._fresh,
+        )
+        self._quads, self._objects = quads, meshes
+        points = ControlPoints(self._positions, amplitudes) if len(amplitudes) else None
+        return Touch(arcs, points, self._ids, self._marks[:, 0], self._marks[:, 1], self._marks[:, 2] == 1)
+
+    def _motion_of(self, meshes: tuple[Mesh, ...]) -> NDArray[np.float64]:
+        """How far each object has moved since the last frame, in metres; inf if it is another one."""
+        moved = np.zeros(len(meshes))
+        for i, mesh in enumerate(meshes):
+            before = self._objects[i] if i < len(self._objects) else None
+            if before is None or mesh.solid is not before.solid:
+                moved[i] = math.inf
+            elif mesh is not before:
+                moved[i] = _shift(before, mesh)
+        return moved
+
+
+def touch(
+    hands: Hand | Sequence[Hand],
+    objects: Mesh | Sequence[Mesh],
+    spacing: float = SPACING,
+    corners: bool = True,
+    most_points: int = MOST_POINTS,
+) -> Touch:
+    """What hands feel of objects at one moment: a `Toucher` for one frame; parameters and errors as there."""
+    return Toucher(spacing, corners, most_points).touch(hands, objects)
+
+
+def _quads(hands: tuple[Hand, ...]) -> NDArray[np.float64]:
+    """(h, 16, 4, 3) quadrilaterals of all hands."""
+    return np.array([hand.quads for hand in hands]).reshape(-1, QUADS, 4, 3)
+
+
+def _curvature(arcs: Arcs, meshes: tuple[Mesh, ...]) -> NDArray[np.float64]:
+    """(k,) radians at the vertices of arcs."""
+    from .density import curvature_of  # compiled
+
+    curvature = np.zeros(len(arcs.vertices))
+    for i, mesh in enumerate(meshes):
+        curvature_of(i, mesh.solid.edge_curvature, arcs.objects, arcs.starts, arcs.edges, arcs.along, curvature)
+    return curvature
+
+
+def _shift(before: Mesh, after: Mesh) -> float:
+    """The largest motion in metres of a corner of a solid's bounding box from one pose to another."""
+    low, high = before.solid.box
+    corners = np.where(np.indices((2, 2, 2)).reshape(3, 8).T, high, low)
+    shifts = corners @ (after.rotation - before.rotation).T + (after.offset - before.offset)
+    return float(np.linalg.norm(shifts, axis=1).max())
+
+
+def _several(values: object, kind: type, what: str, most: int) -> tuple:
+    """One value or a sequence of them as a tuple."""
+    several = (values,) if isinstance(values, kind) else tuple(values)
+    for i, value in enumerate(several):
+        if not isinstance(value, kind):
+            raise ValueError(f"{what} {i} is a {type(value).__name__}; it must be a {kind.__name__}")
+    if len(several) > most:
+        raise ValueError(f"there are {len(several)} {what}s; at most {most} are possible")
+    return several
