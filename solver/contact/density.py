@@ -30,7 +30,7 @@ import numpy as np
 from ...compiling import kernel, part
 from .curvature import SHARP
 
-__all__ = ["CLOSEST", "FULL", "arrange", "counts", "curvature_of", "locate", "measure", "stretches", "strength"]
+__all__ = ["CLOSEST", "FULL", "arrange", "counts", "curvature_of", "locate", "measure", "strength", "stretches"]
 
 CLOSEST = 6e-3
 """Least mean distance in metres between points on a stretch: below it, the solvers' matrices become ill conditioned
@@ -268,7 +268,7 @@ def _fill(share: Any, lengths: Any, steps: Any, gaps: Any, before: Any, spacing:
         extra = both - 1 if both > 0 else 0.0  # steps that a stretch has more than points
         least = 0 if both > 1 else 1
         fit = share * steps[i] - extra
-        count = before[i] if before[i] >= 0 and abs(fit - before[i]) <= 0.5 + HOLD else int(math.floor(fit + 0.5))
+        count = before[i] if before[i] >= 0 and abs(fit - before[i]) <= 0.5 + HOLD else math.floor(fit + 0.5)
         wanted[i] = max(least, min(count, int(lengths[i] / closest - extra)))
         total += wanted[i]
     return total

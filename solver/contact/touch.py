@@ -16,7 +16,7 @@ from .arcs import Arcs
 from .hand import QUADS, Hand
 from .mesh import Mesh
 
-__all__ = ["MOST_OBJECTS", "MOST_POINTS", "LEAST_SPACING", "Touch", "Toucher", "touch"]
+__all__ = ["LEAST_SPACING", "MOST_OBJECTS", "MOST_POINTS", "Touch", "Toucher", "touch"]
 
 MOST_POINTS = 32
 """Control points by default at most: a whole section of the paper's cube; the more there are, the weaker is each."""

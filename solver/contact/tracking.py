@@ -148,7 +148,15 @@ def follow(
 
 @part
 def _project(
-    points: Any, owners: Any, reached: Any, starts: Any, objects: Any, positions: Any, marks: Any, spacing: Any, moved: Any
+    points: Any,
+    owners: Any,
+    reached: Any,
+    starts: Any,
+    objects: Any,
+    positions: Any,
+    marks: Any,
+    spacing: Any,
+    moved: Any,
 ) -> Any:
     """The arc that each earlier point is on now, -1 for none, and the arc length of the place nearest to it."""
     olds, places = np.full(len(positions), -1), np.zeros(len(positions))
@@ -329,7 +337,7 @@ def _towards(place: Any, goal: Any, reach: Any, cycle: Any) -> Any:
 
 @part
 def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any, cycles: Any) -> Any:
-    """The earlier point that each target takes over, -1 for none: the nearest on its arc first, anchors from anchors."""
+    """The earlier point that each target takes over, -1 for none: the nearest on its arc, an anchor for an anchor."""
     source, taken = np.full(arcs.size, -1), np.zeros(olds.size, np.bool_)
     nearest, chosen = np.empty(arcs.size, np.int64), np.empty(olds.size, np.int64)
     shortest = np.empty(olds.size)
@@ -359,8 +367,8 @@ def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any
 
 @part
 def _slots(source: Any, olds: Any) -> Any:
-    """The order of the targets: earlier points at their indices, new ones at those of points that ended, then behind."""
-    slots = np.full(max(olds, 0) + source.size, -1)
+    """The targets in order: earlier points at their indices, new ones at those of points that ended, then at the end."""
+    slots = np.full(olds + source.size, -1)
     for target in range(source.size):
         if source[target] >= 0:
             slots[source[target]] = target
