@@ -24,11 +24,13 @@ if TYPE_CHECKING:
     from .solver import (
         Circle,
         ControlPoints,
+        Hand,
         Medium,
         Mesh,
         Solution,
         Solver,
         Sphere,
+        Toucher,
         Transducer,
         TransducerArray,
         focus_report,
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
         pressure,
         sample_plane,
         solve,
+        touch,
         two_sided,
     )
 
@@ -46,6 +49,7 @@ __all__ = [
     "Device",
     "DeviceError",
     "Emulator",
+    "Hand",
     "Medium",
     "Mesh",
     "PhasewireError",
@@ -53,6 +57,7 @@ __all__ = [
     "Solution",
     "Solver",
     "Sphere",
+    "Toucher",
     "Transducer",
     "TransducerArray",
     "Wiring",
@@ -62,6 +67,7 @@ __all__ = [
     "pressure",
     "sample_plane",
     "solve",
+    "touch",
     "two_sided",
 ]
 
@@ -72,6 +78,7 @@ _HOMES = {
     "Device": "host",
     "DeviceError": "errors",
     "Emulator": "emulator",
+    "Hand": "solver",
     "Medium": "solver",
     "Mesh": "solver",
     "PhasewireError": "errors",
@@ -79,6 +86,7 @@ _HOMES = {
     "Solution": "solver",
     "Solver": "solver",
     "Sphere": "solver",
+    "Toucher": "solver",
     "Transducer": "solver",
     "TransducerArray": "solver",
     "Wiring": "protocol",
@@ -88,6 +96,7 @@ _HOMES = {
     "pressure": "solver",
     "sample_plane": "solver",
     "solve": "solver",
+    "touch": "solver",
     "two_sided": "solver",
 }
 _MODULES = ("emulator", "errors", "hil", "host", "protocol", "solver")

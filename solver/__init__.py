@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from .aperture import Aperture
 from .array import TransducerArray
+from .contact.hand import Hand
 from .contact.mesh import Mesh
+from .contact.touch import Touch, Toucher, touch
 from .convolution import PlanePropagator
 from .diffraction import KERNELS
 from .field import Field, PlaneField, VolumeField, sample_cut, sample_plane, sample_volume
@@ -50,6 +52,7 @@ __all__ = [
     "FocusReport",
     "Gain",
     "Grid",
+    "Hand",
     "Lobe",
     "Medium",
     "Mesh",
@@ -70,6 +73,8 @@ __all__ = [
     "Sphere",
     "Split",
     "Star",
+    "Touch",
+    "Toucher",
     "Transducer",
     "TransducerArray",
     "TwoSided",
@@ -100,6 +105,7 @@ __all__ = [
     "solve_frames",
     "sound_pressure_level",
     "split",
+    "touch",
     "transfer_matrix",
     "two_sided",
 ]

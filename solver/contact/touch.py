@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ LEAST_SPACING = 1e-3
 MOST_HANDS = 16
 MOST_OBJECTS = 256
 """Hands and objects at once, so that no call takes unbounded time."""
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,12 +197,15 @@ def _shift(before: Mesh, after: Mesh) -> float:
     return float(np.linalg.norm(shifts, axis=1).max())
 
 
-def _several(values: object, kind: type, what: str, most: int) -> tuple:
+def _several(values: Item | Sequence[Item], kind: type[Item], what: str, most: int) -> tuple[Item, ...]:
     """One value or a sequence of them as a tuple."""
-    several = (values,) if isinstance(values, kind) else tuple(values)
-    for i, value in enumerate(several):
+    if isinstance(values, kind):
+        return (values,)
+    if not isinstance(values, Sequence):
+        raise ValueError(f"{what}s are a {type(values).__name__}; they must be a {kind.__name__} or a sequence of them")
+    if len(values) > most:
+        raise ValueError(f"there are {len(values)} {what}s; at most {most} are possible")
+    for i, value in enumerate(values):
         if not isinstance(value, kind):
             raise ValueError(f"{what} {i} is a {type(value).__name__}; it must be a {kind.__name__}")
-    if len(several) > most:
-        raise ValueError(f"there are {len(several)} {what}s; at most {most} are possible")
-    return several
+    return tuple(values)

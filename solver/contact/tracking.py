@@ -367,7 +367,7 @@ def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any
 
 @part
 def _slots(source: Any, olds: Any) -> Any:
-    """The targets in order: earlier points at their indices, new ones at those of points that ended, then at the end."""
+    """The targets in order: earlier points at their indices, new ones at those of ended points, then at the end."""
     slots = np.full(olds + source.size, -1)
     for target in range(source.size):
         if source[target] >= 0:

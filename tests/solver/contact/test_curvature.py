@@ -19,20 +19,22 @@ def solid_of(mesh: trimesh.Trimesh) -> Solid:
     return Solid(mesh.vertices, mesh.faces)
 
 
-def box(divisions: int = 0) -> trimesh.Trimesh:
-    mesh = trimesh.creation.box((0.1, 0.1, 0.1))
-    for _ in range(divisions):
+def divided(mesh: trimesh.Trimesh, times: int) -> trimesh.Trimesh:
+    """Each triangle in four, so many times."""
+    for _ in range(times):
         mesh = mesh.subdivide()
     return mesh
+
+
+def box(divisions: int = 0) -> trimesh.Trimesh:
+    return divided(trimesh.creation.box((0.1, 0.1, 0.1)), divisions)
 
 
 def pyramid(divisions: int = 0) -> trimesh.Trimesh:
     """A square one of 10 cm, with its apex at (0, 0, 0.1)."""
     corners = [[-0.05, -0.05, 0], [0.05, -0.05, 0], [0.05, 0.05, 0], [-0.05, 0.05, 0], [0, 0, 0.1]]
-    mesh = trimesh.Trimesh(corners, [[0, 2, 1], [0, 3, 2], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
-    for _ in range(divisions):
-        mesh = mesh.subdivide()
-    return mesh
+    faces = [[0, 2, 1], [0, 3, 2], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+    return divided(trimesh.Trimesh(corners, faces), divisions)
 
 
 @pytest.mark.parametrize("divisions", [0, 1, 3])
@@ -106,7 +108,7 @@ def test_the_tip_of_a_cone_does_not_make_its_side_sharp() -> None:
 
 
 def test_the_border_of_a_sheet_is_an_edge() -> None:
-    sheet = Solid([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]], [[0, 1, 2], [0, 2, 3]])
+    sheet = Solid(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) / 10, [[0, 1, 2], [0, 2, 3]])
     values = {
         tuple(edge): value.tolist() for edge, value in zip(sheet.edges.tolist(), sheet.edge_curvature, strict=True)
     }
