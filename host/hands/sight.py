@@ -1,0 +1,98 @@
+"""What is seen in one picture after the other, made into frames of hands in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...solver.contact.hand import Hand, Side
+from .frames import HandFrame, TrackedHand
+from .pinhole import Landmarks, in_space, unmirrored
+
+__all__ = ["Seen", "Sight", "View"]
+
+FOLLOWED = 0.15
+"""How far a wrist may be, in metres, from where it was in the last picture, and be the same hand."""
+
+
+@dataclass(frozen=True)
+class View:
+    """How a camera sees.
+
+    Parameters
+    ----------
+    fov : float
+        The angle that the picture's width fills, in degrees.
+    palm : float
+        Distance between wrist and knuckle of the middle finger of those who are seen, in metres. All distances are in
+        proportion to it.
+    mirrored : bool
+        Whether the picture is a mirror's, as programs for selfies show it.
+    hands : int
+        How many hands are looked for.
+    """
+
+    fov: float = 60.0
+    palm: float = 0.09
+    mirrored: bool = False
+    hands: int = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A hand in a picture.
+
+    Parameters
+    ----------
+    landmarks : (21, 3) float
+        As MediaPipe gives them; see `pinhole.in_space`.
+    side : str
+        As it looks in the picture.
+    """
+
+    landmarks: Landmarks
+    side: Side
+
+
+@dataclass
+class Sight:
+    """Turns what is seen in pictures, one after the other, into frames of hands in camera coordinates.
+
+    MediaPipe numbers no hands. A hand keeps its number if its wrist is near that of the same side in the last picture.
+    """
+
+    view: View
+    _last: list[TrackedHand] = field(default_factory=list)
+    _numbers: int = 0
+    _frames: int = 0
+
+    def frame(self, time: float, seen: Sequence[Seen], aspect: float) -> HandFrame:
+        """The hands that are seen in a picture whose height is ``aspect`` times its width."""
+        notes, tracked = [], []
+        for each in seen:
+            landmarks, side = (
+                unmirrored(each.landmarks, each.side) if self.view.mirrored else (each.landmarks, each.side)
+            )
+            try:
+                hand = Hand(in_space(landmarks, aspect, self.view.fov, self.view.palm), side)
+            except ValueError as error:
+                notes.append(f"a {side} hand was left out: {error}")
+                continue
+            tracked.append(TrackedHand(hand, self._number(hand)))
+        self._last = tracked
+        self._frames += 1
+        return HandFrame(time, tuple(tracked), self._frames - 1, tuple(notes))
+
+    def _number(self, hand: Hand) -> int:
+        """That of the nearest hand of the same side in the last picture, which then is taken; or the next free one."""
+        near = [
+            (float(np.linalg.norm(old.hand.landmarks[0] - hand.landmarks[0])), index)
+            for index, old in enumerate(self._last)
+            if old.hand.side == hand.side
+        ]
+        if near and min(near)[0] < FOLLOWED:
+            return self._last.pop(min(near)[1]).id
+        self._numbers += 1
+        return self._numbers - 1
