@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...solver.contact.anatomy import LENGTH
 from ...solver.contact.hand import Hand, Side
 from .frames import HandFrame, TrackedHand
 from .pinhole import Landmarks, in_space, unmirrored
@@ -25,8 +26,8 @@ class View:
     ----------
     fov : float
         The angle that the picture's width fills, in degrees.
-    palm : float
-        Distance between wrist and knuckle of the middle finger of those who are seen, in metres. All distances are in
+    length : float
+        Of the hands that are seen, from the wrist's crease to the middle fingertip, in metres. All distances are in
         proportion to it.
     mirrored : bool
         Whether the picture is a mirror's, as programs for selfies show it.
@@ -35,7 +36,7 @@ class View:
     """
 
     fov: float = 60.0
-    palm: float = 0.09
+    length: float = LENGTH
     mirrored: bool = False
     hands: int = 2
 
@@ -76,10 +77,11 @@ class Sight:
                 unmirrored(each.landmarks, each.side) if self.view.mirrored else (each.landmarks, each.side)
             )
             try:
-                hand = Hand(in_space(landmarks, aspect, self.view.fov, self.view.palm), side)
+                hand, repairs = Hand.repaired(in_space(landmarks, aspect, self.view.fov, self.view.length), side)
             except ValueError as error:
                 notes.append(f"a {side} hand was left out: {error}")
                 continue
+            notes.extend(repairs)
             tracked.append(TrackedHand(hand, self._number(hand)))
         self._last = tracked
         self._frames += 1

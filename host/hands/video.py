@@ -234,11 +234,11 @@ def _hands(text: str) -> int:
 OPTIONS: dict[str, Callable[[str], Any]] = {
     "model": Path,
     "fov": _number(10, 170, "degrees"),
-    "palm": _number(0.03, 0.2, "metres"),
+    "length": _number(0.06, 0.35, "metres"),
     "mirrored": _yes,
     "hands": _hands,
 }
-TAIL = "model=hand_landmarker.task&fov=60&palm=0.09&mirrored=no&hands=2"
+TAIL = "model=hand_landmarker.task&fov=60&length=0.189&mirrored=no&hands=2"
 
 
 def _taken_apart(rest: str, form: str) -> tuple[str, Path, View]:
@@ -272,6 +272,8 @@ class _Video:
 
     def open(self, rest: str, clock: Timekeeper = time) -> HandSource:
         where, model, view = _taken_apart(rest, self.form)
+        if not where:
+            raise ValueError(f"video: names no file; such a URL has the form {self.form}")
         with open_plain(Path(where)):
             pass  # OpenCV does not say what is wrong with a file, and would take some names for URLs
         finder = Landmarker(model, view.hands)
