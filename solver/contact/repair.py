@@ -20,11 +20,14 @@ __all__ = ["WIDEST_CRACK", "repair"]
 WIDEST_CRACK = 8.6e-3
 """Width in metres up to which holes are closed: the wavelength of 40 kHz in air, below which nothing can be felt."""
 ROUNDING = 1e-6
-"""Of the mesh's diagonal: vertices this close together are one, if the mesh is open otherwise. Files hold 32 bits."""
+"""Of the mesh's extent: vertices this close together are one, if the mesh is open otherwise. Files hold 32 bits."""
+SMALLEST = 1e-6
+"""Extent of a mesh in metres."""
 FLAT = 1e-9
 """Of the area to the power 3/2: a smaller volume is none."""
 MOST_BODIES = 10_000
 """Separate surfaces of a mesh; more are noise."""
+SHEET = "it encloses no volume: it is a sheet, and an object must have an inside"
 
 Points: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
@@ -37,7 +40,7 @@ def repair(vertices: Points, faces: Indices) -> tuple[Points, Indices, tuple[str
     that, each of these repairs is reported:
 
     - faces without a third corner, and all but one of the faces with the same corners, are removed;
-    - if the mesh is open, vertices that are closer together than `ROUNDING` times its diagonal become one;
+    - if the mesh is open, vertices that are closer together than `ROUNDING` times its extent become one;
     - faces are turned so that neighbours agree, and bodies so that they are not inside out; a body inside another one
       is a cavity and may be;
     - holes that are no wider than `WIDEST_CRACK` are closed by a fan of triangles. The width of a hole is its second
@@ -63,19 +66,25 @@ def repair(vertices: Points, faces: Indices) -> tuple[Points, Indices, tuple[str
         If the surface is open otherwise, has no inside, or falls into too many bodies; it says where and how much.
     """
     notes: list[str] = []
-    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    extent = float(np.ptp(vertices, axis=0).max())
+    if extent < SMALLEST:
+        raise ValueError(f"it is {extent:.3g} m large, too small to be felt; is its unit the metre?")
     vertices, faces = _compact(vertices, faces, vertices + 0.0)  # +0: minus zero is zero
     faces = _without_doubles(faces, len(vertices), notes)
     if _unbalanced(faces, len(vertices)).size:
         faces = _oriented(faces, len(vertices), notes)
     if (loose := _unbalanced(faces, len(vertices))).size:
         before = len(vertices)
-        vertices, faces = _welded(vertices, faces, np.unique(loose), ROUNDING * diagonal)
+        vertices, faces = _welded(vertices, faces, np.unique(loose), ROUNDING * extent)
         if len(vertices) < before:
-            notes.append(f"{before - len(vertices)} vertices merged with others within {ROUNDING * diagonal:.2g} m")
+            notes.append(f"{before - len(vertices)} vertices merged with others within {ROUNDING * extent:.2g} m")
             faces = _oriented(_without_doubles(faces, len(vertices), notes), len(vertices), notes)
     if (open_edges := _unbalanced(faces, len(vertices))).size:
         vertices, faces = _closed(vertices, faces, open_edges, notes)
+        faces = _without_doubles(faces, len(vertices), notes)  # a lid on a single face is its other side
+    if _unbalanced(faces, len(vertices)).size:
+        raise ValueError("its faces overlap in a way that bounds no body")
+    vertices, faces = _used(vertices, faces)
     return vertices, _outward(vertices, faces, notes), tuple(notes)
 
 
@@ -89,9 +98,14 @@ def _rows(keys: NDArray[np.generic]) -> NDArray[np.generic]:
 
 
 def _compact(vertices: Points, faces: Indices, keys: NDArray[np.generic]) -> tuple[Points, Indices]:
-    """Vertices with the same row of keys become the first of them; those that no face uses are left out."""
+    """Vertices with the same row of keys become the first of them."""
     _, first, which = np.unique(_rows(keys), return_index=True, return_inverse=True)
-    used, faces = np.unique(first[which][faces], return_inverse=True)
+    return _used(vertices, first[which][faces])
+
+
+def _used(vertices: Points, faces: Indices) -> tuple[Points, Indices]:
+    """The vertices that faces use, and the faces with these."""
+    used, faces = np.unique(faces, return_inverse=True)
     return vertices[used], faces.reshape(-1, 3)
 
 
@@ -112,7 +126,9 @@ def _without_doubles(faces: Indices, vertices: int, notes: list[str]) -> Indices
     single = faces[first]
     _, face_edges, _ = edge_tables(single, vertices)
     odd = (np.bincount(face_edges.ravel()) % 2 == 1)[face_edges].any(axis=1)
-    kept = single[~((uses > 1) & (net == 0) & odd)]
+    kept: Indices = single[~((uses > 1) & (net == 0) & odd)]
+    if not len(kept):
+        raise ValueError(SHEET)
     notes.append(f"{_counted(len(faces) - len(kept), 'duplicate face')} removed")
     return kept
 
@@ -236,7 +252,7 @@ def _outward(vertices: Points, faces: Indices, notes: list[str]) -> Indices:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
     volumes = np.bincount(body, weights=(triangles[:, 0] * normals).sum(axis=1) / 3)
     if np.abs(volumes).sum() <= FLAT * np.linalg.norm(normals, axis=1).sum() ** 1.5:
-        raise ValueError("it encloses no volume: it is a sheet, and an object must have an inside")
+        raise ValueError(SHEET)
     low, high = (np.full((bodies, 3), bound) for bound in (np.inf, -np.inf))
     np.minimum.at(low, part, vertices)
     np.maximum.at(high, part, vertices)
