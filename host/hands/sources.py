@@ -348,9 +348,10 @@ class LiveHands(_Source):
             self._changed.notify_all()
 
     def end(self, error: TrackerError | None = None) -> None:
-        """Say that no further frame will come, and the error that is the reason."""
+        """Say that no further frame will come, and the error that is the reason; the first reason counts."""
         with self._changed:
-            self._over, self._error = True, self._error or error
+            if not self._over:
+                self._over, self._error = True, error
             self._changed.notify_all()
 
     def close(self) -> None:

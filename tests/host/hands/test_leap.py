@@ -1,0 +1,333 @@
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire.errors import TrackerError, TrackerLostError, TrackerNotFoundError
+from phasewire.host.hands import HandFrame, leap, open_hands
+from phasewire.host.hands.leap import ADVICE, LEAP, MOST_GARBLED, POLICIES, Address, LeapHands, ServiceClock
+from websockets.sync.server import ServerConnection
+
+from tests.host.hands.leap_service import PATIENCE, LeapService, leap_frame, sending
+
+
+def newest(source: LeapHands, number: int) -> HandFrame:
+    """The frame with this number, which is the last that the service sends."""
+    for _ in range(10_000):
+        frame = source.next_frame(PATIENCE)
+        assert frame is not None
+        if frame.number == number:
+            return frame
+    raise AssertionError(f"there was no frame {number}")
+
+
+def opened(service: LeapService) -> LeapHands:
+    source = open_hands(service.url)
+    assert isinstance(source, LeapHands)
+    return source
+
+
+# A service that behaves
+
+
+def test_hands_come_as_the_service_sees_them() -> None:
+    heard = []
+
+    def script(connection: ServerConnection) -> None:
+        heard.extend(json.loads(connection.recv(PATIENCE)) for _ in POLICIES)
+        sending(*(leap_frame(number, 1e6 + 9e3 * number, {4: "right", 5: "left"}) for number in range(3)))(connection)
+
+    with LeapService(script) as service, opened(service) as source:
+        assert source.live
+        frames = [next(source) for _ in range(3)]
+        assert source.version == "2.3.1+33747"
+        assert source.rate == 110.5
+    assert service.paths == ["/v6.json"]
+    assert heard == [{"background": True}, {"focused": True}, {"optimizeHMD": False}]
+    assert [frame.number for frame in frames] == [0, 1, 2]
+    assert [(hand.id, hand.hand.side) for hand in frames[2].hands] == [(4, "right"), (5, "left")]
+    assert all(after.time >= before.time for before, after in pairwise(frames))
+    assert source.ended
+
+
+def test_an_empty_frame_is_a_frame_without_hands() -> None:
+    with LeapService(sending(leap_frame(hands={}))) as service, opened(service) as source:
+        frame = source.next_frame(PATIENCE)
+    assert frame is not None
+    assert (frame.hands, frame.notes) == ((), ())
+
+
+def test_what_the_service_says_of_its_devices() -> None:
+    def event(number: str, attached: bool, streaming: bool) -> dict[str, object]:
+        state = {"attached": attached, "id": number, "streaming": streaming, "type": "Peripheral"}
+        return {"event": {"type": "deviceEvent", "state": state}}
+
+    said = [{"event": 7}, event("A", True, True), event("A", False, False), leap_frame(1)]
+    with LeapService(sending(*said)) as service, opened(service) as source:
+        newest(source, 1)
+        assert source.problem is not None
+        assert "no tracker is plugged in" in source.problem
+    with LeapService(sending(event("B", True, True), leap_frame(1))) as service, opened(service) as source:
+        newest(source, 1)
+        assert (source.problem, source.devices) == (None, {"B": True})
+
+
+# One that does not
+
+GARBAGE: dict[str, str | bytes] = {
+    "no json": "hello",
+    "bytes": b"\xff\xfe\x00",
+    "a list": "[]",
+    "a number": "1",
+    "nothing": "",
+    "no hands": '{"id": 1, "timestamp": 2}',
+    "hands that are none": '{"hands": [1], "pointables": []}',
+    "too many hands": json.dumps({"hands": [{}] * 17, "pointables": []}),
+    "nested": "[" * 50_000,
+    "digits": '{"id": ' + "9" * 100_000 + "}",
+}
+
+
+@pytest.mark.parametrize("garbage", GARBAGE.values(), ids=GARBAGE)
+def test_a_message_that_is_no_frame_is_counted_and_passed_over(garbage: str | bytes) -> None:
+    with LeapService(sending(garbage, leap_frame(1), garbage, leap_frame(2))) as service, opened(service) as source:
+        newest(source, 2)
+        assert source.garbled == 2
+
+
+def test_a_service_that_sends_nothing_else_is_lost() -> None:
+    with LeapService(sending(*["hello"] * MOST_GARBLED * 20)) as service, opened(service) as source:
+        with pytest.raises(TrackerLostError, match="sends messages that are no frames"):
+            source.next_frame(PATIENCE)
+        assert source.ended
+
+
+def test_of_a_flood_the_newest_frame_is_given_and_the_others_are_counted() -> None:
+    count = 3000
+    flood = [json.dumps(leap_frame(number, number)) for number in range(count)]
+    taken = 0
+    with LeapService(sending(*flood)) as service, opened(service) as source:
+        last = -1
+        while last < count - 1:
+            frame = source.next_frame(PATIENCE)
+            assert frame is not None
+            assert frame.number > last
+            last = frame.number
+            taken += 1
+        assert taken + source.dropped == count
+        assert source.next_frame(0) is None
+
+
+def test_a_reader_that_comes_late_gets_the_newest_frame() -> None:
+    frames = [leap_frame(number, number) for number in range(40)]
+    done = threading.Event()
+
+    def script(connection: ServerConnection) -> None:
+        for frame in frames:
+            connection.send(json.dumps(frame))
+        connection.close()  # which the client answers once it has taken all of them
+        done.set()
+
+    with LeapService(script) as service, opened(service) as source:
+        assert done.wait(PATIENCE)
+        newest(source, 39)
+
+
+def test_one_that_stalls_gives_nothing_new_and_then_goes_on() -> None:
+    again = threading.Event()
+
+    def script(connection: ServerConnection) -> None:
+        connection.send(json.dumps(leap_frame(1)))
+        assert again.wait(PATIENCE)
+        sending(leap_frame(2))(connection)
+
+    with LeapService(script) as service, opened(service) as source:
+        newest(source, 1)
+        assert source.next_frame(0.05) is None
+        assert not source.ended
+        again.set()
+        newest(source, 2)
+
+
+def test_a_source_can_be_closed_while_its_service_stalls() -> None:
+    service = LeapService(lambda connection: service.stall(connection))
+    with service:
+        source = opened(service)
+        source.close()
+        source.close()
+        assert "leap" not in [thread.name for thread in threading.enumerate()]
+        assert source.next_frame(0) is None
+
+
+def tear(connection: ServerConnection) -> None:
+    connection.socket.shutdown(socket.SHUT_RDWR)
+
+
+ENDS: dict[str, Callable[[ServerConnection], object]] = {
+    "it closes": lambda connection: connection.close(),
+    "it ends": lambda connection: None,
+    "the line is cut": tear,
+    "a message without measure": lambda connection: connection.send("[" * 2**22),
+    "bytes that are no message": lambda connection: connection.socket.sendall(b"\x00\xff" * 1000),
+    "text that is none": lambda connection: connection.socket.sendall(b"\x81\x02\xff\xff"),
+}
+
+
+@pytest.mark.parametrize("end", ENDS.values(), ids=ENDS)
+def test_one_that_goes_away_is_lost_after_its_last_frame(end: Callable[[ServerConnection], object]) -> None:
+    def script(connection: ServerConnection) -> None:
+        connection.send(json.dumps(leap_frame(1)))
+        end(connection)
+
+    with LeapService(script) as service, opened(service) as source:
+        newest(source, 1)
+        with pytest.raises(TrackerLostError, match=f"the Leap service at 127.0.0.1:{service.port} has closed"):
+            source.next_frame(PATIENCE)
+
+
+# One that is none
+
+
+def a_free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
+    return port
+
+
+def test_where_nothing_listens_the_error_says_what_to_do() -> None:
+    port = a_free_port()
+    with pytest.raises(TrackerNotFoundError, match=f"no Leap service at 127.0.0.1:{port}: .*[Rr]efused") as failed:
+        open_hands(f"leap:127.0.0.1:{port}")
+    assert ADVICE in str(failed.value)
+    assert "UltraleapTrackingWebSocket" in ADVICE
+
+
+def test_what_listens_but_says_nothing_is_no_service() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = Address("127.0.0.1", server.getsockname()[1])
+        with pytest.raises(TrackerNotFoundError, match="is no Leap service: timed out"):
+            LeapHands(address, patience=0.1)
+    silent = LeapService(lambda connection: silent.stall(connection), greeting=None)
+    with silent, pytest.raises(TrackerNotFoundError, match="does not greet as a Leap service|timed out"):
+        LeapHands(Address("127.0.0.1", silent.port), patience=0.5)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n",
+        b"HTTP/1.1 302 Found\r\nLocation: ws://example/\r\n\r\n",
+        b"hello\r\n",
+    ],
+)
+def test_another_server_is_no_service(answer: bytes) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def respond() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(4096)
+                connection.sendall(answer)
+
+        thread = threading.Thread(target=respond, daemon=True)
+        thread.start()
+        with pytest.raises(TrackerNotFoundError, match="is no Leap service"):
+            LeapHands(Address("127.0.0.1", server.getsockname()[1]), patience=5)
+        thread.join(PATIENCE)
+
+
+@pytest.mark.parametrize(
+    ("greeting", "error", "message"),
+    [
+        ('{"version": 5}', TrackerError, "speaks version 5 of its protocol, not 6; install"),
+        ('{"version": 60000000000000000000000000}', TrackerError, "speaks version 60000000000000000000 of"),
+        ("{}", TrackerError, "speaks version None"),
+        ("hello", TrackerNotFoundError, "does not greet"),
+        (b"\xff", TrackerNotFoundError, "does not greet"),
+        ("[" * 100_000, TrackerNotFoundError, "does not greet"),
+    ],
+)
+def test_a_service_of_another_version_says_so(greeting: str | bytes, error: type[TrackerError], message: str) -> None:
+    with LeapService(sending(), greeting) as service, pytest.raises(error, match=message) as failed:
+        opened(service)
+    assert type(failed.value) is error
+
+
+def test_a_probe_connects_and_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    with LeapService(sending()) as service:
+        monkeypatch.setattr(leap, "PROBE_PATIENCE", PATIENCE)
+        monkeypatch.setattr(Address, "__new__", lambda cls: tuple.__new__(cls, ("127.0.0.1", service.port)))
+        ready = LEAP.probe()
+        assert ready.ready
+        assert ready.says == f"Leap service at 127.0.0.1:{service.port}, version 2.3.1+33747, answers"
+    assert not LEAP.probe().ready
+
+
+# URLs
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port", "shown"),
+    [
+        ("", "127.0.0.1", 6437, "127.0.0.1:6437"),
+        ("tracker.local", "tracker.local", 6437, "tracker.local:6437"),
+        ("tracker:1", "tracker", 1, "tracker:1"),
+        (":7000", "127.0.0.1", 7000, "127.0.0.1:7000"),
+        ("[::1]:65535", "::1", 65535, "[::1]:65535"),
+    ],
+)
+def test_addresses(text: str, host: str, port: int, shown: str) -> None:
+    address = Address.parse(text)
+    assert (address, str(address)) == ((host, port), shown)
+
+
+@pytest.mark.parametrize(
+    "text", ["a:0", "a:65536", "a:b", "a b", "http://a", "::1", "a:1:2", "a:١", "hands.txt/", "a\n"]
+)
+def test_what_is_no_address(text: str) -> None:
+    with pytest.raises(ValueError, match="is no address of a service; such a URL has the form leap:, leap:HOST:PORT"):
+        open_hands(f"leap:{text}")
+
+
+# Clocks
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.001, 0.02), st.floats(0, 0.05)), min_size=1, max_size=50),
+    st.floats(-1e6, 1e6),
+)
+def test_the_frame_with_the_shortest_way_sets_the_clock(steps: list[tuple[float, float]], offset: float) -> None:
+    clock = ServiceClock()
+    stamps = np.cumsum([step for step, _ in steps])
+    arrivals = np.maximum.accumulate(stamps + [late for _, late in steps])
+    best, last = np.inf, -np.inf
+    for stamp, arrival in zip(stamps, arrivals, strict=True):
+        best = min(best, arrival - stamp)
+        found = clock.seen((stamp + offset) * 1e6, arrival)
+        slack = ServiceClock.DRIFT * (arrival - arrivals[0]) + 1e-8
+        assert best - 1e-8 <= max(found, stamp + best) - stamp <= best + slack
+        assert last <= found <= arrival + 1e-8
+        last = found
+
+
+@pytest.mark.parametrize("stamp", [None, "5", [], float("nan"), float("inf"), 10**400, {}])
+def test_without_a_usable_stamp_the_arrival_counts(stamp: object) -> None:
+    clock = ServiceClock()
+    assert clock.seen(1e6, 10.0) == 10.0
+    assert clock.seen(stamp, 10.5) == 10.5
+    assert clock.seen(1.6e6, 11.0) == pytest.approx(10.6, abs=1e-3)
+
+
+def test_a_service_that_starts_again_sets_its_clock_anew() -> None:
+    clock = ServiceClock()
+    assert clock.seen(9e9, 100.0) == 100.0
+    assert clock.seen(9e9 + 1e4, 100.02) == pytest.approx(100.01, abs=1e-4)
+    assert clock.seen(0, 101.0) == 101.0
+    assert clock.seen(1e4, 101.03) == pytest.approx(101.01, abs=1e-4)
