@@ -47,6 +47,7 @@ MOST_GARBLED = 100
 """Messages in a row that are no frames, before the source gives up."""
 MOST_STAMP = 2.0**63
 USUAL_RATE, MOST_RATE = 110.0, 1000.0
+NO_DEVICE = "no tracker is plugged in or sends pictures, says the service: plug it in, or into another port"
 ADVICE = (
     "start the Ultraleap service, and for Gemini (5.0) and newer also UltraleapTrackingWebSocket, which gives its "
     f"frames at port {PORT}; in the control panel of older versions, allow web apps"
@@ -208,13 +209,7 @@ class LeapHands(LiveHands):
         if isinstance(state, dict) and len(self.devices) < MOST_QUEUED:
             attached, streaming = state.get("attached"), state.get("streaming")
             self.devices[str(state.get("id"))[:40]] = attached is True and streaming is not False
-
-    @property
-    def problem(self) -> str | None:
-        """What the service says is wrong, and what to do about it."""
-        if self.devices and not any(self.devices.values()):
-            return "the service runs, but no tracker is plugged in or sends pictures: plug it in, or in another port"
-        return None
+            self.notes = () if any(self.devices.values()) else (NO_DEVICE,)
 
 
 def _connected(opened: ExitStack, address: Address, patience: float) -> ClientConnection:

@@ -27,6 +27,8 @@ JOINTS = ("mcpPosition", "pipPosition", "dipPosition", "tipPosition")
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 LEAST_KNUCKLES, MOST_KNUCKLES = 30.0, 130.0
 """Between the outer knuckles of a hand, in mm. The public recordings have 62 to 74."""
+LEAST_WIDTH, MOST_WIDTH = 4.0, 40.0
+"""Of a finger, in mm."""
 FARTHEST = 5000.0
 """From the tracker, in mm: several times what one can see."""
 WRIST = 1.47
@@ -47,7 +49,7 @@ def hands_of(frame: Mapping[str, Any]) -> tuple[tuple[TrackedHand, ...], tuple[s
     hands : tuple of TrackedHand
         Those that can be used.
     notes : tuple of str
-        Which hands were left out, and why.
+        Which hands were left out or repaired, and why.
 
     Raises
     ------
@@ -60,13 +62,15 @@ def hands_of(frame: Mapping[str, Any]) -> tuple[tuple[TrackedHand, ...], tuple[s
         if kind is not None and isinstance(owner, int):
             fingers.setdefault(owner, {})[kind] = finger
     hands: dict[int, TrackedHand] = {}
-    notes = []
+    notes: list[str] = []
     for said in _records(frame, "hands", MOST_HANDS):
         number = said.get("id")
         try:
             if not isinstance(number, int) or number in hands:
                 raise ValueError("its id is no whole number, or that of another hand")
-            hands[number] = TrackedHand(_hand(said, fingers.get(number, {})), number)
+            hand, repairs = _hand(said, fingers.get(number, {}))
+            hands[number] = TrackedHand(hand, number)
+            notes.extend(f"hand {number}: {repair}" for repair in repairs)
         except ValueError as error:
             notes.append(f"hand {str(number)[:20]} is left out: {error}")
     return tuple(hands.values()), tuple(notes)
@@ -90,8 +94,8 @@ def _kind(finger: Mapping[str, Any]) -> int | None:
     return kind if kind in range(len(FINGERS)) and not finger.get("tool") else None
 
 
-def _hand(said: Mapping[str, Any], fingers: Mapping[int, Mapping[str, Any]]) -> Hand:
-    """The hand that a service describes; raises ValueError if it cannot be used."""
+def _hand(said: Mapping[str, Any], fingers: Mapping[int, Mapping[str, Any]]) -> tuple[Hand, tuple[str, ...]]:
+    """The hand that a service describes, and what was repaired; raises ValueError if it cannot be used."""
     side = said.get("type")
     if side not in ("left", "right"):
         raise ValueError("it is neither left nor right")
@@ -110,13 +114,22 @@ def _hand(said: Mapping[str, Any], fingers: Mapping[int, Mapping[str, Any]]) -> 
     wrist = _wrist(said, knuckles.mean(axis=0), across)
     if (farthest := float(np.abs(joints).max(initial=float(np.abs(wrist).max())))) > FARTHEST:
         raise ValueError(f"it is {farthest:.3g} mm away")
-    return Hand(np.vstack([wrist, joints]) @ TO_ARRAY.T, side)
+    return Hand.repaired(np.vstack([wrist, joints]) @ TO_ARRAY.T, side, _widths(fingers))
+
+
+def _widths(fingers: Mapping[int, Mapping[str, Any]]) -> NDArray[np.float64] | None:
+    """(5,) breadth of the fingers in metres; None, for those of the hand's size, if one is missing or cannot be."""
+    widths = [fingers[kind].get("width") for kind in range(len(FINGERS))]
+    if all(isinstance(width, (int, float)) and LEAST_WIDTH <= width <= MOST_WIDTH for width in widths):
+        return np.array(widths, dtype=np.float64) * 1e-3
+    return None
 
 
 def _wrist(said: Mapping[str, Any], middle: NDArray[np.float64], across: float) -> NDArray[np.float64]:
     """The wrist as the service says it, or else from the hand's direction, or from its palm."""
     if said.get("wrist") is not None:
-        return _points([said["wrist"]], "its wrist")[0]
+        wrist: NDArray[np.float64] = _points([said["wrist"]], "its wrist")[0]
+        return wrist
     if said.get("direction") is not None:
         ahead = _points([said["direction"]], "its direction")[0]
     else:
@@ -124,7 +137,8 @@ def _wrist(said: Mapping[str, Any], middle: NDArray[np.float64], across: float) 
     length = float(np.linalg.norm(ahead))
     if not 1e-3 < length < 1e3:
         raise ValueError("its direction is none")
-    return middle - WRIST * across / length * ahead
+    behind: NDArray[np.float64] = middle - WRIST * across / length * ahead
+    return behind
 
 
 def _points(values: Iterable[Any], what: str) -> NDArray[np.float64]:

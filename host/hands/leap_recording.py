@@ -26,7 +26,8 @@ MOST_CHARACTERS = 2**25
 """About two minutes of two hands at 110 frames/s."""
 MOST_LISTS = 2**21
 """Lists and objects in a file. An empty one takes two characters there, and some ninety bytes of memory."""
-MOST_SECONDS = 1e6
+MOST_STAMP = 2.0**53
+"""In µs."""
 USUAL_RATE = 110.0
 """Frames per second of the tracker, if a recording has too few frames to tell."""
 
@@ -76,9 +77,9 @@ def _parsed(text: str) -> list[Any]:
         raise ValueError(f"it has {lists} lists and objects; at most {MOST_LISTS} may be")
     said = json.loads(text)
     frames = said.get("frames") if isinstance(said, dict) else None
-    if not isinstance(frames, list) or not frames:
+    if not isinstance(frames, list):
         raise ValueError("there are no frames in it")
-    if not isinstance(frames[0], list):
+    if not frames or not isinstance(frames[0], list):
         return frames
     names, *rows = frames
     return [_unpacked(names, row) for row in rows]
@@ -113,15 +114,15 @@ def _recording(frames: list[Any]) -> LeapRecording:
                 raise ValueError("it is no object")
             hands, notes = hands_of(said)
             stamp, number = said.get("timestamp"), said.get("id")
-            if not isinstance(stamp, (int, float)):
-                raise ValueError("it has no timestamp")
+            if not isinstance(stamp, (int, float)) or not abs(stamp) < MOST_STAMP:
+                raise ValueError(f"its timestamp is {str(stamp)[:20]}")
             first = stamp if first is None else first
-            seconds = float(stamp - first) * 1e-6
-            if not abs(seconds) < MOST_SECONDS:
-                raise ValueError(f"its timestamp is {stamp}")
-        except (ValueError, OverflowError) as error:
+        except ValueError as error:
             raise ValueError(f"frame {place}: {error}") from error
+        seconds = float(stamp - first) * 1e-6
         time = max(seconds, made[-1].time if made else 0.0)  # the stamps of two recordings that were joined jump back
         made.append(HandFrame(time, hands, number if isinstance(number, int) else place, notes))
+    if not made:
+        raise ValueError("there are no frames in it")
     steps = [after.time - before.time for before, after in pairwise(made) if after.time > before.time]
     return LeapRecording(tuple(made), 1 / median(steps) if steps else USUAL_RATE)

@@ -6,13 +6,25 @@ import json
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import Server, ServerConnection, serve
 
 PATIENCE = 20.0  # seconds
+
+Attempted = TypeVar("Attempted")
+
+
+def outcome(attempt: Callable[[], Attempted]) -> Attempted | ValueError:
+    """What an attempt gives, or the ValueError that it raises."""
+    try:
+        return attempt()
+    except ValueError as error:
+        return error
+
+
 GREETING = json.dumps({"serviceVersion": "2.3.1+33747", "version": 6})
 KNUCKLES = 66.0
 """Between the outer ones, in mm."""

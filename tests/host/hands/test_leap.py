@@ -5,6 +5,7 @@ import socket
 import threading
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def opened(service: LeapService) -> LeapHands:
 
 
 def test_hands_come_as_the_service_sees_them() -> None:
-    heard = []
+    heard: list[object] = []
 
     def script(connection: ServerConnection) -> None:
         heard.extend(json.loads(connection.recv(PATIENCE)) for _ in POLICIES)
@@ -65,18 +66,17 @@ def test_an_empty_frame_is_a_frame_without_hands() -> None:
 
 
 def test_what_the_service_says_of_its_devices() -> None:
-    def event(number: str, attached: bool, streaming: bool) -> dict[str, object]:
+    def event(number: str, attached: bool, streaming: bool) -> dict[str, Any]:
         state = {"attached": attached, "id": number, "streaming": streaming, "type": "Peripheral"}
         return {"event": {"type": "deviceEvent", "state": state}}
 
-    said = [{"event": 7}, event("A", True, True), event("A", False, False), leap_frame(1)]
+    said: list[dict[str, Any]] = [{"event": 7}, event("A", True, True), event("A", False, False), leap_frame(1)]
     with LeapService(sending(*said)) as service, opened(service) as source:
         newest(source, 1)
-        assert source.problem is not None
-        assert "no tracker is plugged in" in source.problem
+        assert source.notes == (leap.NO_DEVICE,)
     with LeapService(sending(event("B", True, True), leap_frame(1))) as service, opened(service) as source:
         newest(source, 1)
-        assert (source.problem, source.devices) == (None, {"B": True})
+        assert (source.notes, source.devices) == ((), {"B": True})
 
 
 # One that does not
@@ -215,7 +215,7 @@ def test_what_listens_but_says_nothing_is_no_service() -> None:
         with pytest.raises(TrackerNotFoundError, match="is no Leap service: timed out"):
             LeapHands(address, patience=0.1)
     silent = LeapService(lambda connection: silent.stall(connection), greeting=None)
-    with silent, pytest.raises(TrackerNotFoundError, match="does not greet as a Leap service|timed out"):
+    with silent, pytest.raises(TrackerNotFoundError, match=r"does not greet as a Leap service|timed out"):
         LeapHands(Address("127.0.0.1", silent.port), patience=0.5)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from phasewire.host.hands.leap_frames import hands_of
 from phasewire.solver.contact.hand import Hand
 
-from tests.host.hands.leap_service import FLAT, KNUCKLES, leap_frame
+from tests.host.hands.leap_service import FLAT, KNUCKLES, leap_frame, outcome
 
 Said = dict[str, Any]
 
@@ -89,6 +89,24 @@ def test_palm_width_and_bones_are_not_needed_and_do_no_harm() -> None:
     np.testing.assert_array_equal(only_hand(said).landmarks, plain)
 
 
+def test_fingers_are_as_wide_as_the_service_says() -> None:
+    said = leap_frame()
+    np.testing.assert_allclose(only_hand(said).widths, 0.018)
+    usual = Hand(only_hand(said).landmarks).widths
+    for wrong in (None, "18", 0, 41, float("nan")):
+        said["pointables"][3]["width"] = wrong
+        np.testing.assert_array_equal(only_hand(said).widths, usual)
+
+
+def test_what_no_hand_can_be_is_repaired_and_said() -> None:
+    said = leap_frame()
+    tip = said["pointables"][2]["tipPosition"]
+    said["pointables"][2]["tipPosition"] = [tip[0], tip[1], tip[2] - 200]
+    hands, notes = hands_of(said)
+    assert len(hands) == len(notes) == 1
+    assert notes[0].startswith("hand 4: the middle finger's bone from landmark 11 to 12 is 220.0 mm long")
+
+
 def scaled(said: Said, factor: float) -> None:
     for finger in said["pointables"]:
         finger |= {name: [factor * x for x in finger[name]] for name in finger if name.endswith("Position")}
@@ -156,7 +174,7 @@ def test_what_is_no_frame(said: Said, message: str) -> None:
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
-    max_leaves=8,
+    max_leaves=4,
 )
 PLACES = [("hands", 0, name) for name in leap_frame()["hands"][0]]
 PLACES += [("pointables", 3, name) for name in leap_frame()["pointables"][0]]
@@ -172,10 +190,8 @@ def test_whatever_a_frame_says_its_hands_are_finite(
     for (group, place, key), wrong in spoilt:
         said[group][place][key] = wrong
     hands, notes = hands_of(said)
-    assert len(hands) + len(notes) == 1
+    assert len(hands) == 1 or "is left out" in notes[0]
     assert all(np.isfinite(hand.hand.landmarks).all() for hand in hands)
     said[name] = value
-    try:
-        hands_of(said)
-    except ValueError as error:
-        assert name in str(error)
+    refusal = outcome(lambda: hands_of(said))
+    assert not isinstance(refusal, ValueError) or name in str(refusal)
