@@ -23,6 +23,7 @@ from phasewire.hil.conformance.tables import read_table
 from phasewire.host.commands.sources import spoken
 from phasewire.host.firmware.images import read_image
 from phasewire.host.firmware.keys import read_private_key, read_public_keys
+from phasewire.host.hands.leap_recording import read_leap_recording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording
 from phasewire.solver.aperture import Aperture
@@ -43,6 +44,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "solved.npz": read_arrays,
     "array.npy": read_array,
     "circle.frames": Recording.open,
+    "wave.json": read_leap_recording,
+    "wave.json.lz": read_leap_recording,
     "capture.sr": SessionFile.open,
     "image.dfu": read_image,
     "private.pem": read_private_key,
@@ -141,6 +144,25 @@ def test_tables_without_measure(name: str, text: str, message: str, tmp_path: Pa
 def test_a_line_without_end_on_standard_input() -> None:
     with pytest.raises(InputFileError, match="line 1: it has more than 1048576 characters"):
         list(spoken(["[" * 2_000_000]))
+
+
+LEAP = '{"frames": ['
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LEAP + "[]," * 3_000_000 + "]]}", "it has 3000002 lists and objects; at most 2097152 may be"),
+        (LEAP + "[" * 2_000_000, "it is nested too deeply"),
+        (LEAP + "9" * 30_000_000, "digits"),
+        (LEAP + " " * 40_000_000, "has 40000012 bytes; such a file may have at most 33554432"),
+        (LEAP + '"ab",' * 6_000_000 + "0]}", "frame 0: it is no object"),
+        (LEAP + "0.5," * 8_000_000 + "0]}", "frame 0: it is no object"),
+    ],
+)
+def test_recordings_of_the_leap_without_measure(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "wave.json").write_text(text)
+    refused("wave.json", tmp_path / "wave.json", message)
 
 
 # Archives

@@ -7,6 +7,7 @@ made right around the bytes too, for no fuzzer guesses them.
 from __future__ import annotations
 
 import atexit
+import json
 import os
 import re
 import shutil
@@ -21,6 +22,7 @@ from io import BytesIO
 from pathlib import Path
 from unittest.mock import patch
 
+import lzstring
 import numpy as np
 import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -35,12 +37,15 @@ from phasewire.hil.conformance.sight.sigrok import SessionFile
 from phasewire.host.commands.sources import open_file
 from phasewire.host.firmware.images import read_firmware
 from phasewire.host.firmware.keys import read_private_key, read_public_keys
+from phasewire.host.hands.leap_recording import read_leap_recording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording, record
 from phasewire.protocol import PulseFrames
 from phasewire.settings import CONFIG_VARIABLE, defaults_from_file
 from phasewire.solver.aperture import Aperture
 from phasewire.solver.files import POINT_FILES, read_points, save_solution
+
+from tests.host.hands.leap_service import leap_frame
 
 DOCUMENTS = Path(__file__).parents[2] / "docs"
 MOST_SAMPLES = 2**20
@@ -133,6 +138,12 @@ def _read_source(path: Path) -> None:
         pass
 
 
+def leap(data: bytes) -> None:
+    """Recordings of the Leap: as they are, and packed."""
+    for suffix in (".json", ".json.lz"):
+        _attempt(read_leap_recording, data, f"a{suffix}")
+
+
 def images(data: bytes) -> None:
     """Firmware images, and keys."""
     _attempt(read_firmware, data, "a.dfu")
@@ -141,7 +152,7 @@ def images(data: bytes) -> None:
 
 
 READERS: dict[str, Callable[[bytes], None]] = {
-    group.__name__: group for group in (frames, toml, tables, session_files, solved, images)
+    group.__name__: group for group in (frames, toml, tables, session_files, solved, leap, images)
 }
 
 
@@ -201,6 +212,13 @@ def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
             return [metadata, *_cuts(_zipped({"version": b"2", "metadata": metadata, "logic-1-1": bytes(64)}))]
         case "solved":
             return [*_solved_arrays().values(), *_cuts(_solved_file())]
+        case "leap":
+            plain = json.dumps({"metadata": {}, "frames": [leap_frame(0, 0.0), leap_frame(1, 9e3, {})]}).encode()
+            rows = (
+                b'{"frames": [["id", "timestamp", {"hands": [["id"]]}, {"pointables": [["id"]]}], [1, 2, [[3]], []]]}'
+            )
+            compressed = lzstring.LZString().compressToBase64(rows.decode()).encode()
+            return [plain, rows, *_cuts(plain), *_cuts(compressed)]
     key = Ed25519PrivateKey.from_private_bytes(bytes(32))
     public = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
     private = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
