@@ -50,6 +50,10 @@ class HandSource(Protocol):
         """What it is, for people."""
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What is wrong with the source as a whole, such as a recording that was cut off."""
+
+    @property
     def rate(self) -> float:
         """Frames per second that can be expected."""
 
@@ -219,6 +223,8 @@ def read_options(rest: str, known: Mapping[str, Callable[[str], Any]], form: str
 
 class _Source:
     """What all sources have."""
+
+    notes: tuple[str, ...] = ()
 
     def __init__(self, name: str, rate: float) -> None:
         self.name, self.rate = name, rate

@@ -3,7 +3,7 @@
 The hand is 189.3 mm long from the wrist's crease to the middle fingertip, and 85 mm broad at the knuckles: means of men
 and women in ANSUR II, the US Army's survey of 2012. Its bones are those of Buryanov and Kotiuk (Proportions of hand
 segments, Int. J. Morphol. 28(3), 2010, table I), the fingertip's soft tissue included. Its finger breadths, at the
-middle joints, and its breadth at the wrist are Greiner's (Hand anthropometry of US Army personnel, Natick TR-92/011,
+middle joints, are Greiner's (Hand anthropometry of US Army personnel, Natick TR-92/011,
 1991), in proportion to the breadth of the hand, 90.4 mm there.
 """
 
@@ -13,11 +13,11 @@ import math
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..geometry import frozen
 
-__all__ = ["BONES", "FINGERS", "LENGTH", "NEUTRAL", "PALM", "PARENTS", "WIDTHS", "WRIST", "Side", "posed"]
+__all__ = ["BONES", "FINGERS", "LENGTH", "NEUTRAL", "PALM", "PARENTS", "WIDTHS", "Side", "posed"]
 
 Side: TypeAlias = Literal["left", "right"]
 FINGERS = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
@@ -25,8 +25,6 @@ LENGTH = 0.1893
 """Of the mean hand, in metres."""
 WIDTHS = frozen(np.array([24.0, 23.0, 22.5, 21.4, 19.2]) * 85 / 90.4 * 1e-3)
 """(5,) breadth of each finger of the mean hand, in metres."""
-WRIST = 65.8 / 90.4
-"""Breadth at the wrist as a part of that at the knuckles."""
 PALM = frozen(np.array([5, 9, 13, 17]))
 """Landmarks at the knuckles."""
 PARENTS = frozen(np.array([0, 1, 2, 3, 0, 5, 6, 7, 0, 9, 10, 11, 0, 13, 14, 15, 0, 17, 18, 19]))
@@ -50,15 +48,15 @@ _THUMB_ROLL_DEGREES = 81
 J. Bone Joint Surg. 63, 1981."""
 
 
-def posed(side: Side, curl: float = 0.0) -> NDArray[np.float64]:
+def posed(side: Side, curl: ArrayLike = 0.0) -> NDArray[np.float64]:
     """The mean hand with its fingers bent.
 
     Parameters
     ----------
     side : str
         "left" or "right".
-    curl : float
-        0 is an open hand with straight fingers, 1 a fist.
+    curl : float or (5,) float
+        Of all fingers or of each from the thumb on: 0 is straight, 1 as in a fist.
 
     Returns
     -------
@@ -66,6 +64,7 @@ def posed(side: Side, curl: float = 0.0) -> NDArray[np.float64]:
         Landmarks in metres: the wrist at the origin, the fingertips to +y, the back of the hand to +z.
     """
     points = np.zeros((21, 3))
+    curls = np.broadcast_to(curl, len(FINGERS))
     for finger, (base, lengths, bends) in enumerate(zip(_BASES_MM, _BONES_MM, _CURLED_DEGREES, strict=True)):
         fan = math.radians(_FAN_DEGREES[finger])
         along = np.array([math.sin(fan), math.cos(fan), 0])
@@ -74,7 +73,7 @@ def posed(side: Side, curl: float = 0.0) -> NDArray[np.float64]:
         points[1 + 4 * finger] = base
         angle = 0.0
         for joint, (length, bend) in enumerate(zip(lengths, bends, strict=True)):
-            angle += math.radians(bend) * curl
+            angle += math.radians(bend) * curls[finger]
             step = math.cos(angle) * along - math.sin(angle) * back
             points[2 + 4 * finger + joint] = points[1 + 4 * finger + joint] + length * step
     return points * 1e-3 * (1 if side == "right" else np.array([-1, 1, 1]))

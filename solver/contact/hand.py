@@ -64,8 +64,8 @@ class Hand:
     widths: NDArray[np.float64]
 
     def __init__(self, landmarks: ArrayLike, side: Side = "right", widths: ArrayLike | None = None) -> None:
-        points, size = _checked(landmarks, side)
-        if len(wrong := _impossible(points, size)):
+        points, size, possible = _checked(landmarks, side)
+        if not possible and len(wrong := _impossible(points, size)):
             said = [_described(points, landmark, size) for landmark in wrong[:MOST_NAMED]]
             more = f"; so are {len(wrong) - MOST_NAMED} more" if len(wrong) > MOST_NAMED else ""
             raise ValueError(f"{'; '.join(said)}{more}")
@@ -92,9 +92,9 @@ class Hand:
         ValueError
             If too little is right: see `Hand`, but for bones.
         """
-        points, size = _checked(landmarks, side)
+        points, size, possible = _checked(landmarks, side)
         notes = []
-        for landmark in _impossible(points, size):
+        for landmark in () if possible else _impossible(points, size):
             notes.append(f"{_described(points, landmark, size)}; it was repaired")
             _repair(points, landmark, size)
         if _backwards(points, side) > BACKWARDS:
@@ -104,7 +104,7 @@ class Hand:
 
     @classmethod
     def flat(
-        cls, centre: ArrayLike = (0, 0, 0.17), side: Side = "right", length: float = LENGTH, curl: float = 0.0
+        cls, centre: ArrayLike = (0, 0, 0.17), side: Side = "right", length: float = LENGTH, curl: ArrayLike = 0.0
     ) -> Self:
         """A hand of mean proportions, its palm level and facing the array, its fingertips to +y.
 
@@ -116,17 +116,20 @@ class Hand:
             "left" or "right".
         length : float
             From the wrist to the middle fingertip, in metres.
-        curl : float
-            How far the fingers bend, from 0, straight, to 1, a fist.
+        curl : float or (5,) float
+            How far all fingers bend, or each from the thumb on: from 0, straight, to 1, as in a fist.
 
         Raises
         ------
         ValueError
             If the length or the curl is none.
         """
-        if not 0 <= curl <= 1:
-            raise ValueError(f"curl is {curl}; it must be from 0, straight fingers, to 1, a fist")
-        hand = cls(posed(side, curl) * (length / LENGTH), side)
+        curls = np.asarray(curl, dtype=np.float64)
+        if curls.shape not in ((), (len(FINGERS),)) or not ((curls >= 0) & (curls <= 1)).all():
+            raise ValueError(
+                f"curl {curls.tolist()} must be one number or {len(FINGERS)}, from 0, straight, to 1, a fist"
+            )
+        hand = cls(posed(side, curls) * (length / LENGTH), side)
         return hand.moved(as_position(centre, "centre") - hand.centre)
 
     @cached_property
@@ -163,31 +166,30 @@ class Hand:
         return type(self)((self.landmarks - self.centre) @ turn.T + self.centre, self.side, self.widths)
 
 
-def _checked(landmarks: ArrayLike, side: Side) -> tuple[NDArray[np.float64], float]:
-    """Landmarks that have a palm, and its size as a part of the mean hand's."""
+def _checked(landmarks: ArrayLike, side: Side) -> tuple[NDArray[np.float64], float, bool]:
+    """Landmarks that have a palm, its size as a part of the mean hand's, and whether all bones are possible."""
     if side not in ("left", "right"):
         raise ValueError(f"the side of a hand is 'left' or 'right', not {side!r}")
     points = as_points(landmarks, "landmark")
     if len(points) != LANDMARKS:
         raise ValueError(f"a hand has {LANDMARKS} landmarks, not {len(points)}")
-    palm = points[PALM] - points[0]
-    size = float(np.sqrt((palm * palm).sum(axis=1)).mean()) / _NEUTRAL_PALM
+    from .hand_quads import hand_measures
+
+    mean, length, breadth, shortest, longest = hand_measures(points, BONES)
+    size = mean / _NEUTRAL_PALM
     if not LEAST_SIZE <= size <= MOST_SIZE:
         millimetres = "; these look like millimetres" if LEAST_SIZE <= size / 1000 <= MOST_SIZE else ""
         raise ValueError(
-            f"the palm is {size * _NEUTRAL_PALM:.3g} m long, from landmark 0 to the knuckles (5, 9, 13, 17); "
+            f"the palm is {mean:.3g} m long, from landmark 0 to the knuckles (5, 9, 13, 17); "
             f"it must be from {LEAST_SIZE * _NEUTRAL_PALM:.2g} to {MOST_SIZE * _NEUTRAL_PALM:.2g} m{millimetres}"
         )
-    along, across = palm.mean(axis=0), points[17] - points[5]
-    long_square = float(along @ along)
-    beside = across - (float(across @ along) / long_square if long_square > 0 else 0) * along
-    breadth, least = math.sqrt(float(beside @ beside)), LEAST_BREADTH * _NEUTRAL_BREADTH * size
-    if breadth < least or long_square < (LEAST_BREADTH * _NEUTRAL_PALM * size) ** 2:
+    least = LEAST_BREADTH * _NEUTRAL_BREADTH * size
+    if breadth < least or length < LEAST_BREADTH * mean:
         raise ValueError(
             f"the palm has no breadth: landmarks 5 and 17 are {breadth * 1e3:.1f} mm apart across it; "
             f"a palm of this length has at least {least * 1e3:.1f} mm"
         )
-    return points, size
+    return points, size, shortest >= LEAST_BONE * size and longest <= MOST_BONE * size
 
 
 def _as_widths(widths: ArrayLike) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The sixteen quadrilaterals of a hand, compiled."""
+"""The measures of a hand and its sixteen quadrilaterals, compiled."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiling import kernel
-from .anatomy import WRIST
 
-__all__ = ["hand_quads"]
+__all__ = ["WRIST", "hand_measures", "hand_quads"]
+
+WRIST = 65.8 / 90.4
+"""Breadth at the wrist as a part of that at the knuckles (Greiner, see `anatomy`)."""
 
 STIFFNESS = 0.1
 """Weight of a finger's own rest axis against its bones; see `hand_quads`."""
@@ -130,4 +132,53 @@ def _hand_quads(landmarks: NDArray[np.float64], widths: NDArray[np.float64], sid
     return quads
 
 
+def _hand_measures(
+    landmarks: NDArray[np.float64], bones: NDArray[np.float64]
+) -> tuple[float, float, float, float, float]:
+    """What `Hand` checks.
+
+    Parameters
+    ----------
+    landmarks : (21, 3) float
+        In metres.
+    bones : (20,) float
+        Of the mean hand in metres, in the order of the landmarks at their ends.
+
+    Returns
+    -------
+    float, float, float
+        In metres: the mean length from the wrist to the knuckles; the length from the wrist to the middle of the
+        knuckles; the breadth from the index finger's knuckle to the little finger's, across that.
+    float, float
+        The shortest and the longest of the fingers' bones, each as a part of the mean hand's.
+    """
+    mean = 0.0
+    along = np.zeros(3)
+    for knuckle in (5, 9, 13, 17):
+        square = 0.0
+        for i in range(3):
+            aside = landmarks[knuckle, i] - landmarks[0, i]
+            along[i] += aside / 4
+            square += aside * aside
+        mean += math.sqrt(square) / 4
+    long_square = along[0] ** 2 + along[1] ** 2 + along[2] ** 2
+    broad_square = overlap = 0.0
+    for i in range(3):
+        across = landmarks[17, i] - landmarks[5, i]
+        overlap += across * along[i]
+        broad_square += across * across
+    if long_square > 0:
+        broad_square -= overlap * overlap / long_square
+    shortest, longest = math.inf, 0.0
+    for finger in range(5):
+        for end in range(4 * finger + 2, 4 * finger + 5):
+            square = 0.0
+            for i in range(3):
+                square += (landmarks[end, i] - landmarks[end - 1, i]) ** 2
+            part = math.sqrt(square) / bones[end - 1]
+            shortest, longest = min(shortest, part), max(longest, part)
+    return mean, math.sqrt(long_square), math.sqrt(max(broad_square, 0.0)), shortest, longest
+
+
 hand_quads = kernel(_hand_quads)
+hand_measures = kernel(_hand_measures)

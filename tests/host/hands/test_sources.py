@@ -13,19 +13,7 @@ from phasewire.host.hands import HandFrame, HandSource, open_hands
 from phasewire.host.hands.sources import MOST_WAITING, LiveHands, PlayedHands, read_options
 from phasewire.host.lines import transport
 
-
-class Clock:
-    """Time that passes only while somebody waits."""
-
-    def __init__(self, now: float = 1000.0) -> None:
-        self.now = now
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def sleep(self, seconds: float, /) -> None:
-        assert seconds > 0
-        self.now += seconds
+from tests.host.hands.clocks import Clock
 
 
 def frames(period: float = 0.5, first: float = 7.0) -> Iterator[HandFrame]:

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from phasewire.solver.contact.anatomy import BONES, LENGTH, PARENTS, WIDTHS, WRIST
+from phasewire.solver.contact.anatomy import BONES, LENGTH, PARENTS, WIDTHS
 from phasewire.solver.contact.hand import Hand, Side
-from phasewire.solver.contact.hand_quads import STIFFNESS, hand_quads
+from phasewire.solver.contact.hand_quads import STIFFNESS, WRIST, hand_quads
 from scipy.spatial.transform import Rotation
 
 MIRROR = np.array([-1, 1, 1])
@@ -262,9 +262,19 @@ def test_only_some_of_many_faults_are_named() -> None:
 def test_wrong_arguments_are_named(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Hand(Hand.flat().landmarks, **arguments)  # type: ignore[arg-type]  # that is what is tested
-    for curl in (-0.1, 1.1, np.nan):
-        with pytest.raises(ValueError, match="from 0, straight fingers, to 1"):
-            Hand.flat(curl=curl)
+
+
+@pytest.mark.parametrize("curl", [-0.1, 1.1, np.nan, [0.5] * 4, [0.5] * 4 + [2]])
+def test_a_curl_is_from_0_to_1(curl: float | list[float]) -> None:
+    with pytest.raises(ValueError, match="must be one number or 5, from 0, straight, to 1"):
+        Hand.flat(curl=curl)
+
+
+def test_each_finger_bends_by_itself() -> None:
+    straight, fist = Hand.flat(), Hand.flat(curl=1)
+    pointing = Hand.flat(curl=[1, 0, 1, 1, 1])
+    np.testing.assert_array_equal(pointing.landmarks[5:9], straight.landmarks[5:9])
+    np.testing.assert_array_equal(pointing.landmarks[9:], fist.landmarks[9:])
 
 
 def test_a_finger_without_length_is_repaired_and_that_is_said() -> None:

@@ -1,0 +1,191 @@
+"""Poses: from a tracker's coordinates to the array's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import InputFileError
+from ...solver.contact.hand import Hand
+from ...solver.contact.poses import as_position, rotation_matrix
+from ...solver.geometry import as_points, frozen
+from ...storage import read_toml
+from .frames import HandFrame
+
+__all__ = ["Pose"]
+
+LEAST_SCALE, MOST_SCALE = 0.5, 2.0
+"""Beyond these it is no error of the tracker's scale but a wrong unit."""
+_KEYS = ("translation_m", "translation_mm", "rotation", "rotation_degrees", "scale")
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a tracker is: x in the array's coordinates is ``rotation @ (scale * x) + translation``.
+
+    Parameters
+    ----------
+    rotation : (3, 3) float
+        Turns the tracker's axes into the array's.
+    translation : (3,) float
+        Of the tracker's origin in the array's coordinates, in metres.
+    scale : float
+        Corrects the tracker's lengths, from `LEAST_SCALE` to `MOST_SCALE`.
+
+    Raises
+    ------
+    ValueError
+        If the rotation is none, the translation is not finite or too large, or the scale is out of its range.
+    """
+
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check it."""
+        object.__setattr__(self, "rotation", frozen(_as_rotation(self.rotation)))
+        object.__setattr__(self, "translation", frozen(as_position(self.translation, "translation")))
+        if not LEAST_SCALE <= self.scale <= MOST_SCALE:
+            raise ValueError(f"scale {self.scale} must be from {LEAST_SCALE} to {MOST_SCALE}")
+
+    @classmethod
+    def none(cls) -> Self:
+        """That of a tracker whose coordinates are the array's."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a pose file; docs/hands.md describes it.
+
+        Raises
+        ------
+        InputFileError
+            If the file is no TOML, or a field of it is unknown or wrong; it names the field.
+        OSError
+            If it cannot be read.
+        """
+        table = read_toml(path)
+        try:
+            return cls.from_table(table)
+        except ValueError as error:
+            raise InputFileError(f"{path} is no pose of a tracker: {error}") from error
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any]) -> Self:
+        """A pose of the fields of a pose file.
+
+        Raises
+        ------
+        ValueError
+            That names the field that is unknown or wrong.
+        """
+        for key in table:
+            if key not in _KEYS:
+                raise ValueError(f"there is no field {key!r}; the fields are {', '.join(_KEYS)}")
+        for one, other in (("translation_m", "translation_mm"), ("rotation", "rotation_degrees")):
+            if one in table and other in table:
+                raise ValueError(f"{one} and {other} exclude each other; give one of them")
+        translation = _numbers(table, "translation_m", (3,), [0, 0, 0])
+        if "translation_mm" in table:
+            translation = _numbers(table, "translation_mm", (3,)) * 1e-3
+        rotation = _numbers(table, "rotation", (3, 3), np.eye(3).tolist())
+        if "rotation_degrees" in table:
+            x, y, z = _numbers(table, "rotation_degrees", (3,))
+            rotation = rotation_matrix(z, (0, 0, 1)) @ rotation_matrix(y, (0, 1, 0)) @ rotation_matrix(x, (1, 0, 0))
+        return cls(rotation, translation, float(_numbers(table, "scale", (), 1)))
+
+    def to_table(self) -> dict[str, Any]:
+        """The fields of a pose file."""
+        return {
+            "translation_m": self.translation.tolist(),
+            "rotation": self.rotation.tolist(),
+            "scale": float(self.scale),
+        }
+
+    @classmethod
+    def estimate(cls, seen: ArrayLike, true: ArrayLike) -> tuple[Self, float]:
+        """The pose that takes points as the tracker sees them best to where they are, in the sense of least squares.
+
+        Kabsch's algorithm; the scale stays 1.
+
+        Parameters
+        ----------
+        seen : (m, 3) float
+            In the tracker's coordinates, in metres; m of at least 3, not all in a line.
+        true : (m, 3) float
+            The same points in the array's coordinates, in metres.
+
+        Returns
+        -------
+        Pose, float
+            And the root of the mean square distance that is left, in metres.
+
+        Raises
+        ------
+        ValueError
+            If the points are too few, or do not tell a rotation.
+        """
+        there, here = as_points(seen, "point"), as_points(true, "point")
+        if there.shape != here.shape or len(there) < 3:
+            raise ValueError(
+                f"{len(there)} points were seen, {len(here)} are given; both must be 3 or more, and as many"
+            )
+        about, to = there.mean(axis=0), here.mean(axis=0)
+        left, values, right = np.linalg.svd((there - about).T @ (here - to))
+        if values[1] <= 1e-6 * values[0]:
+            raise ValueError("the points are in a line, which does not tell a rotation; add one beside it")
+        upright = np.diag([1, 1, np.sign(np.linalg.det(left @ right))])  # no reflection
+        rotation = (left @ upright @ right).T
+        pose = cls(rotation, to - rotation @ about)
+        missed = there @ pose.rotation.T + pose.translation - here
+        return pose, float(np.sqrt((missed**2).sum(axis=1).mean()))
+
+    def apply(self, frame: HandFrame) -> HandFrame:
+        """The same hands in the array's coordinates.
+
+        Raises
+        ------
+        ValueError
+            If a hand is then further away than any coordinate may be.
+        """
+        return replace(frame, hands=tuple(replace(each, hand=self.moved(each.hand)) for each in frame.hands))
+
+    def moved(self, hand: Hand) -> Hand:
+        """The same hand in the array's coordinates."""
+        landmarks = (self.scale * hand.landmarks) @ self.rotation.T + self.translation
+        return Hand(landmarks, hand.side, self.scale * hand.widths)
+
+
+def _as_rotation(values: ArrayLike) -> NDArray[np.float64]:
+    matrix = np.array(values, dtype=np.float64)
+    if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=1e-3):
+        raise ValueError(f"rotation {matrix.tolist()} must have three perpendicular rows of length 1")
+    if np.linalg.det(matrix) < 0:
+        raise ValueError(
+            f"rotation {matrix.tolist()} is a reflection: a left hand would become a right one; "
+            "change the sign of a row if an axis points the wrong way"
+        )
+    left, _, right = np.linalg.svd(matrix)  # what is written with three digits becomes exact
+    nearest: NDArray[np.float64] = left @ right
+    return nearest
+
+
+def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], otherwise: object = None) -> NDArray[np.float64]:
+    """A field of numbers of a shape."""
+    given = table.get(key, otherwise)
+    try:
+        values = np.array(given)
+    except ValueError:
+        values = np.array(None)
+    if values.shape != shape or values.dtype.kind not in "if" or not all(map(math.isfinite, values.flat)):
+        what = {(): "a finite number", (3,): "three finite numbers", (3, 3): "three rows of three finite numbers"}[
+            shape
+        ]
+        raise ValueError(f"{key} is {given!r}; it must be {what}")
+    return values.astype(np.float64)

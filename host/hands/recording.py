@@ -1,0 +1,400 @@
+"""Recordings of hands: a file of JSON Lines, one frame of hands a line; docs/hands.md describes the format.
+
+A recording is read line by line, so that its length costs no memory, and each line has a bound. One that was cut off
+can be read up to its last whole line.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from importlib.metadata import version
+from io import SEEK_END, FileIO
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+
+from ...errors import InputFileError
+from ...solver.contact.hand import Hand
+from ...storage import open_plain, replacing
+from ..lines.transport import Timekeeper
+from .frames import HandFrame, TrackedHand
+from .pose import Pose
+from .sources import PlayedHands, Readiness, read_options
+
+__all__ = ["RECORDING", "SUFFIX", "HandRecorder", "HandRecording"]
+
+SUFFIX = ".hands"
+FORMAT = "phasewire-hands-1"
+UNITS = {"m": 1.0, "mm": 1e-3}
+MOST_LINE_BYTES = 2**17
+"""Enough for `MOST_HANDS` with all digits of their numbers."""
+MOST_END_BYTES = 64
+"""Of the line that ends a recording."""
+MOST_HANDS = 16
+MOST_TIME = 1e9
+MOST_RATE = 1e5
+DECIMALS = 6
+"""Of metres and seconds: a micrometre and a microsecond, which no tracker knows."""
+
+
+class HandRecorder:
+    """Writes frames of hands to a file, in a ``with`` statement.
+
+    The file takes its place when the block ends, for whatever reason: a recording that Ctrl-C ends is whole. If the
+    disk is full, what was written is kept.
+
+    Parameters
+    ----------
+    path : Path
+        The file, by custom with the suffix `SUFFIX`.
+    rate : float
+        Frames per second that can be expected.
+    source : str
+        Where the hands come from, for people.
+    pose : Pose, optional
+        That was applied to the hands.
+    """
+
+    def __init__(self, path: Path, rate: float, source: str = "", pose: Pose | None = None) -> None:
+        self._path = path
+        self._head = {
+            "format": FORMAT,
+            "made_by": f"phasewire {version('phasewire')}",
+            "source": source,
+            "units": "m",
+            "rate_hz": float(rate),
+            "pose": None if pose is None else pose.to_table(),
+        }
+        self._stack: ExitStack
+        self._file: FileIO
+        self._origin: float | None = None
+        self._time = 0.0
+        self.frames = 0
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            part = stack.enter_context(replacing(self._path))
+            self._file = stack.enter_context(part.open("wb", buffering=0))
+            self._put(self._head)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        try:
+            self._put({"frames": self.frames})
+        finally:
+            self._stack.close()
+
+    def write(self, frame: HandFrame) -> None:
+        """Add a frame; the first one's time becomes 0.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        if self._origin is None:
+            self._origin = frame.time
+        self._time = max(self._time, round(frame.time - self._origin, DECIMALS))  # a tracker's clock may be set back
+        record: dict[str, Any] = {
+            "time": self._time,
+            "number": frame.number,
+            "hands": [
+                {
+                    "id": each.id,
+                    "side": each.hand.side,
+                    "landmarks": each.hand.landmarks.round(DECIMALS).tolist(),
+                    "widths": each.hand.widths.round(DECIMALS).tolist(),
+                }
+                for each in frame.hands
+            ],
+        }
+        if frame.notes:
+            record["notes"] = list(frame.notes)
+        self._put(record)
+        self.frames += 1
+
+    def _put(self, record: dict[str, Any]) -> None:
+        """Write a line, without a buffer that would fail once more when the file is closed."""
+        left = memoryview(json.dumps(record, allow_nan=False, separators=(",", ":")).encode() + b"\n")
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
+
+
+class HandRecording:
+    """A recording of hands that is open for reading: an iterator of its frames. Use it in a ``with`` statement.
+
+    Attributes
+    ----------
+    rate : float
+        Frames per second.
+    source : str
+        Where the hands came from, for people.
+    pose : Pose or None
+        That was applied to them.
+    complete : bool
+        Whether the recording ends as it should; false if it was cut off.
+    """
+
+    def __init__(self, path: Path, file: BinaryIO) -> None:
+        self._path, self._file = path, file
+        self._number = 0
+        self._time = -math.inf
+        head = self._line()
+        if head is None or head.get("format") != FORMAT:
+            raise InputFileError(f"{path} is no recording of hands: its first line does not say that it is a {FORMAT}")
+        with _Naming(path, 1):
+            self._unit = UNITS.get(_text(head, "units", "m"), 0.0)
+            if not self._unit:
+                raise ValueError(f"units is {head['units']!r}; it must be one of {', '.join(UNITS)}")
+            self.rate = _number(head, "rate_hz")
+            if not 0 < self.rate <= MOST_RATE:
+                raise ValueError(f"rate_hz is {self.rate:g}; it must be above 0 and up to {MOST_RATE:g}")
+            self.source = _text(head, "source", "")
+            pose = head.get("pose")
+            if pose is not None and not isinstance(pose, dict):
+                raise ValueError("pose is no table")
+            self.pose = None if pose is None else Pose.from_table(pose)
+        self._first = file.tell()
+        file.seek(max(file.seek(0, SEEK_END) - MOST_END_BYTES, self._first))
+        tail = file.read()
+        self.complete = tail.endswith(b"\n") and tail.splitlines()[-1].replace(b" ", b"").startswith(b'{"frames":')
+        self._rewind()
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Open a recording.
+
+        Raises
+        ------
+        InputFileError
+            If the file begins like no recording of hands, or is no plain file.
+        OSError
+            If it cannot be opened.
+        """
+        file = open_plain(path)
+        try:
+            return cls(path, file)
+        except BaseException:
+            file.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _rewind(self) -> None:
+        """Begin again with the first frame."""
+        self._file.seek(self._first)
+        self._number, self._time = 1, -math.inf
+
+    def _line(self) -> dict[str, Any] | None:
+        """The next line; None at the end, and for a last line that was cut off."""
+        line = self._file.readline(MOST_LINE_BYTES + 1)
+        self._number += 1
+        if len(line) > MOST_LINE_BYTES:
+            raise InputFileError(
+                f"{self._path}, line {self._number} has more than {MOST_LINE_BYTES} bytes; no line of a recording has"
+            )
+        if not line.endswith(b"\n"):
+            return None
+        with _Naming(self._path, self._number):
+            try:
+                record = json.loads(line, parse_constant=_refuse)
+            except RecursionError as error:
+                raise ValueError("it is nested too deeply") from error
+            if not isinstance(record, dict):
+                raise ValueError("it is no object of JSON")
+        return record
+
+    def __iter__(self) -> Iterator[HandFrame]:
+        """The frames from the first one on.
+
+        Raises
+        ------
+        InputFileError
+            If a line is none, or its time is before that of the line before it; it names the line.
+        """
+        self._rewind()
+        count = 0
+        while (record := self._line()) is not None:
+            with _Naming(self._path, self._number):
+                if "frames" in record:
+                    if record["frames"] != count:
+                        raise ValueError(f"there should be {_short(record['frames'])} frames; there are {count}")
+                    return
+                frame = self._frame(record)
+            yield frame
+            count += 1
+
+    def _frame(self, record: dict[str, Any]) -> HandFrame:
+        time = _number(record, "time")
+        if not abs(time) <= MOST_TIME:
+            raise ValueError(f"time is {time:g} s; it must be up to {MOST_TIME:g}")
+        if time < self._time:
+            raise ValueError(f"time is {time:.6f} s, before the {self._time:.6f} s of the frame before it")
+        self._time = time
+        given = record.get("hands")
+        if not isinstance(given, list) or len(given) > MOST_HANDS:
+            raise ValueError(f"hands must be a list of at most {MOST_HANDS} hands")
+        said = record.get("notes", [])
+        if not isinstance(said, list) or not all(isinstance(note, str) for note in said):
+            raise ValueError("notes must be a list of texts")
+        notes, hands = list(said), []
+        for place, each in enumerate(given):
+            if not isinstance(each, dict):
+                raise ValueError(f"hand {place} is no object of JSON")
+            try:
+                hand, repairs = self._hand(each)
+                hands.append(TrackedHand(hand, _whole(each, "id")))
+            except ValueError as error:
+                raise ValueError(f"hand {place}: {error}") from error
+            notes += repairs
+        return HandFrame(time, tuple(hands), _whole(record, "number", self._number - 2), tuple(notes))
+
+    def _hand(self, each: dict[str, Any]) -> tuple[Hand, tuple[str, ...]]:
+        side = each.get("side")
+        if side != "left" and side != "right":
+            raise ValueError(f'side is {side!r}; it must be "left" or "right"')
+        landmarks = _table(each, "landmarks", self._unit)
+        widths = _table(each, "widths", self._unit) if "widths" in each else None
+        return Hand.repaired(landmarks, side, widths)
+
+
+class _Naming:
+    """Turns what is wrong with a line into an error that names it."""
+
+    def __init__(self, path: Path, number: int) -> None:
+        self._place = f"{path}, line {number}"
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if isinstance(error, ValueError) and not isinstance(error, InputFileError):
+            raise InputFileError(f"{self._place}: {error}") from error
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no finite number")
+
+
+def _number(record: dict[str, Any], name: str) -> float:
+    value = record.get(name)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
+        raise ValueError(f"{name} is {_short(value)}; it must be a finite number")
+    return float(value)
+
+
+def _whole(record: dict[str, Any], name: str, otherwise: int = 0) -> int:
+    value = record.get(name, otherwise)
+    if isinstance(value, bool) or not isinstance(value, int) or not abs(value) < 2**63:
+        raise ValueError(f"{name} is {_short(value)}; it must be a whole number of 64 bits")
+    return value
+
+
+def _text(record: dict[str, Any], name: str, otherwise: str) -> str:
+    value = record.get(name, otherwise)
+    if not isinstance(value, str):
+        raise ValueError(f"{name} is {_short(value)}; it must be a text")
+    return value
+
+
+def _table(each: dict[str, Any], name: str, unit: float) -> Any:
+    try:
+        values = np.array(each.get(name))
+    except (ValueError, OverflowError):
+        values = np.array(None)
+    if values.dtype.kind not in "if":
+        raise ValueError(f"its {name} are no table of numbers")
+    return values * unit
+
+
+def _short(value: object) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 40 else f"{text[:40]}…"
+
+
+class RecordingScheme:
+    """Recordings of hands."""
+
+    form = f"recording:FILE{SUFFIX}?speed=1&loop=0"
+    help = "Hands from a file that `phasewire touch --record` or `phasewire tracker --record` wrote."
+
+    def open(self, rest: str, clock: Timekeeper) -> PlayedHands:
+        """Open the recording that a URL names.
+
+        Raises
+        ------
+        ValueError
+            If no file is named, or an option is wrong.
+        InputFileError
+            If the file is no recording of hands.
+        OSError
+            If it cannot be opened.
+        """
+        known: dict[str, Callable[[str], Any]] = {"speed": _speed, "loop": _switch}
+        where, options = read_options(rest, known, self.form)
+        if not where:
+            raise ValueError(f"no file is named; such a URL has the form {self.form}")
+        speed = options.get("speed", 1.0)
+        recording = HandRecording.open(Path(where))
+        frames = _played(recording, speed, options.get("loop", False))
+        played = PlayedHands(f"the recording {where}", frames, recording.rate * speed, clock, recording.close)
+        if not recording.complete:
+            played.notes = (f"{where} was cut off; it plays up to its last whole line",)
+        return played
+
+    def probe(self) -> Readiness:
+        """It is always there."""
+        return Readiness(True, "always there")
+
+
+def _played(recording: HandRecording, speed: float, loop: bool) -> Iterator[HandFrame]:
+    """The frames at another speed, again and again if wanted, with times and numbers that go on."""
+    offset, numbers = 0.0, 0
+    while True:
+        first = last = None
+        for frame in recording:
+            first = frame.time if first is None else first
+            last = replace(frame, time=offset + (frame.time - first) / speed, number=numbers + frame.number)
+            yield last
+        if not loop or last is None:
+            return
+        offset, numbers = last.time + 1 / (recording.rate * speed), last.number + 1
+
+
+def _speed(text: str) -> float:
+    value = float(text)
+    if not 0.01 <= value <= 100:
+        raise ValueError("it must be from 0.01 to 100")
+    return value
+
+
+def _switch(text: str) -> bool:
+    if text not in ("0", "1"):
+        raise ValueError("it must be 0 or 1")
+    return text == "1"
+
+
+RECORDING = RecordingScheme()
