@@ -36,7 +36,15 @@ def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> No
 
 
 @pytest.mark.parametrize(
-    ("name", "count"), [("protocol.md", 2), ("emulator.md", 1), ("faults.md", 1), ("host.md", 3), ("conformance.md", 1)]
+    ("name", "count"),
+    [
+        ("protocol.md", 2),
+        ("emulator.md", 1),
+        ("faults.md", 1),
+        ("host.md", 3),
+        ("conformance.md", 1),
+        ("hands.md", 3),
+    ],
 )
 def test_the_python_of_the_documents_runs(
     name: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

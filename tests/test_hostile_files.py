@@ -24,6 +24,8 @@ from phasewire.host.commands.sources import spoken
 from phasewire.host.firmware.images import read_image
 from phasewire.host.firmware.keys import read_private_key, read_public_keys
 from phasewire.host.hands.leap_recording import read_leap_recording
+from phasewire.host.hands.pose import Pose
+from phasewire.host.hands.recording import HandRecording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording
 from phasewire.solver.aperture import Aperture
@@ -46,6 +48,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "circle.frames": Recording.open,
     "wave.json": read_leap_recording,
     "wave.json.lz": read_leap_recording,
+    "wave.hands": lambda path: list(HandRecording.open(path)),
+    "pose.toml": Pose.load,
     "capture.sr": SessionFile.open,
     "image.dfu": read_image,
     "private.pem": read_private_key,
@@ -98,7 +102,9 @@ def test_a_folder(name: str, tmp_path: Path) -> None:
     assert failed.value.filename == str(path)
 
 
-@pytest.mark.parametrize("name", ["solved.npz", "array.npy", "circle.frames", "capture.sr", "aperture.png"])
+@pytest.mark.parametrize(
+    "name", ["solved.npz", "array.npy", "circle.frames", "wave.hands", "capture.sr", "aperture.png"]
+)
 def test_a_pipe_that_nobody_fills(name: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / name)
     refused(name, tmp_path / name, "is no plain file")
@@ -107,7 +113,7 @@ def test_a_pipe_that_nobody_fills(name: str, tmp_path: Path) -> None:
 # Text
 
 
-@pytest.mark.parametrize("name", ["settings.toml", "scenario.toml", "profile.toml"])
+@pytest.mark.parametrize("name", ["settings.toml", "scenario.toml", "profile.toml", "pose.toml"])
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -37,12 +37,16 @@ from phasewire.hil.conformance.sight.sigrok import SessionFile
 from phasewire.host.commands.sources import open_file
 from phasewire.host.firmware.images import read_firmware
 from phasewire.host.firmware.keys import read_private_key, read_public_keys
+from phasewire.host.hands import HandFrame, TrackedHand
 from phasewire.host.hands.leap_recording import read_leap_recording
+from phasewire.host.hands.pose import Pose
+from phasewire.host.hands.recording import HandRecorder, HandRecording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording, record
 from phasewire.protocol import PulseFrames
 from phasewire.settings import CONFIG_VARIABLE, defaults_from_file
 from phasewire.solver.aperture import Aperture
+from phasewire.solver.contact.hand import Hand
 from phasewire.solver.files import POINT_FILES, read_points, save_solution
 
 from tests.host.hands.leap_service import leap_frame
@@ -85,8 +89,8 @@ def _sealed(data: bytes) -> bytes:
 
 
 def toml(data: bytes) -> None:
-    """All that is written in TOML: defaults of options, scenarios, profiles, known failures."""
-    for read in (read_scenario, read_profile, read_known_failures, _read_settings):
+    """All that is written in TOML: defaults of options, scenarios, profiles, known failures, poses of trackers."""
+    for read in (read_scenario, read_profile, read_known_failures, Pose.load, _read_settings):
         _attempt(read, data, "a.toml")
 
 
@@ -144,6 +148,19 @@ def leap(data: bytes) -> None:
         _attempt(read_leap_recording, data, f"a{suffix}")
 
 
+def hands(data: bytes) -> None:
+    """Recordings of hands: as they are, and with these bytes for the lines after the first."""
+    head = b'{"format":"phasewire-hands-1","rate_hz":60}\n'
+    for piece in (data, head + data):
+        _attempt(_read_hands, piece, "a.hands")
+
+
+def _read_hands(path: Path) -> None:
+    with HandRecording.open(path) as recording:
+        for frame in recording:
+            assert all(np.isfinite(each.hand.quads).all() for each in frame.hands)
+
+
 def images(data: bytes) -> None:
     """Firmware images, and keys."""
     _attempt(read_firmware, data, "a.dfu")
@@ -152,7 +169,7 @@ def images(data: bytes) -> None:
 
 
 READERS: dict[str, Callable[[bytes], None]] = {
-    group.__name__: group for group in (frames, toml, tables, session_files, solved, leap, images)
+    group.__name__: group for group in (frames, toml, tables, session_files, solved, hands, leap, images)
 }
 
 
@@ -187,6 +204,14 @@ def _recorded() -> bytes:
     return path.read_bytes()
 
 
+def _recorded_hands() -> bytes:
+    path = _folder() / "seed.hands"
+    with HandRecorder(path, 60, pose=Pose.none()) as recorder:
+        for number in range(3):
+            recorder.write(HandFrame(number / 60, (TrackedHand(Hand.flat(curl=number / 3), 1),), number, ("a note",)))
+    return path.read_bytes()
+
+
 def _cuts(whole: bytes) -> list[bytes]:
     """A file, and beginnings of it."""
     return [whole[: len(whole) * part // 21] for part in range(1, 22)]
@@ -198,7 +223,9 @@ def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
         case "frames":
             return _cuts(_recorded())
         case "toml":
-            documents = "".join((DOCUMENTS / f"{name}.md").read_text() for name in ("conformance", "faults", "cli"))
+            documents = "".join(
+                (DOCUMENTS / f"{name}.md").read_text() for name in ("conformance", "faults", "cli", "hands")
+            )
             written = re.findall(r"```toml\n(.*?)```", documents, re.DOTALL)
             return [*map(str.encode, written), *_cuts("".join(written).encode())]
         case "tables":
@@ -210,6 +237,8 @@ def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
             metadata = b"[global]\nsigrok version=0.5.2\n[device 1]\ncapturefile=logic-1\nunitsize=1\n"
             metadata += b"total probes=2\nsamplerate=24 MHz\nprobe1=b0p0_00\nprobe2=D1\n"
             return [metadata, *_cuts(_zipped({"version": b"2", "metadata": metadata, "logic-1-1": bytes(64)}))]
+        case "hands":
+            return _cuts(_recorded_hands())
         case "solved":
             return [*_solved_arrays().values(), *_cuts(_solved_file())]
         case "leap":
