@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+import trimesh
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from phasewire import ControlPoints, Device, Emulator, Pulses, Sphere, TransducerArray, Wiring, open_device
+from phasewire import (
+    ControlPoints,
+    Device,
+    Emulator,
+    Hand,
+    Mesh,
+    Pulses,
+    Sphere,
+    TransducerArray,
+    Wiring,
+    open_device,
+    touch,
+)
 from phasewire.hil.touching import TouchRun, read_back_modulation, run_touch
 from phasewire.solver import TwoSided, intensity_component, two_sided
+from phasewire.solver.contact.cut import KNUCKLE
 
 TICK, EARLY, DRIVE, FELT = range(4)
 
@@ -104,3 +120,40 @@ def test_one_drive_that_is_read_back_has_no_other_half(intended: TwoSided, emula
         read = read_back_modulation(device)
     assert read.weights.shape == (1, 1)
     np.testing.assert_allclose(read.drives[0], Pulses.from_drive(intended.first.drive).to_drive(), atol=1e-12)
+
+
+@st.composite
+def meetings(draw: st.DrawFn) -> tuple[Hand, Mesh]:
+    """A hand at any height, turned and bent in any way, whose palm meets one of the paper's objects."""
+    solid = draw(st.sampled_from([Mesh.cube, Mesh.sphere, Mesh.cone, Mesh.pyramid, Mesh.horizontal_prism]))
+    mesh = solid().rotated(draw(st.floats(0, 360)), (0, 0, 1)).moved([draw(st.floats(-0.02, 0.02)), 0, 0])
+    centre = [draw(st.floats(-0.04, 0.04)), draw(st.floats(-0.06, 0.02)), draw(st.floats(0.14, 0.2))]
+    hand = Hand.flat(centre, draw(st.sampled_from(["left", "right"])), curl=draw(st.floats(0, 0.8)))
+    axis = np.array([draw(st.floats(-1, 1)), draw(st.floats(-1, 1)), 1])
+    return hand.rotated(draw(st.floats(-30, 30)), axis), mesh
+
+
+def check_what_is_felt(hand: Hand, mesh: Mesh) -> None:
+    points = touch(hand, mesh).points
+    assume(points is not None)
+    assert points is not None
+    with Emulator() as emulator:
+        run = run_touch(two_sided(TransducerArray.grid(), points), emulator)
+    assert verdicts(run) == [True] * 4
+    felt, wanted = run.felt(run.rebuilt), run.felt(run.wanted)
+    assert np.abs(felt - wanted).max() < 0.1 * wanted.max()  # quantisation adds up by chance, far below its bound
+    closest: Any = trimesh.proximity.closest_point_naive
+    _, distance, _ = closest(trimesh.Trimesh(mesh.vertices, mesh.faces), points.positions)
+    assert distance.max() < KNUCKLE / 2  # what is felt is on the object, or bridges a knuckle from there
+
+
+@pytest.mark.parametrize("shape", ["cone", "sphere", "pyramid", "horizontal_prism", "vertical_prism", "cube"])
+def test_what_a_hand_feels_of_each_object_arrives(shape: str) -> None:
+    check_what_is_felt(Hand.flat((0, -0.02, 0.18)), getattr(Mesh, shape)())
+
+
+@pytest.mark.slow
+@settings(max_examples=25)
+@given(meetings())
+def test_what_any_hand_feels_of_any_object_arrives(meeting: tuple[Hand, Mesh]) -> None:
+    check_what_is_felt(*meeting)

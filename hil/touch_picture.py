@@ -1,0 +1,282 @@
+"""The picture of touch: object, hand, arcs and control points in space, and the field as emitted on a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..pictures import save_figure
+from ..solver import Medium, Modulation, PlaneField, TransducerArray, intensity_component, pressure, sample_cut
+from ..solver.contact.hand import Hand
+from ..solver.contact.mesh import Mesh
+from ..solver.contact.touch import Touch
+from ..solver.grid import Grid
+from ..solver.picture import draw_field
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+__all__ = ["outline", "plane_of", "save_touch_picture"]
+
+MM = 1e3
+ELEVATION, AZIMUTH = 24.0, -62.0  # degrees, where the scene is seen from
+SHARP = np.cos(np.radians(25.0))  # faces that meet at a larger angle make an edge that is drawn
+MARGIN = 0.03  # metres around the control points on the plane of the field
+SMALLEST = 0.12  # metres, side of that plane
+CLEARANCE = 0.02  # metres between that plane and the array
+STEP = 1e-3  # metres
+IN_PLANE = 10e-3  # metres from the plane at which a thing is drawn in it
+
+# From the palette of Okabe and Ito, which people with any colour vision tell apart; markers differ as well.
+OBJECT, HAND, ARC = "#555555", "#E69F00", "#0072B2"
+HALVES = (("first", "#D55E00", "o"), ("second", "#009E73", "^"))
+
+
+def save_touch_picture(
+    path: Path,
+    hands: Sequence[Hand],
+    objects: Sequence[Mesh],
+    touch: Touch,
+    emitted: Modulation,
+    array: TransducerArray,
+    source: str,
+) -> None:
+    """Draw what touches what, and the field that comes of it.
+
+    Parameters
+    ----------
+    path : Path
+        Where to write; its suffix is the format.
+    hands, objects : sequence of Hand, of Mesh
+        What was there.
+    touch : Touch
+        Where they meet.
+    emitted : Modulation
+        What the device plays: its drives rebuilt from bits or from pulses that were read back.
+    array : TransducerArray
+        That plays it.
+    source : str
+        What the drives were rebuilt from, for the caption.
+
+    Raises
+    ------
+    ValueError
+        If nothing is touched, or the suffix is not that of a picture.
+    """
+    if touch.points is None:
+        raise ValueError("no hand touches an object: there is no field to draw")
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
+
+    at = touch.points.positions
+    halves = np.abs([pressure(array, drive, at) for drive in emitted.weights @ emitted.drives])
+    louder = halves.argmax(axis=0)
+    grid = plane_of(at, float(array.positions[:, 2].max()))
+    figure = Figure(figsize=(14, 7.4), layout="constrained")
+    sides = figure.add_gridspec(1, 2, width_ratios=[1, 1.08])
+    left, right = figure.add_subfigure(sides[0]), figure.add_subfigure(sides[1])
+    with rc_context({"grid.color": "0.88"}):  # three-dimensional axes take it when they are made
+        space: Axes3D = left.add_subplot(projection="3d")
+    _draw_scene(space, hands, objects, touch, louder, array, grid)
+    axes = right.subplots()
+    _draw_plane(axes, hands, touch, louder, emitted, array, grid)
+    handles = {
+        label: handle for each in (space, axes) for handle, label in zip(*each.get_legend_handles_labels(), strict=True)
+    }
+    left.legend(handles.values(), handles, loc="outside lower center", ncols=3, frameon=False, fontsize="small")
+    figure.suptitle(f"{len(at)} control points on {_many(len(touch.arcs), 'arc')}", fontsize="x-large")
+    figure.supxlabel(_caption(touch, halves.max(axis=0), emitted, array, source), fontsize="medium")
+    save_figure(figure, path)
+
+
+def plane_of(points: NDArray[np.float64], floor: float) -> Grid:
+    """The plane nearest to points, as a square that shows them and stays above a height.
+
+    Parameters
+    ----------
+    points : (m, 3) float
+        In metres.
+    floor : float
+        Height of the array in metres.
+
+    Returns
+    -------
+    Grid
+        The plane's normal is the direction in which the points vary least; points that lie on a line get the plane
+        that is the most horizontal. Its first axis is as near to x as the plane allows.
+    """
+    mean = points.mean(axis=0)
+    _, extents, directions = np.linalg.svd(points - mean, full_matrices=True)
+    spread = np.zeros(3)
+    spread[: len(extents)] = extents
+    flat = directions[spread < 1e-6]  # directions in which the points do not vary at all, to a micrometre
+    normal = directions[2] if len(flat) < 2 else flat.T @ flat[:, 2]  # z, as far as it lies in these
+    if np.linalg.norm(normal) < 1e-9:
+        normal = flat[0]
+    normal = normal / np.linalg.norm(normal) * (1 if normal[2] >= 0 else -1)
+    if normal[2] > 1 - 1e-9:
+        first, second = np.eye(3)[:2]
+    else:
+        first = np.eye(3)[0] - normal[0] * normal
+        if np.linalg.norm(first) < 1e-3:  # the plane is that of y and z
+            first = np.eye(3)[1] - normal[1] * normal
+        first = first / np.linalg.norm(first)
+        second = np.cross(normal, first)
+    offsets = (points - mean) @ np.array([first, second]).T
+    low, high = offsets.min(axis=0), offsets.max(axis=0)
+    centre = mean + (low + high) / 2 @ np.array([first, second])
+    in_plane = (high - low).max() / 2
+    slope = abs(first[2]) + abs(second[2])
+    room = (centre[2] - floor - CLEARANCE) / slope if slope > 0 else np.inf
+    half = max(min(max(in_plane + MARGIN, SMALLEST / 2), room), 2 * STEP)
+    return Grid.spanning(centre, [first, second], [2 * half] * 2, STEP)
+
+
+def outline(mesh: Mesh, towards: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The edges that show a mesh: its silhouette, its sharp edges and its borders.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of any number of faces.
+    towards : (3,) float
+        Direction to who looks.
+
+    Returns
+    -------
+    seen, hidden : (k, 2, 3) float
+        Lines in metres; hidden are those of which both faces look away.
+    """
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    faces = mesh.solid.edge_faces
+    border = faces[:, 1] < 0
+    facing = (normals @ towards > 0)[faces]
+    sharp = np.einsum("ek,ek->e", normals[faces[:, 0]], normals[faces[:, 1]]) < SHARP
+    drawn = border | sharp | (facing[:, 0] != facing[:, 1])
+    hidden = ~facing.any(axis=1) & ~border
+    lines = mesh.vertices[mesh.solid.edges]
+    return lines[drawn & ~hidden], lines[drawn & hidden]
+
+
+def _draw_scene(
+    axes: Axes3D,
+    hands: Sequence[Hand],
+    objects: Sequence[Mesh],
+    touch: Touch,
+    louder: NDArray[np.intp],
+    array: TransducerArray,
+    grid: Grid,
+) -> None:
+    """Draw everything in space, in millimetres, all axes alike."""
+    from matplotlib.ticker import MultipleLocator
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+    assert touch.points is not None
+    elevation, azimuth = np.radians([ELEVATION, AZIMUTH])
+    towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    axes.scatter(*(array.positions * MM).T, s=4, color="0.75", depthshade=False, label="array")
+    for mesh in objects:
+        for lines, style in zip(outline(mesh, towards), ("-", ":"), strict=True):
+            if len(lines):
+                axes.add_collection3d(Line3DCollection(lines * MM, colors=OBJECT, linewidths=1.1, linestyles=style))
+    for hand in hands:
+        axes.add_collection3d(
+            Poly3DCollection(hand.quads * MM, facecolors=HAND, edgecolors=HAND, alpha=0.28, linewidths=0.8)
+        )
+    half, (first, second) = grid.offsets(0)[-1], grid.axes
+    frame = grid.centre + half * np.array(
+        [a * first + b * second for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
+    )
+    axes.plot(*(frame * MM).T, color="0.5", linewidth=0.8, linestyle="--", label="plane of the field")
+    for number, arc in enumerate(touch.arcs):
+        axes.plot(*(arc * MM).T, color=ARC, linewidth=2, label="arcs" if number == 0 else None)
+    for half_number, (name, colour, marker) in enumerate(HALVES):
+        mine = touch.points.positions[louder == half_number] * MM
+        axes.scatter(*mine.T, color=colour, marker=marker, s=34, depthshade=False, label=f"points of the {name} half")
+    axes.plot([], [], color=OBJECT, label="object")
+    axes.plot([], [], color=HAND, linewidth=6, alpha=0.4, label="hand")
+    shown = [array.positions, *(mesh.vertices for mesh in objects), *(hand.quads.reshape(-1, 3) for hand in hands)]
+    low, high = (getattr(np.concatenate(shown), which)(axis=0) * MM for which in ("min", "max"))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set(xlabel="x / mm", ylabel="y / mm", zlabel="z / mm", box_aspect=high - low)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MultipleLocator(50))
+        axis.set_pane_color("w")
+        axis.set_tick_params(labelsize="small")
+    axes.set_proj_type("ortho")
+    axes.view_init(ELEVATION, AZIMUTH)
+
+
+def _draw_plane(
+    axes: Axes,
+    hands: Sequence[Hand],
+    touch: Touch,
+    louder: NDArray[np.intp],
+    emitted: Modulation,
+    array: TransducerArray,
+    grid: Grid,
+) -> None:
+    """Draw the larger |p| of both halves over the plane, and what lies in it."""
+    assert touch.points is not None
+    fields = np.stack([sample_cut(array, drive, grid).pressure for drive in emitted.weights @ emitted.drives])
+    largest = np.take_along_axis(fields, np.abs(fields).argmax(axis=0)[None], axis=0)[0]
+    draw_field(axes, PlaneField(grid, largest, Medium()))
+    shift = np.array([grid.coordinates(axis)[1][0] - grid.offsets(axis)[0] for axis in (0, 1)])
+
+    def flat(places: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(((places - grid.centre) @ grid.axes.T + shift) * MM)
+
+    def near(places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.abs((places - grid.centre) @ grid.normal) < IN_PLANE
+
+    for hand in hands:
+        for quad in hand.quads:
+            if near(quad).all():
+                axes.fill(*flat(quad).T, fill=False, edgecolor="w", alpha=0.5, linewidth=0.7)
+    for arc in touch.arcs:
+        axes.plot(*np.where(near(arc)[:, None], flat(arc), np.nan).T, color="#7fdfff", linewidth=0.8)
+    at = touch.points.positions
+    for number, (_, colour, marker) in enumerate(HALVES):
+        mine = at[(louder == number) & near(at)]
+        if len(mine):
+            axes.plot(*flat(mine).T, marker, mfc=colour, mec="w", ms=8, mew=1)
+    away = at[~near(at)]
+    if len(away):
+        axes.plot(*flat(away).T, "x", color="0.6", ms=6, label=f"points more than {IN_PLANE * MM:g} mm off the plane")
+    low, high = flat(grid.positions()[0, 0]), flat(grid.positions()[-1, -1])
+    axes.set(title=_name_of(grid), xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+
+
+def _name_of(grid: Grid) -> str:
+    tilt = float(np.degrees(np.arccos(min(abs(grid.normal[2]), 1.0))))
+    centre = ", ".join(f"{place:.0f}" for place in np.round(grid.centre * MM) + 0.0)
+    where = (
+        f"{grid.centre[2] * MM:.0f} mm above the array" if tilt < 0.05 else f"tilted by {tilt:.0f}° about ({centre}) mm"
+    )
+    return f"Larger |p| of both halves on the plane nearest to the points,\n{where}"
+
+
+def _caption(
+    touch: Touch, loudest: NDArray[np.float64], emitted: Modulation, array: TransducerArray, source: str
+) -> str:
+    assert touch.points is not None
+    length = sum(float(np.linalg.norm(np.diff(arc, axis=0), axis=1).sum()) for arc in touch.arcs)
+    felt = intensity_component(array, emitted, touch.points.positions)
+    return (
+        f"Arcs of {length * MM:.0f} mm. At the points |p| is {loudest.mean():.0f} Pa on average, "
+        f"{loudest.min():.0f} to {loudest.max():.0f} Pa (peak, linear model); the intensity changes at "
+        f"{emitted.true_frequency:g} Hz by {felt.mean() / 1e6:.2f} kPa² on average, {felt.min() / 1e6:.2f} kPa² at "
+        f"the weakest.\n"
+        f"Field as emitted: drives rebuilt from {source}."
+    )
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}" + "s" * (count != 1)
