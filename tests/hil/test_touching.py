@@ -24,7 +24,6 @@ from phasewire import (
 )
 from phasewire.hil.touching import TouchRun, read_back_modulation, run_touch
 from phasewire.solver import TwoSided, intensity_component, two_sided
-from phasewire.solver.contact.cut import KNUCKLE
 
 TICK, EARLY, DRIVE, FELT = range(4)
 
@@ -143,7 +142,7 @@ def check_what_is_felt(hand: Hand, mesh: Mesh) -> None:
     assert np.abs(felt - wanted).max() < 0.1 * wanted.max()  # quantisation adds up by chance, far below its bound
     closest: Any = trimesh.proximity.closest_point_naive
     _, distance, _ = closest(trimesh.Trimesh(mesh.vertices, mesh.faces), points.positions)
-    assert distance.max() < KNUCKLE / 2  # what is felt is on the object, or bridges a knuckle from there
+    assert distance.max() < 3e-3  # what is felt is on the object, or bridges a knuckle from there
 
 
 @pytest.mark.parametrize("shape", ["cone", "sphere", "pyramid", "horizontal_prism", "vertical_prism", "cube"])
