@@ -11,12 +11,15 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 __all__ = ["SIGNALLED", "loading", "postponing", "unwinding"]
 
 SIGNALLED = 128
 """An exit code is this and the signal's number, as shells have it: 130 is Ctrl-C."""
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+AGAIN_SECONDS = 0.01
+"""After this a signal that was lost in a callback comes again; the callback is over then."""
 Handler = Callable[[int, FrameType | None], None]
 
 
@@ -35,26 +38,44 @@ def unwinding(*, last: bool) -> Iterator[None]:
     """Let Ctrl-C, SIGTERM and a closed terminal unwind the program, so that it leaves a device silent.
 
     Only the first of them does: those that follow find it turning outputs off, which they must not interrupt and which
-    ends in bounded time. What was ignored when the program began, as under nohup, stays so.
+    ends in bounded time. An exception in a callback of the interpreter, such as ``__del__``, is lost: then the signal
+    comes again. What was ignored when the program began, as under nohup, stays so.
 
     Parameters
     ----------
     last : bool
         Whether the program ends after this, so that nothing is left that a signal could interrupt.
     """
-    heard = False
+    heard: int | None = None
 
     def unwind(number: int, _frame: FrameType | None) -> None:
         nonlocal heard
-        if heard:
+        if heard is not None:
             return
-        heard = True
+        heard = number
         if number == signal.SIGINT:
             raise KeyboardInterrupt
         sys.exit(SIGNALLED + number)
 
-    with _handled(unwind, last=last):
-        yield
+    def lose(unraisable: Any) -> None:
+        nonlocal heard
+        if heard is None or not issubclass(unraisable.exc_type, (KeyboardInterrupt, SystemExit)):
+            before(unraisable)
+            return
+        import threading
+
+        main = threading.main_thread().ident
+        again = threading.Timer(AGAIN_SECONDS, signal.pthread_kill, (main, heard))
+        again.daemon = True
+        heard = None
+        again.start()
+
+    before, sys.unraisablehook = sys.unraisablehook, lose
+    try:
+        with _handled(unwind, last=last):
+            yield
+    finally:
+        sys.unraisablehook = before
 
 
 @contextmanager

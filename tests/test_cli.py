@@ -338,6 +338,22 @@ def test_the_first_signal_unwinds_and_others_do_not_disturb(name: str, raised: t
         assert error.value.code == 128 + number
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_a_callback_loses_comes_again(number: int) -> None:
+    """An exception in ``__del__`` goes no further."""
+
+    class Gone:
+        def __del__(self) -> None:
+            signal.raise_signal(number)
+
+    def work() -> None:
+        Gone()
+        time.sleep(60)
+
+    with unwinding(last=False), pytest.raises((KeyboardInterrupt, SystemExit)):
+        work()
+
+
 def test_a_signal_that_is_ignored_stays_so_and_at_the_end_all_are() -> None:
     """As Ctrl-C is under nohup, or in a shell's background."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}

@@ -319,8 +319,20 @@ def test_ctrl_c_at_any_moment_leaves_the_outputs_off(folder: Path, milliseconds:
     assert orders(said)[-1] == "DISABLE"
 
 
-BEGUN = "import sys; from phasewire.__main__ import main; print('begun', flush=True); main()"
-"""A program that says when Python itself has started, which no program can make quiet."""
+BEGUN = """
+import signal
+from phasewire.__main__ import main
+real = signal.signal
+def told(number, handler):
+    before = real(number, handler)
+    if number == signal.SIGHUP:
+        signal.signal = real
+        print("begun", flush=True)
+    return before
+signal.signal = told
+main()
+"""
+"""A program that says when it has taken charge of signals; before that Python itself heeds them, and is not quiet."""
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
