@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .emulator import Capture, Emulator
     from .errors import DeviceError, PhasewireError
-    from .host import Device, open_device
+    from .host import Device, open_device, open_hands
     from .protocol import Pulses, Wiring
     from .solver import (
         Circle,
@@ -63,6 +63,7 @@ __all__ = [
     "Wiring",
     "focus_report",
     "open_device",
+    "open_hands",
     "parse_shape",
     "pressure",
     "sample_plane",
@@ -92,6 +93,7 @@ _HOMES = {
     "Wiring": "protocol",
     "focus_report": "solver",
     "open_device": "host",
+    "open_hands": "host",
     "parse_shape": "solver",
     "pressure": "solver",
     "sample_plane": "solver",

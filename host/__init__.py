@@ -1,12 +1,13 @@
 """How a program talks to a device.
 
 This room finds a device by its URL, opens a line to it and offers it as a `Device`: playing, streaming, asking, and
-flashing. It knows the protocol and the solver's drives; it reaches the emulator only as it reaches any other device,
-and never imports it.
+flashing. It finds hands by their URL, too, and gives them as they come. It knows the protocol and the solver's drives
+and hands; it reaches the emulator only as it reaches any other device, and never imports it.
 """
 
 from __future__ import annotations
 
+from .hands import HandFrame, HandSource, PlacedHands, Pose, TrackedHand, open_hands
 from .lines.transport import Found, Scheme, Timekeeper, Transport
 from .playing.asynchronous import AsyncDevice, open_device_async
 from .playing.calibration import Calibration
@@ -25,13 +26,19 @@ __all__ = [
     "Frame",
     "FrameSource",
     "Frames",
+    "HandFrame",
+    "HandSource",
+    "PlacedHands",
+    "Pose",
     "Recording",
     "Scheme",
     "StreamReport",
     "Timekeeper",
+    "TrackedHand",
     "Transport",
     "open_device",
     "open_device_async",
+    "open_hands",
     "record",
     "sine",
     "solved",

@@ -18,6 +18,7 @@ __all__ = [
     "CalibrationOption",
     "DeviceOption",
     "ForeverOption",
+    "PoseOption",
     "SecondsOption",
     "command_for",
     "given",
@@ -49,6 +50,15 @@ CalibrationOption = Annotated[
         "--calibration",
         metavar="FILE",
         help="A .csv file of what each transducer really does; drives are corrected for it.",
+    ),
+]
+
+PoseOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--pose",
+        metavar="FILE",
+        help="A .toml file that says where the tracker is (docs/hands.md).",
     ),
 ]
 

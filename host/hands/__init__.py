@@ -7,6 +7,20 @@ of what hands touch.
 from __future__ import annotations
 
 from .frames import HandFrame, TrackedHand
+from .placing import PlacedHands
+from .pose import Pose
+from .recording import HandRecorder, HandRecording
 from .sources import HandSource, Readiness, TrackerScheme, open_hands
 
-__all__ = ["HandFrame", "HandSource", "Readiness", "TrackedHand", "TrackerScheme", "open_hands"]
+__all__ = [
+    "HandFrame",
+    "HandRecorder",
+    "HandRecording",
+    "HandSource",
+    "PlacedHands",
+    "Pose",
+    "Readiness",
+    "TrackedHand",
+    "TrackerScheme",
+    "open_hands",
+]
