@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from ...solver.contact.anatomy import LENGTH
 from ...solver.contact.hand import Hand, Side
+from .following import Follower
 from .frames import HandFrame, TrackedHand
 from .pinhole import Landmarks, in_space, unmirrored
 
 __all__ = ["Seen", "Sight", "View"]
-
-FOLLOWED = 0.15
-"""How far a wrist may be, in metres, from where it was in the last picture, and be the same hand."""
 
 
 @dataclass(frozen=True)
@@ -61,40 +57,28 @@ class Seen:
 class Sight:
     """Turns what is seen in pictures, one after the other, into frames of hands in camera coordinates.
 
-    MediaPipe numbers no hands. A hand keeps its number if its wrist is near that of the same side in the last picture.
+    MediaPipe numbers no hands, so each one that is seen gets a new number, and a `Follower` finds which ones stay.
     """
 
     view: View
-    _last: list[TrackedHand] = field(default_factory=list)
-    _numbers: int = 0
+    _follower: Follower = field(default_factory=Follower)
+    _seen: int = 0
     _frames: int = 0
 
     def frame(self, time: float, seen: Sequence[Seen], aspect: float) -> HandFrame:
         """The hands that are seen in a picture whose height is ``aspect`` times its width."""
         notes, tracked = [], []
         for each in seen:
-            landmarks, side = (
-                unmirrored(each.landmarks, each.side) if self.view.mirrored else (each.landmarks, each.side)
-            )
+            landmarks, side = each.landmarks, each.side
+            if self.view.mirrored:
+                landmarks, side = unmirrored(landmarks, side)
             try:
                 hand, repairs = Hand.repaired(in_space(landmarks, aspect, self.view.fov, self.view.length), side)
             except ValueError as error:
                 notes.append(f"a {side} hand was left out: {error}")
                 continue
             notes.extend(repairs)
-            tracked.append(TrackedHand(hand, self._number(hand)))
-        self._last = tracked
+            tracked.append(TrackedHand(hand, self._seen))
+            self._seen += 1
         self._frames += 1
-        return HandFrame(time, tuple(tracked), self._frames - 1, tuple(notes))
-
-    def _number(self, hand: Hand) -> int:
-        """That of the nearest hand of the same side in the last picture, which then is taken; or the next free one."""
-        near = [
-            (float(np.linalg.norm(old.hand.landmarks[0] - hand.landmarks[0])), index)
-            for index, old in enumerate(self._last)
-            if old.hand.side == hand.side
-        ]
-        if near and min(near)[0] < FOLLOWED:
-            return self._last.pop(min(near)[1]).id
-        self._numbers += 1
-        return self._numbers - 1
+        return self._follower.follow(HandFrame(time, tuple(tracked), self._frames - 1, tuple(notes)))

@@ -15,6 +15,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Event, Thread
@@ -111,8 +112,8 @@ class Landmarker:
 
 
 def _imported(name: str) -> Any:
-    from importlib import import_module
-
+    """MediaPipe or OpenCV."""
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # our errors say it; both load OpenCV, which reads this then
     try:
         return import_module(name)
     except ImportError as error:
@@ -123,9 +124,7 @@ def _imported(name: str) -> Any:
 
 def _captured(source: str | int) -> Any:
     """OpenCV's pictures of a file or of a camera with a number."""
-    cv2 = _imported("cv2")
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what it says goes into our errors
-    return cv2.VideoCapture(source)
+    return _imported("cv2").VideoCapture(source)
 
 
 def _rate(capture: Any) -> float:

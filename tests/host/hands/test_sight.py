@@ -56,16 +56,16 @@ def test_hands_keep_their_numbers_in_whatever_order_they_are_seen() -> None:
     assert sorted(numbers[0]) == [0, 1, 2]
 
 
-def test_a_hand_that_comes_back_or_jumps_is_another_one() -> None:
+def test_a_hand_that_was_away_for_long_or_is_of_the_other_side_is_another_one() -> None:
     sight = Sight(VIEW)
     frames = [
         sight.frame(0, [seen(hand_at(0))], ASPECT),
-        sight.frame(1, [], ASPECT),
-        sight.frame(2, [seen(hand_at(0))], ASPECT),
-        sight.frame(3, [seen(hand_at(0.3))], ASPECT),
-        sight.frame(4, [seen(hand_at(0.3, "left"))], ASPECT),
+        sight.frame(0.1, [], ASPECT),
+        sight.frame(0.2, [seen(hand_at(0.01))], ASPECT),
+        sight.frame(2, [seen(hand_at(0.01))], ASPECT),
+        sight.frame(2.1, [seen(hand_at(0.01, "left"))], ASPECT),
     ]
-    assert [[tracked.id for tracked in frame.hands] for frame in frames] == [[0], [], [1], [2], [3]]
+    assert [[tracked.id for tracked in frame.hands] for frame in frames] == [[0], [], [0], [1], [2]]
     assert [frame.number for frame in frames] == [0, 1, 2, 3, 4]
 
 

@@ -213,7 +213,6 @@ def installed(monkeypatch: pytest.MonkeyPatch, vision: Vision, capture: Capture 
     """Put MediaPipe and OpenCV in their places; what OpenCV was asked to open."""
     asked: list[Any] = []
     cv2: Any = ModuleType("cv2")
-    cv2.utils = SimpleNamespace(logging=SimpleNamespace(setLogLevel=lambda level: None, LOG_LEVEL_SILENT=0))
     closed = SimpleNamespace(isOpened=lambda: False)
 
     def opened(source: str | int) -> Any:
@@ -221,6 +220,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, vision: Vision, capture: Capture 
         return capture or closed
 
     cv2.VideoCapture = opened
+    monkeypatch.setenv("OPENCV_LOG_LEVEL", "SILENT")
     monkeypatch.setitem(sys.modules, "mediapipe", vision.module())
     monkeypatch.setitem(sys.modules, "cv2", cv2)
     return asked
