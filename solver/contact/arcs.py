@@ -9,7 +9,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Arcs"]
+__all__ = ["KNUCKLE", "SAME", "Arcs"]
+
+KNUCKLE = 6e-3
+"""Distance in metres within which an arc of the palm goes on at a finger's base."""
+SAME = 1e-9
+"""Distance in metres within which the ends of two joined arcs are one vertex."""
 
 
 @dataclass(frozen=True, eq=False)

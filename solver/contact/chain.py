@@ -13,16 +13,14 @@ from typing import Any
 import numpy as np
 
 from ...compiling import kernel, part
+from .arcs import KNUCKLE, SAME
 from .hand import QUADS
 
-__all__ = ["ALONG", "KNUCKLE", "chain"]
+__all__ = ["ALONG", "chain"]
 
-KNUCKLE = 6e-3
-"""Distance in metres within which an arc of the palm goes on at a finger's base."""
 ALONG = 3
 """Column of places after three coordinates: the place on the mesh edge."""
 
-SAME = 1e-9  # metres within which two ends of arcs are one point
 BASE, TIP = 0, 2  # sides of a finger's quadrilaterals
 
 

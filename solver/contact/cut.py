@@ -14,6 +14,7 @@ This module imports numba, so it is imported when something is cut for the first
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,6 @@ __all__ = ["cut", "segments"]
 
 FLAT = 1e-12  # area of a quadrilateral, relative to the square of its diagonals, that is none
 
-NONE, ALONG_ORDER, AGAINST_ORDER = range(3)  # a border without length; its corners in the order of coordinates or not
-
 
 def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) -> Arcs:
     """Cut meshes with quadrilaterals, and join what is cut to arcs.
@@ -43,7 +42,7 @@ def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) ->
         What is cut.
     hands : bool
         Whether each 16 quadrilaterals are those of a hand, as `Hand.quads` has them: arcs then go on from one to the
-        next of a finger, and from the palm to the fingers if their ends are within `chain.KNUCKLE` of each other.
+        next of a finger, and from the palm to the fingers if their ends are within `arcs.KNUCKLE` of each other.
 
     Returns
     -------
@@ -81,93 +80,99 @@ def _cut_mesh(corners: NDArray[np.float64], mesh: Mesh, hands: bool) -> tuple[ND
 
 
 @part
-def _volume(a: Any, b: Any, u: Any, v: Any) -> Any:
-    """Six times the volume of a tetrahedron."""
-    px, py, pz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    qx, qy, qz = u[0] - a[0], u[1] - a[1], u[2] - a[2]
-    rx, ry, rz = v[0] - a[0], v[1] - a[1], v[2] - a[2]
-    return px * (qy * rz - qz * ry) + py * (qz * rx - qx * rz) + pz * (qx * ry - qy * rx)
+def _prepare(quad: Any, plane: Any, borders: Any) -> bool:
+    """Write what is the same for all faces. False if the quadrilateral has no area.
 
-
-@part
-def _comes_first(a: Any, b: Any) -> bool:
-    """Whether point a is before b in the order of their coordinates."""
-    for k in range(3):
-        if a[k] != b[k]:
-            return bool(a[k] < b[k])
-    return True
-
-
-@part
-def _plane(quad: Any, plane: Any) -> bool:
-    """Write normal, lowest and highest coordinates of a quadrilateral, and a margin. False if it has no area."""
+    ``plane`` is its normal of any length, first corner, lowest and highest coordinates, and margins for rounding of
+    coordinates and of heights, 14 numbers. Of each border ``borders`` has the corner that comes first in the order of
+    coordinates, the way to the other one, and 1 if this is the way around the quadrilateral, -1 if not, 0 if the border
+    has no length.
+    """
     ax, ay, az = quad[2, 0] - quad[0, 0], quad[2, 1] - quad[0, 1], quad[2, 2] - quad[0, 2]
     bx, by, bz = quad[3, 0] - quad[1, 0], quad[3, 1] - quad[1, 1], quad[3, 2] - quad[1, 2]
     x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     size = np.sqrt(x * x + y * y + z * z)
     if not size > FLAT * (ax * ax + ay * ay + az * az + bx * bx + by * by + bz * bz):
         return False
-    plane[0], plane[1], plane[2] = x / size, y / size, z / size
+    plane[0], plane[1], plane[2] = x, y, z
     largest = 0.0
     for k in range(3):
         a, b, c, d = quad[0, k], quad[1, k], quad[2, k], quad[3, k]
-        plane[3 + k], plane[6 + k] = min(a, b, c, d), max(a, b, c, d)
+        plane[3 + k], plane[6 + k], plane[9 + k] = a, min(a, b, c, d), max(a, b, c, d)
         largest = max(largest, abs(a), abs(b), abs(c), abs(d))
-    plane[9] = FLAT * largest
+    plane[12], plane[13] = FLAT * largest, FLAT * largest * size
+    for side in range(4):
+        one, other, way = side, (side + 1) % 4, 0
+        for k in range(3):
+            if way == 0 and quad[one, k] != quad[other, k]:
+                way = 1 if quad[one, k] < quad[other, k] else -1
+        if way < 0:
+            one, other = other, one
+        for k in range(3):
+            borders[side, k], borders[side, 3 + k] = quad[one, k], quad[other, k] - quad[one, k]
+        borders[side, 6] = way
     return True
 
 
 @part
-def _height(plane: Any, corner: Any, x: float, y: float, z: float) -> Any:
-    """Distance above the plane."""
-    return plane[0] * (x - corner[0]) + plane[1] * (y - corner[1]) + plane[2] * (z - corner[2])
+def _height(plane: Any, x: float, y: float, z: float) -> Any:
+    """Distance above the plane times the length of its normal, which keeps what is exactly 0 so."""
+    return plane[0] * (x - plane[3]) + plane[1] * (y - plane[4]) + plane[2] * (z - plane[5])
 
 
 @part
-def _meets(plane: Any, corner: Any, box: Any) -> bool:
+def _meets(plane: Any, boxes: Any, node: int) -> bool:
     """Whether a quadrilateral may meet what is in a box."""
     reach = 0.0
     for k in range(3):
-        if plane[3 + k] > box[3 + k] + plane[9] or plane[6 + k] < box[k] - plane[9]:
+        low, high = boxes[node, k], boxes[node, 3 + k]
+        if plane[6 + k] > high + plane[12] or plane[9 + k] < low - plane[12]:
             return False
-        reach += abs(plane[k]) * (box[3 + k] - box[k])
-    x, y, z = (box[0] + box[3]) / 2, (box[1] + box[4]) / 2, (box[2] + box[5]) / 2
-    return bool(abs(_height(plane, corner, x, y, z)) <= reach / 2 + plane[9])
+        reach += abs(plane[k]) * (high - low)
+    x, y, z = boxes[node, 0] + boxes[node, 3], boxes[node, 1] + boxes[node, 4], boxes[node, 2] + boxes[node, 5]
+    return bool(abs(_height(plane, x / 2, y / 2, z / 2)) <= reach / 2 + plane[13])
 
 
 @part
-def _crossing(quad: Any, borders: Any, i: int, j: int, u: Any, v: Any, du: float, dv: float, at: Any, off: Any) -> None:
-    """Where the mesh edge from vertex i to j, at distances du and dv, crosses the plane; how far it is inside borders.
+def _crossing(vertices: Any, i: int, j: int, di: float, dj: float, borders: Any, at: Any, off: Any, row: int) -> None:
+    """Where the mesh edge from vertex i to j, at heights di and dj, crosses the plane; how far it is inside borders.
 
-    Writes ``at``, place and share of the edge, and ``off``, (4,) distances times the borders' lengths, with the sign of
-    the inside even if they are 0.
+    Writes a row of ``at``, place and share of the edge, and of ``off``, distances from the borders times their lengths,
+    negative outside; the sign also belongs to 0.
     """
     if i > j:
-        u, v, du, dv = v, u, dv, du
-    along = du / (du - dv)
-    at[ALONG] = along
+        i, j, di, dj = j, i, dj, di
+    along = di / (di - dj)
+    at[row, ALONG] = along
     for k in range(3):
-        at[k] = (1 - along) * u[k] + along * v[k]
+        at[row, k] = (1 - along) * vertices[i, k] + along * vertices[j, k]
     for side in range(4):
-        if borders[side] == NONE:
-            off[side] = np.inf
+        way = borders[side, 6]
+        if way == 0:
+            off[row, side] = np.inf
             continue
-        a, b = quad[side], quad[(side + 1) % 4]
-        volume = _volume(a, b, u, v) if borders[side] == ALONG_ORDER else _volume(b, a, u, v)
-        inside = ((volume >= 0) == (borders[side] == ALONG_ORDER)) == (du < 0)
-        distance = abs(volume) / abs(du - dv)
-        off[side] = distance if inside else -distance
+        x, y, z = borders[side, 0], borders[side, 1], borders[side, 2]
+        ux, uy, uz = vertices[i, 0] - x, vertices[i, 1] - y, vertices[i, 2] - z
+        vx, vy, vz = vertices[j, 0] - x, vertices[j, 1] - y, vertices[j, 2] - z
+        volume = (
+            borders[side, 3] * (uy * vz - uz * vy)
+            + borders[side, 4] * (uz * vx - ux * vz)
+            + borders[side, 5] * (ux * vy - uy * vx)
+        )
+        inside = ((volume >= 0) == (way > 0)) == (di < 0)
+        distance = abs(volume / (di - dj))
+        off[row, side] = distance if inside else -distance
 
 
 @part
-def _clip(start: Any, stop: Any) -> Any:
+def _clip(off: Any) -> Any:
     """Cyrus and Beck: from where to where of a segment is inside all borders, and the borders there or -1.
 
-    ``start`` and ``stop`` are the (4,) distances inside of its ends; a sign also belongs to 0.
+    ``off`` is what `_crossing` writes of its start and its stop.
     """
     first, last, entry, leave = 0.0, 1.0, -1, -1
     for side in range(4):
-        a, b = start[side], stop[side]
+        a, b = off[0, side], off[1, side]
         outside, beyond = np.signbit(a), np.signbit(b)
         if outside and beyond:
             return 1.0, 0.0, -1, -1
@@ -190,7 +195,7 @@ def _grown(rows: Any) -> Any:
     return larger
 
 
-@kernel
+@partial(kernel, error_model="numpy")  # no check at each division
 def segments(quads: Any, rotation: Any, offset: Any, vertices: Any, faces: Any, face_edges: Any, boxes: Any,
              after: Any, firsts: Any, counts: Any, order: Any) -> Any:  # fmt: skip
     """What the quadrilaterals cut out of each face of a solid, and in the solid's coordinates.
@@ -206,30 +211,26 @@ def segments(quads: Any, rotation: Any, offset: Any, vertices: Any, faces: Any, 
     """
     pieces, ends, places = np.empty((64, 2), np.int64), np.empty((128, 2), np.int64), np.empty((128, 4))
     n = 0
-    quad, plane, borders = np.empty((4, 3)), np.empty(10), np.empty(4, np.int64)
+    quad, plane, borders = np.empty((4, 3)), np.empty(14), np.empty((4, 7))
     at, off, height = np.empty((2, 4)), np.empty((2, 4)), np.empty(3)
     for q in range(len(quads)):
         for corner in range(4):
             x, y, z = quads[q, corner, 0] - offset[0], quads[q, corner, 1] - offset[1], quads[q, corner, 2] - offset[2]
             for k in range(3):
                 quad[corner, k] = x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k]
-        if not _plane(quad, plane):
+        if not _prepare(quad, plane, borders):
             continue
-        for side in range(4):
-            a, b = quad[side], quad[(side + 1) % 4]
-            same = a[0] == b[0] and a[1] == b[1] and a[2] == b[2]
-            borders[side] = NONE if same else ALONG_ORDER if _comes_first(a, b) else AGAINST_ORDER
         node = 0
         while node < len(after):
-            if not _meets(plane, quad[0], boxes[node]):
+            if not _meets(plane, boxes, node):
                 node = after[node]
                 continue
             for at_leaf in range(firsts[node], firsts[node] + counts[node]):
                 face = order[at_leaf]
                 above = 0
                 for k in range(3):
-                    v = vertices[faces[face, k]]
-                    height[k] = _height(plane, quad[0], v[0], v[1], v[2])
+                    i = faces[face, k]
+                    height[k] = _height(plane, vertices[i, 0], vertices[i, 1], vertices[i, 2])
                     above += height[k] >= 0
                 if above == 0 or above == 3:
                     continue
@@ -242,10 +243,8 @@ def segments(quads: Any, rotation: Any, offset: Any, vertices: Any, faces: Any, 
                     which = 0 if height[k] >= 0 else 1  # a segment starts where the face's border goes down
                     i, j = faces[face, k], faces[face, m]
                     ends[2 * n + which, 0] = face_edges[face, k]
-                    _crossing(
-                        quad, borders, i, j, vertices[i], vertices[j], height[k], height[m], at[which], off[which]
-                    )
-                first, last, entry, leave = _clip(off[0], off[1])
+                    _crossing(vertices, i, j, height[k], height[m], borders, at, off, which)
+                first, last, entry, leave = _clip(off)
                 if not first <= last or (first == last and entry >= 0 and leave >= 0):
                     continue
                 pieces[n, 0], pieces[n, 1] = q, face
