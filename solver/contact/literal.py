@@ -56,8 +56,8 @@ def _cut_mesh(quads: Vector, mesh: Mesh, hands: bool) -> tuple[NDArray[Any], ...
         segment
         for number, quad in enumerate(turned)
         if _has_area(quad)
-        for face in faces
-        if (segment := _segment(number, quad, mesh.solid, face)) is not None
+        for face, heights in _crossed(quad, mesh.solid, faces)
+        if (segment := _segment(number, quad, mesh.solid, face, heights)) is not None
     ]
     links = _links(segments, hands)
     if hands:
@@ -107,13 +107,17 @@ def _has_area(quad: Vector) -> bool:
     return bool(np.linalg.norm(_normal(quad)) > 1e-12 * squares)
 
 
-def _segment(number: int, quad: Vector, solid: Solid, face: int) -> Segment | None:
-    """Two edges of a face cross the plane: one goes down, where the segment starts, and one up."""
-    corners = solid.faces[face]
-    heights = (solid.vertices[corners] - quad[0]) @ _normal(quad)
+def _crossed(quad: Vector, solid: Solid, faces: list[int]) -> Iterator[tuple[int, Vector]]:
+    """The faces that have corners above and below the plane, and how high these are."""
+    heights = (solid.vertices[solid.faces[faces]] - quad[0]) @ _normal(quad)
     above = heights >= 0
-    if above.all() or not above.any():
-        return None
+    for i in np.flatnonzero(above.any(axis=1) & ~above.all(axis=1)):
+        yield faces[i], heights[i]
+
+
+def _segment(number: int, quad: Vector, solid: Solid, face: int, heights: Vector) -> Segment | None:
+    """Two edges of a face cross the plane: one goes down, where the segment starts, and one up."""
+    corners, above = solid.faces[face], heights >= 0
     down = next(k for k in range(3) if above[k] and not above[(k + 1) % 3])
     up = next(k for k in range(3) if not above[k] and above[(k + 1) % 3])
     crossings = []
