@@ -16,7 +16,7 @@ from .geometry import frozen
 from .medium import Medium
 from .propagation import Precision, pressure
 
-__all__ = ["FREQUENCY", "Modulation", "intensity_component"]
+__all__ = ["FREQUENCY", "Modulation", "check_frequency", "intensity_component"]
 
 FREQUENCY = 200.0
 """Of the modulation, in hertz."""
@@ -24,6 +24,15 @@ FREQUENCY = 200.0
 CARRIER = 40_000.0  # hertz
 LOWEST = 0.01  # hertz; slower is no modulation
 SINE_SAMPLES = 50
+
+
+def check_frequency(frequency: float, samples: int, carrier: float = CARRIER) -> None:
+    """Raise `ValueError` if a modulation of so many samples cannot have a frequency, in hertz."""
+    if not LOWEST <= frequency <= carrier / samples:
+        raise ValueError(
+            f"modulation frequency {frequency} Hz must be at least {LOWEST:g} Hz and, as each of {samples} "
+            f"samples lasts a carrier period or more, at most {carrier / samples:g} Hz"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +82,7 @@ class Modulation:
             raise ValueError(f"sample {bad[0, 0]} drives transducer {bad[0, 1]} beyond 1, which is full drive")
         if not 0 < carrier < np.inf:
             raise ValueError(f"carrier {carrier} Hz must be positive and finite")
-        if not LOWEST <= frequency <= carrier / len(weights):
-            raise ValueError(
-                f"modulation frequency {frequency} Hz must be at least {LOWEST:g} Hz and, as each of {len(weights)} "
-                f"samples lasts a carrier period or more, at most {carrier / len(weights):g} Hz"
-            )
+        check_frequency(frequency, len(weights), carrier)
         object.__setattr__(self, "drives", frozen(drives))
         object.__setattr__(self, "weights", frozen(weights))
         object.__setattr__(self, "frequency", float(frequency))

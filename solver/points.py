@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .array import TransducerArray
 from .geometry import as_points, frozen
 
-__all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable"]
+__all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable", "reachable"]
 
 MAX_POINTS = 4096
 """Most control points that are solved for at once: far more than an array can serve, few enough for the memory."""
@@ -62,10 +62,33 @@ class ControlPoints:
 
 def check_reachable(array: TransducerArray, points: ControlPoints, where: str = "") -> None:
     """Raise `ValueError`, naming the point after ``where``, that the array cannot reach."""
-    offset = points.positions[:, None, :] - array.positions[None, :, :]
+    for problem, advice in _problems(array, points.positions):
+        if problem.any():
+            first = int(np.argmax(problem))
+            raise ValueError(f"{where}control point {first} at {points.positions[first].tolist()} m {advice}")
+
+
+def reachable(array: TransducerArray, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of (m, 3) points the array can reach: (m,), true for those that `check_reachable` lets pass."""
+    # Of a flat array, which most are, height and distance from the middle decide nearly always.
+    normal, middle = array.normals[0], array.positions.mean(axis=0)
+    mask = np.zeros(len(positions), np.bool_)
+    if array.able.all() and (array.normals == normal).all() and not np.ptp(array.positions @ normal):
+        radius = np.linalg.norm(array.positions - middle, axis=1).max()
+        offset = positions - middle
+        mask = (offset @ normal > array.transducer.nearest) & (np.linalg.norm(offset, axis=1) < REACH - radius)
+    unsure = np.flatnonzero(~mask)
+    if len(unsure):
+        mask[unsure] = ~np.any([problem for problem, _ in _problems(array, positions[unsure])], axis=0)
+    return mask
+
+
+def _problems(array: TransducerArray, positions: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], str]]:
+    """What speaks against points: which of them, and what to say."""
+    offset = positions[:, None, :] - array.positions[None, :, :]
     in_front = (np.einsum("mnk,nk->mn", offset, array.normals) > 0)[:, array.able].any(axis=1)
     nearest = np.linalg.norm(offset, axis=2).min(axis=1)
-    for problem, advice in (
+    return [
         (
             ~in_front,
             "is on the array or behind it, as far as that can sound; z must be positive in front of a flat array",
@@ -75,7 +98,4 @@ def check_reachable(array: TransducerArray, points: ControlPoints, where: str = 
             f"is closer to a transducer than {array.transducer.nearest} m, where its model ends",
         ),
         (nearest > REACH, f"is out of reach, more than {REACH:g} m away; coordinates are in metres"),
-    ):
-        if problem.any():
-            first = int(np.argmax(problem))
-            raise ValueError(f"{where}control point {first} at {points.positions[first].tolist()} m {advice}")
+    ]

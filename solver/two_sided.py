@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .array import TransducerArray
 from .geometry import frozen
 from .medium import Medium
-from .modulation import FREQUENCY, Modulation
+from .modulation import FREQUENCY, Modulation, check_frequency
 from .points import ControlPoints
 from .propagation import pressure
 from .solve import Solution, Solver, solve
@@ -64,8 +64,10 @@ class TwoSided:
         Of the points.
     first, second : Solution
         Of the halves; no second one where there is but one point that is no null.
-    modulation : Modulation
-        What to emit.
+    levels : (2,) float
+        What each half is turned down by, at most 1.
+    frequency : float
+        Of the modulation, in hertz.
     points : ControlPoints
         All of them.
     options : mapping
@@ -75,9 +77,25 @@ class TwoSided:
     split: Split
     first: Solution
     second: Solution | None
-    modulation: Modulation
+    levels: NDArray[np.float64]
+    frequency: float
     points: ControlPoints
     options: Mapping[str, Any]
+
+    @cached_property
+    def drives(self) -> NDArray[np.complex128]:
+        """What each half emits, (2, n) complex; without a second half its drives are 0."""
+        emitted = np.zeros((2, len(self.first.drive)), np.complex128)
+        for row, level, half in zip(emitted, self.levels, (self.first, self.second), strict=True):
+            if half is not None:
+                np.multiply(half.drive, level, out=row)
+        return frozen(emitted)
+
+    @cached_property
+    def modulation(self) -> Modulation:
+        """What to emit."""
+        drives = [self.first.drive, np.zeros_like(self.first.drive) if self.second is None else self.second.drive]
+        return Modulation(drives, np.diag(self.levels), self.frequency, self.first.medium.frequency)
 
     @cached_property
     def one_sided(self) -> Modulation:
@@ -119,6 +137,11 @@ class TwoSidedSolver:
     frequency : float
         Of the modulation, in hertz.
 
+    Raises
+    ------
+    ValueError
+        As `Solver`, or if the frequency is not possible.
+
     Notes
     -----
     The amplitudes of points are relative to each other whichever half they are in, so the field that comes out louder
@@ -136,6 +159,7 @@ class TwoSidedSolver:
         **options: Any,
     ) -> None:
         self._solvers = tuple(Solver(array, method, medium=medium, **options) for _ in range(2))
+        check_frequency(frequency, 2, self._solvers[0].medium.frequency)
         self._frequency, self._options = frequency, MappingProxyType(options)
         self._split: Split | None = None
 
@@ -145,18 +169,14 @@ class TwoSidedSolver:
         Raises
         ------
         ValueError
-            As `Solver.solve` and `Modulation`.
+            As `Solver.solve`.
         """
         cut = split(points, self._split)
         half, other_half = cut.halves(ControlPoints(points.positions, points.amplitudes / points.amplitudes.max()))
         first, second = self._solvers[0].solve(half), self._solvers[1].solve(other_half) if other_half else None
-        drives, levels = [first.drive, np.zeros_like(first.drive)], np.ones(2)
-        if second is not None:
-            drives[1], levels = second.drive, np.array([_level(first), _level(second)])
-        carrier = first.medium.frequency
-        modulation = Modulation(drives, np.diag(levels.min() / levels), self._frequency, carrier)
+        levels = np.ones(2) if second is None else np.array([_level(first), _level(second)])
         self._split = cut
-        return TwoSided(cut, first, second, modulation, points, self._options)
+        return TwoSided(cut, first, second, frozen(levels.min() / levels), self._frequency, points, self._options)
 
     def forget(self) -> None:
         """Begin the next frame from scratch, as the first."""

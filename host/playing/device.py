@@ -140,6 +140,11 @@ class Device:
         return self._session.serial
 
     @property
+    def most_updates_per_second(self) -> float:
+        """How many frames the device and the line to it can take."""
+        return min(self.info.max_updates_per_second, self._session.line().most_blocks_per_second)
+
+    @property
     def time(self) -> Timekeeper:
         """The time that this device lives by: the wall clock's, but for an emulated device in this process."""
         return self._session.time

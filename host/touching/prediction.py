@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...solver.contact.hand import Hand
+from ...solver.contact.hand import Hand, Side
 from ..hands.frames import HandFrame
 
 __all__ = ["MOST_AHEAD_SECONDS", "Predictor"]
@@ -36,7 +36,7 @@ class Predictor:
     """
 
     def __init__(self) -> None:
-        self._seen: dict[tuple[int, str], _Seen] = {}
+        self._seen: dict[tuple[int, Side], _Seen] = {}
 
     def hands(self, frame: HandFrame, moment: float) -> tuple[Hand, ...]:
         """The hands of the next frame as they will be at a moment.

@@ -1,0 +1,52 @@
+"""From points to the pulses of two fields in turn."""
+
+from __future__ import annotations
+
+from ...protocol.quantise import PulseFrames, quantise
+from ...solver import ControlPoints, TransducerArray, TwoSidedSolver
+from ..playing.calibration import Calibration
+from .fading import Fading
+
+__all__ = ["Fields"]
+
+
+class Fields:
+    """Solves pose after pose: the two halves of the points, as pulses.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        Of the device.
+    method : str
+        A key of `METHODS`.
+    frequency : float
+        Of the modulation, in Hz.
+    calibration : Calibration, optional
+        Of the device.
+    """
+
+    def __init__(
+        self, array: TransducerArray, method: str, frequency: float, calibration: Calibration | None = None
+    ) -> None:
+        self._solver = TwoSidedSolver(array, method, frequency=frequency)
+        self._calibration = calibration
+
+    def solve(self, fading: Fading) -> PulseFrames:
+        """The fields of one pose, (2, n), from at least one point.
+
+        The amplitudes of points are relative to each other, so the strongest level turns down the whole, and the others
+        their points beside it.
+
+        Raises
+        ------
+        ValueError
+            As `TwoSidedSolver.solve`.
+        """
+        level = float(fading.levels.max())
+        points = ControlPoints(fading.positions, fading.amplitudes * fading.levels)
+        drives = self._solver.solve(points).drives * level
+        return quantise(drives if self._calibration is None else self._calibration.apply(drives))
+
+    def forget(self) -> None:
+        """Begin the next pose from scratch."""
+        self._solver.forget()

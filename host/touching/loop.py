@@ -1,0 +1,414 @@
+"""The loop: hands in, fields out, and silence when there are none.
+
+It takes the newest frame of hands that is due, finds where they touch, lets the points fade in or out, solves both
+fields and sends the one whose turn it is. Between frames it keeps the turns going, and the ramps.
+
+It waits for the source no longer than until the next turn. A source that gives nothing for `STALL_SECONDS` is taken for
+a hand that has left: the field fades, and is silent 50 ms after the last frame. If this program itself is held up, or a
+source does not come back from a call, the device's watchdog does it, which is set to the same time. When such a program
+comes back it begins anew, with a ramp, and counts that it was held up.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from math import inf
+from time import perf_counter
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import DeviceError, DeviceRefusedError, TrackerError
+from ...protocol.codes import Reason
+from ...protocol.quantise import PulseFrames
+from ...solver import TransducerArray
+from ...solver.contact.hand import Hand
+from ...solver.contact.mesh import Mesh
+from ...solver.points import ControlPoints, reachable
+from ..hands.frames import HandFrame
+from ..hands.sources import HandSource
+from ..playing.device import Device
+from .fading import Fading
+from .fields import Fields
+from .latency import Latencies
+from .prediction import Predictor
+from .report import STAGES, TouchReport
+from .turns import StoredTurns, turns_for
+
+__all__ = ["MOST_RAMP_SECONDS", "RAMP_SECONDS", "SILENCE_SECONDS", "TouchLoop", "TouchMoment", "Touched", "Touches"]
+
+SILENCE_SECONDS = 0.05
+"""After the last frame, or the last touch, the outputs are silent by then."""
+RAMP_SECONDS = 0.02
+MOST_RAMP_SECONDS = 0.04
+STALL_RAMP_SECONDS = 0.008
+STALL_SECONDS = SILENCE_SECONDS - STALL_RAMP_SECONDS - 0.004
+"""Without a frame, the field fades: longer than the time between two frames of a camera, 33 ms. The rest is for the
+last step of the ramp, and for the way to the outputs."""
+WATCHDOG_SECONDS = SILENCE_SECONDS
+SLOWEST_WATCHDOG_BLOCKS = 20
+"""How many blocks a line must be able to carry in the watchdog's time, as for any session."""
+PROGRESS_SECONDS = 0.1
+LEAD_SECONDS = 100e-6
+"""From the arrival of a block to its field: some carrier periods."""
+LEARNING = 0.02
+"""The share of the newest pose in the mean time that a pose takes, by which hands are moved ahead."""
+
+
+WARM_UP_METRES = 0.2
+SHORTEST_STEP_SECONDS = 1e-4
+
+
+class Points(NamedTuple):
+    """What is touched now: ids (m,), positions (m, 3) and amplitudes (m,)."""
+
+    ids: NDArray[np.int64]
+    positions: NDArray[np.float64]
+    amplitudes: NDArray[np.float64]
+
+
+NO_POINTS = Points(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
+
+
+class Touched(Protocol):
+    """What the loop needs to know of one `Touch`."""
+
+    @property
+    def points(self) -> ControlPoints | None:
+        """The points, None if nothing is touched."""
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """Of the points, in their order."""
+
+
+class Touches(Protocol):
+    """Finds where hands touch objects, as `Toucher` does."""
+
+    def touch(self, hands: Sequence[Hand], objects: Sequence[Mesh], /) -> Touched:
+        """One frame."""
+
+    def forget(self) -> None:
+        """Begin anew with the next frame."""
+
+
+class TouchMoment(NamedTuple):
+    """One pose on its way: what was seen, what it touches, and what is played for it.
+
+    Parameters
+    ----------
+    time : float
+        Of the frame, by the device's clock in seconds.
+    hands : tuple of Hand
+        As they were predicted.
+    objects : sequence of Mesh
+        Where they were.
+    touch : Touched
+        Arcs and points of the hands.
+    fading : Fading
+        The points that are played, with their ramps.
+    fields : PulseFrames
+        What is played for them in turn, (2, n).
+    """
+
+    time: float
+    hands: tuple[Hand, ...]
+    objects: Sequence[Mesh]
+    touch: Touched
+    fading: Fading
+    fields: PulseFrames
+
+
+class TouchLoop:
+    """Plays on a device what hands touch, until the source of hands ends.
+
+    Parameters
+    ----------
+    device : Device
+        To play on; the loop turns its outputs off at its end, and leaves it open.
+    source : HandSource
+        Opened with the device's clock, ``open_hands(url, device.time)``.
+    objects : sequence of Mesh, or callable
+        What can be touched; or a function of the moment, by the device's clock, for what moves.
+    toucher : Toucher
+        Finds the points; it decides on their distance and their number.
+    array : TransducerArray
+        Of the device.
+    method : str
+        By which fields are solved.
+    frequency : float
+        Of the modulation, in Hz.
+    ramp : float
+        Seconds in which a point comes and goes, 0 to `MOST_RAMP_SECONDS`.
+    predict : bool
+        Whether hands are moved ahead by their velocity.
+    most_points : int
+        With those that fade out.
+    on_moment : callable, optional
+        Is called with each `TouchMoment` after it was sent.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        source: HandSource,
+        objects: Sequence[Mesh] | Callable[[float], Sequence[Mesh]],
+        toucher: Touches,
+        array: TransducerArray,
+        *,
+        method: str = "wgs",
+        frequency: float = 200.0,
+        ramp: float = RAMP_SECONDS,
+        predict: bool = True,
+        most_points: int,
+        on_moment: Callable[[TouchMoment], None] | None = None,
+    ) -> None:
+        if not 0 <= ramp <= MOST_RAMP_SECONDS:
+            raise ValueError(f"a ramp of {ramp:g} s must lie between 0 and {MOST_RAMP_SECONDS:g} s")
+        self._device, self._source, self._toucher, self._array = device, source, toucher, array
+        self._objects = objects if callable(objects) else lambda _moment: objects
+        self._most, self._ramp, self._on_moment = most_points, ramp, on_moment
+        self._predictor = Predictor() if predict else None
+        self._clock = device.time
+        self._watchdog_before = device.status().watchdog_ms / 1000
+        self._watchdog = max(WATCHDOG_SECONDS, SLOWEST_WATCHDOG_BLOCKS / device.most_updates_per_second)
+        self._turns = turns_for(device, frequency, self._watchdog)
+        self._fields = Fields(array, method, frequency, device.calibration)
+        self._follows = source.live and self._clock is not time  # an emulated device's time does not pass by itself
+        self._wall_begin, self._begin = time.monotonic(), self._clock.monotonic()
+        self._fading = Fading.nothing()
+        self._points = NO_POINTS
+        self._pose_at = self._heard_at = self._begin
+        self._warm = self._stalled = False
+        self._takes = 0.0
+        self._number: int | None = None
+        self._frames = self._dropped = self._touching = self._stalls = self._held_up = 0
+        self._points_sum = self._points_most = self._out_of_reach = 0
+        self._latency = Latencies()
+        self._stages = {stage: Latencies() for stage in STAGES}
+
+    @property
+    def report(self) -> TouchReport:
+        """As it stands."""
+        return TouchReport(
+            self._clock.monotonic() - self._begin,
+            self._frames,
+            self._dropped,
+            self._touching,
+            self._stalls,
+            self._points_sum / self._touching if self._touching else 0.0,
+            self._points_most,
+            self._out_of_reach,
+            self._turns.blocks,
+            self._turns.late,
+            self._turns.slipped,
+            self._held_up,
+            self._turns.frequency,
+            isinstance(self._turns, StoredTurns),
+            self._latency.summary,
+            {name: stage.summary for name, stage in self._stages.items()},
+        )
+
+    def run(self, seconds: float = inf, on_progress: Callable[[TouchReport], None] | None = None) -> TouchReport:
+        """Play until the source ends, or for so many seconds by the device's clock.
+
+        Parameters
+        ----------
+        seconds : float
+            At most.
+        on_progress : callable, optional
+            Is called with the report as it stands some ten times a second, and at the end, however that comes.
+
+        Returns
+        -------
+        TouchReport
+            What became of every frame.
+
+        Raises
+        ------
+        TrackerError
+            If the tracker is lost; the field fades first.
+        DeviceError
+            If the device refuses or the line fails. After any error the outputs are off, or will be when the
+            watchdog's time is over if the device cannot be reached.
+        """
+        with self._silent_afterwards(on_progress), _without_collections():
+            self._device.set_watchdog(self._watchdog)
+            self._wall_begin, self._begin = time.monotonic(), self._clock.monotonic()
+            self._heard_at, told = self._begin, self._wall_begin
+            try:
+                while not self._source.ended and (now := self._clock.monotonic()) < self._begin + seconds:
+                    self.turn(min(self._due(), self._begin + seconds) - now)
+                    if on_progress is not None and time.monotonic() - told >= PROGRESS_SECONDS:
+                        told = time.monotonic()
+                        on_progress(self.report)
+            except TrackerError:
+                self._release()
+                raise
+            self._release()
+        return self.report
+
+    @contextmanager
+    def _silent_afterwards(self, on_progress: Callable[[TouchReport], None] | None) -> Iterator[None]:
+        try:
+            yield
+        finally:
+            with suppress(DeviceError):  # out of reach: its watchdog does it
+                self._device.stop()
+                self._device.set_watchdog(self._watchdog_before)
+            if on_progress is not None:
+                on_progress(self.report)
+
+    # One step
+
+    def turn(self, timeout: float) -> None:
+        """Wait so many seconds for a frame, play it or else what is due: one turn of the loop."""
+        frame = self._source.next_frame(max(timeout, 0.0))
+        if self._follows:
+            behind = (time.monotonic() - self._wall_begin) - (self._clock.monotonic() - self._begin)
+            if behind > 0:
+                self._clock.sleep(behind)
+        self._survive(self._go_on if frame is None else partial(self._take, frame))
+
+    def _survive(self, step: Callable[[], None]) -> None:
+        """Take a step; if the watchdog has turned the outputs off before, begin anew: the next pose enables them."""
+        try:
+            step()
+        except DeviceRefusedError as error:
+            if error.reason is not Reason.DISABLED or not self._device.status().watchdog_fired:
+                raise
+            self._held_up += 1
+            self._fading = Fading.nothing()
+            self._turns.forget()
+
+    def _due(self) -> float:
+        """When the loop must go on without a frame."""
+        due = self._turns.due
+        if self._ramping:
+            due = min(due, self._pose_at + self._turns.pace)
+        return due if self._stalled else min(due, self._heard_at + STALL_SECONDS)
+
+    def _take(self, frame: HandFrame) -> None:
+        """Play a frame of hands."""
+        begun, now = perf_counter(), self._clock.monotonic()
+        stamp = frame.time - self._wall_begin + self._begin if self._follows else frame.time
+        self._heard_at, self._stalled = now, False
+        self._frames += 1
+        if self._number is not None:
+            self._dropped += max(frame.number - self._number - 1, 0)
+        self._number = frame.number
+        hands = self._hands_of(frame, now)
+        objects = self._objects(now)
+        if hands and not self._warm:
+            self._warm_up(hands[0], objects)
+            begun = perf_counter()
+        touch = self._toucher.touch(hands, objects)
+        self._points = self._reached(touch)
+        cut = perf_counter()
+        fields = self._pose(now, self._ramp)
+        solved = perf_counter()
+        if fields is None or not self._turns.show(fields):
+            return
+        sent = perf_counter()
+        wait = max(now - stamp, 0.0)
+        for stage, passed in zip(STAGES, (wait, cut - begun, solved - cut, sent - solved), strict=True):
+            self._stages[stage].add(passed)
+        self._latency.add(wait + sent - begun)
+        self._takes += LEARNING * (sent - begun - self._takes)
+        if self._on_moment is not None:
+            self._on_moment(TouchMoment(stamp, hands, objects, touch, self._fading, fields))
+
+    def _go_on(self) -> None:
+        """Without a frame: keep ramps and turns going, and let the field fade if the source has stalled."""
+        now = self._clock.monotonic()
+        if not self._stalled and now >= self._heard_at + STALL_SECONDS:
+            self._stalled, self._points = True, NO_POINTS
+            self._stalls += len(self._fading) > 0
+        if self._ramping and now >= self._pose_at + self._turns.pace:
+            fields = self._pose(now, min(self._ramp, STALL_RAMP_SECONDS) if self._stalled else self._ramp)
+            if fields is not None and self._turns.show(fields):
+                return
+        if now >= self._turns.due:
+            self._turns.keep()
+
+    @property
+    def _ramping(self) -> bool:
+        """Whether the field changes though no hand moves."""
+        return self._fading.changing or len(self._fading) > len(self._points.ids)
+
+    def _hands_of(self, frame: HandFrame, now: float) -> tuple[Hand, ...]:
+        """Where the hands of a frame will be when its field begins."""
+        if self._predictor is None:
+            return tuple(tracked.hand for tracked in frame.hands)
+        offset = self._begin - self._wall_begin if self._follows else 0.0
+        return self._predictor.hands(frame, now - offset + self._takes + LEAD_SECONDS)
+
+    def _reached(self, touch: Touched) -> Points:
+        """The points of a touch that the array can reach; the others are counted."""
+        if touch.points is None:
+            return NO_POINTS
+        points = Points(touch.ids, touch.points.positions, touch.points.amplitudes)
+        inside = reachable(self._array, points.positions)
+        if not inside.all():
+            self._out_of_reach += int((~inside).sum())
+            points = Points(points.ids[inside], points.positions[inside], points.amplitudes[inside])
+        self._touching += len(points.ids) > 0
+        self._points_sum += len(points.ids)
+        self._points_most = max(self._points_most, len(points.ids))
+        return points
+
+    def _pose(self, now: float, ramp: float) -> PulseFrames | None:
+        """Both fields for the points as they are now, with their ramps; None if there are none, in silence."""
+        if not len(self._points.ids) and not len(self._fading):
+            return None
+        passed = now - self._pose_at
+        if not self._ramping:  # a ramp that begins now has its first step only
+            passed = min(passed, self._turns.pace)
+        self._pose_at = now
+        change = max(passed, SHORTEST_STEP_SECONDS) / ramp if ramp > 0 else 1.0
+        self._fading = self._fading.step(*self._points, change, self._most)
+        if len(self._fading):
+            return self._fields.solve(self._fading)
+        self._turns.silence()
+        self._fields.forget()
+        return None
+
+    def _release(self) -> None:
+        """Let the field fade, and fall silent."""
+        self._points = NO_POINTS
+        while len(self._fading):
+            self._clock.sleep(self._turns.pace)
+            self._survive(self._go_on)
+
+    def _warm_up(self, hand: Hand, objects: Sequence[Mesh]) -> None:
+        """Load all that is compiled before the first touch, which must not wait for it: the outputs are off still."""
+        for mesh in objects:
+            shift = mesh.vertices[mesh.faces[0]].mean(axis=0) - hand.landmarks.mean(axis=0)
+            self._toucher.touch([Hand(hand.landmarks + shift, hand.side)], objects)
+        self._toucher.forget()
+        above = self._array.positions.mean(axis=0) + WARM_UP_METRES * self._array.normals.mean(axis=0)
+        for _ in range(2):
+            self._fields.solve(Fading.nothing().step(np.arange(3), above + np.eye(3) * 0.01, np.ones(3), 1.0, 3))
+        self._fields.forget()
+        self._warm = True
+
+
+@contextmanager
+def _without_collections() -> Iterator[None]:
+    """Keep what is there already out of the garbage collector's sight: looking through it takes some milliseconds."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

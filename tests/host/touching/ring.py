@@ -1,0 +1,68 @@
+"""A toucher, hands and sources as simple as can be, for tests of the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from phasewire import ControlPoints
+from phasewire.host.hands.frames import HandFrame, TrackedHand
+from phasewire.host.hands.sources import PlayedHands
+from phasewire.host.lines.transport import Timekeeper
+from phasewire.solver.contact.hand import Hand
+
+__all__ = ["POINTS", "Ring", "RingTouch", "frames", "hand_at", "source"]
+
+POINTS = 12
+RADIUS = 0.03
+
+
+class RingTouch(NamedTuple):
+    """What `Ring` finds."""
+
+    points: ControlPoints | None
+    ids: NDArray[np.int64]
+
+
+class Ring:
+    """Finds a ring of points about each hand that is below 0.3 m, with the same ids as long as it is there."""
+
+    def touch(self, hands: Sequence[Hand], objects: Sequence[Any]) -> RingTouch:
+        """The ring about the mean landmark of each hand."""
+        angle = 2 * np.pi * np.arange(POINTS) / POINTS
+        ring = RADIUS * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+        found = [
+            (ring + hand.landmarks.mean(axis=0), number)
+            for number, hand in enumerate(hands)
+            if hand.landmarks[:, 2].mean() < 0.3
+        ]
+        if not found:
+            return RingTouch(None, np.empty(0, np.int64))
+        ids = np.concatenate([POINTS * number + np.arange(POINTS) for _, number in found])
+        return RingTouch(ControlPoints(np.concatenate([positions for positions, _ in found])), ids)
+
+    def forget(self) -> None:
+        """Nothing is kept."""
+
+
+def hand_at(place: Sequence[float]) -> Hand:
+    """A hand of 21 landmarks whose mean is at a place."""
+    landmarks = np.random.default_rng(1).normal(scale=0.02, size=(21, 3))
+    return Hand(landmarks - landmarks.mean(axis=0) + place)
+
+
+def frames(rate: float, seconds: float, place: Callable[[float], Sequence[float] | None]) -> Iterator[HandFrame]:
+    """Frames of one hand, at a place for each time, or nowhere."""
+    for number in range(round(rate * seconds)):
+        at = place(number / rate)
+        hands = () if at is None else (TrackedHand(hand_at(at), 1),)
+        yield HandFrame(number / rate, hands, number)
+
+
+def source(
+    clock: Timekeeper, rate: float, seconds: float, place: Callable[[float], Sequence[float] | None]
+) -> PlayedHands:
+    """A source of these frames."""
+    return PlayedHands("test", frames(rate, seconds, place), rate, clock)
