@@ -140,6 +140,11 @@ class Device:
         return self._session.serial
 
     @property
+    def stops(self) -> int:
+        """How often its outputs were turned off by `stop`, `reset` or the end of ``with``, in any thread."""
+        return self._stops
+
+    @property
     def most_updates_per_second(self) -> float:
         """How many frames the device and the line to it can take."""
         return min(self.info.max_updates_per_second, self._session.line().most_blocks_per_second)

@@ -179,7 +179,7 @@ class TouchLoop:
         self._objects = objects if callable(objects) else lambda _moment: objects
         self._most, self._ramp, self._on_moment = most_points, ramp, on_moment
         self._predictor = Predictor() if predict else None
-        self._clock = device.time
+        self._clock, self._stops = device.time, device.stops
         self._watchdog_before = device.status().watchdog_ms / 1000
         self._watchdog = max(WATCHDOG_SECONDS, SLOWEST_WATCHDOG_BLOCKS / device.most_updates_per_second)
         self._turns = turns_for(device, frequency, self._watchdog)
@@ -282,6 +282,8 @@ class TouchLoop:
 
     def _survive(self, step: Callable[[], None]) -> None:
         """Take a step; if the watchdog has turned the outputs off before, begin anew: the next pose enables them."""
+        if self._device.stops != self._stops:
+            raise DeviceRefusedError(f"{self._device.name} has turned its outputs off: it was stopped", Reason.DISABLED)
         try:
             step()
         except DeviceRefusedError as error:
@@ -372,7 +374,7 @@ class TouchLoop:
         if not len(self._points.ids) and not len(self._fading):
             return None
         passed = now - self._pose_at
-        if not self._ramping:  # a ramp that begins now has its first step only
+        if not self._fading.changing:  # a ramp that begins now has its first step only
             passed = min(passed, self._turns.pace)
         self._pose_at = now
         change = max(passed, SHORTEST_STEP_SECONDS) / ramp if ramp > 0 else 1.0

@@ -157,7 +157,8 @@ class _Clocked:
     def _count(self, before: float, ack: Ack, blocks: int) -> None:
         self.blocks += blocks
         self.late += bool(ack.flags & AckFlag.LATE)
-        self._read(before, ack.now)
+        arrives = before + (self._block_periods - 1) / CARRIER_HZ  # its last byte; that is when the device looks
+        self._read(arrives, ack.now)
 
     def silence(self) -> None:
         """Play nothing from now on; the outputs stay enabled."""
@@ -248,7 +249,7 @@ class StoredTurns(_Clocked):
         for slot, phase, width in zip(slots, fields.phase, fields.width, strict=True):
             self._device.store(slot, Pulses(phase, width))
         whole = 2 * self._half
-        ready = self._now() + LEAST_LEAD_PERIODS + 2 * self._block_periods
+        ready = self._now() + LEAST_LEAD_PERIODS + RESERVE_PERIODS + BLOCKS_PER_POSE * self._block_periods
         steps = [(slot, self._half) for slot in slots]
         ack = self._device.play(steps, period=ceil(ready / whole) * whole)
         self._count(before, ack, BLOCKS_PER_POSE)

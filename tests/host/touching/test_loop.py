@@ -1,0 +1,305 @@
+"""The loop through the emulator, by its own clock: what the outputs did is what counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from phasewire import Device, Emulator, TransducerArray, open_device, pressure
+from phasewire.emulator.faults import HotBoard, InjectedFault, PowerCut, StalledEndpoint, Unplugged
+from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError, TrackerLostError
+from phasewire.host.hands.frames import HandFrame
+from phasewire.host.hands.sources import LiveHands, PlayedHands
+from phasewire.host.touching.loop import MOST_RAMP_SECONDS, SILENCE_SECONDS, TouchLoop, TouchMoment
+from phasewire.host.touching.report import TouchReport
+from phasewire.protocol.pulses import Pulses
+from phasewire.solver.split import split
+
+from .ring import POINTS, Ring, frames, source
+
+ARRAY = TransducerArray.grid()
+MS = 40
+"""Carrier periods."""
+SILENCE = round(SILENCE_SECONDS * 1000) * MS
+
+Place = Callable[[float], Sequence[float] | None]
+
+
+def still(_: float) -> tuple[float, float, float]:
+    return (0.01, -0.02, 0.2)
+
+
+def loop_of(device: Device, hands: Any, **options: Any) -> TouchLoop:
+    return TouchLoop(device, hands, [], Ring(), ARRAY, most_points=64, **options)
+
+
+def amplitudes(emulator: Emulator, begin: int, end: int) -> NDArray[np.float64]:
+    """How strongly the outputs sound in each period from one to before another, 0 to 1: by their mean width."""
+    bits = emulator.capture().bits(50 * begin, 50 * end)
+    high = np.unpackbits(np.ascontiguousarray(bits).view(np.uint8), axis=None).reshape(-1, 50 * 320).mean(axis=1)
+    return np.asarray(np.sin(np.pi * high))
+
+
+def last_sound(emulator: Emulator, begin: int = 0) -> int:
+    """The last period, from one on, in which an output was high."""
+    capture = emulator.capture()
+    sounding = np.flatnonzero(amplitudes(emulator, begin, capture.end_tick // 50))
+    return begin + int(sounding[-1]) if len(sounding) else -1
+
+
+class Noting:
+    """What the loop says of each pose, with the device's clock at that moment."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self.moments: list[tuple[int, TouchMoment]] = []
+
+    def __call__(self, moment: TouchMoment) -> None:
+        self.moments.append((int(self._device.time.monotonic() * 40_000), moment))
+
+
+def test_what_a_resting_hand_touches_is_played_in_turn_as_the_solver_has_it() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        noting = Noting(device)
+        hands = source(device.time, 200, 0.2, still)
+        report = loop_of(device, hands, on_moment=noting).run(0.15)
+        capture = emulator.capture()
+    _, moment = noting.moments[-1]
+    assert (moment.fading.levels == 1).all()
+    halves = split(points := moment.touch.points).mask  # type: ignore[arg-type] # it touches
+    own, other = [], []
+    for (begun, shown), (ends, _) in zip(noting.moments[-6:], noting.moments[-5:], strict=False):
+        for period in range(begun + 6, ends - 1):
+            turn = period // 100 % 2
+            drive = Pulses(shown.fields.phase[turn], shown.fields.width[turn]).to_drive()
+            np.testing.assert_allclose(capture.drive(period), drive, atol=1e-12)
+        felt = np.abs(pressure(ARRAY, capture.drive(begun + 10), points.positions))
+        first = (begun + 10) // 100 % 2 == 0
+        own.append(felt[halves == first].mean())
+        other.append(felt[halves != first].mean())
+    assert min(own) > 3 * max(other), "each half of the points has the field in its turn"
+    assert (report.frames, report.touching, report.points_most) == (31, 31, POINTS)
+    assert (report.late, report.slipped, report.stalls, report.held_up, report.dropped) == (0, 0, 0, 0, 0)
+    assert report.latency.count == 31
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.01, 0.02, MOST_RAMP_SECONDS])
+@pytest.mark.parametrize("rate", [60, 1000])
+def test_contact_and_release_are_ramps_and_silence_comes_in_time(ramp: float, rate: int) -> None:
+    contact, release = 0.1, 0.3
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        begin = device.time.monotonic()
+
+        def place(time: float) -> tuple[float, float, float] | None:
+            return still(time) if contact <= time < release else None
+
+        loop_of(device, source(device.time, rate, 0.4, place), ramp=ramp).run()
+        loudness = amplitudes(emulator, 0, emulator.capture().end_tick // 50)
+    whole = loudness.max()
+    begins, ends = int(np.flatnonzero(loudness)[0]), int(np.flatnonzero(loudness)[-1])
+    assert 0 <= begins - (begin + contact) * 40_000 < (1 / rate + 0.003) * 40_000
+    full = int(np.flatnonzero(loudness > 0.9 * whole)[0])
+    assert abs((full - begins) / 40_000 - ramp * 0.8) < 0.003 + ramp * 0.3
+    released = (begin + np.ceil(release * rate) / rate) * 40_000
+    assert ends - released < SILENCE
+    assert abs((ends - released) / 40_000 - ramp) < 0.006
+    loudest_step = np.abs(np.diff(loudness[::100])).max()
+    assert loudest_step < whole * (1.01 if ramp == 0 else max(0.75 * 2.5e-3 / ramp * 2, 0.12))
+
+
+class Stalling(PlayedHands):
+    """Gives frames, and from some time on none, though it has not ended."""
+
+    def __init__(self, device: Device, seconds: float, *, blocks: float | None = None) -> None:
+        super().__init__("stalling", frames(100, 10, still), 100, device.time)
+        self._device, self._blocks = device, blocks
+        self._until = device.time.monotonic() + seconds
+        self._stops = device.time.monotonic() + 0.6
+
+    def next_frame(self, timeout: float) -> HandFrame | None:
+        now = self._device.time.monotonic()
+        if now >= self._stops:
+            self.close()
+        if now < self._until or (self._blocks is not None and now > self._until + 0.1):
+            return super().next_frame(timeout)
+        self._device.time.sleep(timeout if self._blocks is None else self._blocks)
+        return None
+
+
+def test_a_source_that_stalls_is_silenced_in_time_and_counted() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        heard = []
+        hands = Stalling(device, 0.2)
+        loop = loop_of(device, hands, on_moment=lambda moment: heard.append(moment.time))
+        report = loop.run()
+        begin = int(heard[0] * 40_000)
+        loudness = amplitudes(emulator, begin, emulator.capture().end_tick // 50)
+        assert report.stalls == 1
+        assert last_sound(emulator, begin) - heard[-1] * 40_000 < SILENCE
+    assert (np.abs(np.diff(loudness[::100])) < 0.6 * loudness.max()).all(), "it fades"
+
+
+def test_a_source_that_does_not_come_back_is_silenced_by_the_watchdog_and_the_loop_goes_on_afterwards() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        heard: list[float] = []
+        loop = loop_of(device, Stalling(device, 0.2, blocks=0.15), on_moment=lambda moment: heard.append(moment.time))
+        report = loop.run()
+        gap = int(np.argmax(np.diff(heard)))
+        before, after = heard[gap], heard[gap + 1]
+        loudness = amplitudes(emulator, 0, emulator.capture().end_tick // 50)
+    assert report.held_up == 1
+    assert after - before > 0.1
+    quiet = loudness[int(before * 40_000) + SILENCE + 3 * MS : int(after * 40_000)]
+    assert len(quiet) > 30 * MS
+    assert not quiet.any()
+    assert loudness[int(after * 40_000) + 30 * MS :].any(), "it plays again"
+
+
+def test_no_hand_ever_is_silence_throughout() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        report = loop_of(device, source(device.time, 100, 0.5, lambda _: None)).run()
+        assert not amplitudes(emulator, 0, emulator.capture().end_tick // 50).any()
+    assert (report.frames, report.touching, report.blocks, report.latency.count) == (50, 0, 0, 0)
+
+
+def test_it_ends_with_its_time_and_the_outputs_are_off() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        told: list[TouchReport] = []
+        report = loop_of(device, source(device.time, 100, 10, still)).run(0.3, told.append)
+        assert not device.status().enabled
+        assert 0.3 <= report.seconds < 0.33
+        assert told[-1].frames == report.frames == 31
+        assert device.status().watchdog_ms == 100, "as it was before"
+
+
+def test_points_that_the_array_cannot_reach_are_left_out_and_counted() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        hands = PlayedHands("low", frames(100, 0.1, lambda _: (0, 0, -0.01)), 100, device.time)
+        report = loop_of(device, hands).run()
+        assert not amplitudes(emulator, 0, emulator.capture().end_tick // 50).any()
+    assert report.out_of_reach == 10 * POINTS
+    assert report.touching == 0
+
+
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [
+        (Unplugged(period=12_000), DeviceLostError),
+        (PowerCut(period=12_000), DeviceLostError),
+        (StalledEndpoint(period=12_000, endpoint=1), DeviceStalledError),
+        (HotBoard(period=12_000, board=1, celsius=90), DeviceRefusedError),
+    ],
+)
+def test_a_device_that_is_lost_ends_the_loop_in_its_error(fault: InjectedFault, error: type[DeviceError]) -> None:
+    with Emulator() as emulator:
+        emulator.inject(fault)
+        device = open_device(emulator.url)
+        loop = loop_of(device, source(device.time, 100, 2, still))
+        told: list[TouchReport] = []
+        with pytest.raises(error):
+            loop.run(on_progress=told.append)
+        assert 10 < told[-1].frames < 60
+        if not isinstance(fault, PowerCut):
+            emulator.run(SILENCE + 7)
+            assert last_sound(emulator) < emulator.capture().end_tick // 50 - 5
+
+
+class Lost(PlayedHands):
+    """A tracker that goes away."""
+
+    def next_frame(self, timeout: float) -> HandFrame | None:
+        frame = super().next_frame(timeout)
+        if frame is not None and frame.number >= 20:
+            raise TrackerLostError("the tracker is gone")
+        return frame
+
+
+def test_a_lost_tracker_lets_the_field_fade_and_ends_in_its_error() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        heard: list[float] = []
+        loop = loop_of(
+            device, Lost("lost", frames(100, 1, still), 100, device.time), on_moment=lambda m: heard.append(m.time)
+        )
+        with pytest.raises(TrackerLostError):
+            loop.run()
+        assert not device.status().enabled
+        emulator.run(10)
+        assert last_sound(emulator) - heard[-1] * 40_000 < SILENCE
+
+
+def test_ctrl_c_turns_the_outputs_off() -> None:
+    def interrupt(moment: TouchMoment) -> None:
+        if moment.time > 0.2:
+            raise KeyboardInterrupt
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        with pytest.raises(KeyboardInterrupt):
+            loop_of(device, source(device.time, 100, 2, still), on_moment=interrupt).run()
+        assert not device.status().enabled
+        emulator.run(7)
+        assert last_sound(emulator) < emulator.capture().end_tick // 50 - 1
+
+
+def test_stop_by_somebody_else_ends_the_loop() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+
+        def stop(moment: TouchMoment) -> None:
+            if moment.time > 0.2:
+                device.stop()
+
+        loop = loop_of(device, source(device.time, 100, 2, still), on_moment=stop)
+        with pytest.raises(DeviceRefusedError, match="it was stopped"):
+            loop.run()
+
+
+class Tracker(LiveHands):
+    """A live source, fed by a test."""
+
+
+def test_a_live_source_and_an_emulated_device_share_the_wall_clock() -> None:
+    import time
+
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        tracker = Tracker("tracker", 100)
+        loop = loop_of(device, tracker)
+        loop._wall_begin, loop._begin = time.monotonic(), device.time.monotonic()
+        for number, frame in zip(range(5), frames(100, 1, still), strict=False):
+            tracker.put(replace(frame, time=time.monotonic(), number=number))
+            loop.turn(0.0)
+            wall = time.monotonic() - loop._wall_begin
+        passed = device.time.monotonic() - loop._begin
+        assert passed <= wall + 0.01
+        assert loop.report.frames == 5
+        assert loop.report.stages["wait"].worst <= wall
+
+
+def test_frames_that_are_missing_are_counted() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        every: Iterator[HandFrame] = (frame for frame in frames(100, 0.2, still) if frame.number % 4)
+        report = loop_of(device, PlayedHands("gaps", every, 100, device.time)).run()
+    assert (report.frames, report.dropped) == (15, 4)
+
+
+def test_hands_are_moved_ahead_unless_that_is_off() -> None:
+    def moving(time: float) -> tuple[float, float, float]:
+        return (0.5 * time - 0.05, 0, 0.2)
+
+    behind = {}
+    for predict in (True, False):
+        with Emulator() as emulator, open_device(emulator.url) as device:
+            noting = Noting(device)
+            loop_of(device, source(device.time, 100, 0.2, moving), predict=predict, on_moment=noting).run()
+        _, moment = noting.moments[-1]
+        behind[predict] = moment.hands[0].landmarks[:, 0].mean() - moving(moment.time - noting.moments[0][1].time)[0]
+    assert behind[False] == pytest.approx(0, abs=1e-12)
+    assert behind[True] > 1e-5
+
+
+@pytest.mark.parametrize("ramp", [-0.01, 0.05, float("nan")])
+def test_a_ramp_that_is_none_is_refused(ramp: float) -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device, pytest.raises(ValueError, match="a ramp of"):
+        loop_of(device, source(device.time, 100, 1, still), ramp=ramp)
