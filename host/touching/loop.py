@@ -189,7 +189,7 @@ class TouchLoop:
         self._fading = Fading.nothing()
         self._points = NO_POINTS
         self._pose_at = self._heard_at = self._begin
-        self._warm = self._stalled = False
+        self._stalled = False
         self._takes = 0.0
         self._number: int | None = None
         self._frames = self._dropped = self._touching = self._stalls = self._held_up = 0
@@ -243,6 +243,7 @@ class TouchLoop:
             watchdog's time is over if the device cannot be reached.
         """
         with self._silent_afterwards(on_progress), _without_collections():
+            self._warm_up()
             self._device.set_watchdog(self._watchdog)
             self._wall_begin, self._begin = time.monotonic(), self._clock.monotonic()
             self._heard_at, told = self._begin, self._wall_begin
@@ -311,9 +312,6 @@ class TouchLoop:
         self._number = frame.number
         hands = self._hands_of(frame, now)
         objects = self._objects(now)
-        if hands and not self._warm:
-            self._warm_up(hands[0], objects)
-            begun = perf_counter()
         touch = self._toucher.touch(hands, objects)
         self._points = self._reached(touch)
         cut = perf_counter()
@@ -389,20 +387,19 @@ class TouchLoop:
         """Let the field fade, and fall silent."""
         self._points = NO_POINTS
         while len(self._fading):
-            self._clock.sleep(self._turns.pace)
+            self._clock.sleep(max(self._due() - self._clock.monotonic(), 0.0))
             self._survive(self._go_on)
 
-    def _warm_up(self, hand: Hand, objects: Sequence[Mesh]) -> None:
+    def _warm_up(self) -> None:
         """Load all that is compiled before the first touch, which must not wait for it: the outputs are off still."""
+        objects = self._objects(self._clock.monotonic())
         for mesh in objects:
-            shift = mesh.vertices[mesh.faces[0]].mean(axis=0) - hand.landmarks.mean(axis=0)
-            self._toucher.touch([Hand(hand.landmarks + shift, hand.side)], objects)
+            self._toucher.touch([Hand.flat(mesh.vertices[mesh.faces[0, 0]])], objects)
         self._toucher.forget()
         above = self._array.positions.mean(axis=0) + WARM_UP_METRES * self._array.normals.mean(axis=0)
         for _ in range(2):
             self._fields.solve(Fading.nothing().step(np.arange(3), above + np.eye(3) * 0.01, np.ones(3), 1.0, 3))
         self._fields.forget()
-        self._warm = True
 
 
 @contextmanager

@@ -32,7 +32,7 @@ class _Seen(NamedTuple):
 class Predictor:
     """Moves the hands of each frame ahead by their velocity, which it learns from frame to frame.
 
-    The velocity is that of a hand's mean landmark: a hand is moved as a whole, and never bent.
+    The velocity is that of the palm's middle: a hand is moved as a whole, and never bent.
     """
 
     def __init__(self) -> None:
@@ -52,11 +52,11 @@ class Predictor:
         seen, moved = {}, []
         for tracked in frame.hands:
             key = (tracked.id, tracked.hand.side)
-            centre = tracked.hand.landmarks.mean(axis=0)
+            centre = tracked.hand.centre
             velocity = self._velocity(self._seen.get(key), frame.time, centre)
             seen[key] = _Seen(frame.time, centre, velocity)
             shift = velocity * ahead
-            moved.append(Hand(tracked.hand.landmarks + shift, tracked.hand.side) if shift.any() else tracked.hand)
+            moved.append(tracked.hand.moved(shift) if shift.any() else tracked.hand)
         self._seen = seen  # of hands that are gone nothing is kept
         return tuple(moved)
 

@@ -46,6 +46,8 @@ PAIRS = 3
 """Of slots: one plays, one waits for its period, one is free."""
 MOST_PACE_PERIODS = 100
 """2.5 ms between two steps of a ramp."""
+ROUNDING_SECONDS = 1e-6
+"""So much after a turn is due it is due for certain, in spite of rounding."""
 LIFE = 1 / 3
 """Of the watchdog's time may pass until the next sign of life."""
 
@@ -186,7 +188,7 @@ class StreamedTurns(_Clocked):
         """When the next turn must be on its way, or, in silence, the next sign of life."""
         if self._fields is None:
             return self._heard + self._life_seconds
-        return self._clock.moment_of((self._sent + 1) * self._half - self._guard)
+        return self._clock.moment_of((self._sent + 1) * self._half - self._guard) + ROUNDING_SECONDS
 
     def show(self, fields: PulseFrames) -> bool:
         """Play two fields from now on."""

@@ -30,14 +30,10 @@ class Ring:
     """Finds a ring of points about each hand that is below 0.3 m, with the same ids as long as it is there."""
 
     def touch(self, hands: Sequence[Hand], objects: Sequence[Any]) -> RingTouch:
-        """The ring about the mean landmark of each hand."""
+        """The ring about the palm of each hand."""
         angle = 2 * np.pi * np.arange(POINTS) / POINTS
         ring = RADIUS * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-        found = [
-            (ring + hand.landmarks.mean(axis=0), number)
-            for number, hand in enumerate(hands)
-            if hand.landmarks[:, 2].mean() < 0.3
-        ]
+        found = [(ring + hand.centre, number) for number, hand in enumerate(hands) if hand.centre[2] < 0.3]
         if not found:
             return RingTouch(None, np.empty(0, np.int64))
         ids = np.concatenate([POINTS * number + np.arange(POINTS) for _, number in found])
@@ -48,9 +44,8 @@ class Ring:
 
 
 def hand_at(place: Sequence[float]) -> Hand:
-    """A hand of 21 landmarks whose mean is at a place."""
-    landmarks = np.random.default_rng(1).normal(scale=0.02, size=(21, 3))
-    return Hand(landmarks - landmarks.mean(axis=0) + place)
+    """A flat hand whose palm is at a place."""
+    return Hand.flat(place)
 
 
 def frames(rate: float, seconds: float, place: Callable[[float], Sequence[float] | None]) -> Iterator[HandFrame]:

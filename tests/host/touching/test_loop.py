@@ -70,7 +70,9 @@ def test_what_a_resting_hand_touches_is_played_in_turn_as_the_solver_has_it() ->
         capture = emulator.capture()
     _, moment = noting.moments[-1]
     assert (moment.fading.levels == 1).all()
-    halves = split(points := moment.touch.points).mask  # type: ignore[arg-type] # it touches
+    points = moment.touch.points
+    assert points is not None
+    halves = split(points).mask
     own, other = [], []
     for (begun, shown), (ends, _) in zip(noting.moments[-6:], noting.moments[-5:], strict=False):
         for period in range(begun + 6, ends - 1):
@@ -294,7 +296,7 @@ def test_hands_are_moved_ahead_unless_that_is_off() -> None:
             noting = Noting(device)
             loop_of(device, source(device.time, 100, 0.2, moving), predict=predict, on_moment=noting).run()
         _, moment = noting.moments[-1]
-        behind[predict] = moment.hands[0].landmarks[:, 0].mean() - moving(moment.time - noting.moments[0][1].time)[0]
+        behind[predict] = moment.hands[0].centre[0] - moving(moment.time - noting.moments[0][1].time)[0]
     assert behind[False] == pytest.approx(0, abs=1e-12)
     assert behind[True] > 1e-5
 

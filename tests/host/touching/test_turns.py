@@ -158,6 +158,9 @@ def test_a_line_with_little_room_keeps_the_turns_and_skips_poses_between() -> No
 
 @pytest.mark.parametrize("frequency", [0.0, -200.0, float("nan"), float("inf"), 0.1, 41_000.0])
 def test_a_frequency_that_is_none_is_refused(frequency: float) -> None:
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        with pytest.raises(ValueError, match=r"a modulation of .* Hz must lie between"):
-            turns_for(device, frequency, WATCHDOG)
+    with (
+        Emulator() as emulator,
+        open_device(emulator.url) as device,
+        pytest.raises(ValueError, match="must lie between"),
+    ):
+        turns_for(device, frequency, WATCHDOG)
