@@ -44,6 +44,10 @@ class Home(NamedTuple):
 
 HOMES = {
     "demo": Home(".hil.cli", "Show the whole way: a sphere on a palm, five emulated boards, pressure."),
+    "touch": Home(
+        ".hil.touch_cli",
+        "Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.",
+    ),
     "conformance": Home(
         ".hil.conformance.cli",
         "Judge a device by the specification: what it does, what it answers and, where they can be seen, its outputs.",

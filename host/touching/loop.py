@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from math import inf
 from time import perf_counter
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,11 @@ from ...protocol.quantise import PulseFrames
 from ...solver import TransducerArray
 from ...solver.contact.hand import Hand
 from ...solver.contact.mesh import Mesh
-from ...solver.points import ControlPoints, reachable
+from ...solver.contact.touch import MOST_POINTS, Touch, Toucher
+from ...solver.points import reachable
+from ..hands.following import Follower
 from ..hands.frames import HandFrame
+from ..hands.pose import Pose
 from ..hands.sources import HandSource
 from ..playing.device import Device
 from .fading import Fading
@@ -40,7 +43,7 @@ from .prediction import Predictor
 from .report import STAGES, TouchReport
 from .turns import StoredTurns, turns_for
 
-__all__ = ["MOST_RAMP_SECONDS", "RAMP_SECONDS", "SILENCE_SECONDS", "TouchLoop", "TouchMoment", "Touched", "Touches"]
+__all__ = ["MOST_RAMP_SECONDS", "RAMP_SECONDS", "SILENCE_SECONDS", "TouchLoop", "TouchMoment"]
 
 SILENCE_SECONDS = 0.05
 """After the last frame, or the last touch, the outputs are silent by then."""
@@ -54,6 +57,8 @@ WATCHDOG_SECONDS = SILENCE_SECONDS
 SLOWEST_WATCHDOG_BLOCKS = 20
 """How many blocks a line must be able to carry in the watchdog's time, as for any session."""
 PROGRESS_SECONDS = 0.1
+EARLY_SECONDS = 1e-4
+"""By which a frame may come too early for the rate: those of a source of just this rate do, now and then."""
 LEAD_SECONDS = 100e-6
 """From the arrival of a block to its field: some carrier periods."""
 LEARNING = 0.02
@@ -75,53 +80,34 @@ class Points(NamedTuple):
 NO_POINTS = Points(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
 
 
-class Touched(Protocol):
-    """What the loop needs to know of one `Touch`."""
-
-    @property
-    def points(self) -> ControlPoints | None:
-        """The points, None if nothing is touched."""
-
-    @property
-    def ids(self) -> NDArray[np.int64]:
-        """Of the points, in their order."""
-
-
-class Touches(Protocol):
-    """Finds where hands touch objects, as `Toucher` does."""
-
-    def touch(self, hands: Sequence[Hand], objects: Sequence[Mesh], /) -> Touched:
-        """One frame."""
-
-    def forget(self) -> None:
-        """Begin anew with the next frame."""
-
-
 class TouchMoment(NamedTuple):
-    """One pose on its way: what was seen, what it touches, and what is played for it.
+    """One frame on its way: what was seen, what it touches, and what is played for it.
 
     Parameters
     ----------
+    frame : HandFrame
+        As the source gave it.
     time : float
         Of the frame, by the device's clock in seconds.
     hands : tuple of Hand
         As they were predicted.
     objects : sequence of Mesh
         Where they were.
-    touch : Touched
+    touch : Touch
         Arcs and points of the hands.
     fading : Fading
         The points that are played, with their ramps.
-    fields : PulseFrames
-        What is played for them in turn, (2, n).
+    fields : PulseFrames or None
+        What is played for them in turn, (2, n); None in silence.
     """
 
+    frame: HandFrame
     time: float
     hands: tuple[Hand, ...]
     objects: Sequence[Mesh]
-    touch: Touched
+    touch: Touch
     fading: Fading
-    fields: PulseFrames
+    fields: PulseFrames | None
 
 
 class TouchLoop:
@@ -148,9 +134,13 @@ class TouchLoop:
     predict : bool
         Whether hands are moved ahead by their velocity.
     most_points : int
-        With those that fade out.
+        With those that fade out; the toucher's own limit by custom.
+    rate : float, optional
+        Frames per second that are taken at most; all by default.
+    pose : Pose, optional
+        Where the tracker is; by default its coordinates are the array's.
     on_moment : callable, optional
-        Is called with each `TouchMoment` after it was sent.
+        Is called with the `TouchMoment` of each frame, after its field was sent.
 
     Raises
     ------
@@ -163,21 +153,29 @@ class TouchLoop:
         device: Device,
         source: HandSource,
         objects: Sequence[Mesh] | Callable[[float], Sequence[Mesh]],
-        toucher: Touches,
+        toucher: Toucher,
         array: TransducerArray,
         *,
         method: str = "wgs",
         frequency: float = 200.0,
         ramp: float = RAMP_SECONDS,
         predict: bool = True,
-        most_points: int,
+        most_points: int = MOST_POINTS,
+        rate: float | None = None,
+        pose: Pose | None = None,
         on_moment: Callable[[TouchMoment], None] | None = None,
     ) -> None:
         if not 0 <= ramp <= MOST_RAMP_SECONDS:
             raise ValueError(f"a ramp of {ramp:g} s must lie between 0 and {MOST_RAMP_SECONDS:g} s")
+        if rate is not None and not rate > 0:
+            raise ValueError(f"a rate of {rate:g} hand frames/s must be positive")
+        self._gap = 0.0 if rate is None else 1 / rate
+        self._next = -inf
+        """When the next frame may be taken."""
         self._device, self._source, self._toucher, self._array = device, source, toucher, array
         self._objects = objects if callable(objects) else lambda _moment: objects
         self._most, self._ramp, self._on_moment = most_points, ramp, on_moment
+        self._tracker, self._follower = pose, Follower()
         self._predictor = Predictor() if predict else None
         self._clock, self._stops = device.time, device.stops
         self._watchdog_before = device.status().watchdog_ms / 1000
@@ -274,7 +272,10 @@ class TouchLoop:
 
     def turn(self, timeout: float) -> None:
         """Wait so many seconds for a frame, play it or else what is due: one turn of the loop."""
-        frame = self._source.next_frame(max(timeout, 0.0))
+        rest = min(max(self._next - self._clock.monotonic(), 0.0), timeout)
+        if rest > 0:
+            (time if self._follows else self._clock).sleep(rest)
+        frame = self._source.next_frame(max(timeout - rest, 0.0)) if rest < timeout or timeout <= 0 else None
         if self._follows:
             behind = (time.monotonic() - self._wall_begin) - (self._clock.monotonic() - self._begin)
             if behind > 0:
@@ -305,6 +306,7 @@ class TouchLoop:
         """Play a frame of hands."""
         begun, now = perf_counter(), self._clock.monotonic()
         stamp = frame.time - self._wall_begin + self._begin if self._follows else frame.time
+        self._next = stamp + self._gap - EARLY_SECONDS
         self._heard_at, self._stalled = now, False
         self._frames += 1
         if self._number is not None:
@@ -317,16 +319,15 @@ class TouchLoop:
         cut = perf_counter()
         fields = self._pose(now, self._ramp)
         solved = perf_counter()
-        if fields is None or not self._turns.show(fields):
-            return
-        sent = perf_counter()
-        wait = max(now - stamp, 0.0)
-        for stage, passed in zip(STAGES, (wait, cut - begun, solved - cut, sent - solved), strict=True):
-            self._stages[stage].add(passed)
-        self._latency.add(wait + sent - begun)
-        self._takes += LEARNING * (sent - begun - self._takes)
+        if fields is not None and self._turns.show(fields):
+            sent = perf_counter()
+            wait = max(now - stamp, 0.0)
+            for stage, passed in zip(STAGES, (wait, cut - begun, solved - cut, sent - solved), strict=True):
+                self._stages[stage].add(passed)
+            self._latency.add(wait + sent - begun)
+            self._takes += LEARNING * (sent - begun - self._takes)
         if self._on_moment is not None:
-            self._on_moment(TouchMoment(stamp, hands, objects, touch, self._fading, fields))
+            self._on_moment(TouchMoment(frame, stamp, hands, objects, touch, self._fading, fields))
 
     def _go_on(self) -> None:
         """Without a frame: keep ramps and turns going, and let the field fade if the source has stalled."""
@@ -347,13 +348,16 @@ class TouchLoop:
         return self._fading.changing or len(self._fading) > len(self._points.ids)
 
     def _hands_of(self, frame: HandFrame, now: float) -> tuple[Hand, ...]:
-        """Where the hands of a frame will be when its field begins."""
+        """Where the hands of a frame will be when its field begins, in the array's coordinates."""
+        if self._tracker is not None:
+            frame = self._tracker.apply(frame)
+        frame = self._follower.follow(frame)
         if self._predictor is None:
             return tuple(tracked.hand for tracked in frame.hands)
         offset = self._begin - self._wall_begin if self._follows else 0.0
         return self._predictor.hands(frame, now - offset + self._takes + LEAD_SECONDS)
 
-    def _reached(self, touch: Touched) -> Points:
+    def _reached(self, touch: Touch) -> Points:
         """The points of a touch that the array can reach; the others are counted."""
         if touch.points is None:
             return NO_POINTS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,36 +11,35 @@ from phasewire import ControlPoints
 from phasewire.host.hands.frames import HandFrame, TrackedHand
 from phasewire.host.hands.sources import PlayedHands
 from phasewire.host.lines.transport import Timekeeper
+from phasewire.solver.contact.arcs import Arcs
 from phasewire.solver.contact.hand import Hand
+from phasewire.solver.contact.touch import Touch, Toucher
 
-__all__ = ["POINTS", "Ring", "RingTouch", "frames", "hand_at", "source"]
+__all__ = ["POINTS", "Ring", "frames", "hand_at", "source"]
 
 POINTS = 12
 RADIUS = 0.03
 
 
-class RingTouch(NamedTuple):
-    """What `Ring` finds."""
-
-    points: ControlPoints | None
-    ids: NDArray[np.int64]
-
-
-class Ring:
+class Ring(Toucher):
     """Finds a ring of points about each hand that is below 0.3 m, with the same ids as long as it is there."""
 
-    def touch(self, hands: Sequence[Hand], objects: Sequence[Any]) -> RingTouch:
+    def touch(self, hands: Any, objects: Any) -> Touch:
         """The ring about the palm of each hand."""
         angle = 2 * np.pi * np.arange(POINTS) / POINTS
         ring = RADIUS * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
         found = [(ring + hand.centre, number) for number, hand in enumerate(hands) if hand.centre[2] < 0.3]
         if not found:
-            return RingTouch(None, np.empty(0, np.int64))
+            return _touch(None, np.empty(0, np.int64))
         ids = np.concatenate([POINTS * number + np.arange(POINTS) for _, number in found])
-        return RingTouch(ControlPoints(np.concatenate([positions for positions, _ in found])), ids)
+        return _touch(ControlPoints(np.concatenate([positions for positions, _ in found])), ids)
 
     def forget(self) -> None:
         """Nothing is kept."""
+
+
+def _touch(points: ControlPoints | None, ids: NDArray[np.int64]) -> Touch:
+    return Touch(Arcs.joined([]), points, ids, 0 * ids, 0 * ids, ids < 0)
 
 
 def hand_at(place: Sequence[float]) -> Hand:

@@ -76,6 +76,7 @@ def test_what_a_resting_hand_touches_is_played_in_turn_as_the_solver_has_it() ->
     own, other = [], []
     for (begun, shown), (ends, _) in zip(noting.moments[-6:], noting.moments[-5:], strict=False):
         for period in range(begun + 6, ends - 1):
+            assert shown.fields is not None
             turn = period // 100 % 2
             drive = Pulses(shown.fields.phase[turn], shown.fields.width[turn]).to_drive()
             np.testing.assert_allclose(capture.drive(period), drive, atol=1e-12)

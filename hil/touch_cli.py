@@ -1,0 +1,252 @@
+"""The command that lets hands touch objects: ``touch``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.control import Control
+from rich.segment import ControlType
+
+from ..console import JsonOption, among, console_for, error_console, write_json
+from ..errors import PhasewireError
+from ..host.commands.options import MOST_SECONDS, CalibrationOption, DeviceOption, load_calibration
+from ..host.commands.playing_cli import array_of
+from ..host.hands.pose import Pose
+from ..host.hands.sources import open_hands
+from ..host.lines.transport import DEFAULT_URL
+from ..host.playing.device import open_device
+from ..host.touching.log import TouchLog, log_path
+from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
+from ..host.touching.report import TouchReport
+from ..pictures import check_picture_path
+from ..protocol.plain import plain
+from ..protocol.pulses import Pulses
+from ..signals import loading
+from ..solver import MAX_POINTS, METHODS, Modulation, TransducerArray
+from ..solver.contact.mesh import Mesh
+from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
+from ..solver.curves import SPACING
+from ..solver.modulation import FREQUENCY
+from ..storage import check_outputs
+
+__all__ = ["commands"]
+
+commands = typer.Typer(rich_markup_mode=None)
+
+PAPER: dict[str, Callable[[], Mesh]] = {
+    "cone": Mesh.cone,
+    "sphere": Mesh.sphere,
+    "pyramid": Mesh.pyramid,
+    "horizontal-prism": Mesh.horizontal_prism,
+    "vertical-prism": Mesh.vertical_prism,
+    "cube": Mesh.cube,
+}
+OBJECT_HELP = f"One of the paper's objects: {', '.join(PAPER)}."
+
+BACK = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
+HANDS = "gesture:sweep"
+
+
+def parse_object(text: str, scale: float | None) -> Mesh:
+    """The object that a word stands for; raise `ValueError` if it is none."""
+    if text not in PAPER:
+        raise ValueError(f"there is no object {text!r}; there are {', '.join(PAPER)}")
+    return PAPER[text]()
+
+
+class _Meter:
+    """One line that shows how it goes, on a terminal; nothing elsewhere."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self.last = TouchReport()
+
+    def __call__(self, report: TouchReport) -> None:
+        """Show a report in the place of the one before."""
+        self.last = report
+        if self._console.is_terminal:
+            self._console.control(BACK)
+            self._console.print(str(report)[: self._console.width - 1], end="")
+
+    def end(self) -> None:
+        """Leave the line empty."""
+        if self._console.is_terminal:
+            self._console.control(BACK)
+
+
+class _Best:
+    """Keeps the moment with the most points, for the picture."""
+
+    def __init__(self) -> None:
+        self.moment: TouchMoment | None = None
+
+    def __call__(self, moment: TouchMoment) -> None:
+        """Look at the next moment."""
+        points = moment.touch.points
+        if points is None or moment.fields is None:
+            return
+        best = None if self.moment is None else self.moment.touch.points
+        if best is None or len(points) > len(best):
+            self.moment = moment
+
+
+@commands.command(epilog="Example: phasewire touch cube --hand gesture:sweep --seconds 4")
+def touch(
+    objects: Annotated[
+        list[str],
+        typer.Argument(metavar="OBJECT...", help=OBJECT_HELP, autocompletion=among(PAPER)),
+    ],
+    hand: Annotated[
+        str,
+        typer.Option(
+            "--hand",
+            metavar="URL",
+            help="Where hands come from: gesture:approach|sweep|grasp|tap, recording:FILE, leap:, video:FILE or "
+            "camera:N; `phasewire tracker` says which are ready.",
+        ),
+    ] = HANDS,
+    device: DeviceOption = DEFAULT_URL,
+    seconds: Annotated[
+        float | None,
+        typer.Option(min=0, max=MOST_SECONDS, help="How long at most, in s; until the hands end, or Ctrl-C."),
+    ] = None,
+    spacing: Annotated[
+        float, typer.Option(min=LEAST_SPACING, metavar="M", help="Length of arc between control points, in m.")
+    ] = SPACING,
+    corners: Annotated[
+        bool, typer.Option("--corners/--no-corners", help="Whether edges and corners are denser and stronger.")
+    ] = True,
+    points: Annotated[
+        int, typer.Option(min=1, max=MAX_POINTS, help="Control points at most; edges and corners keep theirs.")
+    ] = MOST_POINTS,
+    method: Annotated[
+        str, typer.Option(help=f"How fields are solved: {', '.join(METHODS)}.", autocompletion=among(METHODS))
+    ] = "wgs",
+    frequency: Annotated[
+        float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points take turns.")
+    ] = FREQUENCY,
+    rate: Annotated[
+        float | None, typer.Option(min=1e-3, help="Frames of hands per second at most; by default all that come.")
+    ] = None,
+    ramp: Annotated[
+        float, typer.Option(min=0, max=MOST_RAMP_SECONDS, metavar="S", help="How long a point fades in and out, in s.")
+    ] = RAMP_SECONDS,
+    predict: Annotated[
+        bool, typer.Option("--predict/--no-predict", help="Whether hands are moved ahead by their velocity.")
+    ] = True,
+    pose: Annotated[
+        Path | None, typer.Option("--pose", metavar="FILE", help="A file that says where the tracker is, see `docs`.")
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option("--scale", metavar="M", help="Metres for each unit of the mesh files, such as 0.001 for mm."),
+    ] = None,
+    calibration: CalibrationOption = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option("--record", metavar="FILE", help="Write the hands to this .hands file, and points and drives "
+                     "beside it."),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", metavar="FILE", help="Where to draw the moment with the most points: .png, .svg or "
+                     ".pdf."),
+    ] = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.
+
+    Hands are cut with the objects, control points are placed on the cuts, split in two halves, solved, and sent as
+    soon as they are there. The halves take turns 200 times a second. Without a hand that touches, and without news of
+    the hands, the outputs are silent within 50 ms. A line that is too slow for a block in each turn, such as most
+    UARTs, leaves the turns to the device, and limits how often a new pose is played.
+
+    Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
+    """
+    outputs = [picture, recording, None if recording is None else log_path(recording)]
+    check_outputs([*outputs, json_target])
+    if picture is not None:
+        check_picture_path(picture)
+    placed = None if pose is None else Pose.load(pose)
+    things = [parse_object(text, scale) for text in objects]
+    toucher = Toucher(spacing, corners, points)
+    out, meter, best = console_for(json_target), _Meter(error_console()), _Best()
+    with ExitStack() as stack:
+        opened = stack.enter_context(open_device(device, calibration=load_calibration(calibration)))
+        source = stack.enter_context(open_hands(hand, opened.time))
+        array = array_of(opened.info)
+        seen = [best] if picture is not None else []
+        if recording is not None:
+            seen.append(stack.enter_context(TouchLog(recording, source.rate, frequency, hand, placed)))
+        loop = TouchLoop(
+            opened, source, things, toucher, array, method=method, frequency=frequency, ramp=ramp, predict=predict,
+            most_points=points, rate=rate, pose=placed, on_moment=_each(seen),
+        )
+        error_console().print(f"{source.name} touches {', '.join(objects)} on {opened.name}")
+        told = {"format": "phasewire-touch-1", "device": opened.name, "hands": hand, "objects": objects}
+        try:
+            loop.run(math.inf if seconds is None else seconds, meter)
+            ended = "the hands have ended" if source.ended else f"after {seconds:g} s"
+        except KeyboardInterrupt:
+            ended = "Ctrl-C"
+            if seconds is not None:
+                raise
+        except (PhasewireError, ValueError) as error:
+            write_json(json_target, told | {"touch": meter.last.record(), "ended": None, "error": str(error)})
+            raise
+        finally:
+            meter.end()
+            _tell(out, meter.last)
+        status = opened.status()
+    if picture is not None:
+        _draw(picture, best.moment, array, meter.last.frequency)
+    out.print(f"Ended: {ended}. The outputs are off.")
+    write_json(
+        json_target,
+        told | {"touch": meter.last.record(), "ended": ended, "error": None, "status": plain(status)},
+    )
+
+
+def _each(seen: Sequence[Callable[[TouchMoment], None]]) -> Callable[[TouchMoment], None] | None:
+    """One function for several that want to see each moment."""
+    if len(seen) < 2:
+        return seen[0] if seen else None
+
+    def tell(moment: TouchMoment) -> None:
+        for look in seen:
+            look(moment)
+
+    return tell
+
+
+def _tell(out: Console, report: TouchReport) -> None:
+    """Say what became of the hands."""
+    out.print(f"{report}.")
+    if report.latency.count:
+        stages = ", ".join(f"{name} {stage.median * 1e3:.2f}" for name, stage in report.stages.items())
+        out.print(f"Of the latency, medians in ms: {stages}.")
+    if report.stored:
+        out.print(
+            "The line is too slow for a block in each turn: the device took the turns from its memory, and the line "
+            "limited how often a new pose was played."
+        )
+
+
+def _draw(path: Path, moment: TouchMoment | None, array: TransducerArray, frequency: float) -> None:
+    """Draw the moment with the most points, if there was a touch."""
+    if moment is None or moment.fields is None:
+        error_console().print(f"{path} was not drawn: no hand touched an object", style="yellow")
+        return
+    with loading():
+        from .touch_picture import save_touch_picture
+
+    drives = [Pulses(*rows).to_drive() for rows in zip(*moment.fields, strict=True)]
+    emitted = Modulation.two_sided(*drives, frequency)
+    save_touch_picture(path, moment.hands, moment.objects, moment.touch, emitted, array, "the pulses that were sent")
+    error_console().print(f"Drawn to {path}")

@@ -1,0 +1,124 @@
+"""What was felt and played, in two files: hands as a recording of hands, and beside it points and pulses.
+
+The second file has the suffix `LOG_SUFFIX`: JSON Lines, the first of which says what follows; then there is one for each
+frame that was played:
+
+==============  ========================================================================================
+``time``        of the frame in s; the first frame of hands is at 0, as in the recording
+``ids``         of the points, each stays as long as the point
+``positions``   [x, y, z] of each in m, in the array's coordinates
+``amplitudes``  relative to each other and to full strength, with their ramps
+``phase``       base64 of two rows of bytes: the pulses' phases in half ticks, of both fields in turn
+``width``       base64 of two rows of bytes: their widths in ticks
+==============  ========================================================================================
+
+``np.frombuffer(base64.b64decode(line["phase"]), np.uint8).reshape(2, -1)`` reads them.
+"""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...storage import replacing
+from ..hands.pose import Pose
+from ..hands.recording import SUFFIX, HandRecorder
+from .loop import TouchMoment
+
+__all__ = ["LOG_SUFFIX", "TouchLog", "log_path"]
+
+LOG_SUFFIX = ".touch"
+FORMAT = "phasewire-touch-log-1"
+DECIMALS = 6
+
+
+def log_path(path: Path) -> Path:
+    """The file beside a recording of hands.
+
+    Raises
+    ------
+    ValueError
+        If the recording has another suffix than `SUFFIX`.
+    """
+    if path.suffix.lower() != SUFFIX:
+        raise ValueError(f"{path}: a recording of hands has the suffix {SUFFIX}")
+    return path.with_suffix(LOG_SUFFIX)
+
+
+class TouchLog:
+    """Writes both files, in a ``with`` statement; they take their places when it ends, for whatever reason.
+
+    Parameters
+    ----------
+    path : Path
+        Of the recording of hands.
+    rate : float
+        Frames per second that can be expected.
+    frequency : float
+        Of the modulation, in Hz.
+    source : str
+        Where the hands come from, for people.
+    pose : Pose, optional
+        Of the tracker.
+    """
+
+    def __init__(self, path: Path, rate: float, frequency: float, source: str, pose: Pose | None = None) -> None:
+        self._path, self._hands = log_path(path), HandRecorder(path, rate, source, pose)
+        self._head = {"format": FORMAT, "hands": path.name, "source": source, "frequency_hz": frequency}
+        self._pose = pose
+        self._stack: ExitStack
+        self._file: BinaryIO
+        self._origin: float | None = None
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(self._hands)
+            part = stack.enter_context(replacing(self._path))
+            self._file = stack.enter_context(part.open("wb"))
+            self._put(self._head)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def __call__(self, moment: TouchMoment) -> None:
+        """Add a moment.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be written.
+        """
+        if self._origin is None:
+            self._origin = moment.time
+        self._hands.write(moment.frame if self._pose is None else self._pose.apply(moment.frame))
+        if moment.fields is None:
+            return
+        fading = moment.fading
+        self._put(
+            {
+                "time": round(moment.time - self._origin, DECIMALS),
+                "ids": fading.ids.tolist(),
+                "positions": fading.positions.round(DECIMALS).tolist(),
+                "amplitudes": (fading.amplitudes * fading.levels).round(DECIMALS).tolist(),
+                "phase": _text(moment.fields.phase),
+                "width": _text(moment.fields.width),
+            }
+        )
+
+    def _put(self, record: dict[str, Any]) -> None:
+        self._file.write(json.dumps(record, separators=(",", ":")).encode() + b"\n")
+
+
+def _text(pulses: NDArray[np.uint8]) -> str:
+    return b64encode(pulses.tobytes()).decode("ascii")
