@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -22,17 +22,15 @@ from ..host.hands.sources import open_hands
 from ..host.lines.transport import DEFAULT_URL
 from ..host.playing.device import open_device
 from ..host.touching.log import TouchLog, log_path
-from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
+from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop
 from ..host.touching.report import TouchReport
-from ..pictures import check_picture_path
 from ..protocol.plain import plain
-from ..protocol.pulses import Pulses
-from ..signals import loading
-from ..solver import MAX_POINTS, METHODS, Modulation, TransducerArray
+from ..solver import METHODS
 from ..solver.contact.mesh import Mesh
 from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
 from ..solver.curves import SPACING
 from ..solver.modulation import FREQUENCY
+from ..solver.points import MAX_POINTS
 from ..storage import check_outputs
 
 __all__ = ["commands"]
@@ -53,7 +51,7 @@ BACK = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
 HANDS = "gesture:sweep"
 
 
-def parse_object(text: str, scale: float | None) -> Mesh:
+def parse_object(text: str) -> Mesh:
     """The object that a word stands for; raise `ValueError` if it is none."""
     if text not in PAPER:
         raise ValueError(f"there is no object {text!r}; there are {', '.join(PAPER)}")
@@ -78,22 +76,6 @@ class _Meter:
         """Leave the line empty."""
         if self._console.is_terminal:
             self._console.control(BACK)
-
-
-class _Best:
-    """Keeps the moment with the most points, for the picture."""
-
-    def __init__(self) -> None:
-        self.moment: TouchMoment | None = None
-
-    def __call__(self, moment: TouchMoment) -> None:
-        """Look at the next moment."""
-        points = moment.touch.points
-        if points is None or moment.fields is None:
-            return
-        best = None if self.moment is None else self.moment.touch.points
-        if best is None or len(points) > len(best):
-            self.moment = moment
 
 
 @commands.command(epilog="Example: phasewire touch cube --hand gesture:sweep --seconds 4")
@@ -143,20 +125,12 @@ def touch(
     pose: Annotated[
         Path | None, typer.Option("--pose", metavar="FILE", help="A file that says where the tracker is, see `docs`.")
     ] = None,
-    scale: Annotated[
-        float | None,
-        typer.Option("--scale", metavar="M", help="Metres for each unit of the mesh files, such as 0.001 for mm."),
-    ] = None,
     calibration: CalibrationOption = None,
     recording: Annotated[
         Path | None,
-        typer.Option("--record", metavar="FILE", help="Write the hands to this .hands file, and points and drives "
-                     "beside it."),
-    ] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option("--picture", metavar="FILE", help="Where to draw the moment with the most points: .png, .svg or "
-                     ".pdf."),
+        typer.Option(
+            "--record", metavar="FILE", help="Write the hands to this .hands file, and points and drives beside it."
+        ),
     ] = None,
     json_target: JsonOption = None,
 ) -> None:
@@ -169,24 +143,33 @@ def touch(
 
     Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
     """
-    outputs = [picture, recording, None if recording is None else log_path(recording)]
+    outputs = [recording, None if recording is None else log_path(recording)]
     check_outputs([*outputs, json_target])
-    if picture is not None:
-        check_picture_path(picture)
     placed = None if pose is None else Pose.load(pose)
-    things = [parse_object(text, scale) for text in objects]
+    things = [parse_object(text) for text in objects]
     toucher = Toucher(spacing, corners, points)
-    out, meter, best = console_for(json_target), _Meter(error_console()), _Best()
+    out, meter = console_for(json_target), _Meter(error_console())
     with ExitStack() as stack:
         opened = stack.enter_context(open_device(device, calibration=load_calibration(calibration)))
         source = stack.enter_context(open_hands(hand, opened.time))
         array = array_of(opened.info)
-        seen = [best] if picture is not None else []
+        log: TouchLog | None = None
         if recording is not None:
-            seen.append(stack.enter_context(TouchLog(recording, source.rate, frequency, hand, placed)))
+            log = stack.enter_context(TouchLog(recording, source.rate, frequency, hand, placed))
         loop = TouchLoop(
-            opened, source, things, toucher, array, method=method, frequency=frequency, ramp=ramp, predict=predict,
-            most_points=points, rate=rate, pose=placed, on_moment=_each(seen),
+            opened,
+            source,
+            things,
+            toucher,
+            array,
+            method=method,
+            frequency=frequency,
+            ramp=ramp,
+            predict=predict,
+            most_points=points,
+            rate=rate,
+            pose=placed,
+            on_moment=log,
         )
         error_console().print(f"{source.name} touches {', '.join(objects)} on {opened.name}")
         told = {"format": "phasewire-touch-1", "device": opened.name, "hands": hand, "objects": objects}
@@ -204,25 +187,11 @@ def touch(
             meter.end()
             _tell(out, meter.last)
         status = opened.status()
-    if picture is not None:
-        _draw(picture, best.moment, array, meter.last.frequency)
     out.print(f"Ended: {ended}. The outputs are off.")
     write_json(
         json_target,
         told | {"touch": meter.last.record(), "ended": ended, "error": None, "status": plain(status)},
     )
-
-
-def _each(seen: Sequence[Callable[[TouchMoment], None]]) -> Callable[[TouchMoment], None] | None:
-    """One function for several that want to see each moment."""
-    if len(seen) < 2:
-        return seen[0] if seen else None
-
-    def tell(moment: TouchMoment) -> None:
-        for look in seen:
-            look(moment)
-
-    return tell
 
 
 def _tell(out: Console, report: TouchReport) -> None:
@@ -236,17 +205,3 @@ def _tell(out: Console, report: TouchReport) -> None:
             "The line is too slow for a block in each turn: the device took the turns from its memory, and the line "
             "limited how often a new pose was played."
         )
-
-
-def _draw(path: Path, moment: TouchMoment | None, array: TransducerArray, frequency: float) -> None:
-    """Draw the moment with the most points, if there was a touch."""
-    if moment is None or moment.fields is None:
-        error_console().print(f"{path} was not drawn: no hand touched an object", style="yellow")
-        return
-    with loading():
-        from .touch_picture import save_touch_picture
-
-    drives = [Pulses(*rows).to_drive() for rows in zip(*moment.fields, strict=True)]
-    emitted = Modulation.two_sided(*drives, frequency)
-    save_touch_picture(path, moment.hands, moment.objects, moment.touch, emitted, array, "the pulses that were sent")
-    error_console().print(f"Drawn to {path}")

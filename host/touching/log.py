@@ -1,7 +1,7 @@
 """What was felt and played, in two files: hands as a recording of hands, and beside it points and pulses.
 
-The second file has the suffix `LOG_SUFFIX`: JSON Lines, the first of which says what follows; then there is one for each
-frame that was played:
+The second file has the suffix `LOG_SUFFIX`: JSON Lines, the first of which says what follows; then there is one for
+each frame that was played:
 
 ==============  ========================================================================================
 ``time``        of the frame in s; the first frame of hands is at 0, as in the recording
