@@ -6,10 +6,8 @@ written ``name:parameter=value,…``; `parse_shape` reads that notation.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
@@ -21,7 +19,8 @@ from numpy.typing import NDArray
 from ..errors import InputFileError
 from .curves import SPACING, Curve, chain, even_spacing, ring, sample_curves
 from .files import POINT_FILES, read_points
-from .geometry import FARTHEST, as_points
+from .geometry import as_points
+from .notation import READERS, check, read_parameters, written
 from .points import MAX_POINTS, ControlPoints
 
 __all__ = [
@@ -41,10 +40,6 @@ __all__ = [
 ]
 
 Vertices: TypeAlias = tuple[tuple[float, ...], ...]
-
-# unit of a parameter: how it is written, its name, and the largest value
-LENGTH = ("m", "metres", FARTHEST)
-UNITS = {"rotation": ("degrees", "degrees", 360.0)}
 
 
 class Shape(Protocol):
@@ -90,18 +85,6 @@ class Drawn(ABC):
         return sample_curves(curves, spacing)
 
 
-def _check(shape: Any, positive: tuple[str, ...]) -> None:
-    for field in dataclasses.fields(shape):
-        if field.type != "float":
-            continue
-        value = getattr(shape, field.name)
-        unit, _, largest = UNITS.get(field.name, LENGTH)
-        if not abs(value) <= largest or (field.name in positive and value <= 0):
-            rule = "positive and at most" if field.name in positive else "at most"
-            name = f"{type(shape).__name__.lower()} {field.name}"
-            raise ValueError(f"{name} {value} {unit} must be {rule} {largest:g} {unit}")
-
-
 def _spokes(
     x: float, y: float, height: float, radii: list[float], rotation: float, first: float = 90.0
 ) -> NDArray[np.float64]:
@@ -135,7 +118,7 @@ class Circle(Drawn):
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _check(self, positive=("radius", "height"))
+        check(self, positive=("radius", "height"))
 
     def curves(self) -> tuple[Curve, ...]:
         """The circle."""
@@ -171,7 +154,7 @@ class Sphere(Drawn):
 
     def __post_init__(self) -> None:
         """Check that there is something to feel."""
-        _check(self, positive=("radius", "height", "palm"))
+        check(self, positive=("radius", "height", "palm"))
         if self._cut_radius_squared <= 0:
             low, high = self.height - self.radius, self.height + self.radius
             raise ValueError(f"a palm at {self.palm:g} m misses the sphere, which spans {low:g} to {high:g} m")
@@ -218,7 +201,7 @@ class Polygon(Drawn):
         """Check the ranges."""
         if not (isinstance(self.sides, Integral) and 3 <= self.sides <= MAX_POINTS):
             raise ValueError(f"polygon sides {self.sides} must be a whole number from 3 to {MAX_POINTS}")
-        _check(self, positive=("radius", "height"))
+        check(self, positive=("radius", "height"))
 
     def curves(self) -> tuple[Curve, ...]:
         """The outline, from the right end of the side that faces -y."""
@@ -285,7 +268,7 @@ class Rings(Drawn):
 
     def __post_init__(self) -> None:
         """Check that they intersect."""
-        _check(self, positive=("radius", "distance", "height"))
+        check(self, positive=("radius", "distance", "height"))
         if self.distance >= 2 * self.radius:
             raise ValueError(
                 f"rings of radius {self.radius:g} m do not intersect at a distance of {self.distance:g} m; it must be "
@@ -331,7 +314,7 @@ class Star(Drawn):
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _check(self, positive=("radius", "height"))
+        check(self, positive=("radius", "height"))
 
     def curves(self) -> tuple[Curve, ...]:
         """The outline, from the first tip."""
@@ -364,7 +347,7 @@ class Concentric(Drawn):
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _check(self, positive=("outer", "inner", "height"))
+        check(self, positive=("outer", "inner", "height"))
         if self.inner >= self.outer:
             raise ValueError(f"concentric inner {self.inner} m must be less than outer {self.outer} m")
 
@@ -407,7 +390,7 @@ class Asterisk(Drawn):
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        _check(self, positive=("radius", "height"))
+        check(self, positive=("radius", "height"))
 
     def curves(self) -> tuple[Curve, ...]:
         """The six arms, each from its tip inwards."""
@@ -431,22 +414,7 @@ SHAPES: dict[str, type[Any]] = {
 
 def shape_help() -> str:
     """One line per shape: its name and its parameters with their defaults."""
-    return "\n".join(
-        f"{name}:" + ",".join(f"{field.name}={_written(field.default)}" for field in dataclasses.fields(shape))
-        for name, shape in SHAPES.items()
-    )
-
-
-def _written(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, tuple):
-        return "/".join(":".join(f"{number:g}" for number in vertex) for vertex in value)
-    return str(value)
-
-
-def _read_bool(text: str) -> bool:
-    return {"yes": True, "no": False}[text]
+    return "\n".join(f"{name}:{written(shape)}" for name, shape in SHAPES.items())
 
 
 def _read_vertices(text: str) -> Vertices:
@@ -458,16 +426,10 @@ def _read_vertices(text: str) -> Vertices:
     return tuple(tuple(row) for row in points.positions.tolist())
 
 
-READERS: dict[Any, tuple[Callable[[str], Any], str]] = {
-    "float": (float, "a number of {unit}"),
-    "int": (int, "a whole number"),
-    "bool": (_read_bool, "yes or no"),
-    "Vertices": (
-        _read_vertices,
-        f"x:y:z/x:y:z/... in metres or the name of a file of points ({', '.join(POINT_FILES)})",
-    ),
-}
-"""How a parameter is read from text and what it must be, by its annotation."""
+READERS["Vertices"] = (
+    _read_vertices,
+    f"x:y:z/x:y:z/... in metres or the name of a file of points ({', '.join(POINT_FILES)})",
+)
 
 
 def parse_shape(text: str) -> Shape:
@@ -483,21 +445,5 @@ def parse_shape(text: str) -> Shape:
     name, _, parameters = text.partition(":")
     if name not in SHAPES:
         raise ValueError(f"unknown shape {name!r}; known are {', '.join(sorted(SHAPES))}")
-    known = {field.name: field.type for field in dataclasses.fields(SHAPES[name])}
-    values: dict[str, Any] = {}
-    for item in filter(None, parameters.split(",")):
-        key, _, value = item.partition("=")
-        if key not in known:
-            raise ValueError(f"{name} has no parameter {key!r}; it has {', '.join(sorted(known))}")
-        if key in values:
-            raise ValueError(f"{name} {key} is given twice")
-        read, what = READERS[known[key]]
-        try:
-            values[key] = read(value)
-        except InputFileError:
-            raise
-        except (ValueError, KeyError):
-            _, unit, _ = UNITS.get(key, LENGTH)
-            raise ValueError(f"{name} {key} {value!r} is not {what.format(unit=unit)}") from None
-    shape: Shape = SHAPES[name](**values)
+    shape: Shape = SHAPES[name](**read_parameters(name, parameters, SHAPES[name]))
     return shape

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire import ControlPoints, TransducerArray, solve
+from phasewire import ControlPoints, Mesh, TransducerArray, solve
 from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.scenario import read_scenario
 from phasewire.errors import ImageError, InputFileError
@@ -55,6 +55,10 @@ READERS: dict[str, Callable[[Path], object]] = {
     "private.pem": read_private_key,
     "public.pem": lambda path: read_public_keys([path]),
     "flash.bin": Flash.load,
+    "cup.stl": Mesh.load,
+    "cup.obj": Mesh.load,
+    "cup.ply": Mesh.load,
+    "cup.glb": Mesh.load,
 }
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -167,6 +169,13 @@ class Mesh:
     def of(cls, vertices: ArrayLike, faces: ArrayLike) -> Self:
         """A mesh of triangles whose vertices are given in the array's coordinates; parameters and errors as `Solid`."""
         return cls(Solid(vertices, faces), np.eye(3), np.zeros(3))
+
+    @classmethod
+    def load(cls, path: Path | str, scale: float | None = None, status: Callable[[str], None] | None = None) -> Mesh:
+        """Read an object from an STL, OBJ, PLY or GLB file, and repair it; see `mesh_files.read_mesh`."""
+        from ..mesh_files import read_mesh  # the one way from here to files
+
+        return read_mesh(Path(path), scale, status)
 
     @cached_property
     def vertices(self) -> NDArray[np.float64]:

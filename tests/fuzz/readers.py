@@ -24,10 +24,11 @@ from unittest.mock import patch
 
 import lzstring
 import numpy as np
+import trimesh
 import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
-from phasewire import ControlPoints, TransducerArray, solve
+from phasewire import ControlPoints, Mesh, TransducerArray, solve
 from phasewire.commands import command_line
 from phasewire.emulator.scenario import read_scenario
 from phasewire.errors import ImageError, InputFileError
@@ -48,6 +49,7 @@ from phasewire.settings import CONFIG_VARIABLE, defaults_from_file
 from phasewire.solver.aperture import Aperture
 from phasewire.solver.contact.hand import Hand
 from phasewire.solver.files import POINT_FILES, read_points, save_solution
+from phasewire.solver.mesh_files import MESH_FILES
 
 from tests.host.hands.leap_service import leap_frame
 
@@ -168,8 +170,24 @@ def images(data: bytes) -> None:
     _attempt(lambda path: read_public_keys([path]), data, "a.pem")
 
 
+def meshes(data: bytes) -> None:
+    """Meshes in every format; also with these bytes for the triangles of an STL file and the text of a GLB file."""
+    for suffix in MESH_FILES:
+        _attempt(Mesh.load, data, f"a{suffix}")
+    whole = len(data) // 50
+    _attempt(Mesh.load, bytes(80) + struct.pack("<I", whole) + data[: 50 * whole], "a.stl")
+    _attempt(Mesh.load, _with_text(data), "a.glb")
+
+
+def _with_text(text: bytes) -> bytes:
+    """A GLB file with a text, and with zeros and ones for its geometry."""
+    binary = struct.pack("<I4s", 64, b"BIN\0") + bytes([0, 0, 128, 63]) * 16
+    size = 20 + len(text) + len(binary)
+    return b"glTF" + struct.pack("<III4s", 2, size, len(text), b"JSON") + text + binary
+
+
 READERS: dict[str, Callable[[bytes], None]] = {
-    group.__name__: group for group in (frames, toml, tables, session_files, solved, hands, leap, images)
+    group.__name__: group for group in (frames, toml, tables, session_files, solved, hands, leap, images, meshes)
 }
 
 
@@ -212,6 +230,17 @@ def _recorded_hands() -> bytes:
     return path.read_bytes()
 
 
+def _mesh_files() -> list[bytes]:
+    """A tetrahedron in every format, and the text of a scene."""
+    corners, faces = [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+    tetrahedron = trimesh.Trimesh(corners, faces)
+    made = [tetrahedron.export(file_type=kind) for kind in ("stl", "stl_ascii", "obj", "ply", "glb")]
+    files = [data if isinstance(data, bytes) else data.encode() for data in made]
+    ascii_ply: bytes = tetrahedron.export(file_type="ply", encoding="ascii")
+    scene = files[-1]
+    return [*files, ascii_ply, scene[20 : 20 + int.from_bytes(scene[12:16], "little")]]
+
+
 def _cuts(whole: bytes) -> list[bytes]:
     """A file, and beginnings of it."""
     return [whole[: len(whole) * part // 21] for part in range(1, 22)]
@@ -239,6 +268,8 @@ def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
             return [metadata, *_cuts(_zipped({"version": b"2", "metadata": metadata, "logic-1-1": bytes(64)}))]
         case "hands":
             return _cuts(_recorded_hands())
+        case "meshes":
+            return [seed for whole in _mesh_files() for seed in _cuts(whole)[::3]]
         case "solved":
             return [*_solved_arrays().values(), *_cuts(_solved_file())]
         case "leap":
