@@ -120,8 +120,7 @@ def _parsed(data: bytes, kind: str) -> tuple[NDArray[Any], NDArray[Any]]:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
-        materials = {} if kind == "stl" else {"skip_materials": True}
-        scene = trimesh.load_scene(BytesIO(data), file_type=kind, process=False, **materials)
+        scene = trimesh.load_scene(BytesIO(data), file_type=kind, process=False, skip_materials=True)
         parts = [(name, *scene.graph[name]) for name in scene.graph.nodes_geometry]
         meshes = [(scene.geometry[geometry], place) for _, place, geometry in parts]
         meshes = [(mesh, place) for mesh, place in meshes if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
