@@ -20,6 +20,7 @@ from contextlib import suppress
 from functools import cache
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import lzstring
@@ -232,8 +233,8 @@ def _recorded_hands() -> bytes:
 
 def _mesh_files() -> list[bytes]:
     """A tetrahedron in every format, and the text of a scene."""
-    corners, faces = [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
-    tetrahedron = trimesh.Trimesh(corners, faces)
+    corners = np.concatenate([np.zeros((1, 3)), np.eye(3) / 10])
+    tetrahedron: Any = trimesh.Trimesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     made = [tetrahedron.export(file_type=kind) for kind in ("stl", "stl_ascii", "obj", "ply", "glb")]
     files = [data if isinstance(data, bytes) else data.encode() for data in made]
     ascii_ply: bytes = tetrahedron.export(file_type="ply", encoding="ascii")

@@ -28,7 +28,7 @@ def binary_stl(mesh: Mesh) -> bytes:
 
 
 def exported(shape: Any, kind: str) -> bytes:
-    data = trimesh.exchange.export.export_mesh(shape, None, file_type=kind)
+    data = shape.export(file_type=kind)
     return data if isinstance(data, bytes) else data.encode()
 
 
@@ -58,7 +58,7 @@ def test_what_trimesh_wrote_is_read(kind: str, upper: bool, tmp_path: Path) -> N
 
 
 def test_a_scene_is_flattened_with_its_places(tmp_path: Path) -> None:
-    scene = trimesh.Scene()
+    scene: Any = trimesh.Scene()
     box = trimesh.creation.box(extents=(0.1, 0.1, 0.1))
     mirrored = np.diag([-1.0, 1, 1, 1])
     mirrored[:3, 3] = 0.5, 0, 0
