@@ -104,6 +104,10 @@ HOMES = {
         ".host.commands.discovery_cli",
         "Look for what is wrong with this computer and a device, and say what to do about it.",
     ),
+    "tracker": Home(
+        ".host.commands.tracker_cli",
+        "Say which sources of hands there are and which can be used, or watch one and say what is wrong with it.",
+    ),
     "flash": Home(".host.commands.flash_cli", "Give a device new firmware, whole or not at all, and see that it runs."),
     "emulate": Home(".emulator.cli", "Serve emulated devices to other programs, until Ctrl-C."),
     "config": Home(

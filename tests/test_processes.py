@@ -88,6 +88,7 @@ ROWS = {
     "info": Row("info", r"20 × 16 transducers"),
     "devices": Row("devices", r"no device found|url", codes=(0, 3)),  # whether this computer has one
     "doctor": Row("doctor --device emulator:", r"\d+ ok, \d+ warn, 0 fail"),
+    "tracker": Row("tracker gesture:sweep --seconds 0.2", r"palms of \d+ mm"),
     "read-back": Row("read-back", r"plays nothing"),
     "identify": Row("identify 2", r"light on board 2"),
     "reset": Row("reset", r"has restarted"),

@@ -1,4 +1,4 @@
-"""What a shell offers for the URL of a device.
+"""What a shell offers for the URL of a device or of a source of hands.
 
 It is asked while somebody types: nothing here may take long, write anything, or fail.
 """
@@ -8,7 +8,10 @@ from __future__ import annotations
 from ..finding.discovery import search
 from ..lines.transport import SCHEMES, entries
 
-__all__ = ["device_urls"]
+__all__ = ["device_urls", "hand_urls"]
+
+HANDS = "phasewire.hands"
+"""The group of entry points, whose module takes long to load."""
 
 
 def device_urls(incomplete: str) -> list[tuple[str, str]]:
@@ -18,3 +21,8 @@ def device_urls(incomplete: str) -> list[tuple[str, str]]:
     offered = [(f"{name}:", "") for name in fitting]
     offered += [(found.url, f"{found.product}, {found.location}") for found in search(fitting).found]
     return [(url, about) for url, about in offered if url.startswith(incomplete)]
+
+
+def hand_urls(incomplete: str) -> list[str]:
+    """Beginnings of URLs of sources of hands."""
+    return [f"{name}:" for name in sorted(entries(HANDS)) if f"{name}:".startswith(incomplete)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import asdict
 from typing import Annotated
 
@@ -15,18 +14,16 @@ from ...storage import check_outputs
 from ..finding.computer_checks import udev_rule
 from ..finding.discovery import search
 from ..finding.doctor import CHECKS, FOUND, examine
-from ..finding.findings import Finding, Verdict
+from ..finding.findings import Verdict
 from ..lines.transport import URL_VARIABLE
 from .completion import device_urls
+from .telling import as_record, count, failed, tell
 
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
 CHECK_FAILED, NO_DEVICE = 1, 3
-STYLES = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "red", Verdict.SKIPPED: "dim"}
-LABEL = max(map(len, CHECKS)) + 2
-MARK = max(map(len, Verdict)) + 2
 
 
 @commands.command(epilog="Example: phasewire devices --json -")
@@ -96,27 +93,10 @@ def doctor(
     findings = []
     for finding in examine(device, play=play):
         findings.append(finding)
-        _tell(finding, json_target)
-    verdicts = Counter(finding.verdict for finding in findings)
-    count = ", ".join(f"{verdicts[verdict]} {verdict.value}" for verdict in Verdict)
-    console_for(json_target).print(count)
-    write_json(
-        json_target,
-        {
-            "format": "phasewire-doctor-1",
-            "verdict": "fail" if verdicts[Verdict.FAIL] else "ok",
-            "findings": [finding._asdict() for finding in findings],
-        },
-    )
+        tell(finding, CHECKS, json_target)
+    console_for(json_target).print(count(findings))
+    write_json(json_target, {"format": "phasewire-doctor-1"} | as_record(findings))
     if any(finding.name == FOUND and finding.verdict is Verdict.FAIL for finding in findings):
         raise typer.Exit(NO_DEVICE)
-    if verdicts[Verdict.FAIL]:
+    if failed(findings):
         raise typer.Exit(CHECK_FAILED)
-
-
-def _tell(finding: Finding, json_target: str | None) -> None:
-    console = console_for(json_target)
-    console.print(finding.verdict.value.ljust(MARK), style=STYLES[finding.verdict], end="")
-    console.print(f"{finding.name:{LABEL}}{finding.seen}")
-    if finding.advice:
-        console.print(f"{'':{MARK + LABEL}}→ {finding.advice}")

@@ -1,0 +1,299 @@
+"""Checks of a source of hands: how often it gives them, how late, and whether they can be hands above the array."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import TrackerError
+from ...solver.contact.anatomy import NEUTRAL
+from ..hands.frames import HandFrame, TrackedHand
+from ..hands.sources import HandSource
+from ..lines.transport import Timekeeper
+from .findings import Finding, Judgement, fail, listed, ok, skipped, warn
+
+__all__ = ["TRACKER_CHECKS", "Watched", "examine_tracker", "watch"]
+
+AT_A_TIME = 0.1
+"""Seconds for which a frame is waited for, until it is seen whether the source has ended."""
+USABLE_RATE, GOOD_RATE = 20.0, 60.0
+"""Frames per second: from one to the next a hand at 0.5 m/s moves by 25 mm, and by 8 mm."""
+LONGEST_GAP = 0.05
+"""Seconds without a new frame, after which touch is silent."""
+MOST_MISSING, FEW_MISSING = 0.2, 0.01
+"""Of all frames."""
+SOON = 0.03
+"""Seconds in which a frame should be here."""
+MOSTLY = 0.5
+"""Of all frames."""
+RENUMBERED = 1000
+"""A gap of so many frames in their numbers is a tracker that counts anew."""
+SMALLEST, LARGEST = 0.75, 1.3
+"""Of palms of grown-up people, as parts of the mean one's."""
+BESIDE, NEAREST, FARTHEST = 0.15, 0.05, 0.45
+"""Metres from the array's axis, and above the array, where foci are strong enough to be felt."""
+HELD = (0.0, 0.0, 0.17)
+"""Where a hand would be held, in the array's coordinates, in metres."""
+PALM_ENDS = (0, 9)
+"""Landmarks: the wrist, and the knuckle of the middle finger."""
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]\d+)?")
+
+POSE = "say in a pose file where the tracker is, and give it with --pose; docs/hands.md describes it"
+
+
+class Latency(NamedTuple):
+    """Of frames, in seconds."""
+
+    median: float
+    p99: float
+    worst: float
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What a source gave for some time.
+
+    Parameters
+    ----------
+    frames : tuple of HandFrame
+        In the array's coordinates.
+    arrivals : tuple of float
+        When each came, in seconds of the clock that the frames' times are by.
+    seconds : float
+        For how long it was watched.
+    live : bool
+        Whether its frames came by themselves.
+    idle : float
+        How many of these passed after the last frame, unless the source had ended.
+    notes : tuple of str
+        What is wrong with the source as a whole.
+    lost : TrackerError or None
+        What ended it.
+    """
+
+    frames: tuple[HandFrame, ...]
+    arrivals: tuple[float, ...]
+    seconds: float
+    live: bool
+    idle: float = 0.0
+    notes: tuple[str, ...] = ()
+    lost: TrackerError | None = None
+
+    @cached_property
+    def rate(self) -> float | None:
+        """Frames per second; None if there are too few to tell."""
+        lasted = self.frames[-1].time - self.frames[0].time if self.frames else 0.0
+        return (len(self.frames) - 1) / lasted if lasted > 0 else None
+
+    @cached_property
+    def longest_gap(self) -> float:
+        """Seconds between two frames, at most, or from the last one on."""
+        return max(self.idle, *(after.time - before.time for before, after in pairwise(self.frames)), 0.0)
+
+    @cached_property
+    def missing(self) -> int:
+        """Frames that the tracker has counted and that did not come."""
+        steps = (after.number - before.number - 1 for before, after in pairwise(self.frames))
+        return sum(step for step in steps if 0 < step < RENUMBERED)
+
+    @cached_property
+    def latency(self) -> Latency | None:
+        """From the moment at which each frame was seen until it came; None if none did, or they are only played."""
+        if not self.frames or not self.live:
+            return None
+        seconds = np.array(self.arrivals) - [frame.time for frame in self.frames]
+        return Latency(*np.percentile(seconds, [50, 99, 100]).tolist())
+
+    @cached_property
+    def hands(self) -> tuple[TrackedHand, ...]:
+        """All hands of all frames."""
+        return tuple(hand for frame in self.frames for hand in frame.hands)
+
+    @cached_property
+    def centres(self) -> NDArray[np.float64]:
+        """(k, 3) the middle of the palm of each hand, in metres."""
+        return np.array([each.hand.centre for each in self.hands]).reshape(-1, 3)
+
+    @cached_property
+    def palm(self) -> float:
+        """Length of the palms as a part of the mean hand's, the median of all."""
+        wrist, knuckle = PALM_ENDS
+        spans = [each.hand.landmarks[knuckle] - each.hand.landmarks[wrist] for each in self.hands]
+        return float(np.median(np.linalg.norm(spans, axis=1)) / np.linalg.norm(NEUTRAL[knuckle] - NEUTRAL[wrist]))
+
+    @cached_property
+    def complaints(self) -> list[tuple[str, int]]:
+        """What was wrong with hands, and how often, the most frequent first; of notes that differ by numbers one."""
+        notes: dict[str, list[str]] = {}
+        for frame in self.frames:
+            for note in frame.notes:
+                notes.setdefault(_NUMBER.sub("#", note), []).append(note)
+        return sorted(((same[0], len(same)) for same in notes.values()), key=lambda each: -each[1])
+
+
+def watch(
+    source: HandSource,
+    seconds: float,
+    seen: Callable[[HandFrame], HandFrame] = lambda frame: frame,
+    clock: Timekeeper = time,
+) -> Watched:
+    """Take what a source gives for some time, or until it ends.
+
+    Parameters
+    ----------
+    source : HandSource
+        It stays open.
+    seconds : float
+        For how long.
+    seen : callable
+        Gets each frame, and gives what is to be judged, such as the frame in the array's coordinates.
+    clock : Timekeeper
+        By which the source gives its frames.
+    """
+    frames: list[HandFrame] = []
+    arrivals: list[float] = []
+    lost = None
+    begun = clock.monotonic()
+    try:
+        while not source.ended and (left := begun + seconds - clock.monotonic()) > 0:
+            if (frame := source.next_frame(min(left, AT_A_TIME))) is not None:
+                arrivals.append(clock.monotonic())
+                frames.append(seen(frame))
+    except TrackerError as error:
+        lost = error
+    end = clock.monotonic()
+    idle = 0.0 if source.ended or not arrivals else end - arrivals[-1]
+    return Watched(tuple(frames), tuple(arrivals), end - begun, source.live, idle, source.notes, lost)
+
+
+def examine_tracker(watched: Watched) -> Iterator[Finding]:
+    """The findings of every check, in the order of `TRACKER_CHECKS`."""
+    return (Finding(name, *check(watched)) for name, check in TRACKER_CHECKS.items())
+
+
+def _source(watched: Watched) -> Judgement:
+    if watched.lost is not None:
+        return fail(f"lost after {watched.seconds:.1f} s: {watched.lost}", "start it again; look at its cable")
+    if watched.notes:
+        return warn("; ".join(watched.notes), "see to that first")
+    return ok(f"watched for {watched.seconds:.1f} s")
+
+
+def _rate(watched: Watched) -> Judgement:
+    if not watched.frames:
+        return fail(
+            "no frame came",
+            "the source is there but gives nothing: plug the tracker in, or resume tracking in its control panel",
+        )
+    if watched.rate is None:
+        return warn("too few frames came to tell", "watch for longer: --seconds")
+    seen = f"{watched.rate:.0f} frames/s, {watched.longest_gap * 1e3:.0f} ms apart at most"
+    advice = (
+        "use a port of USB 3, close what else keeps this computer busy, and turn off power saving and low-resource "
+        "modes in the tracker's control panel; a camera needs more light"
+    )
+    if watched.rate < USABLE_RATE:
+        return fail(f"{seen}: too few to feel a shape", advice)
+    if watched.longest_gap > LONGEST_GAP:
+        return warn(f"{seen}; touch is silent after {LONGEST_GAP * 1e3:.0f} ms without one", advice)
+    return ok(seen) if watched.rate >= GOOD_RATE else warn(f"{seen}; {GOOD_RATE:.0f} would be smooth", advice)
+
+
+def _drops(watched: Watched) -> Judgement:
+    if len(watched.frames) < 2:
+        return skipped("too few frames came")
+    part = watched.missing / (watched.missing + len(watched.frames))
+    seen = f"{watched.missing} of {watched.missing + len(watched.frames)} frames did not come"
+    advice = "close what else keeps this computer or its USB busy"
+    if not watched.live:
+        advice = "they are not in the recording: some recorders leave frames out"
+    if part > MOST_MISSING:
+        return fail(seen, advice) if watched.live else warn(seen, advice)
+    return warn(seen, advice) if part > FEW_MISSING else ok(seen)
+
+
+def _latency(watched: Watched) -> Judgement:
+    if watched.latency is None:
+        return skipped("no frame came" if watched.live else "the source is played, not seen")
+    median, late, worst = (f"{seconds * 1e3:.1f} ms" for seconds in watched.latency)
+    seen = f"{median} median, {late} for 99 %, {worst} worst, beyond what every frame needs"
+    if watched.latency.p99 > SOON:
+        return warn(seen, "close what else keeps this computer busy; a tracker on another computer needs a cable")
+    return ok(seen)
+
+
+def _hands(watched: Watched) -> Judgement:
+    if not watched.frames:
+        return skipped("no frame came")
+    part = sum(bool(frame.hands) for frame in watched.frames) / len(watched.frames)
+    advice = "hold an open hand over the tracker, 10 to 40 cm away; clean its window, and keep sunlight and hot lamps from it"
+    if not watched.hands:
+        why = f"; {watched.complaints[0][0]}" if watched.complaints else ""
+        return fail(f"no hand was in view{why}", advice)
+    sides = Counter(each.hand.side for each in watched.hands)
+    most = max(len(frame.hands) for frame in watched.frames)
+    numbers = len({each.id for each in watched.hands})
+    seen = (
+        f"in view in {part:.0%} of the frames, {most} at a time, "
+        f"{' and '.join(f'{side} in {count}' for side, count in sorted(sides.items()))}, {numbers} ids"
+    )
+    return ok(seen) if part >= MOSTLY else warn(seen, advice)
+
+
+def _size(watched: Watched) -> Judgement:
+    if not watched.hands:
+        return skipped("no hand was in view")
+    length = watched.palm * float(np.linalg.norm(NEUTRAL[PALM_ENDS[1]] - NEUTRAL[PALM_ENDS[0]]))
+    seen = f"palms of {length * 1e3:.0f} mm, {watched.palm:.2f} of the mean hand's"
+    if not SMALLEST <= watched.palm <= LARGEST:
+        return warn(seen, f"if that is not the hand's size, correct the scale in a pose file: {1 / watched.palm:.2f}")
+    return ok(seen)
+
+
+def _place(watched: Watched) -> Judgement:
+    if not watched.hands:
+        return skipped("no hand was in view")
+    beside, above = np.linalg.norm(watched.centres[:, :2], axis=1), watched.centres[:, 2]
+    inside = float(((beside <= BESIDE) & (above >= NEAREST) & (above <= FARTHEST)).mean())
+    middle = np.median(watched.centres, axis=0)
+    seen = f"palms at {_place_of(middle)}, {inside:.0%} of them where they can feel something"
+    if inside >= MOSTLY:
+        return ok(seen)
+    away = np.array(HELD) - middle
+    advice = (
+        f"{POSE}; if the hand was held {HELD[2] * 1e3:.0f} mm above the array's middle, move it by {_place_of(away)}"
+    )
+    return warn(seen, advice) if inside > 0 else fail(seen, advice)
+
+
+def _place_of(point: NDArray[np.float64]) -> str:
+    return "({:.0f}, {:.0f}, {:.0f}) mm".format(*(point * 1e3).tolist())
+
+
+def _repairs(watched: Watched) -> Judgement:
+    if not watched.complaints:
+        return ok("nothing was wrong with the hands")
+    said = listed(f"{text} ({count} times in {len(watched.frames)} frames)" for text, count in watched.complaints)
+    return warn(said, "one now and then does no harm; keep the hand open, and in the middle of what the tracker sees")
+
+
+TRACKER_CHECKS: Mapping[str, Callable[[Watched], Judgement]] = {
+    "source": _source,
+    "rate": _rate,
+    "drops": _drops,
+    "latency": _latency,
+    "hands": _hands,
+    "size": _size,
+    "place": _place,
+    "repairs": _repairs,
+}
+"""The checks by name, in their order."""
