@@ -216,8 +216,8 @@ def common(
 ) -> None:
     """Mid-air haptics on an ultrasonic phased array: from a shape to the skin.
 
-    Exit codes: 0 all is well, 1 what was checked failed, 2 wrong use or unusable input, 3 no such device, 4 the device
-    refused or failed, 130 Ctrl-C.
+    Exit codes: 0 all is well, 1 what was checked failed, 2 wrong use or unusable input, 3 no such device or tracker, 4
+    the device or tracker refused or failed, 130 Ctrl-C.
     """
     with loading():
         from .settings import defaults_from_file

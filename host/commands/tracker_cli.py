@@ -42,7 +42,12 @@ def tracker(
             autocompletion=hand_urls,
         ),
     ] = None,
-    seconds: Annotated[float, typer.Option(min=LEAST_SECONDS, max=MOST_SECONDS, help="How long to watch, in s.")] = 3.0,
+    seconds: Annotated[
+        float,
+        typer.Option(
+            min=LEAST_SECONDS, max=MOST_SECONDS, help="How long to watch, or how much of a recording to read, in s."
+        ),
+    ] = 3.0,
     pose: Annotated[
         Path | None,
         typer.Option("--pose", metavar="FILE", help="A .toml file that says where the tracker is; see docs/hands.md."),

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,10 +25,13 @@ __all__ = ["TRACKER_CHECKS", "Watched", "examine_tracker", "watch"]
 
 AT_A_TIME = 0.1
 """Seconds for which a frame is waited for, until it is seen whether the source has ended."""
+MOST_FRAMES = 100_000
 USABLE_RATE, GOOD_RATE = 20.0, 60.0
 """Frames per second: from one to the next a hand at 0.5 m/s moves by 25 mm, and by 8 mm."""
 LONGEST_GAP = 0.05
 """Seconds without a new frame, after which touch is silent."""
+STALL = 1.0
+"""Seconds without a new frame, after which a tracker has stopped."""
 MOST_MISSING, FEW_MISSING = 0.2, 0.01
 """Of all frames."""
 SOON = 0.03
@@ -69,11 +72,11 @@ class Watched:
     arrivals : tuple of float
         When each came, in seconds of the clock that the frames' times are by.
     seconds : float
-        For how long it was watched.
+        For how long it was watched, or how much of it was read.
     live : bool
         Whether its frames came by themselves.
     idle : float
-        How many of these passed after the last frame, unless the source had ended.
+        How many of these passed after the last frame of a live source.
     notes : tuple of str
         What is wrong with the source as a whole.
     lost : TrackerError or None
@@ -146,7 +149,7 @@ def watch(
     seen: Callable[[HandFrame], HandFrame] = lambda frame: frame,
     clock: Timekeeper = time,
 ) -> Watched:
-    """Take what a source gives for some time, or until it ends.
+    """Take what a source gives for some time, or until it ends. What is only played is read at once.
 
     Parameters
     ----------
@@ -157,22 +160,42 @@ def watch(
     seen : callable
         Gets each frame, and gives what is to be judged, such as the frame in the array's coordinates.
     clock : Timekeeper
-        By which the source gives its frames.
+        By which a live source gives its frames.
     """
     frames: list[HandFrame] = []
     arrivals: list[float] = []
     lost = None
     begun = clock.monotonic()
     try:
-        while not source.ended and (left := begun + seconds - clock.monotonic()) > 0:
-            if (frame := source.next_frame(min(left, AT_A_TIME))) is not None:
-                arrivals.append(clock.monotonic())
-                frames.append(seen(frame))
+        for frame in _due(source, seconds, clock) if source.live else _played(source, seconds):
+            arrivals.append(clock.monotonic())
+            frames.append(seen(frame))
     except TrackerError as error:
         lost = error
-    end = clock.monotonic()
-    idle = 0.0 if source.ended or not arrivals else end - arrivals[-1]
-    return Watched(tuple(frames), tuple(arrivals), end - begun, source.live, idle, source.notes, lost)
+    if not source.live:
+        lasted, idle = (frames[-1].time - frames[0].time if frames else 0.0), 0.0
+    else:
+        lasted = clock.monotonic() - begun
+        idle = begun + lasted - arrivals[-1] if arrivals else lasted
+    return Watched(tuple(frames), tuple(arrivals), lasted, source.live, idle, source.notes, lost)
+
+
+def _due(source: HandSource, seconds: float, clock: Timekeeper) -> Iterator[HandFrame]:
+    """The frames of a live source as they come."""
+    end = clock.monotonic() + seconds
+    while not source.ended and (left := end - clock.monotonic()) > 0:
+        if (frame := source.next_frame(min(left, AT_A_TIME))) is not None:
+            yield frame
+
+
+def _played(source: HandSource, seconds: float) -> Iterator[HandFrame]:
+    """The frames of a recording up to a time."""
+    first = None
+    for frame in islice(source, MOST_FRAMES):
+        first = frame.time if first is None else first
+        if frame.time - first > seconds:
+            return
+        yield frame
 
 
 def examine_tracker(watched: Watched) -> Iterator[Finding]:
@@ -189,18 +212,20 @@ def _source(watched: Watched) -> Judgement:
 
 
 def _rate(watched: Watched) -> Judgement:
-    if not watched.frames:
+    if watched.live and (watched.rate is None or watched.longest_gap > STALL):
         return fail(
-            "no frame came",
-            "the source is there but gives nothing: plug the tracker in, or resume tracking in its control panel",
+            f"{len(watched.frames)} frames came in {watched.seconds:.1f} s, and none for {watched.longest_gap:.1f} s",
+            "plug the tracker in again, or resume tracking in its control panel",
         )
     if watched.rate is None:
-        return warn("too few frames came to tell", "watch for longer: --seconds")
+        return fail("there are too few frames", "record it anew, with every frame of the tracker")
     seen = f"{watched.rate:.0f} frames/s, {watched.longest_gap * 1e3:.0f} ms apart at most"
     advice = (
         "use a port of USB 3, close what else keeps this computer busy, and turn off power saving and low-resource "
         "modes in the tracker's control panel; a camera needs more light"
     )
+    if not watched.live:
+        advice = "record it anew, with every frame of the tracker"
     if watched.rate < USABLE_RATE:
         return fail(f"{seen}: too few to feel a shape", advice)
     if watched.longest_gap > LONGEST_GAP:
@@ -235,7 +260,7 @@ def _hands(watched: Watched) -> Judgement:
     if not watched.frames:
         return skipped("no frame came")
     part = sum(bool(frame.hands) for frame in watched.frames) / len(watched.frames)
-    advice = "hold an open hand over the tracker, 10 to 40 cm away; clean its window, and keep sunlight and hot lamps from it"
+    advice = "hold an open hand over the tracker, 10 to 40 cm away; clean its window; keep sunlight and hot lamps away"
     if not watched.hands:
         why = f"; {watched.complaints[0][0]}" if watched.complaints else ""
         return fail(f"no hand was in view{why}", advice)

@@ -21,18 +21,20 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
 from ...errors import TrackerError, TrackerLostError, TrackerNotFoundError
+from ...solver.contact.hand import Hand
 from ..lines.transport import Timekeeper
 from .frames import HandFrame
 from .leap_frames import hands_of
 from .leap_recording import PACKED_SUFFIX, SUFFIX, read_leap_recording
-from .sources import HandSource, LiveHands, PlayedHands, Readiness
+from .recording import PLAYING, played
+from .sources import HandSource, LiveHands, Readiness, read_options
 
 __all__ = ["LEAP", "LeapHands", "ServiceClock"]
 
 HOST, PORT = "127.0.0.1", 6437
 VERSION = 6
 """Of the protocol. Older ones know no joints of fingers."""
-FORM = "leap:, leap:HOST:PORT, leap:FILE.json or leap:FILE.json.lz"
+FORM = "leap:, leap:HOST:PORT, leap:FILE.json?speed=1&loop=0 or leap:FILE.json.lz?speed=1&loop=0"
 POLICIES = ({"background": True}, {"focused": True}, {"optimizeHMD": False})
 """What a client asks for: frames also while its window has no focus, and of a tracker that lies on a table."""
 PATIENCE, PROBE_PATIENCE, CLOSE_PATIENCE = 3.0, 0.3, 0.5
@@ -269,10 +271,13 @@ class _Leap:
 
     def open(self, rest: str, clock: Timekeeper) -> HandSource:
         """Connect to a service, or read a file."""
-        if Path(rest).suffix.lower() in (SUFFIX, PACKED_SUFFIX):
-            recording = read_leap_recording(Path(rest))
-            return PlayedHands(f"recording of the Leap in {rest}", iter(recording.frames), recording.rate, clock)
-        return LeapHands(Address.parse(rest)).begin()
+        if rest.partition("?")[0].lower().endswith((SUFFIX, PACKED_SUFFIX)):
+            where, options = read_options(rest, PLAYING, FORM)
+            recording = read_leap_recording(Path(where))
+            return played(f"the Leap's recording {where}", recording.frames, recording.rate, options, clock)
+        address = Address.parse(rest)
+        Hand.flat()  # loads what hands are computed with, which takes a second, before frames come
+        return LeapHands(address).begin()
 
     def probe(self) -> Readiness:
         """Whether a service answers at the usual place."""

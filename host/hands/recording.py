@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from importlib.metadata import version
@@ -27,7 +27,7 @@ from .frames import HandFrame, TrackedHand
 from .pose import Pose
 from .sources import PlayedHands, Readiness, read_options
 
-__all__ = ["RECORDING", "SUFFIX", "HandRecorder", "HandRecording"]
+__all__ = ["PLAYING", "RECORDING", "SUFFIX", "HandRecorder", "HandRecording", "played"]
 
 SUFFIX = ".hands"
 FORMAT = "phasewire-hands-1"
@@ -353,35 +353,18 @@ class RecordingScheme:
         OSError
             If it cannot be opened.
         """
-        known: dict[str, Callable[[str], Any]] = {"speed": _speed, "loop": _switch}
-        where, options = read_options(rest, known, self.form)
+        where, options = read_options(rest, PLAYING, self.form)
         if not where:
             raise ValueError(f"no file is named; such a URL has the form {self.form}")
-        speed = options.get("speed", 1.0)
         recording = HandRecording.open(Path(where))
-        frames = _played(recording, speed, options.get("loop", False))
-        played = PlayedHands(f"the recording {where}", frames, recording.rate * speed, clock, recording.close)
+        source = played(f"the recording {where}", recording, recording.rate, options, clock, recording.close)
         if not recording.complete:
-            played.notes = (f"{where} was cut off; it plays up to its last whole line",)
-        return played
+            source.notes = (f"{where} was cut off; it plays up to its last whole line",)
+        return source
 
     def probe(self) -> Readiness:
         """It is always there."""
         return Readiness(True, "always there")
-
-
-def _played(recording: HandRecording, speed: float, loop: bool) -> Iterator[HandFrame]:
-    """The frames at another speed, again and again if wanted, with times and numbers that go on."""
-    offset, numbers = 0.0, 0
-    while True:
-        first = last = None
-        for frame in recording:
-            first = frame.time if first is None else first
-            last = replace(frame, time=offset + (frame.time - first) / speed, number=numbers + frame.number)
-            yield last
-        if not loop or last is None:
-            return
-        offset, numbers = last.time + 1 / (recording.rate * speed), last.number + 1
 
 
 def _speed(text: str) -> float:
@@ -395,6 +378,53 @@ def _switch(text: str) -> bool:
     if text not in ("0", "1"):
         raise ValueError("it must be 0 or 1")
     return text == "1"
+
+
+PLAYING: Mapping[str, Callable[[str], Any]] = {"speed": _speed, "loop": _switch}
+"""The options of URLs of recordings, and what reads their values."""
+
+
+def played(
+    name: str,
+    frames: Iterable[HandFrame],
+    rate: float,
+    options: Mapping[str, Any],
+    clock: Timekeeper,
+    close: Callable[[], None] = lambda: None,
+) -> PlayedHands:
+    """A source of frames that were recorded.
+
+    Parameters
+    ----------
+    name : str
+        For people.
+    frames : iterable of HandFrame
+        It can be read again and again.
+    rate : float
+        Frames per second of the recording.
+    options : mapping
+        As `PLAYING` reads them: ``speed``, by default 1, and ``loop``, by default False.
+    clock : Timekeeper
+        By which frames are due.
+    close : callable
+        Is called when the source is closed.
+    """
+    speed = options.get("speed", 1.0)
+    return PlayedHands(name, _repeated(frames, rate, speed, options.get("loop", False)), rate * speed, clock, close)
+
+
+def _repeated(frames: Iterable[HandFrame], rate: float, speed: float, loop: bool) -> Iterator[HandFrame]:
+    """The frames at another speed, again and again if wanted, with times and numbers that go on."""
+    offset, numbers = 0.0, 0
+    while True:
+        first = last = None
+        for frame in frames:
+            first = frame.time if first is None else first
+            last = replace(frame, time=offset + (frame.time - first) / speed, number=numbers + frame.number)
+            yield last
+        if not loop or last is None:
+            return
+        offset, numbers = last.time + 1 / (rate * speed), last.number + 1
 
 
 RECORDING = RecordingScheme()

@@ -83,6 +83,17 @@ def test_it_is_played_by_url(tmp_path: Path) -> None:
         assert source.ended
 
 
+def test_it_is_played_at_another_speed_and_again(tmp_path: Path) -> None:
+    path = written(tmp_path, FRAMES[:2])
+    with open_hands(f"leap:{path}?speed=2&loop=1") as source:
+        assert source.rate == pytest.approx(200)
+        frames = [next(source) for _ in range(4)]
+    np.testing.assert_allclose([frame.time for frame in frames], [0, 0.005, 0.01, 0.015])
+    for wrong in ("speed=0", "loop=yes", "sped=1"):
+        with pytest.raises(ValueError, match="such a URL has the form leap:"):
+            open_hands(f"leap:{path}?{wrong}")
+
+
 def test_ids_and_times_that_jump_are_kept_in_order(tmp_path: Path) -> None:
     frames = [leap_frame(9, 5e6, {30: "right"}), leap_frame(3, 1e6, {31: "right"}), leap_frame(4, 5.5e6, {})]
     frames[1]["id"] = None
