@@ -33,8 +33,8 @@ from .curvature import SHARP
 __all__ = ["CLOSEST", "FULL", "arrange", "counts", "curvature_of", "locate", "measure", "strength", "stretches"]
 
 CLOSEST = 6e-3
-"""Least mean distance in metres between points on a stretch: below it, the solvers' matrices become ill conditioned
-(physics.md), and a focus of the paper's array is wider."""
+"""Least mean distance in metres between points on a stretch: where points crowd under some 6 mm, solving needs
+regularisation (docs/reproduction.md), and a focus of the paper's array is wider."""
 
 FULL = math.pi / 2
 """Curvature in radians from which a point is as near to the next as it may be: that of a cube's edges and corners."""
