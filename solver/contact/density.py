@@ -10,7 +10,8 @@ off has none. Edges inside flat faces have none either and end no piece, so the 
 The density grows linearly with κ, from its minimum at 0 to one point for each `CLOSEST` at `FULL`. If the values at
 the ends of a piece are so large that κ exceeds `FULL` there, both are lowered alike.
 
-A crossing of a sharp edge carries a point itself, an anchor. So an arc falls into stretches between anchors and ends:
+A crossing of a sharp edge carries a point itself, an anchor, unless it is within `SLIGHT` of an arc's end, where its
+curvature fades. So an arc falls into stretches between anchors and ends:
 
 - between two anchors, steps are whole;
 - an end is half a step away from its nearest point, so that each point stands for one step of arc, and arcs that end
@@ -30,11 +31,26 @@ import numpy as np
 from ...compiling import kernel, part
 from .curvature import SHARP
 
-__all__ = ["CLOSEST", "FULL", "arrange", "counts", "curvature_of", "locate", "measure", "strength", "stretches"]
+__all__ = [
+    "CLOSEST",
+    "FULL",
+    "SLIGHT",
+    "arrange",
+    "counts",
+    "curvature_of",
+    "locate",
+    "measure",
+    "strength",
+    "stretches",
+]
 
 CLOSEST = 6e-3
 """Least mean distance in metres between points on a stretch: where points crowd under some 6 mm, solving needs
 regularisation (docs/reproduction.md), and a focus of the paper's array is wider."""
+
+SLIGHT = 3e-3
+"""Length in metres that an arc must have to be felt, and by which a sharp edge must be inside an arc's end to be an
+anchor: what the border of a quadrilateral just reaches would come and go as a hand trembles."""
 
 FULL = math.pi / 2
 """Curvature in radians from which a point is as near to the next as it may be: that of a cube's edges and corners."""
@@ -119,7 +135,7 @@ def _square(one: Any, other: Any) -> Any:
 
 
 @part
-def measure(starts: Any, curvature: Any, reached: Any, spacing: Any) -> Any:
+def measure(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: Any) -> Any:
     """The integral of the density along arcs.
 
     Returns
@@ -138,7 +154,8 @@ def measure(starts: Any, curvature: Any, reached: Any, spacing: Any) -> Any:
             stop = begin + 1
             while stop < end and curvature[stop] == 0:
                 stop += 1
-            near, far = min(curvature[begin] / FULL, 1.0), min(curvature[stop] / FULL, 1.0)
+            near = min(curvature[begin] / FULL, 1.0) * _weight(begin, arc, starts, closed, reached)
+            far = min(curvature[stop] / FULL, 1.0) * _weight(stop, arc, starts, closed, reached)
             faded = math.exp(-fade * (reached[stop] - reached[begin])) if near + far > 0 else 0.0
             peak = max(near + far * faded, far + near * faded, 1.0)
             for i in range(begin, stop + 1):  # the next piece overwrites the last row
@@ -148,6 +165,15 @@ def measure(starts: Any, curvature: Any, reached: Any, spacing: Any) -> Any:
                 steps[i + 1] = steps[begin] + _within(pieces[i], reached[i + 1], spacing)
             begin = stop
     return steps, pieces
+
+
+@part
+def _weight(i: Any, arc: Any, starts: Any, closed: Any, reached: Any) -> Any:
+    """By how much the curvature at a vertex counts: near to the end of an arc, it fades in with the distance."""
+    begin, end = starts[arc], starts[arc + 1] - 1
+    if closed[arc] or i in (begin, end):
+        return 1.0
+    return min(min(reached[i] - reached[begin], reached[end] - reached[i]) / SLIGHT, 1.0)
 
 
 @part
@@ -179,8 +205,19 @@ def strength(piece: Any, place: Any, spacing: Any) -> Any:
 
 
 @part
-def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: Any) -> Any:
-    """Divide arcs at their anchors: sharp crossings, the sharper one of two that are too close for two points.
+def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, felt: Any, held: Any, spacing: Any) -> Any:
+    """Divide the arcs that are felt at their anchors: sharp crossings, the sharper of two too close for two points.
+
+    Parameters
+    ----------
+    starts, closed, curvature, reached
+        Of the arcs, as from `arrange`.
+    felt : (a,) bool
+        Which arcs have points.
+    held : (k,) bool
+        Which vertices may be anchors although they are nearer than `SLIGHT` to the end of their arc.
+    spacing : float
+        In metres.
 
     Returns
     -------
@@ -194,10 +231,14 @@ def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: A
     anchors = np.empty(reached.size, np.int64)
     closest, total = min(CLOSEST, spacing), 0
     for arc in range(closed.size):
+        if not felt[arc]:
+            continue
         begin, end = starts[arc], starts[arc + 1] - 1
         kept = 0
         for i in range(begin, end if closed[arc] else end + 1):
-            if curvature[i] >= SHARP:
+            margin = min(reached[i] - reached[begin], reached[end] - reached[i])
+            inside = closed[arc] or i in (begin, end) or margin >= SLIGHT
+            if curvature[i] >= SHARP and (inside or held[i]):
                 if kept == 0 or reached[i] - reached[anchors[kept - 1]] >= closest:
                     anchors[kept] = i
                     kept += 1
@@ -215,10 +256,6 @@ def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: A
         if last < end or kept == 0:
             spans[total] = arc, last, end
             gaps[total] = gap, (gap if closed[arc] else 0.5)
-            total += 1
-        elif begin == end:  # an arc of one vertex, on a sharp edge
-            spans[total] = arc, begin, end
-            gaps[total] = 0.5, 0.5
             total += 1
     return spans[:total].copy(), gaps[:total].copy()
 

@@ -29,6 +29,16 @@ FOLLOW = 2.0
 SETTLE = 0.5e-3
 """How far a point may move along its arc in each frame if nothing else moves, in metres."""
 
+STRAY = 4.0
+"""How far a point may be from the new arcs, relative to how far its hand and object have moved; farther ones end. An
+arc moves this much faster than its hand if the two surfaces meet at 15°."""
+
+JUMP = 2e-3
+"""How far a point may be from the new arcs in any case, in metres: a quarter of a wavelength."""
+
+GONE = 1e-3
+"""Length in metres below which an arc that has points loses them; see `density.SLIGHT`."""
+
 STRANGE = 8e-3  # metres: by how much an arc of the same quadrilateral may be farther away than one of another
 LOST = 0.05  # metres: a hand that has moved farther in one frame is another one
 QUADS = 16
@@ -103,9 +113,10 @@ def follow(
         Of this frame. A point keeps its index as long as no point before it ends unreplaced.
     """
     points, owners, values, reached = density.arrange(vertices, starts, closed, quads, curvature)
-    steps, pieces = density.measure(starts, values, reached, spacing)
-    spans, gaps = density.stretches(starts, closed, values, reached, spacing)
-    olds, places = _project(points, owners, reached, starts, objects, positions, marks, spacing, hand_motion)
+    steps, pieces = density.measure(starts, closed, values, reached, spacing)
+    olds, places = _project(points, owners, reached, starts, objects, positions, marks, hand_motion, object_motion)
+    felt, held = _felt(starts, reached, olds, places, marks)
+    spans, gaps = density.stretches(starts, closed, values, reached, felt, held, spacing)
     before = _before(spans, starts.size - 1, reached, olds, places, marks)
     lengths = reached[spans[:, 2]] - reached[spans[:, 1]]
     masses = steps[spans[:, 2]] - steps[spans[:, 1]]
@@ -155,18 +166,17 @@ def _project(
     objects: Any,
     positions: Any,
     marks: Any,
-    spacing: Any,
-    moved: Any,
+    hand_motion: Any,
+    object_motion: Any,
 ) -> Any:
     """The arc that each earlier point is on now, -1 for none, and the arc length of the place nearest to it."""
     olds, places = np.full(len(positions), -1), np.zeros(len(positions))
     for old in range(len(positions)):
         best = np.inf
         for arc in range(objects.size):
-            quick = moved[owners[starts[arc]] // QUADS]
-            if objects[arc] != marks[old, 0] or quick == np.inf:
+            farthest = JUMP + STRAY * (hand_motion[owners[starts[arc]] // QUADS] + object_motion[objects[arc]])
+            if objects[arc] != marks[old, 0] or farthest == np.inf:
                 continue
-            farthest = spacing + quick
             begin, end = starts[arc], starts[arc + 1] - 1
             i = begin
             while i < end or i == begin:
@@ -194,6 +204,21 @@ def _nearest(points: Any, reached: Any, i: Any, j: Any, position: Any) -> Any:
     for axis in range(3):
         square += (points[i, axis] + along * (points[j, axis] - points[i, axis]) - position[axis]) ** 2
     return math.sqrt(square), reached[i] + along * length
+
+
+@part
+def _felt(starts: Any, reached: Any, olds: Any, places: Any, marks: Any) -> Any:
+    """Which arcs are long enough for points, and which vertices are near to an anchor of the last frame."""
+    felt, held = np.empty(starts.size - 1, np.bool_), np.zeros(reached.size, np.bool_)
+    for arc in range(felt.size):
+        felt[arc] = reached[starts[arc + 1] - 1] >= density.SLIGHT
+    for old in range(olds.size):
+        if olds[old] >= 0:
+            begin, end = starts[olds[old]], starts[olds[old] + 1]
+            felt[olds[old]] |= reached[end - 1] >= GONE
+            for i in range(begin, end):
+                held[i] |= marks[old, 2] == 1 and abs(reached[i] - places[old]) <= density.SLIGHT
+    return felt, held
 
 
 @part

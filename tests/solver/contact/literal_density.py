@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from phasewire.solver.contact.arcs import Arcs
 from phasewire.solver.contact.curvature import SHARP
-from phasewire.solver.contact.density import CLOSEST, FADING, FULL, SHARPER
+from phasewire.solver.contact.density import CLOSEST, FADING, FULL, SHARPER, SLIGHT
 from scipy.optimize import brentq
 
 Floats = NDArray[np.float64]
@@ -35,11 +35,17 @@ class Line:
         ends = [i for i in range(len(self.reached)) if i in (0, len(self.reached) - 1) or self.curvature[i] > 0]
         pieces = []
         for i, j in itertools.pairwise(ends):
-            near, far = np.minimum(self.curvature[[i, j]] / FULL, 1)
+            near, far = np.minimum(self.curvature[[i, j]] / FULL, 1) * [self.weight(i), self.weight(j)]
             faded = math.exp(-(self.reached[j] - self.reached[i]) / (FADING * self.spacing))
             highest = max(near + far * faded, far + near * faded, 1.0)
             pieces.append((near / highest, far / highest, self.reached[i], self.reached[j]))
         return pieces
+
+    def weight(self, i: int) -> float:
+        """Curvature counts less near to an end that a border cuts off."""
+        if self.closed or i in (0, len(self.reached) - 1):
+            return 1.0
+        return min(1.0, self.reached[i] / SLIGHT, (self.reached[-1] - self.reached[i]) / SLIGHT)
 
     def density(self, piece: Piece, t: Floats) -> Floats:
         """Points per metre."""
@@ -73,7 +79,8 @@ class Line:
         kept: list[int] = []
         closest = min(CLOSEST, self.spacing)
         for i in range(len(self.reached) - self.closed):
-            if self.curvature[i] < SHARP:
+            to_end = min(self.reached[i], self.reached[-1] - self.reached[i])
+            if self.curvature[i] < SHARP or (not self.closed and 0 < to_end < SLIGHT):
                 continue
             if not kept or self.reached[i] - self.reached[kept[-1]] >= closest:
                 kept.append(i)
@@ -87,6 +94,8 @@ class Line:
     def places(self) -> list[float]:
         """The arc lengths of all points."""
         length, anchors = float(self.reached[-1]), [float(self.reached[i]) for i in self.anchors]
+        if length < SLIGHT:
+            return []
         if self.closed and not anchors:
             return self._between(0.0, length, 0.0, 0.0)
         places = list(anchors)
@@ -94,7 +103,7 @@ class Line:
         for start, stop in itertools.pairwise(ends):
             lead = 1.0 if start in anchors else 0.5
             trail = 1.0 if stop in anchors or self.closed else 0.5
-            if stop > start or not anchors:
+            if stop > start:
                 places += self._between(start, stop, lead, trail)
         return places
 
@@ -106,8 +115,6 @@ class Line:
         fitting = int((stop - start) / min(CLOSEST, self.spacing) - extra)
         count = max(1 if lead + trail < 1.5 else 0, min(math.floor(mass - extra + 0.5), fitting))
         wanted = [begin + mass * (j + lead) / (count + extra) for j in range(count)]
-        if not mass:
-            return [start] * count
         return [brentq(lambda t, goal=goal: self.until(t) - goal, start, stop, xtol=1e-14) for goal in wanted]
 
 
