@@ -45,7 +45,7 @@ class Line:
         """Curvature counts less near to an end that a border cuts off."""
         if self.closed or i in (0, len(self.reached) - 1):
             return 1.0
-        return min(1.0, self.reached[i] / SLIGHT, (self.reached[-1] - self.reached[i]) / SLIGHT)
+        return float(min(1.0, self.reached[i] / SLIGHT, (self.reached[-1] - self.reached[i]) / SLIGHT))
 
     def density(self, piece: Piece, t: Floats) -> Floats:
         """Points per metre."""
