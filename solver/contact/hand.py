@@ -25,7 +25,7 @@ LEAST_BONE, MOST_BONE = 0.2, 3.0
 """Of a finger's bones, as parts of the mean hand's at the size of this palm: trackers shorten a bone that they see from
 its end, and people differ."""
 LEAST_BREADTH = 0.3
-"""Across the knuckles, as a part of the mean hand's at the size of this palm."""
+"""Across the knuckles, as a part of the mean hand's at the size of this palm; and along the palm."""
 MOST_WIDTH = 0.1
 """Of a finger, in metres."""
 BACKWARDS = math.radians(20)
@@ -183,8 +183,10 @@ def _checked(landmarks: ArrayLike, side: Side) -> tuple[NDArray[np.float64], flo
             f"the palm is {mean:.3g} m long, from landmark 0 to the knuckles (5, 9, 13, 17); "
             f"it must be from {LEAST_SIZE * _NEUTRAL_PALM:.2g} to {MOST_SIZE * _NEUTRAL_PALM:.2g} m{millimetres}"
         )
+    if length < LEAST_BREADTH * mean:
+        raise ValueError("the palm has no length: its knuckles are on all sides of landmark 0, the wrist")
     least = LEAST_BREADTH * _NEUTRAL_BREADTH * size
-    if breadth < least or length < LEAST_BREADTH * mean:
+    if breadth < least:
         raise ValueError(
             f"the palm has no breadth: landmarks 5 and 17 are {breadth * 1e3:.1f} mm apart across it; "
             f"a palm of this length has at least {least * 1e3:.1f} mm"

@@ -95,7 +95,7 @@ def _hand_quads(landmarks: NDArray[np.float64], widths: NDArray[np.float64], sid
                 square += bone[k, i] * bone[k, i]
             length = math.sqrt(square)
             for i in range(3):
-                bone[k, i] = bone[k, i] / length if length > 0 else along[i]
+                bone[k, i] = bone[k, i] / length
 
         # The rest axis: turned by the least turn that takes `along` to the first bone.
         onto = 1.0 + SMALL

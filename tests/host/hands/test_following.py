@@ -39,6 +39,11 @@ def test_two_hands_that_swap_the_tracker_s_numbers_keep_theirs() -> None:
     assert numbers(Follower(), frames) == [[0, 1], [1, 0]] * 5
 
 
+def test_of_two_hands_side_by_side_the_tracker_s_numbers_tell_which_is_which() -> None:
+    """Each is nearer to where the other one was."""
+    assert numbers(Follower(), [(hand(0, 1), hand(0.06, 2)), (hand(0.05, 1), hand(0.11, 2))]) == [[0, 1], [0, 1]]
+
+
 def test_a_hand_of_the_other_side_nearby_is_another_one() -> None:
     assert numbers(Follower(), [(hand(0, 1),), (hand(0.01, 2, "left"),)]) == [[0], [1]]
 
@@ -66,6 +71,11 @@ def test_a_hand_that_stays_elsewhere_is_a_new_one() -> None:
 def test_a_hand_that_jumps_from_place_to_place_is_never_given() -> None:
     frames = [(hand(3 if place % 2 else -3),) for place in range(20)]
     assert numbers(Follower(), [(hand(0),), *frames]) == [[0], *[[]] * 20]
+
+
+def test_glitches_at_one_place_do_not_add_up() -> None:
+    frames = [(hand(3 if place % 2 else 0),) for place in range(20)]
+    assert numbers(Follower(), frames) == [[0], []] * 10
 
 
 def test_a_new_hand_is_given_at_once() -> None:

@@ -117,7 +117,7 @@ def test_a_mirrored_right_hand_is_a_left_one(hand: Hand) -> None:
 def test_a_small_change_of_the_landmarks_is_a_small_change_of_the_quads(hand: Hand, seed: int) -> None:
     change = np.random.default_rng(seed).uniform(-1, 1, (21, 3)) * 1e-9
     changed = hand_quads(hand.landmarks + change, hand.widths, 1.0 if hand.side == "right" else -1.0)
-    assert np.abs(changed - hand.quads).max() < 1e-6
+    assert np.abs(changed - hand.quads).max() < 50e-9  # 1.5e-9 in most cases
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -155,14 +155,18 @@ def test_the_palm_reaches_beyond_the_outer_knuckles_and_is_narrower_at_the_wrist
 
 
 def test_a_finger_that_points_straight_back_has_quads() -> None:
+    """Opposite to the palm's axis to the last bit, where no turn from one to the other is the least."""
     landmarks = Hand.flat().landmarks.copy()
-    landmarks[9:13, 1] = landmarks[9, 1] - (landmarks[9:13, 1] - landmarks[9, 1])
-    landmarks[9:13, 0] = landmarks[9, 0]
-    assert np.isfinite(Hand(landmarks).quads).all()
-    along = landmarks[[5, 9, 13, 17]].mean(axis=0) - landmarks[0]
-    landmarks[9:13] = landmarks[9] - np.outer(range(4), 0.03 * unit(along))  # to the last bit
-    quads = Hand(landmarks).quads
+    landmarks[:, 0] -= landmarks[0, 0]
+    landmarks[0] = 0
+    landmarks[[5, 9, 13, 17]] = [[-0.03, 0.09, 0], [-0.01, 0.09, 0], [0.01, 0.09, 0], [0.03, 0.09, 0]]
+    for knuckle in (5, 9, 13, 17):
+        landmarks[knuckle + 1 : knuckle + 4] = landmarks[knuckle] - np.outer([1, 2, 3], [0, 0.03, 0])
+    quads = Hand.repaired(landmarks)[0].quads
     assert np.linalg.norm(areas(quads), axis=1).min() > 1e-5
+    np.testing.assert_allclose(
+        quads[4:, 1] - quads[4:, 0], [[width, 0, 0] for width in np.repeat(Hand(landmarks).widths[1:], 3)], atol=1e-12
+    )
 
 
 # Sizes
@@ -210,6 +214,13 @@ def test_hands_cannot_be_changed() -> None:
 # Impossible hands
 
 
+def around_the_wrist() -> NDArray[np.float64]:
+    """Knuckles on all sides of the wrist: the palm has breadth and size, but no length."""
+    landmarks = Hand.flat((0, 0, 0)).landmarks.copy()
+    landmarks[[5, 9, 13, 17]] = landmarks[0] + 0.09 * np.array([[-1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 0, 0]])
+    return landmarks
+
+
 def bent(landmark: int, *values: float) -> NDArray[np.float64]:
     landmarks = Hand.flat().landmarks.copy()
     landmarks[landmark] = values
@@ -229,6 +240,7 @@ def bent(landmark: int, *values: float) -> NDArray[np.float64]:
         (Hand.flat((0, 0, 0.2)).landmarks * 1000, "the palm is 92.7 m long.*these look like millimetres"),
         (Hand.flat().landmarks * 12, r"the palm is 1.1\d m long.*0.19 m$"),
         (Hand.flat().landmarks * [0, 1, 0], "the palm has no breadth: landmarks 5 and 17 are 0.0 mm apart across it"),
+        (around_the_wrist(), "the palm has no length: its knuckles are on all sides of landmark 0"),
         (
             bent(8, -0.04, 0.2, 0.6),
             r"the index finger's bone from landmark 7 to 8 is 4\d\d.\d mm long; in .* it has 3.9 to 59.0",
