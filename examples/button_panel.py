@@ -13,7 +13,6 @@ import numpy as np
 import phasewire as pw
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from phasewire.host.hands import open_hands
 from phasewire.solver.contact.touch import Toucher
 from phasewire.solver.picture import draw_field
 
@@ -29,7 +28,7 @@ def main(picture: Path) -> None:
     x = PLACES_M[NAMES.index("radio")][0]
     toucher = Toucher(spacing=6e-3)  # a fingertip is small
     deepest, before = toucher.touch([], buttons), ""
-    with open_hands(f"gesture:tap?x={x}&z={HEIGHT_M}&seconds=0.6") as hands:
+    with pw.open_hands(f"gesture:tap?x={x}&z={HEIGHT_M}&seconds=0.6") as hands:
         for frame in hands:
             touch = toucher.touch([tracked.hand for tracked in frame.hands], buttons)
             counts = np.bincount(touch.objects, minlength=len(NAMES))

@@ -44,6 +44,7 @@ def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> No
         ("host.md", 3),
         ("conformance.md", 1),
         ("hands.md", 3),
+        ("touch.md", 3),
     ],
 )
 def test_the_python_of_the_documents_runs(
