@@ -15,8 +15,9 @@ from rich.segment import ControlType
 
 from ..console import JsonOption, among, console_for, error_console, write_json
 from ..errors import PhasewireError
-from ..host.commands.options import MOST_SECONDS, CalibrationOption, DeviceOption, load_calibration
+from ..host.commands.options import MOST_SECONDS, CalibrationOption, DeviceOption, PoseOption, load_calibration
 from ..host.commands.playing_cli import array_of
+from ..host.hands.placing import PlacedHands
 from ..host.hands.pose import Pose
 from ..host.hands.sources import open_hands
 from ..host.lines.transport import DEFAULT_URL
@@ -122,9 +123,7 @@ def touch(
     predict: Annotated[
         bool, typer.Option("--predict/--no-predict", help="Whether hands are moved ahead by their velocity.")
     ] = True,
-    pose: Annotated[
-        Path | None, typer.Option("--pose", metavar="FILE", help="A file that says where the tracker is, see `docs`.")
-    ] = None,
+    pose: PoseOption = None,
     calibration: CalibrationOption = None,
     recording: Annotated[
         Path | None,
@@ -151,7 +150,9 @@ def touch(
     out, meter = console_for(json_target), _Meter(error_console())
     with ExitStack() as stack:
         opened = stack.enter_context(open_device(device, calibration=load_calibration(calibration)))
-        source = stack.enter_context(open_hands(hand, opened.time))
+        source = stack.enter_context(PlacedHands(open_hands(hand, opened.time), placed))
+        for note in source.notes:
+            error_console().print(f"warning: {note}", style="yellow")
         array = array_of(opened.info)
         log: TouchLog | None = None
         if recording is not None:
@@ -168,7 +169,6 @@ def touch(
             predict=predict,
             most_points=points,
             rate=rate,
-            pose=placed,
             on_moment=log,
         )
         error_console().print(f"{source.name} touches {', '.join(objects)} on {opened.name}")
@@ -200,6 +200,8 @@ def _tell(out: Console, report: TouchReport) -> None:
     if report.latency.count:
         stages = ", ".join(f"{name} {stage.median * 1e3:.2f}" for name, stage in report.stages.items())
         out.print(f"Of the latency, medians in ms: {stages}.")
+    if report.notes:
+        out.print(f"The last note on the hands: {report.last_note}.")
     if report.stored:
         out.print(
             "The line is too slow for a block in each turn: the device took the turns from its memory, and the line "

@@ -6,6 +6,7 @@ numba takes half a second to import, so this module is imported where it is used
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from math import prod
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -128,7 +129,7 @@ def _pairs(values: NDArray[np.complex128]) -> NDArray[np.float32]:
 
 def aligned(*shape: int) -> NDArray[np.float32]:
     """Zeros that begin where a register's worth of memory does."""
-    size = int(np.prod(shape))
+    size = prod(shape)
     room = np.zeros(size + LANES, dtype=np.float32)
     first = -room.ctypes.data % (4 * LANES) // 4
     return room[first : first + size].reshape(shape)

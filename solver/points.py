@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,17 +71,32 @@ def check_reachable(array: TransducerArray, points: ControlPoints, where: str = 
 
 def reachable(array: TransducerArray, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which of (m, 3) points the array can reach: (m,), true for those that `check_reachable` lets pass."""
-    # Of a flat array, which most are, height and distance from the middle decide nearly always.
-    normal, middle = array.normals[0], array.positions.mean(axis=0)
     mask = np.zeros(len(positions), np.bool_)
-    if array.able.all() and (array.normals == normal).all() and not np.ptp(array.positions @ normal):
-        radius = np.linalg.norm(array.positions - middle, axis=1).max()
+    if (flat := _flat(array)) is not None:  # height and distance from the middle decide nearly always
+        middle, normal, radius = flat
         offset = positions - middle
-        mask = (offset @ normal > array.transducer.nearest) & (np.linalg.norm(offset, axis=1) < REACH - radius)
-    unsure = np.flatnonzero(~mask)
-    if len(unsure):
+        mask = (offset @ normal > array.transducer.nearest) & (
+            np.einsum("mk,mk->m", offset, offset) < (REACH - radius) ** 2
+        )
+    if not mask.all():
+        unsure = np.flatnonzero(~mask)
         mask[unsure] = ~np.any([problem for problem, _ in _problems(array, positions[unsure])], axis=0)
     return mask
+
+
+_flats: WeakKeyDictionary[TransducerArray, tuple[NDArray[np.float64], NDArray[np.float64], float] | None] = (
+    WeakKeyDictionary()
+)
+
+
+def _flat(array: TransducerArray) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
+    """Middle, normal and radius of an array that is flat and of which all can sound; kept, for that takes time."""
+    if array not in _flats:
+        normal, middle = array.normals[0], array.positions.mean(axis=0)
+        flat = array.able.all() and (array.normals == normal).all() and not np.ptp(array.positions @ normal)
+        radius = float(np.linalg.norm(array.positions - middle, axis=1).max())
+        _flats[array] = (middle, normal, radius) if flat and radius < REACH else None
+    return _flats[array]
 
 
 def _problems(array: TransducerArray, positions: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], str]]:

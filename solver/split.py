@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ KEEP = 0.8  # of the largest variance: with as much along it, the previous axis 
 DEGENERATE = 0.95  # of the largest variance: an eigenvector with as much counts as a first principal component too
 HOLD = 1e-3  # metres: how much nearer to its previous half each point is taken to be
 TILT = 1e-3  # of the plane, so that points which lie on it fall to one side
+ACROSS = np.eye(3)[[1, 2, 0]]  # directions by which points on the plane are told apart
 OBLIQUE = 0.1  # least cosine between an axis and the direction that decides its sign
 
 
@@ -85,8 +87,8 @@ def split(points: ControlPoints, previous: Split | None = None) -> Split:
     offset = points.positions[sounding] - points.positions[sounding].mean(axis=0)
     scatter = offset.T @ offset
     axis = _first_axis(scatter) if previous is None else _next_axis(scatter, previous.axis)
-    across = _first_sure([fixed - (fixed @ axis) * axis for fixed in np.eye(3)[[1, 2, 0]]])
-    along = offset @ (axis + TILT * across + TILT**2 * np.cross(axis, across))
+    across = _first_sure(fixed - (fixed @ axis) * axis for fixed in ACROSS)
+    along = offset @ (axis + TILT * across + TILT**2 * _cross(axis, across))
     if previous is not None and len(previous.mask) == len(points):
         along += np.where(previous.mask[sounding], -HOLD, HOLD)
     first = np.argsort(along, kind="stable")[: (len(along) + 1) // 2]
@@ -99,7 +101,7 @@ def _first_axis(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     """The direction of nearly the largest variance that is nearest to x, or else to y or z."""
     values, vectors = np.linalg.eigh(scatter)
     leading = vectors[:, values >= DEGENERATE * values[-1]]
-    return _first_sure([leading @ (leading.T @ fixed) for fixed in np.eye(3)])
+    return _first_sure(leading @ (leading.T @ fixed) for fixed in np.eye(3))
 
 
 def _next_axis(scatter: NDArray[np.float64], previous: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -119,8 +121,13 @@ def _next_axis(scatter: NDArray[np.float64], previous: NDArray[np.float64]) -> N
     return np.asarray(math.sqrt(1 - sine_squared) * first + math.sqrt(sine_squared) * across)
 
 
-def _first_sure(vectors: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _first_sure(vectors: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
     """The first vector that is longer than `OBLIQUE`, as a unit vector; what is shorter has no sure direction."""
-    lengths = [float(np.linalg.norm(vector)) for vector in vectors]
-    chosen = next(index for index, length in enumerate(lengths) if length > OBLIQUE)
-    return np.asarray(vectors[chosen] / lengths[chosen])
+    lengths = ((vector, math.sqrt(vector @ vector)) for vector in vectors)
+    return next(np.asarray(vector / length) for vector, length in lengths if length > OBLIQUE)
+
+
+def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The product of two (3,) vectors; NumPy's takes ten times as long, for it is made for many."""
+    (a, b, c), (d, e, f) = one.tolist(), other.tolist()
+    return np.array([b * f - c * e, c * d - a * f, a * e - b * d])

@@ -19,7 +19,7 @@ from .geometry import frozen
 from .medium import Medium
 from .modulation import FREQUENCY, Modulation, check_frequency
 from .points import ControlPoints
-from .propagation import pressure
+from .propagation import pressure, pressure_where_solved
 from .solve import Solution, Solver, solve
 from .split import Split, split
 
@@ -201,5 +201,5 @@ def two_sided(
 def _level(solution: Solution) -> float:
     """Pressure per wanted amplitude at the points of a solution, as the least squares have it."""
     points = solution.points
-    reached = np.abs(pressure(solution.array, solution.drive, points.positions, solution.medium, "single"))
+    reached = np.abs(pressure_where_solved(solution.array, solution.drive, points.positions, solution.medium))
     return float(points.amplitudes @ reached / (points.amplitudes @ points.amplitudes))

@@ -66,13 +66,12 @@ class TouchLog:
     source : str
         Where the hands come from, for people.
     pose : Pose, optional
-        Of the tracker.
+        That was applied to the hands.
     """
 
     def __init__(self, path: Path, rate: float, frequency: float, source: str, pose: Pose | None = None) -> None:
         self._path, self._hands = log_path(path), HandRecorder(path, rate, source, pose)
         self._head = {"format": FORMAT, "hands": path.name, "source": source, "frequency_hz": frequency}
-        self._pose = pose
         self._stack: ExitStack
         self._file: BinaryIO
         self._origin: float | None = None
@@ -101,7 +100,7 @@ class TouchLog:
         """
         if self._origin is None:
             self._origin = moment.time
-        self._hands.write(moment.frame if self._pose is None else self._pose.apply(moment.frame))
+        self._hands.write(moment.frame)
         if moment.fields is None:
             return
         fading = moment.fading

@@ -31,9 +31,7 @@ from ...solver.contact.hand import Hand
 from ...solver.contact.mesh import Mesh
 from ...solver.contact.touch import MOST_POINTS, Touch, Toucher
 from ...solver.points import reachable
-from ..hands.following import Follower
 from ..hands.frames import HandFrame
-from ..hands.pose import Pose
 from ..hands.sources import HandSource
 from ..playing.device import Device
 from .fading import Fading
@@ -118,7 +116,7 @@ class TouchLoop:
     device : Device
         To play on; the loop turns its outputs off at its end, and leaves it open.
     source : HandSource
-        Opened with the device's clock, ``open_hands(url, device.time)``.
+        Opened with the device's clock, ``PlacedHands(open_hands(url, device.time), pose)``.
     objects : sequence of Mesh, or callable
         What can be touched; or a function of the moment, by the device's clock, for what moves.
     toucher : Toucher
@@ -137,8 +135,6 @@ class TouchLoop:
         With those that fade out; the toucher's own limit by custom.
     rate : float, optional
         Frames per second that are taken at most; all by default.
-    pose : Pose, optional
-        Where the tracker is; by default its coordinates are the array's.
     on_moment : callable, optional
         Is called with the `TouchMoment` of each frame, after its field was sent.
 
@@ -162,7 +158,6 @@ class TouchLoop:
         predict: bool = True,
         most_points: int = MOST_POINTS,
         rate: float | None = None,
-        pose: Pose | None = None,
         on_moment: Callable[[TouchMoment], None] | None = None,
     ) -> None:
         if not 0 <= ramp <= MOST_RAMP_SECONDS:
@@ -175,7 +170,6 @@ class TouchLoop:
         self._device, self._source, self._toucher, self._array = device, source, toucher, array
         self._objects = objects if callable(objects) else lambda _moment: objects
         self._most, self._ramp, self._on_moment = most_points, ramp, on_moment
-        self._tracker, self._follower = pose, Follower()
         self._predictor = Predictor() if predict else None
         self._clock, self._stops = device.time, device.stops
         self._watchdog_before = device.status().watchdog_ms / 1000
@@ -191,6 +185,7 @@ class TouchLoop:
         self._takes = 0.0
         self._number: int | None = None
         self._frames = self._dropped = self._touching = self._stalls = self._held_up = 0
+        self._notes, self._last_note = 0, ""
         self._points_sum = self._points_most = self._out_of_reach = 0
         self._latency = Latencies()
         self._stages = {stage: Latencies() for stage in STAGES}
@@ -211,6 +206,8 @@ class TouchLoop:
             self._turns.late,
             self._turns.slipped,
             self._held_up,
+            self._notes,
+            self._last_note,
             self._turns.frequency,
             isinstance(self._turns, StoredTurns),
             self._latency.summary,
@@ -312,6 +309,8 @@ class TouchLoop:
         if self._number is not None:
             self._dropped += max(frame.number - self._number - 1, 0)
         self._number = frame.number
+        if frame.notes:
+            self._notes, self._last_note = self._notes + len(frame.notes), frame.notes[-1]
         hands = self._hands_of(frame, now)
         objects = self._objects(now)
         touch = self._toucher.touch(hands, objects)
@@ -348,10 +347,7 @@ class TouchLoop:
         return self._fading.changing or len(self._fading) > len(self._points.ids)
 
     def _hands_of(self, frame: HandFrame, now: float) -> tuple[Hand, ...]:
-        """Where the hands of a frame will be when its field begins, in the array's coordinates."""
-        if self._tracker is not None:
-            frame = self._tracker.apply(frame)
-        frame = self._follower.follow(frame)
+        """Where the hands of a frame will be when its field begins."""
         if self._predictor is None:
             return tuple(tracked.hand for tracked in frame.hands)
         offset = self._begin - self._wall_begin if self._follows else 0.0

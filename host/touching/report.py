@@ -46,6 +46,10 @@ class TouchReport:
         Turns of the modulation for which the host came too late.
     held_up : int
         How often the device's watchdog had turned the outputs off because the host was held up.
+    notes : int
+        How often the source said what was wrong with its hands.
+    last_note : str
+        What it said last.
     frequency : float
         Of the modulation, in Hz, as it came out.
     stored : bool
@@ -70,6 +74,8 @@ class TouchReport:
     late: int = 0
     slipped: int = 0
     held_up: int = 0
+    notes: int = 0
+    last_note: str = ""
     frequency: float = 0.0
     stored: bool = False
     latency: Latency = NOTHING
@@ -92,6 +98,7 @@ class TouchReport:
             (self.slipped, "turns slipped"),
             (self.stalls, "stalls"),
             (self.held_up, "times held up"),
+            (self.notes, "notes on hands"),
         ):
             if count:
                 parts.append(f"{count} {what}")

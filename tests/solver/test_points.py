@@ -42,3 +42,26 @@ def test_bad_points_are_named(positions: list[list[float]], amplitudes: list[flo
 def test_points_that_the_array_cannot_reach_are_named(array: TransducerArray, bad: list[float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         solve(array, ControlPoints([[0, 0, 0.2], bad]))
+
+
+@given(
+    positions=arrays(float, st.tuples(st.integers(1, 6), st.just(3)), elements=st.floats(-3, 3)),
+    tilted=st.booleans(),
+    dead=st.booleans(),
+)
+@settings(deadline=None)
+def test_a_point_is_reachable_if_it_passes_the_check(positions: np.ndarray, tilted: bool, dead: bool) -> None:
+    flat = TransducerArray.grid(4, 3)
+    normals = flat.normals + ([[0.1, 0, 0]] * 6 + [[0, 0, 0]] * 6 if tilted else 0)
+    limits = np.ones(12)
+    limits[:5] = 0 if dead else 1
+    array = TransducerArray(flat.positions, normals, limits=limits)
+    positions[::2] /= 10
+    passed = []
+    for position in positions:
+        try:
+            check_reachable(array, ControlPoints([position]))
+            passed.append(True)
+        except ValueError:
+            passed.append(False)
+    assert reachable(array, positions).tolist() == passed
