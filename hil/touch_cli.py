@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
@@ -23,14 +23,19 @@ from ..host.hands.sources import open_hands
 from ..host.lines.transport import DEFAULT_URL
 from ..host.playing.device import open_device
 from ..host.touching.log import TouchLog, log_path
-from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop
+from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
 from ..host.touching.report import TouchReport
+from ..pictures import check_picture_path
 from ..protocol.plain import plain
-from ..solver import METHODS
+from ..protocol.pulses import Pulses
+from ..signals import loading
+from ..solver import METHODS, Modulation, TransducerArray
 from ..solver.contact.mesh import Mesh
+from ..solver.contact.solids import SOLIDS
 from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
 from ..solver.curves import SPACING
 from ..solver.modulation import FREQUENCY
+from ..solver.objects import MovingObject, parse_object
 from ..solver.points import MAX_POINTS
 from ..storage import check_outputs
 
@@ -38,25 +43,8 @@ __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
-PAPER: dict[str, Callable[[], Mesh]] = {
-    "cone": Mesh.cone,
-    "sphere": Mesh.sphere,
-    "pyramid": Mesh.pyramid,
-    "horizontal-prism": Mesh.horizontal_prism,
-    "vertical-prism": Mesh.vertical_prism,
-    "cube": Mesh.cube,
-}
-OBJECT_HELP = f"One of the paper's objects: {', '.join(PAPER)}."
-
 BACK = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
 HANDS = "gesture:sweep"
-
-
-def parse_object(text: str) -> Mesh:
-    """The object that a word stands for; raise `ValueError` if it is none."""
-    if text not in PAPER:
-        raise ValueError(f"there is no object {text!r}; there are {', '.join(PAPER)}")
-    return PAPER[text]()
 
 
 class _Meter:
@@ -79,11 +67,32 @@ class _Meter:
             self._console.control(BACK)
 
 
+class _Best:
+    """Keeps the moment with the most points, faded in, for the picture."""
+
+    def __init__(self) -> None:
+        self.moment: TouchMoment | None = None
+        self._points = 0.0
+
+    def __call__(self, moment: TouchMoment) -> None:
+        """Look at the next moment."""
+        if moment.fields is None or moment.touch.points is None:
+            return
+        points = float(moment.fading.levels.sum())
+        if points > self._points:
+            self.moment, self._points = moment, points
+
+
 @commands.command(epilog="Example: phasewire touch cube --hand gesture:sweep --seconds 4")
 def touch(
     objects: Annotated[
         list[str],
-        typer.Argument(metavar="OBJECT...", help=OBJECT_HELP, autocompletion=among(PAPER)),
+        typer.Argument(
+            metavar="OBJECT...",
+            help="Each one of the paper's objects or a mesh file, with its parameters, such as cube, "
+            "sphere:size=0.06,x=0.02,turn=90 or cup.stl:scale=0.001.",
+            autocompletion=among(SOLIDS),
+        ),
     ],
     hand: Annotated[
         str,
@@ -131,6 +140,12 @@ def touch(
             "--record", metavar="FILE", help="Write the hands to this .hands file, and points and drives beside it."
         ),
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture", metavar="FILE", help="Where to draw the moment with the most points: .png, .svg or .pdf."
+        ),
+    ] = None,
     json_target: JsonOption = None,
 ) -> None:
     """Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.
@@ -142,25 +157,27 @@ def touch(
 
     Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
     """
-    outputs = [recording, None if recording is None else log_path(recording)]
-    check_outputs([*outputs, json_target])
+    check_outputs([picture, recording, None if recording is None else log_path(recording), json_target])
+    if picture is not None:
+        check_picture_path(picture)
     placed = None if pose is None else Pose.load(pose)
-    things = [parse_object(text) for text in objects]
     toucher = Toucher(spacing, corners, points)
-    out, meter = console_for(json_target), _Meter(error_console())
+    out, meter, best = console_for(json_target), _Meter(error_console()), _Best()
+    with error_console().status("reading") as status:
+        things = [parse_object(text, status.update) for text in objects]
     with ExitStack() as stack:
         opened = stack.enter_context(open_device(device, calibration=load_calibration(calibration)))
         source = stack.enter_context(PlacedHands(open_hands(hand, opened.time), placed))
         for note in source.notes:
             error_console().print(f"warning: {note}", style="yellow")
         array = array_of(opened.info)
-        log: TouchLog | None = None
+        seen: list[Callable[[TouchMoment], None]] = [best] if picture is not None else []
         if recording is not None:
-            log = stack.enter_context(TouchLog(recording, source.rate, frequency, hand, placed))
+            seen.append(stack.enter_context(TouchLog(recording, source.rate, frequency, hand, placed)))
         loop = TouchLoop(
             opened,
             source,
-            things,
+            _placed_at(things, opened.time.monotonic()),
             toucher,
             array,
             method=method,
@@ -169,7 +186,7 @@ def touch(
             predict=predict,
             most_points=points,
             rate=rate,
-            on_moment=log,
+            on_moment=_each(seen),
         )
         error_console().print(f"{source.name} touches {', '.join(objects)} on {opened.name}")
         told = {"format": "phasewire-touch-1", "device": opened.name, "hands": hand, "objects": objects}
@@ -186,12 +203,33 @@ def touch(
         finally:
             meter.end()
             _tell(out, meter.last)
-        status = opened.status()
+        final = opened.status()
+    if picture is not None:
+        _draw(picture, best.moment, array, meter.last.frequency)
     out.print(f"Ended: {ended}. The outputs are off.")
     write_json(
         json_target,
-        told | {"touch": meter.last.record(), "ended": ended, "error": None, "status": plain(status)},
+        told | {"touch": meter.last.record(), "ended": ended, "error": None, "status": plain(final)},
     )
+
+
+def _placed_at(things: Sequence[MovingObject], begin: float) -> Sequence[Mesh] | Callable[[float], Sequence[Mesh]]:
+    """Objects as the loop takes them: as they are, or by the moment if one of them moves."""
+    if all(thing.still for thing in things):
+        return [thing.mesh for thing in things]
+    return lambda moment: [thing.at(moment - begin) for thing in things]
+
+
+def _each(seen: Sequence[Callable[[TouchMoment], None]]) -> Callable[[TouchMoment], None] | None:
+    """One function for several that want to see each moment."""
+    if len(seen) < 2:
+        return seen[0] if seen else None
+
+    def tell(moment: TouchMoment) -> None:
+        for look in seen:
+            look(moment)
+
+    return tell
 
 
 def _tell(out: Console, report: TouchReport) -> None:
@@ -207,3 +245,17 @@ def _tell(out: Console, report: TouchReport) -> None:
             "The line is too slow for a block in each turn: the device took the turns from its memory, and the line "
             "limited how often a new pose was played."
         )
+
+
+def _draw(path: Path, moment: TouchMoment | None, array: TransducerArray, frequency: float) -> None:
+    """Draw the moment with the most points, if there was a touch."""
+    if moment is None or moment.fields is None:
+        error_console().print(f"{path} was not drawn: no hand touched an object", style="yellow")
+        return
+    with loading():
+        from .touch_picture import save_touch_picture
+
+    first, second = (Pulses(*rows).to_drive() for rows in zip(*moment.fields, strict=True))
+    emitted = Modulation.two_sided(first, second, frequency)
+    save_touch_picture(path, moment.hands, moment.objects, moment.touch, emitted, array, "the pulses that were sent")
+    error_console().print(f"Drawn to {path}")

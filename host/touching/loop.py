@@ -269,10 +269,10 @@ class TouchLoop:
 
     def turn(self, timeout: float) -> None:
         """Wait so many seconds for a frame, play it or else what is due: one turn of the loop."""
-        rest = min(max(self._next - self._clock.monotonic(), 0.0), timeout)
-        if rest > 0:
-            (time if self._follows else self._clock).sleep(rest)
-        frame = self._source.next_frame(max(timeout - rest, 0.0)) if rest < timeout or timeout <= 0 else None
+        timeout, early = max(timeout, 0.0), max(self._next - self._clock.monotonic(), 0.0)
+        if early > 0:
+            (time if self._follows else self._clock).sleep(min(early, timeout))
+        frame = self._source.next_frame(timeout - early) if early <= timeout else None
         if self._follows:
             behind = (time.monotonic() - self._wall_begin) - (self._clock.monotonic() - self._begin)
             if behind > 0:

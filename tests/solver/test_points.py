@@ -2,7 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from phasewire import ControlPoints, TransducerArray, solve
+from phasewire.solver.points import check_reachable, reachable
 
 
 def test_amplitudes_are_one_unless_given() -> None:
@@ -52,7 +56,7 @@ def test_points_that_the_array_cannot_reach_are_named(array: TransducerArray, ba
 @settings(deadline=None)
 def test_a_point_is_reachable_if_it_passes_the_check(positions: np.ndarray, tilted: bool, dead: bool) -> None:
     flat = TransducerArray.grid(4, 3)
-    normals = flat.normals + ([[0.1, 0, 0]] * 6 + [[0, 0, 0]] * 6 if tilted else 0)
+    normals = [[0.6, 0, 0.8]] * 6 + [[0, 0, 1]] * 6 if tilted else flat.normals
     limits = np.ones(12)
     limits[:5] = 0 if dead else 1
     array = TransducerArray(flat.positions, normals, limits=limits)
