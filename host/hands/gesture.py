@@ -8,7 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from itertools import count
-from typing import Any
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...solver.contact.hand import Hand, Side
 from ..lines.transport import Timekeeper
@@ -16,6 +19,8 @@ from .frames import HandFrame, TrackedHand
 from .sources import PlayedHands, Readiness, read_options
 
 __all__ = ["GESTURE", "GESTURES"]
+
+Place: TypeAlias = NDArray[np.float64]
 
 RATE = 120.0
 MOST_RATE = 10_000.0
@@ -30,35 +35,42 @@ def _swing(time: float, period: float) -> float:
     return (1 - math.cos(2 * math.pi * time / period)) / 2
 
 
-def approach(time: float, side: Side) -> Hand:
+def _flat(side: Side) -> Hand:
+    return Hand.flat((0, 0, 0), side)
+
+
+def _pointing(side: Side) -> Hand:
+    return Hand.flat((0, 0, 0), side, curl=POINTING).rotated(-70, (1, 0, 0))
+
+
+def approach(hand: Hand, place: Place, time: float) -> Hand:
     """A flat hand comes down from 15 cm above to 5 cm below the place, and goes up again, every 4 s."""
-    return Hand.flat((0, 0, 0.15 - 0.2 * _swing(time, 4)), side)
+    return hand.moved(place + np.array([0, 0, 0.15 - 0.2 * _swing(time, 4)]))
 
 
-def sweep(time: float, side: Side) -> Hand:
+def sweep(hand: Hand, place: Place, time: float) -> Hand:
     """A flat hand goes from 15 cm left of the place to 15 cm right of it, and back, every 4 s."""
-    return Hand.flat((0.3 * _swing(time, 4) - 0.15, 0, 0), side)
+    return hand.moved(place + np.array([0.3 * _swing(time, 4) - 0.15, 0, 0]))
 
 
-def grasp(time: float, side: Side) -> Hand:
+def grasp(hand: Hand, place: Place, time: float) -> Hand:
     """A hand 6 cm above the place closes and opens, every 3 s."""
-    return Hand.flat((0, -0.03, 0.06), side, curl=0.05 + 0.75 * _swing(time, 3))
+    return Hand.flat(place + np.array([0, -0.03, 0.06]), hand.side, curl=0.05 + 0.75 * _swing(time, 3))
 
 
-def tap(time: float, side: Side) -> Hand:
+def tap(hand: Hand, place: Place, time: float) -> Hand:
     """An index finger that points down goes 6 cm down to the place and up again, within 0.5 s of every second."""
-    hand = Hand.flat((0, 0, 0), side, curl=POINTING).rotated(-70, (1, 0, 0))
     down = _swing(min(time % 1.0, 0.5), 0.5)
-    return hand.moved((0, 0, 0.06 * (1 - down)) - hand.landmarks[8])
+    return hand.moved(place + np.array([0, 0, 0.06 * (1 - down)]) - hand.landmarks[8])
 
 
-GESTURES: dict[str, Callable[[float, Side], Hand]] = {
-    "approach": approach,
-    "sweep": sweep,
-    "grasp": grasp,
-    "tap": tap,
+GESTURES: dict[str, tuple[Callable[[Side], Hand], Callable[[Hand, Place, float], Hand]]] = {
+    "approach": (_flat, approach),
+    "sweep": (_flat, sweep),
+    "grasp": (_flat, grasp),
+    "tap": (_pointing, tap),
 }
-"""Each gives the hand at a time in seconds, about the place (0, 0, 0)."""
+"""Of each: the hand of a side at (0, 0, 0) that is moved, and where it is at a time in seconds."""
 
 
 class GestureScheme:
@@ -86,8 +98,10 @@ class GestureScheme:
         if name not in GESTURES:
             raise ValueError(f"there is no gesture {name!r}; there are {', '.join(GESTURES)}")
         rate = options.get("rate", RATE)
-        place = (options.get("x", 0.0), 0.0, options.get("z", HEIGHT))
-        moving = _frames(GESTURES[name], rate, options.get("seconds", math.inf), place, options.get("side", "right"))
+        place = np.array([options.get("x", 0.0), 0.0, options.get("z", HEIGHT)])
+        begin, move = GESTURES[name]
+        hand = begin(options.get("side", "right"))
+        moving = _frames(lambda time: move(hand, place, time), rate, options.get("seconds", math.inf))
         return PlayedHands(f"the gesture {name}", moving, rate, clock)
 
     def probe(self) -> Readiness:
@@ -95,14 +109,12 @@ class GestureScheme:
         return Readiness(True, "always there")
 
 
-def _frames(
-    gesture: Callable[[float, Side], Hand], rate: float, seconds: float, place: tuple[float, float, float], side: Side
-) -> Iterator[HandFrame]:
+def _frames(gesture: Callable[[float], Hand], rate: float, seconds: float) -> Iterator[HandFrame]:
     for number in count():
         time = number / rate
         if time >= seconds:
             return
-        yield HandFrame(time, (TrackedHand(gesture(time, side).moved(place), 1),), number)
+        yield HandFrame(time, (TrackedHand(gesture(time), 1),), number)
 
 
 def _within(text: str, least: float, most: float, unit: str) -> float:

@@ -9,7 +9,6 @@ middle joints, are Greiner's (Hand anthropometry of US Army personnel, Natick TR
 
 from __future__ import annotations
 
-import math
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -46,6 +45,13 @@ _CURLED_DEGREES = ((10, 40, 50), (75, 95, 60), (75, 95, 60), (75, 95, 60), (75, 
 _THUMB_ROLL_DEGREES = 81
 """How far the thumb is turned about its length: Cooney et al., The kinesiology of the thumb trapeziometacarpal joint,
 J. Bone Joint Surg. 63, 1981."""
+_FAN = np.deg2rad(_FAN_DEGREES)[:, None]
+_ROLL = np.deg2rad([_THUMB_ROLL_DEGREES, 0, 0, 0, 0])[:, None]
+_ALONG = np.hstack([np.sin(_FAN), np.cos(_FAN), 0 * _FAN])
+"""(5, 3) direction of each straight finger."""
+_BACK = np.cos(_ROLL) * np.array([0, 0, 1]) - np.sin(_ROLL) * np.hstack([np.cos(_FAN), -np.sin(_FAN), 0 * _FAN])
+"""(5, 3) direction of its back."""
+_BENDS = np.cumsum(np.deg2rad(_CURLED_DEGREES), axis=1)
 
 
 def posed(side: Side, curl: ArrayLike = 0.0) -> NDArray[np.float64]:
@@ -63,20 +69,11 @@ def posed(side: Side, curl: ArrayLike = 0.0) -> NDArray[np.float64]:
     (21, 3) float
         Landmarks in metres: the wrist at the origin, the fingertips to +y, the back of the hand to +z.
     """
-    points = np.zeros((21, 3))
-    curls = np.broadcast_to(curl, len(FINGERS))
-    for finger, (base, lengths, bends) in enumerate(zip(_BASES_MM, _BONES_MM, _CURLED_DEGREES, strict=True)):
-        fan = math.radians(_FAN_DEGREES[finger])
-        along = np.array([math.sin(fan), math.cos(fan), 0])
-        roll = math.radians(_THUMB_ROLL_DEGREES if finger == 0 else 0)
-        back = np.array([0, 0, 1]) * math.cos(roll) - np.array([math.cos(fan), -math.sin(fan), 0]) * math.sin(roll)
-        points[1 + 4 * finger] = base
-        angle = 0.0
-        for joint, (length, bend) in enumerate(zip(lengths, bends, strict=True)):
-            angle += math.radians(bend) * curls[finger]
-            step = math.cos(angle) * along - math.sin(angle) * back
-            points[2 + 4 * finger + joint] = points[1 + 4 * finger + joint] + length * step
-    return points * 1e-3 * (1 if side == "right" else np.array([-1, 1, 1]))
+    angles = (_BENDS * np.reshape(curl, (-1, 1)))[:, :, None]
+    bones = (np.cos(angles) * _ALONG[:, None] - np.sin(angles) * _BACK[:, None]) * np.array(_BONES_MM)[:, :, None]
+    fingers = np.cumsum(np.concatenate([np.array(_BASES_MM)[:, None], bones], axis=1), axis=1)
+    points = np.vstack([np.zeros(3), fingers.reshape(20, 3)]) * 1e-3
+    return points if side == "right" else points * np.array([-1, 1, 1])
 
 
 NEUTRAL = frozen(posed("right"))

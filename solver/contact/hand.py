@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,11 +64,14 @@ class Hand:
     widths: NDArray[np.float64]
 
     def __init__(self, landmarks: ArrayLike, side: Side = "right", widths: ArrayLike | None = None) -> None:
-        points, size, possible = _checked(landmarks, side)
+        points, size, possible, _ = _checked(landmarks, side)
         if not possible and len(wrong := _impossible(points, size)):
             said = [_described(points, landmark, size) for landmark in wrong[:MOST_NAMED]]
             more = f"; so are {len(wrong) - MOST_NAMED} more" if len(wrong) > MOST_NAMED else ""
             raise ValueError(f"{'; '.join(said)}{more}")
+        self._keep(points, side, size, widths)
+
+    def _keep(self, points: NDArray[np.float64], side: Side, size: float, widths: ArrayLike | None) -> None:
         object.__setattr__(self, "landmarks", frozen(points))
         object.__setattr__(self, "side", side)
         object.__setattr__(self, "widths", frozen(size * WIDTHS if widths is None else _as_widths(widths)))
@@ -92,15 +95,17 @@ class Hand:
         ValueError
             If too little is right: see `Hand`, but for bones.
         """
-        points, size, possible = _checked(landmarks, side)
+        points, size, possible, bend = _checked(landmarks, side)
         notes = []
         for landmark in () if possible else _impossible(points, size):
             notes.append(f"{_described(points, landmark, size)}; it was repaired")
             _repair(points, landmark, size)
-        if _backwards(points, side) > BACKWARDS:
+        if (bend if side == "right" else -bend) > BACKWARDS:
             notes.append(f"the {side} hand's fingers bend to its back; it was taken for the other hand")
             side = "right" if side == "left" else "left"
-        return cls(points, side, widths), tuple(notes)
+        hand = cls.__new__(cls)
+        hand._keep(points, side, size, widths)
+        return hand, tuple(notes)
 
     @classmethod
     def flat(
@@ -129,13 +134,13 @@ class Hand:
             raise ValueError(
                 f"curl {curls.tolist()} must be one number or {len(FINGERS)}, from 0, straight, to 1, a fist"
             )
-        hand = cls(posed(side, curls) * (length / LENGTH), side)
-        return hand.moved(as_position(centre, "centre") - hand.centre)
+        points = posed(side, curls) * (length / LENGTH)
+        return cls(points - _middle(points) + as_position(centre, "centre"), side)
 
     @cached_property
     def centre(self) -> NDArray[np.float64]:
         """(3,) the middle of the palm, half-way from the wrist to the knuckles, in metres."""
-        return frozen((self.landmarks[0] + self.landmarks[PALM].mean(axis=0)) / 2)
+        return frozen(_middle(self.landmarks))
 
     @cached_property
     def quads(self) -> NDArray[np.float64]:
@@ -166,8 +171,20 @@ class Hand:
         return type(self)((self.landmarks - self.centre) @ turn.T + self.centre, self.side, self.widths)
 
 
-def _checked(landmarks: ArrayLike, side: Side) -> tuple[NDArray[np.float64], float, bool]:
-    """Landmarks that have a palm, its size as a part of the mean hand's, and whether all bones are possible."""
+class _Checked(NamedTuple):
+    """Landmarks that have a palm.
+
+    Its size is a part of the mean hand's, ``possible`` says whether all bones are, and ``bend`` is the fingers' to the
+    back of a right hand, in radians.
+    """
+
+    points: NDArray[np.float64]
+    size: float
+    possible: bool
+    bend: float
+
+
+def _checked(landmarks: ArrayLike, side: Side) -> _Checked:
     if side not in ("left", "right"):
         raise ValueError(f"the side of a hand is 'left' or 'right', not {side!r}")
     points = as_points(landmarks, "landmark")
@@ -175,7 +192,7 @@ def _checked(landmarks: ArrayLike, side: Side) -> tuple[NDArray[np.float64], flo
         raise ValueError(f"a hand has {LANDMARKS} landmarks, not {len(points)}")
     from .hand_quads import hand_measures
 
-    mean, length, breadth, shortest, longest = hand_measures(points, BONES)
+    mean, length, breadth, shortest, longest, bend = hand_measures(points, BONES)
     size = mean / _NEUTRAL_PALM
     if not LEAST_SIZE <= size <= MOST_SIZE:
         millimetres = "; these look like millimetres" if LEAST_SIZE <= size / 1000 <= MOST_SIZE else ""
@@ -191,7 +208,13 @@ def _checked(landmarks: ArrayLike, side: Side) -> tuple[NDArray[np.float64], flo
             f"the palm has no breadth: landmarks 5 and 17 are {breadth * 1e3:.1f} mm apart across it; "
             f"a palm of this length has at least {least * 1e3:.1f} mm"
         )
-    return points, size, shortest >= LEAST_BONE * size and longest <= MOST_BONE * size
+    return _Checked(points, size, shortest >= LEAST_BONE * size and longest <= MOST_BONE * size, bend)
+
+
+def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the palm: half-way from the wrist to the knuckles."""
+    middle: NDArray[np.float64] = points[0] / 2 + (points[5] + points[9] + points[13] + points[17]) / 8
+    return middle
 
 
 def _as_widths(widths: ArrayLike) -> NDArray[np.float64]:
@@ -231,13 +254,3 @@ def _repair(points: NDArray[np.float64], landmark: int, size: float) -> None:
     bone = next((bone for bone in bones if bone.any()), points[PALM].mean(axis=0) - points[0])
     tip = 4 * ((landmark - 1) // 4) + 4
     points[landmark : tip + 1] += points[landmark - 1] + bone / np.linalg.norm(bone) * wanted - points[landmark]
-
-
-def _backwards(points: NDArray[np.float64], side: Side) -> float:
-    """How far the outer joints of the four fingers bend to the back of the hand, on average, in radians."""
-    across = (points[17] - points[5]) * (1 if side == "right" else -1)
-    fingers = points[5:].reshape(4, 4, 3)
-    bones = np.diff(fingers, axis=1)
-    bends = np.cross(bones[:, :-1], bones[:, 1:]) @ (across / np.linalg.norm(across))
-    straight = (bones[:, :-1] * bones[:, 1:]).sum(axis=2)
-    return float(np.arctan2(bends, straight).mean())

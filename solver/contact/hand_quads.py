@@ -134,7 +134,7 @@ def _hand_quads(landmarks: NDArray[np.float64], widths: NDArray[np.float64], sid
 
 def _hand_measures(
     landmarks: NDArray[np.float64], bones: NDArray[np.float64]
-) -> tuple[float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float]:
     """What `Hand` checks.
 
     Parameters
@@ -151,6 +151,9 @@ def _hand_measures(
         knuckles; the breadth from the index finger's knuckle to the little finger's, across that.
     float, float
         The shortest and the longest of the fingers' bones, each as a part of the mean hand's.
+    float
+        In radians: how far the outer joints of the four fingers bend to the back of the hand, on average, if it is a
+        right one.
     """
     mean = 0.0
     along = np.zeros(3)
@@ -177,7 +180,30 @@ def _hand_measures(
                 square += (landmarks[end, i] - landmarks[end - 1, i]) ** 2
             part = math.sqrt(square) / bones[end - 1]
             shortest, longest = min(shortest, part), max(longest, part)
-    return mean, math.sqrt(long_square), math.sqrt(max(broad_square, 0.0)), shortest, longest
+    knuckles = math.sqrt(
+        (landmarks[17, 0] - landmarks[5, 0]) ** 2
+        + (landmarks[17, 1] - landmarks[5, 1]) ** 2
+        + (landmarks[17, 2] - landmarks[5, 2]) ** 2
+    )
+    bend = 0.0
+    if knuckles > 0:
+        for finger in range(1, 5):
+            for joint in range(4 * finger + 2, 4 * finger + 4):
+                turned = straight = 0.0
+                for i in range(3):
+                    j, k = (i + 1) % 3, (i + 2) % 3
+                    inner_j, inner_k = (
+                        landmarks[joint, j] - landmarks[joint - 1, j],
+                        landmarks[joint, k] - landmarks[joint - 1, k],
+                    )
+                    outer_j, outer_k = (
+                        landmarks[joint + 1, j] - landmarks[joint, j],
+                        landmarks[joint + 1, k] - landmarks[joint, k],
+                    )
+                    turned += (inner_j * outer_k - inner_k * outer_j) * (landmarks[17, i] - landmarks[5, i]) / knuckles
+                    straight += inner_j * outer_j
+                bend += math.atan2(turned, straight) / 8
+    return mean, math.sqrt(long_square), math.sqrt(max(broad_square, 0.0)), shortest, longest, bend
 
 
 hand_quads = kernel(_hand_quads)
