@@ -269,15 +269,19 @@ class TouchLoop:
 
     def turn(self, timeout: float) -> None:
         """Wait so many seconds for a frame, play it or else what is due: one turn of the loop."""
-        timeout, early = max(timeout, 0.0), max(self._next - self._clock.monotonic(), 0.0)
-        if early > 0:
-            (time if self._follows else self._clock).sleep(min(early, timeout))
-        frame = self._source.next_frame(timeout - early) if early <= timeout else None
+        frame = self._source.next_frame(max(timeout, 0.0))
         if self._follows:
             behind = (time.monotonic() - self._wall_begin) - (self._clock.monotonic() - self._begin)
             if behind > 0:
                 self._clock.sleep(behind)
-        self._survive(self._go_on if frame is None else partial(self._take, frame))
+        if frame is not None:
+            self._heard_at, self._stalled = self._clock.monotonic(), False
+            stamp = frame.time - self._wall_begin + self._begin if self._follows else frame.time
+            if stamp >= self._next - EARLY_SECONDS:
+                self._next = (self._next if stamp < self._next + self._gap else stamp) + self._gap
+                self._survive(partial(self._take, frame, stamp))
+                return
+        self._survive(self._go_on)
 
     def _survive(self, step: Callable[[], None]) -> None:
         """Take a step; if the watchdog has turned the outputs off before, begin anew: the next pose enables them."""
@@ -299,12 +303,9 @@ class TouchLoop:
             due = min(due, self._pose_at + self._turns.pace)
         return due if self._stalled else min(due, self._heard_at + STALL_SECONDS)
 
-    def _take(self, frame: HandFrame) -> None:
-        """Play a frame of hands."""
+    def _take(self, frame: HandFrame, stamp: float) -> None:
+        """Play a frame of hands that is of a moment by the device's clock."""
         begun, now = perf_counter(), self._clock.monotonic()
-        stamp = frame.time - self._wall_begin + self._begin if self._follows else frame.time
-        self._next = stamp + self._gap - EARLY_SECONDS
-        self._heard_at, self._stalled = now, False
         self._frames += 1
         if self._number is not None:
             self._dropped += max(frame.number - self._number - 1, 0)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from phasewire import Emulator
 from phasewire.emulator import faults
+from phasewire.host.hands.frames import HandFrame
 from phasewire.host.hands.recording import HandRecording
 from phasewire.host.hands.sources import PlayedHands
 from phasewire.host.touching.loop import TouchLoop, TouchMoment
@@ -171,9 +172,9 @@ def test_objects_move_while_they_are_touched(touch: Run, monkeypatch: pytest.Mon
     seen: list[TouchMoment] = []
     genuine = TouchLoop._take
 
-    def noted(loop: TouchLoop, frame: object) -> None:
+    def noted(loop: TouchLoop, frame: HandFrame, stamp: float) -> None:
         loop._on_moment = seen.append
-        genuine(loop, frame)  # type: ignore[arg-type] # as it was called
+        genuine(loop, frame, stamp)
 
     monkeypatch.setattr(TouchLoop, "_take", noted)
     assert touch("cube:vx=0.1", *SHORT).code == 0
