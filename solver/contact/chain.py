@@ -21,6 +21,9 @@ __all__ = ["ALONG", "chain"]
 ALONG = 3
 """Column of places after three coordinates: the place on the mesh edge."""
 
+MOST_FREE = 4096
+"""Ends of arcs among which bridges are looked for, each with each: a closed mesh leaves some tens."""
+
 BASE, TIP = 0, 2  # sides of a finger's quadrilaterals
 
 
@@ -83,7 +86,8 @@ def _bridge(pieces: Any, ends: Any, places: Any, links: Any) -> None:
     """Link ends that are left at the palm's borders to ends at the fingers' bases, and others of one joint.
 
     A stop goes on at the nearest start, or a start at the nearest stop, within `KNUCKLE`, if each is the other's
-    nearest. Ends of one joint that are left differ in the last bits only, which put them in different faces.
+    nearest. Ends of one joint that are left differ in the last bits only, which put them in different faces. A mesh so
+    torn that more than `MOST_FREE` ends are left is not bridged.
     """
     free = np.empty(len(ends), np.int64)
     n = 0
@@ -91,6 +95,8 @@ def _bridge(pieces: Any, ends: Any, places: Any, links: Any) -> None:
         if links[end] < 0 and ends[end, 1] >= 0:
             free[n] = end
             n += 1
+    if n > MOST_FREE:
+        return
     nearest, distance = np.full(n, -1), np.full(n, KNUCKLE * KNUCKLE)
     for i in range(n):
         if ends[free[i], 1] != BASE or pieces[free[i] // 2, 0] % QUADS == 0:

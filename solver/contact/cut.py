@@ -231,6 +231,8 @@ def segments(quads: Any, rotation: Any, offset: Any, vertices: Any, faces: Any, 
                 for k in range(3):
                     i = faces[face, k]
                     height[k] = _height(plane, vertices[i, 0], vertices[i, 1], vertices[i, 2])
+                    if abs(height[k]) <= plane[13]:
+                        height[k] = 0.0  # rounding must not put one corner of a coplanar face above and another below
                     above += height[k] >= 0
                 if above == 0 or above == 3:
                     continue

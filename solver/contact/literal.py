@@ -109,7 +109,9 @@ def _has_area(quad: Vector) -> bool:
 
 def _crossed(quad: Vector, solid: Solid, faces: list[int]) -> Iterator[tuple[int, Vector]]:
     """The faces that have corners above and below the plane, and how high these are."""
-    heights = (solid.vertices[solid.faces[faces]] - quad[0]) @ _normal(quad)
+    normal = _normal(quad)
+    heights = (solid.vertices[solid.faces[faces]] - quad[0]) @ normal
+    heights[np.abs(heights) <= 1e-12 * np.abs(quad).max() * np.linalg.norm(normal)] = 0
     above = heights >= 0
     for i in np.flatnonzero(above.any(axis=1) & ~above.all(axis=1)):
         yield faces[i], heights[i]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from time import process_time
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis.extra import numpy as hnp
 from phasewire.solver.contact import literal
 from phasewire.solver.contact.arcs import KNUCKLE, Arcs
 from phasewire.solver.contact.cut import cut
+from phasewire.solver.contact.hand import Hand
 from phasewire.solver.contact.mesh import Mesh
 
 from .cuts import BIG, Floats, ball, blob, hand, lattice_case, lengths, parallelogram
@@ -165,6 +167,35 @@ def test_a_face_in_the_plane_is_cut_as_just_below_the_plane(height: int, up: boo
         assert lengths(arcs).tolist() == [0.5]
     else:
         assert len(arcs) == 0
+
+
+@given(SEEDS)
+def test_rounding_draws_nothing_inside_a_face_in_the_plane(seed: int) -> None:
+    """A cube of many triangles, turned in any way, and a quadrilateral turned alike along one of its faces."""
+    rng = np.random.default_rng(seed)
+    made = trimesh.creation.box((0.1, 0.1, 0.1)).subdivide().subdivide()
+    mesh = Mesh.of(made.vertices, made.faces).rotated(rng.uniform(0, 360), rng.normal(size=3)).moved(rng.random(3))
+    quad = parallelogram([-0.1, -0.1, 0.05], [0.2, 0, 0], [0, 0.2, 0]) @ mesh.rotation.T + mesh.offset
+    for found in (cut([quad], mesh), literal.cut([quad], [mesh])):
+        assert found.closed.tolist() == [True]
+        np.testing.assert_allclose(lengths(found), 0.4, rtol=1e-9)
+    assert len(cut([quad[::-1]], mesh)) == 0
+
+
+def test_a_torn_mesh_takes_no_time_to_join() -> None:
+    """A hundred thousand triangles that share no edge: each leaves an arc of its own, thousands of them at borders."""
+    rng = np.random.default_rng(16)
+    corners = rng.uniform([-0.1, -0.1, 0.12], [0.1, 0.1, 0.22], (100_000, 1, 3)) + rng.normal(0, 0.12, (100_000, 3, 3))
+    torn = Mesh.of(corners.reshape(-1, 3), np.arange(300_000).reshape(-1, 3))
+    quads = Hand.flat((0, 0, 0.17)).quads
+    cut(quads[:1], torn, hands=False)  # the tree is made once
+    began = process_time()
+    alone = cut(quads, torn)
+    seconds = process_time() - began
+    began = process_time()
+    joined = cut(quads, torn, hands=True)
+    assert process_time() - began < 3 * seconds + 0.5
+    assert 4000 < len(joined) <= len(alone)
 
 
 @pytest.mark.parametrize("height", [-1, 1])
