@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,9 @@ from .contact.mesh import Mesh
 from .contact.poses import as_position
 from .contact.solids import SOLIDS
 from .geometry import FARTHEST, frozen
-from .mesh_files import MESH_FILES, read_mesh
+from .mesh_files import MESH_FILES
 from .notation import check, read_parameters, written
+from .volumes import VOLUMES, volume_suffix
 
 __all__ = ["MovingObject", "object_help", "parse_object"]
 
@@ -101,19 +102,29 @@ class Scale:
     scale: float | None = None
 
 
+@dataclass(frozen=True)
+class Surface:
+    """Which surface of a volume is the object."""
+
+    level: float | None = None
+    spacing: float | None = None
+    step: int = 1
+
+
 def object_help() -> str:
     """What an object may be, and its parameters with their defaults, a line each."""
     return "\n".join(
         [
             f"{'|'.join(SOLIDS)}:{written(Size)}",
             f"FILE ({', '.join(MESH_FILES)}):scale=METRES, of the file's unit: 0.001 for millimetres",
+            f"VOLUME ({VOLUMES}):level=VALUE,spacing=METRES,step=1: all above a level; a larger step is coarser",
             f"each also {written(Place)}: centre, degrees about the vertical, metres and degrees per second",
         ]
     )
 
 
 def parse_object(text: str, status: Callable[[str], None] | None = None) -> MovingObject:
-    """Read an object such as ``cube``, ``sphere:size=0.06,x=0.02,turn=90`` or ``cup.stl:scale=0.001``.
+    """Read an object such as ``cube``, ``sphere:size=0.06,x=0.02,turn=90``, ``cup.stl:scale=0.001`` or ``ct:level=9``.
 
     The centre of its bounding box is put at x, y and z, by default where the paper has its shapes.
 
@@ -137,12 +148,26 @@ def parse_object(text: str, status: Callable[[str], None] | None = None) -> Movi
         made: Mesh = getattr(Mesh, name)(values.pop("size", Size.size))
         return Place(**values).put(made)
     name, colon, parameters = text.rpartition(":")  # a file's name may have colons
-    if not colon or Path(text).suffix.lower() in MESH_FILES:
+    if not colon or _kind(text):
         name, parameters = text, ""
     path = Path(name)
-    if path.suffix.lower() not in MESH_FILES:
-        raise ValueError(f"unknown object {name!r}; known are {', '.join(SOLIDS)} and {', '.join(MESH_FILES)} files")
-    values = read_parameters(path.name, parameters, Scale, Place)
-    scale = values.pop("scale", None)
+    if (kind := _kind(name)) is None:
+        raise ValueError(
+            f"unknown object {name!r}; known are {', '.join(SOLIDS)}, {', '.join(MESH_FILES)} files, and as volumes "
+            f"{VOLUMES}"
+        )
+    values = read_parameters(path.name, parameters, kind, Place)
+    own = {field.name: values.pop(field.name) for field in fields(kind) if field.name in values}
     place = Place(**values)
-    return place.put(read_mesh(path, scale, status))
+    if kind is Scale:
+        return place.put(Mesh.load(path, **own, status=status))
+    if "level" not in own:
+        raise ValueError(f"{path.name} needs level=…, the value above which the object is")
+    return place.put(Mesh.from_volume(path, **own, status=status))
+
+
+def _kind(name: str) -> type[Scale | Surface] | None:
+    """What parameters a file or folder has; None if it is of no known kind."""
+    if Path(name).suffix.lower() in MESH_FILES:
+        return Scale
+    return Surface if name and volume_suffix(Path(name)) else None

@@ -59,6 +59,10 @@ READERS: dict[str, Callable[[Path], object]] = {
     "cup.obj": Mesh.load,
     "cup.ply": Mesh.load,
     "cup.glb": Mesh.load,
+    "ct.npy": lambda path: Mesh.from_volume(path, 0, spacing=0.001),
+    "ct.npz": lambda path: Mesh.from_volume(path, 0, spacing=0.001),
+    "ct.nii": lambda path: Mesh.from_volume(path, 0),
+    "ct.nii.gz": lambda path: Mesh.from_volume(path, 0),
 }
 
 

@@ -177,6 +177,20 @@ class Mesh:
 
         return read_mesh(Path(path), scale, status)
 
+    @classmethod
+    def from_volume(
+        cls,
+        path: Path | str,
+        level: float,
+        spacing: float | None = None,
+        step: int = 1,
+        status: Callable[[str], None] | None = None,
+    ) -> Mesh:
+        """All that is denser than a level in a NumPy, NIfTI or DICOM volume; see `volumes.read_volume_mesh`."""
+        from ..volumes import read_volume_mesh
+
+        return read_volume_mesh(Path(path), level, spacing, step, status)
+
     @cached_property
     def vertices(self) -> NDArray[np.float64]:
         """(v, 3) vertices in metres, in the array's coordinates."""

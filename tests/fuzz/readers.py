@@ -7,6 +7,7 @@ made right around the bytes too, for no fuzzer guesses them.
 from __future__ import annotations
 
 import atexit
+import gzip
 import json
 import os
 import re
@@ -24,6 +25,7 @@ from typing import Any
 from unittest.mock import patch
 
 import lzstring
+import nibabel
 import numpy as np
 import trimesh
 import typer
@@ -51,9 +53,12 @@ from phasewire.solver.aperture import Aperture
 from phasewire.solver.contact.hand import Hand
 from phasewire.solver.files import POINT_FILES, read_points, save_solution
 from phasewire.solver.mesh_files import MESH_FILES
+from pydicom.dataset import FileDataset, FileMetaDataset
+from pydicom.uid import UID, CTImageStorage, ExplicitVRLittleEndian
 
 from tests.host.hands.leap_service import leap_frame
 
+Nifti1Image: Any = nibabel.Nifti1Image  # which has no types
 DOCUMENTS = Path(__file__).parents[2] / "docs"
 MOST_SAMPLES = 2**20
 
@@ -187,8 +192,41 @@ def _with_text(text: bytes) -> bytes:
     return b"glTF" + struct.pack("<III4s", 2, size, len(text), b"JSON") + text + binary
 
 
+def volumes(data: bytes) -> None:
+    """Volumes: NumPy's and NIfTI, packed too, and a folder with two files that may be DICOM."""
+    for name, whole in (("a.npy", data), ("a.nii", data), ("a.nii.gz", data), ("a.nii.gz", gzip.compress(data, 1))):
+        _attempt(_read_volume, whole, name)
+    folder = _folder() / "series"
+    folder.mkdir(exist_ok=True)
+    (folder / "1").write_bytes(data)
+    _attempt(lambda _path: _read_volume(folder), _slice(2), "series/2")
+
+
+def _read_volume(path: Path) -> Mesh:
+    return Mesh.from_volume(path, 0.5, spacing=None if path.suffix == ".nii" else 0.01)
+
+
+@cache
+def _slice(place: int) -> bytes:
+    """A DICOM file of 3 by 3 values, at a place along the patient."""
+    meta = FileMetaDataset()
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = CTImageStorage, UID(f"1.2.{place}")
+    piece = FileDataset("", {}, file_meta=meta, preamble=bytes(128))
+    piece.SOPClassUID, piece.SOPInstanceUID, piece.SeriesInstanceUID = CTImageStorage, f"1.2.{place}", "1.2.3"
+    piece.Rows, piece.Columns, piece.PixelSpacing = 3, 3, [10, 10]
+    piece.ImageOrientationPatient, piece.ImagePositionPatient = [1, 0, 0, 0, 1, 0], [0, 0, 10 * place]
+    piece.SamplesPerPixel, piece.PhotometricInterpretation = 1, "MONOCHROME2"
+    piece.BitsAllocated, piece.BitsStored, piece.HighBit, piece.PixelRepresentation = 16, 16, 15, 0
+    piece.PixelData = bytes([0, 0, 1, 0] * 4 + [0, 0])
+    written = BytesIO()
+    piece.save_as(written, enforce_file_format=True)
+    return written.getvalue()
+
+
 READERS: dict[str, Callable[[bytes], None]] = {
-    group.__name__: group for group in (frames, toml, tables, session_files, solved, hands, leap, images, meshes)
+    group.__name__: group
+    for group in (frames, toml, tables, session_files, solved, hands, leap, images, meshes, volumes)
 }
 
 
@@ -271,6 +309,14 @@ def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
             return _cuts(_recorded_hands())
         case "meshes":
             return [seed for whole in _mesh_files() for seed in _cuts(whole)[::3]]
+        case "volumes":
+            values = (np.indices((3, 3, 3)).sum(axis=0) % 2).astype(np.float32)
+            image: Any = Nifti1Image(values, np.diag([10, 10, 10, 1]))
+            image.header.set_xyzt_units("mm")
+            array = BytesIO()
+            np.save(array, values)
+            wholes = (image.to_bytes(), array.getvalue(), _slice(1))
+            return [seed for whole in wholes for seed in _cuts(whole)[::2]]
         case "solved":
             return [*_solved_arrays().values(), *_cuts(_solved_file())]
         case "leap":

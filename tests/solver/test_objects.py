@@ -56,10 +56,23 @@ def test_a_file_is_put_where_it_is_wanted(tmp_path: Path) -> None:
         parse_object(str(path))
 
 
+def test_a_volume_is_put_where_it_is_wanted(tmp_path: Path) -> None:
+    distance = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(30.0)] * 3, indexing="ij")) - 14.5, axis=0)
+    np.save(tmp_path / "ball.npy", 10 - distance)
+    found = parse_object(f"{tmp_path}/ball.npy:level=0,spacing=0.004,x=0.1,step=1").mesh
+    np.testing.assert_allclose(np.linalg.norm(found.vertices - [0.1, 0, 0.17], axis=1), 0.04, atol=2e-4)
+
+
+def test_a_folder_is_a_dicom_series(tmp_path: Path) -> None:
+    for text in (f"{tmp_path}:level=0", f"{tmp_path}/:level=0"):
+        with pytest.raises(InputFileError, match="has 0 slices in DICOM files"):
+            parse_object(text)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "unknown object ''; known are cone, .* and .stl, .obj, .ply, .glb files"),
+        ("", "unknown object ''; known are cone, .* .stl, .obj, .ply, .glb files, and as volumes .npy"),
         ("ball", "unknown object 'ball'"),
         ("ball:size=1", "unknown object 'ball'"),
         ("cup.3mf", "unknown object 'cup.3mf'"),
@@ -73,6 +86,10 @@ def test_a_file_is_put_where_it_is_wanted(tmp_path: Path) -> None:
         ("cube:turn=x", "cube turn 'x' is not a number of degrees per second"),
         ("cube:x=0,x=0", "cube x is given twice"),
         ("cup.stl:size=0.1", "cup.stl has no parameter 'size'; it has rotation, scale"),
+        ("ct.nii", "ct.nii needs level=…, the value above which the object is"),
+        ("ct.nii.gz:level=high", "ct.nii.gz level 'high' is not a number of the volume's values"),
+        ("ct.npy:step=2.5", "ct.npy step '2.5' is not a whole number"),
+        ("ct.npy:scale=1", "ct.npy has no parameter 'scale'; it has level, rotation, spacing, step"),
         ("cup.stl:scale=small", "cup.stl scale 'small' is not a number of metres for each unit"),
     ],
 )
