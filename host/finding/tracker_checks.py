@@ -215,7 +215,7 @@ def _rate(watched: Watched) -> Judgement:
     if watched.live and (watched.rate is None or watched.longest_gap > STALL):
         return fail(
             f"{len(watched.frames)} frames came in {watched.seconds:.1f} s, and none for {watched.longest_gap:.1f} s",
-            "plug the tracker in again, or resume tracking in its control panel",
+            "plug the tracker in again; in its control panel, resume tracking, and allow web and background apps",
         )
     if watched.rate is None:
         return fail("there are too few frames", "record it anew, with every frame of the tracker")

@@ -169,7 +169,8 @@ class LeapHands(LiveHands):
                 for message in self._waiting():
                     garbled = 0 if self._take(message) else garbled + 1
         except ConnectionClosed as error:
-            self.end(TrackerLostError(f"the {self.name} has closed the connection: {error}"))
+            why = f"has closed the connection: {error}; see that it runs, and begin again"
+            self.end(TrackerLostError(f"the {self.name} {why}"))
         else:
             self.end(TrackerLostError(f"the {self.name} sends messages that are no frames; {ADVICE}"))
 

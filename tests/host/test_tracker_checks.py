@@ -135,6 +135,8 @@ def test_a_hand_that_is_always_elsewhere_needs_a_pose_file() -> None:
     assert seen == "palms at (30, 300, -100) mm, 0% of them where they can feel something"
     assert "--pose" in advice
     assert advice.endswith("move it by (-30, -300, 270) mm")
+    for centre in ((0, 0, 0.04), (0, 0, -0.2), (0.11, 0.11, 0.2), (0, 0, 0.46)):
+        assert judged(watched(frames(centre=centre)), "place")[0] == "fail"
     half = frames(30) + [replace(frame, number=frame.number + 30) for frame in frames(70, centre=(0, 0, 0.6))]
     assert judged(watched(half), "place")[0] == "warn"
 

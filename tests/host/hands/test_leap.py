@@ -192,6 +192,12 @@ def test_one_that_goes_away_is_lost_after_its_last_frame(end: Callable[[ServerCo
             source.next_frame(PATIENCE)
 
 
+def test_a_message_without_measure_is_not_taken() -> None:
+    service = LeapService(sending("[" * 2**20))
+    with service, opened(service) as source, pytest.raises(TrackerLostError, match="too big"):
+        source.next_frame(PATIENCE)
+
+
 # One that is none
 
 
@@ -323,6 +329,11 @@ def test_without_a_usable_stamp_the_arrival_counts(stamp: object) -> None:
     assert clock.seen(1e6, 10.0) == 10.0
     assert clock.seen(stamp, 10.5) == 10.5
     assert clock.seen(1.6e6, 11.0) == pytest.approx(10.6, abs=1e-3)
+
+
+def test_frames_out_of_order_do_not_turn_time_back() -> None:
+    clock = ServiceClock()
+    assert [clock.seen(stamp, 10.0) for stamp in (1.5e6, 1.4e6, 1.5e6)] == [10.0, 10.0, 10.0]
 
 
 def test_a_service_that_starts_again_sets_its_clock_anew() -> None:

@@ -65,6 +65,13 @@ def test_fingers_of_packed_recordings_are_told_by_their_ids() -> None:
     np.testing.assert_array_equal(only_hand(said).landmarks, expected)
 
 
+def test_an_id_that_does_not_begin_with_the_hands_tells_nothing() -> None:
+    said = leap_frame()
+    del said["pointables"][2]["type"]
+    said["pointables"][2]["id"] = 992
+    assert hands_of(said) == ((), ("hand 4 is left out: it has no middle finger",))
+
+
 def test_a_type_counts_more_than_an_id() -> None:
     said = leap_frame()
     expected = only_hand(said).landmarks

@@ -75,6 +75,12 @@ def test_every_form_says_the_same(name: str, packed: bool, tmp_path: Path) -> No
     assert as_numbers(found) == expected
 
 
+def test_packed_values_may_be_missing(tmp_path: Path) -> None:
+    rows = packed_rows(FRAMES)
+    rows[1][4] = None
+    assert len(read_leap_recording(written(tmp_path, rows)).frames[0].hands) == 1
+
+
 def test_it_is_played_by_url(tmp_path: Path) -> None:
     with open_hands(f"leap:{written(tmp_path, FRAMES, 'wave.json.lz')}") as source:
         assert not source.live

@@ -63,6 +63,9 @@ def bomb(codes: int) -> str:
 
 def test_little_that_unpacks_to_much() -> None:
     assert decompress(bomb(3), PLENTY) == "a" * 10
+    assert decompress(bomb(3), 10) == "a" * 10
+    with pytest.raises(ValueError, match="it unpacks to more than 9 characters"):
+        decompress(bomb(3), 9)
     assert len(bomb(20_000)) < 60_000
     with pytest.raises(ValueError, match="it unpacks to more than 1000000 characters"):
         decompress(bomb(20_000), PLENTY)  # two hundred million
