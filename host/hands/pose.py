@@ -147,17 +147,23 @@ class Pose:
         return pose, float(np.sqrt((missed**2).sum(axis=1).mean()))
 
     def apply(self, frame: HandFrame) -> HandFrame:
-        """The same hands in the array's coordinates.
+        """The same hands in the array's coordinates; notes say which ones were left out because none can be so."""
+        hands, notes = [], list(frame.notes)
+        for each in frame.hands:
+            try:
+                hands.append(replace(each, hand=self.moved(each.hand)))
+            except ValueError as error:
+                notes.append(f"the {each.hand.side} hand {each.id} was left out after its pose was applied: {error}")
+        return replace(frame, hands=tuple(hands), notes=tuple(notes))
+
+    def moved(self, hand: Hand) -> Hand:
+        """The same hand in the array's coordinates.
 
         Raises
         ------
         ValueError
-            If a hand is then further away than any coordinate may be.
+            If no hand can be so: see `Hand`.
         """
-        return replace(frame, hands=tuple(replace(each, hand=self.moved(each.hand)) for each in frame.hands))
-
-    def moved(self, hand: Hand) -> Hand:
-        """The same hand in the array's coordinates."""
         landmarks = (self.scale * hand.landmarks) @ self.rotation.T + self.translation
         return Hand(landmarks, hand.side, self.scale * hand.widths)
 

@@ -20,7 +20,7 @@ LANDMARKS = 21
 QUADS = 16
 """Quadrilaterals of a hand: the palm, then three of each finger from the thumb to the little finger, base first."""
 LEAST_SIZE, MOST_SIZE = 0.3, 2.0
-"""Of the palm, as parts of the mean hand's: from a newborn's hand to a mistake in the units."""
+"""Of the palm, as parts of the mean hand's. A newborn has a third of it, few adults have 1.3; trackers err."""
 LEAST_BONE, MOST_BONE = 0.2, 3.0
 """Of a finger's bones, as parts of the mean hand's at the size of this palm: trackers shorten a bone that they see from
 its end, and people differ."""
@@ -218,7 +218,10 @@ def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _as_widths(widths: ArrayLike) -> NDArray[np.float64]:
-    values = np.array(widths, dtype=np.float64)
+    try:
+        values = np.array(widths, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"widths must be {len(FINGERS)} numbers: {error}") from error
     if values.shape != (len(FINGERS),) or not (values > 0).all() or not (values <= MOST_WIDTH).all():
         raise ValueError(
             f"widths must be {len(FINGERS)} numbers above 0 and up to {MOST_WIDTH} m, one for each finger, "

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from phasewire import Mesh, touch
 from phasewire.host.hands import HandFrame, open_hands
 from phasewire.host.hands.gesture import GESTURES
 from phasewire.solver.contact.anatomy import BONES, PARENTS
@@ -60,6 +61,13 @@ def test_what_gestures_do() -> None:
     closed = landmarks(some("grasp?rate=100", 301))
     spans = np.linalg.norm(closed[:, 12] - closed[:, 0], axis=1)
     assert spans.argmin() == 150
+
+
+@pytest.mark.parametrize("name", ["approach", "sweep", "tap"])
+def test_gestures_reach_the_paper_s_objects_and_leave_them(name: str) -> None:
+    for mesh in (Mesh.cube(), Mesh.sphere()):
+        touching = [bool(touch(frame.hands[0].hand, mesh)) for frame in some(f"{name}?rate=10", 40)]
+        assert 5 < sum(touching) < 35
 
 
 def test_a_gesture_has_no_end_unless_it_is_told_to() -> None:

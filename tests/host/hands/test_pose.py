@@ -36,6 +36,14 @@ def test_a_pose_takes_hands_from_the_tracker_to_the_array(tmp_path: Path) -> Non
     np.testing.assert_allclose(moved.widths, hand.widths * 1.02)
 
 
+def test_a_hand_that_a_pose_makes_impossible_is_left_out_and_that_is_said() -> None:
+    giant, usual = TrackedHand(Hand.flat(length=0.3), 5), TrackedHand(Hand.flat(side="left"), 6)
+    frame = Pose(np.eye(3), np.zeros(3), 2.0).apply(HandFrame(0.0, (giant, usual), notes=("note",)))
+    assert [each.id for each in frame.hands] == [6]
+    assert frame.notes[0] == "note"
+    assert frame.notes[1].startswith("the right hand 5 was left out after its pose was applied: the palm is 0.29")
+
+
 def test_no_pose_changes_nothing() -> None:
     hand = Hand.flat()
     np.testing.assert_array_equal(Pose.none().moved(hand).landmarks, hand.landmarks)
