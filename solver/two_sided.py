@@ -172,7 +172,9 @@ class TwoSidedSolver:
             As `Solver.solve`.
         """
         cut = split(points, self._split)
-        half, other_half = cut.halves(ControlPoints(points.positions, points.amplitudes / points.amplitudes.max()))
+        largest = points.amplitudes.max()
+        relative = points if largest == 1 else ControlPoints(points.positions, points.amplitudes / largest)
+        half, other_half = cut.halves(relative)
         first, second = self._solvers[0].solve(half), self._solvers[1].solve(other_half) if other_half else None
         levels = np.ones(2) if second is None else np.array([_level(first), _level(second)])
         self._split = cut

@@ -296,6 +296,20 @@ def test_ctrl_c_however_often_leaves_the_outputs_off(folder: Path) -> None:
     assert json.loads((folder / "shown.json").read_text())["status"]["missed_commits"] == 0
 
 
+def test_ctrl_c_ends_a_touch_with_the_outputs_off_and_a_report(folder: Path) -> None:
+    with in_terminal(folder, "touch cube --hand gesture:sweep -v --json touched.json") as (process, terminal):
+        said = read_until(terminal, "UPDATE")
+        for _ in range(3):
+            os.write(terminal, b"\x03")
+            time.sleep(0.002)
+        said += read_until(terminal, None)
+        assert process.wait(PATIENCE) == 0
+    assert "Traceback" not in said
+    assert orders(said)[-1] == "DISABLE"
+    record = json.loads((folder / "touched.json").read_text())
+    assert (record["ended"], record["status"]["state"]) == ("Ctrl-C", "OFF")
+
+
 def test_ctrl_c_before_the_time_is_over_is_code_130(folder: Path) -> None:
     with in_terminal(folder, "stream circle --seconds 60 --rate 10 -v --json streamed.json") as (process, terminal):
         said = read_until(terminal, "UPDATE")

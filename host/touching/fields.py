@@ -43,7 +43,8 @@ class Fields:
             As `TwoSidedSolver.solve`.
         """
         level = float(fading.levels.max())
-        points = ControlPoints(fading.positions, fading.amplitudes * fading.levels)
+        amplitudes = fading.amplitudes * fading.levels
+        points = ControlPoints(fading.positions, amplitudes / amplitudes.max())
         drives = self._solver.solve(points).drives * level
         return quantise(drives if self._calibration is None else self._calibration.apply(drives))
 
