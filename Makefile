@@ -51,6 +51,7 @@ bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
 	@$(BIN)/python benchmarks/protocol.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/emulator.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/streaming.py
+	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/touch.py
 
 bench-peers: $(VENV)/ready   ## beside autd3 and its emulators, acoustools and levitate, each in .peers (2 GB, made once)
 	@$(BIN)/python benchmarks/peers/run.py
