@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -25,11 +26,11 @@ from ..host.playing.device import open_device
 from ..host.touching.log import TouchLog, log_path
 from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
 from ..host.touching.report import TouchReport
-from ..pictures import check_picture_path
+from ..pictures import check_picture_path, save_figure
 from ..protocol.plain import plain
 from ..protocol.pulses import Pulses
 from ..signals import loading
-from ..solver import METHODS, Modulation, TransducerArray
+from ..solver import METHODS, TransducerArray
 from ..solver.contact.mesh import Mesh
 from ..solver.contact.solids import SOLIDS
 from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
@@ -146,6 +147,15 @@ def touch(
             "--picture", metavar="FILE", help="Where to draw the moment with the most points: .png, .svg or .pdf."
         ),
     ] = None,
+    timeline: Annotated[
+        Path | None,
+        typer.Option(
+            "--timeline",
+            metavar="FILE",
+            help="Where to draw the way of that moment, from the hand's time stamp to the first tick of its field, "
+            "measured on this computer with an emulated device: .png, .svg or .pdf.",
+        ),
+    ] = None,
     json_target: JsonOption = None,
 ) -> None:
     """Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.
@@ -157,9 +167,9 @@ def touch(
 
     Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
     """
-    check_outputs([picture, recording, None if recording is None else log_path(recording), json_target])
-    if picture is not None:
-        check_picture_path(picture)
+    check_outputs([picture, timeline, recording, None if recording is None else log_path(recording), json_target])
+    for drawn in filter(None, (picture, timeline)):
+        check_picture_path(drawn)
     placed = None if pose is None else Pose.load(pose)
     toucher = Toucher(spacing, corners, points)
     out, meter, best = console_for(json_target), _Meter(error_console()), _Best()
@@ -171,7 +181,7 @@ def touch(
         for note in source.notes:
             error_console().print(f"warning: {note}", style="yellow")
         array = array_of(opened.info)
-        seen: list[Callable[[TouchMoment], None]] = [best] if picture is not None else []
+        seen: list[Callable[[TouchMoment], None]] = [best] if picture or timeline else []
         if recording is not None:
             seen.append(stack.enter_context(TouchLog(recording, source.rate, frequency, hand, placed)))
         loop = TouchLoop(
@@ -204,8 +214,15 @@ def touch(
             meter.end()
             _tell(out, meter.last)
         final = opened.status()
-    if picture is not None:
-        _draw(picture, best.moment, array, meter.last.frequency)
+    for path, draw in (
+        (picture, partial(_draw, array, meter.last.frequency)),
+        (timeline, partial(_draw_way, toucher, method)),
+    ):
+        if path is not None and best.moment is None:
+            error_console().print(f"{path} was not drawn: no hand touched an object", style="yellow")
+        elif path is not None and best.moment is not None:
+            draw(path, best.moment)
+            error_console().print(f"Drawn to {path}")
     out.print(f"Ended: {ended}. The outputs are off.")
     write_json(
         json_target,
@@ -247,15 +264,21 @@ def _tell(out: Console, report: TouchReport) -> None:
         )
 
 
-def _draw(path: Path, moment: TouchMoment | None, array: TransducerArray, frequency: float) -> None:
-    """Draw the moment with the most points, if there was a touch."""
-    if moment is None or moment.fields is None:
-        error_console().print(f"{path} was not drawn: no hand touched an object", style="yellow")
-        return
+def _draw(array: TransducerArray, frequency: float, path: Path, moment: TouchMoment) -> None:
+    """Draw a moment, and the field as an emulated device emits it."""
     with loading():
         from .touch_picture import save_touch_picture
+        from .touching import as_emitted
 
-    first, second = (Pulses(*rows).to_drive() for rows in zip(*moment.fields, strict=True))
-    emitted = Modulation.two_sided(first, second, frequency)
-    save_touch_picture(path, moment.hands, moment.objects, moment.touch, emitted, array, "the pulses that were sent")
-    error_console().print(f"Drawn to {path}")
+    assert moment.fields is not None
+    emitted = as_emitted([Pulses(*rows) for rows in zip(*moment.fields, strict=True)], frequency)
+    source = "the bits that emulated boards play for the pulses that were sent"
+    save_touch_picture(path, moment.hands, moment.objects, moment.touch, emitted, array, source)
+
+
+def _draw_way(toucher: Toucher, method: str, path: Path, moment: TouchMoment) -> None:
+    """Draw where the time goes from the hands of a moment to the first tick of their field."""
+    with loading():
+        from .touch_latency import draw_touch_latency, measure_touch_latency
+
+    save_figure(draw_touch_latency(measure_touch_latency(moment.hands, moment.objects, toucher, method=method)), path)

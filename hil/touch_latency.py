@@ -116,7 +116,7 @@ class TouchLatency:
 
 
 def measure_touch_latency(
-    hands: Sequence[Hand], objects: Sequence[Mesh], *, method: str = "wgs", poses: int = POSES
+    hands: Sequence[Hand], objects: Sequence[Mesh], toucher: Toucher, *, method: str = "wgs", poses: int = POSES
 ) -> TouchLatency:
     """Let hands that touch objects move a little, and follow each pose to the outputs of a fresh emulated device.
 
@@ -124,6 +124,8 @@ def measure_touch_latency(
     ----------
     hands, objects : sequence of Hand, of Mesh
         What touches what.
+    toucher : Toucher
+        Finds the points; what it knows of earlier frames is forgotten.
     method : str
         By which fields are solved.
     poses : int
@@ -134,8 +136,8 @@ def measure_touch_latency(
     ValueError
         If nothing is touched, or the array cannot reach it.
     """
-    toucher, solver = Toucher(), TwoSidedSolver(TransducerArray.grid(), method)
-    rows = []
+    toucher.forget()
+    solver, rows = TwoSidedSolver(TransducerArray.grid(), method), []
     with Emulator() as emulator, open_device(emulator.url) as device:
         for number in range(WARM_UP_POSES + poses):
             sway = np.array([0, 0, SWAY * np.sin(2 * np.pi * number / SWAY_POSES)])
@@ -172,8 +174,7 @@ def _follow(
     marks.append(perf_counter())
     if touch.points is None:
         raise ValueError("no hand touches an object: there is no field to wait for")
-    both = solver.solve(touch.points)
-    drives = both.modulation.weights @ both.modulation.drives
+    drives = solver.solve(touch.points).drives
     marks.append(perf_counter())
     frames = quantise(drives)
     pulses = Pulses(frames.phase[half], frames.width[half])

@@ -7,6 +7,7 @@ carrier period from the captured bits, and demodulates the intensity at the cont
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,18 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..emulator import Capture, Emulator
-from ..errors import DeviceError
-from ..host import Device, open_device
-from ..protocol.board import PROCESSORS, TICKS_PER_PERIOD
+from ..host import open_device
+from ..host.playing.frames import Frame
+from ..protocol.board import CARRIER_HZ, PROCESSORS, TICKS_PER_PERIOD
+from ..protocol.pulses import Pulses
 from ..protocol.replies import Ack
 from ..solver import Modulation, TransducerArray, TwoSided, intensity_component, pressure, transfer_matrix
-from ..solver.modulation import FREQUENCY
 from .end_to_end import NUMERICAL, Check, emission, nearest_emission
 
-__all__ = ["TouchRun", "read_back_modulation", "run_touch"]
-
-CYCLES_READ = 4
-READINGS_PER_CYCLE = 8
+__all__ = ["TouchRun", "as_emitted", "run_touch"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,44 +139,32 @@ def run_touch(intended: TwoSided, emulator: Emulator) -> TouchRun:
         If the way to the device fails.
     """
     drives, steps = intended.modulation.slots()
-    with open_device(emulator.url) as device:
-        for slot, drive in enumerate(drives):
-            device.store(slot, drive)
-        ack = device.play(steps)
-        emulator.run_until(ack.commit_period + sum(periods for _, periods in steps))
-        capture = emulator.capture()
-    return TouchRun(intended, ack, capture)
+    return TouchRun(intended, *_played(drives, steps, emulator))
 
 
-def read_back_modulation(device: Device, frequency: float = FREQUENCY) -> Modulation:
-    """The drives that a device plays in turn, rebuilt from the pulses that its processors report.
+def as_emitted(halves: Sequence[Pulses], frequency: float) -> Modulation:
+    """What an emulated device emits that plays two frames in turn, rebuilt from the bits of its outputs.
 
     Parameters
     ----------
-    device : Device
-        That plays one or two drives in turn, as `two_sided` makes them.
+    halves : sequence of Pulses
+        Two frames, as they were sent to a device.
     frequency : float
-        Of the modulation, in hertz; the device is read for some cycles at most.
-
-    Returns
-    -------
-    Modulation
-        Of one drive if no other was seen.
-
-    Raises
-    ------
-    DeviceError
-        If the device cannot be read back, or its line fails.
+        Of the modulation, in hertz.
     """
-    drives: dict[bytes, NDArray[np.complex128]] = {}
-    for _ in range(CYCLES_READ * READINGS_PER_CYCLE):
-        reading = device.read_back()
-        if not reading.mixed:
-            drive = reading.pulses.to_drive()
-            drives.setdefault(drive.tobytes(), drive)
-        if len(drives) == 2:
-            break
-        device.time.sleep(1 / (READINGS_PER_CYCLE * frequency))
-    if not drives:
-        raise DeviceError(f"{device.name} changed its pulses in every reading: none shows one drive on all processors")
-    return Modulation(list(drives.values()), np.eye(len(drives)), frequency)
+    half = round(CARRIER_HZ / (2 * frequency))
+    with Emulator() as emulator:
+        ack, capture = _played(halves, ((0, half), (1, half)), emulator)
+    ticks = [(ack.commit_period + periods) * TICKS_PER_PERIOD for periods in (0, half)]
+    first, second = (emission(capture.bits(tick, tick + TICKS_PER_PERIOD), capture.wiring) for tick in ticks)
+    return Modulation.two_sided(first, second, CARRIER_HZ / (2 * half))
+
+
+def _played(frames: Iterable[Frame], steps: Sequence[tuple[int, int]], emulator: Emulator) -> tuple[Ack, Capture]:
+    """Let a device repeat frames for so many periods each, for one cycle."""
+    with open_device(emulator.url) as device:
+        for slot, frame in enumerate(frames):
+            device.store(slot, frame)
+        ack = device.play(steps)
+        emulator.run_until(ack.commit_period + sum(periods for _, periods in steps))
+        return ack, emulator.capture()

@@ -75,15 +75,20 @@ def test_what_is_recorded_can_be_touched_again_and_read(touch: Run) -> None:
 
 
 def test_the_picture_is_drawn_at_the_moment_with_the_most_points(touch: Run) -> None:
-    assert touch("cube", "--hand", "gesture:approach?rate=50", "--seconds", "2", "--picture", "t.svg").code == 0
-    assert Path("t.svg").read_text().startswith("<?xml")
+    approach = ("cube", "--hand", "gesture:approach?rate=50", "--seconds", "2")
+    outcome = touch(*approach, "--picture", "t.svg", "--timeline", "w.svg")
+    assert outcome.code == 0
+    for name in ("t.svg", "w.svg"):
+        assert f"Drawn to {name}" in outcome.err
+        assert Path(name).read_text().startswith("<?xml")
 
 
 def test_without_a_touch_there_is_no_picture_and_that_is_said(touch: Run) -> None:
-    outcome = touch("cube:x=0.5", *SHORT, "--picture", "t.png")
+    outcome = touch("cube:x=0.5", *SHORT, "--picture", "t.png", "--timeline", "w.png")
     assert outcome.code == 0
-    assert "t.png was not drawn: no hand touched an object" in outcome.err
-    assert not Path("t.png").exists()
+    for name in ("t.png", "w.png"):
+        assert f"{name} was not drawn: no hand touched an object" in outcome.err
+        assert not Path(name).exists()
 
 
 @pytest.mark.parametrize(

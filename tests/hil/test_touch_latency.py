@@ -11,11 +11,12 @@ from phasewire import Hand, Mesh
 from phasewire.emulator.trace import Span
 from phasewire.hil.touch_latency import STAGES, TouchLatency, draw_touch_latency, measure_touch_latency
 from phasewire.protocol.timing import FIVE_WIRE, PACKET_CYCLES, Budget
+from phasewire.solver.contact.touch import Toucher
 
 
 @pytest.fixture(scope="module")
 def latency() -> TouchLatency:
-    return measure_touch_latency([Hand.flat((0, -0.02, 0.19))], [Mesh.cube()], poses=5)
+    return measure_touch_latency([Hand.flat((0, -0.02, 0.19))], [Mesh.cube()], Toucher(), poses=5)
 
 
 def test_the_device_takes_what_the_budget_says(latency: TouchLatency) -> None:
@@ -58,4 +59,4 @@ def test_the_picture_has_a_bar_for_each_stage_in_microseconds() -> None:
 
 def test_hands_that_touch_nothing_are_refused() -> None:
     with pytest.raises(ValueError, match="no hand touches an object"):
-        measure_touch_latency([Hand.flat((0, 0, 0.5))], [Mesh.cube()], poses=1)
+        measure_touch_latency([Hand.flat((0, 0, 0.5))], [Mesh.cube()], Toucher(), poses=1)

@@ -19,10 +19,9 @@ from phasewire import (
     Sphere,
     TransducerArray,
     Wiring,
-    open_device,
     touch,
 )
-from phasewire.hil.touching import TouchRun, read_back_modulation, run_touch
+from phasewire.hil.touching import TouchRun, as_emitted, run_touch
 from phasewire.solver import TwoSided, intensity_component, two_sided
 
 TICK, EARLY, DRIVE, FELT = range(4)
@@ -102,23 +101,11 @@ def test_drives_for_another_array_are_refused(emulator: Emulator) -> None:
         run_touch(two_sided(TransducerArray.grid(2, 2), ControlPoints([[0, 0, 0.2]])), emulator)
 
 
-def test_what_is_read_back_is_what_the_bits_emit(intended: TwoSided, emulator: Emulator) -> None:
-    from_bits = run_touch(intended, emulator).emitted
-    drives, steps = intended.modulation.slots()
-    with open_device(emulator.url) as device:
-        for slot, drive in enumerate(drives):
-            device.store(slot, drive)
-        device.play(steps)
-        read = read_back_modulation(device)
-    assert {*np.round(read.drives, 9).sum(axis=1)} == {*np.round(from_bits.drives, 9).sum(axis=1)}
-
-
-def test_one_drive_that_is_read_back_has_no_other_half(intended: TwoSided, emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.show(intended.first)
-        read = read_back_modulation(device)
-    assert read.weights.shape == (1, 1)
-    np.testing.assert_allclose(read.drives[0], Pulses.from_drive(intended.first.drive).to_drive(), atol=1e-12)
+def test_pulses_that_were_sent_emit_what_the_whole_way_emits(intended: TwoSided, emulator: Emulator) -> None:
+    wanted = run_touch(intended, emulator).emitted
+    emitted = as_emitted([Pulses.from_drive(drive) for drive in intended.drives], 200)
+    np.testing.assert_allclose(emitted.drives, wanted.drives, atol=1e-12)
+    assert emitted.true_frequency == 200
 
 
 @st.composite
