@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +12,7 @@ from rich.table import Table
 from ...console import JsonOption, console_for, write_json
 from ...storage import check_outputs
 from ..finding.tracker_checks import TRACKER_CHECKS, Watched, examine_tracker, watch
-from ..hands.frames import HandFrame
+from ..hands.placing import PlacedHands
 from ..hands.pose import Pose
 from ..hands.recording import HandRecorder
 from ..hands.sources import SCHEMES, open_hands, schemes
@@ -104,20 +103,12 @@ def _list_sources(json_target: str | None) -> None:
 
 
 def _watch(url: str, seconds: float, pose: Pose | None, record: Path | None) -> Watched:
-    """Watch a source, in the array's coordinates, and record it."""
-    with ExitStack() as opened:
-        source = opened.enter_context(open_hands(url))
-        recorder = None
-        if record is not None:
-            recorder = opened.enter_context(HandRecorder(record, source.rate, source.name, pose))
-
-        def seen(frame: HandFrame) -> HandFrame:
-            placed = frame if pose is None else pose.apply(frame)
-            if recorder is not None:
-                recorder.write(placed)
-            return placed
-
-        return watch(source, seconds, seen)
+    """Watch a source as touch would have its hands, and record them."""
+    with PlacedHands(open_hands(url), pose) as source:
+        if record is None:
+            return watch(source, seconds)
+        with HandRecorder(record, source.rate, source.name, pose) as recorder:
+            return watch(source, seconds, recorder.write)
 
 
 def _measured(watched: Watched) -> dict[str, Any]:

@@ -146,7 +146,7 @@ class Watched:
 def watch(
     source: HandSource,
     seconds: float,
-    seen: Callable[[HandFrame], HandFrame] = lambda frame: frame,
+    on_frame: Callable[[HandFrame], None] = lambda _: None,
     clock: Timekeeper = time,
 ) -> Watched:
     """Take what a source gives for some time, or until it ends. What is only played is read at once.
@@ -157,8 +157,8 @@ def watch(
         It stays open.
     seconds : float
         For how long.
-    seen : callable
-        Gets each frame, and gives what is to be judged, such as the frame in the array's coordinates.
+    on_frame : callable
+        Gets each frame.
     clock : Timekeeper
         By which a live source gives its frames.
     """
@@ -169,7 +169,8 @@ def watch(
     try:
         for frame in _due(source, seconds, clock) if source.live else _played(source, seconds):
             arrivals.append(clock.monotonic())
-            frames.append(seen(frame))
+            frames.append(frame)
+            on_frame(frame)
     except TrackerError as error:
         lost = error
     if not source.live:

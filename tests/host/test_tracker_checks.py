@@ -202,9 +202,8 @@ def test_a_recording_is_read_at_once_up_to_a_time() -> None:
     assert len(short.frames) == 10
 
 
-def test_what_is_judged_is_what_the_caller_makes_of_a_frame() -> None:
+def test_each_frame_is_handed_on() -> None:
     clock = Clock()
-    found = watch(
-        PlayedHands("played", iter(frames(10)), 100, clock), 2.0, lambda frame: replace(frame, hands=()), clock
-    )
-    assert found.hands == ()
+    got: list[HandFrame] = []
+    found = watch(PlayedHands("played", iter(frames(10)), 100, clock), 2.0, got.append, clock)
+    assert tuple(got) == found.frames
