@@ -308,7 +308,7 @@ def _place_of(point: NDArray[np.float64]) -> str:
 def _repairs(watched: Watched) -> Judgement:
     if not watched.complaints:
         return ok("nothing was wrong with the hands")
-    said = listed(f"{text} ({count} times in {len(watched.frames)} frames)" for text, count in watched.complaints)
+    said = listed(f"{text} ({count} × in {len(watched.frames)} frames)" for text, count in watched.complaints)
     return warn(said, "one now and then does no harm; keep the hand open, and in the middle of what the tracker sees")
 
 

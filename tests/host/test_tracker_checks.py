@@ -119,7 +119,7 @@ def test_hands_in_the_wrong_unit() -> None:
     empty = [replace(frame, hands=(), notes=(note.replace("66", f"{frame.number}"),)) for frame in frames()]
     found = watched(empty)
     assert "seems to give metres" in judged(found, "hands")[1]
-    assert judged(found, "repairs")[1].endswith("metres (100 times in 100 frames)")
+    assert judged(found, "repairs")[1].endswith("metres (100 × in 100 frames)")
 
 
 def test_sizes_of_hands() -> None:
