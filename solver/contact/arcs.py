@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 __all__ = ["KNUCKLE", "SAME", "Arcs"]
 
-KNUCKLE = 6e-3
-"""Distance in metres within which an arc of the palm goes on at a finger's base."""
+KNUCKLE = 15e-3
+"""Distance in metres within which an arc of the palm goes on at a finger's base. The palm's far border is straight and
+the knuckles are not: of a large hand, the middle finger begins 12 mm beyond that border."""
 SAME = 1e-9
 """Distance in metres within which the ends of two joined arcs are one vertex."""
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ...compiling import kernel, part
-from .arcs import KNUCKLE, SAME
 from .hand import QUADS
 
 __all__ = ["ALONG", "chain"]
@@ -82,12 +81,12 @@ def _link(pieces: Any, ends: Any, hands: bool, quads: int, faces: int, edges: in
 
 
 @part
-def _bridge(pieces: Any, ends: Any, places: Any, links: Any) -> None:
+def _bridge(pieces: Any, ends: Any, places: Any, links: Any, knuckle: float) -> None:
     """Link ends that are left at the palm's borders to ends at the fingers' bases, and others of one joint.
 
-    A stop goes on at the nearest start, or a start at the nearest stop, within `KNUCKLE`, if each is the other's
-    nearest. Ends of one joint that are left differ in the last bits only, which put them in different faces. A mesh so
-    torn that more than `MOST_FREE` ends are left is not bridged.
+    A stop goes on at the nearest start, and a start at the nearest stop, within ``knuckle`` metres, if each is the
+    other's nearest. Ends of one joint that are left differ in the last bits only, which put them in different faces. A
+    mesh so torn that more than `MOST_FREE` ends are left is not bridged.
     """
     free = np.empty(len(ends), np.int64)
     n = 0
@@ -97,7 +96,7 @@ def _bridge(pieces: Any, ends: Any, places: Any, links: Any) -> None:
             n += 1
     if n > MOST_FREE:
         return
-    nearest, distance = np.full(n, -1), np.full(n, KNUCKLE * KNUCKLE)
+    nearest, distance = np.full(n, -1), np.full(n, knuckle * knuckle)
     for i in range(n):
         if ends[free[i], 1] != BASE or pieces[free[i] // 2, 0] % QUADS == 0:
             continue
@@ -132,10 +131,11 @@ def _apart2(places: Any, one: int, other: int) -> Any:
 
 
 @part
-def _walk(pieces: Any, ends: Any, places: Any, links: Any) -> Any:
+def _walk(pieces: Any, ends: Any, places: Any, links: Any, same: float) -> Any:
     """Follow the links from end to end: arcs as `Arcs` has them, by the first piece of each, which gives the direction.
 
-    An arc without length is left out: it touches the mesh in one point.
+    An arc without length is left out: it touches the mesh in one point. Ends that are within ``same`` metres of each
+    other become one vertex.
     """
     n = len(pieces)
     visited = np.zeros(n, np.bool_)
@@ -176,7 +176,7 @@ def _walk(pieces: Any, ends: Any, places: Any, links: Any) -> Any:
             k += 1
             stop = here ^ 1
             here = links[stop]
-            if here >= 0 and _apart2(places, stop, here) <= SAME * SAME:
+            if here >= 0 and _apart2(places, stop, here) <= same * same:
                 if here == enters[arc]:
                     break
                 continue
@@ -202,9 +202,9 @@ def _enter(places: Any, ends: Any, end: int, vertices: Any, along: Any, whole: A
 
 
 @kernel
-def chain(pieces: Any, ends: Any, places: Any, hands: bool, quads: int, faces: int, edges: int, rotation: Any,
-          offset: Any) -> Any:  # fmt: skip
-    """Join what `cut.segments` found to arcs.
+def chain(pieces: Any, ends: Any, places: Any, hands: bool, quads: int, faces: int, edges: int, knuckle: float,
+          same: float, rotation: Any, offset: Any) -> Any:  # fmt: skip
+    """Join what `cut.segments` found to arcs. ``knuckle`` and ``same`` are those of `arcs`.
 
     Returns
     -------
@@ -213,8 +213,8 @@ def chain(pieces: Any, ends: Any, places: Any, hands: bool, quads: int, faces: i
     """
     links = _link(pieces, ends, hands, quads, faces, edges)
     if hands:
-        _bridge(pieces, ends, places, links)
-    found = _walk(pieces, ends, places, links)
+        _bridge(pieces, ends, places, links, knuckle)
+    found = _walk(pieces, ends, places, links, same)
     points = found[0]
     for i in range(len(points)):
         x, y, z = points[i]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...compiling import kernel, part
-from .arcs import Arcs
+from .arcs import KNUCKLE, SAME, Arcs
 from .chain import ALONG, chain
 from .hand import QUADS
 from .mesh import Mesh
@@ -74,8 +74,9 @@ def _cut_mesh(corners: NDArray[np.float64], mesh: Mesh, hands: bool) -> tuple[ND
         corners, mesh.rotation, mesh.offset, solid.vertices, solid.faces, solid.face_edges, *solid.bvh
     )
     found: tuple[NDArray[Any], ...] = chain(
-        pieces, ends, places, hands, len(corners), len(solid.faces), len(solid.edges), mesh.rotation, mesh.offset
-    )
+        pieces, ends, places, hands, len(corners), len(solid.faces), len(solid.edges), KNUCKLE, SAME, mesh.rotation,
+        mesh.offset,
+    )  # fmt: skip
     return found
 
 
