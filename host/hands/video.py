@@ -43,6 +43,9 @@ MOST_PIXELS = 1 << 25
 USUAL_RATE = 30.0
 """Pictures per second of a video or camera that does not say."""
 
+MOST_SECONDS = 1e9
+"""That a time in a video may be; a later one is damage."""
+
 POSITION_MS, RATE = 0, 5  # OpenCV's CAP_PROP_POS_MSEC and CAP_PROP_FPS
 
 Picture: TypeAlias = NDArray[np.uint8]
@@ -165,7 +168,7 @@ def video_frames(name: str, capture: Any, finder: _Finder, view: View) -> Iterat
         if not good:
             return
         time = float(capture.get(POSITION_MS)) / 1e3
-        last = time if math.isfinite(time) and time > last else max(last, -period) + period
+        last = time if last < time < MOST_SECONDS else max(last, -period) + period
         yield sight.frame(last, finder.find(_rgb(picture, name), last), picture.shape[0] / picture.shape[1])
 
 
@@ -231,7 +234,7 @@ def _hands(text: str) -> int:
 
 
 OPTIONS: dict[str, Callable[[str], Any]] = {
-    "model": Path,
+    "model": str,
     "fov": _number(10, 170, "degrees"),
     "length": _number(0.06, 0.35, "metres"),
     "mirrored": _yes,

@@ -92,6 +92,7 @@ def test_a_video_gives_the_hands_of_each_picture_with_its_time() -> None:
         ([0, 0], 0.0, [0, 1 / 30]),
         ([0, 0], math.nan, [0, 1 / 30]),
         ([0, 0], 1e9, [0, 1 / 30]),
+        ([0, 1e300, math.inf, 90], 25.0, [0, 0.04, 0.08, 0.09]),
     ],
 )
 def test_times_that_are_missing_are_made_by_the_rate(times: list[float], rate: float, expected: list[float]) -> None:
@@ -265,8 +266,9 @@ def scheme(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 def test_the_model_is_asked_for(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(MODEL_VARIABLE, raising=False)
-    with pytest.raises(ValueError, match=r"\?model=hand_landmarker\.task.*\$PHASEWIRE_HAND_MODEL.*https://"):
-        open_hands(scheme)
+    for url in (scheme, f"{scheme}?model="):
+        with pytest.raises(ValueError, match=r"\?model=hand_landmarker\.task.*\$PHASEWIRE_HAND_MODEL.*https://"):
+            open_hands(url)
 
 
 def test_a_missing_model_is_named(scheme: str) -> None:
