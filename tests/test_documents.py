@@ -25,7 +25,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    way, solver = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    way, solver, touch = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     exec(compile(way, "README.md", "exec"), {})
     first, second = (float(number) for number in re.findall(r"[\d.]+", capsys.readouterr().out))
     assert second / first == pytest.approx(0.5, abs=0.05)
@@ -33,6 +33,9 @@ def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> No
     mean, spread = (float(number) for number in re.findall(r"[\d.]+", capsys.readouterr().out))
     assert mean > 1000
     assert spread < 0.5  # per cent
+    exec(compile(touch, "README.md", "exec"), {})
+    arcs, points = (int(number) for number in re.findall(r"\d+", capsys.readouterr().out))
+    assert points > arcs > 0
 
 
 @pytest.mark.parametrize(
@@ -62,7 +65,7 @@ def test_the_commands_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
     commands = re.findall(r"^\.venv/bin/phasewire (.*?) +#", README, re.MULTILINE)
-    assert len(commands) == 14
+    assert len(commands) == 16
     for command in commands:
         arguments = shlex.split(command)
         if "--umockdev" in arguments and shutil.which("umockdev-wrapper") is None:
