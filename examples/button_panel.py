@@ -13,7 +13,6 @@ import numpy as np
 import phasewire as pw
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from phasewire.solver.contact.touch import Toucher
 from phasewire.solver.picture import draw_field
 
 NAMES = ("colder", "warmer", "fan", "radio", "phone")
@@ -26,7 +25,7 @@ def main(picture: Path) -> None:
     """Let a finger tap the button, say what it feels, and draw the field."""
     buttons = [pw.Mesh.cube(SIDE_M, place) for place in PLACES_M]
     x = PLACES_M[NAMES.index("radio")][0]
-    toucher = Toucher(spacing=6e-3)  # a fingertip is small
+    toucher = pw.Toucher(spacing=6e-3)  # a fingertip is small
     deepest, before = toucher.touch([], buttons), ""
     with pw.open_hands(f"gesture:tap?x={x}&z={HEIGHT_M}&seconds=0.6") as hands:
         for frame in hands:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import phasewire as pw
 from matplotlib.figure import Figure
-from phasewire.solver.contact.touch import Touch, Toucher
+from phasewire.solver import Touch
 from phasewire.solver.picture import draw_field
 
 BALL_M, TRACK_M, HEIGHT_M = 0.06, 0.03, 0.17
@@ -29,7 +29,7 @@ def main(picture: Path) -> None:
     array = pw.TransducerArray.grid()
     hand = pw.Hand.flat([0, 0, HEIGHT_M])
     ball = pw.Mesh.sphere(BALL_M, (TRACK_M, 0, HEIGHT_M))
-    toucher, solver = Toucher(), pw.Solver(array)
+    toucher, solver = pw.Toucher(), pw.Solver(array)
     felt: list[Felt] = []
 
     def frames() -> Iterator[pw.Pulses]:
