@@ -58,6 +58,7 @@ FULL = math.pi / 2
 FADING = 0.5  # of the spacing: the length in which κ falls to 1/e, so that it is 0.3 % in the middle of a 10 cm face
 SHARPER = 1.05  # of two crossings too close for two points the first has it, unless the second is this much sharper
 HOLD = 0.2  # of a step: by how much more than half a step a stretch must change before its number of points does
+ROUNDING = 1e-6  # of a step: an exact fit is one
 HALVINGS = 24  # of the interval in which `counts` looks for the density that the room allows
 ROUNDS = 60  # at most of Newton's iteration in `locate`
 OUTWARD = (0.83, 0.49, 0.27)  # a closed arc begins at its farthest vertex in this direction, which no usual face has
@@ -306,7 +307,7 @@ def _fill(share: Any, lengths: Any, steps: Any, gaps: Any, before: Any, spacing:
         least = 0 if both > 1 else 1
         fit = share * steps[i] - extra
         count = before[i] if before[i] >= 0 and abs(fit - before[i]) <= 0.5 + HOLD else math.floor(fit + 0.5)
-        wanted[i] = max(least, min(count, int(lengths[i] / closest - extra)))
+        wanted[i] = max(least, min(count, int(lengths[i] / closest - extra + ROUNDING)))
         total += wanted[i]
     return total
 

@@ -67,14 +67,9 @@ class Solid:
         object.__setattr__(self, "repairs", repairs)
 
     @cached_property
-    def box(self) -> NDArray[np.float64]:
-        """(2, 3) lowest and highest coordinates in metres, in the solid's coordinates."""
-        return frozen(np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)]))
-
-    @cached_property
     def centre(self) -> NDArray[np.float64]:
         """(3,) centre of the bounding box in metres, in the solid's coordinates."""
-        return frozen((self.box[0] + self.box[1]) / 2)
+        return frozen((self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2)
 
     @property
     def edges(self) -> NDArray[np.int64]:

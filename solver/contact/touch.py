@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..curves import SPACING
+from ..geometry import frozen
 from ..points import MAX_POINTS, ControlPoints
 from .arcs import Arcs
 from .hand import QUADS, Hand
@@ -126,11 +127,12 @@ class Toucher:
             If there are too many hands or objects, or something else than them.
         """
         from .cut import cut  # compiled
-        from .tracking import follow, motion
+        from .tracking import follow
 
         quads = _quads(_several(hands, Hand, "hand", MOST_HANDS))
         meshes = _several(objects, Mesh, "object", MOST_OBJECTS)
         arcs = cut(quads.reshape(-1, 4, 3), meshes, hands=True)
+        moved = self._carry(meshes, quads)
         self._positions, amplitudes, self._marks, self._ids, self._fresh = follow(
             arcs.vertices,
             arcs.starts,
@@ -140,8 +142,7 @@ class Toucher:
             _curvature(arcs, meshes) if self._corners else np.zeros(len(arcs.vertices)),
             self._spacing,
             self._most,
-            motion(quads, self._quads),
-            self._motion_of(meshes),
+            moved,
             self._positions,
             self._marks,
             self._ids,
@@ -149,17 +150,29 @@ class Toucher:
         )
         self._quads, self._objects = quads, meshes
         points = ControlPoints(self._positions, amplitudes) if len(amplitudes) else None
-        return Touch(arcs, points, self._ids, self._marks[:, 0], self._marks[:, 1], self._marks[:, 2] == 1)
+        on, within, anchors = frozen(self._marks).T
+        return Touch(arcs, points, frozen(self._ids), on, within, frozen(anchors == 1))
 
-    def _motion_of(self, meshes: tuple[Mesh, ...]) -> NDArray[np.float64]:
-        """How far each object has moved since the last frame, in metres; inf if it is another one."""
-        moved = np.zeros(len(meshes))
-        for i, mesh in enumerate(meshes):
-            before = self._objects[i] if i < len(self._objects) else None
-            if before is None or mesh.solid is not before.solid:
-                moved[i] = math.inf
-            elif mesh is not before:
-                moved[i] = _shift(before, mesh)
+    def _carry(self, meshes: tuple[Mesh, ...], quads: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Move the last points with their objects, and say how far hands have moved since, as seen from each object.
+
+        Returns
+        -------
+        (o, h) float
+            In metres; inf if the hand or the object is another one.
+        """
+        from .tracking import motion  # compiled
+
+        moved = np.full((len(meshes), len(quads)), math.inf)
+        for i, (mesh, before) in enumerate(zip(meshes, self._objects, strict=False)):
+            if mesh is before:
+                moved[i] = motion(quads, self._quads)
+            elif mesh.solid is before.solid:
+                turn = mesh.rotation @ before.rotation.T
+                shift = mesh.offset - turn @ before.offset
+                moved[i] = motion(quads, self._quads @ turn.T + shift)
+                on = self._marks[:, 0] == i
+                self._positions[on] = self._positions[on] @ turn.T + shift
         return moved
 
 
@@ -187,14 +200,6 @@ def _curvature(arcs: Arcs, meshes: tuple[Mesh, ...]) -> NDArray[np.float64]:
     for i, mesh in enumerate(meshes):
         curvature_of(i, mesh.solid.edge_curvature, arcs.objects, arcs.starts, arcs.edges, arcs.along, curvature)
     return curvature
-
-
-def _shift(before: Mesh, after: Mesh) -> float:
-    """The largest motion in metres of a corner of a solid's bounding box from one pose to another."""
-    low, high = before.solid.box
-    corners = np.where(np.indices((2, 2, 2)).reshape(3, 8).T, high, low)
-    shifts = corners @ (after.rotation - before.rotation).T + (after.offset - before.offset)
-    return float(np.linalg.norm(shifts, axis=1).max())
 
 
 def _several(values: Item | Sequence[Item], kind: type[Item], what: str, most: int) -> tuple[Item, ...]:

@@ -2,10 +2,11 @@
 
 A point is known by where it was: it is projected on the new arcs, those of its object alone and rather those of its
 quadrilateral, and the places that the density gives are shared among the points so found, the nearest ones first. A
-point then moves along its arc towards its place, by no more than `FOLLOW` times the motion of hand and object since the
-last frame, plus `SETTLE`. So points follow a hand without delay, while a place that jumps, because their number on an
-arc changed or two anchors became one, is reached step by step. A point that finds no place ends, and a place without a
-point begins a new one, with a new identity.
+point then moves along its arc towards its place, by no more than `FOLLOW` times the motion of its hand since the last
+frame, plus `SETTLE`. All this is as seen from the object: points on an object that moves are moved with it first. So
+points follow a hand without delay, while a place that jumps, because their number on an arc changed or two anchors
+became one, is reached step by step. A point that finds no place ends, and a place without a point begins a new one,
+with a new identity.
 
 A surviving point thus moves by at most: its distance from the new arcs, which is what the arcs moved; plus that limit.
 The first frame, and arcs without earlier points, have their points exactly where the density says.
@@ -20,18 +21,19 @@ import numpy as np
 
 from ...compiling import kernel, part
 from . import density
+from .curvature import SHARP
 
 __all__ = ["FOLLOW", "SETTLE", "follow", "motion"]
 
 FOLLOW = 2.0
-"""How far a point may move along its arc, relative to how far its hand and object have moved."""
+"""How far a point may move along its arc, relative to how far its hand has moved."""
 
 SETTLE = 0.5e-3
 """How far a point may move along its arc in each frame if nothing else moves, in metres."""
 
 STRAY = 4.0
-"""How far a point may be from the new arcs, relative to how far its hand and object have moved; farther ones end. An
-arc moves this much faster than its hand if the two surfaces meet at 15°."""
+"""How far a point may be from the new arcs, relative to how far its hand has moved, but no farther than that and the
+spacing; farther ones end. An arc moves this much faster than its hand if the two surfaces meet at 15°."""
 
 JUMP = 2e-3
 """How far a point may be from the new arcs in any case, in metres: a quarter of a wavelength."""
@@ -81,8 +83,7 @@ def follow(
     curvature: Any,
     spacing: Any,
     most: Any,
-    hand_motion: Any,
-    object_motion: Any,
+    moved: Any,
     positions: Any,
     marks: Any,
     ids: Any,
@@ -100,10 +101,11 @@ def follow(
         Arc length between points where nothing is curved, in metres.
     most : int
         Most points.
-    hand_motion, object_motion : (h,), (o,) float
-        How far each has moved since the last frame, in metres; inf if it is new.
+    moved : (o, h) float
+        How far each hand has moved since the last frame, as seen from each object, in metres; inf if either is new.
     positions, marks, ids : (m, 3), (m, 3), (m,)
-        The points of the last frame: where they were; object, quadrilateral and whether they were anchors; identities.
+        The points of the last frame: where they were, moved with their objects since; object, quadrilateral and whether
+        they were anchors; identities.
     fresh : int
         The next new identity.
 
@@ -114,7 +116,7 @@ def follow(
     """
     points, owners, values, reached = density.arrange(vertices, starts, closed, quads, curvature)
     steps, pieces = density.measure(starts, closed, values, reached, spacing)
-    olds, places = _project(points, owners, reached, starts, objects, positions, marks, hand_motion, object_motion)
+    olds, places = _project(points, owners, values, reached, starts, objects, positions, marks, moved, spacing)
     felt, held = _felt(starts, reached, olds, places, marks)
     spans, gaps = density.stretches(starts, closed, values, reached, felt, held, spacing)
     before = _before(spans, starts.size - 1, reached, olds, places, marks)
@@ -129,7 +131,7 @@ def follow(
     for arc in range(closed.size):
         if closed[arc]:
             cycles[arc] = reached[starts[arc + 1] - 1]
-    source = _pairs(arcs, goals, sharp, olds, places, marks, cycles)
+    source = _pairs(arcs, goals, sharp, olds, places, marks, cycles, spacing)
     slots = _slots(source, len(ids))
     count = slots.size
     new_positions, amplitudes = np.empty((count, 3)), np.empty(count)
@@ -139,7 +141,7 @@ def follow(
         arc, place, old = arcs[target], goals[target], source[target]
         begin, end = starts[arc], starts[arc + 1] - 1
         if old >= 0:
-            reach = SETTLE + FOLLOW * (hand_motion[owners[begin] // QUADS] + object_motion[objects[arc]])
+            reach = SETTLE + FOLLOW * moved[objects[arc], owners[begin] // QUADS]
             place = _towards(places[old], place, reach, cycles[arc])
             new_ids[slot] = ids[old]
         else:
@@ -161,23 +163,35 @@ def follow(
 def _project(
     points: Any,
     owners: Any,
+    values: Any,
     reached: Any,
     starts: Any,
     objects: Any,
     positions: Any,
     marks: Any,
-    hand_motion: Any,
-    object_motion: Any,
+    moved: Any,
+    spacing: Any,
 ) -> Any:
-    """The arc that each earlier point is on now, -1 for none, and the arc length of the place nearest to it."""
+    """The arc that each earlier point is on now, -1 for none, and the arc length of the place nearest to it.
+
+    For an anchor, which stays on its edge whichever arcs meet there, that is the nearest crossing of a sharp edge.
+    """
     olds, places = np.full(len(positions), -1), np.zeros(len(positions))
     for old in range(len(positions)):
         best = np.inf
         for arc in range(objects.size):
-            farthest = JUMP + STRAY * (hand_motion[owners[starts[arc]] // QUADS] + object_motion[objects[arc]])
+            hand = moved[objects[arc], owners[starts[arc]] // QUADS]
+            farthest = min(JUMP + STRAY * hand, spacing + hand)
             if objects[arc] != marks[old, 0] or farthest == np.inf:
                 continue
             begin, end = starts[arc], starts[arc + 1] - 1
+            if marks[old, 2] == 1:
+                for i in range(begin, end + 1):
+                    distance = math.sqrt(density._square(points[i], positions[old])) if values[i] >= SHARP else np.inf
+                    cost = distance + (STRANGE if owners[i] % QUADS != marks[old, 1] % QUADS else 0.0)
+                    if distance <= farthest and cost < best:
+                        best, olds[old], places[old] = cost, arc, reached[i]
+                continue
             i = begin
             while i < end or i == begin:
                 distance, place = _nearest(points, reached, i, min(i + 1, end), positions[old])
@@ -361,8 +375,11 @@ def _towards(place: Any, goal: Any, reach: Any, cycle: Any) -> Any:
 
 
 @part
-def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any, cycles: Any) -> Any:
-    """The earlier point that each target takes over, -1 for none: the nearest on its arc, an anchor for an anchor."""
+def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any, cycles: Any, spacing: Any) -> Any:
+    """The earlier point that each target takes over, -1 for none: the nearest on its arc, an anchor for an anchor.
+
+    None farther along the arc than the spacing, so that no point passes others, and all have settled soon.
+    """
     source, taken = np.full(arcs.size, -1), np.zeros(olds.size, np.bool_)
     nearest, chosen = np.empty(arcs.size, np.int64), np.empty(olds.size, np.int64)
     shortest = np.empty(olds.size)
@@ -379,6 +396,8 @@ def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any
                 if taken[old] or olds[old] != arcs[target] or marks[old, 2] != sharp[target]:
                     continue
                 apart = abs(_apart(places[old], goals[target], cycles[arcs[target]]))
+                if apart > spacing:
+                    continue
                 if apart < least:
                     least, nearest[target] = apart, old
                 if apart < shortest[old]:

@@ -112,7 +112,7 @@ class Line:
         begin = self.until(start)
         mass = self.until(stop) - begin
         extra = lead + trail - 1 if lead else 0
-        fitting = int((stop - start) / min(CLOSEST, self.spacing) - extra)
+        fitting = int((stop - start) / min(CLOSEST, self.spacing) - extra + 1e-6)
         count = max(1 if lead + trail < 1.5 else 0, min(math.floor(mass - extra + 0.5), fitting))
         wanted = [begin + mass * (j + lead) / (count + extra) for j in range(count)]
         return [brentq(lambda t, goal=goal: self.until(t) - goal, start, stop, xtol=1e-14) for goal in wanted]

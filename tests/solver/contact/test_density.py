@@ -32,7 +32,7 @@ def place(arcs: Arcs, curvature: Floats, spacing: float = SPACING, most: int = 4
     objects = 1 + arcs.objects.max(initial=0)
     given = (arcs.vertices, arcs.starts, arcs.closed, arcs.objects, arcs.quads, curvature, spacing, most)
     before = (np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty(0, np.int64), 0)
-    positions, amplitudes, marks, ids, fresh = follow(*given, np.full(hands, np.inf), np.full(objects, np.inf), *before)
+    positions, amplitudes, marks, ids, fresh = follow(*given, np.full((objects, hands), np.inf), *before)
     assert ids.tolist() == list(range(fresh))
     return positions, amplitudes, marks[:, 2]
 

@@ -1,0 +1,226 @@
+"""Points from frame to frame: what survives moves no farther than it may, and stays itself."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from phasewire import Hand, Mesh, Toucher
+from phasewire.solver import Touch
+from phasewire.solver.contact.tracking import FOLLOW, JUMP, SETTLE, STRANGE, STRAY
+
+Floats = NDArray[np.float64]
+SHAPES = ["cone", "sphere", "pyramid", "horizontal_prism", "vertical_prism", "cube"]
+
+
+def some_hand(rng: np.random.Generator) -> Hand:
+    hand = Hand.flat(curl=rng.uniform(0, 0.6)).rotated(rng.uniform(0, 360), rng.normal(size=3))
+    return hand.moved(rng.uniform(-0.03, 0.03, 3))
+
+
+def places(felt: Touch) -> dict[int, Floats]:
+    return dict(zip(felt.ids.tolist(), felt.points.positions, strict=True)) if felt.points else {}
+
+
+def motion(one: Hand, other: Hand) -> float:
+    return float(np.linalg.norm(one.quads - other.quads, axis=2).max())
+
+
+def from_arcs(position: Floats, arcs: list[Floats]) -> float:
+    """Distance of a position from the nearest of some polylines."""
+    least = np.inf
+    for arc in arcs:
+        step = np.diff(arc, axis=0)
+        share = ((position - arc[:-1]) * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
+        nearest = arc[:-1] + np.clip(share, 0, 1)[:, None] * step
+        least = min(least, float(np.linalg.norm(nearest - position, axis=1).min()))
+    return least
+
+
+def along(position: Floats, arc: Floats, reached: Floats) -> float | None:
+    """Where on a polyline a position is, None if it is not on it."""
+    step = np.diff(arc, axis=0)
+    share = np.clip(((position - arc[:-1]) * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300), 0, 1)
+    distance = np.linalg.norm(arc[:-1] + share[:, None] * step - position, axis=1)
+    i = int(np.argmin(distance))
+    return float(reached[i] + share[i] * (reached[i + 1] - reached[i])) if distance[i] < 1e-9 else None
+
+
+def sweep(seed: int, frames: int, step: float) -> Iterator[Hand]:
+    """A hand in a straight line that turns a little."""
+    rng = np.random.default_rng(seed)
+    hand, way, axis = some_hand(rng), rng.normal(size=3), rng.normal(size=3)
+    way *= step / np.linalg.norm(way)
+    for k in range(frames):
+        yield hand.moved(way * (k - frames / 2)).rotated(step * 300 * k, axis)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@given(seed=st.integers(0, 2**32 - 1), step=st.floats(1e-5, 1e-2))
+@settings(max_examples=15, deadline=None)
+def test_survivors_move_no_farther_than_they_may(shape: str, seed: int, step: float) -> None:
+    """Not farther than their arcs have moved and a multiple of the hand's motion; if the arcs run away, they end."""
+    mesh, toucher = getattr(Mesh, shape)(), Toucher()
+    seen: set[int] = set()
+    for (before, one), (after, other) in itertools.pairwise(
+        (hand, toucher.touch(hand, mesh)) for hand in sweep(seed, 25, step)
+    ):
+        old, new, moved = places(one), places(other), motion(before, after)
+        for identity in old.keys() & new.keys():
+            distance = float(np.linalg.norm(new[identity] - old[identity]))
+            away = from_arcs(old[identity], other.arcs)
+            assert distance <= min(STRAY * moved + JUMP, moved + 0.015) + FOLLOW * moved + SETTLE + 1e-9
+            if not other.anchors[other.ids == identity]:
+                # The arc of its own quadrilateral may be this much farther than the nearest arc.
+                assert distance <= away + STRANGE + FOLLOW * moved + SETTLE + 1e-9
+        seen |= old.keys()
+        assert not (new.keys() - old.keys()) & seen  # no identity twice
+        assert len(new) == len(other.ids)
+        for identity, position in new.items():
+            assert from_arcs(position, other.arcs) < 1e-9, identity
+
+
+@given(seed=st.integers(0, 2**32 - 1), step=st.floats(1e-6, 2e-3))
+@settings(max_examples=30, deadline=None)
+def test_on_a_sphere_points_move_with_the_palm(seed: int, step: float) -> None:
+    """Through its middle no point moves much farther than the palm, which cuts the sphere at a large angle."""
+    rng = np.random.default_rng(seed)
+    way = rng.normal(size=3)
+    way *= step / np.linalg.norm(way)
+    toucher, mesh = Toucher(), Mesh.sphere(0.04, (0, 0, 0.17))
+    frames = [toucher.touch(Hand.flat().moved(way * k), mesh) for k in range(int(min(10, 4e-3 / step)))]
+    for one, other in itertools.pairwise(frames):
+        old, new = places(one), places(other)
+        assert old.keys() == new.keys()
+        for identity, position in old.items():
+            assert np.linalg.norm(new[identity] - position) <= 1.5 * FOLLOW * step + 2 * SETTLE * (step > 1e-4)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=8, deadline=None)
+def test_a_hand_at_rest_has_points_at_rest(shape: str, seed: int) -> None:
+    """After some frames, in which points settle, nothing changes, and points are even."""
+    mesh, toucher = getattr(Mesh, shape)(), Toucher(corners=False, most_points=500)
+    for hand in sweep(seed, 12, 3e-3):
+        toucher.touch(hand, mesh)
+    for _ in range(round(0.015 / SETTLE) + 30):
+        before = toucher.touch(hand, mesh)
+    after = toucher.touch(hand, mesh)
+    np.testing.assert_array_equal(after.ids, before.ids)
+    if after.points is None or before.points is None:
+        return
+    np.testing.assert_allclose(after.points.positions, before.points.positions, rtol=0, atol=1e-7)
+    found = 0
+    for arc, closed in zip(after.arcs, after.cuts.closed, strict=True):
+        reached = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(arc, axis=0), axis=1))])
+        length = reached[-1]
+        every = (along(position, arc, reached) for position in after.points.positions)
+        at = np.sort([place for place in every if place is not None])
+        found += len(at)
+        if closed and len(at):
+            np.testing.assert_allclose(np.diff(at, append=at[0] + length), length / len(at), atol=1e-6)
+        elif len(at):
+            np.testing.assert_allclose(at, length * (np.arange(len(at)) + 0.5) / len(at), atol=1e-6)
+            assert abs(length / 0.015 - len(at)) <= 0.7 + 1e-6 or len(at) == 1
+    assert found >= len(after.ids)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=8, deadline=None)
+def test_points_move_with_a_hand_that_carries_its_object(shape: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    hand, mesh, toucher = some_hand(rng), getattr(Mesh, shape)(), Toucher()
+    first = toucher.touch(hand, mesh)
+    offset = rng.uniform(-0.02, 0.02, 3)
+    second = toucher.touch(hand.moved(offset), mesh.moved(offset))
+    old, new = places(first), places(second)
+    assert old.keys() == new.keys()
+    for identity, position in old.items():
+        np.testing.assert_allclose(new[identity], position + offset, rtol=0, atol=1e-6)
+
+
+def test_points_come_and_go_one_by_one_and_keep_their_order() -> None:
+    """A level palm rises through a cone in steps of half a millimetre: its circle shrinks from 28 cm to nothing."""
+    mesh, toucher = Mesh.cone(0.06, (0, 0, 0.17)), Toucher(corners=False)
+    frames = [toucher.touch(Hand.flat((0, 0, z)), mesh) for z in np.arange(0.14, 0.202, 0.5e-3)]
+    changes = 0
+    for one, other in itertools.pairwise(frames[1:]):
+        assert abs(len(one.ids) - len(other.ids)) <= 1
+        changes += len(one.ids) != len(other.ids)
+        both = [identity for identity in one.ids.tolist() if identity in other.ids]
+        assert [identity for identity in other.ids.tolist() if identity in both] == both
+    assert len(frames[1].ids) == 12
+    assert not frames[-1]
+    assert changes == 12
+    assert max(felt.ids.max(initial=0) for felt in frames) < 16
+
+
+def test_a_new_point_takes_the_index_of_one_that_ended() -> None:
+    """Of two objects one goes and another comes: the points of the third keep their indices."""
+    hand, toucher = Hand.flat(), Toucher(corners=False)
+    left, right, middle = (Mesh.cube(0.012, (x, 0, 0.17)) for x in (-0.02, 0.02, 0))
+    away = Mesh.cube(0.012, (0, 0, 0.4))
+    first = toucher.touch(hand, [left, away, middle])
+    second = toucher.touch(hand, [away, right, middle])
+    assert len(first.ids) == len(second.ids)
+    stays = first.objects == 2
+    np.testing.assert_array_equal(second.ids[stays], first.ids[stays])
+    assert not set(second.ids[~stays].tolist()) & set(first.ids.tolist())
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_hand_that_trembles_by_a_tenth_of_a_millimetre_changes_nothing(shape: str) -> None:
+    """Of six hands, most: one whose border just reaches an edge of the object gains and loses that crossing."""
+    rng, steady = np.random.default_rng(5), 0
+    for _ in range(6):
+        mesh, toucher, hand = getattr(Mesh, shape)(), Toucher(), some_hand(rng)
+        frames = [Hand(hand.landmarks + rng.normal(size=(21, 3)) * 1e-4, hand.side) for _ in range(50)]
+        felt = [toucher.touch(frame, mesh) for frame in frames][20:]
+        steady += all(one.ids.tolist() == other.ids.tolist() for one, other in itertools.pairwise(felt))
+    assert steady >= 4
+
+
+def test_hands_are_known_by_their_place() -> None:
+    """Trackers change the order of hands, and lose them."""
+    mesh, toucher = Mesh.cube(), Toucher()
+    right = Hand.flat((0.05, 0, 0.17)).rotated(30, (1, 0, 0))
+    left = Hand.flat((-0.08, 0, 0.16), "left").rotated(30, (1, 0, 0))
+    first = toucher.touch([right, left], mesh)
+    second = toucher.touch([left, right], mesh)
+    assert first.ids.size
+    old, new = places(first), places(second)
+    assert old.keys() == new.keys()
+    assert max(np.linalg.norm(new[identity] - old[identity]) for identity in old) < 1e-9
+    alone = toucher.touch([right], mesh)
+    assert set(alone.ids.tolist()) < set(first.ids.tolist())
+    assert not toucher.touch([], mesh)
+    assert not set(toucher.touch([right], mesh).ids.tolist()) & set(first.ids.tolist())
+
+
+def test_nothing_is_kept_of_another_object_another_hand_or_after_forgetting() -> None:
+    hand, toucher = Hand.flat().rotated(30, (1, 0, 0)), Toucher()
+    frames = [toucher.touch(hand, Mesh.cube())]
+    frames.append(toucher.touch(hand, Mesh.cube()))  # of its own solid
+    frames.append(toucher.touch(hand.moved((0.001, 0, 0)).rotated(60, (0, 1, 0)), Mesh.cube()))
+    toucher.forget()
+    frames.append(toucher.touch(hand, Mesh.cube()))
+    identities = [identity for felt in frames for identity in felt.ids.tolist()]
+    assert len(set(identities)) == len(identities) > 0
+
+
+def test_a_jump_of_the_number_of_points_is_no_jump_of_the_points() -> None:
+    """The circle of a cone around a palm that rises slowly: neighbours make room by no more than they may."""
+    mesh, toucher = Mesh.cone(0.06, (0, 0, 0.17)), Toucher(corners=False)
+    last: dict[int, Floats] = {}
+    for z in np.arange(0.145, 0.19, 1e-4):
+        new = places(toucher.touch(Hand.flat((0, 0, z)), mesh))
+        for identity in last.keys() & new.keys():
+            assert np.linalg.norm(new[identity] - last[identity]) <= (FOLLOW + 0.6) * 1e-4 + SETTLE
+        last = new
