@@ -60,6 +60,13 @@ class ControlPoints:
     def __len__(self) -> int:
         return len(self.positions)
 
+    def part(self, of: NDArray[np.bool_]) -> ControlPoints:
+        """Those of a mask (m,), among which one is no null: a part of what was checked needs no second look."""
+        part = object.__new__(ControlPoints)
+        object.__setattr__(part, "positions", frozen(self.positions[of]))
+        object.__setattr__(part, "amplitudes", frozen(self.amplitudes[of]))
+        return part
+
 
 def check_reachable(array: TransducerArray, points: ControlPoints, where: str = "") -> None:
     """Raise `ValueError`, naming the point after ``where``, that the array cannot reach."""

@@ -51,11 +51,7 @@ class Split:
             raise ValueError(f"{len(points)} control points do not fit a split of {len(self.mask)}")
         nulls = points.amplitudes == 0
         second = ~self.mask & ~nulls
-        return _part(points, self.mask | nulls), _part(points, second | nulls) if second.any() else None
-
-
-def _part(points: ControlPoints, of: NDArray[np.bool_]) -> ControlPoints:
-    return ControlPoints(points.positions[of], points.amplitudes[of])
+        return points.part(self.mask | nulls), points.part(second | nulls) if second.any() else None
 
 
 def split(points: ControlPoints, previous: Split | None = None) -> Split:
