@@ -18,7 +18,8 @@ class Fading:
     Parameters
     ----------
     ids : (m,) int64
-        Of the points, in ascending order; each occurs once.
+        Of the points, each once: first those that are there, in the order in which they were given, then those that
+        fade out.
     positions : (m, 3) float
         In metres. A point that fades out stays where it was last.
     amplitudes : (m,) float
@@ -64,27 +65,25 @@ class Fading:
         most : int
             Points that may be left, at least k. Of those that fade out the weakest vanish at once if need be.
         """
-        order = np.argsort(ids)
-        ids, positions, amplitudes = ids[order], positions[order], amplitudes[order]
+        if len(ids) == len(self.ids) and (ids == self.ids).all():  # as nearly always
+            levels = np.minimum(self.levels + change, 1.0) if self.changing else self.levels
+            return type(self)(ids, positions, amplitudes, levels)
         levels = np.full(len(ids), change)
         leaving = self.levels > change
         if len(self.ids):
-            at = np.minimum(np.searchsorted(self.ids, ids), len(self.ids) - 1)
+            order = np.argsort(self.ids)
+            at = order[np.minimum(np.searchsorted(self.ids, ids, sorter=order), len(order) - 1)]
             known = self.ids[at] == ids
             levels[known] += self.levels[at[known]]
             leaving[at[known]] = False
         np.minimum(levels, 1.0, out=levels)
         left = np.flatnonzero(leaving)
-        if not len(left):
-            return type(self)(ids, positions, amplitudes, levels)
         if len(left) > most - len(ids):
             strongest = np.argsort(-self.levels[left] * self.amplitudes[left], kind="stable")
             left = np.sort(left[strongest[: max(most - len(ids), 0)]])
-        ids = np.concatenate([ids, self.ids[left]])
-        order = np.argsort(ids)
         return type(self)(
-            ids[order],
-            np.concatenate([positions, self.positions[left]])[order],
-            np.concatenate([amplitudes, self.amplitudes[left]])[order],
-            np.concatenate([levels, self.levels[left] - change])[order],
+            np.concatenate([ids, self.ids[left]]),
+            np.concatenate([positions, self.positions[left]]),
+            np.concatenate([amplitudes, self.amplitudes[left]]),
+            np.concatenate([levels, self.levels[left] - change]),
         )

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from phasewire import ControlPoints
 from phasewire.solver.shapes import parse_shape
-from phasewire.solver.split import HOLD, KEEP, Split, split
+from phasewire.solver.split import HOLD, KEEP, Split, _largest_eigenvalue, split
 
 DEGENERATE = ["polygon", "polygon:sides=3", "polygon:sides=6,rotation=10", "circle", "star", "concentric", "asterisk"]
 SEEDS = st.integers(0, 2**32 - 1)
@@ -193,3 +194,10 @@ def test_a_split_of_other_points_is_refused() -> None:
     points = ControlPoints([[0, 0, 0.2], [0, 0, 0.3]])
     with pytest.raises(ValueError, match="1 control points do not fit a split of 2"):
         split(points).halves(ControlPoints([[0, 0, 0.2]]))
+
+
+@given(arrays(float, (7, 3), elements=st.floats(-1, 1)), st.integers(-100, 20))
+def test_the_largest_eigenvalue_is_numpys(offset: np.ndarray, exponent: int) -> None:
+    scatter = offset.T @ offset * 10.0**exponent
+    largest = np.linalg.eigvalsh(scatter)[-1]
+    assert _largest_eigenvalue(scatter.ravel().tolist()) == pytest.approx(largest, rel=1e-9, abs=1e-250)
