@@ -24,7 +24,7 @@ from ...errors import TrackerError, TrackerLostError, TrackerNotFoundError
 from ...solver.contact.hand import Hand
 from ..lines.transport import Timekeeper
 from .frames import HandFrame
-from .leap_frames import hands_of
+from .leap_frames import hands_of, whole
 from .leap_recording import PACKED_SUFFIX, SUFFIX, read_leap_recording
 from .recording import PLAYING, played
 from .sources import HandSource, LiveHands, Readiness, read_options
@@ -173,6 +173,8 @@ class LeapHands(LiveHands):
             self.end(TrackerLostError(f"the {self.name} {why}"))
         else:
             self.end(TrackerLostError(f"the {self.name} sends messages that are no frames; {ADVICE}"))
+        finally:
+            self.end()
 
     def _waiting(self) -> list[str | bytes]:
         """The next message and those that wait with it; only the newest if there are too many to read them all."""
@@ -197,7 +199,7 @@ class LeapHands(LiveHands):
                 self._hear(said["event"])
             elif "version" not in said:
                 hands, notes = hands_of(said)
-                self._number = number if isinstance(number := said.get("id"), int) else self._number + 1
+                self._number = self._number + 1 if (number := whole(said.get("id"))) is None else number
                 rate = said.get("currentFrameRate")
                 self.rate = float(rate) if isinstance(rate, (int, float)) and 1 <= rate <= MOST_RATE else self.rate
                 self.put(HandFrame(self._clock.seen(said.get("timestamp"), arrival), hands, self._number, notes))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...solver.contact.hand import Hand
 from .frames import TrackedHand
 
-__all__ = ["MOST_HANDS", "hands_of"]
+__all__ = ["MOST_HANDS", "hands_of", "whole"]
 
 MOST_HANDS = 16
 TO_ARRAY = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) * 1e-3
@@ -56,24 +56,29 @@ def hands_of(frame: Mapping[str, Any]) -> tuple[tuple[TrackedHand, ...], tuple[s
     ValueError
         If it is no frame.
     """
-    fingers: dict[Any, dict[int, Mapping[str, Any]]] = {}
+    fingers: dict[int, dict[int, Mapping[str, Any]]] = {}
     for finger in _records(frame, "pointables", len(FINGERS) * MOST_HANDS):
-        owner, kind = finger.get("handId"), _kind(finger)
-        if kind is not None and isinstance(owner, int):
+        owner, kind = whole(finger.get("handId")), _kind(finger)
+        if kind is not None and owner is not None:
             fingers.setdefault(owner, {})[kind] = finger
     hands: dict[int, TrackedHand] = {}
     notes: list[str] = []
     for said in _records(frame, "hands", MOST_HANDS):
-        number = said.get("id")
+        number = whole(said.get("id"))
         try:
-            if not isinstance(number, int) or number in hands:
+            if number is None or number in hands:
                 raise ValueError("its id is no whole number, or that of another hand")
             hand, repairs = _hand(said, fingers.get(number, {}))
             hands[number] = TrackedHand(hand, number)
             notes.extend(f"hand {number}: {repair}" for repair in repairs)
         except ValueError as error:
-            notes.append(f"hand {str(number)[:20]} is left out: {error}")
+            notes.append(f"hand {str(said.get('id'))[:20]} is left out: {error}")
     return tuple(hands.values()), tuple(notes)
+
+
+def whole(value: object) -> int | None:
+    """A whole number of 64 bits, as ids are; None if it is something else."""
+    return value if isinstance(value, int) and abs(value) < 2**63 else None
 
 
 def _records(frame: Mapping[str, Any], name: str, most: int) -> list[Mapping[str, Any]]:
@@ -88,8 +93,8 @@ def _records(frame: Mapping[str, Any], name: str, most: int) -> list[Mapping[str
 
 def _kind(finger: Mapping[str, Any]) -> int | None:
     """Which finger it is, 0 for a thumb. Packed recordings do not say it, but its id is its hand's, then this digit."""
-    owner, number, kind = (finger.get(name) for name in ("handId", "id", "type"))
-    if kind is None and isinstance(number, int) and isinstance(owner, int) and number // 10 == owner:
+    kind, owner, number = finger.get("type"), whole(finger.get("handId")), whole(finger.get("id"))
+    if kind is None and number is not None and number // 10 == owner:
         kind = number % 10
     return kind if kind in range(len(FINGERS)) and not finger.get("tool") else None
 

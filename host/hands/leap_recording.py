@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from ...errors import InputFileError
 from ...storage import read_text
 from .frames import HandFrame
-from .leap_frames import hands_of
+from .leap_frames import hands_of, whole
 from .lz_string import decompress
 
 __all__ = ["PACKED_SUFFIX", "SUFFIX", "LeapRecording", "read_leap_recording"]
@@ -113,7 +113,7 @@ def _recording(frames: list[Any]) -> LeapRecording:
             if not isinstance(said, dict):
                 raise ValueError("it is no object")
             hands, notes = hands_of(said)
-            stamp, number = said.get("timestamp"), said.get("id")
+            stamp, number = said.get("timestamp"), whole(said.get("id"))
             if not isinstance(stamp, (int, float)) or not abs(stamp) < MOST_STAMP:
                 raise ValueError(f"its timestamp is {str(stamp)[:20]}")
             first = stamp if first is None else first
@@ -121,7 +121,7 @@ def _recording(frames: list[Any]) -> LeapRecording:
             raise ValueError(f"frame {place}: {error}") from error
         seconds = float(stamp - first) * 1e-6
         time = max(seconds, made[-1].time if made else 0.0)  # the stamps of two recordings that were joined jump back
-        made.append(HandFrame(time, hands, number if isinstance(number, int) else place, notes))
+        made.append(HandFrame(time, hands, place if number is None else number, notes))
     if not made:
         raise ValueError("there are no frames in it")
     steps = [after.time - before.time for before, after in pairwise(made) if after.time > before.time]

@@ -137,6 +137,10 @@ BAD: dict[str, tuple[Callable[[Said], object], str]] = {
     "no palm": (lambda said: said["hands"][1].update(direction=None, palmPosition=None), "its palm are not all places"),
     "two of one id": (lambda said: said["hands"].append(said["hands"][0]), "its id is no whole number, or that of"),
     "an id of text": (lambda said: said["hands"][1].update(id="9"), "hand 9 is left out: its id is no whole number"),
+    "an id without measure": (
+        lambda said: said["hands"][1].update(id=2**63),
+        "hand 9223372036854775808 is left out: its",
+    ),
     "no id": (lambda said: said["hands"][1].pop("id"), "hand None is left out: its id is no whole number"),
     "NaN": (set_joint([0, float("nan"), 0]), "are not all places of three coordinates"),
     "an infinity": (set_joint([0, 0, float("inf")]), "are not all places of three coordinates"),

@@ -102,7 +102,7 @@ def test_it_is_played_at_another_speed_and_again(tmp_path: Path) -> None:
 
 def test_ids_and_times_that_jump_are_kept_in_order(tmp_path: Path) -> None:
     frames = [leap_frame(9, 5e6, {30: "right"}), leap_frame(3, 1e6, {31: "right"}), leap_frame(4, 5.5e6, {})]
-    frames[1]["id"] = None
+    frames[1]["id"] = 2**64
     recording = read_leap_recording(written(tmp_path, frames))
     assert [(frame.time, frame.number) for frame in recording.frames] == [(0, 9), (0, 1), (0.5, 4)]
     assert [[hand.id for hand in frame.hands] for frame in recording.frames] == [[30], [31], []]
