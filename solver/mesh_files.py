@@ -27,7 +27,8 @@ __all__ = ["MESH_FILES", "mesh_of", "read_mesh"]
 
 MOST_BYTES = 100_000_000
 """Of a file: a million triangles have 50 MB in binary STL."""
-MOST_LINES = 4_000_000
+MOST_LINES = 2_000_000
+MOST_LINE_BYTES = 10_000
 MOST_HEADER_BYTES = 2**14
 MOST_PARTS = 1000
 """Parts of a file, and places in a scene."""
@@ -149,6 +150,8 @@ def _text(data: bytes) -> bytes:
     """A text of which trimesh need not guess the encoding."""
     if (lines := data.count(b"\n") + data.count(b"\r")) > MOST_LINES:
         raise ValueError(f"it has {lines} lines; at most {MOST_LINES} may be: save it in a binary format")
+    if re.search(rb"[^\r\n]{%d}" % MOST_LINE_BYTES, data):
+        raise ValueError(f"one of its lines has {MOST_LINE_BYTES} bytes or more")
     return data.decode("ascii", "replace").encode("ascii", "replace")
 
 

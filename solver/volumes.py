@@ -222,8 +222,12 @@ def _read_nifti(path: Path, spacing: float | None) -> Volume:
     kind = kinds.get(int.from_bytes(data[:4], "little")) or kinds.get(int.from_bytes(data[:4], "big"))
     if kind is None:
         raise ValueError("its first four bytes are those of no NIfTI header")
-    with nibabel.imageglobals.LoggingOutputSuppressor():  # it prints what it dislikes, and then raises
+    logger = nibabel.imageglobals.logger
+    before, logger.disabled = logger.disabled, True  # it prints what it dislikes, and then raises
+    try:
         image = kind.from_bytes(data)
+    finally:
+        logger.disabled = before
     shape, stored = image.header.get_data_shape(), image.header.get_data_dtype()
     if math.prod(shape) * stored.itemsize > len(data) or len(shape) < 3 or math.prod(shape[3:]) != 1:
         raise ValueError(f"it announces {shape} values, and must hold one volume of three dimensions")

@@ -25,6 +25,8 @@ SMALLEST = 1e-6
 """Extent of a mesh in metres."""
 FLAT = 1e-9
 """Of the area to the power 3/2: a smaller volume is none."""
+MOST_OPEN_EDGES = 10_000
+"""Of all holes together; a mesh with more is no surface with holes, but many pieces of one."""
 MOST_BODIES = 10_000
 """Separate surfaces of a mesh; more are noise."""
 SHEET = "it encloses no volume: it is a sheet, and an object must have an inside"
@@ -177,7 +179,8 @@ def _welded(vertices: Points, faces: Indices, loose: Indices, distance: float) -
     which, places = np.arange(len(vertices)), (vertices - vertices.min(axis=0)) / (2 * distance)
     for shift in itertools.product((0.0, 0.5), repeat=3):
         cells = np.floor(places[which[loose]] + shift).astype(np.int64)
-        _, first, cell = np.unique(_rows(cells), return_index=True, return_inverse=True)
+        numbers = cells @ np.array([1 << 42, 1 << 21, 1])  # there are fewer than 2²⁰ each way
+        _, first, cell = np.unique(numbers, return_index=True, return_inverse=True)
         target = np.arange(len(vertices))
         target[which[loose]] = which[loose][first][cell]
         which = target[which]
@@ -186,6 +189,8 @@ def _welded(vertices: Points, faces: Indices, loose: Indices, distance: float) -
 
 def _closed(vertices: Points, faces: Indices, open_edges: Indices, notes: list[str]) -> tuple[Points, Indices]:
     """The mesh with its narrow holes closed; `ValueError` if there are wide ones."""
+    if len(open_edges) > MOST_OPEN_EDGES:
+        raise ValueError(f"it is not closed: {len(open_edges)} edges are open; at most {MOST_OPEN_EDGES} may be")
     loops = _loops(open_edges)
     widths = [_width(vertices[loop]) for loop in loops]
     if max(widths) > WIDEST_CRACK:

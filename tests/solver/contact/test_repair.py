@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from phasewire.solver.contact.mesh import Mesh
-from phasewire.solver.contact.repair import MOST_BODIES, WIDEST_CRACK
+from phasewire.solver.contact.repair import MOST_BODIES, MOST_OPEN_EDGES, WIDEST_CRACK
 
 CUBE = Mesh.cube()
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
@@ -186,6 +186,12 @@ def moebius() -> Mesh:
 def test_what_is_no_body_is_refused(mesh: Mesh, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         mesh.repaired()
+
+
+def test_loose_triangles_are_refused_at_once() -> None:
+    corners = np.random.default_rng(0).uniform(0, 0.004, (3 * (MOST_OPEN_EDGES // 3 + 1), 3))
+    with pytest.raises(ValueError, match=r"it is not closed: 10002 edges are open; at most 10000 may be"):
+        Mesh.of(corners, np.arange(len(corners)).reshape(-1, 3)).repaired()
 
 
 def test_specks_without_number_are_refused() -> None:
