@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
@@ -50,7 +51,8 @@ class ControlPoints:
             raise ValueError(f"amplitudes must be numbers: {error}") from error
         if values.shape != (len(points),):
             raise ValueError(f"amplitudes have the shape {values.shape}, but there are {len(points)} control points")
-        if (bad := np.flatnonzero(~np.isfinite(values) | (values < 0))).size:
+        if not (values.min() >= 0 and values.max() < math.inf):  # true also where one is not a number
+            bad = np.flatnonzero(~np.isfinite(values) | (values < 0))
             raise ValueError(f"amplitude {values[bad[0]]} of control point {bad[0]} must be finite and not negative")
         if not values.any():
             raise ValueError("every control point has amplitude 0; at least one must be positive")

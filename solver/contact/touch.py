@@ -100,6 +100,11 @@ class Toucher:
             raise ValueError(f"spacing {spacing} m must be finite and at least {LEAST_SPACING:g} m")
         if not 1 <= most_points <= MAX_POINTS:
             raise ValueError(f"most_points is {most_points}; it must be from 1 to {MAX_POINTS}")
+        from .cut import cut  # compiled, as are the others
+        from .density import curvature_of
+        from .tracking import follow, motion
+
+        self._cut, self._curvature_of, self._follow, self._motion = cut, curvature_of, follow, motion
         self._spacing, self._corners, self._most = float(spacing), bool(corners), int(most_points)
         self._fresh = 0
         self.forget()
@@ -126,20 +131,17 @@ class Toucher:
         ValueError
             If there are too many hands or objects, or something else than them.
         """
-        from .cut import cut  # compiled
-        from .tracking import follow
-
         quads = _quads(_several(hands, Hand, "hand", MOST_HANDS))
         meshes = _several(objects, Mesh, "object", MOST_OBJECTS)
-        arcs = cut(quads.reshape(-1, 4, 3), meshes, hands=True)
+        arcs = self._cut(quads.reshape(-1, 4, 3), meshes, hands=True)
         moved = self._carry(meshes, quads)
-        self._positions, amplitudes, self._marks, self._ids, self._fresh = follow(
+        self._positions, amplitudes, self._marks, self._ids, self._fresh = self._follow(
             arcs.vertices,
             arcs.starts,
             arcs.closed,
             arcs.objects,
             arcs.quads,
-            _curvature(arcs, meshes) if self._corners else np.zeros(len(arcs.vertices)),
+            self._curvature(arcs, meshes),
             self._spacing,
             self._most,
             moved,
@@ -153,6 +155,14 @@ class Toucher:
         on, within, anchors = frozen(self._marks).T
         return Touch(arcs, points, frozen(self._ids), on, within, frozen(anchors == 1))
 
+    def _curvature(self, arcs: Arcs, meshes: tuple[Mesh, ...]) -> NDArray[np.float64]:
+        """(k,) radians at the vertices of arcs; 0 if corners are not to be felt."""
+        curvature = np.zeros(len(arcs.vertices))
+        for i, mesh in enumerate(meshes if self._corners else ()):
+            values = mesh.solid.edge_curvature
+            self._curvature_of(i, values, arcs.objects, arcs.starts, arcs.edges, arcs.along, curvature)
+        return curvature
+
     def _carry(self, meshes: tuple[Mesh, ...], quads: NDArray[np.float64]) -> NDArray[np.float64]:
         """Move the last points with their objects, and say how far hands have moved since, as seen from each object.
 
@@ -161,16 +171,14 @@ class Toucher:
         (o, h) float
             In metres; inf if the hand or the object is another one.
         """
-        from .tracking import motion  # compiled
-
         moved = np.full((len(meshes), len(quads)), math.inf)
         for i, (mesh, before) in enumerate(zip(meshes, self._objects, strict=False)):
             if mesh is before:
-                moved[i] = motion(quads, self._quads)
+                moved[i] = self._motion(quads, self._quads)
             elif mesh.solid is before.solid:
                 turn = mesh.rotation @ before.rotation.T
                 shift = mesh.offset - turn @ before.offset
-                moved[i] = motion(quads, self._quads @ turn.T + shift)
+                moved[i] = self._motion(quads, self._quads @ turn.T + shift)
                 on = self._marks[:, 0] == i
                 self._positions[on] = self._positions[on] @ turn.T + shift
         return moved
@@ -190,16 +198,6 @@ def touch(
 def _quads(hands: tuple[Hand, ...]) -> NDArray[np.float64]:
     """(h, 16, 4, 3) quadrilaterals of all hands."""
     return np.array([hand.quads for hand in hands]).reshape(-1, QUADS, 4, 3)
-
-
-def _curvature(arcs: Arcs, meshes: tuple[Mesh, ...]) -> NDArray[np.float64]:
-    """(k,) radians at the vertices of arcs."""
-    from .density import curvature_of  # compiled
-
-    curvature = np.zeros(len(arcs.vertices))
-    for i, mesh in enumerate(meshes):
-        curvature_of(i, mesh.solid.edge_curvature, arcs.objects, arcs.starts, arcs.edges, arcs.along, curvature)
-    return curvature
 
 
 def _several(values: Item | Sequence[Item], kind: type[Item], what: str, most: int) -> tuple[Item, ...]:

@@ -16,7 +16,7 @@ from phasewire import Mesh
 from phasewire.solver.contact.arcs import Arcs
 from phasewire.solver.contact.cut import cut
 from phasewire.solver.contact.density import CLOSEST, FADING, FULL, SLIGHT
-from phasewire.solver.contact.touch import _curvature
+from phasewire.solver.contact.touch import Toucher
 from phasewire.solver.contact.tracking import follow
 
 from tests.solver.contact.literal_density import lines
@@ -82,7 +82,7 @@ def random_quads(rng: np.random.Generator, count: int = 4) -> Floats:
 def test_it_is_the_literal_division(shape: str, corners: bool, seed: int, spacing: float) -> None:
     mesh = getattr(Mesh, shape)()
     arcs = cut(random_quads(np.random.default_rng(seed), 2), mesh)
-    curvature = _curvature(arcs, (mesh,)) if corners else np.zeros(len(arcs.vertices))
+    curvature = Toucher(corners=corners)._curvature(arcs, (mesh,))
     positions, _, anchors = place(arcs, curvature, spacing)
     literal = lines(arcs, curvature, spacing)
     expected = [line.at(t) for line in literal for t in sorted(line.places)]
@@ -175,7 +175,7 @@ def test_the_triangulation_does_not_matter(shape: str, seed: int) -> None:
     found = []
     for version in (mesh, divided(mesh, 1), divided(mesh, 2)):
         arcs = cut(quads, version)
-        positions, amplitudes, _ = place(arcs, _curvature(arcs, (version,)))
+        positions, amplitudes, _ = place(arcs, Toucher()._curvature(arcs, (version,)))
         order = np.lexsort(np.round(positions, 7).T)
         found.append((positions[order], amplitudes[order]))
     for positions, amplitudes in found[1:]:
@@ -188,7 +188,7 @@ def test_the_triangulation_does_not_matter(shape: str, seed: int) -> None:
 def test_a_cap_keeps_corners_and_thins_the_rest_alike(seed: int, most: int) -> None:
     mesh = Mesh.cube()
     arcs = cut(random_quads(np.random.default_rng(seed), 3), mesh)
-    curvature = _curvature(arcs, (mesh,))
+    curvature = Toucher()._curvature(arcs, (mesh,))
     whole, _, all_anchors = place(arcs, curvature)
     positions, _, anchors = place(arcs, curvature, most=most)
     assert len(positions) <= min(most, len(whole))
