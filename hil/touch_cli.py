@@ -198,6 +198,8 @@ def touch(
             rate=rate,
             on_moment=_each(seen),
         )
+        with error_console().status("loading; the first time, compiling takes a minute"):
+            loop.warm_up()
         error_console().print(f"{source.name} touches {', '.join(objects)} on {opened.name}")
         told = {"format": "phasewire-touch-1", "device": opened.name, "hands": hand, "objects": objects}
         try:

@@ -181,7 +181,7 @@ class TouchLoop:
         self._fading = Fading.nothing()
         self._points = NO_POINTS
         self._pose_at = self._heard_at = self._begin
-        self._stalled = False
+        self._warm = self._stalled = False
         self._takes = 0.0
         self._number: int | None = None
         self._frames = self._dropped = self._touching = self._stalls = self._held_up = 0
@@ -238,7 +238,8 @@ class TouchLoop:
             watchdog's time is over if the device cannot be reached.
         """
         with self._silent_afterwards(on_progress), _without_collections():
-            self._warm_up()
+            if not self._warm:
+                self.warm_up()
             self._device.set_watchdog(self._watchdog)
             self._wall_begin, self._begin = time.monotonic(), self._clock.monotonic()
             self._heard_at, told = self._begin, self._wall_begin
@@ -391,16 +392,22 @@ class TouchLoop:
             self._clock.sleep(max(self._due() - self._clock.monotonic(), 0.0))
             self._survive(self._go_on)
 
-    def _warm_up(self) -> None:
-        """Load all that is compiled before the first touch, which must not wait for it: the outputs are off still."""
+    def warm_up(self) -> None:
+        """Load what is compiled, which the first touch must not wait for; `run` does it if it was not done before.
+
+        The first time on a machine it is compiled, which takes a minute. The outputs are off still.
+        """
         objects = self._objects(self._clock.monotonic())
         for mesh in objects:
-            self._toucher.touch([Hand.flat(mesh.vertices[mesh.faces[0, 0]])], objects)
+            hand = Hand.flat(mesh.vertices[mesh.faces[0, 0]])
+            for hands in ((), (hand,), (hand.moved((0, 0, 1e-3)),), ()):  # what comes, stays and goes
+                self._toucher.touch(hands, objects)
         self._toucher.forget()
         above = self._array.positions.mean(axis=0) + WARM_UP_METRES * self._array.normals.mean(axis=0)
         for _ in range(2):
             self._fields.solve(Fading.nothing().step(np.arange(3), above + np.eye(3) * 0.01, np.ones(3), 1.0, 3))
         self._fields.forget()
+        self._warm = True
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,14 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from phasewire import Device, Emulator, TransducerArray, open_device, pressure
+from phasewire import Device, Emulator, Mesh, TransducerArray, open_device, pressure
 from phasewire.emulator.faults import HotBoard, InjectedFault, PowerCut, StalledEndpoint, Unplugged
 from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError, TrackerLostError
 from phasewire.host.hands.frames import HandFrame
-from phasewire.host.hands.sources import LiveHands, PlayedHands
+from phasewire.host.hands.sources import LiveHands, PlayedHands, open_hands
 from phasewire.host.touching.loop import MOST_RAMP_SECONDS, SILENCE_SECONDS, TouchLoop, TouchMoment
 from phasewire.host.touching.report import TouchReport
 from phasewire.protocol.pulses import Pulses
+from phasewire.solver.contact.touch import Toucher
 from phasewire.solver.split import split
 
 from .ring import POINTS, Ring, frames, source
@@ -306,3 +308,26 @@ def test_hands_are_moved_ahead_unless_that_is_off() -> None:
 def test_a_ramp_that_is_none_is_refused(ramp: float) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device, pytest.raises(ValueError, match="a ramp of"):
         loop_of(device, source(device.time, 100, 1, still), ramp=ramp)
+
+
+def variants() -> dict[str, int]:
+    """How many variants of each compiled function have been loaded."""
+    return {
+        f"{module}.{name}": len(value.signatures)
+        for module in sorted(sys.modules)
+        if module.startswith(("phasewire.solver", "phasewire.protocol"))
+        for name, value in vars(sys.modules[module]).items()
+        if isinstance(getattr(value, "signatures", None), list)
+    }
+
+
+def test_nothing_is_compiled_while_hands_are_played() -> None:
+    """The outputs would be silent meanwhile: the first time on a machine that takes seconds."""
+    with open_device("emulator:") as device, open_hands("gesture:sweep?rate=50", device.time) as hands:
+        loop = TouchLoop(device, hands, [Mesh.cube()], Toucher(), ARRAY)
+        loop.warm_up()
+        before = variants()
+        report = loop.run(4)
+    assert 0 < report.touching < report.frames, "hands come and go"
+    assert variants() == before
+    assert sum(before.values()) > 10
