@@ -1,7 +1,7 @@
 """A bounding volume hierarchy over triangles: which of 100 000 faces can a quadrilateral meet, in microseconds.
 
-Nodes are stored depth first: the first child of node i is node i + 1, and ``after[i]`` is the node that follows its
-whole subtree. A traversal needs no stack: it goes on to the next node if it hits one, and to ``after`` if it misses.
+Nodes are stored depth first: the first child of node i is node i + 1, and ``links[i, 0]`` is the node that follows its
+whole subtree. A traversal needs no stack: it goes on to the next node if it hits one, and to that one if it misses.
 This module imports numba, so it is imported when a mesh is cut for the first time.
 """
 
@@ -16,7 +16,7 @@ from ...compiling import kernel, part
 
 __all__ = ["Bvh", "build"]
 
-LEAF = 4  # faces that are cheaper to try than to divide
+LEAF = 8  # faces that are cheaper to try than to divide
 BINS = 16
 DEEPEST = 40  # levels after which halves are taken by number, so that no mesh makes a list of the tree
 STACK = 2 * (DEEPEST + 32)
@@ -25,28 +25,25 @@ STACK = 2 * (DEEPEST + 32)
 class Bvh(NamedTuple):
     """The tree.
 
-    ``boxes`` are (n, 6) lowest and highest coordinates of each node. ``after`` is the node after the subtree. A leaf
-    holds ``counts`` faces of ``faces`` from ``firsts`` on; other nodes count 0. ``faces`` holds every face once:
-    a face with the same three vertices as an earlier one is left out, and one that names a vertex twice too.
+    ``boxes`` are (n, 6) lowest and highest coordinates of each node. ``links`` are (n + 1, 2): the node after the
+    subtree, which for a leaf is the next one; and where the node's part of ``faces`` begins, which ends where that of
+    the node after it begins. ``faces`` holds every face once: a face with the same three vertices as an earlier one is
+    left out, and one that names a vertex twice too.
     """
 
     boxes: NDArray[np.float64]
-    after: NDArray[np.int64]
-    firsts: NDArray[np.int64]
-    counts: NDArray[np.int64]
+    links: NDArray[np.int32]
     faces: NDArray[np.int64]
 
 
 def build(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Bvh:
     """The tree of (f, 3) faces of (v, 3) vertices, by the surface area heuristic in bins."""
     order = _proper(faces, len(vertices))
-    room = max(2 * len(order), 1)
-    boxes = np.empty((room, 6))
-    after, firsts, counts = np.empty((3, room), dtype=np.int64)
-    used = _grow(vertices, faces, order, boxes, after, firsts, counts)
-    for whole in (boxes, after, firsts, counts, order):
+    boxes, links = np.empty((2 * len(order), 6)), np.empty((2 * len(order) + 1, 2), dtype=np.int32)
+    used = _grow(vertices, faces, order, boxes, links)
+    for whole in (boxes, links, order):
         whole.setflags(write=False)
-    return Bvh(boxes[:used], after[:used], firsts[:used], counts[:used], order)
+    return Bvh(boxes[:used], links[: used + 1], order)
 
 
 def _proper(faces: NDArray[np.int64], vertices: int) -> NDArray[np.int64]:
@@ -90,7 +87,7 @@ def _cheapest(amount: Any, bins: Any, area: Any) -> int:
 
 
 @kernel
-def _grow(vertices: Any, faces: Any, order: Any, boxes: Any, after: Any, firsts: Any, counts: Any) -> int:
+def _grow(vertices: Any, faces: Any, order: Any, boxes: Any, links: Any) -> int:
     """Write the tree into its arrays, and ``order`` anew. Returns the number of nodes."""
     total = len(order)
     low, high = np.empty((len(faces), 3)), np.empty((len(faces), 3))
@@ -116,10 +113,10 @@ def _grow(vertices: Any, faces: Any, order: Any, boxes: Any, after: Any, firsts:
                 box[k], box[k + 3] = min(box[k], low[f, k]), max(box[k + 3], high[f, k])
                 middle = low[f, k] + high[f, k]
                 least[k], most[k] = min(least[k], middle), max(most[k], middle)
-        firsts[used], counts[used] = begin, 0
+        links[used, 0], links[used, 1] = 0, begin
         used += 1
         if end - begin <= LEAF:
-            counts[used - 1] = end - begin
+            links[used - 1, 0] = used
             continue
         axis = np.argmax(most - least)
         divide = (begin + end) // 2
@@ -151,5 +148,7 @@ def _grow(vertices: Any, faces: Any, order: Any, boxes: Any, after: Any, firsts:
         stack[waiting + 1, 0], stack[waiting + 1, 1], stack[waiting + 1, 2] = begin, divide, depth + 1
         waiting += 2
     for node in range(used - 1, -1, -1):
-        after[node] = node + 1 if counts[node] > 0 else after[after[node + 1]]
+        if links[node, 0] == 0:  # no leaf: after its second child, which is after its first
+            links[node, 0] = links[links[node + 1, 0], 0]
+    links[used, 0], links[used, 1] = used, total
     return used

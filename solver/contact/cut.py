@@ -54,6 +54,13 @@ def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) ->
     ------
     ValueError
         If the quadrilaterals have another shape or are not finite.
+
+    Notes
+    -----
+    What is exactly in the plane is cut as the plane just below would cut it: a face of an object below is outlined, a
+    face of an object above is not cut, an edge is followed there and back, and a point is no arc. Of triangles with the
+    same three vertices the first is cut. A triangle without area joins the lines on both sides of it. Arcs end at a
+    mesh's open edges.
     """
     corners = np.array(quads, dtype=np.float64, order="C")  # writable: kernels are compiled for one kind of array
     if corners.ndim != 3 or corners.shape[1:] != (4, 3):
@@ -198,7 +205,7 @@ def _grown(rows: Any) -> Any:
 
 @partial(kernel, error_model="numpy")  # no check at each division
 def segments(quads: Any, rotation: Any, offset: Any, vertices: Any, faces: Any, face_edges: Any, boxes: Any,
-             after: Any, firsts: Any, counts: Any, order: Any) -> Any:  # fmt: skip
+             links: Any, order: Any) -> Any:  # fmt: skip
     """What the quadrilaterals cut out of each face of a solid, and in the solid's coordinates.
 
     Returns
@@ -222,11 +229,12 @@ def segments(quads: Any, rotation: Any, offset: Any, vertices: Any, faces: Any, 
         if not _prepare(quad, plane, borders):
             continue
         node = 0
-        while node < len(after):
+        while node < len(boxes):
             if not _meets(plane, boxes, node):
-                node = after[node]
+                node = links[node, 0]
                 continue
-            for at_leaf in range(firsts[node], firsts[node] + counts[node]):
+            is_leaf = links[node, 0] == node + 1
+            for at_leaf in range(links[node, 1], links[node + 1, 1] if is_leaf else 0):
                 face = order[at_leaf]
                 above = 0
                 for k in range(3):

@@ -13,13 +13,21 @@ from .cuts import Floats
 def overlap(bvh: Bvh, low: Floats, high: Floats) -> list[int]:
     """Faces in the leaves that a box meets."""
     node, found = 0, list[int]()
-    while node < len(bvh.after):
+    while node < len(bvh.boxes):
+        after, first = bvh.links[node].tolist()
         if (bvh.boxes[node, :3] > high).any() or (bvh.boxes[node, 3:] < low).any():
-            node = int(bvh.after[node])
+            node = after
             continue
-        found += bvh.faces[bvh.firsts[node] : bvh.firsts[node] + bvh.counts[node]].tolist()
         node += 1
+        if after == node:
+            found += bvh.faces[first : bvh.links[after, 1]].tolist()
     return found
+
+
+def leaves(bvh: Bvh) -> np.ndarray:
+    """Faces in each leaf, 0 in other nodes."""
+    after, first = bvh.links.T
+    return np.where(after[:-1] == np.arange(1, len(after)), np.diff(first), 0)
 
 
 def soup(rng: np.random.Generator) -> tuple[Floats, np.ndarray]:
@@ -42,7 +50,8 @@ def test_it_finds_what_brute_force_finds(seed: int) -> None:
         assert len(set(found)) == len(found)
         assert set(np.flatnonzero(((lowest <= high) & (highest >= low)).all(axis=1))) <= set(found)
     assert sorted(bvh.faces.tolist()) == list(range(len(faces)))
-    assert bvh.counts.max() <= LEAF
+    assert leaves(bvh).max() <= LEAF
+    assert leaves(bvh).sum() == len(faces)
 
 
 def test_it_tries_few_faces_of_a_large_mesh() -> None:
@@ -61,11 +70,11 @@ def test_no_mesh_makes_a_list_of_the_tree(ratio: float) -> None:
     places = ratio ** np.arange(count, dtype=np.float64) * 1000
     vertices = (places[:, None, None] * [1, 1, 1] + places[:, None, None] * np.eye(3) / 1e3).reshape(-1, 3)
     bvh = build(vertices, np.arange(3 * count).reshape(-1, 3))
-    depth = np.zeros(len(bvh.after), dtype=np.int64)
-    for node in np.flatnonzero(bvh.counts == 0):
-        depth[node + 1] = depth[bvh.after[node + 1]] = depth[node] + 1
+    depth = np.zeros(len(bvh.boxes), dtype=np.int64)
+    for node in np.flatnonzero(leaves(bvh) == 0):
+        depth[node + 1] = depth[bvh.links[node + 1, 0]] = depth[node] + 1
     assert depth.max() <= DEEPEST + np.ceil(np.log2(count))
-    assert bvh.counts.sum() == count
+    assert leaves(bvh).sum() == count
 
 
 def test_a_face_that_occurs_twice_or_has_no_three_vertices_is_left_out() -> None:
@@ -73,5 +82,5 @@ def test_a_face_that_occurs_twice_or_has_no_three_vertices_is_left_out() -> None
     vertices = np.eye(4, 3)
     assert build(vertices, faces).faces.tolist() == [1, 3]
     empty = build(vertices, faces[[0, 5]])
-    assert len(empty.after) == 0
+    assert len(empty.boxes) == 0
     assert overlap(empty, np.full(3, -1.0), np.ones(3)) == []

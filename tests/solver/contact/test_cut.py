@@ -254,6 +254,22 @@ def test_the_palm_goes_on_in_a_finger_that_is_near(gap: float, count: int) -> No
     assert set(arcs.quads.tolist()) == {-1, 16, 23}
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_two_arcs_of_the_palm_the_nearer_goes_on_in_the_finger(first: int) -> None:
+    """A bar that the finger cuts too, and beside it one that only the palm cuts, in either order of their faces."""
+    quads = np.zeros((16, 4, 3))
+    quads[0] = parallelogram([-0.04, -0.09, 0.005], [0.08, 0, 0], [0, 0.09, 0])
+    quads[7] = parallelogram([-0.008, 0.005, 0.005], [0.016, 0, 0], [0, 0.04, 0])
+    bar = Mesh.of(Mesh.cube(size=0.005, centre=(0, 0, 0)).vertices * [1, 200, 200], Mesh.cube().faces)
+    pair = [bar, bar.moved((0.011, 0, 0))][:: 1 if first == 0 else -1]
+    faces = np.concatenate([bar.faces, bar.faces + len(bar.vertices)])
+    arcs = cut(quads, Mesh.of(np.concatenate([each.vertices for each in pair]), faces), hands=True)
+    np.testing.assert_allclose(np.sort(lengths(arcs)), [0.09, 0.09, 0.135, 0.135])
+    for line, length in zip(arcs.polylines(), lengths(arcs), strict=True):
+        assert np.ptp(line[:, 0]) < 1e-12
+        assert (abs(line[0, 0]) < 0.005) == (length > 0.1)
+
+
 def test_fingers_of_different_hands_are_not_joined() -> None:
     quads = np.zeros((32, 4, 3))
     quads[0] = parallelogram([-0.04, -0.09, 0.005], [0.08, 0, 0], [0, 0.09, 0])
