@@ -36,7 +36,7 @@ from ..solver.contact.solids import SOLIDS
 from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
 from ..solver.curves import SPACING
 from ..solver.modulation import FREQUENCY
-from ..solver.objects import MovingObject, parse_object
+from ..solver.objects import MovingObject, object_help, parse_object
 from ..solver.points import MAX_POINTS
 from ..storage import check_outputs
 
@@ -84,7 +84,24 @@ class _Best:
             self.moment, self._points = moment, points
 
 
-@commands.command(epilog="Example: phasewire touch cube --hand gesture:sweep --seconds 4")
+@commands.command(
+    epilog="Example: phasewire touch cube --hand gesture:sweep --seconds 4",
+    help=f"""Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.
+
+Hands are cut with the objects, control points are placed on the cuts, split in two halves, solved, and sent as
+soon as they are there. The halves take turns 200 times a second. Without a hand that touches, and without news of
+the hands, the outputs are silent within 50 ms. A line that is too slow for a block in each turn, such as most
+UARTs, leaves the turns to the device, and limits how often a new pose is played.
+
+Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
+
+An object is a name or a file with what differs from its defaults, such as sphere:size=0.06,turn=90 or
+cup.stl:scale=0.001 . Its centre is put at x, y, z.
+
+\b
+{object_help()}
+""",
+)
 def touch(
     objects: Annotated[
         list[str],
@@ -158,15 +175,7 @@ def touch(
     ] = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.
-
-    Hands are cut with the objects, control points are placed on the cuts, split in two halves, solved, and sent as
-    soon as they are there. The halves take turns 200 times a second. Without a hand that touches, and without news of
-    the hands, the outputs are silent within 50 ms. A line that is too slow for a block in each turn, such as most
-    UARTs, leaves the turns to the device, and limits how often a new pose is played.
-
-    Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
-    """
+    """Let hands touch objects, and play what they feel; the help above says more."""
     check_outputs([picture, timeline, recording, None if recording is None else log_path(recording), json_target])
     for drawn in filter(None, (picture, timeline)):
         check_picture_path(drawn)
@@ -175,6 +184,9 @@ def touch(
     out, meter, best = console_for(json_target), _Meter(error_console()), _Best()
     with error_console().status("reading") as status:
         things = [parse_object(text, status.update) for text in objects]
+    for text, thing in zip(objects, things, strict=True):
+        for repair in thing.mesh.repairs:
+            error_console().print(f"warning: {text}: {repair}", style="yellow")
     with ExitStack() as stack:
         opened = stack.enter_context(open_device(device, calibration=load_calibration(calibration)))
         source = stack.enter_context(PlacedHands(open_hands(hand, opened.time), placed))

@@ -113,14 +113,12 @@ class Surface:
 
 def object_help() -> str:
     """What an object may be, and its parameters with their defaults, a line each."""
-    return "\n".join(
-        [
-            f"{'|'.join(SOLIDS)}:{written(Size)}",
-            f"FILE ({', '.join(MESH_FILES)}):scale=METRES, of the file's unit: 0.001 for millimetres",
-            f"VOLUME ({VOLUMES}):level=VALUE,spacing=METRES,step=1: all above a level; a larger step is coarser",
-            f"each also {written(Place)}: centre, degrees about the vertical, metres and degrees per second",
-        ]
-    )
+    return f"""{"|".join(SOLIDS)}:{written(Size)}
+FILE ({", ".join(MESH_FILES)}):scale=METRES   in its unit: 0.001 for millimetres
+FILE (.npy, .npz, .nii, .nii.gz) or DICOM folder:level=VALUE,spacing=METRES,step=1
+    what is above the level in a volume; a larger step is coarser
+all: {written(Place)}
+    centre in m, degrees about the vertical, m/s, degrees per second"""
 
 
 def parse_object(text: str, status: Callable[[str], None] | None = None) -> MovingObject:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire import Emulator
+import trimesh
+from phasewire import Emulator, Mesh
 from phasewire.emulator import faults
 from phasewire.host.hands.frames import HandFrame
 from phasewire.host.hands.recording import HandRecording
@@ -50,6 +51,15 @@ def test_json_goes_to_standard_output_and_words_to_the_other(touch: Run) -> None
     outcome = touch("cube", *SHORT, "--json", "-")
     assert json.loads(outcome.out)["objects"] == ["cube"]
     assert "The outputs are off" in outcome.err
+
+
+def test_repairs_of_an_object_are_said(touch: Run) -> None:
+    cube = Mesh.cube()
+    faces = np.concatenate([cube.faces, cube.faces[:2]])
+    trimesh.Trimesh(cube.vertices, faces, process=False).export("cube.stl")
+    outcome = touch("cube.stl", *SHORT)
+    assert outcome.code == 0
+    assert "warning: cube.stl: 2 duplicate faces removed" in outcome.err
 
 
 def test_what_is_recorded_can_be_touched_again_and_read(touch: Run) -> None:

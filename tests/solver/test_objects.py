@@ -111,4 +111,4 @@ def test_what_is_no_motion_is_refused(values: Any) -> None:
 
 def test_the_help_has_every_parameter() -> None:
     assert "cone|sphere|pyramid|horizontal_prism|vertical_prism|cube:size=0.1\n" in object_help()
-    assert "x=0.0,y=0.0,z=0.17,rotation=0.0,vx=0.0,vy=0.0,vz=0.0,turn=0.0" in object_help()
+    assert "all: x=0.0,y=0.0,z=0.17,rotation=0.0,vx=0.0,vy=0.0,vz=0.0,turn=0.0\n" in object_help()
