@@ -40,6 +40,7 @@ def test_what_is_felt_arrives(intended: TwoSided, emulator: Emulator) -> None:
     run = run_touch(intended, emulator)
     assert verdicts(run) == [True] * 4
     points = intended.points.positions
+    np.testing.assert_allclose(run.emitted.weights @ run.emitted.drives, intended.drives, atol=0.07)
     felt = intensity_component(intended.first.array, run.emitted, points)
     np.testing.assert_allclose(felt, run.felt(run.rebuilt), rtol=1e-9)
     np.testing.assert_allclose(
