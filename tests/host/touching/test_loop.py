@@ -119,8 +119,8 @@ def test_contact_and_release_are_ramps_and_silence_comes_in_time(ramp: float, ra
 class Stalling(PlayedHands):
     """Gives frames, and from some time on none, though it has not ended."""
 
-    def __init__(self, device: Device, seconds: float, *, blocks: float | None = None) -> None:
-        super().__init__("stalling", frames(100, 10, still), 100, device.time)
+    def __init__(self, device: Device, seconds: float, *, blocks: float | None = None, place: Place = still) -> None:
+        super().__init__("stalling", frames(100, 10, place), 100, device.time)
         self._device, self._blocks = device, blocks
         self._until = device.time.monotonic() + seconds
         self._stops = device.time.monotonic() + 0.6
@@ -162,6 +162,14 @@ def test_a_source_that_does_not_come_back_is_silenced_by_the_watchdog_and_the_lo
     assert len(quiet) > 30 * MS
     assert not quiet.any()
     assert loudness[int(after * 40_000) + 30 * MS :].any(), "it plays again"
+
+
+def test_what_the_watchdog_has_silenced_does_not_come_back_without_a_hand() -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        hands = Stalling(device, 0.2, blocks=0.15, place=lambda time: still(time) if time < 0.25 else None)
+        report = loop_of(device, hands).run()
+        assert report.held_up == 1
+        assert last_sound(emulator) < 0.3 * 40_000
 
 
 def test_no_hand_ever_is_silence_throughout() -> None:
@@ -232,8 +240,11 @@ def test_a_lost_tracker_lets_the_field_fade_and_ends_in_its_error() -> None:
         with pytest.raises(TrackerLostError):
             loop.run()
         assert not device.status().enabled
-        emulator.run(10)
+        emulator.run(200)
         assert last_sound(emulator) - heard[-1] * 40_000 < SILENCE
+        begin = int(heard[-1] * 40_000)
+        loudness = amplitudes(emulator, begin, emulator.capture().end_tick // 50)
+        assert (np.abs(np.diff(loudness[::100])) < 0.6 * loudness.max()).all(), "it fades"
 
 
 def test_ctrl_c_turns_the_outputs_off() -> None:

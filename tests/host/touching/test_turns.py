@@ -99,6 +99,27 @@ def test_a_host_that_is_held_up_comes_back_in_phase_and_says_so() -> None:
     np.testing.assert_array_equal(played(emulator, back, last), np.array(WIDTHS)[whose(back, last, 100)])
 
 
+def test_a_clock_that_is_corrected_backwards_at_a_boundary_does_not_swap_the_fields(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        turns = turns_for(device, 200, WATCHDOG)
+        assert isinstance(turns, StreamedTurns)
+        turns.show(fields())
+        kept(device, turns, 0.01)
+        device.time.sleep(max(turns.due - device.time.monotonic(), 0.0))
+        turns.keep()  # the next turn is on its way
+        first = turns._sent * 100
+        early = first - turns._guard - 1
+        monkeypatch.setattr(turns, "_now", lambda: early)
+        turns.show(fields(1))
+        monkeypatch.undo()
+        kept(device, turns, 0.01)
+        last = device.status().period - 10
+    turn = (played(emulator, first, last) >= WIDTHS[1]).astype(int)
+    np.testing.assert_array_equal(turn, whose(first, last, 100))
+
+
 def test_silence_is_kept_alive_and_ends_with_the_next_pose() -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         device.set_watchdog(WATCHDOG)
