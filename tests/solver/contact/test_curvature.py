@@ -46,6 +46,18 @@ def test_a_cube_has_a_right_angle_along_all_its_edges_and_nothing_elsewhere(divi
     assert not solid.edge_curvature[~on_edges].any()
 
 
+def test_faces_that_a_file_of_float32_bends_are_flat() -> None:
+    mesh = box(3)
+    mesh.apply_transform(trimesh.transformations.random_rotation_matrix(np.array([0.2, 0.5, 0.7])))
+    mesh.apply_translation((0.01, -0.02, 0.17))
+    solid = Solid(mesh.vertices.astype(np.float32), mesh.faces)
+    angles = dihedral_angles(solid.vertices, solid.faces, solid.edge_faces)
+    inside = angles < 0.1
+    assert 0 < angles[inside].max() < FLAT
+    assert not solid.edge_curvature[inside].any()
+    np.testing.assert_allclose(solid.edge_curvature[~inside], RIGHT, atol=1e-4)
+
+
 @pytest.mark.parametrize("divisions", [1, 2])
 def test_a_division_changes_nothing_along_an_edge(divisions: int) -> None:
     """Along the edges to the apex, where the corners' values differ."""

@@ -224,3 +224,17 @@ def test_a_jump_of_the_number_of_points_is_no_jump_of_the_points() -> None:
         for identity in last.keys() & new.keys():
             assert np.linalg.norm(new[identity] - last[identity]) <= (FOLLOW + 0.6) * 1e-4 + SETTLE
         last = new
+
+
+def test_points_of_a_closed_arc_turn_with_its_object() -> None:
+    """They are held by no corner, and do not begin anew when another corner is the farthest in some direction."""
+    toucher, mesh = Toucher(corners=False), Mesh.cube(0.034, (0, 0, 0.17))
+    first = toucher.touch(Hand.flat(), mesh)
+    assert first.points is not None
+    for degrees in range(0, 91, 3):
+        turned = mesh.rotated(degrees)
+        felt = toucher.touch(Hand.flat(), turned)
+        assert felt.points is not None
+        np.testing.assert_array_equal(felt.ids, first.ids)
+        on_cube = (felt.points.positions - turned.offset) @ turned.rotation
+        np.testing.assert_allclose(on_cube, first.points.positions - mesh.offset, rtol=0, atol=1e-6)
