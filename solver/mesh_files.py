@@ -37,6 +37,8 @@ MOST_ITEMS = 8_000_000
 """Of all accessors of a GLB file together."""
 LARGEST = 2.0
 """Metres. An object that is larger is one in another unit: no array reaches so far."""
+LARGEST_MILLIMETRES = 2000.0
+"""An object that is larger is too large even in millimetres."""
 SMALLEST = 1e-3
 """Metres. An object that is smaller is one in another unit: no hand feels it."""
 
@@ -75,10 +77,8 @@ def read_mesh(path: Path, scale: float | None = None, status: Callable[[str], No
     try:
         vertices, faces = _parsed(check(data), path.suffix.lower().removeprefix("."))
     except Exception as error:  # on foreign bytes trimesh raises nearly anything
-        reason = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
-        raise InputFileError(
-            f"{path} is truncated, corrupted or no {path.suffix[1:].upper()} file: {reason}"
-        ) from error
+        reason = str(error) if type(error) is ValueError else f"it is damaged ({type(error).__name__}: {error})"
+        raise InputFileError(f"{path} cannot be read as {path.suffix[1:].upper()}: {reason}") from error
     if not len(faces):
         raise InputFileError(f"{path} holds no triangles")
     return mesh_of(vertices, faces, path, scale, tell)
@@ -107,6 +107,10 @@ def _unit_trouble(extents: NDArray[np.float64]) -> str:
     size = " × ".join(f"{extent:.4g}" for extent in extents)
     if extents.max() < SMALLEST:
         return f"{size} as metres, too small to be felt: pass the metres in its unit as scale=…"
+    if extents.max() > LARGEST_MILLIMETRES:
+        return (
+            f"{size} as metres, too large in any unit: check its coordinates, or pass the metres in its unit as scale=…"
+        )
     likely = "millimetres: pass scale=0.001"
     if extents.max() <= 20:
         likely = f"centimetres or millimetres: pass scale=0.01 or {likely.partition('pass ')[2]}"

@@ -87,6 +87,7 @@ def test_an_obj_with_polygons_materials_and_other_files(tmp_path: Path) -> None:
     ("size", "message"),
     [
         (80, r"is 80 × 80 × 80 as metres, larger than 2 m; it looks like millimetres: pass scale=0.001 "),
+        (5e7, r"is 5e\+07 × 5e\+07 × 5e\+07 as metres, too large in any unit: check its coordinates"),
         (8, r"is 8 × 8 × 8 as metres, .* centimetres or millimetres: pass scale=0.01 or scale=0.001 "),
         (8e-5, r"is 8e-05 × 8e-05 × 8e-05 as metres, too small to be felt"),
     ],
