@@ -1,0 +1,97 @@
+"""Runs in the guest: does what the computer asks for, by JSON lines on a virtual serial port.
+
+A request is ``{"id": 1, "command": ["lsusb"], "seconds": 10}``; its answer ``{"id": 1, "code": 0, "out": "", "err": ""}``
+comes when the command has ended. Commands run side by side. Without KVM the project's modules take half a minute to
+import, so ``phasewire`` runs in a fork of this process, which has imported them once.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import signal
+import sys
+import tempfile
+import threading
+from contextlib import suppress
+from typing import Any, BinaryIO
+
+PHASEWIRE = "phasewire"
+GRACE_SECONDS = 10.0
+lock = threading.Lock()
+
+
+def main(port: str) -> None:
+    """Serve the port until the guest is turned off."""
+    with open(port, "r+b", buffering=0) as line:  # noqa: PTH123  # a device
+        _say(line, {"id": 0, "code": 0, "out": "ready", "err": ""})
+        for text in iter(line.readline, b""):
+            request = json.loads(text)
+            if request["command"][0] == PHASEWIRE:
+                import phasewire.commands  # noqa: F401  # once, for all forks
+            outputs = tempfile.TemporaryFile(), tempfile.TemporaryFile()
+            child = os.fork()
+            if not child:
+                _become(request["command"], *(file.fileno() for file in outputs))
+            threading.Thread(target=_wait, args=(line, request, child, outputs), daemon=True).start()
+
+
+def _become(command: list[str], out: int, err: int) -> None:
+    """Be a command, in a process and a group of its own."""
+    code = 127
+    try:
+        os.setsid()
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        os.dup2(out, 1)
+        os.dup2(err, 2)
+        if command[0] != PHASEWIRE:
+            os.execvp(command[0], command)
+        sys.argv = command
+        runpy.run_module("phasewire", run_name="__main__")
+        code = 0
+    except SystemExit as left:
+        code = left.code if isinstance(left.code, int) else int(left.code is not None)
+    except OSError as error:
+        print(error, file=sys.stderr)
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def _wait(line: BinaryIO, request: dict[str, Any], child: int, outputs: tuple[Any, Any]) -> None:
+    """Answer when a command has ended; end it if it takes too long."""
+    timers = [
+        threading.Timer(seconds, _end, (child, number))
+        for seconds, number in (
+            (request["seconds"], signal.SIGINT),
+            (request["seconds"] + GRACE_SECONDS, signal.SIGKILL),
+        )
+    ]
+    for timer in timers:
+        timer.start()
+    _, status = os.waitpid(child, 0)
+    for timer in timers:
+        timer.cancel()
+    texts = []
+    for file in outputs:
+        file.seek(0)
+        texts.append(file.read().decode(errors="replace"))
+        file.close()
+    out, err = texts
+    _say(line, {"id": request["id"], "code": os.waitstatus_to_exitcode(status), "out": out, "err": err})
+
+
+def _end(child: int, number: int) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(child, number)
+
+
+def _say(line: BinaryIO, answer: dict[str, Any]) -> None:
+    with lock:
+        line.write(json.dumps(answer).encode() + b"\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

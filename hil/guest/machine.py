@@ -1,0 +1,191 @@
+"""The guest: QEMU without KVM, the computer's files to read, and commands that run in it."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from .kernel import Kernel
+
+__all__ = ["SERVER", "Done", "Guest", "GuestError"]
+
+SERVER = ("10.0.2.100", 3240)
+"""Where the guest finds the USB/IP server of `Guest.serve`."""
+
+BOOT_SECONDS = 180.0
+LIFE_SECONDS = 3600
+"""After which QEMU is ended whatever happens."""
+MOST_LOG_BYTES = 1 << 20
+HERE = Path(__file__).parent
+ROOT = HERE.parent.parent
+
+
+class GuestError(Exception):
+    """The guest does not start, or does not answer any more."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """A command that has ended.
+
+    Parameters
+    ----------
+    code : int
+        Its exit code; negative if a signal ended it.
+    out, err : str
+        What it wrote.
+    """
+
+    code: int
+    out: str
+    err: str
+
+
+class Guest:
+    """A Linux machine in QEMU, from the entry of a ``with`` statement to its end.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Its kernel.
+    memory_mib : int
+        Its memory.
+
+    Attributes
+    ----------
+    boot_seconds : float
+        How long it took until it could run commands.
+    """
+
+    def __init__(self, kernel: Kernel, memory_mib: int = 2048) -> None:
+        self._kernel, self._memory = kernel, memory_mib
+        self._waiting: dict[int, Done] = {}
+        self._number = 0
+        self._received = b""
+        self.boot_seconds = 0.0
+
+    def __enter__(self) -> Self:
+        self._folder = Path(tempfile.mkdtemp(prefix="phasewire-guest-"))
+        try:
+            self._start()
+        except BaseException:
+            self._stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stop()
+
+    @property
+    def log(self) -> str:
+        """What its kernel and its first programs said on the serial console."""
+        with (self._folder / "console").open("rb") as file:
+            return file.read(MOST_LOG_BYTES).decode(errors="replace")
+
+    def serve(self, port: int) -> None:
+        """Lead the guest's connections to `SERVER` to a TCP port of this computer from now on."""
+        (self._folder / "port").write_text(str(port))
+
+    def run(self, *command: str, seconds: float = 60.0) -> Done:
+        """Run a command in the guest, and wait until it has ended; it is interrupted after so many seconds."""
+        return self.wait(self.start(*command, seconds=seconds), seconds)
+
+    def start(self, *command: str, seconds: float = 60.0) -> int:
+        """Start a command in the guest; its number for `wait`."""
+        self._number += 1
+        request = {"id": self._number, "command": command, "seconds": seconds}
+        self._line.sendall(json.dumps(request).encode() + b"\n")
+        return self._number
+
+    def wait(self, number: int, seconds: float = 60.0) -> Done:
+        """Wait until a command has ended.
+
+        Raises
+        ------
+        GuestError
+            If the guest does not answer.
+        """
+        end = time.monotonic() + seconds + BOOT_SECONDS  # it may have to import the project first
+        while number not in self._waiting:
+            self._listen(end - time.monotonic())
+        return self._waiting.pop(number)
+
+    def _start(self) -> None:
+        began = time.monotonic()
+        work = self._folder / "work"
+        work.mkdir()
+        shutil.copy(HERE / "begin.sh", work)
+        settings = {
+            "MODULES": self._kernel.folder / "lib/modules",
+            "RULES": ROOT / "host/finding/60-phasewire.rules",
+            "PROJECT": ROOT,
+            "PYTHON": sys.executable,
+        }
+        (work / "settings").write_text("".join(f"{name}='{value}'\n" for name, value in settings.items()))
+        relay = self._folder / "relay.sh"
+        relay.write_text(f"exec busybox nc 127.0.0.1 $(cat {self._folder}/port)\n")
+        listener = socket.socket(socket.AF_UNIX)
+        listener.bind(str(self._folder / "agent"))
+        listener.listen(1)
+        network = f"user,id=net,restrict=on,guestfwd=tcp:{SERVER[0]}:{SERVER[1]}-cmd:/bin/sh {relay}"
+        command = [
+            "timeout", "--signal=KILL", str(LIFE_SECONDS), "qemu-system-x86_64",
+            "-accel", "tcg,thread=multi", "-cpu", "max", "-smp", "2", "-m", str(self._memory),
+            "-nodefaults", "-no-user-config", "-display", "none", "-no-reboot",
+            "-kernel", str(self._kernel.image), "-initrd", str(self._kernel.initramfs),
+            "-append", "console=ttyS0 quiet panic=-1 mitigations=off",
+            "-serial", f"file:{self._folder}/console",
+            "-virtfs", "local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap",
+            "-virtfs", f"local,path={work},mount_tag=work,security_model=none",
+            "-device", "virtio-serial-pci", "-chardev", f"socket,id=agent,path={self._folder}/agent",
+            "-device", "virtserialport,chardev=agent",
+            "-netdev", network, "-device", "virtio-net-pci,netdev=net,romfile=",
+        ]  # fmt: skip
+        errors = (self._folder / "errors").open("wb")
+        self._qemu = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, start_new_session=True)
+        listener.settimeout(BOOT_SECONDS)
+        try:
+            self._line, _ = listener.accept()
+        except TimeoutError:
+            raise GuestError(f"QEMU does not start: {(self._folder / 'errors').read_text()}") from None
+        finally:
+            listener.close()
+            errors.close()
+        self.wait(0, 0)
+        self.boot_seconds = time.monotonic() - began
+
+    def _listen(self, seconds: float) -> None:
+        """Take what the agent says."""
+        if seconds <= 0 or not select.select([self._line], [], [], seconds)[0]:
+            raise GuestError(f"the guest does not answer; its console said:\n{self.log[-2000:]}")
+        data = self._line.recv(1 << 16)
+        if not data:
+            raise GuestError(f"the guest has ended; its console said:\n{self.log[-2000:]}")
+        *lines, self._received = (self._received + data).split(b"\n")
+        for line in lines:
+            answer: dict[str, Any] = json.loads(line)
+            self._waiting[answer["id"]] = Done(answer["code"], answer["out"], answer["err"])
+
+    def _stop(self) -> None:
+        if hasattr(self, "_qemu"):
+            if self._qemu.poll() is None:
+                os.killpg(self._qemu.pid, signal.SIGKILL)
+            self._qemu.wait()
+        if hasattr(self, "_line"):
+            self._line.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
