@@ -157,7 +157,9 @@ class Guest:
             "-netdev", network, "-device", "virtio-net-pci,netdev=net,romfile=",
         ]  # fmt: skip
         errors = (self._folder / "errors").open("wb")
-        self._qemu = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, start_new_session=True)
+        self._qemu = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, start_new_session=True
+        )
         listener.settimeout(BOOT_SECONDS)
         try:
             self._line, _ = listener.accept()
