@@ -110,6 +110,10 @@ HOMES = {
     ),
     "flash": Home(".host.commands.flash_cli", "Give a device new firmware, whole or not at all, and see that it runs."),
     "emulate": Home(".emulator.cli", "Serve emulated devices to other programs, until Ctrl-C."),
+    "attach": Home(
+        ".host.commands.attach_cli",
+        "Attach a device of a USB/IP server, such as `phasewire emulate`, to this Linux computer.",
+    ),
     "config": Home(
         ".settings", "Show what options are where the command line does not say, and where that comes from."
     ),

@@ -111,6 +111,7 @@ ROWS = {
     "firmware sign": Row("firmware sign new.dfu --key key.pem --output signed.dfu", r"", makes=("signed.dfu",)),
     "firmware verify": Row("firmware verify new.dfu --key public.pem", r"UNSIGNED", codes=(1,)),
     "emulate": Row("emulate --seconds 0 --port 0 --serial pty", r"Ended; the devices are gone"),
+    "attach": Row("attach 127.0.0.1:1", r"", codes=(3,), json=False),
     "config": Row("config", r"show +seconds +1\.0 +built-in"),
 }
 

@@ -1,8 +1,8 @@
 """Runs in the guest: does what the computer asks for, by JSON lines on a virtual serial port.
 
-A request is ``{"id": 1, "command": ["lsusb"], "seconds": 10}``; its answer ``{"id": 1, "code": 0, "out": "", "err": ""}``
-comes when the command has ended. Commands run side by side. Without KVM the project's modules take half a minute to
-import, so ``phasewire`` runs in a fork of this process, which has imported them once.
+A request is ``{"id": 1, "command": ["lsusb"], "seconds": 10}``. Its answer comes when the command has ended:
+``{"id": 1, "code": 0, "out": "", "err": ""}``. Commands run side by side. Without KVM the project's modules take half a
+minute to import, so ``phasewire`` runs in a fork of this process, which has imported them once.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import sys
 import tempfile
 import threading
 from contextlib import suppress
-from typing import Any, BinaryIO
+from importlib import import_module
+from typing import IO, Any, BinaryIO
 
 PHASEWIRE = "phasewire"
 GRACE_SECONDS = 10.0
@@ -29,12 +30,16 @@ def main(port: str) -> None:
         for text in iter(line.readline, b""):
             request = json.loads(text)
             if request["command"][0] == PHASEWIRE:
-                import phasewire.commands  # noqa: F401  # once, for all forks
-            outputs = tempfile.TemporaryFile(), tempfile.TemporaryFile()
+                import_module("phasewire.commands")  # once, for all forks
+            outputs = _file(), _file()
             child = os.fork()
             if not child:
                 _become(request["command"], *(file.fileno() for file in outputs))
             threading.Thread(target=_wait, args=(line, request, child, outputs), daemon=True).start()
+
+
+def _file() -> IO[bytes]:
+    return tempfile.TemporaryFile()  # another thread closes it
 
 
 def _become(command: list[str], out: int, err: int) -> None:
@@ -53,14 +58,14 @@ def _become(command: list[str], out: int, err: int) -> None:
     except SystemExit as left:
         code = left.code if isinstance(left.code, int) else int(left.code is not None)
     except OSError as error:
-        print(error, file=sys.stderr)
+        sys.stderr.write(f"{error}\n")
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
 
 
-def _wait(line: BinaryIO, request: dict[str, Any], child: int, outputs: tuple[Any, Any]) -> None:
+def _wait(line: BinaryIO, request: dict[str, Any], child: int, outputs: tuple[IO[bytes], IO[bytes]]) -> None:
     """Answer when a command has ended; end it if it takes too long."""
     timers = [
         threading.Timer(seconds, _end, (child, number))

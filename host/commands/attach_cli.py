@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
 from itertools import islice
 from typing import Annotated
 
 import typer
 
-from ...console import JsonOption, console_for, write_json
-from ...storage import check_outputs
+from ...console import console_for
 from ..lines.vhci import PORT, Attached, attach, follow
 
 __all__ = ["commands"]
@@ -32,7 +30,6 @@ def attach_device(
     patience: Annotated[
         float, typer.Option(min=0, metavar="SECONDS", help="How long a device that has left may be missing, in s.")
     ] = 30.0,
-    json_target: JsonOption = None,
 ) -> None:
     """Attach a device of a USB/IP server, such as `phasewire emulate`, to this Linux computer.
 
@@ -40,8 +37,7 @@ def attach_device(
     or is detached by `usbip detach`. The exit code is 3 if the server, the device or the module is missing.
     """
     host, port = _address(server)
-    check_outputs([json_target])
-    out = console_for(json_target)
+    out = console_for(None)
 
     def connect() -> Attached:
         return attach(host, port, bus_id)
@@ -50,7 +46,6 @@ def attach_device(
         out.print(
             f"{attached.bus_id} ({attached.vendor:04x}:{attached.product:04x}) is attached at port {attached.port}"
         )
-        write_json(json_target, {"format": "phasewire-attach-1", **asdict(attached)})
 
 
 def _address(server: str) -> tuple[str, int]:

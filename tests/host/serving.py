@@ -1,4 +1,4 @@
-"""Emulated devices served to the world outside this process' model: by TCP, by a pseudo-terminal, and by RFC 2217."""
+"""Emulated devices served to the world outside this process' model: USB/IP, TCP, a pseudo-terminal, and RFC 2217."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from phasewire import Emulator
 from phasewire.emulator.doors.serving import Server
 from phasewire.emulator.doors.station import Pace, Station
 from phasewire.emulator.doors.uart import Uart
+from phasewire.emulator.doors.usbip_session import Exported
 from serial.rfc2217 import PortManager
 
 LOOPBACK = "127.0.0.1"
@@ -25,7 +26,7 @@ HISTORY_PERIODS = 4_000
 
 
 class Served:
-    """An emulated device whose UART is at a TCP port or a pseudo-terminal; its loop has a thread of its own."""
+    """An emulated device at a port of USB/IP, and at another or a pseudo-terminal; its loop has a thread of its own."""
 
     def __init__(
         self, *, pty: bool, pace: Pace = Pace.FAST, baud: int = BAUD, history_periods: int = HISTORY_PERIODS
@@ -44,6 +45,8 @@ class Served:
                 self.where = self._server.open_pty(uart, station)
             else:
                 self.where = f"{LOOPBACK}:{await self._server.listen_serial(uart, station, LOOPBACK, 0)}"
+            exports = {"1-1": Exported(1, 1, self.emulator.usb, station)}
+            self.usbip_port = await self._server.listen_usbip(exports, LOOPBACK, 0)
             self._open.set()
             await self._server.serve(LONGEST)
 

@@ -1,0 +1,142 @@
+"""Attaching a device of a USB/IP server, with a folder in place of the kernel's; `tests/guest` has the kernel."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from phasewire.errors import DeviceAccessError, DeviceNotFoundError
+from phasewire.host.lines.vhci import Attached, attach, follow
+
+from .serving import LOOPBACK, Served
+
+STATUS = """hub port sta spd dev      sockfd local_busid
+hs  0000 006 003 00010001 000004 1-1
+hs  0001 004 000 00000000 000000 0-0
+ss  0008 004 000 00000000 000000 0-0
+"""
+"""As Linux 6.1 prints it: one device is attached."""
+
+
+@pytest.fixture
+def controller(tmp_path: Path) -> Path:
+    (tmp_path / "status").write_text(STATUS)
+    (tmp_path / "attach").write_text("")
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[int]:
+    with Served(pty=True) as served:
+        yield served.usbip_port
+
+
+def test_the_kernel_is_given_the_socket_and_the_device(server: int, controller: Path) -> None:
+    attached = attach(LOOPBACK, server, "1-1", controller)
+    assert attached == Attached(1, "1-1", 0x1209, 0x0001)
+    port, descriptor, device, speed = map(int, (controller / "attach").read_text().split())
+    assert (port, device, speed) == (1, 0x0001_0001, 3)  # the first free one of high speed
+    assert descriptor > 2
+
+
+def test_a_device_that_the_server_has_not_is_named(server: int, controller: Path) -> None:
+    with pytest.raises(DeviceNotFoundError, match=r"does not give device 1-7: there is no such device"):
+        attach(LOOPBACK, server, "1-7", controller)
+    assert (controller / "attach").read_text() == ""
+
+
+def test_a_computer_without_the_module_is_told_what_to_do(server: int, tmp_path: Path) -> None:
+    with pytest.raises(DeviceNotFoundError, match="modprobe vhci-hcd"):
+        attach(LOOPBACK, server, controller=tmp_path / "vhci_hcd.0")
+
+
+def test_no_port_may_be_free(server: int, controller: Path) -> None:
+    (controller / "status").write_text(STATUS.replace("hs  0001 004", "hs  0001 006"))
+    with pytest.raises(DeviceNotFoundError, match="no free port"):
+        attach(LOOPBACK, server, "1-1", controller)
+
+
+def test_a_server_that_is_not_there_is_named(controller: Path) -> None:
+    with socket.create_server((LOOPBACK, 0)) as listener:
+        port = listener.getsockname()[1]
+    with pytest.raises(DeviceNotFoundError, match=rf"127\.0\.0\.1:{port} cannot be used: .*refused"):
+        attach(LOOPBACK, port, "1-1", controller)
+
+
+@pytest.mark.parametrize("said", [b"", b"SSH-2.0-OpenSSH_9.2\r\n", bytes.fromhex("0111000300000000") + b"short"])
+def test_a_server_of_something_else_is_named(said: bytes, controller: Path) -> None:
+    with socket.create_server((LOOPBACK, 0)) as listener:
+
+        def serve() -> None:
+            line, _ = listener.accept()
+            with line:
+                line.recv(1000)
+                line.sendall(said)
+
+        threading.Thread(target=serve, daemon=True).start()
+        with pytest.raises(DeviceNotFoundError):
+            attach(LOOPBACK, listener.getsockname()[1], "1-1", controller)
+    assert (controller / "attach").read_text() == ""
+
+
+def test_who_may_not_attach_is_told_so(server: int, controller: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path, text: str) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "write_text", refuse)
+    with pytest.raises(DeviceAccessError, match=r"attach cannot be written: attach devices as root"):
+        attach(LOOPBACK, server, "1-1", controller)
+
+
+class Clock:
+    """Time that passes while somebody waits; things happen in it."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.plans: list[tuple[float, Path, str]] = []
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+        for moment, path, text in self.plans:
+            if moment <= self.now:
+                path.write_text(text)
+
+
+def test_a_device_that_has_left_is_attached_again(controller: Path) -> None:
+    clock = Clock()
+    status, taken = controller / "status", STATUS.replace("hs  0001 004", "hs  0001 006")
+    status.write_text(taken)
+    clock.plans = [(1.0, status, STATUS)]
+    came: list[float] = []
+
+    def connect() -> Attached:
+        if 1 < clock.now < 3:
+            raise DeviceNotFoundError("it is starting")
+        came.append(clock.now)
+        return Attached(1, "1-1", 0x1209, 0x0001)
+
+    attachments = follow(connect, clock, 5.0, controller)
+    assert [next(attachments).port, next(attachments).port] == [1, 1]
+    assert came == [0.0, pytest.approx(3.0, abs=0.1)]
+
+
+def test_a_device_that_does_not_come_back_is_missed(controller: Path) -> None:
+    clock = Clock()
+
+    def connect() -> Attached:
+        if clock.now:
+            raise DeviceNotFoundError("it is gone")
+        clock.now = 1.0
+        return Attached(1, "1-1", 0x1209, 0x0001)
+
+    attachments = follow(connect, clock, 5.0, controller)
+    next(attachments)
+    with pytest.raises(DeviceNotFoundError, match="it is gone"):
+        next(attachments)
+    assert clock.now == pytest.approx(6.0, abs=0.1)
