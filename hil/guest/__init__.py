@@ -8,6 +8,6 @@ Its network leads to one place only: a USB/IP server on this computer.
 from __future__ import annotations
 
 from .kernel import Kernel, fetch_kernel, missing_programs
-from .machine import Done, Guest, GuestError
+from .machine import SERVER, Done, Guest, GuestError
 
-__all__ = ["Done", "Guest", "GuestError", "Kernel", "fetch_kernel", "missing_programs"]
+__all__ = ["SERVER", "Done", "Guest", "GuestError", "Kernel", "fetch_kernel", "missing_programs"]
