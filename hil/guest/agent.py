@@ -30,12 +30,19 @@ def main(port: str) -> None:
         for text in iter(line.readline, b""):
             request = json.loads(text)
             if request["command"][0] == PHASEWIRE:
-                import_module("phasewire.commands")  # once, for all forks
+                _load()
             outputs = _file(), _file()
             child = os.fork()
             if not child:
                 _become(request["command"], *(file.fileno() for file in outputs))
             threading.Thread(target=_wait, args=(line, request, child, outputs), daemon=True).start()
+
+
+def _load() -> None:
+    """Import what the commands of the host need, once for all forks."""
+    for home in import_module("phasewire.commands").HOMES.values():
+        if home.module.startswith(".host"):
+            import_module(home.module, "phasewire")
 
 
 def _file() -> IO[bytes]:

@@ -23,7 +23,11 @@ def test_the_console_answers_through_the_kernels_driver(bench: Bench) -> None:
 
 def test_a_program_that_hangs_up_in_mid_answer_leaves_a_console_that_answers(bench: Bench) -> None:
     bench.attach()
-    hang_up = "import serial\nport = serial.Serial('/dev/ttyACM0')\nport.write(b'help\\r\\n' * 20)\nport.read(10)\nport.close()\n"
-    ask = "port = serial.Serial('/dev/ttyACM0', timeout=5)\nport.write(b'\\r\\nstatus\\r\\n')\nprint(port.read(5000).decode())"
-    assert "OFF" in bench.python(hang_up * 3 + ask)
+    hang_up = "port = serial.Serial('/dev/ttyACM0')\nport.write(b'help\\r\\n' * 20)\nport.read(10)\nport.close()\n"
+    ask = (
+        "port = serial.Serial('/dev/ttyACM0', timeout=5)\n"
+        "port.write(b'\\r\\nstatus\\r\\n')\n"
+        "print(port.read(5000).decode())\n"
+    )
+    assert "OFF" in bench.python("import serial\n" + hang_up * 3 + ask)
     assert bench.complaints() == []
