@@ -1,8 +1,9 @@
 """Runs in the guest: does what the computer asks for, by JSON lines on a virtual serial port.
 
 A request is ``{"id": 1, "command": ["lsusb"], "seconds": 10}``. Its answer comes when the command has ended:
-``{"id": 1, "code": 0, "out": "", "err": ""}``. Commands run side by side. Without KVM the project's modules take half a
-minute to import, so ``phasewire`` runs in a fork of this process, which has imported them once.
+``{"id": 1, "code": 0, "out": "", "err": ""}``. ``{"id": 1, "interrupt": true}`` is its Ctrl-C. Commands run side by
+side. Without KVM the project's modules take half a minute to import, so ``phasewire`` runs in a fork of this process,
+which has imported them once.
 """
 
 from __future__ import annotations
@@ -27,14 +28,19 @@ def main(port: str) -> None:
     """Serve the port until the guest is turned off."""
     with open(port, "r+b", buffering=0) as line:  # noqa: PTH123  # a device
         _say(line, {"id": 0, "code": 0, "out": "ready", "err": ""})
+        children: dict[int, int] = {}
         for text in iter(line.readline, b""):
             request = json.loads(text)
+            if "interrupt" in request:
+                _end(children[request["id"]], signal.SIGINT)
+                continue
             if request["command"][0] == PHASEWIRE:
                 _load()
             outputs = _file(), _file()
             child = os.fork()
             if not child:
                 _become(request["command"], *(file.fileno() for file in outputs))
+            children[request["id"]] = child
             threading.Thread(target=_wait, args=(line, request, child, outputs), daemon=True).start()
 
 

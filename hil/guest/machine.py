@@ -24,6 +24,8 @@ __all__ = ["SERVER", "Done", "Guest", "GuestError"]
 SERVER = ("10.0.2.100", 3240)
 """Where the guest finds the USB/IP server of `Guest.serve`."""
 
+SHARED = "/run/guest"
+"""Where the guest finds the folder that it may write to."""
 BOOT_SECONDS = 180.0
 LIFE_SECONDS = 3600
 """After which QEMU is ended whatever happens."""
@@ -100,6 +102,11 @@ class Guest:
         """Lead the guest's connections to `SERVER` to a TCP port of this computer from now on."""
         (self._folder / "port").write_text(str(port))
 
+    def share(self, name: str, data: bytes) -> str:
+        """Give the guest a file; its path there."""
+        (self._folder / "work" / name).write_bytes(data)
+        return f"{SHARED}/{name}"
+
     def run(self, *command: str, seconds: float = 60.0) -> Done:
         """Run a command in the guest, and wait until it has ended; it is interrupted after so many seconds."""
         return self.wait(self.start(*command, seconds=seconds), seconds)
@@ -107,9 +114,12 @@ class Guest:
     def start(self, *command: str, seconds: float = 60.0) -> int:
         """Start a command in the guest; its number for `wait`."""
         self._number += 1
-        request = {"id": self._number, "command": command, "seconds": seconds}
-        self._line.sendall(json.dumps(request).encode() + b"\n")
+        self._ask({"id": self._number, "command": command, "seconds": seconds})
         return self._number
+
+    def interrupt(self, number: int) -> None:
+        """Interrupt a command, as Ctrl-C does."""
+        self._ask({"id": number, "interrupt": True})
 
     def wait(self, number: int, seconds: float = 60.0) -> Done:
         """Wait until a command has ended.
@@ -169,6 +179,9 @@ class Guest:
             errors.close()
         self.wait(0, 0)
         self.boot_seconds = time.monotonic() - began
+
+    def _ask(self, request: dict[str, Any]) -> None:
+        self._line.sendall(json.dumps(request).encode() + b"\n")
 
     def _listen(self, seconds: float) -> None:
         """Take what the agent says."""

@@ -104,7 +104,7 @@ class Bench:
     def close(self) -> None:
         """End the server; the guest sees the device leave."""
         if self._attaching is not None:
-            self._guest.run("pkill", "-INT", "-f", "phasewire attach")
+            self._guest.interrupt(self._attaching)
             self._guest.wait(self._attaching)
         self._server.send_signal(signal.SIGTERM)
         try:

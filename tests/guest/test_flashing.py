@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
+from phasewire.hil.guest import Guest
 
 from tests.host.upgrades import FILE
 
@@ -15,10 +15,8 @@ pytestmark = pytest.mark.guest
 
 
 @pytest.fixture
-def image(tmp_path: Path) -> str:
-    path = tmp_path / "new.dfu"
-    path.write_bytes(FILE)
-    return str(path)
+def image(guest: Guest) -> str:
+    return guest.share("new.dfu", FILE)
 
 
 def test_the_device_is_given_new_firmware(bench: Bench, image: str) -> None:
@@ -27,7 +25,7 @@ def test_the_device_is_given_new_firmware(bench: Bench, image: str) -> None:
     assert re.search(r"firmware +│ +2\.3\.4", bench.check("phasewire", "info", "--device", "usb:"))
 
 
-def test_dfu_util_detaches_it_and_reads_back_what_it_wrote(bench: Bench, image: str, tmp_path: Path) -> None:
+def test_dfu_util_detaches_it_and_reads_back_what_it_wrote(bench: Bench, image: str) -> None:
     bench.attach("--loop")
     assert "Found Runtime: [1209:0001]" in bench.check("dfu-util", "-l")
     bench.check("dfu-util", "-d", "1209:0001,1209:0002", "-e")
