@@ -7,7 +7,7 @@ TEST_PROCESSES ?= 2
 FUZZ_SECONDS ?= 60
 SOAK_MINUTES ?= 120
 
-.PHONY: help demo test test-slow mutants lint format vectors fuzz soak bench bench-peers clean
+.PHONY: help demo test test-slow test-usb mutants lint format vectors fuzz soak bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -17,10 +17,13 @@ demo: $(VENV)/ready          ## a sphere on a palm, through five emulated boards
 	@$(BIN)/phasewire demo
 
 test: $(VENV)/ready          ## the unit suite
-	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "not slow" $(PYTEST_ARGS)
+	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "not slow and not guest" $(PYTEST_ARGS)
 
 test-slow: $(VENV)/ready     ## the tests that take seconds each
-	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m slow $(PYTEST_ARGS)
+	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "slow and not guest" $(PYTEST_ARGS)
+
+test-usb: $(VENV)/ready      ## a Linux kernel in QEMU judges the emulated device; it needs Debian's packages
+	@$(BIN)/pytest -q -n 0 -m guest $(PYTEST_ARGS)
 
 fuzz: $(VENV)/fuzz           ## throw bytes at every decoder, FUZZ_SECONDS (60) at each group of them
 	@$(BIN)/python -m tests.fuzz $(FUZZ_SECONDS)

@@ -307,11 +307,11 @@ def _announce(stands: Sequence[Stand], wishes: Wishes, usbip_port: int | None) -
     """Say where the devices are, and what to type."""
     out = console_for(wishes.json_target)
     if usbip_port is not None:
-        option = "" if usbip_port == PORT else f"--tcp-port {usbip_port} "
+        where = f"{_in_url(wishes.host)}:{usbip_port}"
         out.print(f"By USB/IP on {wishes.host}, port {usbip_port}. On the Linux machine that shall have them, as root:")
         out.print("  modprobe vhci-hcd")
         for stand in stands:
-            out.print(f"  usbip {option}attach -r {wishes.host} -b {stand.bus_id}    # {stand.emulator.serial}")
+            out.print(f"  phasewire attach {where} {stand.bus_id} --loop    # {stand.emulator.serial}")
     if wishes.serial:
         out.print(f"By serial lines of {wishes.baud} baud:")
         for stand in stands:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from itertools import islice
 from typing import Annotated
@@ -49,9 +50,8 @@ def attach_device(
 
 
 def _address(server: str) -> tuple[str, int]:
-    host, colon, port = server.rpartition(":")
-    if not colon:
-        return server, PORT
-    if not (host and port.isdigit() and 0 < int(port) < 1 << 16):
+    found = re.fullmatch(r"(?:\[(?P<inner>[^\[\]]+)\]|(?P<name>[^\[\]:]+))(?::(?P<port>\d{1,5}))?", server)
+    port = int(found["port"] or PORT) if found else 0
+    if not (found and 0 < port < 1 << 16):
         raise typer.BadParameter(f"{server!r} must be HOST or HOST:PORT", param_hint="HOST[:PORT]")
-    return host, int(port)
+    return found["inner"] or found["name"], port

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import shutil
 import signal
 import socket
@@ -158,7 +159,7 @@ def test_on_a_terminal_it_says_what_to_type_and_how_things_are_and_ends_in_time(
         assert process.wait(PATIENCE) == 0
     text = said.decode()
     assert "modprobe vhci-hcd" in text
-    assert f"attach -r {LOOPBACK} -b 1-1" in text
+    assert re.search(rf"phasewire attach {LOOPBACK}:\d+ 1-1 --loop", text)
     assert "EMU-0001 OFF at " in text
     assert "Ctrl-C ends" in text
 

@@ -11,6 +11,7 @@ import pytest
 from phasewire.errors import DeviceAccessError, DeviceNotFoundError
 from phasewire.host.lines.vhci import Attached, attach, follow
 
+from .commands import runner
 from .serving import LOOPBACK, Served
 
 STATUS = """hub port sta spd dev      sockfd local_busid
@@ -140,3 +141,10 @@ def test_a_device_that_does_not_come_back_is_missed(controller: Path) -> None:
     with pytest.raises(DeviceNotFoundError, match="it is gone"):
         next(attachments)
     assert clock.now == pytest.approx(6.0, abs=0.1)
+
+
+@pytest.mark.parametrize("server", ["", ":3240", "a:b", "a:0", "a:65536", "::1", "[::1", "a:1:2"])
+def test_an_address_that_is_none_is_refused(server: str, capsys: pytest.CaptureFixture[str]) -> None:
+    ended = runner(capsys)("attach", server)
+    assert ended.code == 2
+    assert "must be HOST or HOST:PORT" in " ".join(ended.err.split())
