@@ -229,7 +229,7 @@ def touch(
             _tell(out, meter.last)
         final = opened.status()
     for path, draw in (
-        (picture, partial(_draw, array, meter.last.frequency)),
+        (picture, partial(_draw, array, meter.last.frequency_hz)),
         (timeline, partial(_draw_way, toucher, method)),
     ):
         if path is not None and best.moment is None:
@@ -267,7 +267,7 @@ def _tell(out: Console, report: TouchReport) -> None:
     """Say what became of the hands."""
     out.print(f"{report}.")
     if report.latency.count:
-        stages = ", ".join(f"{name} {stage.median * 1e3:.2f}" for name, stage in report.stages.items())
+        stages = ", ".join(f"{name} {stage.median_seconds * 1e3:.2f}" for name, stage in report.stages.items())
         out.print(f"Of the latency, medians in ms: {stages}.")
     if report.notes:
         out.print(f"The last note on the hands: {report.last_note}.")

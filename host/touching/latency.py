@@ -22,20 +22,21 @@ class Latency:
     ----------
     count : int
         How many durations there were.
-    median, most : float
-        Quantiles 0.5 and 0.99, in seconds, rounded up by at most 5 %.
-    worst : float
-        The longest, in seconds, exactly.
+    median_seconds, p99_seconds : float
+        Quantiles 0.5 and 0.99, rounded up by at most 5 %.
+    worst_seconds : float
+        The longest, exactly.
     """
 
     count: int = 0
-    median: float = 0.0
-    most: float = 0.0
-    worst: float = 0.0
+    median_seconds: float = 0.0
+    p99_seconds: float = 0.0
+    worst_seconds: float = 0.0
 
     def __str__(self) -> str:
         """In milliseconds, for people."""
-        return f"{self.median * 1e3:.2f} ms median, {self.most * 1e3:.2f} ms 99 %, {self.worst * 1e3:.2f} ms worst"
+        median, p99, worst = (each * 1e3 for each in (self.median_seconds, self.p99_seconds, self.worst_seconds))
+        return f"{median:.2f} ms median, {p99:.2f} ms 99 %, {worst:.2f} ms worst"
 
 
 class Latencies:

@@ -50,8 +50,8 @@ class TouchReport:
         How often the source said what was wrong with its hands.
     last_note : str
         What it said last.
-    frequency : float
-        Of the modulation, in Hz, as it came out.
+    frequency_hz : float
+        Of the modulation, as it came out.
     stored : bool
         Whether the device took the turns from its memory, because the line is too slow for a block each.
     latency : Latency
@@ -76,7 +76,7 @@ class TouchReport:
     held_up: int = 0
     notes: int = 0
     last_note: str = ""
-    frequency: float = 0.0
+    frequency_hz: float = 0.0
     stored: bool = False
     latency: Latency = NOTHING
     stages: dict[str, Latency] = field(default_factory=dict)

@@ -16,8 +16,8 @@ def test_quantiles_are_at_most_five_percent_above_the_true_ones(durations: list[
         latencies.add(seconds)
     summary = latencies.summary
     assert summary.count == len(durations)
-    assert summary.worst == max(durations)
-    for share, found in ((0.5, summary.median), (0.99, summary.most)):
+    assert summary.worst_seconds == max(durations)
+    for share, found in ((0.5, summary.median_seconds), (0.99, summary.p99_seconds)):
         true = float(np.quantile(durations, share, method="inverted_cdf"))
         assert found <= max(true * 1.05, 1e-6) or true > 10
         assert found >= min(true, 10) * (1 - 1e-12)
