@@ -118,7 +118,7 @@ def test_options_are_heeded(touch: Run, options: tuple[str, ...]) -> None:
         assert 24 <= told["frames"] <= 26
     if "--points" in options:
         assert told["points_most"] <= 8
-        assert told["frequency"] == pytest.approx(20_000 / 133)
+        assert told["frequency_hz"] == pytest.approx(20_000 / 133)
 
 
 def test_a_slow_line_is_said(touch: Run) -> None:
