@@ -157,7 +157,7 @@ class Hand:
 
     def moved(self, offset: ArrayLike) -> Self:
         """The same hand, moved by (3,) metres."""
-        return type(self)(self.landmarks + as_position(offset, "offset"), self.side, self.widths)
+        return self._elsewhere(self.landmarks + as_position(offset, "offset"))
 
     def rotated(self, degrees: float, axis: ArrayLike = (0, 0, 1)) -> Self:
         """The same hand, turned about an axis through the middle of its palm, counterclockwise.
@@ -168,7 +168,15 @@ class Hand:
             If the axis has no direction.
         """
         turn = rotation_matrix(degrees, axis)
-        return type(self)((self.landmarks - self.centre) @ turn.T + self.centre, self.side, self.widths)
+        return self._elsewhere((self.landmarks - self.centre) @ turn.T + self.centre)
+
+    def _elsewhere(self, landmarks: NDArray[np.float64]) -> Self:
+        """The same hand in another place: its bones are as possible as before."""
+        hand = object.__new__(type(self))
+        object.__setattr__(hand, "landmarks", frozen(as_points(landmarks, "landmark")))
+        object.__setattr__(hand, "side", self.side)
+        object.__setattr__(hand, "widths", self.widths)
+        return hand
 
 
 class _Checked(NamedTuple):
