@@ -93,13 +93,13 @@ soon as they are there. The halves take turns 200 times a second. Without a hand
 the hands, the outputs are silent within 50 ms. A line that is too slow for a block in each turn, such as most
 UARTs, leaves the turns to the device, and limits how often a new pose is played.
 
-Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
-
 An object is a name or a file with what differs from its defaults, such as sphere:size=0.06,turn=90 or
 cup.stl:scale=0.001 . Its centre is put at x, y, z.
 
 \b
 {object_help()}
+
+Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
 """,
 )
 def touch(

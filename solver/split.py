@@ -132,7 +132,10 @@ def _next_axis(scatter: NDArray[np.float64], previous: NDArray[np.float64]) -> N
 
 
 def _largest_eigenvalue(symmetric: list[float]) -> float:
-    """Of a symmetric (3, 3) matrix, row by row, by Smith's formula: a tenth of the time that finding all takes."""
+    """Of a symmetric (3, 3) matrix, row by row, by Smith's formula: a tenth of the time that finding all takes.
+
+    If the two largest are equal, half of the digits are right.
+    """
     xx, xy, xz, _, yy, yz, _, _, zz = symmetric
     mean = (xx + yy + zz) / 3
     xx, yy, zz = xx - mean, yy - mean, zz - mean

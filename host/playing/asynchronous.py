@@ -128,6 +128,16 @@ class AsyncDevice:
         return self.device.serial
 
     @property
+    def stops(self) -> int:
+        """How often its outputs were turned off by `stop`, `reset` or the end of ``with``, in any thread."""
+        return self.device.stops
+
+    @property
+    def most_updates_per_second(self) -> float:
+        """How many frames the device and the line to it can take."""
+        return self.device.most_updates_per_second
+
+    @property
     def time(self) -> Timekeeper:
         """The time that this device lives by; to wait by it keeps the event loop waiting."""
         return self.device.time
