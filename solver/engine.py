@@ -83,6 +83,12 @@ class CompiledEngine:
             kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
         return drive
 
+    def level(self, points: ControlPoints, drive: NDArray[np.complex64]) -> float:
+        """What `Engine.level` is, from the transfer matrix that `drive` has left in the work space."""
+        weighed = self._method != "multiplex"
+        relative = kernels.level(len(points), self._columns, weighed, self._work, drive)
+        return relative * self._tables.strength / float(points.amplitudes.max())
+
     def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:
         """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n).
 

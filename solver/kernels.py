@@ -644,6 +644,27 @@ def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, r
 
 
 @_kernel
+def level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
+    """|p| per wanted amplitude, the largest of which is 1, by least squares, for the drive that was solved just now."""
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    wanted, p, weight, x, v = vectors[1, 0], vectors[5], spans[0, 1], spans[1], spans[2]
+    for q in range(columns):
+        x[0, q] = drive[q].real if q < len(drive) else F(0)
+        x[1, q] = drive[q].imag if q < len(drive) else F(0)
+        if not weighed:
+            weight[q] = F(1)
+    for i in range(m, len(re)):
+        for q in range(columns):
+            re[i, q] = im[i, q] = F(0)
+    reproduce(re, im, weight, x, v, p)
+    fit = norm = 0.0
+    for i in range(m):
+        fit += wanted[i] * np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+        norm += wanted[i] * wanted[i]
+    return float(fit / norm)
+
+
+@_kernel
 def update_frames(
     elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
     points: Any, amplitudes: Any, begins: Any, first: int, stride: int, gamma: Any, phase_steps: int, power: bool,

@@ -20,7 +20,7 @@ from .table import ResidualTable
 if TYPE_CHECKING:
     from .compiled import Tables
 
-__all__ = ["Precision", "arrivals", "pressure", "pressure_where_solved", "transfer_matrix"]
+__all__ = ["Precision", "arrivals", "pressure", "transfer_matrix"]
 
 Precision = Literal["double", "single"]
 
@@ -130,18 +130,6 @@ def pressure(
         part = slice(first, first + at_a_time)
         result[part] = _transfer_matrix(array, points[part], medium, first) @ drive
     return result
-
-
-def pressure_where_solved(
-    array: TransducerArray, drive: NDArray[np.complex128], points: NDArray[np.float64], medium: Medium
-) -> NDArray[np.complex128]:
-    """`pressure` in single precision, as fast as can be, at points that a solver has checked already."""
-    from .compiled import can_reach, farthest_of, pressure_at, tables_of
-
-    tables = tables_of(array, medium)
-    if can_reach(tables, farthest_of(tables, points)):
-        return pressure_at(tables, array, drive, points)
-    return pressure(array, drive, points, medium)
 
 
 def arrivals(array: TransducerArray, at: ArrayLike, medium: Medium) -> NDArray[np.complex64]:

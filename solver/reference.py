@@ -252,6 +252,12 @@ class Engine(Protocol):
     def drive(self, points: ControlPoints) -> NDArray[Any]:
         """Drives (n,) complex for control points."""
 
+    def level(self, points: ControlPoints, drive: NDArray[Any]) -> float:
+        """|p| at the points per wanted amplitude, in pascals, as the least squares have it.
+
+        The drive is what `drive` has given for these points just now.
+        """
+
     def drive_frames(
         self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
     ) -> None:
@@ -308,6 +314,11 @@ class ReferenceEngine:
             else:
                 drive = min_norm(transfer, wanted, phases)
         return limit_drive(drive, self._limits, self._options.policy)
+
+    def level(self, points: ControlPoints, drive: Complex) -> float:
+        """|p| at the points per wanted amplitude, in pascals; see `Engine.level`."""
+        reached = np.abs(transfer_matrix(self._array, points.positions, self._medium) @ drive)
+        return float(points.amplitudes @ reached / (points.amplitudes @ points.amplitudes))
 
     def drive_frames(
         self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]

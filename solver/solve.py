@@ -107,11 +107,22 @@ class Solver:
         ValueError
             Where a point cannot be reached, there are too many, or they are too close for so small a ``mu``.
         """
+        return self._solution(self._drive(points))
+
+    def solve_with_level(self, points: ControlPoints | ArrayLike) -> tuple[Solution, float]:
+        """`solve`, and how loud it came out: |p| at the points per wanted amplitude, in pascals, by least squares."""
+        points, drive = self._drive(points)
+        return self._solution((points, drive)), self._engine.level(points, drive)
+
+    def _drive(self, points: ControlPoints | ArrayLike) -> tuple[ControlPoints, NDArray[Any]]:
         if not isinstance(points, ControlPoints):
             points = ControlPoints(points)
         _check_size(self.array, points, self.method)
-        drive = frozen(self._engine.drive(points).astype(np.complex128))
-        return Solution(drive, self.array, points, self.medium, self.method)
+        return points, self._engine.drive(points)
+
+    def _solution(self, found: tuple[ControlPoints, NDArray[Any]]) -> Solution:
+        points, drive = found
+        return Solution(frozen(drive.astype(np.complex128)), self.array, points, self.medium, self.method)
 
     def forget(self) -> None:
         """Begin the next frame from scratch, as the first."""

@@ -19,7 +19,7 @@ from .geometry import frozen
 from .medium import Medium
 from .modulation import FREQUENCY, Modulation, check_frequency
 from .points import ControlPoints
-from .propagation import pressure, pressure_where_solved
+from .propagation import pressure
 from .solve import Solution, Solver, solve
 from .split import Split, split
 
@@ -175,8 +175,9 @@ class TwoSidedSolver:
         largest = points.amplitudes.max()
         relative = points if largest == 1 else ControlPoints(points.positions, points.amplitudes / largest)
         half, other_half = cut.halves(relative)
-        first, second = self._solvers[0].solve(half), self._solvers[1].solve(other_half) if other_half else None
-        levels = np.ones(2) if second is None else np.array([_level(first), _level(second)])
+        first, level = self._solvers[0].solve_with_level(half)
+        second, other_level = self._solvers[1].solve_with_level(other_half) if other_half else (None, level)
+        levels = np.array([level, other_level])
         self._split = cut
         return TwoSided(cut, first, second, frozen(levels.min() / levels), self._frequency, points, self._options)
 
@@ -198,10 +199,3 @@ def two_sided(
 ) -> TwoSided:
     """Solve both halves of control points for two-sided modulation: a `TwoSidedSolver` for one frame."""
     return TwoSidedSolver(array, method, frequency=frequency, medium=medium, **options).solve(points)
-
-
-def _level(solution: Solution) -> float:
-    """Pressure per wanted amplitude at the points of a solution, as the least squares have it."""
-    points = solution.points
-    reached = np.abs(pressure_where_solved(solution.array, solution.drive, points.positions, solution.medium))
-    return float(points.amplitudes @ reached / (points.amplitudes @ points.amplitudes))

@@ -39,6 +39,18 @@ def test_a_single_point_is_the_time_of_flight_by_hand(array: TransducerArray, me
     np.testing.assert_allclose(np.angle(arriving * arriving[0].conj()), 0, atol=2 * step + 2e-3)
 
 
+@pytest.mark.parametrize("method", METHOD_NAMES)
+@settings(max_examples=20)
+@given(arrays_and_points())
+def test_how_loud_it_came_out_is_the_least_squares_of_the_field(
+    method: str, problem: tuple[TransducerArray, ControlPoints]
+) -> None:
+    array, points = problem
+    solution, level = Solver(array, method).solve_with_level(points)
+    wanted = points.amplitudes
+    assert level == pytest.approx(wanted @ felt(solution) / (wanted @ wanted), rel=2e-3, abs=1e-6)
+
+
 @pytest.mark.parametrize("method", ["tikhonov", "wgs", "multiplex", "paper"])
 def test_one_point_takes_every_transducer_at_full_drive(array: TransducerArray, method: str) -> None:
     """With γ = 1 the drives are equal, whatever the distance."""
