@@ -107,12 +107,12 @@ class Solver:
         ValueError
             Where a point cannot be reached, there are too many, or they are too close for so small a ``mu``.
         """
-        return self._solution(self._drive(points))
+        return self._solution(*self._drive(points))
 
     def solve_with_level(self, points: ControlPoints | ArrayLike) -> tuple[Solution, float]:
         """`solve`, and how loud it came out: |p| at the points per wanted amplitude, in pascals, by least squares."""
         points, drive = self._drive(points)
-        return self._solution((points, drive)), self._engine.level(points, drive)
+        return self._solution(points, drive), self._engine.level(points, drive)
 
     def _drive(self, points: ControlPoints | ArrayLike) -> tuple[ControlPoints, NDArray[Any]]:
         if not isinstance(points, ControlPoints):
@@ -120,8 +120,7 @@ class Solver:
         _check_size(self.array, points, self.method)
         return points, self._engine.drive(points)
 
-    def _solution(self, found: tuple[ControlPoints, NDArray[Any]]) -> Solution:
-        points, drive = found
+    def _solution(self, points: ControlPoints, drive: NDArray[Any]) -> Solution:
         return Solution(frozen(drive.astype(np.complex128)), self.array, points, self.medium, self.method)
 
     def forget(self) -> None:

@@ -17,11 +17,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from ...host.lines.vhci import PORT
 from .kernel import Kernel
 
 __all__ = ["SERVER", "Done", "Guest", "GuestError"]
 
-SERVER = ("10.0.2.100", 3240)
+SERVER = ("10.0.2.100", PORT)
 """Where the guest finds the USB/IP server of `Guest.serve`."""
 
 SHARED = "/run/guest"
