@@ -64,6 +64,7 @@ __all__ = [
 
 _HEADER = struct.Struct("<2sBBIQ5HBBI")
 _ENTRY = struct.Struct("<HH")
+_WORD, _PAIR = np.dtype("<u2"), np.dtype("<u4")
 
 
 @dataclass(frozen=True)
@@ -363,13 +364,9 @@ def pack_pulses(pulses: Pulses) -> bytes:
     """
     if len(pulses) % 2:
         raise ValueError(f"{len(pulses)} pulses are no pairs: two share three bytes")
-    words = pulses.phase.astype(np.uint16) | pulses.width.astype(np.uint16) << 7
-    even, odd = words[0::2], words[1::2]
-    packed = np.empty((even.size, 3), np.uint8)
-    packed[:, 0] = even & 0xFF
-    packed[:, 1] = even >> 8 | (odd & 0xF) << 4
-    packed[:, 2] = odd >> 4
-    return packed.tobytes()
+    pairs = (pulses.width.astype(_WORD) << 7 | pulses.phase).view(_PAIR)
+    pairs -= (pairs >> 16) * ((1 << 16) - (1 << 12))  # the second of each pair from bit 16 to bit 12
+    return pairs.view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
 
 
 def unpack_pulses(data: bytes) -> Pulses:
@@ -405,7 +402,8 @@ def pack(block: Block) -> bytes:
         raise ValueError(f"{block!r} is no Block of a body and a number")
     body, sequence, restart = block
     fields, payload = body._parts()
-    fields = replace(fields, flags=fields.flags | (Flag.RESTART if restart else 0))
+    if restart:
+        fields = replace(fields, flags=fields.flags | Flag.RESTART)
     number = whole("sequence number", sequence, 0, 2**32 - 1)
     header = (BLOCK_MAGIC, PROTOCOL_VERSION, body.KIND, number, *vars(fields).values())
     payload = payload.ljust(PAYLOAD_BYTES, b"\0")

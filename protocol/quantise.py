@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .board import HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS
-from .pulses import check_drives
+from .pulses import Pulses, check_drives
 
 __all__ = ["PulseFrames", "check_pulses", "quantise"]
 
@@ -25,6 +25,10 @@ class PulseFrames(NamedTuple):
 
     phase: NDArray[np.uint8]
     width: NDArray[np.uint8]
+
+    def pulses(self, number: int) -> Pulses:
+        """One frame by its number, a view of it."""
+        return Pulses.trusted(self.phase[number], self.width[number])
 
     @classmethod
     def joined(cls, parts: Sequence[PulseFrames], channels: int) -> PulseFrames:

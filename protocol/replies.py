@@ -75,6 +75,9 @@ def _sealed(layout: Construct, magic: bytes, record: Status) -> bytes:
 
 
 _ACK = struct.Struct("<2sBBIQQBBBx")
+_ACK_OCTETS = struct.Struct("<2sBBIQQBBBB")
+_ACK_FLAGS = sum(AckFlag)
+_ACK_CODES = {"reason": frozenset(Reason), "state": frozenset(State)}
 _ACK_MOST = {"sequence": 2**32 - 1, "commit_period": 2**64 - 1, "now": 2**64 - 1, "flags": 255, "free": 255}
 
 
@@ -119,7 +122,7 @@ _SEALED_CRC = 0x2144DF1C  # CRC-32 of whatever ends with its own CRC-32
 def _possible_octets() -> NDArray[np.bool_]:
     """Which values each octet of an acknowledgement may have by itself, (32 · 256,) (clause ACK-002)."""
     possible = np.ones((RECORD_BYTES, 256), np.bool_)
-    flags = [value for value in range(256) if not value & ~sum(AckFlag)]
+    flags = [value for value in range(256) if not value & ~_ACK_FLAGS]
     heads: list[Iterable[int]] = [ACK_MAGIC[:1], ACK_MAGIC[1:], [PROTOCOL_VERSION], Reason]
     for at, values in [*enumerate(heads), (24, flags), (26, State), (27, [0])]:
         possible[at] = np.isin(np.arange(256), list(values))
@@ -128,6 +131,20 @@ def _possible_octets() -> NDArray[np.bool_]:
 
 _POSSIBLE_OCTETS = _possible_octets()
 _OCTET_ROWS = 256 * np.arange(RECORD_BYTES)
+
+
+def _is_ack(record: bytes | bytearray | memoryview) -> bool:
+    """Whether 32 bytes are a sound acknowledgement."""
+    magic, version, reason, _, _, _, flags, _, state, reserved = _ACK_OCTETS.unpack_from(record)
+    return (
+        crc32(record) == _SEALED_CRC
+        and magic == ACK_MAGIC
+        and version == PROTOCOL_VERSION
+        and reason in _ACK_CODES["reason"]
+        and not flags & ~_ACK_FLAGS
+        and state in _ACK_CODES["state"]
+        and not reserved
+    )
 
 
 def decode_acks(packets: bytes | bytearray | memoryview) -> NDArray[np.void]:
@@ -149,6 +166,8 @@ def decode_acks(packets: bytes | bytearray | memoryview) -> NDArray[np.void]:
     ReplyError
         Where something else is among them, be it a status, or one is cut off or breaks the layout.
     """
+    if len(packets) == RECORD_BYTES and _is_ack(packets):  # the usual one is not worth arrays
+        return np.frombuffer(packets, _ACK_RECORDS)["ack"]
     if len(packets) % RECORD_BYTES:
         raise ReplyError(f"acknowledgements have {RECORD_BYTES} bytes each; {len(packets)} bytes are not some of them")
     octets = np.frombuffer(packets, np.uint8).reshape(-1, RECORD_BYTES)
@@ -204,8 +223,8 @@ class Ack:
 
     def encode(self) -> bytes:
         """Encode as 32 bytes; raise `ValueError` where a field does not fit."""
-        for name, codes in (("reason", Reason), ("state", State)):
-            if getattr(self, name) not in set(codes):
+        for name, codes in _ACK_CODES.items():
+            if getattr(self, name) not in codes:
                 raise ValueError(f"{name} {getattr(self, name)} is none of {[code.value for code in codes]}")
         for name, most in _ACK_MOST.items():
             whole(name, getattr(self, name), 0, most)
@@ -221,6 +240,12 @@ class Ack:
             self.state,
         )
         return body + zlib.crc32(body).to_bytes(4, "little")
+
+    @classmethod
+    def of(cls, row: np.void) -> Ack:
+        """One row of `decode_acks` as a value."""
+        _, _, reason, sequence, commit_period, now, flags, free, state = _ACK.unpack(row.tobytes())
+        return cls(Reason(reason), sequence, commit_period, now, AckFlag(flags), free, State(state))
 
     @classmethod
     def decode(cls, data: bytes) -> Ack:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from array import array
+
 import usb.core
 import usb.util
 
@@ -11,7 +13,7 @@ from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Re
 from ...protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT, FULL_SPEED
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, PACKET_CYCLES
 from .transport import Found
-from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbBus, configure, find_on, is_timeout, translated
+from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbBus, configure, find_on, is_timeout, translated, translation
 
 __all__ = ["USB", "UsbTransport", "open_usb"]
 
@@ -48,6 +50,11 @@ class UsbTransport:
         Where it is.
     seen : Sighting
         What was found there, perhaps not yet configured.
+
+    Notes
+    -----
+    Bulk transfers call pyusb's backend directly: `usb.core.Device` looks the endpoint up again for each of them, which
+    takes as long as all that the host does for a block besides. pyusb has no public name for the backend's handle.
     """
 
     lossy = False
@@ -57,6 +64,7 @@ class UsbTransport:
         self.time = seen.time
         self.name = seen.name
         self._bus = bus
+        self._records = array("B", bytes(READ_BYTES))
         self._begin(seen)
 
     @property
@@ -75,6 +83,7 @@ class UsbTransport:
             try:
                 configure(device)
                 usb.util.claim_interface(device, ARRAY_INTERFACE)
+                self._bus_calls, self._handle = device.backend, device._ctx.managed_open()
                 for endpoint in (ENDPOINT_OUT, ENDPOINT_IN):
                     device.clear_halt(endpoint)  # and forget a part of a block (clause USB-015)
                 for _ in range(MOST_LEFT_OVER):
@@ -90,7 +99,7 @@ class UsbTransport:
 
     def write_blocks(self, blocks: bytes, seconds: float) -> int:
         """Send blocks in one transfer."""
-        with translated("sending blocks"):
+        try:
             sent = self._write(blocks, seconds)
             if part := sent % BLOCK_BYTES:  # at full speed; a block that has begun is finished, or forgotten (USB-017)
                 rest = blocks[sent : sent + BLOCK_BYTES - part]
@@ -98,25 +107,33 @@ class UsbTransport:
                     return sent + len(rest)
                 self._device.clear_halt(ENDPOINT_OUT)
                 return sent - part
+        except usb.core.USBError as error:
+            raise translation("sending blocks", error) from error
         return sent
 
     def _write(self, data: bytes, seconds: float) -> int:
+        octets = array("B", data)
         try:
-            return int(self._device.write(ENDPOINT_OUT, data, _milliseconds(seconds)))
+            taken: int = self._bus_calls.bulk_write(
+                self._handle, ENDPOINT_OUT, ARRAY_INTERFACE, octets, _milliseconds(seconds)
+            )
         except usb.core.USBError as error:
             if not is_timeout(error):
                 raise
             return 0
+        return taken
 
     def read_records(self, seconds: float) -> bytes:
         """Wait for packets of acknowledgements and statuses."""
-        with translated("waiting for an acknowledgement"):
-            try:
-                return bytes(self._device.read(ENDPOINT_IN, READ_BYTES, _milliseconds(seconds)))
-            except usb.core.USBError as error:
-                if not is_timeout(error):
-                    raise
-                return b""
+        try:
+            came = self._bus_calls.bulk_read(
+                self._handle, ENDPOINT_IN, ARRAY_INTERFACE, self._records, _milliseconds(seconds)
+            )
+        except usb.core.USBError as error:
+            if not is_timeout(error):
+                raise translation("waiting for an acknowledgement", error) from error
+            return b""
+        return self._records[:came].tobytes()
 
     def ask(self, request: Request, size: int) -> bytes:
         """Make a control request with an answer."""

@@ -58,6 +58,7 @@ __all__ = [
     "opened",
     "select",
     "translated",
+    "translation",
 ]
 
 BACKENDS = "phasewire.usb_backends"
@@ -112,28 +113,33 @@ def is_timeout(error: usb.core.USBError) -> bool:
     return isinstance(error, usb.core.USBTimeoutError) or error.errno == errno.ETIMEDOUT
 
 
+def translation(doing: str, error: usb.core.USBError) -> DeviceError:
+    """One of our errors for one of pyusb's, by its errno."""
+    if is_timeout(error):
+        return DeviceTimeoutError(
+            f"{doing}: no answer in time; if this happens again, unplug the device and plug it in"
+        )
+    if error.errno in (errno.ENODEV, errno.EIO, errno.ESHUTDOWN, errno.ENOENT):
+        return DeviceLostError(f"{doing}: the device is gone; plug it in again")
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return DeviceAccessError(f"{doing}: permission denied; `phasewire doctor` says how to get it")
+    if error.errno == errno.EBUSY:
+        return DeviceAccessError(f"{doing}: another program is using the device; close that first")
+    if error.errno == errno.EPIPE:
+        return DeviceStalledError(
+            f"{doing}: the device answers STALL: it does not know this request, or not now, or its endpoint is "
+            "halted; `phasewire info` says what it is doing"
+        )
+    return DeviceError(f"{doing}: {error}")
+
+
 @contextmanager
 def translated(doing: str) -> Iterator[None]:
-    """Turn pyusb's errors into ours, by their errno."""
+    """Turn pyusb's errors into ours."""
     try:
         yield
     except usb.core.USBError as error:
-        if is_timeout(error):
-            raise DeviceTimeoutError(
-                f"{doing}: no answer in time; if this happens again, unplug the device and plug it in"
-            ) from error
-        if error.errno in (errno.ENODEV, errno.EIO, errno.ESHUTDOWN, errno.ENOENT):
-            raise DeviceLostError(f"{doing}: the device is gone; plug it in again") from error
-        if error.errno in (errno.EACCES, errno.EPERM):
-            raise DeviceAccessError(f"{doing}: permission denied; `phasewire doctor` says how to get it") from error
-        if error.errno == errno.EBUSY:
-            raise DeviceAccessError(f"{doing}: another program is using the device; close that first") from error
-        if error.errno == errno.EPIPE:
-            raise DeviceStalledError(
-                f"{doing}: the device answers STALL: it does not know this request, or not now, or its endpoint is "
-                "halted; `phasewire info` says what it is doing"
-            ) from error
-        raise DeviceError(f"{doing}: {error}") from error
+        raise translation(doing, error) from error
 
 
 def configure(device: usb.core.Device) -> None:

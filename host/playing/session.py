@@ -285,16 +285,16 @@ class Session:
 
     def _send(self, body: Body) -> Ack:
         number = self._number
-        block = np.frombuffer(pack(Block(body, number, self._restart)), np.uint8).reshape(1, BLOCK_BYTES)
+        block = pack(Block(body, number, self._restart))
         lost = False
         for _ in range(ATTEMPTS):
             answers = Answers.none(1)
-            self.transfer(block, answers)
+            self._transfer(block, answers)
             self._number = number  # until it is known to have been accepted
             if not answers.answered[0]:
                 lost = True
                 continue
-            ack = as_ack(answers.acks[0])
+            ack = Ack.of(answers.acks[0])
             if ack.reason in DAMAGE:
                 continue
             self._number = (number + 1) % NUMBERS
@@ -355,12 +355,10 @@ class Session:
             Where the line or the device fails. How much was sent is then unknown, and the numbers are used up.
         """
         with self.lock:
-            self._transfer(blocks, answers)
+            self._transfer(blocks.tobytes(), answers)
 
-    def _transfer(self, blocks: NDArray[np.uint8], answers: Answers) -> None:
-        line, count, first = self.line(), len(blocks), self._number
-        numbers = (first + np.arange(count)) % NUMBERS
-        data = blocks.tobytes()
+    def _transfer(self, data: bytes, answers: Answers) -> None:
+        line, count, first = self.line(), len(answers.answered), self._number
         life = self.pause_seconds  # the device must hear of its host that waits for room
         sent = done = 0
         moved = line.time.monotonic()
@@ -377,7 +375,7 @@ class Session:
                 progress = taken > 0
             if sent > done:
                 acks = self._acks(line.read_records(life))
-                done, progress = self._match(acks, numbers, answers, done, sent), progress or len(acks) > 0
+                done, progress = self._match(acks, first, answers, done, sent), progress or len(acks) > 0
             if progress:
                 moved = line.time.monotonic()
                 continue
@@ -401,20 +399,21 @@ class Session:
             acks = [record for record in self._read(records, packet) if isinstance(record, Ack)]
             return self._read(decode_acks, b"".join(ack.encode() for ack in acks))
 
-    def _match(self, acks: NDArray[np.void], numbers: NDArray[np.int64], answers: Answers, done: int, sent: int) -> int:
-        """Give acknowledgements to blocks done … sent; return up to which block all is known.
+    def _match(self, acks: NDArray[np.void], first: int, answers: Answers, done: int, sent: int) -> int:
+        """Give acknowledgements to blocks done … sent, the first numbered `first`; return up to which all is known.
 
         They come in the order of the blocks, and on a line that loses nothing each has one. Those of blocks that were
         given up before are passed over, or come late.
         """
-        if len(acks):
-            self._free = int(acks["free"][-1])
-        if len(acks) <= sent - done and (acks["sequence"] == numbers[done : done + len(acks)]).all():
-            answers.acks[done : done + len(acks)] = acks
-            answers.answered[done : done + len(acks)] = True
-            return done + len(acks)
+        if not (count := len(acks)):
+            return done
+        self._free = int(acks["free"][-1])
+        if count <= sent - done and (acks["sequence"] == _numbers(first + done, count)).all():
+            answers.acks[done : done + count] = acks
+            answers.answered[done : done + count] = True
+            return done + count
         for ack in acks:
-            place = (int(ack["sequence"]) - int(numbers[0])) % NUMBERS
+            place = (int(ack["sequence"]) - first) % NUMBERS
             damaged = not self._line.lossy and Reason(int(ack["reason"])) in DAMAGE
             if damaged:  # its number may be damaged too, so its place in line counts
                 place = done
@@ -432,14 +431,6 @@ class Session:
             return decode(data)
 
 
-def as_ack(row: np.void) -> Ack:
-    """One row of `Answers.acks` as a value."""
-    return Ack(
-        Reason(int(row["reason"])),
-        int(row["sequence"]),
-        int(row["commit_period"]),
-        int(row["now"]),
-        AckFlag(int(row["flags"])),
-        int(row["free"]),
-        State(int(row["state"])),
-    )
+def _numbers(first: int, count: int) -> NDArray[np.uint32]:
+    """Sequence numbers from one on, round the wrap."""
+    return np.arange(first, first + count).astype(np.uint32)

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 from ...errors import DeviceLostError, DeviceStalledError, DeviceTimeoutError
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import AckFlag, Fault, Reason
+from ...protocol.replies import Ack
 from ...protocol.updates import pack_updates
 from .clock import DeviceClock, Reading
 from .frames import FrameSource, PulseFrames, check_rate
-from .session import DAMAGE, Answers, Session, as_ack
+from .session import DAMAGE, Answers, Session
 
 __all__ = ["LOOK_AHEAD_SECONDS", "Stream", "StreamReport"]
 
@@ -352,4 +353,4 @@ class Stream:
         """Raise `DeviceRefusedError` for the first frame that was refused for what it is."""
         for row in acks[acks["reason"] != Reason.ACCEPTED]:
             if int(row["reason"]) not in DAMAGED:
-                self._session.check(as_ack(row))
+                self._session.check(Ack.of(row))

@@ -26,7 +26,6 @@ from typing import Protocol
 
 from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import NOW, AckFlag
-from ...protocol.pulses import Pulses
 from ...protocol.quantise import PulseFrames
 from ...protocol.replies import Ack
 from ..playing.clock import DeviceClock, Reading
@@ -226,7 +225,7 @@ class StreamedTurns(_Clocked):
         if begun:
             self.slipped += max(turn - self._sent - 1 + (turn > self._sent and begins < now), 0)
         self._sent = turn
-        pulses = Pulses(self._fields.phase[turn % 2], self._fields.width[turn % 2])
+        pulses = self._fields.pulses(turn % 2)
         before = self._device.time.monotonic()
         self._count(before, self._device.show(pulses, begins if named else NOW), 1)
 
@@ -248,8 +247,8 @@ class StoredTurns(_Clocked):
         self._pair = (self._pair + 1) % PAIRS
         slots = 2 * self._pair, 2 * self._pair + 1
         before = self._device.time.monotonic()
-        for slot, phase, width in zip(slots, fields.phase, fields.width, strict=True):
-            self._device.store(slot, Pulses(phase, width))
+        for number, slot in enumerate(slots):
+            self._device.store(slot, fields.pulses(number))
         whole = 2 * self._half
         ready = self._now() + LEAST_LEAD_PERIODS + RESERVE_PERIODS + BLOCKS_PER_POSE * self._block_periods
         steps = [(slot, self._half) for slot in slots]

@@ -181,3 +181,13 @@ def read_only(array: np.ndarray) -> np.ndarray:
 def test_a_place_that_does_not_fit_is_named(phase: np.ndarray, width: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         quantise(np.zeros((2, 4), complex), PulseFrames(phase, width))
+
+
+def test_one_of_many_frames_is_the_same_pulses_and_cannot_be_changed() -> None:
+    frames = quantise(np.exp(1j * np.arange(12.0)).reshape(3, 4) * 0.5)
+    one = frames.pulses(1)
+    assert one == Pulses(frames.phase[1], frames.width[1])
+    assert one.phase.base is not None  # a view
+    with pytest.raises(ValueError, match="read-only"):
+        one.width[0] = 1
+    frames.width[1, 0] = 3  # whose owner goes on with it

@@ -198,13 +198,19 @@ def judged(ack: bytes) -> str | None:
 
 
 def judged_at_once(ack: bytes, good: bytes) -> str | None:
-    """What `decode_acks` says of them among others."""
-    try:
-        found = decode_acks(good + ack + good)
-    except ReplyError as error:
-        return str(error)
-    assert found[1]["sequence"] == Ack.decode(ack).sequence
-    return None
+    """What `decode_acks` says of them, alone and among others."""
+
+    def verdict(packets: bytes, place: int) -> str | None:
+        try:
+            found = decode_acks(packets)
+        except ReplyError as error:
+            return str(error)
+        assert Ack.of(found[place]) == Ack.decode(ack)
+        return None
+
+    alone, among = verdict(ack, 0), verdict(good + ack + good, 1)
+    assert alone == among
+    return alone
 
 
 def resealed(body: bytes) -> bytes:
