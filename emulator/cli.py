@@ -21,6 +21,7 @@ from ..pictures import check_picture_path, save_figure
 from ..protocol.board import CORE_HZ
 from ..protocol.framing import BAUD
 from ..protocol.timing import FIVE_WIRE, LINKS, Link
+from ..signals import loading
 from ..storage import check_outputs
 from .doors.address import SPEEDS
 from .doors.serving import Server
@@ -28,6 +29,7 @@ from .doors.station import Pace, Station
 from .doors.uart import Uart
 from .doors.usbip import PORT
 from .doors.usbip_session import Exported
+from .doors.warming import load_kernels
 from .firmware.flash import Flash
 from .firmware.loader import keep
 from .machine import Emulator
@@ -207,6 +209,8 @@ def emulate(
         emulators[-1].inject(*faults)
     if flash:
         keep(emulators[0].flash, flash, _complain)
+    with loading():
+        load_kernels()
     try:
         if program is not None:
             from .doors.umockdev import run_under_mock  # for Linux only

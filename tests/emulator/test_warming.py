@@ -1,0 +1,23 @@
+"""A served device has its kernels before a host waits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from phasewire.emulator.control import streams
+from phasewire.emulator.doors.warming import load_kernels
+
+
+def test_all_kernels_of_a_stream_are_called(monkeypatch: pytest.MonkeyPatch) -> None:
+    called = []
+    for name in streams.__all__:
+        kernel = getattr(streams, name)
+
+        def noted(*arguments: Any, _name: str = name, _kernel: Any = kernel) -> Any:
+            called.append(_name)
+            return _kernel(*arguments)
+
+        monkeypatch.setattr(streams, name, noted)
+    load_kernels()
+    assert set(called) == set(streams.__all__)
