@@ -77,6 +77,8 @@ LAST_LOOK_SECONDS = 0.1
 BLOCK_SECONDS = {"usb": 0.01, "serial": 0.1}
 """For one block to be taken, at the least speed of a line (clause SER-014), and twice that."""
 QUIET_SECONDS = 0.002
+SLICE_SECONDS, LONGEST_SLICE_SECONDS = 0.01, 0.2
+"""For how long a transfer of blocks, which may be longer than fits the device, is waited for until records are read."""
 NOTES = 60
 """Pieces of evidence that are kept of a case: the first half, and the newest."""
 RETURN_SECONDS = 15.0
@@ -291,10 +293,12 @@ class Bench:
         """Everything as a case finds it, by requests alone."""
         if isinstance(self.line, SerialLine):
             self.line.enter_frames()
+        asked = self.line.time.monotonic()
         self.order(Request.DISABLE)
+        trip = self.line.time.monotonic() - asked
         self.wait_periods(2 * SILENT_PERIODS)
         for _ in range(1000):
-            if not self.line.receive_records(QUIET_SECONDS):
+            if not self.line.receive_records(max(QUIET_SECONDS, 2 * trip)):
                 break
         status = self.status()
         if status.state is State.FAULT or status.faults:
@@ -511,10 +515,15 @@ class Bench:
         patience = ACK_SECONDS + len(blocks) * BLOCK_SECONDS[self.line.kind]
         sent, end = 0, self.line.time.monotonic() + patience
         at_once = len(data) if self.line.kind == "usb" else BLOCK_BYTES
+        wait = SLICE_SECONDS
         while sent < len(data):
-            sent += self.line.send_blocks(data[sent : sent + at_once], 0.01)
+            before = sent, len(self._acks)
+            sent += self.line.send_blocks(data[sent : sent + at_once], wait)
             behind = len(blocks) - len(self._acks) > 1 and self.line.kind == "serial"
-            self._collect(ACK_SECONDS if behind else 0.0)
+            self._collect(ACK_SECONDS if behind else wait - SLICE_SECONDS)
+            # A line may be so slow that it ends no transfer in so short a time.
+            stuck = before == (sent, len(self._acks))
+            wait = min(2 * wait, LONGEST_SLICE_SECONDS) if stuck else SLICE_SECONDS
             late = self.line.time.monotonic() >= end
             assert sent == len(data) or not late, (
                 f"only {sent} of {len(data)} bytes of blocks were taken in {patience:g} s"

@@ -19,7 +19,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import IO, Any, BinaryIO
 
-PHASEWIRE = "phasewire"
+PHASEWIRE, CONFORMANCE = "phasewire", "conformance"
 GRACE_SECONDS = 10.0
 lock = threading.Lock()
 
@@ -35,7 +35,7 @@ def main(port: str) -> None:
                 _end(children[request["id"]], signal.SIGINT)
                 continue
             if request["command"][0] == PHASEWIRE:
-                _load()
+                _load(request["command"])
             outputs = _file(), _file()
             child = os.fork()
             if not child:
@@ -44,11 +44,13 @@ def main(port: str) -> None:
             threading.Thread(target=_wait, args=(line, request, child, outputs), daemon=True).start()
 
 
-def _load() -> None:
-    """Import what the commands of the host need, once for all forks."""
+def _load(command: list[str]) -> None:
+    """Import what the commands of the host need, and what this one needs besides, once for all forks."""
     for home in import_module("phasewire.commands").HOMES.values():
         if home.module.startswith(".host"):
             import_module(home.module, "phasewire")
+    if CONFORMANCE in command:
+        import_module("phasewire.hil.conformance.running")
 
 
 def _file() -> IO[bytes]:
@@ -107,8 +109,10 @@ def _end(child: int, number: int) -> None:
 
 
 def _say(line: BinaryIO, answer: dict[str, Any]) -> None:
+    data = json.dumps(answer).encode() + b"\n"
     with lock:
-        line.write(json.dumps(answer).encode() + b"\n")
+        while data:
+            data = data[line.write(data) :]  # the port takes 32 KiB at a time
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from ....errors import DeviceError, DeviceLostError, DeviceStalledError
 from ....host.lines.transport import Timekeeper
 from ....host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Mode, Sighting, UsbBus, configure, translated
 from ....protocol.codes import BLOCK_BYTES, StandardRequest
-from ....protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT
+from ....protocol.enumeration import ENDPOINT_IN, ENDPOINT_OUT
 from ....protocol.requests import DIRECTION_IN, Setup
 from ..cases import Inconclusive, LineKind
 
@@ -80,14 +80,14 @@ class UsbLine:
                 self._claim()
 
     def _claim(self) -> None:
-        """Hold interface 0, and take the console from the kernel, which gets it back in `close`."""
+        """Hold all interfaces; those of the console are taken from the kernel, which gets them back in `close`."""
         for interface in self.device.get_active_configuration():
             number = interface.bInterfaceNumber
             with suppress(usb.core.USBError, NotImplementedError):
                 if self.device.is_kernel_driver_active(number):
                     self.device.detach_kernel_driver(number)
                     self._from_kernel.add(number)
-        usb.util.claim_interface(self.device, ARRAY_INTERFACE)
+            usb.util.claim_interface(self.device, number)
 
     @property
     def mode(self) -> Mode:
