@@ -7,7 +7,9 @@ container, events from packets, transfers from a submission and its completion, 
 from __future__ import annotations
 
 import struct
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 from typing import BinaryIO, NamedTuple
 
@@ -155,20 +157,49 @@ class _Transfer(NamedTuple):
     lost: bool = False  # whether the completion should be there, and is not
 
 
+@dataclass
+class _Place:
+    """A place in the line of transfers; it has no outcome while the transfer is under way."""
+
+    outcome: _Transfer | None = None
+    left: bool = False  # whether the line has become too long to wait for the outcome
+
+
 def _transfers(events: Iterable[_Event]) -> Iterator[_Transfer]:
-    """Pair submissions with completions, in the order of the completions."""
-    pending: dict[tuple[int, int], _Event] = {}
+    """Pair submissions with completions, in causal order.
+
+    The device may act on what it receives from the submission on, and what it sends is complete at the completion; so
+    an OUT transfer comes where it was submitted, and an IN transfer where it was completed. The kernel often reports
+    the completion of a block after that of its acknowledgement.
+    """
+    pending: dict[tuple[int, int], tuple[_Event, _Place]] = {}
+    line: deque[_Place] = deque()
+
+    def settled(submitted: _Event | None, place: _Place, completed: _Event | None, lost: bool) -> Iterator[_Transfer]:
+        place.outcome = _Transfer(submitted, completed, lost)
+        if place.left:
+            yield place.outcome
+        elif submitted is None or _direction(submitted.endpoint) == "in":
+            line.append(place)
+        while line and (line[0].outcome or len(line) > MOST_PENDING):
+            first = line.popleft()
+            first.left = True
+            if first.outcome:
+                yield first.outcome
+
     for event in events:
         key = event.address.bus, event.urb
         if event.kind == b"S":
             forgotten = key if key in pending else next(iter(pending)) if len(pending) == MOST_PENDING else None
             if forgotten:
-                yield _Transfer(pending.pop(forgotten), None, lost=True)
-            pending[key] = event
+                yield from settled(*pending.pop(forgotten), None, lost=True)
+            pending[key] = event, (place := _Place())
+            if _direction(event.endpoint) == "out":
+                line.append(place)
         elif event.kind in (b"C", b"E"):
-            yield _Transfer(pending.pop(key, None), event)
-    for event in pending.values():
-        yield _Transfer(event, None)
+            yield from settled(*pending.pop(key, (None, _Place())), event, lost=False)
+    for submitted, place in pending.values():
+        yield from settled(submitted, place, None, lost=False)
 
 
 class _Survey(NamedTuple):
@@ -206,7 +237,8 @@ def _is_an_array(event: _Event) -> bool:
 def read_usbmon(stream: BinaryIO, name: str, address: UsbAddress | None = None) -> Iterator[Piece]:
     """Read the traffic of an array from a capture.
 
-    Pieces come in the order in which their transfers were completed, and their times are those of the completions.
+    Pieces come in causal order, so that an acknowledgement follows its block: what the host sends has the place and the
+    time of its transfer's submission, what the device sends those of the completion.
 
     Parameters
     ----------
@@ -246,8 +278,8 @@ def _pieces(transfer: _Transfer, start: int, lines: Mapping[int, LineCutter]) ->
     event = completed or submitted
     assert event is not None
     direction, problem = _direction(event.endpoint), _problem(transfer)
-    time = (event.microseconds - start) / 1e6
     carrier = completed if direction == "in" else submitted
+    time = ((carrier or event).microseconds - start) / 1e6
     data = carrier.data[: event.length] if carrier else b""
     if event.transfer == CONTROL:
         if submitted and submitted.setup:

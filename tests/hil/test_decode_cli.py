@@ -72,17 +72,17 @@ def test_a_capture_is_explained_line_by_line(decode: Run, capture: Path) -> None
     assert outcome.code == 1
     assert [" ".join(line.split()) for line in outcome.out.splitlines()] == [
         "packet 1 0.000060 s in request INFO, answered with STALL",
-        "packet 3 0.000140 s out block UPDATE 1: silence as soon as possible",
-        "packet 3 +512 0.000140 s out block UPDATE 1",
+        "packet 3 0.000100 s out block UPDATE 1: silence as soon as possible",
+        "packet 3 +512 0.000100 s out block UPDATE 1",
         "✗ CHECKSUM BLK-003: CRC-32 " + outcome.out.split("CRC-32 ")[1].splitlines()[0],
         "packet 6 0.000300 s in acknowledgement 1 accepted, period 300; PLAYING, room for 3",
-        "packet 7 0.000340 s out text info\\r",
-        "packet 9 0.000440 s out block UPDATE 1",
+        "packet 7 0.000300 s out text info\\r",
+        "packet 9 0.000400 s out block UPDATE 1",
         "✗ 448 of its bytes were not recorded",
         "packet 11 0.000500 s out block UPDATE 1: silence as soon as possible",
         "packet 11 0.000500 s out transfer of blocks",
         "✗ its completion was not recorded",
-        "packet 12 0.000640 s out block UPDATE 1: silence as soon as possible",
+        "packet 12 0.000600 s out block UPDATE 1: silence as soon as possible",
         "1 request, 5 blocks, 1 acknowledgement, 1 text, 1 transfer, 3 invalid",
     ]
 
