@@ -175,11 +175,11 @@ def _transfers(events: Iterable[_Event]) -> Iterator[_Transfer]:
     pending: dict[tuple[int, int], tuple[_Event, _Place]] = {}
     line: deque[_Place] = deque()
 
-    def settled(submitted: _Event | None, place: _Place, completed: _Event | None, lost: bool) -> Iterator[_Transfer]:
-        place.outcome = _Transfer(submitted, completed, lost)
+    def settled(place: _Place, outcome: _Transfer) -> Iterator[_Transfer]:
+        place.outcome = outcome
         if place.left:
-            yield place.outcome
-        elif submitted is None or _direction(submitted.endpoint) == "in":
+            yield outcome
+        elif outcome.submitted is None or _direction(outcome.submitted.endpoint) == "in":
             line.append(place)
         while line and (line[0].outcome or len(line) > MOST_PENDING):
             first = line.popleft()
@@ -192,14 +192,16 @@ def _transfers(events: Iterable[_Event]) -> Iterator[_Transfer]:
         if event.kind == b"S":
             forgotten = key if key in pending else next(iter(pending)) if len(pending) == MOST_PENDING else None
             if forgotten:
-                yield from settled(*pending.pop(forgotten), None, lost=True)
+                submitted, place = pending.pop(forgotten)
+                yield from settled(place, _Transfer(submitted, None, lost=True))
             pending[key] = event, (place := _Place())
             if _direction(event.endpoint) == "out":
                 line.append(place)
         elif event.kind in (b"C", b"E"):
-            yield from settled(*pending.pop(key, (None, _Place())), event, lost=False)
+            begun, place = pending.pop(key, (None, _Place()))
+            yield from settled(place, _Transfer(begun, event))
     for submitted, place in pending.values():
-        yield from settled(submitted, place, None, lost=False)
+        yield from settled(place, _Transfer(submitted, None))
 
 
 class _Survey(NamedTuple):
