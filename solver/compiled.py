@@ -21,10 +21,21 @@ from .diffraction import KERNELS, REFERENCE_DISTANCE
 from .geometry import frozen
 from .medium import Medium
 from .models import residual
+from .points import REACH
 from .simd import LANES
 from .table import ResidualTable
 
-__all__ = ["aligned", "arrivals_at", "can_reach", "compilation", "farthest_of", "pressure_at", "tables_of", "too_close"]
+__all__ = [
+    "aligned",
+    "arrivals_at",
+    "can_reach",
+    "compilation",
+    "farthest_of",
+    "pressure_at",
+    "surely_reachable",
+    "tables_of",
+    "too_close",
+]
 
 MEDIA = 8  # in which the tables of an array are kept at the same time
 POLYNOMIAL_ERROR = 2e-6
@@ -50,6 +61,7 @@ class Tables(NamedTuple):
 
 
 _kept: WeakKeyDictionary[TransducerArray, dict[Medium, Tables]] = WeakKeyDictionary()
+_bounds: WeakKeyDictionary[TransducerArray, NDArray[np.float64]] = WeakKeyDictionary()
 
 
 def tables_of(array: TransducerArray, medium: Medium) -> Tables:
@@ -67,7 +79,6 @@ def _make_tables(array: TransducerArray, medium: Medium) -> Tables:
     low, high = array.positions.min(axis=0), array.positions.max(axis=0)
     origin = (low + high) / 2
     able = array.able
-    one = int(np.argmax(able))
     elements = aligned(kernels.ELEMENT_ROWS, -(-n // LANES) * LANES)
     elements[kernels.X : kernels.Z + 1, :n] = (array.positions - origin).T
     elements[kernels.NX : kernels.NZ + 1, :n] = array.normals.T
@@ -80,9 +91,16 @@ def _make_tables(array: TransducerArray, medium: Medium) -> Tables:
         np.float32(1 / medium.wavelength),
         np.float32(medium.attenuation) if medium.attenuation else None,
         origin,
-        np.stack([low - transducer.nearest, high + transducer.nearest, array.positions[one], array.normals[one]]),
+        _bounds_of(array),
         transducer.strength,
     )
+
+
+def _bounds_of(array: TransducerArray) -> NDArray[np.float64]:
+    """(4, 3): see `Tables`."""
+    low, high, nearest = array.positions.min(axis=0), array.positions.max(axis=0), array.transducer.nearest
+    one = int(np.argmax(array.able))
+    return np.stack([low - nearest, high + nearest, array.positions[one], array.normals[one]])
 
 
 def can_reach(tables: Tables, farthest: float) -> bool:
@@ -174,6 +192,13 @@ def arrivals_at(tables: Tables, array: TransducerArray, points: NDArray[np.float
     arrivals = np.empty((len(points), len(array)), dtype=np.complex64)
     arrivals.real, arrivals.imag = re[:, : len(array)], im[:, : len(array)]
     return np.multiply(arrivals, np.float32(tables.strength), out=arrivals)
+
+
+def surely_reachable(array: TransducerArray, points: NDArray[np.float64]) -> bool:
+    """Whether none of (m, 3) points needs a closer look by `points.check_reachable`."""
+    if (bounds := _bounds.get(array)) is None:
+        bounds = _bounds[array] = _bounds_of(array)
+    return kernels.suspect(points, bounds, REACH) < 0
 
 
 def too_close(array: TransducerArray, tables: Tables, points: NDArray[np.float64]) -> Iterator[int]:

@@ -25,6 +25,7 @@ from .simd import LANES
 __all__ = ["CompiledEngine"]
 
 OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
+NO_IDS = np.empty(0, np.int64)
 HEADROOM32, RELAXATION32, NUDGE32 = np.float32(HEADROOM), np.float32(RELAXATION), np.float32(NUDGE)
 
 
@@ -50,8 +51,8 @@ class CompiledEngine:
         self._modelled = can_reach(self._tables, REACH + float(np.linalg.norm(high - low)))
         self._columns = self._tables.elements.shape[1]
         self._capacity = 0
-        self._points = 0
-        self._warm = False
+        self._cold = self._u = self._spare = aligned(2, 0)
+        self.forget()
         self._gamma, self._mu = np.float32(options.gamma), np.float32(options.mu)
         self._output = OUTPUTS[options.policy]
         self._power = options.phases == "power"
@@ -59,10 +60,10 @@ class CompiledEngine:
 
     def forget(self) -> None:
         """Begin the next update's phases anew."""
-        self._warm = False
+        self._ids = NO_IDS
 
-    def drive(self, points: ControlPoints) -> NDArray[np.complex64]:
-        """Drives (n,) for control points.
+    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> NDArray[np.complex64]:
+        """Drives (n,) for control points; ``ids`` as for `Solver.solve`.
 
         Raises
         ------
@@ -77,7 +78,7 @@ class CompiledEngine:
         if self._method == "multiplex":
             kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
             return drive
-        self._find_phases(m)
+        self._find_phases(m, ids)
         kernels.finish(elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive)
         if self._method == "polish":
             kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
@@ -143,18 +144,20 @@ class CompiledEngine:
             self._work = aligned(kernels.work_size(m, self._columns))
             self._capacity = m
 
-    def _start(self, m: int) -> None:
-        """Phases to begin with: those of the last frame of as many points, or else cold ones."""
-        if m != self._points:
-            start = cold_start(m)
-            self._cold, self._u = (aligned(2, -(-m // LANES) * LANES) for _ in range(2))
-            self._cold[0, :m], self._cold[1, :m] = start.real, start.imag
-            self._points, self._warm = m, False
-        if self._warm:
-            kernels.nudge(m, self._u, self._cold, NUDGE32)
-        else:
-            self._u[:] = self._cold
-            self._warm = True
+    def _start(self, m: int, ids: NDArray[np.int64] | None = None) -> None:
+        """Phases to begin with: those of the same points of the last frame, or else cold ones."""
+        if (width := -(-m // LANES) * LANES) != self._cold.shape[1]:
+            start = cold_start(width)
+            self._cold = aligned(2, width)
+            self._cold[0], self._cold[1] = start.real, start.imag
+        if ids is None:
+            ids = np.arange(m, dtype=np.int64)
+            if len(self._ids) != m:
+                self.forget()
+        if self._spare.shape[1] != width:
+            self._spare = aligned(2, width)
+        kernels.carry(m, ids, self._ids, self._u, self._cold, NUDGE32, self._spare)
+        self._ids, self._u, self._spare = ids, self._spare, self._u
 
     def _model(self, points: ControlPoints) -> None:
         tables = self._tables
@@ -192,9 +195,9 @@ class CompiledEngine:
         reach[:n] = wanted @ np.abs(matrix)
         reach[n:] = 0
 
-    def _find_phases(self, m: int) -> None:
+    def _find_phases(self, m: int, ids: NDArray[np.int64] | None) -> None:
         options, columns = self._options, self._columns
-        self._start(m)
+        self._start(m, ids)
         if options.phase_seconds is None:
             kernels.begin(m, columns, self._gamma, options.phase_steps, self._power, self._u, self._work)
             return

@@ -179,6 +179,12 @@ def first_suspect(points: Any, bounds: Any, farthest: Any) -> int:
     return suspect
 
 
+@_kernel
+def suspect(points: Any, bounds: Any, farthest: Any) -> int:
+    """What `first_suspect` finds."""
+    return int(first_suspect(points, bounds, farthest))
+
+
 @_part
 def fill_transfer(
     elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, origin: Any, wanted: Any,
@@ -568,16 +574,35 @@ def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: An
     _begin(m, columns, gamma, phase_steps, power, u, work)
 
 
+@_part
+def _carry(m: int, ids: Any, before_ids: Any, before: Any, cold: Any, nudge: Any, u: Any) -> None:
+    """Phases u to begin with: of points that were there those in which they ended, nudged to the cold start."""
+    size2, carried, count = TINY, 0, len(before_ids)
+    for i in range(u.shape[1]):
+        u[0, i] = u[1, i] = F(0)
+    for i in range(m):
+        j = i if i < count and before_ids[i] == ids[i] else 0  # nearly always in the same place
+        while j < count and before_ids[j] != ids[i]:
+            j += 1
+        if j < count:
+            u[0, i], u[1, i] = before[0, j], before[1, j]
+            size2 += u[0, i] * u[0, i] + u[1, i] * u[1, i]
+            carried += 1
+    scale = np.sqrt(F(carried) / size2)  # their mean square becomes 1
+    part = nudge if carried else F(0)
+    for i in range(m):
+        if u[0, i] == F(0) and u[1, i] == F(0):
+            u[0, i], u[1, i] = cold[0, i], cold[1, i]
+        else:
+            u[0, i], u[1, i] = u[0, i] * scale, u[1, i] * scale
+        u[0, i] += part * cold[0, i]
+        u[1, i] += part * cold[1, i]
+
+
 @_kernel
-def nudge(m: int, u: Any, cold: Any, part: Any) -> None:
-    """Bring the mean square of the m phases u to 1 and add a part of the cold start."""
-    total2 = TINY
-    for i in range(m):
-        total2 += u[0, i] * u[0, i] + u[1, i] * u[1, i]
-    scale = np.sqrt(F(m) / total2)
-    for i in range(m):
-        u[0, i] = u[0, i] * scale + part * cold[0, i]
-        u[1, i] = u[1, i] * scale + part * cold[1, i]
+def carry(m: int, ids: Any, before_ids: Any, before: Any, cold: Any, nudge: Any, u: Any) -> None:
+    """Phases to begin with; see `_carry`."""
+    _carry(m, ids, before_ids, before, cold, nudge, u)
 
 
 @_kernel
@@ -643,8 +668,8 @@ def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, r
     _finish(elements, m, u, mu, output, headroom, relaxation, steps, work, drive)
 
 
-@_kernel
-def level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
+@_part
+def _level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
     """|p| per wanted amplitude, the largest of which is 1, by least squares, for the drive that was solved just now."""
     re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
     wanted, p, weight, x, v = vectors[1, 0], vectors[5], spans[0, 1], spans[1], spans[2]
@@ -662,6 +687,12 @@ def level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
         fit += wanted[i] * np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
         norm += wanted[i] * wanted[i]
     return float(fit / norm)
+
+
+@_kernel
+def level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
+    """|p| per wanted amplitude; see `_level`."""
+    return float(_level(m, columns, weighed, work, drive))
 
 
 @_kernel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,11 +63,19 @@ class ControlPoints:
         return len(self.positions)
 
     def part(self, of: NDArray[np.bool_]) -> ControlPoints:
-        """Those of a mask (m,), among which one is no null: a part of what was checked needs no second look."""
-        part = object.__new__(ControlPoints)
-        object.__setattr__(part, "positions", frozen(self.positions[of]))
-        object.__setattr__(part, "amplitudes", frozen(self.amplitudes[of]))
-        return part
+        """Those of a mask (m,), among which one is no null."""
+        return self.trusted(self.positions[of], self.amplitudes[of])
+
+    @classmethod
+    def trusted(cls, positions: NDArray[np.float64], amplitudes: NDArray[np.float64]) -> Self:
+        """Points whose values were checked before; the arrays are kept, read-only from now on.
+
+        For live use: the checks take as long as a quarter of a solution.
+        """
+        points = object.__new__(cls)
+        object.__setattr__(points, "positions", frozen(positions))
+        object.__setattr__(points, "amplitudes", frozen(amplitudes))
+        return points
 
 
 def check_reachable(array: TransducerArray, points: ControlPoints, where: str = "") -> None:
@@ -80,32 +88,11 @@ def check_reachable(array: TransducerArray, points: ControlPoints, where: str = 
 
 def reachable(array: TransducerArray, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which of (m, 3) points the array can reach: (m,), true for those that `check_reachable` lets pass."""
-    mask = np.zeros(len(positions), np.bool_)
-    if (flat := _flat(array)) is not None:  # height and distance from the middle decide nearly always
-        middle, normal, radius = flat
-        offset = positions - middle
-        mask = (offset @ normal > array.transducer.nearest) & (
-            np.einsum("mk,mk->m", offset, offset) < (REACH - radius) ** 2
-        )
-    if not mask.all():
-        unsure = np.flatnonzero(~mask)
-        mask[unsure] = ~np.any([problem for problem, _ in _problems(array, positions[unsure])], axis=0)
-    return mask
+    from .compiled import surely_reachable  # numba takes half a second to import
 
-
-_flats: WeakKeyDictionary[TransducerArray, tuple[NDArray[np.float64], NDArray[np.float64], float] | None] = (
-    WeakKeyDictionary()
-)
-
-
-def _flat(array: TransducerArray) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
-    """Middle, normal and radius of an array that is flat and of which all can sound; kept, for that takes time."""
-    if array not in _flats:
-        normal, middle = array.normals[0], array.positions.mean(axis=0)
-        flat = array.able.all() and (array.normals == normal).all() and not np.ptp(array.positions @ normal)
-        radius = float(np.linalg.norm(array.positions - middle, axis=1).max())
-        _flats[array] = (middle, normal, radius) if flat and radius < REACH else None
-    return _flats[array]
+    if surely_reachable(array, positions):
+        return np.ones(len(positions), np.bool_)
+    return np.asarray(~np.any([problem for problem, _ in _problems(array, positions)], axis=0))
 
 
 def _problems(array: TransducerArray, positions: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], str]]:

@@ -249,8 +249,8 @@ class Engine(Protocol):
     def forget(self) -> None:
         """Begin the next update's phases anew."""
 
-    def drive(self, points: ControlPoints) -> NDArray[Any]:
-        """Drives (n,) complex for control points."""
+    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> NDArray[Any]:
+        """Drives (n,) complex for control points; ``ids`` as for `Solver.solve`."""
 
     def level(self, points: ControlPoints, drive: NDArray[Any]) -> float:
         """|p| at the points per wanted amplitude, in pascals, as the least squares have it.
@@ -286,14 +286,14 @@ class ReferenceEngine:
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._medium, self._method, self._options = array, medium, method, options
         self._limits = np.where(array.able, array.limits, 0.0)
-        self._u: Complex | None = None
+        self.forget()
 
     def forget(self) -> None:
         """Begin the next update's phases anew."""
-        self._u = None
+        self._ids, self._u = np.empty(0, np.int64), np.empty(0, np.complex128)
 
-    def drive(self, points: ControlPoints) -> Complex:
-        """Drives (n,) for control points.
+    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> Complex:
+        """Drives (n,) for control points; ``ids`` as for `Solver.solve`.
 
         Raises
         ------
@@ -304,11 +304,11 @@ class ReferenceEngine:
         transfer = transfer_matrix(self._array, points.positions, self._medium) * (self._limits > 0)
         wanted = points.amplitudes / points.amplitudes.max()
         if self._method in ("tikhonov", "wgs", "polish"):
-            return self._regularised(transfer, wanted)
+            return self._regularised(transfer, wanted, ids)
         if self._method == "multiplex":
             drive = multiplex(transfer, wanted)
         else:
-            phases = self._phases(transfer @ transfer.conj().T, wanted)
+            phases = self._phases(transfer @ transfer.conj().T, wanted, ids)
             if self._method == "paper":
                 drive = augmented(transfer, wanted, phases, self._options.gamma)
             else:
@@ -326,26 +326,28 @@ class ReferenceEngine:
         """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n)."""
         drive_each(self, frames, first, stride, drives)
 
-    def _regularised(self, transfer: Complex, wanted: Real) -> Complex:
+    def _regularised(self, transfer: Complex, wanted: Real, ids: NDArray[np.int64] | None) -> Complex:
         options = self._options
         try:
             system = Regularised(transfer, wanted, options.gamma, options.mu)
         except np.linalg.LinAlgError as error:
             raise ValueError(f"mu {options.mu} is too small for points as close together as these") from error
-        phases = self._phases(system.gram, wanted)
+        phases = self._phases(system.gram, wanted, ids)
         steps = 0 if self._method == "tikhonov" else options.steps
         drive = correct(system, transfer, wanted, phases, self._limits, self._options.policy, steps)
         if self._method == "polish":
             drive = polish(transfer, wanted, drive, options.levels, options.sweeps)
         return drive
 
-    def _phases(self, gram: Complex, wanted: Real) -> Complex:
-        """Unit-modulus phases, begun where the last frame of as many points ended."""
+    def _phases(self, gram: Complex, wanted: Real, ids: NDArray[np.int64] | None) -> Complex:
+        """Unit-modulus phases, begun where the same points of the last frame ended."""
         options, m = self._options, len(wanted)
         method: Phases = "power" if self._method == "paper" else options.phases
-        u = cold_start(m)
-        if self._u is not None and len(self._u) == m:
-            u = self._u * np.sqrt(m) / np.linalg.norm(self._u) + NUDGE * u
+        if ids is None:
+            ids = np.arange(m, dtype=np.int64)
+            if len(self._ids) != m:
+                self.forget()
+        u = self._start(ids)
         if options.phase_seconds is None:
             u = phase_iteration(gram, wanted, u, options.phase_steps, method)
         else:
@@ -354,5 +356,17 @@ class ReferenceEngine:
                 if perf_counter() >= end:
                     break
                 u = phase_iteration(gram, wanted, u, 1, method)
-        self._u = u
+        self._ids, self._u = ids, u
         return unit(u)
+
+    def _start(self, ids: NDArray[np.int64]) -> Complex:
+        """Phases to begin with: of mean square 1 at points of the last frame, cold ones at others."""
+        cold = cold_start(len(ids))
+        place = {each: number for number, each in enumerate(self._ids.tolist())}
+        known = np.array([each in place for each in ids.tolist()])
+        if not known.any():
+            return cold
+        carried = self._u[[place[each] for each in ids[known].tolist()]]
+        u = cold.copy()
+        u[known] = carried * np.sqrt(len(carried)) / np.linalg.norm(carried)
+        return np.asarray(u + NUDGE * cold)

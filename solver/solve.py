@@ -92,35 +92,29 @@ class Solver:
             raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
         self.array, self.method, self.medium = array, method, medium or Medium()
         self.options = Options.of(method, options)
-        self._engine = _engine(self.array, self.medium, method, self.options, precision)
+        self._engine = engine_for(self.array, self.medium, method, self.options, precision)
 
-    def solve(self, points: ControlPoints | ArrayLike) -> Solution:
+    def solve(self, points: ControlPoints | ArrayLike, ids: NDArray[np.int64] | None = None) -> Solution:
         """Find the drives for the next frame.
 
         Parameters
         ----------
         points : ControlPoints or (m, 3) float
             In metres; without amplitudes, all are 1.
+        ids : (m,) int64, optional
+            Identities of the points, each once: a point begins with the phase of the same one in the last frame.
+            Without them, as many points as in the last frame are taken for the same ones, and others are all new.
 
         Raises
         ------
         ValueError
-            Where a point cannot be reached, there are too many, or they are too close for so small a ``mu``.
+            Where a point cannot be reached, there are too many, or they are too close for so small a ``mu``; or if the
+            identities are not as many as the points.
         """
-        return self._solution(*self._drive(points))
-
-    def solve_with_level(self, points: ControlPoints | ArrayLike) -> tuple[Solution, float]:
-        """`solve`, and how loud it came out: |p| at the points per wanted amplitude, in pascals, by least squares."""
-        points, drive = self._drive(points)
-        return self._solution(points, drive), self._engine.level(points, drive)
-
-    def _drive(self, points: ControlPoints | ArrayLike) -> tuple[ControlPoints, NDArray[Any]]:
         if not isinstance(points, ControlPoints):
             points = ControlPoints(points)
-        _check_size(self.array, points, self.method)
-        return points, self._engine.drive(points)
-
-    def _solution(self, points: ControlPoints, drive: NDArray[Any]) -> Solution:
+        check_size(self.array, points, self.method)
+        drive = self._engine.drive(points, checked_ids(points, ids))
         return Solution(frozen(drive.astype(np.complex128)), self.array, points, self.medium, self.method)
 
     def forget(self) -> None:
@@ -182,17 +176,24 @@ def solve_frames(
         raise ValueError(f"workers {workers} must be at least 1")
     drives = np.empty((len(frames), len(array)), dtype=np.complex64)
     for index, points in enumerate(frames):
-        _check_size(array, points, method, f"frame {index}: ")
+        check_size(array, points, method, f"frame {index}: ")
 
     def work(first: int) -> None:
-        _engine(array, air, method, settings, precision).drive_frames(frames, first, workers, drives)
+        engine_for(array, air, method, settings, precision).drive_frames(frames, first, workers, drives)
 
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(work, range(min(workers, len(frames)))))
     return drives
 
 
-def _check_size(array: TransducerArray, points: ControlPoints, method: str, where: str = "") -> None:
+def checked_ids(points: ControlPoints, ids: NDArray[np.int64] | None) -> NDArray[np.int64] | None:
+    """Identities as kernels read them; raises `ValueError` if they are not as many as the points."""
+    if ids is not None and np.shape(ids) != (len(points),):
+        raise ValueError(f"ids have the shape {np.shape(ids)}, but there are {len(points)} control points")
+    return None if ids is None else np.ascontiguousarray(ids, np.int64)
+
+
+def check_size(array: TransducerArray, points: ControlPoints, method: str, where: str = "") -> None:
     """Raise `ValueError` where a problem would fill the memory."""
     pairs = len(array) * (len(points) + (len(array) if method == "paper" else 0))
     if len(points) > MAX_POINTS or pairs > MAX_PAIRS:
@@ -203,9 +204,15 @@ def _check_size(array: TransducerArray, points: ControlPoints, method: str, wher
         )
 
 
-def _engine(array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision) -> Engine:
-    if precision == "double" or not METHODS[method].compiled or options.mu < LEAST_MU:
+def engine_for(array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision) -> Engine:
+    """What solves by a method in a precision, compiled if it can be."""
+    if not has_kernels(method, options, precision):
         return ReferenceEngine(array, medium, method, options)
     from .engine import CompiledEngine  # numba takes half a second to import
 
     return CompiledEngine(array, medium, method, options)
+
+
+def has_kernels(method: str, options: Options, precision: Precision) -> bool:
+    """Whether compiled kernels solve by a method with these options."""
+    return precision == "single" and METHODS[method].compiled and options.mu >= LEAST_MU

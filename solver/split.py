@@ -46,11 +46,16 @@ class Split:
         ValueError
             Where the split is one of another number of points.
         """
+        first, second = self.masks(points)
+        return points.part(first), None if second is None else points.part(second)
+
+    def masks(self, points: ControlPoints) -> tuple[NDArray[np.bool_], NDArray[np.bool_] | None]:
+        """Which points are in each half, (m,) both; the rest as `halves`."""
         if len(points) != len(self.mask):
             raise ValueError(f"{len(points)} control points do not fit a split of {len(self.mask)}")
         nulls = points.amplitudes == 0
         second = ~self.mask & ~nulls
-        return points.part(self.mask | nulls), points.part(second | nulls) if second.any() else None
+        return self.mask | nulls, second | nulls if second.any() else None
 
 
 def split(points: ControlPoints, previous: Split | None = None) -> Split:

@@ -18,10 +18,12 @@ from .array import TransducerArray
 from .geometry import frozen
 from .medium import Medium
 from .modulation import FREQUENCY, Modulation, check_frequency
+from .options import Options
+from .paired import Pair, pair_engine
 from .points import ControlPoints
-from .propagation import pressure
-from .solve import Solution, Solver, solve
-from .split import Split, split
+from .propagation import Precision, pressure
+from .solve import Solution, check_size, checked_ids, solve
+from .split import Split
 
 __all__ = ["Gain", "TwoSided", "TwoSidedSolver", "two_sided"]
 
@@ -60,49 +62,59 @@ class TwoSided:
 
     Parameters
     ----------
-    split : Split
-        Of the points.
-    first, second : Solution
-        Of the halves; no second one where there is but one point that is no null.
-    levels : (2,) float
-        What each half is turned down by, at most 1.
+    pair : Pair
+        The split of the points, the drives of both halves at full strength, and the levels that they are turned down
+        by.
     frequency : float
         Of the modulation, in hertz.
-    points : ControlPoints
-        All of them.
-    options : mapping
-        Of the method.
+    array, points, medium, method, options
+        What it was solved for, and how.
     """
 
-    split: Split
-    first: Solution
-    second: Solution | None
-    levels: NDArray[np.float64]
+    pair: Pair
     frequency: float
+    array: TransducerArray
     points: ControlPoints
+    medium: Medium
+    method: str
     options: Mapping[str, Any]
 
+    @property
+    def split(self) -> Split:
+        """Of the points."""
+        return self.pair.split
+
     @cached_property
-    def drives(self) -> NDArray[np.complex128]:
+    def first(self) -> Solution:
+        """Of the first half, at full strength."""
+        return self._solution(0, self.split.halves(self.points)[0])
+
+    @cached_property
+    def second(self) -> Solution | None:
+        """Of the second half; none if there is but one point that is no null."""
+        half = self.split.halves(self.points)[1]
+        return None if half is None else self._solution(1, half)
+
+    def _solution(self, number: int, half: ControlPoints) -> Solution:
+        drive = frozen(self.pair.drives[number].astype(np.complex128))
+        return Solution(drive, self.array, half, self.medium, self.method)
+
+    @cached_property
+    def drives(self) -> NDArray[Any]:
         """What each half emits, (2, n) complex; without a second half its drives are 0."""
-        emitted = np.zeros((2, len(self.first.drive)), np.complex128)
-        for row, level, half in zip(emitted, self.levels, (self.first, self.second), strict=True):
-            if half is not None:
-                np.multiply(half.drive, level, out=row)
-        return frozen(emitted)
+        return frozen(self.pair.drives * self.pair.levels.astype(self.pair.drives.real.dtype)[:, None])
 
     @cached_property
     def modulation(self) -> Modulation:
         """What to emit."""
-        drives = [self.first.drive, np.zeros_like(self.first.drive) if self.second is None else self.second.drive]
-        return Modulation(drives, np.diag(self.levels), self.frequency, self.first.medium.frequency)
+        drives = self.pair.drives.astype(np.complex128)
+        return Modulation(list(drives), np.diag(self.pair.levels), self.frequency, self.medium.frequency)
 
     @cached_property
     def one_sided(self) -> Modulation:
         """All points at once, on and off, by the same method; solved when it is first asked for."""
-        first = self.first
-        whole = solve(first.array, self.points, first.method, medium=first.medium, **self.options)
-        return Modulation.on_off(whole.drive, self.modulation.frequency, carrier=first.medium.frequency)
+        whole = solve(self.array, self.points, self.method, medium=self.medium, **self.options)
+        return Modulation.on_off(whole.drive, self.modulation.frequency, carrier=self.medium.frequency)
 
     @cached_property
     def gain(self) -> Gain:
@@ -112,7 +124,7 @@ class TwoSided:
     def _change(self, modulation: Modulation) -> NDArray[np.float64]:
         at = self.points.positions[self.points.amplitudes > 0]
         on, off = (
-            np.abs(pressure(self.first.array, drive, at, self.first.medium)) ** 2
+            np.abs(pressure(self.array, drive, at, self.medium)) ** 2
             for drive in modulation.weights @ modulation.drives
         )
         return np.asarray(np.abs(on - off))
@@ -128,11 +140,11 @@ class TwoSided:
 
 
 class TwoSidedSolver:
-    """Solves frame after frame for two-sided modulation: it keeps a `Solver` for each half, and the last split.
+    """Solves frame after frame for two-sided modulation: it keeps the last split, and the phases of each half.
 
     Parameters
     ----------
-    array, method, medium, **options
+    array, method, medium, precision, **options
         As for `Solver`.
     frequency : float
         Of the modulation, in hertz.
@@ -156,36 +168,42 @@ class TwoSidedSolver:
         *,
         frequency: float = FREQUENCY,
         medium: Medium | None = None,
+        precision: Precision = "single",
         **options: Any,
     ) -> None:
-        self._solvers = tuple(Solver(array, method, medium=medium, **options) for _ in range(2))
-        check_frequency(frequency, 2, self._solvers[0].medium.frequency)
+        self._array, self._method, self._medium = array, method, medium or Medium()
+        check_frequency(frequency, 2, self._medium.frequency)
         self._frequency, self._options = frequency, MappingProxyType(options)
-        self._split: Split | None = None
+        self._engine = pair_engine(array, self._medium, method, Options.of(method, options), precision)
+        self._count, self._first_id = 0, 0
 
-    def solve(self, points: ControlPoints) -> TwoSided:
+    def solve(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> TwoSided:
         """Split and solve the next frame.
+
+        Parameters
+        ----------
+        points : ControlPoints
+            In metres.
+        ids : (m,) int64, optional
+            As for `Solver.solve`.
 
         Raises
         ------
         ValueError
             As `Solver.solve`.
         """
-        cut = split(points, self._split)
-        largest = points.amplitudes.max()
-        relative = points if largest == 1 else ControlPoints(points.positions, points.amplitudes / largest)
-        half, other_half = cut.halves(relative)
-        first, level = self._solvers[0].solve_with_level(half)
-        second, other_level = self._solvers[1].solve_with_level(other_half) if other_half else (None, level)
-        levels = np.array([level, other_level])
-        self._split = cut
-        return TwoSided(cut, first, second, frozen(levels.min() / levels), self._frequency, points, self._options)
+        check_size(self._array, points, self._method)
+        names = checked_ids(points, ids)
+        if names is None:
+            if len(points) != self._count:  # none of them is one of the last frame
+                self._count, self._first_id = len(points), self._first_id + self._count
+            names = np.arange(self._first_id, self._first_id + self._count)
+        pair = self._engine.solve(points, names)
+        return TwoSided(pair, self._frequency, self._array, points, self._medium, self._method, self._options)
 
     def forget(self) -> None:
         """Begin the next frame from scratch, as the first."""
-        self._split = None
-        for solver in self._solvers:
-            solver.forget()
+        self._engine.forget()
 
 
 def two_sided(

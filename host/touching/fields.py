@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...protocol.quantise import PulseFrames, quantise
 from ...solver import ControlPoints, TransducerArray, TwoSidedSolver
 from ..playing.calibration import Calibration
@@ -35,17 +37,15 @@ class Fields:
         """The fields of one pose, (2, n), from at least one point.
 
         The amplitudes of points are relative to each other, so the strongest level turns down the whole, and the others
-        their points beside it.
+        their points beside it. A point begins with the phase that it had in the last pose.
 
         Raises
         ------
         ValueError
             As `TwoSidedSolver.solve`.
         """
-        level = float(fading.levels.max())
-        amplitudes = fading.amplitudes * fading.levels
-        points = ControlPoints(fading.positions, amplitudes / amplitudes.max())
-        drives = self._solver.solve(points).drives * level
+        points = ControlPoints.trusted(fading.positions, fading.amplitudes * fading.levels)
+        drives = self._solver.solve(points, fading.ids).drives * np.float32(fading.levels.max())
         return quantise(drives if self._calibration is None else self._calibration.apply(drives))
 
     def forget(self) -> None:
