@@ -187,10 +187,10 @@ def solve_frames(
 
 
 def checked_ids(points: ControlPoints, ids: NDArray[np.int64] | None) -> NDArray[np.int64] | None:
-    """Identities as kernels read them; raises `ValueError` if they are not as many as the points."""
+    """Identities as kernels read them, writable; raises `ValueError` if they are not as many as the points."""
     if ids is not None and np.shape(ids) != (len(points),):
         raise ValueError(f"ids have the shape {np.shape(ids)}, but there are {len(points)} control points")
-    return None if ids is None else np.ascontiguousarray(ids, np.int64)
+    return None if ids is None else np.array(ids, np.int64)
 
 
 def check_size(array: TransducerArray, points: ControlPoints, method: str, where: str = "") -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
+from typing import TypeAlias
 
 from .frames import HandFrame, TrackedHand
 
 __all__ = ["Follower"]
+
+Place: TypeAlias = list[float]
+"""The middle of a palm, (x, y, z) in metres."""
 
 FASTEST = 5.0
 """Metres per second that a palm may move; boxers are at twice that, hands that feel at a tenth."""
@@ -31,9 +32,9 @@ class _Track:
     id: int
     theirs: int
     side: str
-    place: NDArray[np.float64]
+    place: Place
     time: float
-    elsewhere: NDArray[np.float64] | None = None
+    elsewhere: Place | None = None
     since: float = 0.0
 
     def reach(self, time: float) -> float:
@@ -62,34 +63,37 @@ class Follower:
         """The same frame with numbers of the follower's own, without hands that cannot be."""
         self._tracks = [track for track in self._tracks if frame.time - track.time <= GAP]
         notes = list(frame.notes)
-        matched = self._matched(frame)
+        places = [each.hand.centre.tolist() for each in frame.hands]
+        matched = self._matched(frame, places)
         hands: list[TrackedHand] = []
-        for number, each in enumerate(frame.hands):
-            track = matched.get(number)
-            if self._doubled(each, hands):
-                notes.append(f"the {each.hand.side} hand {each.id} was left out: another one is at the same place")
+        kept: list[Place] = []
+        for number, (each, place) in enumerate(zip(frame.hands, places, strict=True)):
+            track, side = matched.get(number), each.hand.side
+            if any(
+                math.dist(place, at) < APART and other.hand.side == side for other, at in zip(hands, kept, strict=True)
+            ):
+                notes.append(f"the {side} hand {each.id} was left out: another one is at the same place")
                 continue
-            if track is None and (doubtful := self._doubted(each, frame.time, matched)) is not None:
-                moved = float(np.linalg.norm(each.hand.centre - doubtful.place))
-                notes.append(
-                    f"the {each.hand.side} hand {each.id} was left out: it is suddenly {moved:.2f} m elsewhere"
-                )
+            if track is None and (doubtful := self._doubted(each.id, place, frame.time, matched)) is not None:
+                moved = math.dist(place, doubtful.place)
+                notes.append(f"the {side} hand {each.id} was left out: it is suddenly {moved:.2f} m elsewhere")
                 continue
             if track is None:
-                track = _Track(self._next, each.id, each.hand.side, each.hand.centre, frame.time)
+                track = _Track(self._next, each.id, side, place, frame.time)
                 self._next += 1
                 self._tracks.append(track)
-            track.theirs, track.side, track.place, track.time = each.id, each.hand.side, each.hand.centre, frame.time
+            track.theirs, track.side, track.place, track.time = each.id, side, place, frame.time
             track.elsewhere = None
             hands.append(TrackedHand(each.hand, track.id))
-        return replace(frame, hands=tuple(hands), notes=tuple(notes))
+            kept.append(place)
+        return HandFrame(frame.time, tuple(hands), frame.number, tuple(notes))
 
-    def _matched(self, frame: HandFrame) -> dict[int, _Track]:
+    def _matched(self, frame: HandFrame, places: list[Place]) -> dict[int, _Track]:
         """Which of the frame's hands is which one that is followed: the tracker's number first, then the nearest."""
         pairs = []
         for track in self._tracks:
-            for number, each in enumerate(frame.hands):
-                away = math.dist(track.place, each.hand.centre)
+            for number, (each, place) in enumerate(zip(frame.hands, places, strict=True)):
+                away = math.dist(track.place, place)
                 same = each.id == track.theirs
                 if away <= track.reach(frame.time) and (same or each.hand.side == track.side):
                     pairs.append((not same, away, number, track))
@@ -99,25 +103,17 @@ class Follower:
                 found[number] = track
         return found
 
-    def _doubted(self, each: TrackedHand, time: float, matched: dict[int, _Track]) -> _Track | None:
+    def _doubted(self, theirs: int, place: Place, time: float, matched: dict[int, _Track]) -> _Track | None:
         """The hand that this would be by its number if it were not too far away, unless it has been there for long."""
         for track in self._tracks:
-            if track.theirs != each.id or any(track is other for other in matched.values()):
+            if track.theirs != theirs or any(track is other for other in matched.values()):
                 continue
-            near = (
-                track.elsewhere is not None and math.dist(track.elsewhere, each.hand.centre) <= SLACK + FASTEST * DOUBT
-            )
+            near = track.elsewhere is not None and math.dist(track.elsewhere, place) <= SLACK + FASTEST * DOUBT
             if not near:
                 track.since = time
-            track.elsewhere = each.hand.centre
+            track.elsewhere = place
             if near and time - track.since >= DOUBT:
                 self._tracks.remove(track)
                 return None
             return track
         return None
-
-    def _doubled(self, each: TrackedHand, hands: list[TrackedHand]) -> bool:
-        return any(
-            other.hand.side == each.hand.side and math.dist(other.hand.centre, each.hand.centre) < APART
-            for other in hands
-        )

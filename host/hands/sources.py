@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from threading import Condition
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -275,6 +275,7 @@ class PlayedHands(_Source):
     ) -> None:
         super().__init__(name, rate)
         self._frames, self._clock, self._close = frames, clock, close
+        self._gap = 1 / rate
         self._waiting: HandFrame | None = None
         self._origin: float | None = None
 
@@ -297,7 +298,11 @@ class PlayedHands(_Source):
         return frame
 
     def next_frame(self, timeout: float) -> HandFrame | None:
-        """The newest frame that is due, with its time by the clock; see `HandSource`."""
+        """The newest frame that is due, with its time by the clock; see `HandSource`.
+
+        The one after it is looked at if it must be due too by the rate, and else at the next call: to make a frame
+        takes time.
+        """
         now = self._clock.monotonic()
         until = now + timeout
         newest = None
@@ -306,8 +311,10 @@ class PlayedHands(_Source):
                 self._origin = now - frame.time
             due = self._origin + frame.time
             if due <= now:
-                newest = replace(frame, time=due)
+                newest = HandFrame(due, frame.hands, frame.number, frame.notes)
                 self._waiting = None
+                if now < due + self._gap:
+                    break
             elif newest is not None or now >= until:
                 break
             else:

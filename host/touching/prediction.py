@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+import math
+from typing import NamedTuple, TypeAlias
 
 from ...solver.contact.hand import Hand, Side
 from ..hands.frames import HandFrame
@@ -21,12 +19,16 @@ OLDEST_SECONDS = 0.2
 """Between two frames of a hand; after a longer gap nothing is known of its velocity."""
 
 
+Velocity: TypeAlias = tuple[float, float, float]
+STILL: Velocity = (0.0, 0.0, 0.0)
+
+
 class _Seen(NamedTuple):
     """A hand as it was seen last."""
 
     time: float
-    centre: NDArray[np.float64]
-    velocity: NDArray[np.float64]
+    place: list[float]
+    velocity: Velocity
 
 
 class Predictor:
@@ -52,20 +54,22 @@ class Predictor:
         seen, moved = {}, []
         for tracked in frame.hands:
             key = (tracked.id, tracked.hand.side)
-            centre = tracked.hand.centre
-            velocity = self._velocity(self._seen.get(key), frame.time, centre)
-            seen[key] = _Seen(frame.time, centre, velocity)
-            shift = velocity * ahead
-            moved.append(tracked.hand.moved(shift) if shift.any() else tracked.hand)
+            place = tracked.hand.centre.tolist()
+            velocity = _velocity(self._seen.get(key), frame.time, place)
+            seen[key] = _Seen(frame.time, place, velocity)
+            shift = [part * ahead for part in velocity]
+            moved.append(tracked.hand.moved(shift) if any(shift) else tracked.hand)
         self._seen = seen  # of hands that are gone nothing is kept
         return tuple(moved)
 
-    @staticmethod
-    def _velocity(before: _Seen | None, time: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
-        """In m/s; nothing for a hand that is new, or has jumped."""
-        if before is None or not 0 < (passed := time - before.time) <= OLDEST_SECONDS:
-            return np.zeros(3)
-        newest = (centre - before.centre) / passed
-        if newest @ newest > MOST_SPEED**2:
-            return np.zeros(3)
-        return np.asarray(before.velocity + (newest - before.velocity) * passed / (passed + SMOOTH_SECONDS))
+
+def _velocity(before: _Seen | None, time: float, place: list[float]) -> Velocity:
+    """In m/s; nothing for a hand that is new, or has jumped."""
+    if before is None or not 0 < (passed := time - before.time) <= OLDEST_SECONDS:
+        return STILL
+    newest = [(now - then) / passed for now, then in zip(place, before.place, strict=True)]
+    if math.hypot(*newest) > MOST_SPEED:
+        return STILL
+    share = passed / (passed + SMOOTH_SECONDS)
+    x, y, z = (last + (new - last) * share for last, new in zip(before.velocity, newest, strict=True))
+    return x, y, z

@@ -33,6 +33,8 @@ BACKWARDS = math.radians(20)
 MOST_NAMED = 3
 _NEUTRAL_PALM = float(np.linalg.norm(NEUTRAL[PALM], axis=1).mean())
 _NEUTRAL_BREADTH = float(NEUTRAL[17, 0] - NEUTRAL[5, 0])
+_MIDDLE = np.zeros(LANDMARKS)
+_MIDDLE[[0, 5, 9, 13, 17]] = 1 / 2, 1 / 8, 1 / 8, 1 / 8, 1 / 8
 _FINGER_BONES = np.array([landmark for landmark in range(1, LANDMARKS) if PARENTS[landmark - 1] != 0])
 """The landmarks at the ends of fingers' bones."""
 
@@ -221,8 +223,7 @@ def _checked(landmarks: ArrayLike, side: Side) -> _Checked:
 
 def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Of the palm: half-way from the wrist to the knuckles."""
-    middle: NDArray[np.float64] = points[0] / 2 + (points[5] + points[9] + points[13] + points[17]) / 8
-    return middle
+    return _MIDDLE @ points
 
 
 def _as_widths(widths: ArrayLike) -> NDArray[np.float64]:

@@ -63,7 +63,7 @@ def test_a_point_begins_with_the_phase_that_its_identity_ended_with(precision: P
             drive = solver.solve(positions[ids], ids if named else None).drive
             fields.append(pressure(ARRAY, drive, positions[:5]))
         turned = fields[1] / fields[0]
-        return np.abs(np.angle(turned / turned[0]))
+        return np.asarray(np.abs(np.angle(turned / turned[0])))
 
     assert phases(named=True).max() < 0.1
     assert phases(named=False).max() > 1
