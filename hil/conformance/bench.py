@@ -50,7 +50,7 @@ from ...protocol.replies import (
 )
 from ...protocol.requests import VALUES, Setup
 from ...protocol.wiring import Wiring
-from .cases import NOT_USB, Inconclusive, Need, Risk, unmet
+from .cases import NOT_USB, Inconclusive, Need, Risk, TooSlow, unmet
 from .levers import Levers
 from .lines.line import RawLine
 from .lines.serial import CdcWire, SerialLine
@@ -64,7 +64,7 @@ from .verdicts import Evidence
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-__all__ = ["LOW_DRIVE", "OUTPUTS", "POWERS", "RETURN_SECONDS", "TOLD_PERIODS", "Bench", "Lost"]
+__all__ = ["LOW_DRIVE", "MOST_SLOWNESS", "OUTPUTS", "POWERS", "RETURN_SECONDS", "TOLD_PERIODS", "Bench", "Lost"]
 
 LOW_DRIVE = 32
 """Transducers' worth of total drive that a case may use where hard driving was not allowed: a tenth of the array."""
@@ -79,6 +79,8 @@ BLOCK_SECONDS = {"usb": 0.01, "serial": 0.1}
 QUIET_SECONDS = 0.002
 SLICE_SECONDS, LONGEST_SLICE_SECONDS = 0.01, 0.2
 """For how long a transfer of blocks, which may be longer than fits the device, is waited for until records are read."""
+MOST_SLOWNESS = 64
+"""Periods are then named 3.2 s ahead."""
 NOTES = 60
 """Pieces of evidence that are kept of a case: the first half, and the newest."""
 RETURN_SECONDS = 15.0
@@ -135,6 +137,8 @@ class Bench:
     levers : Levers
     info : Info
         As the device answered at first.
+    slowness : int
+        How many times as long as usual cases wait for what has to be sent before something happens.
     random : random.Random
         For this case: the same for the same seed, whatever ran before.
     marks : list of Mark
@@ -172,6 +176,7 @@ class Bench:
         self.marks: list[Mark] = []
         self.random = random.Random(seed)
         self.unasked: list[Status] = []
+        self.slowness = 1
         self._number: int | None = None
         self._first: Status | None = None
         self._known_tick = 0
@@ -335,6 +340,13 @@ class Bench:
         """Whether the device's time is not that of this process: either may fall behind the other."""
         return self.line.time is time
 
+    def slow_down(self) -> bool:
+        """Give cases more time from now on, because one had too little; whether there was more to give."""
+        if not self.is_far or self.slowness >= MOST_SLOWNESS:
+            return False
+        self.slowness *= 4
+        return True
+
     def wait(self, seconds: float) -> None:
         """Let time pass for the host; a simulated device may fall behind."""
         self.line.time.sleep(seconds)
@@ -473,7 +485,7 @@ class Bench:
 
         Raises
         ------
-        Inconclusive
+        TooSlow
             If it is a change for a period that was well ahead when the case began to send it, and was over when it
             arrived: the computer or the line was too slow.
         """
@@ -481,7 +493,7 @@ class Bench:
         ack = self.send(body, restart=restart, number=number)
         assert ack.reason is Reason.ACCEPTED, f"{type(body).__name__.upper()} is refused with {_name(ack.reason)}"
         if isinstance(body, Change) and ack.late and known + AHEAD_PERIODS <= body.period <= ack.now_period:
-            raise Inconclusive(
+            raise TooSlow(
                 f"a block for period {body.period}, sent in period {known} or soon after, had arrived in "
                 f"{ack.now_period} only: this computer or the line is too slow"
             )

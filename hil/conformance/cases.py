@@ -24,6 +24,7 @@ __all__ = [
     "Need",
     "NotApplicable",
     "Risk",
+    "TooSlow",
     "case",
     "case_of",
     "expect",
@@ -77,6 +78,10 @@ def unmet(need: Need) -> str:
 
 class Inconclusive(Exception):
     """The case cannot be judged here; the text says why."""
+
+
+class TooSlow(Inconclusive):
+    """The computer or the line is too slow for the case; with more time it may be judged (`Bench.slow_down`)."""
 
 
 class NotApplicable(Exception):

@@ -15,7 +15,7 @@ import pytest
 from ...errors import DeviceError, ReplyError
 from ...protocol.codes import Feature
 from .bench import OUTPUTS, Bench, Lost
-from .cases import NOT_USB, Case, Inconclusive, Need, NotApplicable, Risk, case_of, not_allowed, unmet
+from .cases import NOT_USB, Case, Inconclusive, Need, NotApplicable, Risk, TooSlow, case_of, not_allowed, unmet
 from .clauses import resolve
 from .matrix import Claim
 from .profile import Profile
@@ -177,6 +177,7 @@ class Judge:
     _outcome: tuple[Verdict, str] = (Verdict.PASS, "")
     _asked: list[Entry] = field(default_factory=list)
     _trying: bool = False
+    _too_slow: bool = False
     _lost: str | None = None
 
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
@@ -243,12 +244,20 @@ class Judge:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Function) -> bool | None:
-        """Judge one case, from beginning to end; a case that fails is run once more."""
+        """Judge one case, from beginning to end.
+
+        A case for which this computer was too slow has more time in the next attempt; one that fails is run once more.
+        """
         if self._trying:
             return None  # pytest runs it, as `_try` asks
         parts = _parts(item)
         self.watcher.began(parts[0].identifier, len(self.results) + 1, len(self._asked))
         results = self._try(item, parts)
+        before = self.bench.slowness
+        while self._too_slow and self.bench.slow_down():
+            results = self._try(item, parts)
+        if self._too_slow:
+            self.bench.slowness = before  # more time did not help
         if self.interruption is not None:
             return True  # nothing was judged
         if any(result.verdict is Verdict.FAIL for result in results) and self.again and self._lost is None:
@@ -274,6 +283,7 @@ class Judge:
     def _try(self, item: pytest.Function, parts: Sequence[Entry]) -> list[Result]:
         """Run a case once, unless it is clear beforehand that it cannot be judged: then nothing is sent."""
         self.bench.forget()
+        self._too_slow = False
         began = time.perf_counter()
         case = parts[0]
         try:
@@ -334,6 +344,7 @@ class Judge:
                 item.session.shouldstop = "interrupted"
             if self._outcome[0] is Verdict.PASS:
                 self._outcome = verdict_of(error, about)
+                self._too_slow = isinstance(error, TooSlow)
         return report
 
     @pytest.hookimpl(wrapper=True)

@@ -12,7 +12,7 @@ from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_play, expected_words, modulated, only
 from phasewire.hil.conformance.tools.examples import example
 from phasewire.hil.conformance.tools.forge import FIELDS, forged, seal
-from phasewire.hil.conformance.tools.stage import Stage
+from phasewire.hil.conformance.tools.stage import Stage, in_time
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
@@ -690,7 +690,8 @@ def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> 
     if plays == "sequence":
         wrong.append(Wrong("a SLOT that plays", forge(bench, Slot(1, other)), Reason.IN_USE))
         wrong.append(Wrong("ENTRIES that play", forge(bench, Entries((Entry(2, 1),), 5)), Reason.IN_USE))
-    refuse(bench, some(bench, wrong))
+    with in_time(bench, waits):
+        refuse(bench, some(bench, wrong))
     steps = [
         (began, expected_words(first, bench.wiring)),
         (modulated_from, expected_words(modulated(first, 0xC0), bench.wiring)),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import pytest
 from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, Words, check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.planning import (
@@ -308,7 +308,7 @@ def test_the_first_of_two_disabling_blocks_disables(bench: Bench) -> None:
     bench.wait_until(first + 1)
     seen = bench.status()
     if seen.now >= second * TICKS_PER_PERIOD:
-        raise Inconclusive("this line is too slow: the second was due before the first could be looked at")
+        raise TooSlow("this line is too slow: the second was due before the first could be looked at")
     check_rest(seen, bench, State.OFF, "after the first")
     bench.enable()
     again = play(bench)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
+from phasewire.hil.conformance.cases import Need, NotApplicable, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.lines.serial import SerialLine
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, only
@@ -426,8 +426,8 @@ def test_commands_are_signs_of_life_where_requests_are(bench: Bench, console: Se
     asked = type_for_long(bench, console, command)
     status = status_of(bench, console)
     gap = max(after - before for before, after in zip(asked[::2], [*asked[3::2], status.now], strict=True))
-    if gap >= TYPED_WATCHDOG_MS * TICK_HZ // 1000:
-        raise Inconclusive(f"up to {gap} ticks passed between two commands, which is longer than the watchdog's time")
+    if gap >= TYPED_WATCHDOG_MS * bench.slowness * TICK_HZ // 1000:
+        raise TooSlow(f"up to {gap} ticks passed between two commands, which is longer than the watchdog's time")
     expect(f"the state, though {command!r} was typed again and again", status.state, State.PLAYING)
     expect("the flags", status.flags, StatusFlag(0))
 
@@ -451,13 +451,13 @@ def type_for_long(bench: Bench, console: SerialLine, command: str) -> list[int]:
         Ticks before and after each command.
     """
     asked = []
-    told(console, f"watchdog {TYPED_WATCHDOG_MS}")
+    told(console, f"watchdog {TYPED_WATCHDOG_MS * bench.slowness}")
     for line in ("enable", "test 0", *[command] * 8):
         asked.append(clock_of(console))  # which is no sign of life
         console.command(line)
         asked.append(clock_of(console))
         if line == command:
-            wait_typing(bench, console, 0.1)
+            wait_typing(bench, console, 0.1 * bench.slowness)
     return asked
 
 

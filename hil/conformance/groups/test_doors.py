@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, TooSlow, case, expect
 from phasewire.hil.conformance.lines.serial import SerialLine
 from phasewire.hil.conformance.tools.exchange import (
     acks,
@@ -116,15 +116,15 @@ def test_blocks_that_find_no_room_keep_nothing_alive(bench: Bench, frames: Seria
     first = bench.clock().now
     bench.status()  # the last sign of life
     last = bench.clock().now
-    bench.order(Request.WATCHDOG, NO_ROOM_MS)
-    due, came = last + NO_ROOM_MS * TICKS_PER_MS, 0
+    bench.order(Request.WATCHDOG, ms := NO_ROOM_MS * bench.slowness)
+    due, came = last + ms * TICKS_PER_MS, 0
     while bench.clock().now < due and came < 100:
         frames.write(b"\0" + frame(FrameKind.BLOCK, no_op(bench)))
         came += 1
         bench.wait(0.05)
     if came < 3:
-        raise Inconclusive(f"this line is too slow: {came} blocks went to the device before the watchdog was due")
-    await_firing(bench, first, last, NO_ROOM_MS)
+        raise TooSlow(f"this line is too slow: {came} blocks went to the device before the watchdog was due")
+    await_firing(bench, first, last, ms)
 
 
 # What one door does, told at another

@@ -7,7 +7,7 @@ from collections.abc import Sequence as Many
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Inconclusive, NotApplicable, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, NotApplicable, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.steps import (
@@ -82,7 +82,7 @@ def test_free_counts_the_places_of_the_queue(bench: Bench) -> None:
 def test_a_place_is_free_again_when_its_change_has_gone(bench: Bench) -> None:
     """`free` counts up as changes go onto the chain: not before their periods are near, and at these at the latest."""
     begin(bench)
-    places, gap = bench.info.queue_blocks, 120
+    places, gap = bench.info.queue_blocks, 120 * bench.slowness
     first = soon(bench, places)
     periods = [first + gap * place for place in range(places)]
     acks = send_many(bench, [Update(SILENT, period) for period in periods])
@@ -156,7 +156,7 @@ def test_more_updates_than_fit_all_play(bench: Bench) -> None:
     if not is_fast(bench):
         raise Inconclusive("the line is so slow that the queue never fills")
     stage = Stage(bench)
-    count, gap = 3 * bench.info.queue_blocks, 40
+    count, gap = 3 * bench.info.queue_blocks, 40 * bench.slowness
     first = soon(bench, bench.info.queue_blocks)
     updates = [bench.weak(0.2) for _ in range(7)]
     acks = stage.send_all([Update(updates[number % 7], first + gap * number) for number in range(count)])
@@ -165,7 +165,7 @@ def test_more_updates_than_fit_all_play(bench: Bench) -> None:
         f"the last of {count} updates was taken in period {arrived[-1]}, should have been held back to {first} at least"
     )
     if min(ack.free for ack in acks):
-        raise Inconclusive("the line was so slow that the queue never filled")
+        raise TooSlow("the line was so slow that the queue never filled")
     stage.judge(first - 10, first + gap * count)
 
 
@@ -284,7 +284,10 @@ def check_stream(bench: Bench, stage: Stage, updates: Iterable[Update], acks: It
         expect("commit_period", ack.commit_period, update.period)
         expect("whether it is late", ack.late, False)
     if behind > in_time:
-        raise Inconclusive(f"the line brought {behind} of {in_time + behind} updates too late")
+        told = f"the line brought {behind} of {in_time + behind} updates too late"
+        if in_time + behind <= bench.info.queue_blocks:
+            raise TooSlow(told)
+        raise Inconclusive(f"{told}: it does not carry {bench.info.max_updates_per_second:g} a second")
 
 
 @case("BLK-023", "ACK-003", "BLK-008")

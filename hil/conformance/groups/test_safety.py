@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect, not_allowed
+from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, TooSlow, case, expect, not_allowed
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import (
     SILENCE,
@@ -230,7 +230,7 @@ def test_an_accepted_block_is_a_sign_of_life(bench: Bench, kind: str) -> None:
     bench.wait(ms / 3000)
     ack = bench.send(body_of(kind))
     if ack.now >= first + ms * TICKS_PER_MS:
-        raise Inconclusive("this line is too slow: the watchdog has fired before the block arrived")
+        raise TooSlow("this line is too slow: the watchdog has fired before the block arrived")
     expect("the reason", ack.reason, Reason.ACCEPTED)
     await_firing(bench, ack.now, ack.now, ms)
 
@@ -251,7 +251,7 @@ def test_a_request_that_is_a_sign_of_life(bench: Bench, request_: Request) -> No
         bench.enable()
     after = bench.clock().now
     if after >= last + ms * TICKS_PER_MS:
-        raise Inconclusive("this line is too slow: the watchdog may have fired before the request arrived")
+        raise TooSlow("this line is too slow: the watchdog may have fired before the request arrived")
     await_firing(bench, before, after, ms)
 
 
@@ -677,7 +677,7 @@ def test_a_change_close_to_the_end_begins_everywhere_or_nowhere(bench: Bench) ->
             ack = bench.must(NoOp())
         ms = gap // TICKS_PER_MS
         if ms < 10:
-            raise Inconclusive("this line is too slow: the change is due before the watchdog can be set")
+            raise TooSlow("this line is too slow: the change is due before the watchdog can be set")
         fires = ack.now + ms * TICKS_PER_MS
         bench.order(Request.WATCHDOG, ms)
         check_not_yet(bench, fires)

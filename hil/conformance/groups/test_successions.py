@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.planning import (
@@ -85,7 +85,7 @@ def check_successor(bench: Bench, by: str, unattended: bool, at: Callable[[int, 
     replaced = at(began, ends)
     since = successor(bench, replaced)
     if not replaced <= since <= replaced + APART:
-        raise Inconclusive("this line is too slow: the sequence was over before something could replace it")
+        raise TooSlow("this line is too slow: the sequence was over before something could replace it")
     bench.unasked.clear()
     bench.wait_until(max(since, ends) + SETTLED)
     status = bench.status()
@@ -138,7 +138,7 @@ def test_a_sequence_that_begins_anew_ends_once(bench: Bench, unattended: bool) -
     began = bench.must(Sequence(PLACE, 1, repeats=1, unattended=unattended)).commit_period
     again = began + lasts // 2
     if bench.must(Sequence(PLACE, 1, again, repeats=1, unattended=unattended)).commit_period != again:
-        raise Inconclusive("this line is too slow: the first run was over before the second could be queued")
+        raise TooSlow("this line is too slow: the first run was over before the second could be queued")
     bench.wait_until(again + lasts + SETTLED)
     check_rest(bench.status(), bench, State.READY, "after both runs")
     ends = [(status.state, status.now // TICKS_PER_PERIOD) for status in told(bench)]

@@ -26,13 +26,15 @@ __all__ = [
 PLACE, SAMPLE = 40, 128
 APART = 20
 """Periods between changes that are queued one after the other: any chain can carry that."""
+MOST_PERIODS = 120_000
+"""Half of it is the duration of a sequence's entry, which has 16 bits."""
 SETTLED = 60
 """Periods after which all that was due has taken effect."""
 
 
 def some_time(bench: Bench) -> int:
     """Periods within which a case can queue what it needs, let it be disabled, and begin something new."""
-    return 4 * far_ahead(bench) if is_fast(bench) else 60_000
+    return min(4 * far_ahead(bench), MOST_PERIODS) if is_fast(bench) else 60_000
 
 
 def store(bench: Bench, periods: int, place: int = PLACE) -> Pulses:

@@ -22,7 +22,7 @@ from ....protocol.pulses import Pulses
 from ....protocol.replies import Ack
 from ....protocol.wiring import Wiring
 from ..bench import Bench
-from ..cases import Inconclusive
+from ..cases import TooSlow
 from ..sight.capture import Seen
 from ..sight.waveforms import Words, check_play, expected_words, modulated
 
@@ -58,7 +58,7 @@ def is_fast(bench: Bench) -> bool:
 
 def soon(bench: Bench, blocks: int = 1) -> int:
     """A period before which so many blocks, which are sent now, have arrived long since."""
-    return bench.period() + LATENCY_PERIODS + blocks * block_periods(bench)
+    return bench.period() + bench.slowness * (LATENCY_PERIODS + blocks * block_periods(bench))
 
 
 @contextmanager
@@ -70,7 +70,7 @@ def in_time(bench: Bench, period: int) -> Iterator[None]:
     except Exception as error:  # which may have come of that slowness; a signal has not
         failure = error
     if (now := bench.period()) >= period:
-        raise Inconclusive(
+        raise TooSlow(
             f"what had to be over before period {period} was over in period {now} only: a slow line"
         ) from failure
     if failure is not None:
@@ -249,7 +249,7 @@ def check_in_time(ack: Ack, named: int) -> None:
 
     Raises
     ------
-    Inconclusive
+    TooSlow
         Where its block came too late for that to be promised.
     """
     assert ack.commit_period > ack.now_period, (
@@ -258,7 +258,7 @@ def check_in_time(ack: Ack, named: int) -> None:
     if named == NOW:
         assert not ack.late, "a change for as soon as possible is said to be late"
     elif ack.late and ack.now_period + PROMISED_PERIODS > named:
-        raise Inconclusive(f"the block for period {named} had arrived in period {ack.now_period} only: a slow line")
+        raise TooSlow(f"the block for period {named} had arrived in period {ack.now_period} only: a slow line")
     else:
         assert not ack.late, (
             f"a change for period {named} is said to be late, though its block had arrived in period {ack.now_period}"

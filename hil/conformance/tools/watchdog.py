@@ -6,7 +6,7 @@ from ....protocol.board import TICK_HZ, TICKS_PER_PERIOD
 from ....protocol.codes import State
 from ....protocol.replies import Status
 from ..bench import Bench
-from ..cases import Inconclusive, expect
+from ..cases import TooSlow, expect
 
 __all__ = ["PERIODS_PER_MS", "TICKS_PER_MS", "await_firing", "check_fired", "check_not_yet", "far_ahead", "patience"]
 
@@ -16,12 +16,12 @@ PERIODS_PER_MS = TICKS_PER_MS // TICKS_PER_PERIOD
 
 def patience(bench: Bench) -> int:
     """A watchdog time in ms within which some blocks arrive on this line."""
-    return 60 if bench.line.kind == "usb" else 250
+    return bench.slowness * (60 if bench.line.kind == "usb" else 250)
 
 
 def far_ahead(bench: Bench) -> int:
     """Periods within which some blocks arrive on this line, and the queue can be looked at."""
-    return 2_000 if bench.line.kind == "usb" else 40_000
+    return bench.slowness * (2_000 if bench.line.kind == "usb" else 40_000)
 
 
 def check_fired(told: Status, first_sign: int, last_sign: int, ms: int) -> None:
@@ -48,4 +48,4 @@ def check_not_yet(bench: Bench, tick: int, now: int | None = None) -> None:
     if now is None:
         now = bench.clock().now
     if now >= tick:
-        raise Inconclusive(f"this line is too slow: it is tick {now}, and the case should have been at {tick} before")
+        raise TooSlow(f"this line is too slow: it is tick {now}, and the case should have been at {tick} before")

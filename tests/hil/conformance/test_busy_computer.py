@@ -9,9 +9,10 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.bench import MOST_SLOWNESS, Bench
 from phasewire.hil.conformance.cases import Inconclusive
-from phasewire.hil.conformance.running import Options, open_bench
+from phasewire.hil.conformance.lines.usb import UsbLine
+from phasewire.hil.conformance.running import Options, open_bench, run_conformance
 from phasewire.hil.conformance.tools.clocks import compare_clocks, unless_busy
 from phasewire.hil.conformance.tools.steps import SILENT, enable
 from phasewire.hil.conformance.tools.watchdog import check_not_yet
@@ -57,6 +58,30 @@ def test_a_tick_that_has_passed_makes_a_case_inconclusive(bench: Bench) -> None:
     check_not_yet(bench, now + TICK_HZ)
     with pytest.raises(Inconclusive, match="too slow"):
         check_not_yet(bench, now)
+
+
+@pytest.mark.parametrize(("seconds", "verdict"), [(0.0, "pass"), (0.2, "pass"), (20.0, "inconclusive")])
+def test_a_case_has_more_time_on_a_slow_line(monkeypatch: pytest.MonkeyPatch, seconds: float, verdict: str) -> None:
+    """It names periods further ahead until its blocks come in time, or cannot be judged."""
+    send = UsbLine.send_blocks
+
+    def send_late(line: UsbLine, blocks: bytes, patience: float) -> int:
+        line.time.sleep(seconds)
+        return send(line, blocks, patience)
+
+    monkeypatch.setattr(Bench, "is_far", True)
+    monkeypatch.setattr(UsbLine, "send_blocks", send_late)
+    run = run_conformance(Options("emulator:", only=("flow/a-place-is-free-again",)))
+    assert [result.verdict for result in run.results] == [verdict], run.results
+
+
+def test_only_a_far_device_is_given_more_time(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    while bench.slow_down():
+        pass
+    assert bench.slowness == MOST_SLOWNESS
+    monkeypatch.setattr(Bench, "is_far", False)
+    bench.slowness = 1
+    assert not bench.slow_down()
 
 
 @dataclass

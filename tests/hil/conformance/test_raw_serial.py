@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+import usb.core
+import usb.util
 from phasewire.emulator import Emulator
 from phasewire.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from phasewire.hil.conformance.cases import Inconclusive
 from phasewire.hil.conformance.lines.serial import CdcWire, PortWire, SerialLine
 from phasewire.hil.conformance.lines.usb import UsbLine
 from phasewire.hil.conformance.tools.frames import console_frame, request_frame
+from phasewire.host.lines.usb_find import UsbBus
 from phasewire.protocol.codes import FrameKind, Request
 from phasewire.protocol.framing import Mode
 from phasewire.protocol.replies import Info, Status
@@ -29,6 +32,22 @@ def line(request: pytest.FixtureRequest) -> Iterator[SerialLine]:
         opened = SerialLine(wire)
         yield opened
         opened.close()
+
+
+def test_all_interfaces_are_held_while_the_line_is_open() -> None:
+    """A kernel complains of who uses an interface that it has not claimed, and its serial driver must not have it."""
+    with Emulator() as emulator:
+        line = UsbLine(emulator.url)
+        other = UsbBus(emulator.url).find().device
+        for interface in range(3):
+            with pytest.raises(usb.core.USBError, match="busy"):
+                usb.util.claim_interface(other, interface)
+        line.set_configuration()
+        with pytest.raises(usb.core.USBError, match="busy"):
+            usb.util.claim_interface(other, 2)
+        line.close()
+        for interface in range(3):
+            usb.util.claim_interface(other, interface)
 
 
 def dropped(line: SerialLine) -> int:
