@@ -36,10 +36,10 @@ from ..hands.sources import HandSource
 from ..playing.device import Device
 from .fading import Fading
 from .fields import Fields
-from .latency import Latencies
 from .prediction import Predictor
-from .report import STAGES, TouchReport
-from .turns import StoredTurns, turns_for
+from .report import TouchReport
+from .tally import Tally
+from .turns import turns_for
 
 __all__ = ["MOST_RAMP_SECONDS", "RAMP_SECONDS", "SILENCE_SECONDS", "TouchLoop", "TouchMoment"]
 
@@ -183,36 +183,12 @@ class TouchLoop:
         self._pose_at = self._heard_at = self._begin
         self._warm = self._stalled = False
         self._takes = 0.0
-        self._number: int | None = None
-        self._frames = self._dropped = self._touching = self._stalls = self._held_up = 0
-        self._notes, self._last_note = 0, ""
-        self._points_sum = self._points_most = self._out_of_reach = 0
-        self._latency = Latencies()
-        self._stages = {stage: Latencies() for stage in STAGES}
+        self._tally = Tally()
 
     @property
     def report(self) -> TouchReport:
         """As it stands."""
-        return TouchReport(
-            self._clock.monotonic() - self._begin,
-            self._frames,
-            self._dropped,
-            self._touching,
-            self._stalls,
-            self._points_sum / self._touching if self._touching else 0.0,
-            self._points_most,
-            self._out_of_reach,
-            self._turns.blocks,
-            self._turns.late,
-            self._turns.slipped,
-            self._held_up,
-            self._notes,
-            self._last_note,
-            self._turns.frequency,
-            isinstance(self._turns, StoredTurns),
-            self._latency.summary,
-            {name: stage.summary for name, stage in self._stages.items()},
-        )
+        return self._tally.report(self._clock.monotonic() - self._begin, self._turns)
 
     def run(self, seconds: float = inf, on_progress: Callable[[TouchReport], None] | None = None) -> TouchReport:
         """Play until the source ends, or for so many seconds by the device's clock.
@@ -293,7 +269,7 @@ class TouchLoop:
         except DeviceRefusedError as error:
             if error.reason is not Reason.DISABLED or not self._device.status().watchdog_fired:
                 raise
-            self._held_up += 1
+            self._tally.held_up += 1
             self._fading = Fading.nothing()
             self._turns.forget()
 
@@ -307,25 +283,20 @@ class TouchLoop:
     def _take(self, frame: HandFrame, stamp: float) -> None:
         """Play a frame of hands that is of a moment by the device's clock."""
         begun, now = perf_counter(), self._clock.monotonic()
-        self._frames += 1
-        if self._number is not None:
-            self._dropped += max(frame.number - self._number - 1, 0)
-        self._number = frame.number
-        if frame.notes:
-            self._notes, self._last_note = self._notes + len(frame.notes), frame.notes[-1]
+        self._tally.took(frame)
         hands = self._hands_of(frame, now)
         objects = self._objects(now)
         touch = self._toucher.touch(hands, objects)
         self._points = self._reached(touch)
         cut = perf_counter()
+        if self._clock.monotonic() >= self._turns.due:  # it would be late after the solution
+            self._turns.keep()
         fields = self._pose(now, self._ramp)
         solved = perf_counter()
         if fields is not None and self._turns.show(fields):
             sent = perf_counter()
             wait = max(now - stamp, 0.0)
-            for stage, passed in zip(STAGES, (wait, cut - begun, solved - cut, sent - solved), strict=True):
-                self._stages[stage].add(passed)
-            self._latency.add(wait + sent - begun)
+            self._tally.sent(wait, cut - begun, solved - cut, sent - solved)
             self._takes += LEARNING * (sent - begun - self._takes)
         if self._on_moment is not None:
             self._on_moment(TouchMoment(frame, stamp, hands, objects, touch, self._fading, fields))
@@ -335,7 +306,7 @@ class TouchLoop:
         now = self._clock.monotonic()
         if not self._stalled and now >= self._heard_at + STALL_SECONDS:
             self._stalled, self._points = True, NO_POINTS
-            self._stalls += len(self._fading) > 0
+            self._tally.stalls += len(self._fading) > 0
         if self._ramping and now >= self._pose_at + self._turns.pace:
             fields = self._pose(now, min(self._ramp, STALL_RAMP_SECONDS) if self._stalled else self._ramp)
             if fields is not None and self._turns.show(fields):
@@ -362,11 +333,9 @@ class TouchLoop:
         points = Points(touch.ids, touch.points.positions, touch.points.amplitudes)
         inside = reachable(self._array, points.positions)
         if not inside.all():
-            self._out_of_reach += int((~inside).sum())
+            self._tally.out_of_reach += int((~inside).sum())
             points = Points(points.ids[inside], points.positions[inside], points.amplitudes[inside])
-        self._touching += len(points.ids) > 0
-        self._points_sum += len(points.ids)
-        self._points_most = max(self._points_most, len(points.ids))
+        self._tally.touched(len(points.ids))
         return points
 
     def _pose(self, now: float, ramp: float) -> PulseFrames | None:
