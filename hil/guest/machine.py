@@ -148,7 +148,7 @@ class Guest:
         }
         (work / "settings").write_text("".join(f"{name}='{value}'\n" for name, value in settings.items()))
         relay = self._folder / "relay.sh"
-        relay.write_text(f"exec busybox nc 127.0.0.1 $(cat {self._folder}/port)\n")
+        relay.write_text(f"exec {sys.executable} -I -S {HERE}/relay.py {self._folder}/port\n")
         listener = socket.socket(socket.AF_UNIX)
         listener.bind(str(self._folder / "agent"))
         listener.listen(1)
