@@ -17,6 +17,7 @@ from ...errors import (
     DeviceError,
     DeviceLostError,
     DeviceNotFoundError,
+    DeviceRefusedError,
     DeviceTimeoutError,
     DeviceVersionError,
 )
@@ -41,6 +42,7 @@ CURES: Mapping[type[DeviceError], str] = {
     DeviceTimeoutError: "switch it off and on; on a serial line, look at its cable and its baud rate",
     DeviceAccessError: "close what else uses it; on Linux a serial port belongs to a group, mostly dialout: `sudo "
     "usermod -aG dialout $USER`, and log in again",
+    DeviceRefusedError: f"`{RESET}`, or switch it off and on",
     DeviceVersionError: f"update the older of the two: `pip install --upgrade phasewire`, or `{FLASH}`",
     DeviceError: f"`{RESET}`, or switch it off and on; where it stays, write its firmware anew: `{FLASH}`",
 }
