@@ -79,16 +79,16 @@ class CompiledPair:
             self._make_room(m)
         mask = np.empty(m, np.bool_)
         drives, levels = np.empty((2, len(self._array)), np.complex64), np.empty(2)
-        cut = None if self._split is not None else split(points)
+        cut = None if self._split is not None else split(points, None, ids)
         suspect = self._drive(points, ids, cut, mask, drives, levels)
         if suspect == paired_kernels.TURNED:
-            cut = split(points, self._split)
+            cut = split(points, self._split, ids)
             suspect = self._drive(points, ids, cut, mask, drives, levels)
         if suspect >= 0:
             check_reachable(self._array, points)
         if cut is None:
             assert self._split is not None
-            cut = Split(frozen(mask), self._split.axis)
+            cut = Split(frozen(mask), self._split.axis, ids)
         self._split = cut
         return Pair(cut, frozen(drives), frozen(levels))
 
@@ -120,6 +120,7 @@ class CompiledPair:
             cut is not None,
             basis.axis,
             basis.mask,
+            basis.ids,
             mask,
             self._gamma,
             self._phase_steps,

@@ -17,10 +17,10 @@ TURNED = -2
 
 
 @_part
-def holds(positions: Any, amplitudes: Any, axis: Any, sides: Any, mask: Any) -> bool:
+def holds(positions: Any, amplitudes: Any, ids: Any, axis: Any, before: Any, before_ids: Any, mask: Any) -> bool:
     """Split points by the axis of the last frame, as `split.split` does; false if the axis must turn.
 
-    ``sides`` is the mask of the last frame; if it is of another length, points are not held in their halves.
+    ``before`` is the mask of the last frame, of the points ``before_ids``.
     """
     m, sounding = len(positions), 0
     middle_x = middle_y = middle_z = 0.0
@@ -59,8 +59,11 @@ def holds(positions: Any, amplitudes: Any, axis: Any, sides: Any, mask: Any) -> 
     for i in range(m):
         x, y, z = positions[i, 0] - middle_x, positions[i, 1] - middle_y, positions[i, 2] - middle_z
         along[i] = x * tilted[0] + y * tilted[1] + z * tilted[2]
-        if len(sides) == m:
-            along[i] += -HOLD if sides[i] else HOLD
+        j = i if i < len(before_ids) and before_ids[i] == ids[i] else 0  # nearly always in the same place
+        while j < len(before_ids) and before_ids[j] != ids[i]:
+            j += 1
+        if j < len(before_ids):
+            along[i] += -HOLD if before[j] else HOLD
     for i in range(m):
         rank = 0
         for j in range(m):
@@ -87,16 +90,16 @@ def largest_eigenvalue(xx: Any, xy: Any, xz: Any, yy: Any, yz: Any, zz: Any) -> 
 def drive_pair(
     elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
     positions: Any, amplitudes: Any, ids: Any,
-    split_is_known: bool, axis: Any, sides: Any, mask: Any,
+    split_is_known: bool, axis: Any, before: Any, before_ids: Any, mask: Any,
     gamma: Any, phase_steps: int, power: bool, cold: Any, nudge: Any,
     mu: Any, output: int, headroom: Any, relaxation: Any, steps: int, work: Any, u: Any,
     counts: Any, kept_ids: Any, kept: Any, drives: Any, levels: Any,
 ) -> int:  # fmt: skip
     """Split points in two halves, and find the drives of each, and the level by which it is to be turned down.
 
-    ``mask`` is this split, known or to be found from the ``axis`` and the ``sides`` of the last one. Of each half,
-    ``counts``, ``kept_ids`` and ``kept`` are the points of the last frame and their phases. ``work`` and ``u`` are
-    room.
+    ``mask`` is this split, known or to be found from the axis of the last one and which points were ``before`` in
+    its first half. Of each half, ``counts``, ``kept_ids`` and ``kept`` are the points of the last frame and their
+    phases. ``work`` and ``u`` are room.
 
     Returns
     -------
@@ -105,7 +108,7 @@ def drive_pair(
         done.
     """
     m, columns, suspect = len(positions), elements.shape[1], -1
-    if not split_is_known and not holds(positions, amplitudes, axis, sides, mask):
+    if not split_is_known and not holds(positions, amplitudes, ids, axis, before, before_ids, mask):
         return TURNED
     largest = 0.0
     for i in range(m):

@@ -31,10 +31,24 @@ class Split:
         Which points are in the first half. Nulls, which are in both, are False.
     axis : (3,) float
         Unit normal of the plane, from the first half to the second.
+    ids : (m,) int64, optional
+        Identities of the points.
     """
 
     mask: NDArray[np.bool_]
     axis: NDArray[np.float64]
+    ids: NDArray[np.int64] | None = None
+
+    def sides(self, m: int, ids: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
+        """Where m points of the next frame have been, (m,): -1 in the first half, 1 in the second, 0 for new ones.
+
+        Without identities as many points as here are taken for the same ones.
+        """
+        side = np.where(self.mask, -1.0, 1.0)
+        if ids is None or self.ids is None:
+            return side if len(side) == m else np.zeros(m)
+        known = dict(zip(self.ids.tolist(), side.tolist(), strict=True))
+        return np.array([known.get(each, 0.0) for each in ids.tolist()])
 
     def halves(self, points: ControlPoints) -> tuple[ControlPoints, ControlPoints | None]:
         """The points of each half in their order; no second half where there is but one point that is no null.
@@ -58,7 +72,7 @@ class Split:
         return self.mask | nulls, second | nulls if second.any() else None
 
 
-def split(points: ControlPoints, previous: Split | None = None) -> Split:
+def split(points: ControlPoints, previous: Split | None = None, ids: NDArray[np.int64] | None = None) -> Split:
     """Split control points by the plane through the median of their first principal component.
 
     Parameters
@@ -67,6 +81,8 @@ def split(points: ControlPoints, previous: Split | None = None) -> Split:
         m points. Those that are no nulls are split; the halves differ by at most one point, which the first half has.
     previous : Split, optional
         The split of the last frame. With it the halves change only for a reason.
+    ids : (m,) int64, optional
+        Identities of the points, by which those of the last frame are known.
 
     Returns
     -------
@@ -75,13 +91,12 @@ def split(points: ControlPoints, previous: Split | None = None) -> Split:
 
     Notes
     -----
-    On squares, rings and stars the first principal component is not defined, and noise decides it anew in each frame.
-    So in the first frame the direction nearest to x is taken among those with nearly the largest variance
+    On squares, rings and stars the first principal component is not defined, and noise decides it anew in each
+    frame. So in the first frame the direction nearest to x is taken among those with nearly the largest variance
     (`DEGENERATE`). From then on the axis stays while its variance is at least `KEEP` of the largest, and otherwise
-    turns towards the first principal component just as far as that takes: a plane that follows a turning shape without
-    a jump. If there are as many points as before, they are taken for the same ones, and two of them change sides only
-    where one is more than twice `HOLD` beyond the other. Points on the plane are told apart by a slight `TILT` of it,
-    by the coordinates y, z and x in this order.
+    turns towards the first principal component just as far as that takes: a plane that follows a turning shape
+    without a jump. Two points that were there before change sides only if one is more than twice `HOLD` beyond the
+    other. Points on the plane are told apart by a slight `TILT` of it, by the coordinates y, z and x in this order.
     """
     sounding = points.amplitudes > 0
     all_sound = bool(sounding.all())
@@ -90,12 +105,13 @@ def split(points: ControlPoints, previous: Split | None = None) -> Split:
     scatter = offset.T @ offset
     axis = _first_axis(scatter) if previous is None else _next_axis(scatter, previous.axis)
     along = offset @ _tilted(axis.tolist())
-    if previous is not None and len(previous.mask) == len(points):
-        along += HOLD - 2 * HOLD * (previous.mask if all_sound else previous.mask[sounding])
+    if previous is not None:
+        sides = previous.sides(len(points), ids)
+        along += HOLD * (sides if all_sound else sides[sounding])
     first = np.argsort(along, kind="stable")[: (len(along) + 1) // 2]
     mask = np.zeros(len(points), dtype=np.bool_)
     mask[first if all_sound else np.flatnonzero(sounding)[first]] = True
-    return Split(frozen(mask), frozen(axis))
+    return Split(frozen(mask), frozen(axis), ids)
 
 
 def _tilted(axis: list[float]) -> NDArray[np.float64]:

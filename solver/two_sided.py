@@ -84,6 +84,11 @@ class TwoSided:
         """Of the points."""
         return self.pair.split
 
+    @property
+    def levels(self) -> NDArray[np.float64]:
+        """(2,) what each half is turned down by, at most 1."""
+        return self.pair.levels
+
     @cached_property
     def first(self) -> Solution:
         """Of the first half, at full strength."""

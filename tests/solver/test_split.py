@@ -163,6 +163,18 @@ def test_two_points_change_sides_once_each_is_beyond_the_other() -> None:
     assert masks == [[True, False]] * 4 + [[False, True]] * 2 + [[True, False]]
 
 
+def test_points_that_have_identities_are_held_though_others_come_and_go() -> None:
+    """A point that has crossed the plane by less than `HOLD` stays in its half, in whatever place it is listed."""
+
+    def at(x: float, *more: float) -> ControlPoints:
+        return ControlPoints([[y, 0, 0.2] for y in (*more, -0.04, 0.04, -x, x)])
+
+    before = split(at(0.003), ids=np.array([1, 2, 3, 4]))
+    named = split(at(-0.5 * HOLD, -0.05, 0.05), before, np.array([8, 9, 1, 2, 3, 4]))
+    assert named.mask.tolist()[-2:] == [True, False]
+    assert split(at(-0.5 * HOLD, -0.05, 0.05), before).mask.tolist()[-2:] == [False, True]
+
+
 def test_a_new_number_of_points_keeps_the_axis() -> None:
     before = split(ControlPoints(parse_shape("circle").sample(0.015).positions))
     turned = Split(before.mask, np.array([0.6, 0.8, 0.0]))
