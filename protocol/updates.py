@@ -162,7 +162,7 @@ def _periods(period: ArrayLike, count: int) -> NDArray[np.uint64]:
         raise ValueError(f"periods must be whole numbers from 0 to 2**64 - 1, not {wrong[0]!r}")
     if given.shape not in ((), (count,)):
         raise ValueError(f"one period for all or ({count},) of them are needed, not {given.shape}")
-    return np.broadcast_to(given.astype(np.uint64), count)
+    return np.full(count, given.astype(np.uint64))  # an array as those that are given: the kernel is compiled once
 
 
 def _is_period(value: object) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import typeof
 from numpy.typing import NDArray
 from phasewire import Device, Emulator, Pulses, open_device
 from phasewire.emulator.faults import (
@@ -30,9 +31,11 @@ from phasewire.errors import DeviceError, DeviceLostError, DeviceRefusedError, D
 from phasewire.host.lines.transport import Timekeeper
 from phasewire.host.lines.usb import UsbTransport
 from phasewire.host.playing.envelopes import sine
+from phasewire.host.playing.frames import Frames
 from phasewire.host.playing.session import Answers, Session
 from phasewire.host.playing.streaming import StreamReport
-from phasewire.protocol.codes import Reason, StatusFlag
+from phasewire.protocol import kernels
+from phasewire.protocol.codes import Reason, State, StatusFlag
 from phasewire.protocol.quantise import PulseFrames
 from phasewire.protocol.timing import TWO_WIRE
 
@@ -92,6 +95,23 @@ def test_every_frame_plays_from_its_own_period_on(rate: float) -> None:
     assert (status.accepted, status.late, status.lost) == (count + 1, 0, 0)  # and the one that opened the session
     assert report.last_period == begins[-2]
     assert silent(emulator)
+
+
+@pytest.mark.parametrize("source", [frames(3), list(one_by_one(frames(3)))], ids=["there", "live"])
+def test_nothing_is_compiled_after_the_outputs_are_enabled(monkeypatch: pytest.MonkeyPatch, source: Frames) -> None:
+    """The first time on a machine that takes longer than the watchdog waits."""
+    met: dict[bool, set[tuple[object, ...]]] = {False: set(), True: set()}
+    pack = kernels.pack
+
+    def packs(*arguments: object) -> object:
+        met[emulator.running.state != State.OFF].add(tuple(map(typeof, arguments)))
+        return pack(*arguments)
+
+    monkeypatch.setattr(kernels, "pack", packs)
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        device.stream(source, 1000)
+    assert met[True]
+    assert met[True] <= met[False]
 
 
 def test_a_stream_returns_when_the_last_frame_has_had_its_time() -> None:
