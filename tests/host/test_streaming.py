@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from math import floor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -103,7 +104,7 @@ def test_nothing_is_compiled_after_the_outputs_are_enabled(monkeypatch: pytest.M
     met: dict[bool, set[tuple[object, ...]]] = {False: set(), True: set()}
     pack = kernels.pack
 
-    def packs(*arguments: object) -> object:
+    def packs(*arguments: Any) -> Any:
         met[emulator.running.state != State.OFF].add(tuple(map(typeof, arguments)))
         return pack(*arguments)
 
