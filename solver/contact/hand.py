@@ -10,7 +10,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry import as_points, frozen
+from ..geometry import FARTHEST, as_points, frozen
 from .anatomy import BONES, FINGERS, LENGTH, NEUTRAL, PALM, PARENTS, WIDTHS, Side, posed
 from .poses import as_position, rotation_matrix
 
@@ -174,8 +174,10 @@ class Hand:
 
     def _elsewhere(self, landmarks: NDArray[np.float64]) -> Self:
         """The same hand in another place: its bones are as possible as before."""
+        if not (landmarks.max() <= FARTHEST and landmarks.min() >= -FARTHEST):
+            as_points(landmarks, "landmark")  # says which one
         hand = object.__new__(type(self))
-        object.__setattr__(hand, "landmarks", frozen(as_points(landmarks, "landmark")))
+        object.__setattr__(hand, "landmarks", frozen(landmarks))
         object.__setattr__(hand, "side", self.side)
         object.__setattr__(hand, "widths", self.widths)
         return hand

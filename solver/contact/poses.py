@@ -21,7 +21,7 @@ def as_position(value: ArrayLike, what: str) -> NDArray[np.float64]:
         If these are not three numbers, or one is not finite or larger than `FARTHEST`.
     """
     place = np.array(value, dtype=np.float64)
-    if place.shape != (3,) or not (np.abs(place) <= FARTHEST).all():
+    if place.shape != (3,) or not (place.max() <= FARTHEST and place.min() >= -FARTHEST):
         raise ValueError(f"{what} {place.tolist()} must be three numbers of metres, at most {FARTHEST:g} each")
     return place
 
