@@ -1,13 +1,14 @@
 """Runs in the guest: does what the computer asks for, by JSON lines on a virtual serial port.
 
 A request is ``{"id": 1, "command": ["lsusb"], "seconds": 10}``. Its answer comes when the command has ended:
-``{"id": 1, "code": 0, "out": "", "err": ""}``. ``{"id": 1, "interrupt": true}`` is its Ctrl-C. Commands run side by
-side. Without KVM the project's modules take half a minute to import, so ``phasewire`` runs in a fork of this process,
-which has imported them once.
+``{"id": 1, "code": 0, "out": "", "err": ""}``. ``{"id": 1, "signal": 2}`` sends it a signal. Commands run side by side.
+Without KVM the project's modules take many seconds to import, so ``phasewire``, and programs in Python (the command is
+``["python", TEXT]``), run in forks of this process, which has imported them once.
 """
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import runpy
@@ -15,27 +16,37 @@ import signal
 import sys
 import tempfile
 import threading
+import traceback
 from contextlib import suppress
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import IO, Any, BinaryIO
 
-PHASEWIRE, CONFORMANCE = "phasewire", "conformance"
+PHASEWIRE, CONFORMANCE, PYTHON = "phasewire", "conformance", "python"
+OTHERS = ("numba", "serial.tools.list_ports", "usb.backend.libusb1", "usb.core")
+"""What else programs in the guest import, as libraries load them late."""
+PLUGINS = ("phasewire.transports", "phasewire.usb_backends", "phasewire.serial_ports")
 GRACE_SECONDS = 10.0
+NOT_STARTED = 127  # as a shell says it
+MOST_OUTPUT_BYTES = 4 << 20
+"""How much of what a command writes is kept."""
 lock = threading.Lock()
 
 
 def main(port: str) -> None:
     """Serve the port until the guest is turned off."""
+    load()
+    gc.freeze()  # what all forks share is never written to again
     with open(port, "r+b", buffering=0) as line:  # noqa: PTH123  # a device
         _say(line, {"id": 0, "code": 0, "out": "ready", "err": ""})
         children: dict[int, int] = {}
         for text in iter(line.readline, b""):
             request = json.loads(text)
-            if "interrupt" in request:
-                _end(children[request["id"]], signal.SIGINT)
+            if "signal" in request:
+                _end(children[request["id"]], request["signal"])
                 continue
-            if request["command"][0] == PHASEWIRE:
-                _load(request["command"])
+            if CONFORMANCE in request["command"]:
+                import_module("phasewire.hil.conformance.running")
             outputs = _file(), _file()
             child = os.fork()
             if not child:
@@ -44,13 +55,16 @@ def main(port: str) -> None:
             threading.Thread(target=_wait, args=(line, request, child, outputs), daemon=True).start()
 
 
-def _load(command: list[str]) -> None:
-    """Import what the commands of the host need, and what this one needs besides, once for all forks."""
+def load() -> None:
+    """Import what the commands of the host need, once for all forks."""
     for home in import_module("phasewire.commands").HOMES.values():
         if home.module.startswith(".host"):
             import_module(home.module, "phasewire")
-    if CONFORMANCE in command:
-        import_module("phasewire.hil.conformance.running")
+    for name in OTHERS:
+        import_module(name)
+    for group in PLUGINS:
+        for entry in entry_points(group=group):
+            entry.load()
 
 
 def _file() -> IO[bytes]:
@@ -59,21 +73,26 @@ def _file() -> IO[bytes]:
 
 def _become(command: list[str], out: int, err: int) -> None:
     """Be a command, in a process and a group of its own."""
-    code = 127
+    code = 1
     try:
         os.setsid()
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         os.dup2(out, 1)
         os.dup2(err, 2)
-        if command[0] != PHASEWIRE:
+        if command[0] == PYTHON:
+            exec(compile(command[1], "<program>", "exec"), {"__name__": "__main__"})
+            code = 0
+        elif command[0] == PHASEWIRE:
+            sys.argv = command
+            runpy.run_module("phasewire", run_name="__main__")
+            code = 0
+        else:
+            code = NOT_STARTED
             os.execvp(command[0], command)
-        sys.argv = command
-        runpy.run_module("phasewire", run_name="__main__")
-        code = 0
     except SystemExit as left:
         code = left.code if isinstance(left.code, int) else int(left.code is not None)
-    except OSError as error:
-        sys.stderr.write(f"{error}\n")
+    except BaseException:
+        traceback.print_exc()
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -97,7 +116,7 @@ def _wait(line: BinaryIO, request: dict[str, Any], child: int, outputs: tuple[IO
     texts = []
     for file in outputs:
         file.seek(0)
-        texts.append(file.read().decode(errors="replace"))
+        texts.append(file.read(MOST_OUTPUT_BYTES).decode(errors="replace"))
         file.close()
     out, err = texts
     _say(line, {"id": request["id"], "code": os.waitstatus_to_exitcode(status), "out": out, "err": err})

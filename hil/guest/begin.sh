@@ -1,6 +1,8 @@
 # The guest's second program, with this computer's programs: its devices, its network, and the agent.
 export PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LANG=C.UTF-8
+set -a
 . /run/guest/settings
+set +a
 mount --bind "$MODULES" /lib/modules
 ip link set lo up
 ip address add 10.0.2.15/24 dev eth0
@@ -12,4 +14,4 @@ cp "$RULES" /run/udev/rules.d/
 udevd=/lib/systemd/systemd-udevd
 [ -x $udevd ] && $udevd --resolve-names=early --daemon && udevadm trigger && udevadm settle --timeout=20
 cd "$PROJECT"
-exec "$PYTHON" hil/guest/agent.py /dev/vport*p1
+exec "$PYTHON" hil/guest/agent.py "$(echo /dev/vport*p1)"

@@ -1,24 +1,33 @@
-"""Debian's kernel: fetched once, unpacked, and kept in the user's cache.
+"""Debian's kernels: fetched once, unpacked, and kept in the user's cache.
 
 The kernel that Debian has for clouds has no USB, so this is the one for all computers. Its modules are loaded from the
-folder that is kept. A kernel that is not compressed starts in seconds without KVM.
+folder that is kept. A kernel that is not compressed starts in seconds without KVM. A kernel of another suite than this
+computer's is found with lists of packages of its own, so that nothing of this computer's configuration changes.
 """
 
 from __future__ import annotations
 
 import lzma
+import re
 import shutil
 import struct
 import subprocess
 import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
-__all__ = ["PACKAGE", "Kernel", "fetch_kernel", "missing_programs", "unpack"]
+__all__ = ["NEWEST", "PACKAGE", "Kernel", "fetch_kernel", "missing_programs", "unpack"]
 
 PACKAGE = "linux-image-amd64"
+NEWEST = "trixie-backports"
+"""Debian's suite that has the newest kernel beside the one of this computer."""
+MIRROR = "http://deb.debian.org/debian"
+KEYS = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
+LIST_SECONDS = 86400.0
+"""How old a list of packages may be before it is fetched again."""
 PROGRAMS = {
     "qemu-system-x86_64": "qemu-system-x86",
     "busybox": "busybox-static",
@@ -27,6 +36,8 @@ PROGRAMS = {
     "ip": "iproute2",
     "apt-get": "apt",
     "dpkg-deb": "dpkg",
+    "setpriv": "util-linux",
+    "zstd": "zstd",
 }
 """What the guest needs of this computer, and Debian's package that has it."""
 
@@ -35,6 +46,7 @@ EARLY = ("virtio-pci", "9pnet-virtio", "9p", "overlay", "virtio-console", "virti
 
 SETUP_SECTORS, PAYLOAD = 0x1F1, 0x248  # of Documentation/arch/x86/boot.rst
 SECTOR_BYTES = 512
+ZSTD = b"\x28\xb5\x2f\xfd"
 FETCH_SECONDS = 600.0
 
 
@@ -70,11 +82,13 @@ def missing_programs() -> list[str]:
     return [package for program, package in PROGRAMS.items() if not shutil.which(program, path=places)]
 
 
-def fetch_kernel(cache: Path | None = None) -> Kernel:
+def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> Kernel:
     """Debian's newest kernel, from the cache if it is there.
 
     Parameters
     ----------
+    suite : str, optional
+        Of which suite, such as `NEWEST`; by default of the suite that this computer installs packages from.
     cache : Path, optional
         Where it is kept; by default in the user's cache.
 
@@ -84,21 +98,22 @@ def fetch_kernel(cache: Path | None = None) -> Kernel:
         If it can be neither found nor fetched.
     """
     folder = (cache or user_cache_path("phasewire")) / "guest"
-    package = _newest()
-    kernel = Kernel(folder / package, package.removeprefix("linux-image-"))
+    options = _lists(suite, folder / "lists" / suite) if suite else ()
+    packages = _newest(options)
+    kernel = Kernel(folder / packages[0], packages[0].removeprefix("linux-image-"))
     if not kernel.initramfs.exists():
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as name:
             built = Path(name) / "built"
             built.mkdir()
-            _run("apt-get", "download", "--quiet", package, cwd=name)
-            (file,) = Path(name).glob("*.deb")
-            _run("dpkg-deb", "--extract", str(file), f"{name}/files", cwd=name)
-            (built / "lib").mkdir()
-            shutil.move(f"{name}/files/lib/modules", built / "lib/modules")
+            _run("apt-get", *options, "download", "--quiet", *packages, cwd=name)
+            for file in Path(name).glob("*.deb"):
+                _run("dpkg-deb", "--extract", str(file), f"{name}/files", cwd=name)
+            modules, files = built / "lib/modules", Path(name) / "files"
+            modules.mkdir(parents=True)
+            (built / "vmlinux").write_bytes(unpack(next(files.rglob("vmlinuz*")).read_bytes()))
+            shutil.move(next(files.glob(f"**/lib/modules/{kernel.release}/kernel")).parent, modules / kernel.release)
             _run("depmod", "--basedir", str(built), kernel.release, cwd=name)
-            image = Path(name) / f"files/boot/vmlinuz-{kernel.release}"
-            (built / "vmlinux").write_bytes(unpack(image.read_bytes()))
             _make_initramfs(built, kernel.release)
             shutil.rmtree(kernel.folder, ignore_errors=True)
             built.rename(kernel.folder)
@@ -111,24 +126,62 @@ def unpack(image: bytes) -> bytes:
     Raises
     ------
     OSError
-        If it is not compressed by xz, as Debian's is.
+        If it is compressed by neither xz nor zstd, which Debian's are.
     """
     setup = (image[SETUP_SECTORS] or 4) + 1
     offset, length = struct.unpack_from("<II", image, PAYLOAD)
     begin = setup * SECTOR_BYTES + offset
+    payload = image[begin : begin + length]
     try:
-        return lzma.LZMADecompressor().decompress(image[begin : begin + length])
-    except lzma.LZMAError as error:
-        raise OSError(f"the kernel is not compressed by xz: {error}") from error
+        if payload.startswith(ZSTD):  # followed by the length of the kernel
+            command = ["zstd", "--decompress", "--stdout"]
+            done = subprocess.run(command, input=payload[:-4], capture_output=True, check=True, timeout=FETCH_SECONDS)
+            return done.stdout
+        return lzma.LZMADecompressor().decompress(payload)
+    except (lzma.LZMAError, subprocess.CalledProcessError) as error:
+        raise OSError(f"the kernel is compressed by neither xz nor zstd: {error}") from error
 
 
-def _newest() -> str:
-    """The package of the newest kernel."""
-    told = _run("apt-cache", "depends", "--important", PACKAGE)
-    found = [line.split()[-1] for line in told.splitlines() if "Depends: linux-image-" in line]
+def _lists(suite: str, folder: Path) -> tuple[str, ...]:
+    """Options by which apt knows the packages of a suite and nothing else."""
+    sources, fetched = folder / "sources.list", folder / "fetched"
+    options = {
+        "Dir::Etc": folder,
+        "Dir::Etc::SourceList": sources,
+        "Dir::Etc::SourceParts": "/dev/null",
+        "Dir::Etc::PreferencesParts": "/dev/null",
+        "Dir::State": folder / "state",
+        "Dir::State::Status": "/dev/null",
+        "Dir::Cache": folder / "cache",
+        "APT::Sandbox::User": "root",
+        "Acquire::Languages": "none",
+        "Acquire::Retries": 2,
+    }
+    given = tuple(part for name, value in options.items() for part in ("--option", f"{name}={value}"))
+    if not fetched.exists() or time.time() - fetched.stat().st_mtime > LIST_SECONDS:
+        for place in ("state/lists/partial", "cache/archives/partial"):
+            (folder / place).mkdir(parents=True, exist_ok=True)
+        sources.write_text(f"deb [arch=amd64 signed-by={KEYS}] {MIRROR} {suite} main\n")
+        try:
+            _run("apt-get", *given, "update", "--quiet", "--error-on=any")
+            fetched.touch()
+        except OSError:
+            if not fetched.exists():
+                raise
+    return given
+
+
+def _newest(options: tuple[str, ...]) -> list[str]:
+    """The package of the newest kernel, and those that newer suites split from it."""
+    found = _needed(options, PACKAGE, r"linux-image-\d\S*")
     if not found:
         raise OSError(f"apt knows no {PACKAGE}; run apt-get update")
-    return found[0]
+    return [found[0], *_needed(options, found[0], r"linux-(?:binary|modules)-\d\S*")]
+
+
+def _needed(options: tuple[str, ...], package: str, pattern: str) -> list[str]:
+    """What a package depends on, as far as the name matches."""
+    return re.findall(f"Depends: ({pattern})", _run("apt-cache", *options, "depends", "--important", package))
 
 
 def _make_initramfs(folder: Path, release: str) -> None:
@@ -138,7 +191,7 @@ def _make_initramfs(folder: Path, release: str) -> None:
         line.partition(":")[0]: line.partition(":")[2].split()
         for line in (modules / "modules.dep").read_text().splitlines()
     }
-    paths = {Path(path).stem.replace("_", "-"): path for path in needs}
+    paths = {Path(path).name.partition(".")[0].replace("_", "-"): path for path in needs}
     order: dict[str, None] = {}  # a module after those that it needs; kmod lists the nearest first
 
     def add(path: str) -> None:
@@ -147,7 +200,8 @@ def _make_initramfs(folder: Path, release: str) -> None:
         order[path] = None
 
     for name in EARLY:
-        add(paths[name])
+        if name in paths:  # otherwise it is a part of the kernel itself
+            add(paths[name])
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
         for place in ("bin", "modules", "proc", "sys", "dev", "host", "new", "run"):
@@ -156,8 +210,10 @@ def _make_initramfs(folder: Path, release: str) -> None:
         assert busybox
         shutil.copy(busybox, root / "bin/busybox")
         for path in order:
-            shutil.copy(modules / path, root / "modules")
-        (root / "modules/order").write_text("".join(f"{Path(path).name}\n" for path in order))
+            data = (modules / path).read_bytes()
+            name = Path(path).name.removesuffix(".xz")
+            (root / "modules" / name).write_bytes(lzma.decompress(data) if path.endswith(".xz") else data)
+        (root / "modules/order").write_text("".join(f"{Path(path).name.removesuffix('.xz')}\n" for path in order))
         shutil.copy(Path(__file__).with_name("init.sh"), root / "init")
         (root / "init").chmod(0o755)
         listing = "\n".join(str(path.relative_to(root)) for path in sorted(root.rglob("*")))

@@ -20,7 +20,7 @@ from typing import Any, Self
 from ...host.lines.vhci import PORT
 from .kernel import Kernel
 
-__all__ = ["SERVER", "Done", "Guest", "GuestError"]
+__all__ = ["BOUND", "SERVER", "Done", "Guest", "GuestError"]
 
 SERVER = ("10.0.2.100", PORT)
 """Where the guest finds the USB/IP server of `Guest.serve`."""
@@ -28,9 +28,20 @@ SERVER = ("10.0.2.100", PORT)
 SHARED = "/run/guest"
 """Where the guest finds the folder that it may write to."""
 BOOT_SECONDS = 180.0
+ANSWER_SECONDS = 60.0
+"""How much longer than its command the guest may take to answer."""
 LIFE_SECONDS = 3600
 """After which QEMU is ended whatever happens."""
+MOST_FILE_BYTES = 64 << 20
+"""The longest file that QEMU may write, its logs and what the guest shares included; after that it is ended."""
 MOST_LOG_BYTES = 1 << 20
+BOUND = ("setpriv", "--pdeathsig", "KILL")
+"""Ends a program when its parent has ended, however that came about."""
+PROCESSOR = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}
+"""What the guest's kernels are compiled for, so that this computer, which is faster, can compile them."""
+WARM_UP = ("stream", "circle:radius=0.02", "--seconds", "0.01", "--device", "emulator:")
+"""A command that needs the compiled kernels of the host."""
+WARM_UP_SECONDS = 300.0
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
 
@@ -77,6 +88,7 @@ class Guest:
         self._waiting: dict[int, Done] = {}
         self._number = 0
         self._received = b""
+        self._lost = ""
         self.boot_seconds = 0.0
 
     def __enter__(self) -> Self:
@@ -109,7 +121,11 @@ class Guest:
         return f"{SHARED}/{name}"
 
     def run(self, *command: str, seconds: float = 60.0) -> Done:
-        """Run a command in the guest, and wait until it has ended; it is interrupted after so many seconds."""
+        """Run a command in the guest, and wait until it has ended; it is interrupted after so many seconds.
+
+        ``phasewire`` begins at once, as its modules have been imported; so does ``python``, followed by the text of a
+        program.
+        """
         return self.wait(self.start(*command, seconds=seconds), seconds)
 
     def start(self, *command: str, seconds: float = 60.0) -> int:
@@ -118,9 +134,9 @@ class Guest:
         self._ask({"id": self._number, "command": command, "seconds": seconds})
         return self._number
 
-    def interrupt(self, number: int) -> None:
-        """Interrupt a command, as Ctrl-C does."""
-        self._ask({"id": number, "interrupt": True})
+    def signal(self, number: int, what: signal.Signals = signal.SIGINT) -> None:
+        """Send a command a signal; by default interrupt it, as Ctrl-C does."""
+        self._ask({"id": number, "signal": int(what)})
 
     def wait(self, number: int, seconds: float = 60.0) -> Done:
         """Wait until a command has ended.
@@ -130,7 +146,7 @@ class Guest:
         GuestError
             If the guest does not answer.
         """
-        end = time.monotonic() + seconds + BOOT_SECONDS  # it may have to import the project first
+        end = time.monotonic() + seconds + ANSWER_SECONDS
         while number not in self._waiting:
             self._listen(end - time.monotonic())
         return self._waiting.pop(number)
@@ -145,6 +161,7 @@ class Guest:
             "RULES": ROOT / "host/finding/60-phasewire.rules",
             "PROJECT": ROOT,
             "PYTHON": sys.executable,
+            **self._warm_up(),
         }
         (work / "settings").write_text("".join(f"{name}='{value}'\n" for name, value in settings.items()))
         relay = self._folder / "relay.sh"
@@ -154,7 +171,8 @@ class Guest:
         listener.listen(1)
         network = f"user,id=net,restrict=on,guestfwd=tcp:{SERVER[0]}:{SERVER[1]}-cmd:/bin/sh {relay}"
         command = [
-            "timeout", "--signal=KILL", str(LIFE_SECONDS), "qemu-system-x86_64",
+            *BOUND, "timeout", "--foreground", "--signal=KILL", str(LIFE_SECONDS),
+            *BOUND, "prlimit", f"--fsize={MOST_FILE_BYTES}", "--core=0", "qemu-system-x86_64",
             "-accel", "tcg,thread=multi", "-cpu", "max", "-smp", "2", "-m", str(self._memory),
             "-nodefaults", "-no-user-config", "-display", "none", "-no-reboot",
             "-kernel", str(self._kernel.image), "-initrd", str(self._kernel.initramfs),
@@ -178,19 +196,32 @@ class Guest:
         finally:
             listener.close()
             errors.close()
-        self.wait(0, 0)
+        self.wait(0, BOOT_SECONDS)
         self.boot_seconds = time.monotonic() - began
+
+    def _warm_up(self) -> dict[str, str]:
+        """Compile the host's kernels and modules for the guest; the settings that it finds them by."""
+        settings = {**PROCESSOR, "NUMBA_CACHE_DIR": str(self._kernel.folder.parent / "numba")}
+        environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+        subprocess.run(
+            [*BOUND, sys.executable, "-m", "phasewire", *WARM_UP],
+            env=environment | settings, cwd=self._folder, capture_output=True, timeout=WARM_UP_SECONDS, check=True,
+        )  # fmt: skip
+        return settings
 
     def _ask(self, request: dict[str, Any]) -> None:
         self._line.sendall(json.dumps(request).encode() + b"\n")
 
     def _listen(self, seconds: float) -> None:
-        """Take what the agent says."""
-        if seconds <= 0 or not select.select([self._line], [], [], seconds)[0]:
-            raise GuestError(f"the guest does not answer; its console said:\n{self.log[-2000:]}")
-        data = self._line.recv(1 << 16)
-        if not data:
-            raise GuestError(f"the guest has ended; its console said:\n{self.log[-2000:]}")
+        """Take what the agent says; a guest that once did not answer is asked no more."""
+        data = b""
+        if not self._lost:
+            if seconds <= 0 or not select.select([self._line], [], [], seconds)[0]:
+                self._lost = "the guest does not answer"
+            elif not (data := self._line.recv(1 << 16)):
+                self._lost = "the guest has ended"
+        if self._lost:
+            raise GuestError(f"{self._lost}; its console said:\n{self.log[-2000:]}")
         *lines, self._received = (self._received + data).split(b"\n")
         for line in lines:
             answer: dict[str, Any] = json.loads(line)
@@ -198,8 +229,7 @@ class Guest:
 
     def _stop(self) -> None:
         if hasattr(self, "_qemu"):
-            if self._qemu.poll() is None:
-                os.killpg(self._qemu.pid, signal.SIGKILL)
+            self._qemu.kill()  # and so QEMU, whose parent it is
             self._qemu.wait()
         if hasattr(self, "_line"):
             self._line.close()

@@ -12,14 +12,34 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from phasewire.hil.guest import SERVER, Done, Guest, fetch_kernel, missing_programs
+from phasewire.hil.guest import BOUND, SERVER, Done, Guest, fetch_kernel, missing_programs
 
 COMPLAINT = re.compile(
     r"error|fail|warn|not resp|timed? ?out|unable|did not claim|reset|cannot|BUG|Oops", re.IGNORECASE
 )
 """What the kernel says when something is wrong."""
 PATIENCE = 60.0
-DETACHED = r"hs\s+\d{4} 00[^4]"
+FAR = ":".join(map(str, SERVER))
+"""The server, as ``phasewire attach`` in the guest is told of it."""
+
+PRESENT = """
+import pathlib, subprocess, time
+for _ in range(600):
+    if len(list(pathlib.Path("/dev").glob("ttyACM*"))) == {count}: break
+    time.sleep(0.05)
+else: raise SystemExit("there are not {count} consoles")
+subprocess.run(["udevadm", "settle"], check=True)
+"""
+"""Waits for the drivers of the devices."""
+GONE = """
+import pathlib, time
+for _ in range(600):
+    status = pathlib.Path("/sys/devices/platform/vhci_hcd.0/status").read_text().splitlines()[1:]
+    if all(line.split()[2] == "004" for line in status) and not list(pathlib.Path("/dev").glob("ttyACM*")): break
+    time.sleep(0.05)
+else: raise SystemExit("devices whose server has gone stay attached: " + "; ".join(status))
+"""
+"""Waits until the host controller has nothing attached any more."""
 
 
 @pytest.fixture(scope="session")
@@ -36,7 +56,7 @@ def guest() -> Iterator[Guest]:
 
 
 class Bench:
-    """The guest and one emulated device that it can attach.
+    """The guest, and a server with one emulated device, or several, that it can attach.
 
     Parameters
     ----------
@@ -47,36 +67,45 @@ class Bench:
     """
 
     def __init__(self, guest: Guest, folder: Path) -> None:
-        self._guest, self._folder = guest, folder
-        self._attaching: int | None = None
+        self.guest, self._folder = guest, folder
+        self._loops: list[int] = []
+        self._server: subprocess.Popen[bytes] | None = None
 
     def serve(self, *options: str) -> None:
-        """Begin a fresh server, to which the guest's connections lead."""
-        where = self._folder / "where.json"
-        command = [
-            sys.executable,
-            "-m",
-            "phasewire",
-            "emulate",
-            "--usbip",
-            "--port",
-            "0",
-            "--json",
-            str(where),
-            *options,
-        ]
-        self._server = subprocess.Popen(command, cwd=self._folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        """Begin a fresh server instead of the one before, to which the guest's connections lead."""
+        self.stop()
+        where, said = self._folder / "where.json", self._folder / "said"
+        where.unlink(missing_ok=True)
+        command = [*BOUND, sys.executable, "-m", "phasewire", "emulate", "--usbip", "--port", "0", "--json", str(where)]
+        with said.open("ab") as log:
+            self._server = subprocess.Popen([*command, *options], cwd=self._folder, stdout=log, stderr=log)
         end = time.monotonic() + PATIENCE
         while not where.exists():
-            assert self._server.poll() is None, self._server.communicate()
+            assert self._server.poll() is None, said.read_text()
             assert time.monotonic() < end
-            time.sleep(0.05)
-        self._guest.serve(json.loads(where.read_text())["usbip"]["port"])
-        self._guest.run("dmesg", "--clear")
+            time.sleep(0.02)
+        self.guest.serve(json.loads(where.read_text())["usbip"]["port"])
+        self.guest.run("dmesg", "--clear")
+
+    def stop(self, how: signal.Signals = signal.SIGTERM) -> None:
+        """End the server, and all loops that attach its devices; the guest sees the devices leave."""
+        self.detach()
+        self.end_server(how)
+        self.python(GONE)
+
+    def end_server(self, how: signal.Signals) -> None:
+        """End the server, and wait for nothing in the guest."""
+        if self._server is not None:
+            self._server.send_signal(how)
+            try:
+                self._server.wait(PATIENCE)
+            finally:
+                self._server.kill()
+            self._server = None
 
     def run(self, *command: str, seconds: float = PATIENCE) -> Done:
         """Run a command in the guest."""
-        return self._guest.run(*command, seconds=seconds)
+        return self.guest.run(*command, seconds=seconds)
 
     def check(self, *command: str, seconds: float = PATIENCE) -> str:
         """Run a command in the guest that must succeed; what it writes."""
@@ -86,33 +115,37 @@ class Bench:
 
     def python(self, program: str, seconds: float = PATIENCE) -> str:
         """Run a program in the guest by the project's Python; what it writes."""
-        return self.check(sys.executable, "-c", program, seconds=seconds)
+        return self.check("python", program, seconds=seconds)
 
-    def attach(self, *options: str) -> None:
-        """Attach the device, and wait until its drivers are there."""
-        command = ("phasewire", "attach", ":".join(map(str, SERVER)), *options)
-        if options:
-            self._attaching = self._guest.start(*command, seconds=600)
-        else:
-            self.check(*command)
-        self.check("sh", "-c", "for i in $(seq 200); do [ -e /dev/ttyACM0 ] && break; sleep 0.05; done; udevadm settle")
+    def attach(self, *options: str, count: int = 1) -> None:
+        """Attach the first devices of the server, and wait until their drivers are there.
+
+        Parameters
+        ----------
+        *options : str
+            Of ``phasewire attach``; with ``--loop`` a device that leaves comes back until `detach`.
+        count : int
+            How many devices.
+        """
+        for number in range(1, count + 1):
+            command = ("phasewire", "attach", FAR, f"1-{number}", *options)
+            if "--loop" in options:
+                self._loops.append(self.guest.start(*command, seconds=3600))
+            else:
+                self.check(*command)
+        self.python(PRESENT.format(count=count))
+
+    def detach(self) -> None:
+        """Attach no device again that leaves."""
+        for number in self._loops:
+            self.guest.signal(number)
+        for number in self._loops:
+            self.guest.wait(number)
+        self._loops.clear()
 
     def complaints(self) -> list[str]:
         """What the kernel complained of since the server began."""
         return [line for line in self.check("dmesg", "--notime").splitlines() if COMPLAINT.search(line)]
-
-    def close(self) -> None:
-        """End the server; the guest sees the device leave."""
-        if self._attaching is not None:
-            self._guest.interrupt(self._attaching)
-            self._guest.wait(self._attaching)
-        self._server.send_signal(signal.SIGTERM)
-        try:
-            self._server.communicate(timeout=PATIENCE)
-        finally:
-            self._server.kill()
-        status = "/sys/devices/platform/vhci_hcd.0/status"
-        self._guest.run("sh", "-c", f"for i in $(seq 100); do grep -qE '{DETACHED}' {status} || break; sleep 0.1; done")
 
 
 @pytest.fixture
@@ -121,4 +154,4 @@ def bench(guest: Guest, tmp_path: Path) -> Iterator[Bench]:
     bench = Bench(guest, tmp_path)
     bench.serve("--flash", str(tmp_path / "flash"))
     yield bench
-    bench.close()
+    bench.stop()
