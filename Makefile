@@ -7,7 +7,7 @@ TEST_PROCESSES ?= 2
 FUZZ_SECONDS ?= 60
 SOAK_MINUTES ?= 120
 
-.PHONY: help demo test test-slow test-usb mutants lint format vectors fuzz soak bench bench-peers clean
+.PHONY: help demo test test-slow test-usb test-usb-all mutants lint format vectors fuzz soak bench bench-peers clean
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
@@ -23,7 +23,10 @@ test-slow: $(VENV)/ready     ## the tests that take seconds each
 	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "slow and not guest" $(PYTEST_ARGS)
 
 test-usb: $(VENV)/ready      ## a Linux kernel in QEMU judges the emulated device; it needs Debian's packages
-	@$(BIN)/pytest -q -n 0 -m guest $(PYTEST_ARGS)
+	@timeout --foreground --kill-after=60 1200 $(BIN)/pytest -q -rs -n 0 -m "guest and not guest_slow" tests/guest $(PYTEST_ARGS)
+
+test-usb-all: $(VENV)/ready  ## all of it, and on a second, newer kernel
+	@timeout --foreground --kill-after=60 7200 $(BIN)/pytest -q -rs -n 0 -m guest tests/guest $(PYTEST_ARGS)
 
 fuzz: $(VENV)/fuzz           ## throw bytes at every decoder, FUZZ_SECONDS (60) at each group of them
 	@$(BIN)/python -m tests.fuzz $(FUZZ_SECONDS)

@@ -7,7 +7,7 @@ Its network leads to one place only: a USB/IP server on this computer.
 
 from __future__ import annotations
 
-from .kernel import Kernel, fetch_kernel, missing_programs
+from .kernel import NEWEST, Kernel, fetch_kernel, missing_programs
 from .machine import BOUND, SERVER, Done, Guest, GuestError
 
-__all__ = ["BOUND", "SERVER", "Done", "Guest", "GuestError", "Kernel", "fetch_kernel", "missing_programs"]
+__all__ = ["BOUND", "NEWEST", "SERVER", "Done", "Guest", "GuestError", "Kernel", "fetch_kernel", "missing_programs"]

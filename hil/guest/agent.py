@@ -22,9 +22,16 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import IO, Any, BinaryIO
 
-PHASEWIRE, CONFORMANCE, PYTHON = "phasewire", "conformance", "python"
-OTHERS = ("numba", "serial.tools.list_ports", "usb.backend.libusb1", "usb.core")
-"""What else programs in the guest import, as libraries load them late."""
+PHASEWIRE, PYTHON = "phasewire", "python"
+OTHERS = ("serial.tools.list_ports", "typer._adapters", "usb.backend.libusb1", "usb.core")
+"""What else most programs in the guest need; libraries load it late."""
+LATE = {
+    "conformance": "phasewire.hil.conformance.running",
+    "play": "phasewire.protocol.kernels",
+    "show": "phasewire.protocol.kernels",
+    "stream": "phasewire.protocol.kernels",
+}
+"""What single commands need besides."""
 PLUGINS = ("phasewire.transports", "phasewire.usb_backends", "phasewire.serial_ports")
 GRACE_SECONDS = 10.0
 NOT_STARTED = 127  # as a shell says it
@@ -45,8 +52,8 @@ def main(port: str) -> None:
             if "signal" in request:
                 _end(children[request["id"]], request["signal"])
                 continue
-            if CONFORMANCE in request["command"]:
-                import_module("phasewire.hil.conformance.running")
+            for word in LATE.keys() & set(request["command"]):
+                import_module(LATE[word])
             outputs = _file(), _file()
             child = os.fork()
             if not child:

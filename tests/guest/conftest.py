@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from phasewire.hil.guest import BOUND, SERVER, Done, Guest, fetch_kernel, missing_programs
+from phasewire.hil.guest import BOUND, NEWEST, SERVER, Done, Guest, fetch_kernel, missing_programs
 
 COMPLAINT = re.compile(
     r"error|fail|warn|not resp|timed? ?out|unable|did not claim|reset|cannot|BUG|Oops", re.IGNORECASE
@@ -42,13 +42,19 @@ else: raise SystemExit("devices whose server has gone stay attached: " + "; ".jo
 """Waits until the host controller has nothing attached any more."""
 
 
-@pytest.fixture(scope="session")
-def guest() -> Iterator[Guest]:
-    """A running guest."""
+KERNELS = (
+    pytest.param(None, id="this-debian"),
+    pytest.param(NEWEST, id=NEWEST, marks=pytest.mark.guest_slow),
+)
+
+
+@pytest.fixture(scope="session", params=KERNELS)
+def guest(request: pytest.FixtureRequest) -> Iterator[Guest]:
+    """A running guest, one for each kernel."""
     if missing := missing_programs():
         pytest.skip(f"not installed: {', '.join(missing)}")
     try:
-        kernel = fetch_kernel()
+        kernel = fetch_kernel(request.param)
     except OSError as error:
         pytest.skip(f"no kernel can be had: {error}")
     with Guest(kernel) as machine:
