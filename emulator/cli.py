@@ -107,7 +107,7 @@ def emulate(
         str,
         typer.Option(
             help="What makes the devices' time pass: wall, the clock on the wall, or fast, what they are asked to do, "
-            "and that as fast as it can be computed, so that a slow host trips no watchdog.",
+            "and that as fast as it can be computed, so that a slow host trips no watchdog. Streams need wall.",
             autocompletion=among(PACES),
         ),
     ] = Pace.WALL.value,

@@ -19,7 +19,7 @@ from math import ceil, floor
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import DeviceLostError, DeviceStalledError, DeviceTimeoutError
+from ...errors import DeviceError, DeviceLostError, DeviceStalledError, DeviceTimeoutError
 from ...protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import AckFlag, Fault, Reason
 from ...protocol.replies import Ack
@@ -36,6 +36,9 @@ LEAST_LEAD_PERIODS = 6
 """A change for the fifth period after its arrival is in time (clause BLK-005); one more for the way there."""
 FIRST_READINGS = 8
 READING_SECONDS = 0.25
+ASTRAY_PPM, MOST_ASTRAY = 500_000, 8
+"""A clock that seems to run at half the host's rate or less, or half as fast again, in so many readings one after the
+other, 2 s, is none that frames could be timed by. A device that is only held up catches up sooner."""
 PROGRESS_SECONDS = 0.1
 COUNTS = (
     "sent",
@@ -183,6 +186,7 @@ class Stream:
         self._next = 0
         self._start = 0.0
         self._read_at = 0.0
+        self._astray = 0
         self._accepted_before = -1  # the device was lost last; where nothing was since, coming back does not help
         self._rate = rate
         self._clock = DeviceClock()
@@ -262,6 +266,12 @@ class Stream:
             after = keeper.monotonic()
         self._clock.add(Reading(before, after, status.now))
         self._read_at = after
+        self._astray = self._astray + 1 if abs(self._clock.drift_ppm) > ASTRAY_PPM else 0
+        if self._astray > MOST_ASTRAY:
+            raise DeviceError(
+                f"the time of {self._session.name} passes at {1 + self._clock.drift_ppm / 1e6:.3g} of this computer's, "
+                "and a stream needs both to agree; `phasewire emulate --pace fast` does not stream, --pace wall does"
+            )
         self._faults |= status.faults
         if self._missed_before is None:  # counts begin anew where a device was without power
             self._missed_before = status.missed_commits - self._counts["missed_commits"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from math import floor
 from typing import Any
@@ -36,8 +37,10 @@ from phasewire.host.playing.frames import Frames
 from phasewire.host.playing.session import Answers, Session
 from phasewire.host.playing.streaming import StreamReport
 from phasewire.protocol import kernels
+from phasewire.protocol.board import TICK_HZ
 from phasewire.protocol.codes import Reason, State, StatusFlag
 from phasewire.protocol.quantise import PulseFrames
+from phasewire.protocol.replies import Status
 from phasewire.protocol.timing import TWO_WIRE
 
 MS = 40
@@ -474,6 +477,22 @@ def test_frames_keep_their_periods_where_clocks_drift_apart_between_two_of_them(
     assert report.least_lead_periods is not None
     assert abs(report.least_lead_periods - 10 * MS) <= 5
     assert report.drift_ppm == pytest.approx(-ppm, abs=1)
+
+
+def test_a_device_whose_time_is_not_the_hosts_ends_a_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As that of an emulated device at the pace fast, where periods that are named may never come."""
+    status = Session.status
+
+    def other_time(session: Session) -> Status:
+        told = status(session)
+        return replace(told, now=told.now // 50)
+
+    monkeypatch.setattr(Session, "status", other_time)
+    with Emulator() as emulator, open_device(emulator.url) as device:
+        with pytest.raises(DeviceError, match=r"passes at 0\.02 .*--pace fast"):
+            device.stream(frames(4000), 200)
+        assert device.clock().now < 6 * TICK_HZ
+    assert silent(emulator)
 
 
 def test_signs_of_life_follow_the_watchdog_s_time() -> None:

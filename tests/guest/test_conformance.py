@@ -1,0 +1,68 @@
+"""The conformance suite in the guest: behind a kernel the device fails no case, and few cannot be judged."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from phasewire.hil.conformance.cases import Need, Risk, not_allowed, unmet
+
+from .conftest import Bench
+
+SOME = (
+    "enumeration",
+    "endpoints/a-console-that-is-not-read",
+    "acknowledgements/more-blocks-than-records",
+    "acknowledgements/a-status-has-a-place",
+    "flow/a-place-is-free-again",
+    "serial/a-console-that-is-not-read",
+    "serial/every-line-coding",
+)
+"""Cases whose transfers are cut short, whose records wait, and that use the console's interfaces."""
+GROUPS = (
+    ("acknowledgements", "flow", "numbering", "limits", "outputs", "pulses", "sorting", "stores"),
+    ("blocks", "chain", "doors", "endpoints", "enumeration", "power", "versions", "widths"),
+    ("combinations", "modulation", "sequences", "successions"),
+    ("console", "long-run", "robustness"),
+    ("dfu", "flash"),
+    ("requests", "states"),
+    ("safety", "timing"),
+    ("serial",),
+)
+GROUP_SECONDS = 900.0
+
+NOT_THERE = {unmet(need) for need in Need}
+"""Why a case cannot be judged from the other end of a cable."""
+NOT_HERE = {
+    "a part of a block can arrive at full speed only, and this bus runs at high speed",
+    "this computer's own system does not let such a request through",
+    "the computer configures the device by itself, before a program can reset it",
+}
+"""Why nobody could judge it through Linux."""
+
+
+def judged(bench: Bench, *only: str, allow: tuple[Risk, ...] = (), seconds: float) -> dict[str, int]:
+    """Run cases, none of which may fail; why others could not be judged, and how many."""
+    names = [word for name in only for word in ("--only", name)]
+    risks = [word for risk in allow for word in ("--allow", risk)]
+    done = bench.run("phasewire", "conformance", "--device", "usb:", *names, *risks, seconds=seconds)
+    assert done.code == 0, f"{done.out}\n{done.err}"
+    assert [line for line in bench.complaints() if "did not claim" in line] == []
+    return {reason: int(count) for count, reason in re.findall(r"^ +(\d+) cases?: (.+)$", done.out, re.MULTILINE)}
+
+
+@pytest.mark.guest
+def test_what_a_kernel_makes_difficult_passes(bench: Bench) -> None:
+    bench.attach()
+    reasons = judged(bench, *SOME, seconds=120)
+    assert reasons.keys() <= {not_allowed(Risk.RESET)} | NOT_HERE
+    assert sum(reasons.values()) < 10
+    bench.check("test", "-e", "/dev/ttyACM0")  # the kernel has its console again
+
+
+@pytest.mark.guest_slow
+@pytest.mark.parametrize("groups", GROUPS, ids="+".join)
+def test_a_group_passes(bench: Bench, groups: tuple[str, ...]) -> None:
+    bench.attach("--loop")
+    reasons = judged(bench, *(f"{group}/" for group in groups), allow=tuple(Risk), seconds=GROUP_SECONDS)
+    assert reasons.keys() <= NOT_THERE | NOT_HERE
