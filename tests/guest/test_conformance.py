@@ -9,6 +9,8 @@ from phasewire.hil.conformance.cases import Need, Risk, not_allowed, unmet
 
 from .conftest import Bench
 
+pytestmark = pytest.mark.guest
+
 SOME = (
     "enumeration",
     "endpoints/a-console-that-is-not-read",
@@ -51,7 +53,6 @@ def judged(bench: Bench, *only: str, allow: tuple[Risk, ...] = (), seconds: floa
     return {reason: int(count) for count, reason in re.findall(r"^ +(\d+) cases?: (.+)$", done.out, re.MULTILINE)}
 
 
-@pytest.mark.guest
 def test_what_a_kernel_makes_difficult_passes(bench: Bench) -> None:
     bench.attach()
     reasons = judged(bench, *SOME, seconds=120)
