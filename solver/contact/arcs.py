@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,22 +27,13 @@ class Arcs:
     vertices : (k, 3) float
         Vertices of all arcs, one arc after the other, in metres, in the array's coordinates. A closed arc repeats its
         first vertex at its end.
-    starts : (a + 1,) int
-        Arc i has the vertices from ``starts[i]`` to before ``starts[i + 1]``.
-    closed : (a,) bool
-        Which arcs are closed.
-    objects : (a,) int
-        The object that each arc lies on.
-    faces : (k,) int
-        The mesh face of the piece that begins at each vertex; -1 at the last vertex of an arc.
-    quads : (k,) int
-        The quadrilateral of the piece that begins at each vertex, hand · 16 + quad; -1 at the last vertex of an arc.
-    edges : (k,) int
-        The mesh edge that each vertex lies on, -1 where the vertex is an end that a quadrilateral's border cuts off
-        inside a face.
     along : (k,) float
         The place of each vertex on its mesh edge, from 0 at the edge's first mesh vertex to 1 at its second; 0 where
         there is no edge.
+    names : (k, 3) int
+        Of each vertex, what `faces`, `quads` and `edges` say.
+    rows : (a + 1, 3) int
+        Of each arc, its first vertex, and what `closed` and `objects` say; then the number of vertices, -1 and -1.
 
     Notes
     -----
@@ -51,35 +42,54 @@ class Arcs:
     """
 
     vertices: NDArray[np.float64]
-    starts: NDArray[np.int64]
-    closed: NDArray[np.bool_]
-    objects: NDArray[np.int64]
-    faces: NDArray[np.int64]
-    quads: NDArray[np.int64]
-    edges: NDArray[np.int64]
     along: NDArray[np.float64]
+    names: NDArray[np.int64]
+    rows: NDArray[np.int64]
 
     @classmethod
-    def joined(cls, parts: Sequence[tuple[NDArray[Any], ...]]) -> Self:
-        """The arcs of objects 0, 1, …: of each vertices, starts, closed, faces, quads, edges and along, as above."""
-        if len(parts) == 1:
-            vertices, starts, closed, *rest = parts[0]
-            return cls(vertices, starts, closed, np.zeros(len(closed), np.int64), *rest)
-        if not parts:
-            none = np.empty(0, np.int64)
-            return cls(np.empty((0, 3)), np.zeros(1, np.int64), none.astype(np.bool_), none, none, none, none, none / 1)
-        vertices, starts, closed, *rest = zip(*parts, strict=True)
-        before = np.cumsum([0, *(len(part) for part in vertices)])
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The arcs of several objects, which become objects 0, 1 and so on."""
+        before = np.cumsum([0, *(len(part.vertices) for part in parts)])
+        rows = [part.rows[:-1] * [1, 1, 0] + [before[i], 0, i] for i, part in enumerate(parts)]
         return cls(
-            np.concatenate(vertices),
-            np.concatenate([*(part[:-1] + shift for part, shift in zip(starts, before, strict=False)), before[-1:]]),
-            np.concatenate(closed),
-            np.repeat(np.arange(len(parts)), [len(part) for part in closed]),
-            *(np.concatenate(part) for part in rest),
+            np.concatenate([np.empty((0, 3)), *(part.vertices for part in parts)]),
+            np.concatenate([np.empty(0), *(part.along for part in parts)]),
+            np.concatenate([np.empty((0, 3), np.int64), *(part.names for part in parts)]),
+            np.concatenate([*rows, [[before[-1], -1, -1]]]),
         )
 
     def __len__(self) -> int:
-        return len(self.closed)
+        return len(self.rows) - 1
+
+    @property
+    def starts(self) -> NDArray[np.int64]:
+        """(a + 1,) arc i has the vertices from ``starts[i]`` to before ``starts[i + 1]``."""
+        return self.rows[:, 0]
+
+    @property
+    def closed(self) -> NDArray[np.bool_]:
+        """(a,) which arcs are closed."""
+        return self.rows[:-1, 1] == 1
+
+    @property
+    def objects(self) -> NDArray[np.int64]:
+        """(a,) the object that each arc lies on."""
+        return self.rows[:-1, 2]
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        """(k,) the mesh face of the piece that begins at each vertex; -1 at the last vertex of an arc."""
+        return self.names[:, 0]
+
+    @property
+    def quads(self) -> NDArray[np.int64]:
+        """(k,) the quadrilateral of that piece, hand · 16 + quad; -1 at the last vertex of an arc."""
+        return self.names[:, 1]
+
+    @property
+    def edges(self) -> NDArray[np.int64]:
+        """(k,) the mesh edge that each vertex lies on; -1 where a quadrilateral's border ends it inside a face."""
+        return self.names[:, 2]
 
     def polylines(self) -> list[NDArray[np.float64]]:
         """The vertices of each arc, (k, 3)."""

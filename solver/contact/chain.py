@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ...compiling import kernel, part
+from ...compiling import part
+from .arcs import KNUCKLE, SAME
 from .hand import QUADS
 
-__all__ = ["ALONG", "chain"]
+__all__ = ["ALONG", "append_arcs"]
 
 ALONG = 3
 """Column of places after three coordinates: the place on the mesh edge."""
@@ -24,55 +25,111 @@ MOST_FREE = 4096
 """Ends of arcs among which bridges are looked for, each with each: a closed mesh leaves some tens."""
 
 BASE, TIP = 0, 2  # sides of a finger's quadrilaterals
+NOWHERE = -1  # where an end meets no other
 
 
 @part
-def _joint(quad: int, side: int) -> int:
-    """The quadrilateral of a finger whose base a border is; -1 if it is none."""
-    local = quad % QUADS
-    if local == 0:
-        return -1
-    if side == BASE:
-        return quad
-    if side == TIP and (local - 1) % 3 < 2:
-        return quad + 1
-    return -1
+def append_arcs(pieces: Any, ends: Any, places: Any, hands: bool, pose: Any, number: int, vertices: Any, along: Any,
+                names: Any, rows: Any, arcs: int) -> Any:  # fmt: skip
+    """Join what `cut.segments` found of an object to arcs, and append them to those of other objects.
 
-
-@part
-def _link(pieces: Any, ends: Any, hands: bool, quads: int, faces: int, edges: int) -> Any:
-    """Which end goes on at which, (2 n,) int; -1 if an arc ends there.
-
-    Ends meet if they are on the same mesh edge in the same quadrilateral, or in the same face at the border that two
-    quadrilaterals of a finger share. A stop goes on at a start. If more than two faces meet at an edge, they are paired
-    in the order of their numbers, and only what is left pairs starts with starts.
+    Returns
+    -------
+    vertices, along, names, rows, arcs
+        As `Arcs` has them, and how many arcs there are; the arrays have room for more.
     """
-    links, following = np.full(len(ends), -1), np.full(len(ends), -1)
-    size = 4
-    while size < 2 * len(ends):
-        size *= 2
-    keys, heads, tails = np.full(size, -1), np.full(size, -1), np.full(size, -1)  # of queues of ends that wait
+    nodes = _nodes(pieces, ends, hands)
+    links, paired = _paired(nodes)
+    if not paired:  # the mesh is no surface there: only now does the order of faces decide
+        order = np.argsort(np.int64(1 << 32) * pieces[:, 0] + pieces[:, 1])
+        both = np.empty(2 * len(order), np.int64)
+        both[::2], both[1::2] = 2 * order, 2 * order + 1
+        pieces, ends, places, nodes = pieces[order], ends[both], places[both], nodes[both]
+        links = _queued(nodes)
+    if hands:
+        _bridge(pieces, ends, places, links)
+    return _walk(pieces, ends, places, links, pose, number, vertices, along, names, rows, arcs)
+
+
+@part
+def _nodes(pieces: Any, ends: Any, hands: bool) -> Any:
+    """(2 n,) where each end is: at a mesh edge in a quadrilateral, or in a face at the border of two of a finger."""
+    nodes = np.empty(len(ends), np.int64)
     for end in range(len(ends)):
-        quad, face = pieces[end // 2]
-        if ends[end, 0] >= 0:
-            key = quad * edges + ends[end, 0]
+        quad, face = pieces[end >> 1, 0], pieces[end >> 1, 1]
+        side, local = ends[end, 1], quad % QUADS
+        if side < 0:
+            nodes[end] = 2 * quad << 32 | ends[end, 0]
+        elif hands and local > 0 and side == BASE:
+            nodes[end] = (2 * quad + 1) << 32 | face
+        elif hands and side == TIP and local % 3 != 0:
+            nodes[end] = (2 * quad + 3) << 32 | face
         else:
-            joint = _joint(quad, ends[end, 1]) if hands else -1
-            if joint < 0:
-                continue
-            key = quads * edges + joint * faces + face
-        slot = (key * 0x9E3779B97F4A7C1 >> 20) & (size - 1)
-        while keys[slot] >= 0 and keys[slot] != key:
-            slot = (slot + 1) & (size - 1)
-        keys[slot] = key
+            nodes[end] = NOWHERE
+    return nodes
+
+
+@part
+def _table(ends: int) -> Any:
+    """An empty hash table for so many ends."""
+    size = 4
+    while size < 2 * ends:
+        size *= 2
+    return np.full(size, -1, np.int32)
+
+
+@part
+def _slot(table: Any, nodes: Any, end: int) -> int:
+    """The slot of an end's node: that of the first end there, or a free one."""
+    slot = (nodes[end] * 0x9E3779B97F4A7C1 >> 20) & (table.size - 1)
+    while table[slot] >= 0 and nodes[table[slot]] != nodes[end]:
+        slot = (slot + 1) & (table.size - 1)
+    return slot
+
+
+@part
+def _paired(nodes: Any) -> Any:
+    """Which end goes on at which, (2 n,) int, -1 if an arc ends there; and whether at most a start and a stop meet.
+
+    If not, what is said is worth nothing.
+    """
+    links, table = np.full(nodes.size, -1), _table(nodes.size)
+    for end in range(nodes.size):
+        if nodes[end] == NOWHERE:
+            continue
+        slot = _slot(table, nodes, end)
+        other = table[slot]
+        if other < 0:
+            table[slot] = end
+        elif links[other] < 0 and (other ^ end) & 1:
+            links[end], links[other] = other, end
+        else:
+            return links, False
+    return links, True
+
+
+@part
+def _queued(nodes: Any) -> Any:
+    """What `_paired` says, for any mesh.
+
+    A stop goes on at a start. If more than two faces meet at an edge, they are paired in their order, and only what is
+    left pairs starts with starts.
+    """
+    links, following, table = np.full(nodes.size, -1), np.full(nodes.size, -1), _table(nodes.size)
+    heads, tails = np.full(table.size, -1), np.full(table.size, -1)  # of queues of ends that wait
+    for end in range(nodes.size):
+        if nodes[end] == NOWHERE:
+            continue
+        slot = _slot(table, nodes, end)
+        table[slot] = end
         other = heads[slot]
-        if other >= 0 and other % 2 != end % 2:
+        if other >= 0 and (other ^ end) & 1:
             links[end], links[other], heads[slot] = other, end, following[other]
         elif other >= 0:
             following[tails[slot]], tails[slot] = end, end
         else:
             heads[slot] = tails[slot] = end
-    for slot in range(size):
+    for slot in range(table.size):
         end = heads[slot]
         while end >= 0 and following[end] >= 0:
             links[end], links[following[end]] = following[end], end
@@ -81,29 +138,40 @@ def _link(pieces: Any, ends: Any, hands: bool, quads: int, faces: int, edges: in
 
 
 @part
-def _bridge(pieces: Any, ends: Any, places: Any, links: Any, knuckle: float) -> None:
+def _bridge(pieces: Any, ends: Any, places: Any, links: Any) -> None:
     """Link ends that are left at the palm's borders to ends at the fingers' bases, and others of one joint.
 
-    A stop goes on at the nearest start, and a start at the nearest stop, within ``knuckle`` metres, if each is the
-    other's nearest. Ends of one joint that are left differ in the last bits only, which put them in different faces. A
-    mesh so torn that more than `MOST_FREE` ends are left is not bridged.
+    A stop goes on at the nearest start, and a start at the nearest stop, within `KNUCKLE`, if each is the other's
+    nearest. Ends of one joint that are left differ in the last bits only, which put them in different faces. A mesh so
+    torn that more than `MOST_FREE` ends are left is not bridged.
     """
-    free = np.empty(len(ends), np.int64)
+    free, keys = np.empty(MOST_FREE, np.int64), np.empty(MOST_FREE, np.int64)
     n = 0
     for end in range(len(ends)):
         if links[end] < 0 and ends[end, 1] >= 0:
-            free[n] = end
+            if n == MOST_FREE:
+                return
+            free[n], keys[n] = end, pieces[end >> 1, 0] << 32 | pieces[end >> 1, 1] << 1 | (end & 1)
             n += 1
-    if n > MOST_FREE:
-        return
-    nearest, distance = np.full(n, -1), np.full(n, knuckle * knuckle)
+    free = free[:n][np.argsort(keys[:n])]  # of ends at the same distance the first counts
+    nearest, distance = np.full(n, -1), np.full(n, KNUCKLE * KNUCKLE)
     for i in range(n):
-        if ends[free[i], 1] != BASE or pieces[free[i] // 2, 0] % QUADS == 0:
+        base = free[i]
+        finger = pieces[base >> 1, 0]
+        local = finger % QUADS
+        if ends[base, 1] != BASE or local == 0:
             continue
         for j in range(n):
-            if (free[i] - free[j]) % 2 == 0 or not _adjoins(pieces, ends, free[i], free[j]):
+            end = free[j]
+            quad, side = pieces[end >> 1, 0], ends[end, 1]
+            if (base ^ end) & 1 == 0:
                 continue
-            apart = _apart2(places, free[i], free[j])
+            if local % 3 == 1:
+                if quad != finger - local or side == BASE:
+                    continue
+            elif quad != finger - 1 or side != TIP:
+                continue
+            apart = _apart2(places, base, end)
             if apart < distance[i]:
                 nearest[i], distance[i] = j, apart
             if apart < distance[j]:
@@ -115,15 +183,6 @@ def _bridge(pieces: Any, ends: Any, places: Any, links: Any, knuckle: float) -> 
 
 
 @part
-def _adjoins(pieces: Any, ends: Any, base: int, end: int) -> bool:
-    """Whether an end is at the border to which a finger's quadrilateral adjoins by its base."""
-    finger, quad, side = pieces[base // 2, 0], pieces[end // 2, 0], ends[end, 1]
-    if (finger - 1) % QUADS % 3 == 0:
-        return bool(quad == finger - finger % QUADS and side != BASE)
-    return bool(quad == finger - 1 and side == TIP)
-
-
-@part
 def _apart2(places: Any, one: int, other: int) -> Any:
     """Square of the distance between two ends."""
     x, y, z = places[one, 0] - places[other, 0], places[one, 1] - places[other, 1], places[one, 2] - places[other, 2]
@@ -131,93 +190,100 @@ def _apart2(places: Any, one: int, other: int) -> Any:
 
 
 @part
-def _walk(pieces: Any, ends: Any, places: Any, links: Any, same: float) -> Any:
-    """Follow the links from end to end: arcs as `Arcs` has them, by the first piece of each, which gives the direction.
+def _found(pieces: Any, places: Any, links: Any) -> Any:
+    """The arcs, by the first quadrilateral and face of each, whose segment gives the direction.
 
-    An arc without length is left out: it touches the mesh in one point. Ends that are within ``same`` metres of each
-    other become one vertex.
+    An arc without length is left out: it touches the mesh in one point.
+
+    Returns
+    -------
+    (a,) int, (a,) bool, int
+        The end at which each begins, whether it is closed, and no fewer vertices than they have.
     """
     n = len(pieces)
     visited = np.zeros(n, np.bool_)
-    enters, closed = np.empty(n, np.int64), np.empty(n, np.bool_)  # of each arc, its first end
-    room = arcs = 0
+    enters, firsts, closed = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.bool_)
+    arcs = room = 0
     for piece in range(n):
         if visited[piece]:
             continue
         enter = 2 * piece
-        while links[enter] >= 0 and links[enter] // 2 != piece:  # back to the beginning
+        while links[enter] >= 0 and links[enter] >> 1 != piece:  # back to the beginning
             enter = links[enter] ^ 1
         loop = links[enter] >= 0
         if loop:
             enter = 2 * piece
         here, steps, long = enter, 0, False
+        first, key = here, pieces[here >> 1, 0] << 32 | pieces[here >> 1, 1]
         while True:
-            visited[here // 2] = True
+            at = here >> 1
+            visited[at] = True
             steps += 2
             long = long or _apart2(places, here, here ^ 1) > 0
-            here = links[here ^ 1]
+            mine = pieces[at, 0] << 32 | pieces[at, 1]
+            if mine < key:
+                first, key = here, mine
+            stop = here ^ 1
+            here = links[stop]
             if here < 0 or here == enter:
                 break
         if long:
-            enters[arcs], closed[arcs] = enter, loop
+            if loop:
+                enter = first & -2
+            elif first & 1:  # its first segment would run backwards
+                enter = stop
+            enters[arcs], firsts[arcs], closed[arcs] = enter, key, loop
             arcs += 1
             room += steps + 1
-    vertices, along = np.empty((room, 3)), np.empty(room)
-    whole = np.empty((room, 3), np.int64)
-    starts = np.empty(arcs + 1, np.int64)
-    k = 0
-    for arc in range(arcs):
-        starts[arc] = k
-        here = enters[arc]
-        while True:
-            piece = here // 2
-            _enter(places, ends, here, vertices, along, whole, k)
-            whole[k, 0], whole[k, 1] = pieces[piece, 1], pieces[piece, 0]
-            k += 1
-            stop = here ^ 1
-            here = links[stop]
-            if here >= 0 and _apart2(places, stop, here) <= same * same:
-                if here == enters[arc]:
-                    break
-                continue
-            _enter(places, ends, stop, vertices, along, whole, k)
-            if here < 0:
-                break
-            whole[k, 0], whole[k, 1] = pieces[piece, 1], pieces[piece, 0]
-            k += 1
-            if here == enters[arc]:
-                break
-        if closed[arc]:
-            _enter(places, ends, enters[arc], vertices, along, whole, k)
-        whole[k, 0] = whole[k, 1] = -1
-        k += 1
-    starts[arcs] = k
-    return vertices[:k], starts, closed[:arcs], whole[:k, 0].copy(), whole[:k, 1].copy(), whole[:k, 2].copy(), along[:k]
+    order = np.argsort(firsts[:arcs])
+    return enters[order], closed[order], room
 
 
 @part
-def _enter(places: Any, ends: Any, end: int, vertices: Any, along: Any, whole: Any, k: int) -> None:
-    vertices[k] = places[end, :3]
-    along[k], whole[k, 2] = places[end, ALONG], ends[end, 0]
+def _walk(pieces: Any, ends: Any, places: Any, links: Any, pose: Any, number: int, vertices: Any, along: Any,
+          names: Any, rows: Any, arcs: int) -> Any:  # fmt: skip
+    """Follow the links from end to end, and write the arcs; as `append_arcs`.
 
-
-@kernel
-def chain(pieces: Any, ends: Any, places: Any, hands: bool, quads: int, faces: int, edges: int, knuckle: float,
-          same: float, rotation: Any, offset: Any) -> Any:  # fmt: skip
-    """Join what `cut.segments` found to arcs. ``knuckle`` and ``same`` are those of `arcs`.
-
-    Returns
-    -------
-    vertices, starts, closed, faces, quads, edges, along
-        As `Arcs` has them.
+    Ends that are within `SAME` of each other become one vertex.
     """
-    links = _link(pieces, ends, hands, quads, faces, edges)
-    if hands:
-        _bridge(pieces, ends, places, links, knuckle)
-    found = _walk(pieces, ends, places, links, same)
-    points = found[0]
-    for i in range(len(points)):
-        x, y, z = points[i]
-        for k in range(3):
-            points[i, k] = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z + offset[k]
-    return found
+    enters, closed, room = _found(pieces, places, links)
+    k = rows[arcs, 0]
+    if k + room > along.size:
+        size = 2 * (k + room)
+        wider, longer, more = np.empty((size, 3)), np.empty(size), np.empty((size, 3), np.int64)
+        wider[:k], longer[:k], more[:k] = vertices[:k], along[:k], names[:k]
+        vertices, along, names = wider, longer, more
+    if arcs + enters.size >= len(rows):
+        lines = np.empty((2 * (arcs + enters.size) + 1, 3), np.int64)
+        lines[: arcs + 1] = rows[: arcs + 1]
+        rows = lines
+    at, owner = np.empty(room, np.int64), np.empty(room, np.int64)  # of each vertex, the end and the segment after it
+    n = 0
+    for arc in range(enters.size):
+        rows[arcs, 1], rows[arcs, 2] = closed[arc], number
+        here = enters[arc]
+        while True:
+            at[n], owner[n] = here, here >> 1
+            n += 1
+            stop = here ^ 1
+            here = links[stop]
+            if here < 0 or _apart2(places, stop, here) > SAME * SAME:
+                at[n], owner[n] = stop, -1 if here < 0 else stop >> 1
+                n += 1
+            if here < 0 or here == enters[arc]:
+                break
+        if closed[arc]:
+            at[n], owner[n] = here, -1
+            n += 1
+        arcs += 1
+        rows[arcs, 0] = k + n
+    for i in range(n):
+        end, piece = at[i], owner[i]
+        x, y, z = places[end, 0], places[end, 1], places[end, 2]
+        for j in range(3):
+            vertices[k + i, j] = pose[j, 0] * x + pose[j, 1] * y + pose[j, 2] * z + pose[3, j]
+        along[k + i] = places[end, ALONG]
+        names[k + i, 0] = pieces[piece, 1] if piece >= 0 else -1
+        names[k + i, 1] = pieces[piece, 0] if piece >= 0 else -1
+        names[k + i, 2] = ends[end, 0]
+    return vertices, along, names, rows, arcs

@@ -18,17 +18,24 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...compiling import kernel, part
-from .arcs import KNUCKLE, SAME, Arcs
-from .chain import ALONG, chain
+from .arcs import Arcs
+from .chain import ALONG, append_arcs
 from .hand import QUADS
 from .mesh import Mesh
+from .scene import Scene, poses
 
-__all__ = ["cut", "segments"]
+__all__ = ["cut", "cut_all"]
 
 FLAT = 1e-12  # area of a quadrilateral, relative to the square of its diagonals, that is none
+SURE = 1e-9
+"""Of the coordinates: what is farther than this from a border is surely on that side of it, whatever is rounded."""
+ROOM = 1536
+"""Segments for which there is room at once: what a hand cuts out of an object of 100 000 faces."""
+GRAZING = 1e-5
+"""Of the coordinates: the least difference of the heights of an edge's ends with which that holds."""
 
 
 def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) -> Arcs:
@@ -62,7 +69,7 @@ def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) ->
     same three vertices the first is cut. A triangle without area joins the lines on both sides of it. Arcs end at a
     mesh's open edges.
     """
-    corners = np.array(quads, dtype=np.float64, order="C")  # writable: kernels are compiled for one kind of array
+    corners = np.array(quads, dtype=np.float64, order="C")
     if corners.ndim != 3 or corners.shape[1:] != (4, 3):
         raise ValueError(f"quadrilaterals must have the shape (q, 4, 3), not {corners.shape}")
     if hands and len(corners) % QUADS:
@@ -71,30 +78,74 @@ def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) ->
         bad = int(np.flatnonzero(~np.isfinite(corners).all(axis=(1, 2)))[0])
         raise ValueError(f"quadrilateral {bad} is {corners[bad].tolist()}; its coordinates must be finite numbers")
     objects = (meshes,) if isinstance(meshes, Mesh) else tuple(meshes)
-    parts = [_cut_mesh(corners, mesh, hands) for mesh in objects]
-    return Arcs.joined(parts)
+    return Arcs(*_cut(Scene.of(objects, corners=False), poses(objects), corners, hands))
 
 
-def _cut_mesh(corners: NDArray[np.float64], mesh: Mesh, hands: bool) -> tuple[NDArray[Any], ...]:
-    solid = mesh.solid
-    pieces, ends, places = segments(
-        corners, mesh.rotation, mesh.offset, solid.vertices, solid.faces, solid.face_edges, *solid.bvh
-    )
-    found: tuple[NDArray[Any], ...] = chain(
-        pieces, ends, places, hands, len(corners), len(solid.faces), len(solid.edges), KNUCKLE, SAME, mesh.rotation,
-        mesh.offset,
-    )  # fmt: skip
-    return found
+@partial(kernel, error_model="numpy")
+def _cut(scene: Any, poses: Any, quads: Any, hands: bool) -> Any:
+    """What `cut_all` does, alone."""
+    return cut_all(scene, poses, quads, hands)
 
 
 @part
-def _prepare(quad: Any, plane: Any, borders: Any) -> bool:
+def cut_all(scene: Any, poses: Any, quads: Any, hands: bool) -> Any:
+    """Cut all objects.
+
+    Parameters
+    ----------
+    scene : Scene
+    poses : (o, 4, 3) float
+        As `scene.poses` has them.
+    quads : (q, 4, 3) float
+        In metres.
+    hands : bool
+        As in `cut`.
+
+    Returns
+    -------
+    vertices, along, names, rows
+        As `Arcs` has them.
+    """
+    vertices, along = np.empty((64, 3)), np.empty(64)
+    names, rows = np.empty((64, 3), np.int64), np.empty((17, 3), np.int64)
+    rows[0, 0] = 0
+    pieces, ends, places = _room(ROOM)
+    arcs = 0
+    for number in range(scene.which.size):
+        solid = scene.which[number]
+        node, face = scene.begins[solid, 0], scene.begins[solid, 1]
+        end, last = scene.begins[solid + 1, 0], scene.begins[solid + 1, 1]
+        boxes, links = scene.tables.boxes[node:end], scene.tables.links[node + solid : end + solid + 1]
+        corners, numbers = scene.tables.corners[face:last], scene.tables.names[face:last]
+        n = segments(quads, poses[number], boxes, links, corners, numbers, pieces, ends, places)
+        if n > len(pieces):
+            pieces, ends, places = _room(2 * n)
+            segments(quads, poses[number], boxes, links, corners, numbers, pieces, ends, places)
+        if n > 0:
+            found = pieces[:n], ends[: 2 * n], places[: 2 * n]
+            vertices, along, names, rows, arcs = append_arcs(
+                *found, hands, poses[number], number, vertices, along, names, rows, arcs
+            )
+    count = rows[arcs, 0]
+    rows[arcs, 1] = rows[arcs, 2] = -1
+    return vertices[:count], along[:count], names[:count], rows[: arcs + 1]
+
+
+@part
+def _room(count: int) -> Any:
+    """Arrays for so many segments; see `segments`."""
+    return np.empty((count, 2), np.int32), np.empty((2 * count, 2), np.int32), np.empty((2 * count, 4))
+
+
+@part
+def _prepare(quad: Any, plane: Any, borders: Any, walls: Any) -> bool:
     """Write what is the same for all faces. False if the quadrilateral has no area.
 
-    ``plane`` is its normal of any length, first corner, lowest and highest coordinates, and margins for rounding of
-    coordinates and of heights, 14 numbers. Of each border ``borders`` has the corner that comes first in the order of
-    coordinates, the way to the other one, and 1 if this is the way around the quadrilateral, -1 if not, 0 if the border
-    has no length.
+    ``plane`` is its normal of any length, first corner, lowest and highest coordinates, margins for rounding of
+    coordinates and of heights, and the normal's length, 15 numbers. Of each border ``borders`` has the corner that
+    comes first in the order of coordinates, the way to the other one, and 1 if this is the way around the
+    quadrilateral, -1 if not, 0 if the border has no length. ``walls`` are the planes through the borders that are
+    perpendicular to it: unit normals to the inside, and offsets.
     """
     ax, ay, az = quad[2, 0] - quad[0, 0], quad[2, 1] - quad[0, 1], quad[2, 2] - quad[0, 2]
     bx, by, bz = quad[3, 0] - quad[1, 0], quad[3, 1] - quad[1, 1], quad[3, 2] - quad[1, 2]
@@ -102,7 +153,7 @@ def _prepare(quad: Any, plane: Any, borders: Any) -> bool:
     size = np.sqrt(x * x + y * y + z * z)
     if not size > FLAT * (ax * ax + ay * ay + az * az + bx * bx + by * by + bz * bz):
         return False
-    plane[0], plane[1], plane[2] = x, y, z
+    plane[0], plane[1], plane[2], plane[14] = x, y, z, size
     largest = 0.0
     for k in range(3):
         a, b, c, d = quad[0, k], quad[1, k], quad[2, k], quad[3, k]
@@ -114,165 +165,167 @@ def _prepare(quad: Any, plane: Any, borders: Any) -> bool:
         for k in range(3):
             if way == 0 and quad[one, k] != quad[other, k]:
                 way = 1 if quad[one, k] < quad[other, k] else -1
+        u, v, w = quad[other, 0] - quad[one, 0], quad[other, 1] - quad[one, 1], quad[other, 2] - quad[one, 2]
         if way < 0:
             one, other = other, one
         for k in range(3):
             borders[side, k], borders[side, 3 + k] = quad[one, k], quad[other, k] - quad[one, k]
         borders[side, 6] = way
+        p, q, r = y * w - z * v, z * u - x * w, x * v - y * u
+        length = np.sqrt(p * p + q * q + r * r)
+        if length > 0:
+            p, q, r = p / length, q / length, r / length
+        walls[side, 0], walls[side, 1], walls[side, 2] = p, q, r
+        walls[side, 3] = -(p * quad[one, 0] + q * quad[one, 1] + r * quad[one, 2])
     return True
 
 
 @part
-def _height(plane: Any, x: float, y: float, z: float) -> Any:
-    """Distance above the plane times the length of its normal, which keeps what is exactly 0 so."""
-    return plane[0] * (x - plane[3]) + plane[1] * (y - plane[4]) + plane[2] * (z - plane[5])
-
-
-@part
-def _meets(plane: Any, boxes: Any, node: int) -> bool:
-    """Whether a quadrilateral may meet what is in a box."""
-    reach = 0.0
-    for k in range(3):
-        low, high = boxes[node, k], boxes[node, 3 + k]
-        if plane[6 + k] > high + plane[12] or plane[9 + k] < low - plane[12]:
-            return False
-        reach += abs(plane[k]) * (high - low)
-    x, y, z = boxes[node, 0] + boxes[node, 3], boxes[node, 1] + boxes[node, 4], boxes[node, 2] + boxes[node, 5]
-    return bool(abs(_height(plane, x / 2, y / 2, z / 2)) <= reach / 2 + plane[13])
-
-
-@part
-def _crossing(vertices: Any, i: int, j: int, di: float, dj: float, borders: Any, at: Any, off: Any, row: int) -> None:
-    """Where the mesh edge from vertex i to j, at heights di and dj, crosses the plane; how far it is inside borders.
-
-    Writes a row of ``at``, place and share of the edge, and of ``off``, distances from the borders times their lengths,
-    negative outside; the sign also belongs to 0.
-    """
-    if i > j:
-        i, j, di, dj = j, i, dj, di
-    along = di / (di - dj)
-    at[row, ALONG] = along
-    for k in range(3):
-        at[row, k] = (1 - along) * vertices[i, k] + along * vertices[j, k]
-    for side in range(4):
-        way = borders[side, 6]
-        if way == 0:
-            off[row, side] = np.inf
-            continue
-        x, y, z = borders[side, 0], borders[side, 1], borders[side, 2]
-        ux, uy, uz = vertices[i, 0] - x, vertices[i, 1] - y, vertices[i, 2] - z
-        vx, vy, vz = vertices[j, 0] - x, vertices[j, 1] - y, vertices[j, 2] - z
-        volume = (
-            borders[side, 3] * (uy * vz - uz * vy)
-            + borders[side, 4] * (uz * vx - ux * vz)
-            + borders[side, 5] * (ux * vy - uy * vx)
-        )
-        inside = ((volume >= 0) == (way > 0)) == (di < 0)
-        distance = abs(volume / (di - dj))
-        off[row, side] = distance if inside else -distance
-
-
-@part
-def _clip(off: Any) -> Any:
-    """Cyrus and Beck: from where to where of a segment is inside all borders, and the borders there or -1.
-
-    ``off`` is what `_crossing` writes of its start and its stop.
-    """
-    first, last, entry, leave = 0.0, 1.0, -1, -1
-    for side in range(4):
-        a, b = off[0, side], off[1, side]
-        outside, beyond = np.signbit(a), np.signbit(b)
-        if outside and beyond:
-            return 1.0, 0.0, -1, -1
-        if outside == beyond:
-            continue
-        length = abs(a) + abs(b)
-        t = abs(a) / length if length > 0 else 0.5
-        if outside and (t >= first):
-            first, entry = t, side
-        elif beyond and t <= last:
-            last, leave = t, side
-    return first, last, entry, leave
-
-
-@part
-def _grown(rows: Any) -> Any:
-    """The same rows and room for as many more."""
-    larger = np.empty((2 * len(rows), rows.shape[1]), rows.dtype)
-    larger[: len(rows)] = rows
-    return larger
-
-
-@partial(kernel, error_model="numpy")  # no check at each division
-def segments(quads: Any, rotation: Any, offset: Any, vertices: Any, faces: Any, face_edges: Any, boxes: Any,
-             links: Any, order: Any) -> Any:  # fmt: skip
+def segments(
+    quads: Any, pose: Any, boxes: Any, links: Any, corners: Any, names: Any, pieces: Any, ends: Any, places: Any
+) -> int:
     """What the quadrilaterals cut out of each face of a solid, and in the solid's coordinates.
+
+    The loops are one function, and no name of an array gets another array in them: numba counts references, and each
+    count costs as much as a node or a face.
+
+    Parameters
+    ----------
+    quads : (q, 4, 3) float
+        In metres.
+    pose : (4, 3) float
+        Of the object: see `scene.poses`.
+    boxes, links, corners, names
+        Of the solid: see `scene.Tables`.
+    pieces : (room, 2) int32
+        Written: quadrilateral and face of each segment, by quadrilateral and then by leaf.
+    ends : (2 room, 2) int32
+        Written: of the segments' starts and stops in turn, mesh edge, or -1, and side of the quadrilateral, or -1.
+    places : (2 room, 4) float
+        Written: of the same, coordinates, and place on the mesh edge.
 
     Returns
     -------
-    pieces : (n, 2) int
-        Quadrilateral and face of each segment, in this order.
-    ends : (2 n, 2) int
-        Of the segments' starts and stops in turn: mesh edge, or -1, and side of the quadrilateral, or -1.
-    places : (2 n, 4) float
-        Of the same: coordinates, and place on the mesh edge.
+    int
+        How many segments there are. If there is less room, only so many are written.
     """
-    pieces, ends, places = np.empty((64, 2), np.int64), np.empty((128, 2), np.int64), np.empty((128, 4))
-    n = 0
-    quad, plane, borders = np.empty((4, 3)), np.empty(14), np.empty((4, 7))
-    at, off, height = np.empty((2, 4)), np.empty((2, 4)), np.empty(3)
+    n, room = 0, len(pieces)
+    quad, plane, borders, walls = np.empty((4, 3)), np.empty(15), np.empty((4, 7)), np.empty((4, 4))
+    height, at, sides = np.empty(3), np.empty((2, 4)), np.empty((2, 3), np.int64)
+    off, inside = np.empty(2), np.empty(2, np.bool_)
+    nodes = len(boxes)
+    extent = 0.0  # the largest coordinate of the solid
+    for k in range(3 if nodes > 0 else 0):
+        extent = max(extent, abs(boxes[0, k]) + boxes[0, 3 + k])
     for q in range(len(quads)):
         for corner in range(4):
-            x, y, z = quads[q, corner, 0] - offset[0], quads[q, corner, 1] - offset[1], quads[q, corner, 2] - offset[2]
             for k in range(3):
-                quad[corner, k] = x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k]
-        if not _prepare(quad, plane, borders):
+                quad[corner, k] = 0.0
+                for j in range(3):
+                    quad[corner, k] += (quads[q, corner, j] - pose[3, j]) * pose[j, k]
+        if not _prepare(quad, plane, borders, walls):
             continue
+        nx, ny, nz, px, py, pz = plane[0], plane[1], plane[2], plane[3], plane[4], plane[5]
+        margin, slack, size = plane[12] + FLAT * extent, plane[13], plane[14]
+        mx, my, mz = (plane[6] + plane[9]) / 2, (plane[7] + plane[10]) / 2, (plane[8] + plane[11]) / 2
+        ex, ey, ez = plane[9] - mx + margin, plane[10] - my + margin, plane[11] - mz + margin
+        rise, spare = nx * (mx - px) + ny * (my - py) + nz * (mz - pz), margin * size
+        across_x, across_y, across_z = abs(nx), abs(ny), abs(nz)
+        sure = SURE * (plane[12] / FLAT + extent)
+        steep = GRAZING / SURE * sure * size
         node = 0
-        while node < len(boxes):
-            if not _meets(plane, boxes, node):
+        while node < nodes:
+            dx, dy, dz = boxes[node, 0] - mx, boxes[node, 1] - my, boxes[node, 2] - mz
+            hx, hy, hz = boxes[node, 3], boxes[node, 4], boxes[node, 5]
+            reach = across_x * hx + across_y * hy + across_z * hz + spare
+            apart = (abs(dx) > hx + ex) | (abs(dy) > hy + ey) | (abs(dz) > hz + ez)
+            if apart | (abs(nx * dx + ny * dy + nz * dz + rise) > reach):
                 node = links[node, 0]
                 continue
-            is_leaf = links[node, 0] == node + 1
-            for at_leaf in range(links[node, 1], links[node + 1, 1] if is_leaf else 0):
-                face = order[at_leaf]
+            first_face, end_face = 0, 0
+            if links[node, 0] == node + 1:
+                first_face, end_face = links[node, 1], links[node + 1, 1]
+            for face in range(first_face, end_face):
                 above = 0
                 for k in range(3):
-                    i = faces[face, k]
-                    height[k] = _height(plane, vertices[i, 0], vertices[i, 1], vertices[i, 2])
-                    if abs(height[k]) <= plane[13]:
-                        height[k] = 0.0  # rounding must not put one corner of a coplanar face above and another below
-                    above += height[k] >= 0
-                if above == 0 or above == 3:
+                    ux, uy, uz = corners[face, 3 * k] - px, corners[face, 3 * k + 1] - py, corners[face, 3 * k + 2] - pz
+                    level = nx * ux + ny * uy + nz * uz
+                    if abs(level) <= slack:
+                        level = 0.0  # rounding must not put one corner of a coplanar face above and another below
+                    height[k] = level
+                    above += (level >= 0) << k
+                if above == 0 or above == 7:
                     continue
-                if n == len(pieces):
-                    pieces, ends, places = _grown(pieces), _grown(ends), _grown(places)
-                for k in range(3):
-                    m = (k + 1) % 3
-                    if (height[k] >= 0) == (height[m] >= 0):
+                # Two borders of the face leave one corner. A segment starts where the face's border goes down.
+                alone = 0 if above == 1 or above == 6 else (1 if above == 2 or above == 5 else 2)
+                begin = 0 if above == 1 or above == 2 or above == 4 else 1
+                certain = True
+                for leg in range(2):
+                    which = leg ^ begin
+                    i = alone if leg == 0 else (alone + 2) % 3
+                    j = (i + 1) % 3
+                    sides[which, 2] = names[face, 4 + i]
+                    if names[face, 1 + i] > names[face, 1 + j]:
+                        i, j = j, i
+                    sides[which, 0], sides[which, 1] = i, j
+                    share = height[i] / (height[i] - height[j])
+                    for k in range(3):
+                        at[which, k] = (1 - share) * corners[face, 3 * i + k] + share * corners[face, 3 * j + k]
+                    at[which, 3] = share
+                    certain = certain and abs(height[i] - height[j]) > steep
+                # Cyrus and Beck: from where to where the segment is inside all borders, and the borders there or -1.
+                first, last, entry, leave = 0.0, 1.0, -1, -1
+                for side in range(4):
+                    if borders[side, 6] == 0:
                         continue
-                    which = 0 if height[k] >= 0 else 1  # a segment starts where the face's border goes down
-                    i, j = faces[face, k], faces[face, m]
-                    ends[2 * n + which, 0] = face_edges[face, k]
-                    _crossing(vertices, i, j, height[k], height[m], borders, at, off, which)
-                first, last, entry, leave = _clip(off)
+                    if certain:
+                        x, y, z, w = walls[side, 0], walls[side, 1], walls[side, 2], walls[side, 3]
+                        one = x * at[0, 0] + y * at[0, 1] + z * at[0, 2] + w
+                        other = x * at[1, 0] + y * at[1, 1] + z * at[1, 2] + w
+                        if one > sure and other > sure:
+                            continue
+                        if one < -sure and other < -sure:
+                            first, last = 1.0, 0.0
+                            break
+                    for which in range(2):
+                        i, j = sides[which, 0], sides[which, 1]
+                        u, v = 3 * i, 3 * j
+                        x, y, z = borders[side, 0], borders[side, 1], borders[side, 2]
+                        ux, uy, uz = corners[face, u] - x, corners[face, u + 1] - y, corners[face, u + 2] - z
+                        vx, vy, vz = corners[face, v] - x, corners[face, v + 1] - y, corners[face, v + 2] - z
+                        volume = (
+                            borders[side, 3] * (uy * vz - uz * vy)
+                            + borders[side, 4] * (uz * vx - ux * vz)
+                            + borders[side, 5] * (ux * vy - uy * vx)
+                        )
+                        off[which] = abs(volume / (height[i] - height[j]))
+                        inside[which] = ((volume >= 0) == (borders[side, 6] > 0)) == (height[i] < 0)
+                    if not inside[0] and not inside[1]:
+                        first, last = 1.0, 0.0
+                        break
+                    if inside[0] == inside[1]:
+                        continue
+                    length = off[0] + off[1]
+                    share = off[0] / length if length > 0 else 0.5
+                    if inside[1] and share >= first:
+                        first, entry = share, side
+                    elif inside[0] and share <= last:
+                        last, leave = share, side
                 if not first <= last or (first == last and entry >= 0 and leave >= 0):
                     continue
-                pieces[n, 0], pieces[n, 1] = q, face
-                ends[2 * n, 1], ends[2 * n + 1, 1] = entry, leave
-                for which in range(2):
-                    t = first if which == 0 else last
-                    if ends[2 * n + which, 1] < 0:
-                        for k in range(4):
-                            places[2 * n + which, k] = at[which, k]
-                        continue
-                    ends[2 * n + which, 0] = -1
-                    places[2 * n + which, ALONG] = 0
-                    for k in range(3):
-                        places[2 * n + which, k] = (1 - t) * at[0, k] + t * at[1, k]
                 n += 1
+                if n > room:
+                    continue
+                pieces[n - 1, 0], pieces[n - 1, 1] = q, names[face, 0]
+                for which in range(2):
+                    row, side, share = 2 * n - 2 + which, entry if which == 0 else leave, first if which == 0 else last
+                    ends[row, 0], ends[row, 1] = sides[which, 2] if side < 0 else -1, side
+                    if side < 0:
+                        for k in range(4):
+                            places[row, k] = at[which, k]
+                    else:
+                        for k in range(3):
+                            places[row, k] = (1 - share) * at[0, k] + share * at[1, k]
+                        places[row, ALONG] = 0
             node += 1
-    rank = np.argsort(pieces[:n, 0] * len(faces) + pieces[:n, 1])
-    both = np.empty(2 * n, np.int64)
-    both[::2], both[1::2] = 2 * rank, 2 * rank + 1
-    return pieces[rank], ends[both], places[both]
+    return n

@@ -87,7 +87,7 @@ def curvature_of(solid: Any, values: Any, objects: Any, starts: Any, edges: Any,
 
 
 @part
-def arrange(vertices: Any, starts: Any, closed: Any, quads: Any, curvature: Any) -> Any:
+def arrange(vertices: Any, starts: Any, closed: Any, names: Any, curvature: Any) -> Any:
     """The arcs with their lengths, the closed ones from a place on that no triangulation decides.
 
     A closed arc begins at a sharp crossing, if it has one; if there are several vertices to begin with, at the farthest
@@ -99,40 +99,39 @@ def arrange(vertices: Any, starts: Any, closed: Any, quads: Any, curvature: Any)
         Vertices; the quadrilateral of the piece that begins there, at the last vertex the one that ends there;
         curvature; arc length from the arc's first vertex, in metres.
     """
-    points, owners, values = np.empty_like(vertices), np.empty_like(quads), np.empty_like(curvature)
+    points, owners, values = np.empty_like(vertices), np.empty(curvature.size, np.int64), np.empty_like(curvature)
     reached = np.zeros(curvature.size)
     for arc in range(closed.size):
         begin, count = starts[arc], starts[arc + 1] - starts[arc]
-        cycle, shift = count, 0
+        cycle, source = begin + count, begin
         if closed[arc]:
-            cycle = count - 1
-            shift = _first_vertex(vertices[begin : begin + cycle], curvature[begin : begin + cycle])
-        for i in range(count):
-            source, target = begin + (i + shift) % cycle, begin + i
-            points[target], values[target] = vertices[source], curvature[source]
-            owners[target] = quads[source]
-            if i > 0:
-                reached[target] = reached[target - 1] + math.sqrt(_square(points[target], points[target - 1]))
+            cycle -= 1
+            source = _first_vertex(vertices, curvature, begin, cycle)
+        for target in range(begin, begin + count):
+            for k in range(3):
+                points[target, k] = vertices[source, k]
+            values[target], owners[target] = curvature[source], names[source, 1]
+            if target > begin:
+                x, y = points[target, 0] - points[target - 1, 0], points[target, 1] - points[target - 1, 1]
+                z = points[target, 2] - points[target - 1, 2]
+                reached[target] = reached[target - 1] + math.sqrt(x * x + y * y + z * z)
+            source += 1
+            if source == cycle:
+                source = begin
         if count > 1:
             owners[begin + count - 1] = owners[begin + count - 2]
     return points, owners, values, reached
 
 
 @part
-def _first_vertex(vertices: Any, curvature: Any) -> Any:
-    first, farthest, is_sharp = 0, -np.inf, False
-    for i in range(curvature.size):
+def _first_vertex(vertices: Any, curvature: Any, begin: int, end: int) -> Any:
+    first, farthest, is_sharp = begin, -np.inf, False
+    for i in range(begin, end):
         sharp = curvature[i] >= SHARP
         distance = vertices[i, 0] * OUTWARD[0] + vertices[i, 1] * OUTWARD[1] + vertices[i, 2] * OUTWARD[2]
         if (sharp and not is_sharp) or (sharp == is_sharp and distance > farthest):
             first, farthest, is_sharp = i, distance, sharp
     return first
-
-
-@part
-def _square(one: Any, other: Any) -> Any:
-    x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
-    return x * x + y * y + z * z
 
 
 @part
@@ -149,6 +148,7 @@ def measure(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: Any
     """
     steps, pieces = np.zeros(reached.size), np.zeros((reached.size, 4))
     fade = 1 / (FADING * spacing)
+    rise = _gain(spacing) * FADING
     for arc in range(starts.size - 1):
         begin, end = starts[arc], starts[arc + 1] - 1
         while begin < end:
@@ -157,13 +157,16 @@ def measure(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: Any
                 stop += 1
             near = min(curvature[begin] / FULL, 1.0) * _weight(begin, arc, starts, closed, reached)
             far = min(curvature[stop] / FULL, 1.0) * _weight(stop, arc, starts, closed, reached)
-            faded = math.exp(-fade * (reached[stop] - reached[begin])) if near + far > 0 else 0.0
-            peak = max(near + far * faded, far + near * faded, 1.0)
+            length = reached[stop] - reached[begin]
+            lost = -math.expm1(-fade * length) if near + far > 0 else 1.0
+            peak = max(near + far * (1 - lost), far + near * (1 - lost), 1.0)
+            near, far = near / peak, far / peak
             for i in range(begin, stop + 1):  # the next piece overwrites the last row
-                pieces[i, 0], pieces[i, 1] = near / peak, far / peak
+                pieces[i, 0], pieces[i, 1] = near, far
                 pieces[i, 2], pieces[i, 3] = reached[begin], reached[stop]
-            for i in range(begin, stop):
-                steps[i + 1] = steps[begin] + _within(pieces[i], reached[i + 1], spacing)
+            for i in range(begin + 1, stop):
+                steps[i] = steps[begin] + _within(pieces[i], reached[i], spacing)
+            steps[stop] = steps[begin] + length / spacing + rise * (near + far) * lost
             begin = stop
     return steps, pieces
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,7 +49,7 @@ def cut(quads: ArrayLike, meshes: Sequence[Mesh], hands: bool = False) -> Arcs:
     return Arcs.joined([_cut_mesh(np.array(quads, dtype=np.float64), mesh, hands) for mesh in meshes])
 
 
-def _cut_mesh(quads: Vector, mesh: Mesh, hands: bool) -> tuple[NDArray[Any], ...]:
+def _cut_mesh(quads: Vector, mesh: Mesh, hands: bool) -> Arcs:
     turned = (quads - mesh.offset) @ mesh.rotation
     faces = _proper(mesh.faces)
     segments = [
@@ -78,13 +78,12 @@ def _cut_mesh(quads: Vector, mesh: Mesh, hands: bool) -> tuple[NDArray[Any], ...
         rows.append((-1, -1, last.edge, last.along))
         starts.append(len(vertices))
         closed.append(loop)
-    faces_at, quads_at, edges_at, along = np.array(rows, dtype=np.float64).reshape(-1, 4).T
-    return (
+    *names, along = np.array(rows, dtype=np.float64).reshape(-1, 4).T
+    return Arcs(
         np.array(vertices).reshape(-1, 3) @ mesh.rotation.T + mesh.offset,
-        np.array(starts),
-        np.array(closed, dtype=np.bool_),
-        *(numbers.astype(np.int64) for numbers in (faces_at, quads_at, edges_at)),
         along,
+        np.stack(names, axis=1).astype(np.int64),
+        np.stack([starts, [*closed, -1], [*(0 for _ in closed), -1]], axis=1),
     )
 
 

@@ -17,6 +17,7 @@ from .curvature import edge_curvature
 from .edges import edge_tables
 from .poses import as_position, rotation_matrix
 from .repair import repair
+from .scene import Tables
 from .solids import SOLIDS
 
 if TYPE_CHECKING:
@@ -92,6 +93,11 @@ class Solid:
         from .bvh import build  # imports numba
 
         return build(self.vertices, self.faces)
+
+    @cached_property
+    def tables(self) -> Tables:
+        """The same as cuts read it."""
+        return Tables.of(self)
 
     @cached_property
     def edge_curvature(self) -> NDArray[np.float64]:

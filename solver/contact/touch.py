@@ -15,8 +15,9 @@ from ..curves import SPACING
 from ..geometry import frozen
 from ..points import MAX_POINTS, ControlPoints
 from .arcs import Arcs
-from .hand import QUADS, Hand
-from .mesh import Mesh
+from .hand import Hand
+from .mesh import Mesh, Solid
+from .scene import Scene, poses
 
 __all__ = ["LEAST_SPACING", "MOST_OBJECTS", "MOST_POINTS", "Touch", "Toucher", "touch"]
 
@@ -29,6 +30,8 @@ LEAST_SPACING = 1e-3
 MOST_HANDS = 16
 MOST_OBJECTS = 256
 """Hands and objects at once, so that no call takes unbounded time."""
+
+_NO_QUADS = frozen(np.empty((0, 4, 3)))
 
 Item = TypeVar("Item")
 
@@ -44,22 +47,33 @@ class Touch:
     points : ControlPoints or None
         m control points on the arcs; None if nothing is touched. Radiation force goes with the square of the amplitude:
         with corners it rises to twice that of a flat face at edges of 90° and more.
-    ids : (m,) int
-        Identities of the points: one that survives from frame to frame keeps its own, and none is used twice.
-    objects : (m,) int
-        The object that each point is on.
-    quads : (m,) int
-        The quadrilateral that each point is in, hand · 16 + quad.
-    anchors : (m,) bool
-        Which points stand for crossings of sharp edges.
+    marks : (m, 4) int
+        Of each point, what `ids`, `objects`, `quads` and `anchors` say.
     """
 
     cuts: Arcs
     points: ControlPoints | None
-    ids: NDArray[np.int64]
-    objects: NDArray[np.int64]
-    quads: NDArray[np.int64]
-    anchors: NDArray[np.bool_]
+    marks: NDArray[np.int64]
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """(m,) identities of the points: one that survives from frame to frame keeps its own, none is used twice."""
+        return self.marks[:, 0]
+
+    @property
+    def objects(self) -> NDArray[np.int64]:
+        """(m,) the object that each point is on."""
+        return self.marks[:, 1]
+
+    @property
+    def quads(self) -> NDArray[np.int64]:
+        """(m,) the quadrilateral that each point is in, hand · 16 + quad."""
+        return self.marks[:, 2]
+
+    @property
+    def anchors(self) -> NDArray[np.bool_]:
+        """(m,) which points stand for crossings of sharp edges."""
+        return self.marks[:, 3] == 1
 
     @cached_property
     def arcs(self) -> list[NDArray[np.float64]]:
@@ -100,21 +114,21 @@ class Toucher:
             raise ValueError(f"spacing {spacing} m must be finite and at least {LEAST_SPACING:g} m")
         if not 1 <= most_points <= MAX_POINTS:
             raise ValueError(f"most_points is {most_points}; it must be from 1 to {MAX_POINTS}")
-        from .cut import cut  # compiled, as are the others
-        from .density import curvature_of
-        from .tracking import follow, motion
+        from .feeling import feel  # compiled
 
-        self._cut, self._curvature_of, self._follow, self._motion = cut, curvature_of, follow, motion
+        self._feel = feel
         self._spacing, self._corners, self._most = float(spacing), bool(corners), int(most_points)
         self._fresh = 0
+        self._solids: tuple[Solid, ...] = ()
+        self._scene = Scene.of((), self._corners)
         self.forget()
 
     def forget(self) -> None:
         """Begin anew with the next frame: none of its points is one of before."""
-        self._positions, self._ids = np.empty((0, 3)), np.empty(0, dtype=np.int64)
-        self._marks = np.empty((0, 3), dtype=np.int64)
-        self._quads = np.empty((0, QUADS, 4, 3))
+        self._positions, self._marks = frozen(np.empty((0, 3))), frozen(np.empty((0, 4), dtype=np.int64))
+        self._quads = _NO_QUADS
         self._objects: tuple[Mesh, ...] = ()
+        self._poses, self._same = poses(()), frozen(np.empty(0, dtype=np.bool_))
 
     def touch(self, hands: Hand | Sequence[Hand], objects: Mesh | Sequence[Mesh]) -> Touch:
         """What hands feel of objects in the next frame.
@@ -133,55 +147,29 @@ class Toucher:
         """
         quads = _quads(_several(hands, Hand, "hand", MOST_HANDS))
         meshes = _several(objects, Mesh, "object", MOST_OBJECTS)
-        arcs = self._cut(quads.reshape(-1, 4, 3), meshes, hands=True)
-        moved = self._carry(meshes, quads)
-        self._positions, amplitudes, self._marks, self._ids, self._fresh = self._follow(
-            arcs.vertices,
-            arcs.starts,
-            arcs.closed,
-            arcs.objects,
-            arcs.quads,
-            self._curvature(arcs, meshes),
-            self._spacing,
-            self._most,
-            moved,
-            self._positions,
-            self._marks,
-            self._ids,
-            self._fresh,
-        )
-        self._quads, self._objects = quads, meshes
-        points = ControlPoints(self._positions, amplitudes) if len(amplitudes) else None
-        on, within, anchors = frozen(self._marks).T
-        return Touch(arcs, points, frozen(self._ids), on, within, frozen(anchors == 1))
+        before, known = self._poses, self._same
+        if meshes != self._objects:
+            known = self._enter(meshes)
+        *cuts, self._positions, amplitudes, self._marks, self._fresh = self._feel(
+            self._scene, self._poses, quads, known, before, self._quads, self._positions, self._marks,
+            self._fresh, self._spacing, self._most,
+        )  # fmt: skip
+        self._quads = quads
+        for whole in (*cuts, self._positions, amplitudes, self._marks):
+            whole.setflags(write=False)
+        points = ControlPoints.trusted(self._positions, amplitudes) if len(amplitudes) else None
+        return Touch(Arcs(*cuts), points, self._marks)
 
-    def _curvature(self, arcs: Arcs, meshes: tuple[Mesh, ...]) -> NDArray[np.float64]:
-        """(k,) radians at the vertices of arcs; 0 if corners are not to be felt."""
-        curvature = np.zeros(len(arcs.vertices))
-        for i, mesh in enumerate(meshes if self._corners else ()):
-            values = mesh.solid.edge_curvature
-            self._curvature_of(i, values, arcs.objects, arcs.starts, arcs.edges, arcs.along, curvature)
-        return curvature
-
-    def _carry(self, meshes: tuple[Mesh, ...], quads: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Move the last points with their objects, and say how far hands have moved since, as seen from each object.
-
-        Returns
-        -------
-        (o, h) float
-            In metres; inf if the hand or the object is another one.
-        """
-        moved = np.full((len(meshes), len(quads)), math.inf)
-        for i, (mesh, before) in enumerate(zip(meshes, self._objects, strict=False)):
-            if mesh is before:
-                moved[i] = self._motion(quads, self._quads)
-            elif mesh.solid is before.solid:
-                turn = mesh.rotation @ before.rotation.T
-                shift = mesh.offset - turn @ before.offset
-                moved[i] = self._motion(quads, self._quads @ turn.T + shift)
-                on = self._marks[:, 0] == i
-                self._positions[on] = self._positions[on] @ turn.T + shift
-        return moved
+    def _enter(self, meshes: tuple[Mesh, ...]) -> NDArray[np.bool_]:
+        """Take other objects, or the same ones elsewhere; which of them have the same solid as those before."""
+        solids = tuple(mesh.solid for mesh in meshes)
+        if solids != self._solids:
+            self._scene = Scene.of(meshes, self._corners)
+        last = [mesh.solid for mesh in self._objects]
+        known = [i < len(last) and solid is last[i] for i, solid in enumerate(solids)]
+        self._solids, self._objects, self._poses = solids, meshes, poses(meshes)
+        self._same = frozen(np.ones(len(meshes), dtype=np.bool_))
+        return frozen(np.array(known, dtype=np.bool_))
 
 
 def touch(
@@ -196,8 +184,10 @@ def touch(
 
 
 def _quads(hands: tuple[Hand, ...]) -> NDArray[np.float64]:
-    """(h, 16, 4, 3) quadrilaterals of all hands."""
-    return np.array([hand.quads for hand in hands]).reshape(-1, QUADS, 4, 3)
+    """(16 h, 4, 3) quadrilaterals of all hands."""
+    if len(hands) == 1:
+        return hands[0].quads
+    return frozen(np.concatenate([hand.quads for hand in hands])) if hands else _NO_QUADS
 
 
 def _several(values: Item | Sequence[Item], kind: type[Item], what: str, most: int) -> tuple[Item, ...]:

@@ -20,10 +20,12 @@ from typing import Any
 import numpy as np
 
 from ...compiling import kernel, part
-from . import density
+from . import density, placing
 from .curvature import SHARP
+from .hand import QUADS
+from .placing import ANCHOR, ID, OBJECT, QUAD
 
-__all__ = ["FOLLOW", "SETTLE", "follow", "motion"]
+__all__ = ["FOLLOW", "SETTLE", "carry", "follow"]
 
 FOLLOW = 2.0
 """How far a point may move along its arc, relative to how far its hand has moved."""
@@ -38,62 +40,114 @@ spacing; farther ones end. An arc moves this much faster than its hand if the tw
 JUMP = 2e-3
 """How far a point may be from the new arcs in any case, in metres: a quarter of a wavelength."""
 
-GONE = 1e-3
-"""Length in metres below which an arc that has points loses them; see `density.SLIGHT`."""
-
 STRANGE = 8e-3  # metres: by how much an arc of the same quadrilateral may be farther away than one of another
 LOST = 0.05  # metres: a hand that has moved farther in one frame is another one
-QUADS = 16
 
 
-@kernel
-def motion(new: Any, old: Any) -> Any:
+@part
+def _motion(new: Any, old: Any, turn: Any, shift: Any) -> Any:
     """How far each hand has moved: the largest motion of a corner in metres, to the nearest of the earlier hands.
 
     Parameters
     ----------
-    new, old : (h, 16, 4, 3) float
+    new, old : (q, 4, 3) float
         Quadrilaterals of the hands.
+    turn, shift : (3, 3), (3,)
+        What the earlier ones are moved by first.
 
     Returns
     -------
     (h,) float
         Inf for a hand that is none of the earlier ones.
     """
-    moved = np.full(len(new), np.inf)
-    for hand in range(len(new)):
-        for other in range(len(old)):
+    hands, others = len(new) // QUADS, len(old) // QUADS
+    moved, carried = np.full(hands, np.inf), np.empty(old.shape)
+    for quad in range(len(old)):
+        for corner in range(4):
+            x, y, z = old[quad, corner, 0], old[quad, corner, 1], old[quad, corner, 2]
+            for k in range(3):
+                carried[quad, corner, k] = turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z + shift[k]
+    for hand in range(hands):
+        for other in range(others):
             largest = 0.0
             for quad in range(QUADS):
                 for corner in range(4):
-                    largest = max(largest, density._square(new[hand, quad, corner], old[other, quad, corner]))
+                    square = 0.0
+                    for k in range(3):
+                        apart = new[hand * QUADS + quad, corner, k] - carried[other * QUADS + quad, corner, k]
+                        square += apart * apart
+                    largest = max(largest, square)
             moved[hand] = min(moved[hand], math.sqrt(largest))
         if moved[hand] > LOST:
             moved[hand] = np.inf
     return moved
 
 
+@part
+def carry(poses: Any, quads: Any, known: Any, poses_before: Any, quads_before: Any, positions: Any, marks: Any) -> Any:
+    """Move the last points with their objects, and say how far hands have moved since, as seen from each object.
+
+    Parameters
+    ----------
+    poses, poses_before : (o, 4, 3) float
+        Of the objects, now and before: see `scene.poses`.
+    quads, quads_before : (q, 4, 3) float
+        Of the hands, in metres.
+    known : (o,) bool
+        Which objects have the same solid as the one at their place before.
+    positions, marks
+        Of the last points.
+
+    Returns
+    -------
+    (m, 3), (o, h) float
+        Positions, and motions; inf if the hand or the object is another one.
+    """
+    carried = positions.copy()
+    moved = np.full((len(poses), len(quads) // QUADS), np.inf)
+    turn, shift = np.eye(3), np.zeros(3)
+    for number in range(len(poses)):
+        if not known[number]:
+            continue
+        now, then = poses[number], poses_before[number]
+        still = True
+        for k in range(4):
+            for j in range(3):
+                still = still and now[k, j] == then[k, j]
+        for k in range(3):
+            shift[k] = 0.0 if still else now[3, k]
+            for j in range(3):
+                turn[k, j] = k == j
+                if not still:
+                    turn[k, j] = now[k, 0] * then[j, 0] + now[k, 1] * then[j, 1] + now[k, 2] * then[j, 2]
+                    shift[k] -= turn[k, j] * then[3, j]
+        moved[number] = _motion(quads, quads_before, turn, shift)
+        for old in range(0 if still else len(marks)):
+            if marks[old, OBJECT] == number:
+                x, y, z = positions[old]
+                for k in range(3):
+                    carried[old, k] = turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z + shift[k]
+    return carried, moved
+
+
 @kernel
 def follow(
     vertices: Any,
-    starts: Any,
-    closed: Any,
-    objects: Any,
-    quads: Any,
+    names: Any,
+    rows: Any,
     curvature: Any,
-    spacing: Any,
-    most: Any,
+    spacing: float,
+    most: int,
     moved: Any,
     positions: Any,
     marks: Any,
-    ids: Any,
-    fresh: Any,
+    fresh: int,
 ) -> Any:
     """Place control points on the arcs of a frame.
 
     Parameters
     ----------
-    vertices, starts, closed, objects, quads
+    vertices, names, rows
         Of the arcs: see `Arcs`.
     curvature : (k,) float
         At the vertices, in radians; all 0 for even spacing.
@@ -103,39 +157,38 @@ def follow(
         Most points.
     moved : (o, h) float
         How far each hand has moved since the last frame, as seen from each object, in metres; inf if either is new.
-    positions, marks, ids : (m, 3), (m, 3), (m,)
-        The points of the last frame: where they were, moved with their objects since; object, quadrilateral and whether
-        they were anchors; identities.
+    positions, marks : (m, 3), (m, 4)
+        The points of the last frame: where they were, moved with their objects since; and as `placing` has them.
     fresh : int
         The next new identity.
 
     Returns
     -------
-    positions, amplitudes, marks, ids, fresh
+    positions, amplitudes, marks, fresh
         Of this frame. A point keeps its index as long as no point before it ends unreplaced.
     """
-    points, owners, values, reached = density.arrange(vertices, starts, closed, quads, curvature)
+    starts, closed, objects = rows[:, 0].copy(), rows[:-1, 1].copy(), rows[:-1, 2].copy()
+    points, owners, values, reached = density.arrange(vertices, starts, closed, names, curvature)
     steps, pieces = density.measure(starts, closed, values, reached, spacing)
     olds, places = _project(points, owners, values, reached, starts, objects, positions, marks, moved, spacing)
-    felt, held = _felt(starts, reached, olds, places, marks)
+    felt, held = placing.felt(starts, reached, olds, places, marks)
     spans, gaps = density.stretches(starts, closed, values, reached, felt, held, spacing)
-    before = _before(spans, starts.size - 1, reached, olds, places, marks)
+    before = placing.before(spans, closed.size, reached, olds, places, marks)
     lengths = reached[spans[:, 2]] - reached[spans[:, 1]]
     masses = steps[spans[:, 2]] - steps[spans[:, 1]]
-    anchors = _anchors(spans, gaps, closed)
+    anchors = placing.anchors(spans, gaps, closed)
     wanted = density.counts(lengths, masses, gaps, before, most - anchors, spacing)
-    targets, marked = _targets(spans, gaps, wanted, closed, steps, reached, pieces, olds, places, marks, spacing)
-    kept = _thinned(marked, most)
+    targets, marked = placing.targets(spans, gaps, wanted, closed, steps, reached, pieces, olds, places, marks, spacing)
+    kept = placing.thinned(marked, most)
     arcs, goals, sharp = marked[kept, 0], targets[kept], marked[kept, 1]
     cycles = np.zeros(closed.size)
     for arc in range(closed.size):
         if closed[arc]:
             cycles[arc] = reached[starts[arc + 1] - 1]
     source = _pairs(arcs, goals, sharp, olds, places, marks, cycles, spacing)
-    slots = _slots(source, len(ids))
+    slots = _slots(source, len(marks))
     count = slots.size
-    new_positions, amplitudes = np.empty((count, 3)), np.empty(count)
-    new_marks, new_ids = np.empty((count, 3), np.int64), np.empty(count, np.int64)
+    new_positions, amplitudes, new_marks = np.empty((count, 3)), np.empty(count), np.empty((count, 4), np.int64)
     for slot in range(count):
         target = slots[slot]
         arc, place, old = arcs[target], goals[target], source[target]
@@ -143,9 +196,9 @@ def follow(
         if old >= 0:
             reach = SETTLE + FOLLOW * moved[objects[arc], owners[begin] // QUADS]
             place = _towards(places[old], place, reach, cycles[arc])
-            new_ids[slot] = ids[old]
+            new_marks[slot, ID] = marks[old, ID]
         else:
-            new_ids[slot] = fresh
+            new_marks[slot, ID] = fresh
             fresh += 1
         vertex = begin + np.searchsorted(reached[begin : end + 1], place, side="right") - 1
         vertex = max(begin, min(vertex, end - 1))
@@ -155,8 +208,9 @@ def follow(
             step = points[min(vertex + 1, end), axis] - points[vertex, axis]
             new_positions[slot, axis] = points[vertex, axis] + share * step
         amplitudes[slot] = math.sqrt(1 + density.strength(pieces[vertex], place, spacing))
-        new_marks[slot] = objects[arc], owners[vertex], sharp[target]
-    return new_positions, amplitudes, new_marks, new_ids, fresh
+        new_marks[slot, OBJECT], new_marks[slot, QUAD] = objects[arc], owners[vertex]
+        new_marks[slot, ANCHOR] = sharp[target]
+    return new_positions, amplitudes, new_marks, fresh
 
 
 @part
@@ -179,180 +233,39 @@ def _project(
     olds, places = np.full(len(positions), -1), np.zeros(len(positions))
     for old in range(len(positions)):
         best = np.inf
+        px, py, pz, quad = positions[old, 0], positions[old, 1], positions[old, 2], marks[old, QUAD] % QUADS
         for arc in range(objects.size):
             hand = moved[objects[arc], owners[starts[arc]] // QUADS]
             farthest = min(JUMP + STRAY * hand, spacing + hand)
-            if objects[arc] != marks[old, 0] or farthest == np.inf:
+            if objects[arc] != marks[old, OBJECT] or farthest == np.inf:
                 continue
             begin, end = starts[arc], starts[arc + 1] - 1
-            if marks[old, 2] == 1:
-                for i in range(begin, end + 1):
-                    distance = math.sqrt(density._square(points[i], positions[old])) if values[i] >= SHARP else np.inf
-                    cost = distance + (STRANGE if owners[i] % QUADS != marks[old, 1] % QUADS else 0.0)
-                    if distance <= farthest and cost < best:
-                        best, olds[old], places[old] = cost, arc, reached[i]
-                continue
             i = begin
-            while i < end or i == begin:
-                distance, place = _nearest(points, reached, i, min(i + 1, end), positions[old])
-                other = owners[i] % QUADS != marks[old, 1] % QUADS
-                cost = distance + (STRANGE if other else 0.0)
-                if distance <= farthest and cost < best:
-                    best, olds[old], places[old] = cost, arc, place
+            while i < end or i == begin or (i == end and marks[old, ANCHOR]):
+                x, y, z = px - points[i, 0], py - points[i, 1], pz - points[i, 2]
+                strange = STRANGE if owners[i] % QUADS != quad else 0.0
+                if marks[old, ANCHOR]:
+                    if values[i] >= SHARP:
+                        distance = math.sqrt(x * x + y * y + z * z)
+                        if distance <= farthest and distance + strange < best:
+                            best, olds[old], places[old] = distance + strange, arc, reached[i]
+                    i += 1
+                    continue
+                # The nearest place on the straight line to the next vertex.
+                j, along = min(i + 1, end), 0.0
+                length = reached[j] - reached[i]
+                if length > 0:
+                    ux, uy, uz = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+                    along = min(max((ux * x + uy * y + uz * z) / (length * length), 0.0), 1.0)
+                    x, y, z = x - along * ux, y - along * uy, z - along * uz
+                distance, place = math.sqrt(x * x + y * y + z * z), reached[i] + along * length
+                if distance <= farthest and distance + strange < best:
+                    best, olds[old], places[old] = distance + strange, arc, place
                 i += 1
                 ahead = place + distance - min(best, farthest)
                 while i < end and reached[i + 1] < ahead:  # nothing on the arc before that can be nearer
                     i += 1
     return olds, places
-
-
-@part
-def _nearest(points: Any, reached: Any, i: Any, j: Any, position: Any) -> Any:
-    """Distance of a position from the straight line between two vertices, and the arc length of its nearest place."""
-    along, length = 0.0, reached[j] - reached[i]
-    if length > 0:
-        for axis in range(3):
-            along += (points[j, axis] - points[i, axis]) * (position[axis] - points[i, axis])
-        along = min(max(along / (length * length), 0.0), 1.0)
-    square = 0.0
-    for axis in range(3):
-        square += (points[i, axis] + along * (points[j, axis] - points[i, axis]) - position[axis]) ** 2
-    return math.sqrt(square), reached[i] + along * length
-
-
-@part
-def _felt(starts: Any, reached: Any, olds: Any, places: Any, marks: Any) -> Any:
-    """Which arcs are long enough for points, and which vertices are near to an anchor of the last frame."""
-    felt, held = np.empty(starts.size - 1, np.bool_), np.zeros(reached.size, np.bool_)
-    for arc in range(felt.size):
-        felt[arc] = reached[starts[arc + 1] - 1] >= density.SLIGHT
-    for old in range(olds.size):
-        if olds[old] >= 0:
-            begin, end = starts[olds[old]], starts[olds[old] + 1]
-            felt[olds[old]] |= reached[end - 1] >= GONE
-            for i in range(begin, end):
-                held[i] |= marks[old, 2] == 1 and abs(reached[i] - places[old]) <= density.SLIGHT
-    return felt, held
-
-
-@part
-def _before(spans: Any, arcs: Any, reached: Any, olds: Any, places: Any, marks: Any) -> Any:
-    """How many earlier points that are no anchors are on each stretch; -1 on an arc without any earlier points."""
-    known = np.zeros(arcs, np.bool_)
-    for old in range(olds.size):
-        if olds[old] >= 0:
-            known[olds[old]] = True
-    before = np.zeros(len(spans), np.int64)
-    for i in range(len(spans)):
-        if not known[spans[i, 0]]:
-            before[i] = -1
-    for old in range(olds.size):
-        if olds[old] < 0 or marks[old, 2]:
-            continue
-        for i in range(len(spans)):
-            if spans[i, 0] == olds[old] and places[old] <= reached[spans[i, 2]]:
-                before[i] += 1
-                break
-    return before
-
-
-@part
-def _anchors(spans: Any, gaps: Any, closed: Any) -> Any:
-    """How many anchors there are: one before each stretch that begins with one, and those at the ends of open arcs."""
-    total = 0
-    for i in range(len(spans)):
-        arc = spans[i, 0]
-        final = i + 1 == len(spans) or spans[i + 1, 0] != arc
-        total += (gaps[i, 0] == 1) + (final and gaps[i, 1] == 1 and not closed[arc])
-    return total
-
-
-@part
-def _targets(
-    spans: Any,
-    gaps: Any,
-    wanted: Any,
-    closed: Any,
-    steps: Any,
-    reached: Any,
-    pieces: Any,
-    olds: Any,
-    places: Any,
-    marks: Any,
-    spacing: Any,
-) -> Any:
-    """Arc lengths of all points of all stretches, in order; and of each, its arc and whether it is an anchor."""
-    total = wanted.sum() + _anchors(spans, gaps, closed)
-    targets, marked, at = np.empty(total), np.empty((total, 2), np.int64), 0
-    for i in range(len(spans)):
-        arc, first, last = spans[i]
-        lead, trail, count = gaps[i, 0], gaps[i, 1], wanted[i]
-        if lead == 1:
-            targets[at], marked[at, 0], marked[at, 1] = reached[first], arc, 1
-            at += 1
-        mass = steps[last] - steps[first]
-        step, shift = mass / (count - 1 + lead + trail) if lead > 0 and count > 0 else 0.0, lead
-        if lead == 0:
-            step = mass / count
-            shift = _phase(arc, first, last, step, steps, reached, pieces, olds, places, marks, spacing)
-        for j in range(count):
-            goal = steps[first] + step * (j + shift)
-            targets[at] = density.locate(goal, first, last, steps, reached, pieces, spacing)
-            marked[at, 0], marked[at, 1] = arc, 0
-            at += 1
-        final = i + 1 == len(spans) or spans[i + 1, 0] != arc
-        if final and trail == 1 and not closed[arc]:
-            targets[at], marked[at, 0], marked[at, 1] = reached[last], arc, 1
-            at += 1
-    return targets, marked
-
-
-@part
-def _phase(
-    arc: Any,
-    first: Any,
-    last: Any,
-    step: Any,
-    steps: Any,
-    reached: Any,
-    pieces: Any,
-    olds: Any,
-    places: Any,
-    marks: Any,
-    spacing: Any,
-) -> Any:
-    """The mean phase, 0 to 1, of the earlier points in the even steps of a closed arc; 0 without any."""
-    sine, cosine = 0.0, 0.0
-    for old in range(olds.size):
-        if olds[old] == arc and marks[old, 2] == 0 and step > 0:
-            vertex = first + np.searchsorted(reached[first : last + 1], places[old], side="right") - 1
-            vertex = max(first, min(vertex, last - 1))
-            base = density._within(pieces[vertex], reached[vertex], spacing)
-            turn = steps[vertex] + density._within(pieces[vertex], places[old], spacing) - base - steps[first]
-            sine += math.sin(2 * math.pi * turn / step)
-            cosine += math.cos(2 * math.pi * turn / step)
-    phase = math.atan2(sine, cosine) / (2 * math.pi)
-    return phase if phase >= 0 else phase + 1
-
-
-@part
-def _thinned(marked: Any, most: Any) -> Any:
-    """Indices of the targets that stay if there are more than the most: the anchors first, then the others, evenly."""
-    total, anchors = len(marked), marked[:, 1].sum()
-    kept, at = np.empty(min(total, most), np.int64), 0
-    among = anchors if anchors > most else total - anchors
-    room = most if anchors > most else most - anchors
-    passed = 0
-    for i in range(total):
-        thinned = (marked[i, 1] == 1) == (anchors > most)
-        stays = not thinned and anchors <= most
-        if thinned:
-            stays = among <= room or (passed + 1) * room // among > passed * room // among
-            passed += 1
-        if stays:
-            kept[at] = i
-            at += 1
-    return kept[:at]
 
 
 @part
@@ -380,20 +293,21 @@ def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any
 
     None farther along the arc than the spacing, so that no point passes others, and all have settled soon.
     """
-    source, taken = np.full(arcs.size, -1), np.zeros(olds.size, np.bool_)
+    source = np.full(arcs.size, -1)
+    open_targets, open_olds = np.arange(arcs.size), np.flatnonzero(olds >= 0)
     nearest, chosen = np.empty(arcs.size, np.int64), np.empty(olds.size, np.int64)
     shortest = np.empty(olds.size)
-    found = True
+    wanting, having, found = arcs.size, open_olds.size, True
     while found:  # each round pairs at least the two that are nearest to each other
         found = False
-        chosen[:], shortest[:] = -1, np.inf
-        for target in range(arcs.size):
-            nearest[target] = -1
-            if source[target] >= 0:
-                continue
-            least = np.inf
-            for old in range(olds.size):
-                if taken[old] or olds[old] != arcs[target] or marks[old, 2] != sharp[target]:
+        for j in range(having):
+            chosen[open_olds[j]], shortest[open_olds[j]] = -1, np.inf
+        for i in range(wanting):
+            target = open_targets[i]
+            nearest[target], least = -1, np.inf
+            for j in range(having):
+                old = open_olds[j]
+                if olds[old] != arcs[target] or marks[old, ANCHOR] != sharp[target]:
                     continue
                 apart = abs(_apart(places[old], goals[target], cycles[arcs[target]]))
                 if apart > spacing:
@@ -402,10 +316,22 @@ def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any
                     least, nearest[target] = apart, old
                 if apart < shortest[old]:
                     shortest[old], chosen[old] = apart, target
-        for target in range(arcs.size):
+        left = 0
+        for i in range(wanting):
+            target = open_targets[i]
             old = nearest[target]
             if old >= 0 and chosen[old] == target:
-                source[target], taken[old], found = old, True, True
+                source[target], found = old, True
+                olds_left = 0
+                for j in range(having):
+                    if open_olds[j] != old:
+                        open_olds[olds_left] = open_olds[j]
+                        olds_left += 1
+                having = olds_left
+            elif old >= 0:  # one without an earlier point within reach finds none later either
+                open_targets[left] = target
+                left += 1
+        wanting = left
     return source
 
 

@@ -1,0 +1,75 @@
+"""One frame in one compiled call: from quadrilaterals and solids to arcs and control points.
+
+Between the parts of a frame Python would take longer than they do. This module imports numba, so it is imported when
+something is touched for the first time.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ...compiling import kernel, part
+from .cut import cut_all
+from .tracking import carry, follow
+
+__all__ = ["curvature_of", "feel"]
+
+
+@partial(kernel, error_model="numpy")
+def feel(
+    scene: Any,
+    poses: Any,
+    quads: Any,
+    known: Any,
+    poses_before: Any,
+    quads_before: Any,
+    positions: Any,
+    marks: Any,
+    fresh: int,
+    spacing: float,
+    most: int,
+) -> Any:
+    """What hands feel.
+
+    Parameters
+    ----------
+    scene, poses
+        Of the objects: see `scene`.
+    quads : (q, 4, 3) float
+        Of the hands, in metres.
+    known, poses_before, quads_before
+        What was before: see `tracking.carry`.
+    positions, marks, fresh, spacing, most
+        Of the last points, and how new ones are placed: see `tracking.follow`.
+
+    Returns
+    -------
+    vertices, along, names, rows
+        The arcs: see `Arcs`.
+    positions, amplitudes, marks, fresh
+        The points: see `tracking.follow`.
+    """
+    vertices, along, names, rows = cut_all(scene, poses, quads, True)
+    curvature = curvature_of(scene, along, names, rows)
+    carried, moved = carry(poses, quads, known, poses_before, quads_before, positions, marks)
+    points, amplitudes, marked, fresh = follow(
+        vertices, names, rows, curvature, spacing, most, moved, carried, marks, fresh
+    )
+    return vertices, along, names, rows, points, amplitudes, marked, fresh
+
+
+@part
+def curvature_of(scene: Any, along: Any, names: Any, rows: Any) -> Any:
+    """(k,) radians at the vertices of arcs; 0 for a vertex on no edge, and everywhere if the scene has no curvature."""
+    curvature = np.zeros(along.size)
+    for arc in range(len(rows) - 1 if len(scene.curvature) > 0 else 0):
+        first = scene.begins[scene.which[rows[arc, 2]], 2]
+        for i in range(rows[arc, 0], rows[arc + 1, 0]):
+            if names[i, 2] >= 0:
+                edge = first + names[i, 2]
+                low, high = scene.curvature[edge, 0], scene.curvature[edge, 1]
+                curvature[i] = low + along[i] * (high - low)
+    return curvature

@@ -1,0 +1,160 @@
+"""Compiled kernels that say where on the arcs of a frame control points should be, given where they were.
+
+The places are those of `density`, but earlier points count: a stretch keeps their number as long as it nearly fits, an
+anchor stays although its arc became a little shorter, and the even steps of a closed arc turn with them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...compiling import part
+from . import density
+
+__all__ = ["ANCHOR", "ID", "OBJECT", "QUAD", "anchors", "before", "felt", "targets", "thinned"]
+
+ID, OBJECT, QUAD, ANCHOR = range(4)
+"""Columns of marks: identity, object, quadrilateral (hand · 16 + quad), and 1 for an anchor, 0 for other points."""
+
+GONE = 1e-3
+"""Length in metres below which an arc that has points loses them; see `density.SLIGHT`."""
+
+
+@part
+def felt(starts: Any, reached: Any, olds: Any, places: Any, marks: Any) -> Any:
+    """Which arcs are long enough for points, and which vertices are near to an anchor of the last frame."""
+    long, held = np.empty(starts.size - 1, np.bool_), np.zeros(reached.size, np.bool_)
+    for arc in range(long.size):
+        long[arc] = reached[starts[arc + 1] - 1] >= density.SLIGHT
+    for old in range(olds.size):
+        if olds[old] < 0:
+            continue
+        begin, end = starts[olds[old]], starts[olds[old] + 1]
+        long[olds[old]] |= reached[end - 1] >= GONE
+        if marks[old, ANCHOR]:
+            for i in range(begin, end):
+                held[i] |= abs(reached[i] - places[old]) <= density.SLIGHT
+    return long, held
+
+
+@part
+def before(spans: Any, arcs: Any, reached: Any, olds: Any, places: Any, marks: Any) -> Any:
+    """How many earlier points that are no anchors are on each stretch; -1 on an arc without any earlier points."""
+    known = np.zeros(arcs, np.bool_)
+    for old in range(olds.size):
+        if olds[old] >= 0:
+            known[olds[old]] = True
+    earlier = np.zeros(len(spans), np.int64)
+    for i in range(len(spans)):
+        if not known[spans[i, 0]]:
+            earlier[i] = -1
+    for old in range(olds.size):
+        if olds[old] < 0 or marks[old, ANCHOR]:
+            continue
+        for i in range(len(spans)):
+            if spans[i, 0] == olds[old] and places[old] <= reached[spans[i, 2]]:
+                earlier[i] += 1
+                break
+    return earlier
+
+
+@part
+def anchors(spans: Any, gaps: Any, closed: Any) -> Any:
+    """How many anchors there are: one before each stretch that begins with one, and those at the ends of open arcs."""
+    total = 0
+    for i in range(len(spans)):
+        arc = spans[i, 0]
+        final = i + 1 == len(spans) or spans[i + 1, 0] != arc
+        total += (gaps[i, 0] == 1) + (final and gaps[i, 1] == 1 and not closed[arc])
+    return total
+
+
+@part
+def targets(
+    spans: Any,
+    gaps: Any,
+    wanted: Any,
+    closed: Any,
+    steps: Any,
+    reached: Any,
+    pieces: Any,
+    olds: Any,
+    places: Any,
+    marks: Any,
+    spacing: Any,
+) -> Any:
+    """Arc lengths of all points of all stretches, in order; and of each, its arc and whether it is an anchor."""
+    total = wanted.sum() + anchors(spans, gaps, closed)
+    places_of, marked, at = np.empty(total), np.empty((total, 2), np.int64), 0
+    for i in range(len(spans)):
+        arc, first, last = spans[i]
+        lead, trail, count = gaps[i, 0], gaps[i, 1], wanted[i]
+        if lead == 1:
+            places_of[at], marked[at, 0], marked[at, 1] = reached[first], arc, 1
+            at += 1
+        mass = steps[last] - steps[first]
+        step, shift = mass / (count - 1 + lead + trail) if lead > 0 and count > 0 else 0.0, lead
+        if lead == 0:
+            step = mass / count
+            shift = _phase(arc, first, last, step, steps, reached, pieces, olds, places, marks, spacing)
+        for j in range(count):
+            goal = steps[first] + step * (j + shift)
+            places_of[at] = density.locate(goal, first, last, steps, reached, pieces, spacing)
+            marked[at, 0], marked[at, 1] = arc, 0
+            at += 1
+        final = i + 1 == len(spans) or spans[i + 1, 0] != arc
+        if final and trail == 1 and not closed[arc]:
+            places_of[at], marked[at, 0], marked[at, 1] = reached[last], arc, 1
+            at += 1
+    return places_of, marked
+
+
+@part
+def _phase(
+    arc: Any,
+    first: Any,
+    last: Any,
+    step: Any,
+    steps: Any,
+    reached: Any,
+    pieces: Any,
+    olds: Any,
+    places: Any,
+    marks: Any,
+    spacing: Any,
+) -> Any:
+    """The mean phase, 0 to 1, of the earlier points in the even steps of a closed arc; 0 without any."""
+    sine, cosine = 0.0, 0.0
+    for old in range(olds.size):
+        if olds[old] == arc and marks[old, ANCHOR] == 0 and step > 0:
+            vertex = first + np.searchsorted(reached[first : last + 1], places[old], side="right") - 1
+            vertex = max(first, min(vertex, last - 1))
+            base = density._within(pieces[vertex], reached[vertex], spacing)
+            turn = steps[vertex] + density._within(pieces[vertex], places[old], spacing) - base - steps[first]
+            sine += math.sin(2 * math.pi * turn / step)
+            cosine += math.cos(2 * math.pi * turn / step)
+    phase = math.atan2(sine, cosine) / (2 * math.pi)
+    return phase if phase >= 0 else phase + 1
+
+
+@part
+def thinned(marked: Any, most: Any) -> Any:
+    """Indices of the targets that stay if there are more than the most: the anchors first, then the others, evenly."""
+    total, sharp = len(marked), marked[:, 1].sum()
+    kept, at = np.empty(min(total, most), np.int64), 0
+    among = sharp if sharp > most else total - sharp
+    room = most if sharp > most else most - sharp
+    passed = 0
+    for i in range(total):
+        concerned = (marked[i, 1] == 1) == (sharp > most)
+        stays = not concerned and sharp <= most
+        if concerned:
+            stays = among <= room or (passed + 1) * room // among > passed * room // among
+            passed += 1
+        if stays:
+            kept[at] = i
+            at += 1
+    return kept[:at]
