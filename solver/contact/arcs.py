@@ -69,7 +69,7 @@ class Arcs:
     @property
     def closed(self) -> NDArray[np.bool_]:
         """(a,) which arcs are closed."""
-        return self.rows[:-1, 1] == 1
+        return np.asarray(self.rows[:-1, 1] == 1)
 
     @property
     def objects(self) -> NDArray[np.int64]:

@@ -79,7 +79,7 @@ def _table(ends: int) -> Any:
 
 
 @part
-def _slot(table: Any, nodes: Any, end: int) -> int:
+def _slot(table: Any, nodes: Any, end: int) -> Any:
     """The slot of an end's node: that of the first end there, or a free one."""
     slot = (nodes[end] * 0x9E3779B97F4A7C1 >> 20) & (table.size - 1)
     while table[slot] >= 0 and nodes[table[slot]] != nodes[end]:

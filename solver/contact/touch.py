@@ -73,7 +73,7 @@ class Touch:
     @property
     def anchors(self) -> NDArray[np.bool_]:
         """(m,) which points stand for crossings of sharp edges."""
-        return self.marks[:, 3] == 1
+        return np.asarray(self.marks[:, 3] == 1)
 
     @cached_property
     def arcs(self) -> list[NDArray[np.float64]]:

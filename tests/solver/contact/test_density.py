@@ -40,7 +40,7 @@ def place(arcs: Arcs, curvature: Floats, spacing: float = SPACING, most: int = 4
 
 def curvature_on(arcs: Arcs, mesh: Mesh, corners: bool = True) -> Floats:
     """Of the mesh, at the vertices of arcs."""
-    return curvature_of(Scene.of((mesh,), corners), arcs.along, arcs.names, arcs.rows)
+    return np.asarray(curvature_of(Scene.of((mesh,), corners), arcs.along, arcs.names, arcs.rows))
 
 
 def line(lengths: list[float], curvature: list[float], closed: bool = False) -> tuple[Arcs, Floats]:
@@ -211,7 +211,7 @@ def test_thinning_lowers_the_density_of_all_stretches_by_the_same_share() -> Non
     parts = [line([length], [0.0, 0.0])[0] for length in (0.3, 0.6, 1.2)]
     vertices = np.concatenate([part.vertices + np.array([0, y, 0]) for y, part in enumerate(parts)])
     rows = np.array([(0, 0, 0), (2, 0, 0), (4, 0, 0), (6, -1, -1)])
-    arcs = Arcs(vertices, np.zeros(6), np.zeros((6, 3), np.int64) - [0, 0, 1], rows)
+    arcs = Arcs(vertices, np.zeros(6), np.tile(np.array([0, 0, -1]), (6, 1)), rows)
     positions, _, _ = place(arcs, np.zeros(6), most=70)
     assert [int((positions[:, 1] == y).sum()) for y in range(3)] == [10, 20, 40]
 
