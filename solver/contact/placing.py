@@ -17,7 +17,7 @@ from . import density
 __all__ = ["ANCHOR", "ID", "OBJECT", "QUAD", "anchors", "before", "felt", "targets", "thinned"]
 
 ID, OBJECT, QUAD, ANCHOR = range(4)
-"""Columns of marks: identity, object, quadrilateral (hand · 16 + quad), and 1 for an anchor, 0 for other points."""
+"""Rows of marks: identity, object, quadrilateral (hand · 16 + quad), and 1 for an anchor, 0 for other points."""
 
 GONE = 1e-3
 """Length in metres below which an arc that has points loses them; see `density.SLIGHT`."""
@@ -34,7 +34,7 @@ def felt(starts: Any, reached: Any, olds: Any, places: Any, marks: Any) -> Any:
             continue
         begin, end = starts[olds[old]], starts[olds[old] + 1]
         long[olds[old]] |= reached[end - 1] >= GONE
-        if marks[old, ANCHOR]:
+        if marks[ANCHOR, old]:
             for i in range(begin, end):
                 held[i] |= abs(reached[i] - places[old]) <= density.SLIGHT
     return long, held
@@ -52,7 +52,7 @@ def before(spans: Any, arcs: Any, reached: Any, olds: Any, places: Any, marks: A
         if not known[spans[i, 0]]:
             earlier[i] = -1
     for old in range(olds.size):
-        if olds[old] < 0 or marks[old, ANCHOR]:
+        if olds[old] < 0 or marks[ANCHOR, old]:
             continue
         for i in range(len(spans)):
             if spans[i, 0] == olds[old] and places[old] <= reached[spans[i, 2]]:
@@ -129,7 +129,7 @@ def _phase(
     """The mean phase, 0 to 1, of the earlier points in the even steps of a closed arc; 0 without any."""
     sine, cosine = 0.0, 0.0
     for old in range(olds.size):
-        if olds[old] == arc and marks[old, ANCHOR] == 0 and step > 0:
+        if olds[old] == arc and marks[ANCHOR, old] == 0 and step > 0:
             vertex = first + np.searchsorted(reached[first : last + 1], places[old], side="right") - 1
             vertex = max(first, min(vertex, last - 1))
             base = density._within(pieces[vertex], reached[vertex], spacing)

@@ -47,7 +47,7 @@ class Touch:
     points : ControlPoints or None
         m control points on the arcs; None if nothing is touched. Radiation force goes with the square of the amplitude:
         with corners it rises to twice that of a flat face at edges of 90° and more.
-    marks : (m, 4) int
+    marks : (4, m) int
         Of each point, what `ids`, `objects`, `quads` and `anchors` say.
     """
 
@@ -58,22 +58,22 @@ class Touch:
     @property
     def ids(self) -> NDArray[np.int64]:
         """(m,) identities of the points: one that survives from frame to frame keeps its own, none is used twice."""
-        return self.marks[:, 0]
+        return np.asarray(self.marks[0])
 
     @property
     def objects(self) -> NDArray[np.int64]:
         """(m,) the object that each point is on."""
-        return self.marks[:, 1]
+        return np.asarray(self.marks[1])
 
     @property
     def quads(self) -> NDArray[np.int64]:
         """(m,) the quadrilateral that each point is in, hand · 16 + quad."""
-        return self.marks[:, 2]
+        return np.asarray(self.marks[2])
 
     @property
     def anchors(self) -> NDArray[np.bool_]:
         """(m,) which points stand for crossings of sharp edges."""
-        return np.asarray(self.marks[:, 3] == 1)
+        return np.asarray(self.marks[3] == 1)
 
     @cached_property
     def arcs(self) -> list[NDArray[np.float64]]:
@@ -125,7 +125,7 @@ class Toucher:
 
     def forget(self) -> None:
         """Begin anew with the next frame: none of its points is one of before."""
-        self._positions, self._marks = frozen(np.empty((0, 3))), frozen(np.empty((0, 4), dtype=np.int64))
+        self._positions, self._marks = frozen(np.empty((0, 3))), frozen(np.empty((4, 0), dtype=np.int64))
         self._quads = _NO_QUADS
         self._objects: tuple[Mesh, ...] = ()
         self._poses, self._same = poses(()), frozen(np.empty(0, dtype=np.bool_))
@@ -156,7 +156,7 @@ class Toucher:
         )  # fmt: skip
         self._quads = quads
         for whole in (*cuts, self._positions, amplitudes, self._marks):
-            whole.setflags(write=False)
+            frozen(whole)
         points = ControlPoints.trusted(self._positions, amplitudes) if len(amplitudes) else None
         return Touch(Arcs(*cuts), points, self._marks)
 

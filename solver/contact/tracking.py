@@ -122,8 +122,8 @@ def carry(poses: Any, quads: Any, known: Any, poses_before: Any, quads_before: A
                     turn[k, j] = now[k, 0] * then[j, 0] + now[k, 1] * then[j, 1] + now[k, 2] * then[j, 2]
                     shift[k] -= turn[k, j] * then[3, j]
         moved[number] = _motion(quads, quads_before, turn, shift)
-        for old in range(0 if still else len(marks)):
-            if marks[old, OBJECT] == number:
+        for old in range(0 if still else len(positions)):
+            if marks[OBJECT, old] == number:
                 x, y, z = positions[old]
                 for k in range(3):
                     carried[old, k] = turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z + shift[k]
@@ -157,7 +157,7 @@ def follow(
         Most points.
     moved : (o, h) float
         How far each hand has moved since the last frame, as seen from each object, in metres; inf if either is new.
-    positions, marks : (m, 3), (m, 4)
+    positions, marks : (m, 3), (4, m)
         The points of the last frame: where they were, moved with their objects since; and as `placing` has them.
     fresh : int
         The next new identity.
@@ -186,9 +186,9 @@ def follow(
         if closed[arc]:
             cycles[arc] = reached[starts[arc + 1] - 1]
     source = _pairs(arcs, goals, sharp, olds, places, marks, cycles, spacing)
-    slots = _slots(source, len(marks))
+    slots = _slots(source, len(positions))
     count = slots.size
-    new_positions, amplitudes, new_marks = np.empty((count, 3)), np.empty(count), np.empty((count, 4), np.int64)
+    new_positions, amplitudes, new_marks = np.empty((count, 3)), np.empty(count), np.empty((4, count), np.int64)
     for slot in range(count):
         target = slots[slot]
         arc, place, old = arcs[target], goals[target], source[target]
@@ -196,9 +196,9 @@ def follow(
         if old >= 0:
             reach = SETTLE + FOLLOW * moved[objects[arc], owners[begin] // QUADS]
             place = _towards(places[old], place, reach, cycles[arc])
-            new_marks[slot, ID] = marks[old, ID]
+            new_marks[ID, slot] = marks[ID, old]
         else:
-            new_marks[slot, ID] = fresh
+            new_marks[ID, slot] = fresh
             fresh += 1
         vertex = begin + np.searchsorted(reached[begin : end + 1], place, side="right") - 1
         vertex = max(begin, min(vertex, end - 1))
@@ -208,8 +208,8 @@ def follow(
             step = points[min(vertex + 1, end), axis] - points[vertex, axis]
             new_positions[slot, axis] = points[vertex, axis] + share * step
         amplitudes[slot] = math.sqrt(1 + density.strength(pieces[vertex], place, spacing))
-        new_marks[slot, OBJECT], new_marks[slot, QUAD] = objects[arc], owners[vertex]
-        new_marks[slot, ANCHOR] = sharp[target]
+        new_marks[OBJECT, slot], new_marks[QUAD, slot] = objects[arc], owners[vertex]
+        new_marks[ANCHOR, slot] = sharp[target]
     return new_positions, amplitudes, new_marks, fresh
 
 
@@ -233,18 +233,18 @@ def _project(
     olds, places = np.full(len(positions), -1), np.zeros(len(positions))
     for old in range(len(positions)):
         best = np.inf
-        px, py, pz, quad = positions[old, 0], positions[old, 1], positions[old, 2], marks[old, QUAD] % QUADS
+        px, py, pz, quad = positions[old, 0], positions[old, 1], positions[old, 2], marks[QUAD, old] % QUADS
         for arc in range(objects.size):
             hand = moved[objects[arc], owners[starts[arc]] // QUADS]
             farthest = min(JUMP + STRAY * hand, spacing + hand)
-            if objects[arc] != marks[old, OBJECT] or farthest == np.inf:
+            if objects[arc] != marks[OBJECT, old] or farthest == np.inf:
                 continue
             begin, end = starts[arc], starts[arc + 1] - 1
             i = begin
-            while i < end or i == begin or (i == end and marks[old, ANCHOR]):
+            while i < end or i == begin or (i == end and marks[ANCHOR, old]):
                 x, y, z = px - points[i, 0], py - points[i, 1], pz - points[i, 2]
                 strange = STRANGE if owners[i] % QUADS != quad else 0.0
-                if marks[old, ANCHOR]:
+                if marks[ANCHOR, old]:
                     if values[i] >= SHARP:
                         distance = math.sqrt(x * x + y * y + z * z)
                         if distance <= farthest and distance + strange < best:
@@ -307,7 +307,7 @@ def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any
             nearest[target], least = -1, np.inf
             for j in range(having):
                 old = open_olds[j]
-                if olds[old] != arcs[target] or marks[old, ANCHOR] != sharp[target]:
+                if olds[old] != arcs[target] or marks[ANCHOR, old] != sharp[target]:
                     continue
                 apart = abs(_apart(places[old], goals[target], cycles[arcs[target]]))
                 if apart > spacing:

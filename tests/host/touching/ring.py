@@ -39,7 +39,7 @@ class Ring(Toucher):
 
 
 def _touch(points: ControlPoints | None, ids: NDArray[np.int64]) -> Touch:
-    return Touch(Arcs.joined([]), points, np.stack([ids, 0 * ids, 0 * ids, 0 * ids], axis=1))
+    return Touch(Arcs.joined([]), points, np.stack([ids, 0 * ids, 0 * ids, 0 * ids]))
 
 
 def hand_at(place: Sequence[float]) -> Hand:
