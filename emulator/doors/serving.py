@@ -24,7 +24,8 @@ __all__ = ["Server"]
 SLICE_SECONDS = 0.01
 """How long a model computes before clients and signals are heard again."""
 
-LEAST_WAIT_SECONDS = 0.001
+LEAST_SLEEP_SECONDS = 0.0015
+"""A loop that is to sleep for less would come back too late: asyncio's sleeps end at whole milliseconds."""
 LOOK_SECONDS = 0.05
 """How often a pseudo-terminal is looked at, whether a program has opened it."""
 
@@ -63,10 +64,13 @@ class _Pulse:
         for link in tuple(self.links):
             link.flush()
         loop = asyncio.get_running_loop()
-        if not reached:
+        wait = self.station.seconds_to_wait() if reached else 0.0
+        if wait is None:
+            return
+        if wait < LEAST_SLEEP_SECONDS:
             self._next = loop.call_soon(self.beat)
-        elif (wait := self.station.seconds_to_wait()) is not None:
-            self._next = loop.call_later(max(wait, LEAST_WAIT_SECONDS), self.beat)
+        else:
+            self._next = loop.call_later(wait, self.beat)
 
     def rest(self) -> None:
         """Do not come back by oneself."""

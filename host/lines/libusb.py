@@ -7,6 +7,7 @@ from typing import Any
 import libusb_package
 
 from ...errors import DeviceNotFoundError
+from .flight import Flight
 
 __all__ = ["open_backend"]
 
@@ -24,4 +25,6 @@ def open_backend(url: str) -> Any:
     backend = libusb_package.get_libusb1_backend()
     if backend is None:
         raise DeviceNotFoundError(f"no device at {url!r}: libusb could not be loaded on this system")
+    path = str(libusb_package.get_library_path())
+    backend.open_flight = lambda handle: Flight(path, backend.ctx, handle.handle)
     return backend

@@ -150,6 +150,7 @@ class SerialTransport:
     """
 
     lossy = True
+    posts = False
 
     def __init__(self, port: Any) -> None:
         self._port = port
@@ -195,6 +196,10 @@ class SerialTransport:
         records = bytes(self._records)
         self._records.clear()
         return records
+
+    def take_back(self) -> int:
+        """A serial line has nothing that it could give back."""
+        return 0
 
     def ask(self, request: Request, size: int) -> bytes:
         """Make a control request with an answer; it is repeated where none comes."""

@@ -112,6 +112,7 @@ class TracedTransport:
         self.serial = transport.serial
         self.time: Timekeeper = transport.time
         self.lossy = transport.lossy
+        self.posts = transport.posts
         self.most_blocks_per_second = transport.most_blocks_per_second
         self._began = self.time.monotonic()
         self._tell("", "line", f"to {self.name}")
@@ -137,6 +138,14 @@ class TracedTransport:
             data = self._inner.read_records(seconds)
         self._tell_all("in", split_records(data), describe_record, _records_in_short)
         return data
+
+    def take_back(self) -> int:
+        """Do without what was not carried yet."""
+        with self._failures("out", "block"):
+            left = self._inner.take_back()
+        if left:
+            self._tell("out", "blocks", f"{left // BLOCK_BYTES} were taken back")
+        return left
 
     def ask(self, request: Request, size: int) -> bytes:
         """Make a control request with an answer."""

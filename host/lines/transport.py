@@ -84,6 +84,13 @@ class Transport(Protocol):
         """Whether blocks and their acknowledgements can be lost on the way, as on a serial line."""
 
     @property
+    def posts(self) -> bool:
+        """Whether the line takes blocks before the device does, and carries them while this program does other things.
+
+        `write_blocks` then returns as soon as the line has them.
+        """
+
+    @property
     def most_blocks_per_second(self) -> float:
         """What the line can carry."""
 
@@ -109,6 +116,9 @@ class Transport(Protocol):
 
     def read_records(self, seconds: float) -> bytes:
         """Wait for what the device sends by itself: whole records, none where none came in time."""
+
+    def take_back(self) -> int:
+        """Bytes of whole blocks that the line had taken and the device never will; none if the line does not post."""
 
     def ask(self, request: Request, size: int) -> bytes:
         """Make a control request that is answered with up to ``size`` bytes."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from contextlib import suppress
 
 import usb.core
 import usb.util
@@ -12,12 +13,15 @@ from ...protocol.board import CORE_HZ
 from ...protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request
 from ...protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT, FULL_SPEED
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, PACKET_CYCLES
+from .flight import Flight
 from .transport import Found
 from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbBus, configure, find_on, is_timeout, translated, translation
 
 __all__ = ["USB", "UsbTransport", "open_usb"]
 
 READ_BYTES = 32 * BLOCK_BYTES
+WINDOWS = 4
+"""How many times as many blocks may be unanswered as the device can acknowledge, if records are read as they come."""
 LEFT_OVER_SECONDS = 0.001
 MOST_LEFT_OVER = 64
 """Reads of records that wait from an earlier session; a device holds at most some thousands."""
@@ -64,6 +68,7 @@ class UsbTransport:
         self.time = seen.time
         self.name = seen.name
         self._bus = bus
+        self._flight: Flight | None = None
         self._records = array("B", bytes(READ_BYTES))
         self._begin(seen)
 
@@ -86,20 +91,29 @@ class UsbTransport:
                 self._bus_calls, self._handle = device.backend, device._ctx.managed_open()
                 for endpoint in (ENDPOINT_OUT, ENDPOINT_IN):
                     device.clear_halt(endpoint)  # and forget a part of a block (clause USB-015)
+                if hasattr(device.backend, "open_flight"):
+                    self._flight = device.backend.open_flight(self._handle)
                 for _ in range(MOST_LEFT_OVER):
                     if not self.read_records(LEFT_OVER_SECONDS):
                         break
             except BaseException:
-                usb.util.dispose_resources(device)
+                self.close()
                 raise
 
+    @property
+    def posts(self) -> bool:
+        """Whether libusb carries blocks while this program does other things."""
+        return self._flight is not None
+
     def window(self, free: int | None, records: int) -> int:  # NAK, not credit, holds the rest back
-        """As many as the device can acknowledge (clause ACK-007)."""
-        return records
+        """As many as the device can acknowledge (clause ACK-007); some times as many where they are read at once."""
+        return records if self._flight is None else WINDOWS * records
 
     def write_blocks(self, blocks: bytes, seconds: float) -> int:
         """Send blocks in one transfer."""
         try:
+            if self._flight is not None:
+                return len(blocks) if self._flight.write(blocks, seconds) else 0
             sent = self._write(blocks, seconds)
             if part := sent % BLOCK_BYTES:  # at full speed; a block that has begun is finished, or forgotten (USB-017)
                 rest = blocks[sent : sent + BLOCK_BYTES - part]
@@ -126,6 +140,8 @@ class UsbTransport:
     def read_records(self, seconds: float) -> bytes:
         """Wait for packets of acknowledgements and statuses."""
         try:
+            if self._flight is not None:
+                return self._flight.read(seconds)
             came = self._bus_calls.bulk_read(
                 self._handle, ENDPOINT_IN, ARRAY_INTERFACE, self._records, _milliseconds(seconds)
             )
@@ -134,6 +150,16 @@ class UsbTransport:
                 raise translation("waiting for an acknowledgement", error) from error
             return b""
         return self._records[:came].tobytes()
+
+    def take_back(self) -> int:
+        """Cancel the transfers that are on their way to the device."""
+        if self._flight is None:
+            return 0
+        with translated("taking blocks back"):
+            left = self._flight.take_back()
+            if part := -left % BLOCK_BYTES:  # of a block, at full speed; the device forgets it (clause USB-017)
+                self._device.clear_halt(ENDPOINT_OUT)
+            return left + part
 
     def ask(self, request: Request, size: int) -> bytes:
         """Make a control request with an answer."""
@@ -162,6 +188,10 @@ class UsbTransport:
 
     def close(self) -> None:
         """Release the interface and the device."""
+        flight, self._flight = self._flight, None
+        if flight is not None:
+            with suppress(usb.core.USBError):
+                flight.close()
         usb.util.dispose_resources(self._device)
 
 

@@ -1,9 +1,10 @@
 """Devices on a USB bus: which are there, in which mode, which one a URL means, and what pyusb's errors mean.
 
 A bus is an entry point in the group ``phasewire.usb_backends``: a function ``(url) -> pyusb backend``. A backend whose
-devices do not live by the wall clock has a method ``time_of(address) -> Timekeeper``. Nothing here asks a device for
-more than its descriptors. One of ours is known by the classes of its interfaces besides vendor and product (clauses
-USB-005 and USB-013), for these are a test pair that others use too.
+devices do not live by the wall clock has a method ``time_of(address) -> Timekeeper``; one that carries transfers by
+itself has ``open_flight(handle)``, which gives something with the methods of `flight.Flight`. Nothing here asks a
+device for more than its descriptors. One of ours is known by the classes of its interfaces besides vendor and product
+(clauses USB-005 and USB-013), for these are a test pair that others use too.
 """
 
 from __future__ import annotations

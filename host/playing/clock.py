@@ -79,6 +79,11 @@ class DeviceClock:
         self.drift_ppm = (slope / TICK_HZ - 1) * 1e6
         self.uncertainty = float(np.abs(shares) @ uncertainties)
 
+    @property
+    def longest(self) -> float:
+        """How long the longest of these readings took, in seconds; there must have been one."""
+        return max(each.after - each.before for each in self._readings)
+
     def period_at(self, moment: float) -> float:
         """Carrier period, with its fraction, at a moment of the host; there must have been a reading."""
         return ((moment - self._moment) * self._slope + self._tick) / TICKS_PER_PERIOD

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from math import ceil
 from threading import RLock
-from typing import NamedTuple, NoReturn, Self, TypeVar
+from typing import NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,11 @@ from ...errors import (
 from ...protocol.blocks import Block, Body, NoOp, pack
 from ...protocol.codes import BLOCK_BYTES, PROTOCOL_VERSION, AckFlag, Reason, Request, State
 from ...protocol.plain import flag_names
-from ...protocol.replies import ACKS, ANSWER_BYTES, Ack, Info, Status, decode_acks, records
+from ...protocol.replies import ANSWER_BYTES, Ack, Info, Status, decode_acks, records
 from ..lines.transport import Timekeeper, Transport, understood
+from .ledger import DAMAGE, NUMBERS, Answers, Ledger, Parcel
 
-__all__ = ["Answers", "Session"]
+__all__ = ["Answers", "Parcel", "Session"]
 
 Answer = TypeVar("Answer")
 
@@ -44,29 +45,6 @@ COMES_BACK_SECONDS = 10.0
 """How long a device may take to start."""
 LEAVES_SECONDS = 0.5
 """How long a device that was told to restart may take to leave its line."""
-DAMAGE = frozenset({Reason.LENGTH, Reason.CHECKSUM})
-"""Reasons that speak of the line rather than of the block."""
-NUMBERS = 2**32
-
-
-class Answers(NamedTuple):
-    """What became of k blocks.
-
-    Parameters
-    ----------
-    acks : (k,) structured
-        Their acknowledgements, with the fields of `protocol.replies.ACKS`; nothing where there was none.
-    answered : (k,) bool
-        Whether there was one. Without, the block or its acknowledgement was lost on the way.
-    """
-
-    acks: NDArray[np.void]
-    answered: NDArray[np.bool_]
-
-    @classmethod
-    def none(cls, count: int) -> Self:
-        """Nothing is known yet of so many blocks."""
-        return cls(np.zeros(count, ACKS), np.zeros(count, np.bool_))
 
 
 class Session:
@@ -98,6 +76,7 @@ class Session:
         self._lock = RLock()
         self._depth = 0
         self._begun = self._closing = False
+        self._ledger = Ledger(transport.lossy)
         self._meet()
 
     @property
@@ -123,6 +102,7 @@ class Session:
 
     def _meet(self) -> None:
         """Learn who the device is."""
+        self._ledger.clear()
         self._number = 0
         self._restart = True
         self._free: int | None = None
@@ -289,7 +269,7 @@ class Session:
         lost = False
         for _ in range(ATTEMPTS):
             answers = Answers.none(1)
-            self._transfer(block, answers)
+            self._transfer(block, Parcel(number, answers))
             self._number = number  # until it is known to have been accepted
             if not answers.answered[0]:
                 lost = True
@@ -355,33 +335,60 @@ class Session:
             Where the line or the device fails. How much was sent is then unknown, and the numbers are used up.
         """
         with self.lock:
-            self._transfer(blocks.tobytes(), answers)
+            self._transfer(blocks.tobytes(), Parcel(self._number, answers))
 
-    def _transfer(self, data: bytes, answers: Answers) -> None:
-        line, count, first = self.line(), len(answers.answered), self._number
+    def post(self, blocks: NDArray[np.uint8], parcel: Parcel) -> None:
+        """Send blocks as `transfer` does, but wait only until the line has them, if it carries them by itself.
+
+        Parameters
+        ----------
+        blocks : (k, 512) uint8
+            Numbered from `upcoming` on, as the parcel is.
+        parcel : Parcel
+            Of these blocks. What becomes of them is written there; what comes later, when something else is sent, or by
+            `settle`.
+        """
+        with self.lock:
+            self._transfer(blocks.tobytes(), parcel, wait=not self._line.posts)
+
+    def settle(self) -> None:
+        """Wait for what becomes of all blocks that were sent; raise what `transfer` does."""
+        with self.lock:
+            self._transfer(b"", Parcel(self._number, Answers.none(0)))
+
+    def _transfer(self, data: bytes, parcel: Parcel, *, wait: bool = True) -> None:
+        try:
+            self._carry(data, parcel, wait)
+        except BaseException:
+            self._take_back()
+            raise
+
+    def _carry(self, data: bytes, parcel: Parcel, wait: bool) -> None:
+        line, ledger = self.line(), self._ledger
+        ledger.enter(parcel)
         life = self.pause_seconds  # the device must hear of its host that waits for room
-        sent = done = 0
         moved = line.time.monotonic()
-        while done < count:
+        while parcel.sent < parcel.count or (wait and not ledger.settled):
             self.line()  # a signal's handler may have closed it
             progress = False
-            room = min(line.window(self._free, self.info.queue_records) - (sent - done), count - sent)
+            room = min(line.window(self._free, self.info.queue_records) - ledger.unanswered, parcel.count - parcel.sent)
             if room > 0:
-                self._number = (first + sent + room) % NUMBERS  # used up, whatever becomes of them
+                at = parcel.sent
+                self._number = (parcel.first + at + room) % NUMBERS  # used up, whatever becomes of them
                 self._restart = False
-                taken = line.write_blocks(data[sent * BLOCK_BYTES : (sent + room) * BLOCK_BYTES], life) // BLOCK_BYTES
-                sent += taken
-                self._number = (first + sent) % NUMBERS
+                taken = line.write_blocks(data[at * BLOCK_BYTES : (at + room) * BLOCK_BYTES], life) // BLOCK_BYTES
+                parcel.sent += taken
+                self._number = (parcel.first + parcel.sent) % NUMBERS
                 progress = taken > 0
-            if sent > done:
-                acks = self._acks(line.read_records(life))
-                done, progress = self._match(acks, first, answers, done, sent), progress or len(acks) > 0
-            if progress:
+            if unanswered := ledger.unanswered:
+                all_sent = parcel.sent == parcel.count
+                progress = self._hear(life if wait or not all_sent else 0) or progress
+            if progress or not (wait or parcel.sent < parcel.count):
                 moved = line.time.monotonic()
                 continue
             status = self.status()
             if line.time.monotonic() - moved > PATIENCE_SECONDS:
-                full = sent == done or (line.lossy and status.free == 0)  # where the last block waits (SER-011)
+                full = not unanswered or (status.free == 0 and (line.lossy or line.posts))  # one waits (SER-011)
                 if full or not line.lossy:
                     did_not = (
                         f"did not take a block for {PATIENCE_SECONDS:g} s: its queue is full; wait, or stop it"
@@ -389,7 +396,26 @@ class Session:
                         else f"did not acknowledge a block for {PATIENCE_SECONDS:g} s; open it again"
                     )
                     raise DeviceTimeoutError(f"{self.name} {did_not}")
-                done, moved = sent, line.time.monotonic()
+                ledger.give_up()
+                moved = line.time.monotonic()
+
+    def _take_back(self) -> None:
+        """Do without what the line has not carried yet, after something went wrong."""
+        self._ledger.clear()
+        with suppress(DeviceError):
+            self._number = (self._number - self._line.take_back() // BLOCK_BYTES) % NUMBERS
+
+    def _hear(self, seconds: float) -> bool:
+        """Wait for acknowledgements, and give them to their blocks; whether any came."""
+        packet = self.line().read_records(seconds)
+        if not packet or not len(acks := self._acks(packet)):
+            return False
+        self._free = int(acks["free"][-1])
+        try:
+            self._ledger.match(acks)
+        except ReplyError as error:
+            raise DeviceError(f"{self.name} acknowledges {error}; open it again") from error
+        return True
 
     def _acks(self, packet: bytes) -> NDArray[np.void]:
         """The acknowledgements in what came, beside which the device may have said something by itself."""
@@ -399,38 +425,6 @@ class Session:
             acks = [record for record in self._read(records, packet) if isinstance(record, Ack)]
             return self._read(decode_acks, b"".join(ack.encode() for ack in acks))
 
-    def _match(self, acks: NDArray[np.void], first: int, answers: Answers, done: int, sent: int) -> int:
-        """Give acknowledgements to blocks done … sent, the first numbered `first`; return up to which all is known.
-
-        They come in the order of the blocks, and on a line that loses nothing each has one. Those of blocks that were
-        given up before are passed over, or come late.
-        """
-        if not (count := len(acks)):
-            return done
-        self._free = int(acks["free"][-1])
-        if count <= sent - done and (acks["sequence"] == _numbers(first + done, count)).all():
-            answers.acks[done : done + count] = acks
-            answers.answered[done : done + count] = True
-            return done + count
-        for ack in acks:
-            place = (int(ack["sequence"]) - first) % NUMBERS
-            damaged = not self._line.lossy and Reason(int(ack["reason"])) in DAMAGE
-            if damaged:  # its number may be damaged too, so its place in line counts
-                place = done
-            elif place >= NUMBERS // 2:
-                continue  # an older block's
-            if place not in (range(sent) if self._line.lossy else range(done, min(done + 1, sent))):
-                raise DeviceError(f"{self.name} acknowledges block {ack['sequence']} out of turn; open it again")
-            answers.acks[place] = ack
-            answers.answered[place] = True
-            done = max(done, place + 1)
-        return done
-
     def _read(self, decode: Callable[[bytes], Answer], data: bytes) -> Answer:
         with understood(self.name):
             return decode(data)
-
-
-def _numbers(first: int, count: int) -> NDArray[np.uint32]:
-    """Sequence numbers from one on, round the wrap."""
-    return np.arange(first, first + count).astype(np.uint32)

@@ -10,8 +10,9 @@ to a later start, so that frames keep their distance and their order.
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, floor
@@ -26,7 +27,8 @@ from ...protocol.replies import Ack
 from ...protocol.updates import pack_updates
 from .clock import DeviceClock, Reading
 from .frames import FrameSource, PulseFrames, check_rate
-from .session import DAMAGE, Answers, Session
+from .ledger import DAMAGE, Answers, Parcel
+from .session import Session
 
 __all__ = ["LOOK_AHEAD_SECONDS", "Stream", "StreamReport"]
 
@@ -57,6 +59,10 @@ NO_FAULTS = Fault(0)
 DAMAGED = [int(reason) for reason in DAMAGE]
 TURN_PERIODS = 200
 """5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
+POSTED_PERIODS = 800
+"""20 ms, for which frames may wait for room that the line carries by itself, so that the host need not."""
+ROUND_TRIPS = 3
+"""By which the look-ahead is longer on such a line: what takes one by custom takes a few now and then."""
 MOST_BLOCKS = 128
 """In one transfer at most: at 40 000 frames a second others wait 3 ms for their turn."""
 
@@ -177,12 +183,11 @@ class Stream:
         self._permit, self._begin, self._restore = permit, begin, restore
         self._spacing = CARRIER_HZ / rate
         blocks_per_period = session.line().most_blocks_per_second / CARRIER_HZ  # of some lines infinite
-        self._least_lead = LEAST_LEAD_PERIODS + ceil(1 / blocks_per_period)
+        self._block_lead = LEAST_LEAD_PERIODS + ceil(1 / blocks_per_period)
         self._most_blocks = max(1, int(min(MOST_BLOCKS, TURN_PERIODS * blocks_per_period)))
-        self._look_ahead = max(ceil(look_ahead * CARRIER_HZ), 2 * self._least_lead)
-        self._horizon = min(self._look_ahead, session.info.queue_blocks * self._spacing + TURN_PERIODS)
-        enough = min(self._least_lead + self._spacing, self._horizon)
-        self._refill = max(self._horizon / 2, enough) if source.ready else self._horizon
+        self._asked = max(ceil(look_ahead * CARRIER_HZ), 2 * self._block_lead)
+        self._plan(0)
+        self._posted = deque[Parcel]()
         self._next = 0
         self._start = 0.0
         self._read_at = 0.0
@@ -195,6 +200,19 @@ class Stream:
         self._faults = NO_FAULTS
         self._first = self._last = 0
         self._least = NEVER
+
+    def _plan(self, on_the_way: int) -> None:
+        """Say how early frames are sent, where an answer takes so many periods on a line that carries blocks by itself.
+
+        Such a line needs as much more look-ahead: half of it until a block has come, the rest for what delays it.
+        """
+        posts = self._session.line().posts
+        turn = POSTED_PERIODS if posts and self._source.ready else TURN_PERIODS
+        self._least_lead = self._block_lead + on_the_way // 2
+        self._look_ahead = self._asked + ROUND_TRIPS * on_the_way
+        self._horizon = min(self._look_ahead, self._session.info.queue_blocks * self._spacing + turn)
+        enough = min(self._least_lead + self._spacing, self._horizon)
+        self._refill = max(self._horizon / 2, enough) if self._source.ready else self._horizon
 
     @property
     def report(self) -> StreamReport:
@@ -230,6 +248,7 @@ class Stream:
 
     def _wait_for_the_end(self) -> None:
         """Let the last frame have its time, and see how it all went."""
+        self._finish(self._session.settle)
         self._wait_until(self._due(self._next))
         self._read_clock()
 
@@ -265,6 +284,8 @@ class Stream:
             status = self._session.status()
             after = keeper.monotonic()
         self._clock.add(Reading(before, after, status.now))
+        if self._session.line().posts:
+            self._plan(ceil(self._clock.longest * CARRIER_HZ))
         self._read_at = after
         self._astray = self._astray + 1 if abs(self._clock.drift_ppm) > ASTRAY_PPM else 0
         if self._astray > MOST_ASTRAY:
@@ -333,13 +354,34 @@ class Stream:
             self._next += count
             self._counts["sent"] += count
             self._counts["unanswered"] += count
-            answers = Answers.none(count)
-            try:
-                self._session.transfer(blocks, answers)
-            finally:
-                self._account(answers.acks[answers.answered])
-        self._check(answers.acks[answers.answered])
+            self._posted.append(parcel := Parcel(number, Answers.none(count)))
+            self._finish(partial(self._session.post, blocks, parcel))
         self._keep_time()
+
+    def _finish(self, sending: Callable[[], None]) -> None:
+        """Send, or wait for what was sent, and count what became of frames; raise for one that was refused."""
+        try:
+            sending()
+        except BaseException:
+            self._count_posted(len(self._posted))
+            raise
+        known = sum(parcel.settled for parcel in self._posted)
+        refused = self._count_posted(known)
+        if refused is not None:
+            with suppress(DeviceError):
+                self._session.settle()
+            self._count_posted(len(self._posted))
+            self._session.check(refused)
+
+    def _count_posted(self, parcels: int) -> Ack | None:
+        """Count the frames of the first parcels that were posted; the first of them that was refused for what it is."""
+        first = None
+        for _ in range(parcels):
+            answers = self._posted.popleft().answers
+            acks = answers.acks[answers.answered]
+            self._account(acks)
+            first = first or _refused(acks)
+        return first
 
     def _account(self, acks: NDArray[np.void]) -> None:
         if not len(acks):
@@ -359,8 +401,10 @@ class Stream:
             count["damaged"] += damaged
             count["refused"] += refused - damaged
 
-    def _check(self, acks: NDArray[np.void]) -> None:
-        """Raise `DeviceRefusedError` for the first frame that was refused for what it is."""
-        for row in acks[acks["reason"] != Reason.ACCEPTED]:
-            if int(row["reason"]) not in DAMAGED:
-                self._session.check(Ack.of(row))
+
+def _refused(acks: NDArray[np.void]) -> Ack | None:
+    """The first acknowledgement of a frame that was refused for what it is."""
+    for row in acks[acks["reason"] != Reason.ACCEPTED]:
+        if int(row["reason"]) not in DAMAGED:
+            return Ack.of(row)
+    return None

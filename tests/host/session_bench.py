@@ -159,6 +159,7 @@ class BenchLine:
 
     def __init__(self, *, lossy: bool = False, queue: int = 8, stays: float = 0.0) -> None:
         self.lossy = lossy
+        self.posts = False
         self.time = Clock()
         self.device = ModelDevice(self.time, lossy=lossy, queue=queue, stays=stays)
         self.sent: list[bytes] = []
@@ -211,6 +212,9 @@ class BenchLine:
                 return came
             self.time.sleep(MS)
 
+    def take_back(self) -> int:
+        return 0
+
     def ask(self, request: Request, size: int) -> bytes:
         self.fails(request.name)
         self.time.sleep(0.1 * MS)
@@ -228,6 +232,61 @@ class BenchLine:
 
     def close(self) -> None:
         self.closed += 1
+
+
+class PostingLine(BenchLine):
+    """A line that takes blocks before the device does, and carries them as time passes."""
+
+    posts = True
+
+    def __init__(self, *, most: int = 3, queue: int = 8, stays: float = 0.0, per_step: int = 2) -> None:
+        super().__init__(queue=queue, stays=stays)
+        self.posts = True
+        self.most, self.per_step = most, per_step
+        self.under_way: deque[bytes] = deque()
+        """Transfers."""
+        self.most_under_way = 0
+
+    def window(self, free: int | None, records: int) -> int:
+        return 4 * records
+
+    def carry(self) -> None:
+        """Let a step of time pass, in which the device takes a few blocks."""
+        self.time.sleep(MS)
+        for _ in range(self.per_step):
+            if not self.under_way or not self.device.take(self.under_way[0][:512]):
+                break
+            self.sent.append(self.under_way[0][:512])
+            self.under_way[0] = self.under_way[0][512:]
+            if not self.under_way[0]:
+                self.under_way.popleft()
+
+    def write_blocks(self, blocks: bytes, seconds: float) -> int:
+        self.fails("write")
+        deadline = self.time.now + seconds
+        while len(self.under_way) == self.most:
+            if self.time.now + MS > deadline:
+                return 0
+            self.carry()
+        self.under_way.append(blocks)
+        self.most_under_way = max(self.most_under_way, len(self.under_way))
+        return len(blocks)
+
+    def read_records(self, seconds: float) -> bytes:
+        deadline = self.time.now + seconds
+        while True:
+            self.fails("read")
+            self.device.pass_time()
+            came = b"".join(record for _, record in self.device.says)
+            self.device.says.clear()
+            if came or self.time.now + MS > deadline:
+                return came
+            self.carry()
+
+    def take_back(self) -> int:
+        left = sum(map(len, self.under_way))
+        self.under_way.clear()
+        return left
 
 
 def begun(line: BenchLine) -> Session:

@@ -34,7 +34,8 @@ from phasewire.host.lines.transport import Timekeeper
 from phasewire.host.lines.usb import UsbTransport
 from phasewire.host.playing.envelopes import sine
 from phasewire.host.playing.frames import Frames
-from phasewire.host.playing.session import Answers, Session
+from phasewire.host.playing.ledger import Parcel
+from phasewire.host.playing.session import Session
 from phasewire.host.playing.streaming import StreamReport
 from phasewire.protocol import kernels
 from phasewire.protocol.board import TICK_HZ
@@ -532,15 +533,15 @@ def test_a_frame_that_cannot_be_in_time_is_moved_and_not_late(left: int) -> None
 def test_a_stream_holds_the_line_for_some_milliseconds_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where its look-ahead is for more frames than the device's queue holds."""
     held = []
-    genuine = Session.transfer
+    genuine = Session.post
 
-    def transfer(session: Session, blocks: NDArray[np.uint8], answers: Answers) -> None:
+    def post(session: Session, blocks: NDArray[np.uint8], parcel: Parcel) -> None:
         began = session.time.monotonic()
-        genuine(session, blocks, answers)
+        genuine(session, blocks, parcel)
         held.append(session.time.monotonic() - began)
 
     with Emulator() as emulator, open_device(emulator.url) as device:
-        monkeypatch.setattr(Session, "transfer", transfer)
+        monkeypatch.setattr(Session, "post", post)
         report = device.stream(frames(90), 100, look_ahead=1)
     assert (report.accepted, report.late) == (90, 0)
     assert max(held) < 0.006
@@ -554,14 +555,14 @@ def test_frames_that_are_there_go_many_in_a_transfer_but_not_for_longer_than_a_t
 ) -> None:
     """1000 frames/s, half of 10 ms at a time; on a serial line 5 ms are two blocks and a bit."""
     counts = []
-    genuine = Session.transfer
+    genuine = Session.post
 
-    def transfer(session: Session, blocks: NDArray[np.uint8], answers: Answers) -> None:
+    def post(session: Session, blocks: NDArray[np.uint8], parcel: Parcel) -> None:
         counts.append(len(blocks))
-        genuine(session, blocks, answers)
+        genuine(session, blocks, parcel)
 
     with open_device(url) as device:
-        monkeypatch.setattr(Session, "transfer", transfer)
+        monkeypatch.setattr(Session, "post", post)
         report = device.stream(frames(120), rate)
     assert max(counts[1:]) <= most
     assert sum(counts) / len(counts) >= least

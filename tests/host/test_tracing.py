@@ -26,7 +26,7 @@ PULSES = Pulses(np.full(320, 25), np.full(320, 25))
 class Line:
     """A line that takes and gives what it was told to."""
 
-    name, serial, lossy, most_blocks_per_second = "a line", "SERIAL", True, 40.0
+    name, serial, lossy, posts, most_blocks_per_second = "a line", "SERIAL", True, False, 40.0
 
     def __init__(self) -> None:
         self.time: Timekeeper = self
@@ -60,6 +60,10 @@ class Line:
     def read_records(self, seconds: float) -> bytes:
         self._call("read", seconds)
         return self.records
+
+    def take_back(self) -> int:
+        self._call("take back")
+        return 3 * 512
 
     def ask(self, request: Request, size: int) -> bytes:
         self._call("ask", request, size)
@@ -167,6 +171,11 @@ def test_only_what_was_sent_is_told(line: Line, caplog: pytest.LogCaptureFixture
     assert [message[20:] for message in caplog.messages] == ["blocks          1 more found no room in time"]
 
 
+def test_what_was_taken_back_is_told(line: Line, caplog: pytest.LogCaptureFixture) -> None:
+    assert traffic(caplog, logging.INFO, line).take_back() == 3 * 512
+    assert caplog.messages[1].endswith("out blocks          3 were taken back")
+
+
 def test_nothing_that_came_is_no_line(line: Line, caplog: pytest.LogCaptureFixture) -> None:
     assert traffic(caplog, logging.DEBUG, line).read_records(1) == b""
     assert len(caplog.messages) == 1
@@ -188,6 +197,7 @@ def test_what_fails_is_told_and_still_fails(line: Line, caplog: pytest.LogCaptur
     for fail in (
         lambda: through.write_blocks(block(1), 1),
         lambda: through.read_records(1),
+        lambda: through.take_back(),
         lambda: through.ask(Request.INFO, 64),
         lambda: through.order(Request.ENABLE),
         lambda: through.reopen(1),
@@ -197,6 +207,7 @@ def test_what_fails_is_told_and_still_fails(line: Line, caplog: pytest.LogCaptur
     assert [message[16:] for message in caplog.messages[1:]] == [
         "out block           ✗ the device is gone",
         "in  record          ✗ the device is gone",
+        "out block           ✗ the device is gone",
         "in  request         INFO ✗ the device is gone",
         "out request         ENABLE ✗ the device is gone",
         "    line            ✗ the device is gone",
