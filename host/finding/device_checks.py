@@ -39,7 +39,7 @@ from ...protocol.replies import ProcessorReport
 from ...protocol.versions import Version
 from ..playing.clock import Reading
 from ..playing.device import Device
-from ..playing.session import DAMAGE
+from ..playing.ledger import DAMAGE
 from .findings import CLEAR_FAULTS, FLASH, RESET, Judgement, fail, listed, ok, skipped, warn
 
 __all__ = ["DEVICE_CHECKS", "QUIET_CHECKS"]
