@@ -1,7 +1,12 @@
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
+import pytest
 from phasewire.compiling import kernel
 
 
@@ -18,3 +23,25 @@ def test_without_a_place_for_the_cache_it_is_compiled_all_the_same() -> None:
     there: dict[str, Any] = {}
     exec(compile("def thrice(x):\n    return 3 * x\n", "<nowhere>", "exec"), there)
     assert kernel(there["thrice"])(14) == 42
+
+
+@pytest.mark.slow
+def test_a_kernel_is_compiled_anew_if_a_part_or_a_constant_of_another_file_has_changed(tmp_path: Path) -> None:
+    """The kernel's own file stays as it is; the third run finds what the second has kept."""
+    (tmp_path / "whole.py").write_text(
+        "from pieces import FACTOR, add\nfrom phasewire.compiling import kernel\n\n\n"
+        "@kernel\ndef whole(x):\n    return FACTOR * add(x)\n\n\n"
+        "print(whole(1), sum(whole.stats.cache_hits.values()))\n"
+    )
+    said = []
+    for factor, added in ((2, 1), (2, 3), (2, 3), (5, 3)):
+        (tmp_path / "pieces.py").write_text(
+            "from phasewire.compiling import part\n\n"
+            f"FACTOR = {factor}\n\n\n@part\ndef add(x):\n    return x + {added}\n"
+        )
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(
+            [sys.executable, "whole.py"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        )
+        said.append(done.stdout.split())
+    assert said == [["4", "0"], ["8", "0"], ["8", "1"], ["20", "0"]]
