@@ -30,6 +30,7 @@ from ...solver import TransducerArray
 from ...solver.contact.hand import Hand
 from ...solver.contact.mesh import Mesh
 from ...solver.contact.touch import MOST_POINTS, Touch, Toucher
+from ...solver.geometry import frozen
 from ...solver.points import reachable
 from ..hands.frames import HandFrame
 from ..hands.sources import HandSource
@@ -373,8 +374,10 @@ class TouchLoop:
                 self._toucher.touch(hands, objects)
         self._toucher.forget()
         above = self._array.positions.mean(axis=0) + WARM_UP_METRES * self._array.normals.mean(axis=0)
+        points = frozen(above + np.eye(3) * 0.01)
+        reachable(self._array, points)
         for _ in range(2):
-            self._fields.solve(Fading.nothing().step(np.arange(3), above + np.eye(3) * 0.01, np.ones(3), 1.0, 3))
+            self._fields.solve(Fading.nothing().step(np.arange(3), points, np.ones(3), 1.0, 3))
         self._fields.forget()
         self._warm = True
 
