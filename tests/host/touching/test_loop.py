@@ -341,4 +341,4 @@ def test_nothing_is_compiled_while_hands_are_played() -> None:
         report = loop.run(4)
     assert 0 < report.touching < report.frames, "hands come and go"
     assert variants() == before
-    assert sum(before.values()) > 10
+    assert before["phasewire.solver.contact.feeling.feel"], "what is compiled is counted"
