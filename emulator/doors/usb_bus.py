@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 from ...protocol.board import CYCLES_PER_MS
@@ -44,6 +45,9 @@ _TIMES = {
 
 STREAM_CYCLES = CYCLES_PER_MS
 """How long packets are sent at once before the others have their turn: a millisecond."""
+
+JOINED_BYTES = 1 << 14
+"""Of transfers that are sent together, at most: as much as a device's queue takes at once."""
 
 _CONTROL = 0
 """The queue of the control endpoint, in both directions."""
@@ -238,7 +242,7 @@ class UsbBus:
             self.last_word = now
             return now
         for endpoint, queue in self._queues.items():
-            ended = self._receive(queue[0]) if queue[0].is_in else self._stream(queue[0]) or self._send(queue[0])
+            ended = self._receive(queue[0]) if queue[0].is_in else self._stream(queue) or self._send(queue[0])
             if ended is not None:
                 if endpoint in self._queues:
                     self._queues[endpoint] = self._queues.pop(endpoint)  # behind the others: they take turns
@@ -258,18 +262,37 @@ class UsbBus:
         transfer.sent = len(transfer.data)
         self._take(transfer, answer, ends=True)
 
-    def _stream(self, transfer: Transfer) -> int | None:
-        """Send many packets at once, which is the same and faster, where the device can take them so."""
-        now, rest = self._scheduler.now, memoryview(transfer.data)[transfer.sent :]
-        began = now - self._times.packet
-        taken, ended = self._device.stream_out(transfer.endpoint, rest, began, now + STREAM_CYCLES)
+    def _stream(self, queue: deque[Transfer]) -> int | None:
+        """Send many packets at once, which is the same and faster, where the device can take them so.
+
+        Whole packets of the transfers that follow go with those of the first, for a client may send each by itself.
+        """
+        now, endpoint = self._scheduler.now, queue[0].endpoint
+        together = self._joined(queue)
+        rest = memoryview(queue[0].data)[queue[0].sent :]
+        if len(together) > 1:
+            rest = memoryview(b"".join([rest, *(each.data for each in together[1:])]))
+        taken, ended = self._device.stream_out(endpoint, rest, now - self._times.packet, now + STREAM_CYCLES)
         if not taken:
             return None
-        transfer.sent += taken
         self.last_word = ended
-        if transfer.sent == transfer.length and not transfer.zero_packet:
-            self._end(transfer, Outcome.DONE)
+        for transfer in together:
+            part = min(taken, transfer.length - transfer.sent)
+            transfer.sent += part
+            taken -= part
+            if part and transfer.sent == transfer.length and not transfer.zero_packet:
+                self._end(transfer, Outcome.DONE)
         return ended
+
+    def _joined(self, queue: deque[Transfer]) -> list[Transfer]:
+        """The first transfers of an endpoint whose packets follow each other without an end in between."""
+        together, size, room = [queue[0]], self._size(queue[0]), JOINED_BYTES - queue[0].length
+        for before, after in pairwise(queue):
+            room -= after.length
+            if before.zero_packet or before.length % size or not (before.length and after.length) or room < 0:
+                break
+            together.append(after)
+        return together
 
     def _send(self, transfer: Transfer) -> int | None:
         size = self._size(transfer)

@@ -3,6 +3,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from phasewire.emulator.doors.usb_bus import Outcome, Transfer, UsbBus
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.protocol.enumeration import FULL_SPEED
@@ -95,6 +97,20 @@ def test_a_stream_is_the_same_as_its_packets(size: int, streams: int, zero_packe
         ends.append((bench.run(), bench.bus.last_word, bench.device.taken, bench.outcomes, transfer.sent))
     assert ends[0] == ends[1]
     assert ends[0][3:] == ([Outcome.DONE], size)
+
+
+@given(st.lists(st.tuples(st.sampled_from([0, 1, 512, 1024, 1536, 1600, 20_480]), st.booleans()), max_size=12))
+def test_transfers_that_are_sent_together_are_the_same_as_one_by_one(sizes: list[tuple[int, bool]]) -> None:
+    ends = []
+    for at_once in (0, 1, 3, 10**6):
+        bench = Bench()
+        bench.device.streams = (bench.scheduler, at_once)
+        sent = [bench.out(bytes([n]) * size, zero_packet=zero) for n, (size, zero) in enumerate(sizes)]
+        assert [transfer for transfer, _ in bench.ended] == []
+        ends.append((bench.run(), bench.bus.last_word, bench.device.taken))
+        assert bench.ended == [(transfer, Outcome.DONE) for transfer in sent]
+        assert [transfer.sent for transfer in sent] == [size for size, _ in sizes]
+    assert all(end == ends[0] for end in ends)
 
 
 @pytest.mark.parametrize(
