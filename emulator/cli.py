@@ -24,7 +24,7 @@ from ..protocol.timing import FIVE_WIRE, LINKS, Link
 from ..signals import loading
 from ..storage import check_outputs
 from .doors.address import SPEEDS
-from .doors.serving import Server
+from .doors.serving import Server, precise_loop
 from .doors.station import Pace, Station
 from .doors.uart import Uart
 from .doors.usbip import PORT
@@ -219,8 +219,8 @@ def emulate(
         else:
             wishes = Wishes(usbip or serial is None, serial, host, port, serial_port, baud, seconds, json_target)
             stands = [Stand(emulator, Station(emulator.scheduler, wanted_pace)) for emulator in emulators]
-            with suppress(KeyboardInterrupt):  # where the loop cannot be told of signals
-                asyncio.run(_serve(stands, wishes))
+            with suppress(KeyboardInterrupt), asyncio.Runner(loop_factory=precise_loop) as runner:
+                runner.run(_serve(stands, wishes))  # Ctrl-C comes here where the loop cannot be told of signals
             code = 0
             console_for(json_target).print("Ended; the devices are gone.")
         if exported:

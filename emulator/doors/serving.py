@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import os
 import select
+import selectors
 import socket
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -19,13 +20,11 @@ from .station import Conversation, Station
 from .uart import Uart
 from .usbip_session import Exported, UsbIpSession
 
-__all__ = ["Server"]
+__all__ = ["Server", "precise_loop"]
 
 SLICE_SECONDS = 0.01
 """How long a model computes before clients and signals are heard again."""
 
-LEAST_SLEEP_SECONDS = 0.0015
-"""A loop that is to sleep for less would come back too late: asyncio's sleeps end at whole milliseconds."""
 LOOK_SECONDS = 0.05
 """How often a pseudo-terminal is looked at, whether a program has opened it."""
 
@@ -64,12 +63,9 @@ class _Pulse:
         for link in tuple(self.links):
             link.flush()
         loop = asyncio.get_running_loop()
-        wait = self.station.seconds_to_wait() if reached else 0.0
-        if wait is None:
-            return
-        if wait < LEAST_SLEEP_SECONDS:
+        if not reached:
             self._next = loop.call_soon(self.beat)
-        else:
+        elif (wait := self.station.seconds_to_wait()) is not None:
             self._next = loop.call_later(wait, self.beat)
 
     def rest(self) -> None:
@@ -277,6 +273,14 @@ class _Pty:
         self._uart.hang_up()
         self._pulse.beat()
         self._look()
+
+
+def precise_loop() -> asyncio.AbstractEventLoop:
+    """A loop that sleeps to within some tens of microseconds.
+
+    Those of asyncio's own choice end their sleeps at whole milliseconds, and a device's queue is empty after 0.8 ms.
+    """
+    return asyncio.SelectorEventLoop(selectors.SelectSelector())
 
 
 class Server:
