@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -19,6 +19,7 @@ COMPLAINT = re.compile(
 )
 """What the kernel says when something is wrong."""
 PATIENCE = 60.0
+EMULATE = ("-m", "phasewire", "emulate", "--usbip", "--port", "0", "--json")
 FAR = ":".join(map(str, SERVER))
 """The server, as ``phasewire attach`` in the guest is told of it."""
 
@@ -77,12 +78,20 @@ class Bench:
         self._loops: list[int] = []
         self._server: subprocess.Popen[bytes] | None = None
 
-    def serve(self, *options: str) -> None:
-        """Begin a fresh server instead of the one before, to which the guest's connections lead."""
+    def serve(self, *options: str, program: Sequence[str] = EMULATE) -> None:
+        """Begin a fresh server instead of the one before, to which the guest's connections lead.
+
+        Parameters
+        ----------
+        *options : str
+            Of the program.
+        program : sequence of str
+            What Python runs. Into the file that is named next it writes its TCP port, as ``emulate --json`` does.
+        """
         self.stop()
         where, said = self._folder / "where.json", self._folder / "said"
         where.unlink(missing_ok=True)
-        command = [*BOUND, sys.executable, "-m", "phasewire", "emulate", "--usbip", "--port", "0", "--json", str(where)]
+        command = [*BOUND, sys.executable, *program, str(where)]
         with said.open("ab") as log:
             self._server = subprocess.Popen([*command, *options], cwd=self._folder, stdout=log, stderr=log)
         end = time.monotonic() + PATIENCE
