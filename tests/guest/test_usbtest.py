@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -18,7 +19,7 @@ pytestmark = pytest.mark.guest
 PROGRAM = Path(__file__).with_name("usbtest.py")
 SOURCE_SINK_PROGRAM = Path(__file__).with_name("source_sink.py")
 SECONDS = 120.0
-OTHER_INTERFACES = [f"usbtest: probe of 1-1:1.{number} failed with error -22" for number in (1, 2, 3)]
+OTHER_INTERFACES = re.compile(r"usbtest.* 1-1:1\.[123].* failed with error -22")
 """Usbtest looks at all interfaces that have no driver yet, and needs a bulk endpoint in either direction."""
 
 
@@ -87,7 +88,7 @@ def judge(bench: Bench, ids: str, cases: tuple[Case, ...]) -> None:
     given = json.dumps([asdict(case) for case in cases])
     errors = json.loads(bench.check(sys.executable, str(PROGRAM), ids, given, seconds=SECONDS))
     assert {case.case: error for case, error in zip(cases, errors, strict=True) if error} == {}
-    assert [line for line in bench.complaints() if line not in OTHER_INTERFACES] == []
+    assert [line for line in bench.complaints() if not OTHER_INTERFACES.search(line)] == []
 
 
 @pytest.mark.parametrize("speed", ["high", pytest.param("full", marks=pytest.mark.guest_slow)])
