@@ -21,7 +21,7 @@ def test_both_ends_may_send_much_before_they_read(tmp_path: Path) -> None:
         client = socket.create_connection(near.getsockname(), SECONDS)
         theirs, _ = near.accept()
         command = [sys.executable, "-I", "-S", str(RELAY), str(tmp_path / "port")]
-        with theirs, client, subprocess.Popen(command, stdin=theirs) as relay:
+        with theirs, client, subprocess.Popen(command, stdin=theirs.fileno()) as relay:
             theirs.close()
             far.settimeout(SECONDS)
             server, _ = far.accept()
