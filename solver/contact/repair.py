@@ -8,6 +8,7 @@ that cracks narrower than a wavelength are closed.
 from __future__ import annotations
 
 import itertools
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -27,6 +28,12 @@ FLAT = 1e-9
 """Of the area to the power 3/2: a smaller volume is none."""
 MOST_OPEN_EDGES = 10_000
 """Of all holes together; a mesh with more is no surface with holes, but many pieces of one."""
+TRIED = 30_000
+"""Faces of a large mesh that are looked at before any repair is tried, which takes a minute for a million faces."""
+CHUNK = 100_000
+"""Faces that are looked at together, so that it takes little memory."""
+NEAR = 16 * ROUNDING
+"""Of the mesh's extent: edges whose middles are farther apart do not become one."""
 MOST_BODIES = 10_000
 """Separate surfaces of a mesh; more are noise."""
 SHEET = "it encloses no volume: it is a sheet, and an object must have an inside"
@@ -71,6 +78,7 @@ def repair(vertices: Points, faces: Indices) -> tuple[Points, Indices, tuple[str
     extent = float(np.ptp(vertices, axis=0).max())
     if extent < SMALLEST:
         raise ValueError(f"it is {extent:.3g} m large, too small to be felt; is its unit the metre?")
+    _refuse_loose(vertices, faces, NEAR * extent)
     vertices, faces = _compact(vertices, faces, vertices + 0.0)  # +0: minus zero is zero
     faces = _without_doubles(faces, len(vertices), notes)
     if _unbalanced(faces, len(vertices)).size:
@@ -88,6 +96,44 @@ def repair(vertices: Points, faces: Indices) -> tuple[Points, Indices, tuple[str
         raise ValueError("its faces overlap in a way that bounds no body")
     vertices, faces = _used(vertices, faces)
     return vertices, _outward(vertices, faces, notes), tuple(notes)
+
+
+def _refuse_loose(vertices: Points, faces: Indices, near: float) -> None:
+    """Raise `ValueError` if so many edges lie near no other that `_closed` would refuse the mesh."""
+    if len(faces) <= TRIED:
+        return
+    tried = faces[np.linspace(0, len(faces) - 1, TRIED, dtype=np.int64)]
+    long = np.ptp(vertices[tried], axis=1).max(axis=1) > near
+    lowest, size = vertices.min(axis=0), 2 * near
+    mine = _middles(vertices, tried[long], lowest) / size
+    # Another middle that is near is in one of the eight cells around the corner of cells that is nearest to this one.
+    corner = np.floor(mine + 0.5).astype(np.int64)
+    around = np.array(list(itertools.product((-1, 0), repeat=3)))
+    wanted, edge = np.unique(_cells(corner[:, None] + around), return_inverse=True)
+    held = np.zeros(len(wanted), dtype=np.int64)
+    for part in np.array_split(faces, math.ceil(len(faces) / CHUNK)):
+        cells = _cells(np.floor(_middles(vertices, part, lowest) / size).astype(np.int64))
+        at = np.minimum(np.searchsorted(wanted, cells), len(wanted) - 1)
+        held += np.bincount(at[wanted[at] == cells], minlength=len(wanted))
+    alone = int((held[edge.reshape(len(mine), 8)].sum(axis=1) < 2).sum())
+    if alone > MOST_OPEN_EDGES:
+        raise ValueError(
+            f"it is not closed: of {len(mine)} edges that were looked at, {alone} are open; at most {MOST_OPEN_EDGES} of "
+            "all may be: it is a set of loose triangles"
+        )
+
+
+def _middles(vertices: Points, faces: Indices, origin: Points) -> Points:
+    """(3 f, 3) middles of the edges of faces, as seen from an origin."""
+    corners = vertices[faces] - origin
+    middles: Points = ((corners + np.roll(corners, -1, axis=1)) / 2).reshape(-1, 3)
+    return middles
+
+
+def _cells(places: Indices) -> Indices:
+    """A number for each (…, 3) cell of a grid, of fewer than 2²⁰ each way."""
+    numbers: Indices = places @ np.array([1 << 42, 1 << 21, 1])
+    return numbers.ravel()
 
 
 def _counted(count: int, one: str, many: str | None = None) -> str:
@@ -179,8 +225,7 @@ def _welded(vertices: Points, faces: Indices, loose: Indices, distance: float) -
     which, places = np.arange(len(vertices)), (vertices - vertices.min(axis=0)) / (2 * distance)
     for shift in itertools.product((0.0, 0.5), repeat=3):
         cells = np.floor(places[which[loose]] + shift).astype(np.int64)
-        numbers = cells @ np.array([1 << 42, 1 << 21, 1])  # there are fewer than 2²⁰ each way
-        _, first, cell = np.unique(numbers, return_index=True, return_inverse=True)
+        _, first, cell = np.unique(_cells(cells), return_index=True, return_inverse=True)
         target = np.arange(len(vertices))
         target[which[loose]] = which[loose][first][cell]
         which = target[which]

@@ -1,14 +1,16 @@
 from __future__ import annotations
 
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from phasewire.solver.contact import repair
 from phasewire.solver.contact.mesh import Mesh
-from phasewire.solver.contact.repair import MOST_BODIES, MOST_OPEN_EDGES, WIDEST_CRACK
+from phasewire.solver.contact.repair import MOST_BODIES, MOST_OPEN_EDGES, TRIED, WIDEST_CRACK
 
 CUBE = Mesh.cube()
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
@@ -47,7 +49,8 @@ def test_separate_triangles_are_joined_without_a_word() -> None:
 def test_triangles_that_miss_each_other_by_rounding_are_joined(seed: int) -> None:
     triangles = CUBE.vertices[CUBE.faces].reshape(-1, 3)
     noise = np.random.default_rng(seed).uniform(-4e-8, 4e-8, triangles.shape)
-    repaired = sound(Mesh.of(triangles + noise, np.arange(36).reshape(12, 3)), 1e-3, rel=1e-5)
+    with patch.multiple(repair, TRIED=11, MOST_OPEN_EDGES=0):  # so that the first look counts every edge
+        repaired = sound(Mesh.of(triangles + noise, np.arange(36).reshape(12, 3)), 1e-3, rel=1e-5)
     assert len(repaired.vertices) == 8
     assert repaired.repairs == ("28 vertices merged with others within 1e-07 m",)
 
@@ -191,6 +194,17 @@ def test_what_is_no_body_is_refused(mesh: Mesh, message: str) -> None:
 def test_loose_triangles_are_refused_at_once() -> None:
     corners = np.random.default_rng(0).uniform(0, 0.004, (3 * (MOST_OPEN_EDGES // 3 + 1), 3))
     with pytest.raises(ValueError, match=r"it is not closed: 10002 edges are open; at most 10000 may be"):
+        Mesh.of(corners, np.arange(len(corners)).reshape(-1, 3)).repaired()
+
+
+def test_a_large_mesh_of_loose_triangles_is_refused_before_any_repair() -> None:
+    corners = np.random.default_rng(0).uniform(0, 0.1, (3 * (TRIED + 1), 3))
+    with (
+        patch.object(repair, "_compact", side_effect=AssertionError),
+        pytest.raises(
+            ValueError, match="of 90000 edges that were looked at, 90000 are open; at most 10000 of all may be"
+        ),
+    ):
         Mesh.of(corners, np.arange(len(corners)).reshape(-1, 3)).repaired()
 
 
