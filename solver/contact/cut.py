@@ -78,13 +78,14 @@ def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) ->
         bad = int(np.flatnonzero(~np.isfinite(corners).all(axis=(1, 2)))[0])
         raise ValueError(f"quadrilateral {bad} is {corners[bad].tolist()}; its coordinates must be finite numbers")
     objects = (meshes,) if isinstance(meshes, Mesh) else tuple(meshes)
-    return Arcs(*_cut(Scene.of(objects, corners=False), poses(objects), corners, hands))
+    return Arcs(*_cut(*Scene.of(objects, corners=False), poses(objects), corners, hands))
 
 
 @partial(kernel, error_model="numpy")
-def _cut(scene: Any, poses: Any, quads: Any, hands: bool) -> Any:
+def _cut(boxes: Any, links: Any, corners: Any, names: Any, curvature: Any, begins: Any, which: Any, poses: Any,
+         quads: Any, hands: bool) -> Any:  # fmt: skip
     """What `cut_all` does, alone."""
-    return cut_all(scene, poses, quads, hands)
+    return cut_all(Scene(boxes, links, corners, names, curvature, begins, which), poses, quads, hands)
 
 
 @part
@@ -115,8 +116,8 @@ def cut_all(scene: Any, poses: Any, quads: Any, hands: bool) -> Any:
         solid = scene.which[number]
         node, face = scene.begins[solid, 0], scene.begins[solid, 1]
         end, last = scene.begins[solid + 1, 0], scene.begins[solid + 1, 1]
-        boxes, links = scene.tables.boxes[node:end], scene.tables.links[node + solid : end + solid + 1]
-        corners, numbers = scene.tables.corners[face:last], scene.tables.names[face:last]
+        boxes, links = scene.boxes[node:end], scene.links[node + solid : end + solid + 1]
+        corners, numbers = scene.corners[face:last], scene.names[face:last]
         n = segments(quads, poses[number], boxes, links, corners, numbers, pieces, ends, places)
         if n > len(pieces):
             pieces, ends, places = _room(2 * n)
@@ -135,6 +136,20 @@ def cut_all(scene: Any, poses: Any, quads: Any, hands: bool) -> Any:
 def _room(count: int) -> Any:
     """Arrays for so many segments; see `segments`."""
     return np.empty((count, 2), np.int32), np.empty((2 * count, 2), np.int32), np.empty((2 * count, 4))
+
+
+@part
+def _near(quad: Any, boxes: Any) -> bool:
+    """Whether the box of a quadrilateral meets that of the whole solid, which most fingers and many objects miss."""
+    if len(boxes) == 0:
+        return False
+    for k in range(3):
+        a, b, c, d = quad[0, k], quad[1, k], quad[2, k], quad[3, k]
+        middle, half = boxes[0, k], boxes[0, 3 + k]
+        reach = half + FLAT * (abs(middle) + half)
+        if min(a, b, c, d) - middle > reach or middle - max(a, b, c, d) > reach:
+            return False
+    return True
 
 
 @part
@@ -223,7 +238,7 @@ def segments(
                 quad[corner, k] = 0.0
                 for j in range(3):
                     quad[corner, k] += (quads[q, corner, j] - pose[3, j]) * pose[j, k]
-        if not _prepare(quad, plane, borders, walls):
+        if not _near(quad, boxes) or not _prepare(quad, plane, borders, walls):
             continue
         nx, ny, nz, px, py, pz = plane[0], plane[1], plane[2], plane[3], plane[4], plane[5]
         margin, slack, size = plane[12] + FLAT * extent, plane[13], plane[14]

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...compiling import kernel, part
 from .cut import cut_all
+from .scene import Scene
 from .tracking import carry, follow
 
 __all__ = ["curvature_of", "feel"]
@@ -20,7 +21,13 @@ __all__ = ["curvature_of", "feel"]
 
 @partial(kernel, error_model="numpy")
 def feel(
-    scene: Any,
+    boxes: Any,
+    links: Any,
+    corners: Any,
+    names: Any,
+    curvature: Any,
+    begins: Any,
+    which: Any,
     poses: Any,
     quads: Any,
     known: Any,
@@ -36,8 +43,10 @@ def feel(
 
     Parameters
     ----------
-    scene, poses
-        Of the objects: see `scene`.
+    boxes, links, corners, names, curvature, begins, which
+        A `Scene`; numba takes arrays one by one much faster.
+    poses : (o, 4, 3) float
+        Of the objects: see `scene.poses`.
     quads : (q, 4, 3) float
         Of the hands, in metres.
     known, poses_before, quads_before
@@ -52,13 +61,14 @@ def feel(
     positions, amplitudes, marks, fresh
         The points: see `tracking.follow`.
     """
-    vertices, along, names, rows = cut_all(scene, poses, quads, True)
-    curvature = curvature_of(scene, along, names, rows)
+    scene = Scene(boxes, links, corners, names, curvature, begins, which)
+    vertices, along, made_of, rows = cut_all(scene, poses, quads, True)
+    curved = curvature_of(scene, along, made_of, rows)
     carried, moved = carry(poses, quads, known, poses_before, quads_before, positions, marks)
     points, amplitudes, marked, fresh = follow(
-        vertices, names, rows, curvature, spacing, most, moved, carried, marks, fresh
+        vertices, made_of, rows, curved, spacing, most, moved, carried, marks, fresh
     )
-    return vertices, along, names, rows, points, amplitudes, marked, fresh
+    return vertices, along, made_of, rows, points, amplitudes, marked, fresh
 
 
 @part

@@ -118,8 +118,8 @@ def _refuse_loose(vertices: Points, faces: Indices, near: float) -> None:
     alone = int((held[edge.reshape(len(mine), 8)].sum(axis=1) < 2).sum())
     if alone > MOST_OPEN_EDGES:
         raise ValueError(
-            f"it is not closed: of {len(mine)} edges that were looked at, {alone} are open; at most {MOST_OPEN_EDGES} of "
-            "all may be: it is a set of loose triangles"
+            f"it is not closed: of {len(mine)} edges that were looked at, {alone} are open; at most "
+            f"{MOST_OPEN_EDGES} of all may be: it is a set of loose triangles"
         )
 
 

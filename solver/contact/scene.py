@@ -61,8 +61,8 @@ class Scene(NamedTuple):
 
     Parameters
     ----------
-    tables : Tables
-        Of all solids.
+    boxes, links, corners, names
+        Tables of all solids.
     curvature : (e, 2) float
         Of their edges, as `Solid.edge_curvature`; no rows if corners are not to be felt.
     begins : (s + 1, 3) int
@@ -71,7 +71,10 @@ class Scene(NamedTuple):
         The solid of each object.
     """
 
-    tables: Tables
+    boxes: NDArray[np.float32]
+    links: NDArray[np.int32]
+    corners: NDArray[np.float64]
+    names: NDArray[np.int32]
     curvature: NDArray[np.float64]
     begins: NDArray[np.int64]
     which: NDArray[np.int64]
@@ -83,8 +86,12 @@ class Scene(NamedTuple):
         tables = [solid.tables for solid in solids]
         curvature = [solid.edge_curvature if corners else _FLAT for solid in solids]
         sizes = [(len(of.boxes), len(of.names), len(values)) for of, values in zip(tables, curvature, strict=True)]
+        boxes, links, corners_of, names = zip(*(tables or [_NOTHING]), strict=True)
         return cls(
-            Tables(*(_joined(parts) for parts in zip(*(tables or [_NOTHING]), strict=True))),
+            _joined(boxes),
+            _joined(links),
+            _joined(corners_of),
+            _joined(names),
             _joined(curvature or [_FLAT]),
             frozen(np.cumsum([(0, 0, 0), *sizes], axis=0)),
             frozen(np.array([solids.index(mesh.solid) for mesh in meshes], dtype=np.int64)),

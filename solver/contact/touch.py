@@ -151,7 +151,7 @@ class Toucher:
         if meshes != self._objects:
             known = self._enter(meshes)
         *cuts, self._positions, amplitudes, self._marks, self._fresh = self._feel(
-            self._scene, self._poses, quads, known, before, self._quads, self._positions, self._marks,
+            *self._scene, self._poses, quads, known, before, self._quads, self._positions, self._marks,
             self._fresh, self._spacing, self._most,
         )  # fmt: skip
         self._quads = quads
