@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -15,20 +15,21 @@ from rich.control import Control
 from rich.segment import ControlType
 
 from ..console import JsonOption, among, console_for, error_console, write_json
-from ..errors import PhasewireError
+from ..errors import DeviceError, DeviceRefusedError, PhasewireError
 from ..host.commands.options import MOST_SECONDS, CalibrationOption, DeviceOption, PoseOption, load_calibration
 from ..host.commands.playing_cli import array_of
 from ..host.hands.placing import PlacedHands
 from ..host.hands.pose import Pose
-from ..host.hands.sources import open_hands
+from ..host.hands.sources import files_of, open_hands
 from ..host.lines.transport import DEFAULT_URL
-from ..host.playing.device import open_device
+from ..host.playing.device import Device, open_device
 from ..host.touching.log import TouchLog, log_path
 from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
 from ..host.touching.report import TouchReport
 from ..pictures import check_picture_path, save_figure
 from ..protocol.plain import plain
 from ..protocol.pulses import Pulses
+from ..protocol.replies import Status
 from ..signals import loading
 from ..solver import METHODS, TransducerArray
 from ..solver.contact.mesh import Mesh
@@ -176,7 +177,10 @@ def touch(
     json_target: JsonOption = None,
 ) -> None:
     """Let hands touch objects, and play what they feel; the help above says more."""
-    check_outputs([picture, timeline, recording, None if recording is None else log_path(recording), json_target])
+    check_outputs(
+        [picture, timeline, recording, None if recording is None else log_path(recording), json_target],
+        [*files_of(hand), *filter(None, (pose, calibration))],
+    )
     for drawn in filter(None, (picture, timeline)):
         check_picture_path(drawn)
     placed = None if pose is None else Pose.load(pose)
@@ -214,20 +218,34 @@ def touch(
             loop.warm_up()
         error_console().print(f"{source.name} touches {', '.join(objects)} on {opened.name}")
         told = {"format": "phasewire-touch-1", "device": opened.name, "hands": hand, "objects": objects}
+        ended: str | None = None
+        failure: Exception | KeyboardInterrupt | None = None
         try:
             loop.run(math.inf if seconds is None else seconds, meter)
             ended = "the hands have ended" if source.ended else f"after {seconds:g} s"
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
             ended = "Ctrl-C"
-            if seconds is not None:
-                raise
+            failure = None if seconds is None else interrupt
         except (PhasewireError, ValueError) as error:
-            write_json(json_target, told | {"touch": meter.last.record(), "ended": None, "error": str(error)})
-            raise
+            failure = error
         finally:
             meter.end()
             _tell(out, meter.last)
-        final = opened.status()
+        final = _final(opened, failure)
+        said = "" if ended is None else f"Ended: {ended}. "
+        out.print(f"{said}The outputs are off." if final else "The device's watchdog turns the outputs off.")
+        write_json(
+            json_target,
+            told
+            | {
+                "touch": meter.last.record(),
+                "ended": ended,
+                "error": None if ended else str(failure),
+                "status": plain(final),
+            },
+        )
+        if failure is not None:
+            raise failure
     for path, draw in (
         (picture, partial(_draw, array, meter.last.frequency_hz)),
         (timeline, partial(_draw_way, toucher, method)),
@@ -237,11 +255,15 @@ def touch(
         elif path is not None and best.moment is not None:
             draw(path, best.moment)
             error_console().print(f"Drawn to {path}")
-    out.print(f"Ended: {ended}. The outputs are off.")
-    write_json(
-        json_target,
-        told | {"touch": meter.last.record(), "ended": ended, "error": None, "status": plain(final)},
-    )
+
+
+def _final(device: Device, failure: BaseException | None) -> Status | None:
+    """The device's state at the end; None if it was lost."""
+    if isinstance(failure, DeviceError) and not isinstance(failure, DeviceRefusedError):
+        return None  # to ask it once more would only take time
+    with suppress(DeviceError):
+        return device.status()
+    return None
 
 
 def _placed_at(things: Sequence[MovingObject], begin: float) -> Sequence[Mesh] | Callable[[float], Sequence[Mesh]]:

@@ -160,7 +160,7 @@ def parse_object(text: str, status: Callable[[str], None] | None = None) -> Movi
     if kind is Scale:
         return place.put(Mesh.load(path, **own, status=status))
     if "level" not in own:
-        raise ValueError(f"{path.name} needs level=…, the value above which the object is")
+        raise ValueError(f"{name} needs level=…, the value above which the object is")
     return place.put(Mesh.from_volume(path, **own, status=status))
 
 

@@ -24,7 +24,7 @@ from ..errors import InputFileError
 from ..storage import read_file
 from .archives import read_array, read_arrays
 from .contact.mesh import MOST_FACES, Mesh
-from .mesh_files import mesh_of
+from .mesh_files import LARGEST, mesh_of
 
 __all__ = ["VOLUMES", "Volume", "read_volume", "read_volume_mesh", "volume_suffix"]
 
@@ -138,7 +138,8 @@ def read_volume_mesh(
     ------
     InputFileError
         If the file is damaged or of another kind, does not say its spacing, has no such level, or the library that
-        reads it is not installed; it names the file.
+        reads it is not installed; it names the file. If the surface is larger than `LARGEST`: its spacing is in another
+        unit.
     ValueError
         If the spacing is not positive, or the step is less than 1.
     OSError
@@ -157,6 +158,11 @@ def read_volume_mesh(
         vertices, faces = volume.coarser(step).surface(level)
     except ValueError as error:
         raise InputFileError(f"{path}: {error}") from error
+    if (size := float(np.ptp(vertices, axis=0).max())) > LARGEST:
+        raise InputFileError(
+            f"{path}: its surface at {level:g} is {size:.4g} m large, larger than {LARGEST:g} m, with values "
+            f"{float(np.linalg.norm(volume.axes, axis=1).max()):.3g} m apart; spacing is in metres, 0.002 for 2 mm"
+        )
     return mesh_of(vertices, faces, path, 1.0, tell)
 
 
@@ -174,8 +180,8 @@ def read_volume(path: Path, spacing: float | None = None) -> Volume:
     except Exception as error:  # on foreign bytes the libraries raise nearly anything, OSError without a number too
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        reason = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
-        raise InputFileError(f"{path} is truncated, corrupted or no {kind}: {reason}") from error
+        reason = str(error) if type(error) is ValueError else f"it is damaged ({type(error).__name__}: {error})"
+        raise InputFileError(f"{path} cannot be used as a {kind}: {reason}") from error
 
 
 def volume_suffix(path: Path) -> str | None:

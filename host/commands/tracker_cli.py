@@ -15,7 +15,7 @@ from ..finding.tracker_checks import TRACKER_CHECKS, Watched, examine_tracker, w
 from ..hands.placing import PlacedHands
 from ..hands.pose import Pose
 from ..hands.recording import HandRecorder
-from ..hands.sources import SCHEMES, open_hands, schemes
+from ..hands.sources import SCHEMES, files_of, open_hands, schemes
 from ..lines.transport import entries
 from .completion import hand_urls
 from .telling import as_record, count, failed, tell
@@ -62,7 +62,8 @@ def tracker(
     It looks at the rate of frames, those that are missing, their delay, the hands' number, size and place. Exit code 1
     if a check failed, 3 if there is no such source, 4 if it was lost.
     """
-    check_outputs([json_target, record], [] if pose is None else [pose])
+    inputs = [] if source is None else files_of(source)
+    check_outputs([json_target, record], inputs if pose is None else [*inputs, pose])
     if source is None:
         if pose is not None or record is not None:
             raise ValueError("--pose and --record need a source of hands, such as leap:")

@@ -50,6 +50,7 @@ PALM_ENDS = (0, 9)
 """Landmarks: the wrist, and the knuckle of the middle finger."""
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]\d+)?")
 
+NO_ACCIDENT = "this is in most frames, so it is no accident: see that the source gives what is documented for it"
 POSE = "say in a pose file where the tracker is, and give it with --pose; docs/hands.md describes it"
 
 
@@ -262,15 +263,17 @@ def _hands(watched: Watched) -> Judgement:
         return skipped("no frame came")
     part = sum(bool(frame.hands) for frame in watched.frames) / len(watched.frames)
     advice = "hold an open hand over the tracker, 10 to 40 cm away; clean its window; keep sunlight and hot lamps away"
+    if not watched.hands and watched.complaints:
+        return fail(f"no hand could be used; {watched.complaints[0][0]}", NO_ACCIDENT)
     if not watched.hands:
-        why = f"; {watched.complaints[0][0]}" if watched.complaints else ""
-        return fail(f"no hand was in view{why}", advice)
+        return fail("no hand was in view", advice)
     sides = Counter(each.hand.side for each in watched.hands)
     most = max(len(frame.hands) for frame in watched.frames)
     numbers = len({each.id for each in watched.hands})
     seen = (
         f"in view in {part:.0%} of the frames, {most} at a time, "
-        f"{' and '.join(f'{side} in {count}' for side, count in sorted(sides.items()))}, {numbers} ids"
+        f"{' and '.join(f'{side} in {count}' for side, count in sorted(sides.items()))}, "
+        f"{numbers} id{'s' * (numbers > 1)}"
     )
     return ok(seen) if part >= MOSTLY else warn(seen, advice)
 
@@ -309,6 +312,8 @@ def _repairs(watched: Watched) -> Judgement:
     if not watched.complaints:
         return ok("nothing was wrong with the hands")
     said = listed(f"{text} ({count} × in {len(watched.frames)} frames)" for text, count in watched.complaints)
+    if watched.complaints[0][1] > MOSTLY * len(watched.frames):
+        return warn(said, NO_ACCIDENT)
     return warn(said, "one now and then does no harm; keep the hand open, and in the middle of what the tracker sees")
 
 

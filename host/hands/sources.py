@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from threading import Condition
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -27,6 +28,7 @@ __all__ = [
     "PlayedHands",
     "Readiness",
     "TrackerScheme",
+    "files_of",
     "open_hands",
     "read_options",
     "schemes",
@@ -183,6 +185,12 @@ def open_hands(url: str, clock: Timekeeper = time) -> HandSource:
 def _scheme(url: str) -> TrackerScheme:
     found: TrackerScheme = load_by_scheme(SCHEMES, url, "tracker", TrackerNotFoundError)
     return found
+
+
+def files_of(url: str) -> list[Path]:
+    """The file that a URL of a source of hands names, which nothing may be written over; none if it names no file."""
+    path = Path(unquote(url.partition(":")[2].partition("?")[0]))
+    return [path] if path.is_file() else []
 
 
 def read_options(rest: str, known: Mapping[str, Callable[[str], Any]], form: str) -> tuple[str, dict[str, Any]]:

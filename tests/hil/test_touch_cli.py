@@ -17,6 +17,7 @@ from phasewire.host.hands.sources import PlayedHands
 from phasewire.host.touching.loop import TouchLoop, TouchMoment
 
 from tests.host.commands import Run, runner
+from tests.host.hands.leap_service import LeapService, leap_frame
 
 
 @pytest.fixture
@@ -140,7 +141,9 @@ def test_ctrl_c_is_the_end_where_none_was_given(touch: Run, monkeypatch: pytest.
     outcome = touch("cube", "--hand", "gesture:tap?rate=100", "--json", "t.json")
     assert (outcome.code, "Ended: Ctrl-C. The outputs are off." in outcome.out) == (0, True)
     assert json.loads(Path("t.json").read_text())["ended"] == "Ctrl-C"
-    assert touch("cube", "--hand", "gesture:tap?rate=100", "--seconds", "9").code == 130
+    outcome = touch("cube", "--hand", "gesture:tap?rate=100", "--seconds", "9", "--json", "early.json")
+    assert (outcome.code, "Ended: Ctrl-C. The outputs are off." in outcome.out) == (130, True)
+    assert json.loads(Path("early.json").read_text())["ended"] == "Ctrl-C"
 
 
 def test_a_lost_device_ends_with_code_4_and_a_record(touch: Run) -> None:
@@ -151,8 +154,28 @@ def test_a_lost_device_ends_with_code_4_and_a_record(touch: Run) -> None:
     record = json.loads(Path("t.json").read_text())
     assert record["ended"] is None
     assert record["error"]
+    assert record["status"] is None
     assert record["touch"]["frames"] > 5
     assert outcome.err.strip().endswith(record["error"])
+    assert "The device's watchdog turns the outputs off." in outcome.out
+
+
+def test_a_lost_tracker_ends_with_code_4_and_the_outputs_off(touch: Run) -> None:
+    with LeapService(lambda connection: connection.send(json.dumps(leap_frame()))) as service:
+        outcome = touch("cube", "--hand", service.url, "--json", "t.json")
+    assert outcome.code == 4
+    assert "The outputs are off." in outcome.out
+    assert "has closed the connection" in outcome.err
+    record = json.loads(Path("t.json").read_text())
+    assert (record["ended"], record["status"]["state"]) == (None, "OFF")
+
+
+def test_what_is_read_is_not_written_over(touch: Run) -> None:
+    assert touch("cube", *SHORT, "--record", "tap.hands").code == 0
+    before = Path("tap.hands").read_bytes()
+    again = touch("cube", "--hand", "recording:tap.hands?speed=2", "--record", "tap.hands")
+    assert (again.code, "tap.hands cannot be written: it is also what is read" in again.err) == (2, True)
+    assert Path("tap.hands").read_bytes() == before
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_a_good_tracker_passes_every_check() -> None:
     assert verdicts(found) == GOOD
     assert judged(found, "rate")[1] == "100 frames/s, 10 ms apart at most"
     assert judged(found, "latency")[1].startswith("2.0 ms median, 2.0 ms for 99 %, 2.0 ms worst")
-    assert judged(found, "hands")[1] == "in view in 100% of the frames, 1 at a time, right in 100, 1 ids"
+    assert judged(found, "hands")[1] == "in view in 100% of the frames, 1 at a time, right in 100, 1 id"
     assert judged(found, "place")[1].startswith("palms at (0, 0, 200) mm, 100% of them")
 
 
@@ -118,8 +118,9 @@ def test_hands_in_the_wrong_unit() -> None:
     note = "hand 4 is left out: its knuckles are 0.066 mm wide; its tracker seems to give metres"
     empty = [replace(frame, hands=(), notes=(note.replace("66", f"{frame.number}"),)) for frame in frames()]
     found = watched(empty)
-    assert "seems to give metres" in judged(found, "hands")[1]
+    assert judged(found, "hands")[1].startswith("no hand could be used; hand 4 is left out")
     assert judged(found, "repairs")[1].endswith("metres (100 × in 100 frames)")
+    assert "no accident" in judged(found, "hands")[2] == judged(found, "repairs")[2]
 
 
 def test_sizes_of_hands() -> None:

@@ -54,6 +54,8 @@ def test_a_recording_is_judged_and_written_in_our_format(phasewire: Run, tmp_pat
     again = phasewire("tracker", f"recording:{target}")
     assert again.code == 0
     assert "111 frames/s" in again.out
+    over = phasewire("tracker", f"recording:{target}", "--record", str(target))
+    assert (over.code, "it is also what is read" in over.err) == (2, True)
 
 
 def test_a_pose_file_moves_the_hands(phasewire: Run, tmp_path: Path) -> None:

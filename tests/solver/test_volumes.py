@@ -213,6 +213,7 @@ def test_any_values_have_a_closed_surface(seed: int, level: float) -> None:
         ({"level": math.nan, "spacing": 0.002}, "a.npy: level nan must lie between"),
         ({"level": 0}, "a.npy does not say how far its values are apart: pass spacing"),
         ({"level": 0, "spacing": 1e-9}, "a.npy: it is .* m large, too small to be felt"),
+        ({"level": 0, "spacing": 2}, "its surface at 0 is .* m large, .* with values 2 m apart; spacing is in"),
     ],
 )
 def test_what_is_no_surface_is_refused(options: Any, message: str, tmp_path: Path) -> None:
@@ -254,7 +255,7 @@ def test_what_nibabel_dislikes_is_not_printed(tmp_path: Path) -> None:
     code = f"import phasewire\ntry: phasewire.Mesh.from_volume({str(tmp_path / 'a.nii')!r}, 0)\n"
     code += "except ValueError as error: print(error)"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert ended.stdout.endswith("NIfTI file: HeaderDataError: data code 0 not supported\n")
+    assert ended.stdout.endswith("NIfTI file: it is damaged (HeaderDataError: data code 0 not supported)\n")
     assert ended.stderr == ""
 
 
