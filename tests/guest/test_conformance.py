@@ -12,8 +12,9 @@ from .conftest import Bench
 pytestmark = pytest.mark.guest
 
 SOME = (
-    "enumeration",
+    "enumeration/unknown-requests",
     "endpoints/a-console-that-is-not-read",
+    "endpoints/set-interface",
     "acknowledgements/more-blocks-than-records",
     "acknowledgements/a-status-has-a-place",
     "flow/a-place-is-free-again",
@@ -35,12 +36,18 @@ GROUP_SECONDS = 900.0
 
 NOT_THERE = {unmet(need) for need in Need}
 """Why a case cannot be judged from the other end of a cable."""
-NOT_HERE = {
-    "a part of a block can arrive at full speed only, and this bus runs at high speed",
-    "this computer's own system does not let such a request through",
-    "the computer configures the device by itself, before a program can reset it",
-}
-"""Why nobody could judge it through Linux."""
+NOT_HERE = re.compile(
+    "a part of a block can arrive at full speed only"
+    "|this computer's own system does not let such a request through"
+    "|the computer configures the device by itself, before a program can reset it"
+    "|this concerns (a device that is used over a serial line alone|UARTs)"
+)
+"""Why it cannot be judged through Linux at high speed."""
+TOO_SLOW = re.compile(
+    r"the line brought \d+ of \d+ updates too late: it does not carry 40000 a second"
+    r"|(in \d+ attempts )?no block came exactly .* periods ahead of its change"
+)
+"""Why it cannot be judged in a guest without KVM, whose blocks arrive some milliseconds sooner or later."""
 
 
 def judged(bench: Bench, *only: str, allow: tuple[Risk, ...] = (), seconds: float) -> dict[str, int]:
@@ -56,7 +63,7 @@ def judged(bench: Bench, *only: str, allow: tuple[Risk, ...] = (), seconds: floa
 def test_what_a_kernel_makes_difficult_passes(bench: Bench) -> None:
     bench.attach()
     reasons = judged(bench, *SOME, seconds=120)
-    assert reasons.keys() <= {not_allowed(Risk.RESET)} | NOT_HERE
+    assert [why for why in reasons if why != not_allowed(Risk.RESET) and not NOT_HERE.match(why)] == []
     assert sum(reasons.values()) < 10
     bench.check("test", "-e", "/dev/ttyACM0")  # the kernel has its console again
 
@@ -65,5 +72,6 @@ def test_what_a_kernel_makes_difficult_passes(bench: Bench) -> None:
 @pytest.mark.parametrize("groups", GROUPS, ids="+".join)
 def test_a_group_passes(bench: Bench, groups: tuple[str, ...]) -> None:
     bench.attach("--loop")
-    reasons = judged(bench, *(f"{group}/" for group in groups), allow=tuple(Risk), seconds=GROUP_SECONDS)
-    assert reasons.keys() <= NOT_THERE | NOT_HERE
+    told = judged(bench, *(f"{group}/" for group in groups), allow=tuple(Risk), seconds=GROUP_SECONDS)
+    reasons = [why for why in told if why not in NOT_THERE]
+    assert [why for why in reasons if not (NOT_HERE.match(why) or TOO_SLOW.match(why))] == []

@@ -9,7 +9,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
-from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, is_fast
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, in_time, is_fast
 from phasewire.hil.conformance.tools.steps import require
 from phasewire.protocol.blocks import Body, Change, Entries, Entry, NoOp, Output, Sequence, Slot, Update
 from phasewire.protocol.board import CHANNELS
@@ -377,13 +377,14 @@ def test_what_will_play_is_not_overwritten(bench: Bench) -> None:
     stage.send(Sequence(10, 2))
     period = stage.soon(6) + SETTLED_PERIODS
     stage.send(Sequence(20, 2, period))
-    for body in (
-        Slot(3, bench.weak()),
-        Entries((Entry(5, 1),), 21),
-        Slot(1, bench.weak()),
-        Entries((Entry(5, 1),), 10),
-    ):
-        refused(bench, body, Reason.IN_USE)
+    with in_time(bench, period):
+        for body in (
+            Slot(3, bench.weak()),
+            Entries((Entry(5, 1),), 21),
+            Slot(1, bench.weak()),
+            Entries((Entry(5, 1),), 10),
+        ):
+            refused(bench, body, Reason.IN_USE)
     stage.judge(period - 20, period + 20)
 
 
