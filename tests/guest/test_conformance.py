@@ -62,7 +62,7 @@ def judged(bench: Bench, *only: str, allow: tuple[Risk, ...] = (), seconds: floa
 
 def test_what_a_kernel_makes_difficult_passes(bench: Bench) -> None:
     bench.attach()
-    reasons = judged(bench, *SOME, seconds=120)
+    reasons = judged(bench, *SOME, seconds=300)
     assert [why for why in reasons if why != not_allowed(Risk.RESET) and not NOT_HERE.match(why)] == []
     assert sum(reasons.values()) < 10
     bench.check("test", "-e", "/dev/ttyACM0")  # the kernel has its console again
