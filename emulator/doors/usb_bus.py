@@ -102,6 +102,7 @@ class Outcome(IntEnum):
     """How a transfer ended, with Linux's numbers."""
 
     DONE = 0
+    GONE = -19  # ENODEV
     STALLED = -32  # EPIPE
     MALFORMED = -71  # EPROTO
     OVERFLOW = -75  # EOVERFLOW

@@ -1,0 +1,109 @@
+"""Devices that leave in the middle of something: programs end and say why, and the kernel goes on."""
+
+from __future__ import annotations
+
+import random
+import signal
+
+import pytest
+from phasewire.hil.guest import Done
+
+from tests.host.upgrades import FILE
+
+from .conftest import PATIENCE, Bench
+
+pytestmark = pytest.mark.guest
+
+OPENED = """
+import os, pathlib, sys, time
+for _ in range(1200):
+    for link in pathlib.Path("/proc").glob("[0-9]*/fd/*"):
+        try: name = os.readlink(link)
+        except OSError: continue
+        if name.startswith("/dev/bus/usb"): sys.exit()
+    time.sleep(0.05)
+sys.exit("no program opens the device")
+"""
+UNPLUG = "import pathlib; pathlib.Path('/sys/devices/platform/vhci_hcd.0/detach').write_text('0')"
+DETACHES = """
+import pathlib, random, sys, time, threading, usb.core
+seed, count, seconds = {seed}, {count}, {seconds}
+draw, end, status = random.Random(seed), time.monotonic() + seconds, pathlib.Path("/sys/devices/platform/vhci_hcd.0")
+errors = set()
+
+def find():
+    until = time.monotonic() + 30
+    while time.monotonic() < until:
+        try:
+            device = usb.core.find(idVendor=0x1209, idProduct=1)
+            if device is not None and device.serial_number: return device
+        except (usb.core.USBError, ValueError): pass
+        time.sleep(0.02)
+    sys.exit(f"after {{done}} detaches with seed {{seed}} the device does not come back")
+
+def use(device, kind):
+    try:
+        while True:
+            if kind: device.ctrl_transfer(0x80, 6, 0x0100, 0, 18)
+            else: device.read(0x81, 512, 60_000)
+    except usb.core.USBError as error: errors.add(error.errno)
+
+for done in range(count):
+    if time.monotonic() > end: break
+    device = find()
+    users = [threading.Thread(target=use, args=(device, kind)) for kind in (0, 1)]
+    for user in users: user.start()
+    time.sleep(draw.random() * 0.2)
+    (status / "detach").write_text("0")
+    for user in users:
+        user.join(30)
+        if user.is_alive(): sys.exit(f"after {{done}} detaches with seed {{seed}} a transfer does not end")
+    usb.util.dispose_resources(device)
+else: done = count
+find()
+print(done, errors)
+"""
+
+
+def is_told(done: Done) -> bool:
+    """Whether a program has ended with a code that says what was wrong, and in words."""
+    return done.code in (3, 4) and done.err.splitlines()[-1].startswith("phasewire: ") and "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("how", ["unplugged", "ended", "killed"])
+@pytest.mark.parametrize("what", [("stream", "circle:radius=0.02", "--rate", "100", "--seconds", "100"), ("flash",)])
+def test_a_device_that_leaves_is_told_of_and_the_kernel_goes_on(bench: Bench, what: tuple[str, ...], how: str) -> None:
+    bench.attach("--loop" if what == ("flash",) else "--patience=30")
+    if what == ("flash",):
+        what = (*what, bench.guest.share("new.dfu", FILE))
+    program = bench.guest.start("phasewire", *what, "--device", "usb:", seconds=PATIENCE)
+    bench.python(OPENED)
+    bench.python(f"import time; time.sleep({random.random()})")
+    if how == "unplugged":
+        bench.detach()
+        bench.python(UNPLUG)
+    else:
+        bench.end_server(signal.SIGKILL if how == "killed" else signal.SIGTERM)
+    done = bench.guest.wait(program)
+    assert is_told(done), done
+    bench.serve()
+    bench.attach()
+    assert "EMU-0001" in bench.check("phasewire", "info", "--device", "usb:")
+
+
+def test_a_device_that_is_given_new_firmware_leaves_and_comes_back_without_an_error(bench: Bench) -> None:
+    """After the reset that ends DFU mode Linux asks a device that has left, and is told so at once."""
+    bench.attach("--loop")
+    image = bench.guest.share("new.dfu", FILE)
+    bench.check("phasewire", "flash", image, "--device", "usb:", seconds=240)
+    assert not [line for line in bench.complaints() if "error" in line]
+
+
+@pytest.mark.guest_slow
+def test_two_hundred_detaches_at_random_leave_a_device_that_answers(bench: Bench) -> None:
+    bench.attach("--loop")
+    seed = random.randrange(1 << 32)
+    done, errors = bench.python(DETACHES.format(seed=seed, count=200, seconds=600), seconds=700).split(maxsplit=1)
+    assert int(done) > 50, f"the time was too short; seed {seed}"
+    assert "19" in errors
+    assert "EMU-0001" in bench.check("phasewire", "info", "--device", "usb:")

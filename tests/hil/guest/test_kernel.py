@@ -1,0 +1,63 @@
+"""Kernels for the guest, without one: how they are packed, and where apt is told to look."""
+
+from __future__ import annotations
+
+import lzma
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import pytest
+from phasewire.hil.guest import kernel
+
+KERNEL = b"\x7fELF" + bytes(10_000)
+
+
+def image(payload: bytes) -> bytes:
+    """A bzImage as Documentation/arch/x86/boot.rst has it: two sectors of setup, then the payload."""
+    setup = bytearray(1024 + 16)
+    setup[0x1F1] = 1
+    setup[0x248:0x250] = struct.pack("<II", 16, len(payload))
+    return bytes(setup) + payload + b"more"
+
+
+def test_a_kernel_packed_by_xz_is_unpacked() -> None:
+    assert kernel.unpack(image(lzma.compress(KERNEL, check=lzma.CHECK_CRC32) + bytes(4))) == KERNEL
+
+
+@pytest.mark.skipif(not shutil.which("zstd"), reason="zstd is not installed")
+def test_a_kernel_packed_by_zstd_is_unpacked() -> None:
+    packed = subprocess.run(["zstd", "--stdout"], input=KERNEL, capture_output=True, check=True).stdout
+    assert kernel.unpack(image(packed + struct.pack("<I", len(KERNEL)))) == KERNEL
+
+
+def test_a_kernel_packed_otherwise_is_refused() -> None:
+    with pytest.raises(OSError, match="neither xz nor zstd"):
+        kernel.unpack(image(b"\x1f\x8b gzip"))
+
+
+def test_a_suite_of_its_own_changes_nothing_of_this_computer_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every folder that apt writes to is in the cache, and old lists serve where no new ones can be had."""
+    asked: list[tuple[str, ...]] = []
+
+    def run(*command: str, cwd: str | None = None) -> str:
+        asked.append(command)
+        if "update" in command and len(asked) > 2:
+            raise OSError("no network")
+        if command[-1] == kernel.PACKAGE:
+            return "linux-image-amd64\n  Depends: linux-image-7.1-amd64\n"
+        return "  Depends: linux-modules-7.1-amd64\n |Depends: <dracut>\n" if "depends" in command else ""
+
+    monkeypatch.setattr(kernel, "_run", run)
+    built = tmp_path / "guest/linux-image-7.1-amd64"
+    built.mkdir(parents=True)
+    (built / "initramfs").touch()
+    assert kernel.fetch_kernel("some-suite", tmp_path) == kernel.Kernel(built, "7.1-amd64")
+    lists = tmp_path / "guest/lists/some-suite"
+    for command in asked:
+        options = dict(part.split("=", 1) for part in command if "::" in part)
+        assert all(options[name].startswith(str(lists)) for name in ("Dir::Etc", "Dir::State", "Dir::Cache"))
+    assert "some-suite main" in (lists / "sources.list").read_text()
+    monkeypatch.setattr(kernel, "LIST_SECONDS", -1.0)
+    assert kernel.fetch_kernel("some-suite", tmp_path).release == "7.1-amd64"
