@@ -19,6 +19,7 @@ from typing import Any, Protocol, Self, cast
 from .station import Conversation, Station
 from .uart import Uart
 from .usbip_session import Exported, UsbIpSession
+from .usbredir import UsbRedirSession
 
 __all__ = ["Server", "precise_loop"]
 
@@ -169,6 +170,21 @@ class _UsbIpConnection(_Connection):
         if self._session.end:
             self._server.tell(f"{self._who} was left: {self._session.end}")
         super().connection_lost(_error)
+
+
+class _UsbRedirConnection(_Connection):
+    """A host of a device by usbredir; one has it at a time."""
+
+    def __init__(self, server: Server, exported: Exported, pulse: _Pulse) -> None:
+        super().__init__(server, pulse)
+        self._exported = exported
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """A host has come."""
+        self.conversation = UsbRedirSession(self._exported)
+        super().connection_made(transport)
+        assert self._pulse
+        self._pulse.beat()
 
 
 class _SerialConnection(_Connection):
@@ -332,6 +348,19 @@ class Server:
             Where nobody can listen there.
         """
         return await self._listen(lambda: _UsbIpConnection(self, UsbIpSession(exports), self._pulses), host, port)
+
+    async def listen_usbredir(self, exported: Exported, host: str, port: int) -> int:
+        """Offer a device by usbredir; the port, which the system chooses for 0.
+
+        Raises
+        ------
+        ValueError
+            Where nobody can listen there.
+        """
+        pulse = self._pulses[exported.station]
+        return await self._listen(
+            lambda: _Stranger() if exported.taken else _UsbRedirConnection(self, exported, pulse), host, port
+        )
 
     async def listen_serial(self, uart: Uart, station: Station, host: str, port: int) -> int:
         """Offer a serial line by TCP; the port, which the system chooses for 0.
