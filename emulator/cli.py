@@ -59,10 +59,16 @@ class Stand:
     station: Station
     bus_id: str | None = None
     serial_line: str | None = None
+    usbredir_port: int | None = None
 
     def record(self) -> dict[str, Any]:
         """What scripts need to know of it."""
-        return {"serial": self.emulator.serial, "bus_id": self.bus_id, "serial_line": self.serial_line}
+        return {
+            "serial": self.emulator.serial,
+            "bus_id": self.bus_id,
+            "serial_line": self.serial_line,
+            "usbredir_port": self.usbredir_port,
+        }
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,7 @@ class Wishes:
     """Which doors are to be opened."""
 
     usbip: bool
+    usbredir: bool
     serial: str | None
     host: str
     port: int
@@ -83,6 +90,9 @@ class Wishes:
 def emulate(
     usbip: Annotated[
         bool, typer.Option("--usbip", help="Offer the devices by USB/IP; so it is too where no door is asked for.")
+    ] = False,
+    usbredir: Annotated[
+        bool, typer.Option("--usbredir", help="Offer each device to a QEMU by usbredir, on a TCP port of its own.")
     ] = False,
     serial: Annotated[
         str | None,
@@ -217,7 +227,9 @@ def emulate(
 
             code = run_under_mock(shlex.split(program), emulators)
         else:
-            wishes = Wishes(usbip or serial is None, serial, host, port, serial_port, baud, seconds, json_target)
+            wishes = Wishes(
+                usbip or not (usbredir or serial), usbredir, serial, host, port, serial_port, baud, seconds, json_target
+            )
             stands = [Stand(emulator, Station(emulator.scheduler, wanted_pace)) for emulator in emulators]
             with suppress(KeyboardInterrupt), asyncio.Runner(loop_factory=precise_loop) as runner:
                 runner.run(_serve(stands, wishes))  # Ctrl-C comes here where the loop cannot be told of signals
@@ -276,7 +288,11 @@ async def _serve(stands: Sequence[Stand], wishes: Wishes) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             with suppress(NotImplementedError):  # not on every system
                 loop.add_signal_handler(number, server.stop)
-        usbip_port = await _offer_usbip(server, stands, wishes) if wishes.usbip else None
+        exports = [Exported(BUS, at, each.emulator.usb, each.station) for at, each in enumerate(stands, start=1)]
+        usbip_port = await _offer_usbip(server, stands, exports, wishes) if wishes.usbip else None
+        if wishes.usbredir:
+            for stand, exported in zip(stands, exports, strict=True):
+                stand.usbredir_port = await server.listen_usbredir(exported, wishes.host, 0)
         for index, stand in enumerate(stands if wishes.serial else ()):
             await _offer_line(server, stand, wishes, index)
         _announce(stands, wishes, usbip_port)
@@ -284,13 +300,10 @@ async def _serve(stands: Sequence[Stand], wishes: Wishes) -> None:
             await server.serve(wishes.seconds)
 
 
-async def _offer_usbip(server: Server, stands: Sequence[Stand], wishes: Wishes) -> int:
-    exports = {}
-    for number, stand in enumerate(stands, start=1):
-        exported = Exported(BUS, number, stand.emulator.usb, stand.station)
+async def _offer_usbip(server: Server, stands: Sequence[Stand], exports: Sequence[Exported], wishes: Wishes) -> int:
+    for stand, exported in zip(stands, exports, strict=True):
         stand.bus_id = exported.describe().bus_id
-        exports[stand.bus_id] = exported
-    return await server.listen_usbip(exports, wishes.host, wishes.port)
+    return await server.listen_usbip({each.describe().bus_id: each for each in exports}, wishes.host, wishes.port)
 
 
 async def _offer_line(server: Server, stand: Stand, wishes: Wishes, index: int) -> None:
@@ -316,13 +329,20 @@ def _announce(stands: Sequence[Stand], wishes: Wishes, usbip_port: int | None) -
         out.print("  modprobe vhci-hcd")
         for stand in stands:
             out.print(f"  phasewire attach {where} {stand.bus_id} --loop    # {stand.emulator.serial}")
+    if wishes.usbredir:
+        out.print(f"By usbredir on {wishes.host}. A QEMU has a device by:")
+        for stand in stands:
+            out.print(
+                f"  -device usb-ehci -chardev socket,id=usb,host={wishes.host},port={stand.usbredir_port} "
+                f"-device usb-redir,chardev=usb    # {stand.emulator.serial}"
+            )
     if wishes.serial:
         out.print(f"By serial lines of {wishes.baud} baud:")
         for stand in stands:
             out.print(
                 f"  python -m serial.tools.miniterm {stand.serial_line} {wishes.baud}    # {stand.emulator.serial}"
             )
-    if not _is_loopback(wishes.host) and (wishes.usbip or wishes.serial == TCP):
+    if not _is_loopback(wishes.host) and (wishes.usbip or wishes.usbredir or wishes.serial == TCP):
         error_console().print(
             f"warning: whoever reaches {wishes.host} can use these devices, and read what is said", style="yellow"
         )
