@@ -73,6 +73,11 @@ class _Type(IntEnum):
     INTERRUPT_PACKET = 103
 
 
+_HEADS: dict[int, int] = {
+    _Type.CONTROL_PACKET: _CONTROL.size,
+    _Type.BULK_PACKET: _BULK.size,
+    _Type.INTERRUPT_PACKET: _INTERRUPT.size,
+}
 _SUCCESS, _CANCELLED, _INVALID, _IO_ERROR, _STALL, _BABBLE = 0, 1, 2, 3, 4, 6
 _STATUS = {
     Outcome.DONE: _SUCCESS,
@@ -318,7 +323,7 @@ class UsbRedirSession:
 
     def _answer_early(self, kind: int, number: int, data: bytes, status: int) -> None:
         """Refuse a transfer, whose answer repeats its head; other messages that are not known are passed over."""
-        size = {_Type.CONTROL_PACKET: _CONTROL.size, _Type.BULK_PACKET: _BULK.size, _Type.INTERRUPT_PACKET: 4}.get(kind)
+        size = _HEADS.get(kind)
         if size is not None:
             head = bytearray(data[:size])
             head[3 if kind == _Type.CONTROL_PACKET else 1] = status
