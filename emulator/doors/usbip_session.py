@@ -3,8 +3,8 @@
 A client's host controller keeps some things to itself, which are made good here. It says nothing of bus resets: one is
 inferred where a host begins to enumerate, asking for the device descriptor with room for 64 bytes and then for 18, and
 nothing else is under way. It may take a transfer back before it submits it, or one of the connection before. A device
-that attaches itself anew is another one to it: its transfers end, then the connection, and the client attaches again.
-A device whose client leaves is unplugged, and plugged in again where nobody listens; so it waits for the next.
+that attaches itself anew is another one to it: the connection ends, and the client attaches again. A device whose
+client leaves is unplugged, and plugged in again where nobody listens; so it waits for the next.
 """
 
 from __future__ import annotations
@@ -43,11 +43,6 @@ MOST_PENDING = 1 << 20
 
 ATTACH_CYCLES = CORE_HZ
 """How long a client waits for a device that is about to attach itself: one second, for it may have to boot."""
-
-LINGER_CYCLES = CORE_HZ // 25
-MOST_LINGER_CYCLES = CORE_HZ
-"""How long after the last transfer for a device that has left the connection ends: 40 ms, and 1 s at most in all. Linux
-tries three times to look at a device that it has reset, and if the connection has ended it waits 5 s for an answer."""
 
 _FIRST_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorType.DEVICE << 8, 0, 64)
 _SECOND_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorType.DEVICE << 8, 0, 18)
@@ -106,8 +101,6 @@ class UsbIpSession:
         self._newest: int | None = None
         self._premature: dict[int, int] = {}  # numbers of transfers taken back before they came, and of who did it
         self._looked = False
-        self._left: int | None = None  # when the device left the bus
-        self._ends = 0  # when the connection ends for that
         self.over = False
         self.end = ""
 
@@ -129,14 +122,12 @@ class UsbIpSession:
     @property
     def presses(self) -> bool:
         """Whether something of it is under way, so that time must pass at the fast pace too."""
-        if self._bus is None or self._left is not None:
-            return self._attaching
-        return self._bus.presses and not self.full
+        return self._attaching or (self._bus is not None and self._bus.presses and not self.full)
 
     @property
     def stuck(self) -> bool:
         """Whether the device does not hear for now what it says; perhaps it would later."""
-        return self._left is not None or (self._bus is not None and self._bus.stuck)
+        return self._bus is not None and self._bus.stuck
 
     @property
     def last_word(self) -> int | None:
@@ -167,8 +158,6 @@ class UsbIpSession:
         """When there is something to do, if nobody else acts; the device itself does at `event`."""
         if self._attaching:
             return self._give_up if event is None else min(event, self._give_up)
-        if self._left is not None:
-            return self._ends
         return None if self._bus is None or self.full else self._bus.next_time(event)
 
     def run(self) -> None:
@@ -176,9 +165,7 @@ class UsbIpSession:
         if self._attaching:
             self._attach()
         self._check_attachment()  # first: one who has left the bus answers nothing any more
-        if self._left is not None:
-            self._linger()
-        elif self._bus and not self.full:
+        if self._bus and not self.full:
             self._bus.run()
             self._check_attachment()
 
@@ -239,21 +226,11 @@ class UsbIpSession:
             self._refuse(ImportStatus.NOT_AVAILABLE, "the device did not attach itself")
 
     def _check_attachment(self) -> None:
-        """End the transfers of a device that has left the bus; soon the connection ends, too."""
-        if self._bus and self._exported and self._left is None:
+        """Leave the client where its device has left it."""
+        if self._bus and self._exported:
             device = self._exported.device
             if not device.attached or device.generation != self._generation:
-                self._left = self._exported.station.scheduler.now
-                self._ends = self._left + LINGER_CYCLES
-                for transfer in tuple(self._transfers.values()):
-                    self._bus.cancel(transfer)
-                    transfer.on_end(transfer, Outcome.GONE)
-
-    def _linger(self) -> None:
-        """Leave the client if it asks no more."""
-        assert self._exported
-        if self._exported.station.scheduler.now >= self._ends:
-            self._leave("the device has left the bus; it can be attached again")
+                self._leave("the device has left the bus; it can be attached again", replug=False)
 
     def _submit(self, command: Submit) -> None:
         assert self._bus
@@ -262,11 +239,6 @@ class UsbIpSession:
         self._newest = command.number
         if command.number in self._premature:
             self._pending += encode_unlinked(self._premature.pop(command.number), Outcome.TAKEN_BACK)
-            return
-        if self._left is not None:
-            assert self._exported
-            self._pending += encode_submitted(command, Outcome.GONE, 0)
-            self._ends = min(self._exported.station.scheduler.now + LINGER_CYCLES, self._left + MOST_LINGER_CYCLES)
             return
         if command.number in self._transfers:
             self._leave(f"it sent a second transfer {command.number} while the first was under way")
@@ -334,7 +306,7 @@ class UsbIpSession:
         else:
             self._pending += encode_unlinked(command.number, Outcome.DONE)
 
-    def _leave(self, reason: str) -> None:
+    def _leave(self, reason: str, replug: bool = True) -> None:
         """Have no more to do with the client."""
         self.over = True
         self.end = self.end or reason
@@ -342,7 +314,7 @@ class UsbIpSession:
         if self._exported:
             self._exported.station.conversations.remove(self)
             self._exported.taken = False
-            if self._left is None:
+            if replug:
                 self._exported.device.unplug()
                 self._exported.device.plug()
             self._exported = self._bus = None

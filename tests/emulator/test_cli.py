@@ -32,7 +32,7 @@ from tests.emulator.usbip_client import Client, client_on, setup
 
 LOOPBACK = "127.0.0.1"
 PATIENCE = 20.0  # seconds; the process takes a few to start on a busy machine
-STALLED, GONE = -32, -19  # EPIPE, ENODEV
+STALLED = -32  # EPIPE
 STATUS_REQUEST = bytes.fromhex("05032AC102 01 0101 0240 05CDC288CE 00")  # the worked example of chapter SER
 
 
@@ -108,30 +108,24 @@ def test_devices_are_served_used_and_gone(pace: str, speed: str, packet: int, nu
     assert "Traceback" not in said
 
 
-def see_it_leave(client: Client) -> None:
-    assert client.wait_for(client.submit(0x81, 512)).status == GONE
-    with pytest.raises(EOFError):
-        client.receive(1)
-
-
 @pytest.mark.parametrize("pace", ["wall", "fast"])
 def test_a_device_that_restarts_or_is_detached_can_be_attached_again(pace: str) -> None:
     with emulate("--pace", pace) as served:
         with served.client() as client:
             client.enumerate()
             client.submit(0x00, 0, setup=setup(0x41, Request.RESET, 0, 0, 0))
-            see_it_leave(client)
+            with pytest.raises(EOFError):
+                client.wait_for(client.submit(0x81, 512))
         with served.client() as client:
             client.enumerate()
             assert client.request(0x21, 0, 1000, 3).status == 0  # DETACH
-            see_it_leave(client)
+            with pytest.raises(EOFError):
+                client.wait_for(client.submit(0x81, 512))
         with served.client() as client:
             assert client.descriptor(1, 18)[8:12] == bytes.fromhex("09120200")  # 1209:0002, DFU mode
             client.enumerate()
-            client.descriptor(1, 64)
-            assert client.request(0x80, 6, 0x0100, 0, 18).status == GONE  # a bus reset boots it
             with pytest.raises(EOFError):
-                client.receive(1)
+                client.enumerate()  # a bus reset boots it
         with served.client() as client:
             assert client.descriptor(1, 18)[8:12] == bytes.fromhex("09120100")
 
