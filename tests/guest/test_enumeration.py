@@ -4,64 +4,85 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import pytest
-from phasewire.protocol.enumeration import run_time
 
 from tests.emulator.test_umockdev import COMPLAINT
+from tests.specification import hex_examples, table
 
 from .conftest import Bench
+from .lsusb import descriptors
 
 pytestmark = pytest.mark.guest
 
+EXAMPLES = hex_examples()
+PRODUCT, SERIAL = "phasewire five-board array (emulated)", "EMU-0001"
+RULE = "60-phasewire.rules"
+GUIDE = (Path(__file__).parents[2] / "docs/usb_device.md").read_text(encoding="utf-8")
 
-def test_the_kernel_finds_the_device_and_complains_of_nothing(bench: Bench) -> None:
+
+def specified(speed: str) -> bytes:
+    """Device and configuration descriptor of firmware 0.1.0 by chapter USB of the specification."""
+    device, configuration = EXAMPLES["USB_DEVICE"], EXAMPLES["USB_CONFIGURATION"]
+    if speed == "full":  # clause USB-010
+        configuration = configuration.replace(bytes.fromhex("02 00 02 01"), bytes.fromhex("02 40 00 01"))
+        configuration = configuration.replace(bytes.fromhex("82 03 10 00 09"), bytes.fromhex("82 03 10 00 20"))
+    return device[:12] + bytes.fromhex("10 00") + device[14:] + configuration
+
+
+@pytest.mark.parametrize("speed", ["high", "full"])
+def test_linux_finds_what_the_specification_says_and_complains_of_nothing(bench: Bench, speed: str) -> None:
+    bench.serve("--speed", speed)
     bench.attach()
     assert bench.complaints() == []
     said = bench.check("dmesg", "--notime")
-    for line in (
-        "new high-speed USB device",
-        "idVendor=1209, idProduct=0001",
-        "Product: phasewire five-board array (emulated)",
-        "SerialNumber: EMU-0001",
-        "ttyACM0: USB ACM device",
-    ):
+    for line in (f"new {speed}-speed USB device", f"Product: {PRODUCT}", f"SerialNumber: {SERIAL}", "ttyACM0: USB ACM"):
         assert line in said
-
-
-def test_its_descriptors_are_those_of_the_specification(bench: Bench) -> None:
-    bench.attach()
-    found = bench.python(
-        "import pathlib\n"
-        "for path in pathlib.Path('/sys/bus/usb/devices').glob('*/idVendor'):\n"
-        "    if path.read_text() == '1209\\n': print((path.parent / 'descriptors').read_bytes().hex())"
-    )
-    data = bytes.fromhex(found)
-    wanted = run_time((0, 1, 0), "phasewire five-board array (emulated)", "EMU-0001")
-    assert data == (wanted.find(1, 0, language=0) or b"") + wanted.configuration
-
-
-def test_lsusb_finds_no_fault(bench: Bench) -> None:
-    bench.attach()
     done = bench.run("lsusb", "-v", "-d", "1209:0001")
     assert (done.code, done.err) == (0, "")
     assert not COMPLAINT.search(done.out)
-    assert "Self Powered" in done.out
+    assert descriptors(done.out) == {
+        "Device Descriptor": specified(speed),
+        "Binary Object Store Descriptor": EXAMPLES["USB_BOS"],
+    }
+    strings = {row[0]: row[1].partition(" (")[0] for row in table("strings")} | {"2": PRODUCT, "3": SERIAL}
+    assert set(re.findall(r" i[A-Z]\w+ +([1-9]\d*) (.*)", done.out)) == set(strings.items())
 
 
 def test_the_tools_of_the_project_find_it(bench: Bench) -> None:
     bench.attach()
-    (device,) = [
-        each
-        for each in json.loads(bench.check("phasewire", "devices", "--json", "-"))["devices"]
-        if each["url"].startswith("usb:")
-    ]
-    assert device["serial"] == "EMU-0001"
+    found = json.loads(bench.check("phasewire", "devices", "--json", "-"))["devices"]
+    assert {(each["url"], each["serial"], each["firmware"]) for each in found} == {
+        ("usb:EMU-0001", "EMU-0001", "0.1.0"),
+        ("serial:///dev/ttyACM0", "EMU-0001", None),
+    }
     assert re.search(r"20 × 16 transducers", bench.check("phasewire", "info", "--device", "usb:EMU-0001"))
 
 
-def test_the_udev_rule_gives_it_to_users_and_names_the_console(bench: Bench) -> None:
-    bench.attach()
-    assert "EMU-0001" in bench.check("ls", "/dev/serial/by-id")
-    properties = bench.check("sh", "-c", "udevadm info --query=property --name=/dev/ttyACM0")
-    assert "ID_MM_DEVICE_IGNORE=1" in properties
+def test_the_udev_rule_gives_it_to_the_group_and_to_no_one_else(bench: Bench) -> None:
+    """Installed as docs/first-connection.md says, by programs that need no driver: dfu-util opens the device."""
+
+    def seen_by(group: str) -> str:
+        user = ("setpriv", "--reuid=nobody", f"--regid={group}", "--clear-groups")
+        done = bench.run(*user, "dfu-util", "--list")
+        return done.out + done.err
+
+    rule = bench.check("phasewire", "doctor", "--udev-rule")
+    bench.check("sh", "-c", f"rm /run/udev/rules.d/{RULE} && udevadm control --reload")
+    try:
+        bench.attach()
+        assert "LIBUSB_ERROR_ACCESS" in seen_by("plugdev")
+        bench.check("sh", "-c", f'printf %s "$0" > /etc/udev/rules.d/{RULE} && udevadm control --reload', rule)
+        bench.serve()
+        bench.attach()
+        assert "Found Runtime: [1209:0001]" in seen_by("plugdev")
+        assert "LIBUSB_ERROR_ACCESS" in seen_by("nogroup")
+        (console,) = re.findall(r"/dev/serial/by-id/\S*[^\s`]", GUIDE)[:1]
+        assert bench.check("readlink", "--canonicalize", console) == "/dev/ttyACM0\n"
+        assert bench.check("stat", "--dereference", "--format=%a %G", console) == "660 dialout\n"
+        properties = bench.check("udevadm", "info", "--query=property", "--name=/dev/ttyACM0")
+        assert "ID_MM_DEVICE_IGNORE=1" in properties
+    finally:
+        bench.check("sh", "-c", f"cp host/finding/{RULE} /run/udev/rules.d/; rm -f /etc/udev/rules.d/{RULE}")
+        bench.check("udevadm", "control", "--reload")

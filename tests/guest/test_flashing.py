@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import shlex
+from pathlib import Path
+from zlib import crc32
 
 import pytest
 from phasewire.hil.guest import Guest
@@ -13,25 +16,83 @@ from .conftest import Bench
 
 pytestmark = pytest.mark.guest
 
+GUIDE = (Path(__file__).parents[2] / "docs/flashing.md").read_text(encoding="utf-8").partition("## By dfu-util")[2]
+DOWNLOAD, UPLOAD, BACK = (
+    shlex.split(line, comments=True) for line in re.findall(r"^dfu-util --.*", GUIDE, re.MULTILINE)
+)
+DOCUMENTED = {says: int(code) for says, code in re.findall(r"^\|.*\| `([^`]+)`.*\| (\d+) \|$", GUIDE, re.MULTILINE)}
+"""What dfu-util says, and its exit code then."""
+MODES = {"run time": "Found Runtime: [1209:0001]", "DFU mode": "Found DFU: [1209:0002]"}
+
+
+def damaged(data: bytes) -> bytes:
+    return data[:1000] + bytes((data[1000] ^ 1,)) + data[1001:]
+
+
+def sealed(body: bytes) -> bytes:
+    """A file whose suffix has the checksum that it should have (DFU 1.1, appendix B)."""
+    return body + (crc32(body) ^ 0xFFFFFFFF).to_bytes(4, "little")
+
+
+def wait_for(bench: Bench, mode: str) -> None:
+    bench.check("sh", "-c", f"until dfu-util --list | grep -qF '{MODES[mode]}'; do sleep 0.2; done")
+
+
+def firmware(bench: Bench) -> str:
+    """The version in the device descriptor, as the kernel has read it."""
+    return bench.check("sh", "-c", "cat $(dirname $(grep -l 1209 /sys/bus/usb/devices/*/idVendor))/bcdDevice").strip()
+
 
 @pytest.fixture
 def image(guest: Guest) -> str:
     return guest.share("new.dfu", FILE)
 
 
-def test_the_device_is_given_new_firmware(bench: Bench, image: str) -> None:
+def test_dfu_util_ends_as_the_guide_says_whatever_the_device_makes_of_a_file(
+    bench: Bench, guest: Guest, image: str
+) -> None:
+    files = {
+        "new.dfu": image,
+        "refused.dfu": guest.share("refused.dfu", sealed(damaged(FILE)[:-4])),
+        "damaged.dfu": guest.share("damaged.dfu", damaged(FILE)),
+        "read-back.bin": "/tmp/read-back.bin",
+    }
+    met: dict[str, int] = {}
+
+    def ends(says: str, command: list[str], **changed: str) -> None:
+        """Run a command of the guide, changed in these options; it must say this."""
+        words = list(command)
+        for option, value in changed.items():
+            words[words.index(f"--{option}") + 1] = value
+        done = bench.run(*(files.get(word, word) for word in words))
+        assert says in done.out + done.err
+        met[says] = done.code
+
     bench.attach("--loop")
+    wait_for(bench, "run time")
+    ends("state(10) = dfuERROR", DOWNLOAD, download="refused.dfu")
+    wait_for(bench, "DFU mode")
+    ends("DFU suffix CRC does not match", DOWNLOAD, download="damaged.dfu")
+    ends("File ID 1209:0001 does not match device", DOWNLOAD, device=",1209:0002")
+    ends("can't detach", BACK)
+    wait_for(bench, "run time")
+    assert firmware(bench) == "0010", "what was refused does not run"
+    ends("state(2) = dfuIDLE", DOWNLOAD)
+    bench.check(*(files.get(word, word) for word in UPLOAD))
+    assert bytes.fromhex(bench.check("od", "-An", "-v", "-tx1", files["read-back.bin"])) == STORED
+    ends("can't detach", [*DOWNLOAD, "--reset"])
+    wait_for(bench, "run time")
+    assert firmware(bench) == "0234"
+    assert met == DOCUMENTED
+
+
+def test_the_device_is_given_new_firmware_and_goes_back(bench: Bench, guest: Guest, image: str) -> None:
+    bench.attach("--loop")
+    broken = bench.run("phasewire", "flash", guest.share("damaged.dfu", damaged(FILE)), "--device", "usb:")
+    assert (broken.code, firmware(bench)) == (2, "0010")
     assert "2.3.4" in bench.check("phasewire", "flash", image, "--device", "usb:", seconds=240)
+    assert firmware(bench) == "0234"
     assert re.search(r"firmware +│ +2\.3\.4", bench.check("phasewire", "info", "--device", "usb:"))
-
-
-def test_dfu_util_gives_it_new_firmware_and_reads_it_back(bench: Bench, image: str) -> None:
-    bench.attach("--loop")
-    assert "Found Runtime: [1209:0001]" in bench.check("dfu-util", "-l")
-    both = ("dfu-util", "-d", "1209:0001,1209:0002")
-    bench.check(*both, "-e")
-    bench.check("sh", "-c", "until dfu-util -l | grep -q 'Found DFU'; do sleep 0.1; done")
-    assert "Download done." in bench.check(*both, "-D", image)
-    bench.check(*both, "-U", "/tmp/read-back")
-    read = bytes.fromhex(bench.check("sh", "-c", "od -An -v -tx1 /tmp/read-back"))
-    assert read == STORED
+    bench.check("phasewire", "flash", "--revert", "--device", "usb:")
+    wait_for(bench, "run time")
+    assert firmware(bench) == "0010"

@@ -1,0 +1,96 @@
+"""``phasewire`` on a device that the kernel has, by libusb: judged by what the device did."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from phasewire.hil.guest import Guest
+
+from .conftest import Bench
+
+pytestmark = pytest.mark.guest
+
+ON = ("--device", "usb:")
+WIDTHS = range(1, 21)
+
+
+class Witnessed:
+    """A device of which is known what it did, once it is gone."""
+
+    def __init__(self, bench: Bench, record: Path) -> None:
+        self._bench, self._record = bench, record
+        bench.serve(program=(str(Path(__file__).with_name("witness.py")), str(record)))
+        bench.attach("--loop")
+
+    def run(self, *command: str, seconds: float = 120) -> str:
+        """Run a command that must succeed."""
+        return self._bench.check("phasewire", *command, *ON, seconds=seconds)
+
+    def did(self) -> tuple[list[str], list[tuple[float, float]]]:
+        """What happened in the device, and when its outputs began to do something else, with the loudest drive."""
+        self._bench.stop()
+        record: dict[str, Any] = json.loads(self._record.read_text())
+        return record["events"], [(seconds, drive) for seconds, drive in record["played"]]
+
+
+@pytest.fixture
+def device(bench: Bench, tmp_path: Path) -> Witnessed:
+    """A device that a slow guest may keep waiting for 5 s."""
+    device = Witnessed(bench, tmp_path / "did.json")
+    device.run("watchdog", "5")
+    return device
+
+
+def pulses(guest: Guest, name: str, widths: Sequence[int]) -> str:
+    """A file of frames in which all transducers play pulses of a width; of one frame as `show` takes it."""
+    width = np.repeat(np.asarray(widths, np.uint8)[:, None], 320, axis=1)
+    width = width[0] if len(widths) == 1 else width
+    file = io.BytesIO()
+    np.savez(file, width=width, phase=width % 2)
+    return guest.share(name, file.getvalue())
+
+
+def drive(width: int) -> float:
+    """The fundamental of a pulse, relative to that of the widest."""
+    return round(math.sin(math.pi * width / 50), 3)
+
+
+def test_a_frame_plays_for_its_time_and_then_the_outputs_are_off(device: Witnessed, guest: Guest) -> None:
+    device.run("show", pulses(guest, "one.npz", [10]), "--seconds", "0.5")
+    _, ((began, loud), (ended, silent)) = device.did()
+    assert (loud, silent) == (drive(10), 0)
+    assert ended - began >= 0.5
+
+
+def test_each_frame_of_a_stream_plays_once_and_in_its_turn(device: Witnessed, guest: Guest) -> None:
+    file = pulses(guest, "steps.npz", WIDTHS)
+    told = json.loads(device.run("stream", file, "--rate", "50", "--modulation", "0", "--json", "-"))["stream"]
+    assert (told["accepted"], told["refused"], told["damaged"]) == (20, 0, 0)
+    _, played = device.did()
+    assert [loud for _, loud in played] == [*map(drive, WIDTHS), 0]
+    if not told["underruns"] and not told["late"]:
+        assert {round((after - before) * 50, 3) for (before, _), (after, _) in pairwise(played[:-1])} == {1}
+
+
+def test_a_shape_plays_from_the_devices_memory(device: Witnessed) -> None:
+    device.run("play", "circle:radius=0.02", "--seconds", "0.5", seconds=300)
+    _, ((began, loud), (ended, silent)) = device.did()
+    assert loud > 0.5
+    assert silent == 0
+    assert ended - began >= 0.5
+
+
+def test_a_reset_starts_the_firmware_again_and_the_doctor_finds_nothing(device: Witnessed) -> None:
+    device.run("reset")
+    told = json.loads(device.run("doctor", "--json", "-"))
+    assert [each for each in told["findings"] if each["verdict"] == "fail"] == []
+    events, _ = device.did()
+    assert events.count("starts firmware 0.1.0 from bank FACTORY") == 2
