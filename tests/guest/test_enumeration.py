@@ -55,7 +55,7 @@ def test_the_tools_of_the_project_find_it(bench: Bench) -> None:
     found = json.loads(bench.check("phasewire", "devices", "--json", "-"))["devices"]
     assert {(each["url"], each["serial"], each["firmware"]) for each in found} == {
         ("usb:EMU-0001", "EMU-0001", "0.1.0"),
-        ("serial:///dev/ttyACM0", "EMU-0001", None),
+        ("serial:///dev/ttyACM0", "EMU-0001", ""),
     }
     assert re.search(r"20 × 16 transducers", bench.check("phasewire", "info", "--device", "usb:EMU-0001"))
 

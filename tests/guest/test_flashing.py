@@ -22,6 +22,7 @@ DOWNLOAD, UPLOAD, BACK = (
 )
 DOCUMENTED = {says: int(code) for says, code in re.findall(r"^\|.*\| `([^`]+)`.*\| (\d+) \|$", GUIDE, re.MULTILINE)}
 """What dfu-util says, and its exit code then."""
+SLOW = 240.0  # seconds that a command may take on a busy computer
 MODES = {"run time": "Found Runtime: [1209:0001]", "DFU mode": "Found DFU: [1209:0002]"}
 
 
@@ -35,7 +36,7 @@ def sealed(body: bytes) -> bytes:
 
 
 def wait_for(bench: Bench, mode: str) -> None:
-    bench.check("sh", "-c", f"until dfu-util --list | grep -qF '{MODES[mode]}'; do sleep 0.2; done")
+    bench.check("sh", "-c", f"until dfu-util --list | grep -qF '{MODES[mode]}'; do sleep 0.2; done", seconds=SLOW)
 
 
 def firmware(bench: Bench) -> str:
@@ -64,7 +65,7 @@ def test_dfu_util_ends_as_the_guide_says_whatever_the_device_makes_of_a_file(
         words = list(command)
         for option, value in changed.items():
             words[words.index(f"--{option}") + 1] = value
-        done = bench.run(*(files.get(word, word) for word in words))
+        done = bench.run(*(files.get(word, word) for word in words), seconds=SLOW)
         assert says in done.out + done.err
         met[says] = done.code
 
@@ -78,7 +79,7 @@ def test_dfu_util_ends_as_the_guide_says_whatever_the_device_makes_of_a_file(
     wait_for(bench, "run time")
     assert firmware(bench) == "0010", "what was refused does not run"
     ends("state(2) = dfuIDLE", DOWNLOAD)
-    bench.check(*(files.get(word, word) for word in UPLOAD))
+    bench.check(*(files.get(word, word) for word in UPLOAD), seconds=SLOW)
     assert bytes.fromhex(bench.check("od", "-An", "-v", "-tx1", files["read-back.bin"])) == STORED
     ends("can't detach", [*DOWNLOAD, "--reset"])
     wait_for(bench, "run time")
@@ -90,9 +91,9 @@ def test_the_device_is_given_new_firmware_and_goes_back(bench: Bench, guest: Gue
     bench.attach("--loop")
     broken = bench.run("phasewire", "flash", guest.share("damaged.dfu", damaged(FILE)), "--device", "usb:")
     assert (broken.code, firmware(bench)) == (2, "0010")
-    assert "2.3.4" in bench.check("phasewire", "flash", image, "--device", "usb:", seconds=240)
+    assert "2.3.4" in bench.check("phasewire", "flash", image, "--device", "usb:", seconds=SLOW)
     assert firmware(bench) == "0234"
     assert re.search(r"firmware +│ +2\.3\.4", bench.check("phasewire", "info", "--device", "usb:"))
-    bench.check("phasewire", "flash", "--revert", "--device", "usb:")
+    bench.check("phasewire", "flash", "--revert", "--device", "usb:", seconds=SLOW)
     wait_for(bench, "run time")
     assert firmware(bench) == "0010"
