@@ -80,15 +80,6 @@ def test_each_frame_of_a_stream_plays_once_and_in_its_turn(device: Witnessed, gu
         assert {round((after - before) * 50, 3) for (before, _), (after, _) in pairwise(played[:-1])} == {1}
 
 
-@pytest.mark.guest_slow  # what it solves with is compiled in the guest
-def test_a_shape_plays_from_the_devices_memory(device: Witnessed) -> None:
-    device.run("play", "circle:radius=0.02", "--seconds", "0.5", seconds=300)
-    _, ((began, loud), (ended, silent)) = device.did()
-    assert loud > 0.5
-    assert silent == 0
-    assert ended - began >= 0.5
-
-
 def test_a_reset_starts_the_firmware_again_and_the_doctor_finds_nothing(device: Witnessed) -> None:
     device.run("reset")
     told = json.loads(device.run("doctor", "--json", "-"))
