@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 from phasewire.hil.guest import Guest
 
-from .conftest import Bench
+from .conftest import EMULATE, Bench
 
 pytestmark = pytest.mark.guest
 
 ON = ("--device", "usb:")
+OFFER = EMULATE[EMULATE.index("emulate") :]
 WIDTHS = range(1, 21)
 
 
@@ -27,7 +28,7 @@ class Witnessed:
 
     def __init__(self, bench: Bench, record: Path) -> None:
         self._bench, self._record = bench, record
-        bench.serve(program=(str(Path(__file__).with_name("witness.py")), str(record)))
+        bench.serve(program=(str(Path(__file__).with_name("witness.py")), str(record), *OFFER))
         bench.attach("--loop")
 
     def run(self, *command: str, seconds: float = 120) -> str:
