@@ -25,6 +25,17 @@ for _ in range(1200):
 sys.exit("no program opens the device")
 """
 UNPLUG = "import pathlib; pathlib.Path('/sys/devices/platform/vhci_hcd.0/detach').write_text('0')"
+SUSPEND = """
+import pathlib, sys, time
+vendors = pathlib.Path("/sys/bus/usb/devices").glob("*/idVendor")
+(device,) = [each.parent for each in vendors if each.read_text() == "1209\\n"]
+(device / "power/autosuspend_delay_ms").write_text("0")
+(device / "power/control").write_text("auto")
+for _ in range(400):
+    if (device / "power/runtime_status").read_text() == "suspended\\n": sys.exit()
+    time.sleep(0.05)
+sys.exit("the device is not suspended")
+"""
 DETACHES = """
 import pathlib, random, sys, time, threading, usb.core
 seed, count, seconds = {seed}, {count}, {seconds}
@@ -89,6 +100,15 @@ def test_a_device_that_leaves_is_told_of_and_the_kernel_goes_on(bench: Bench, wh
     bench.serve()
     bench.attach()
     assert "EMU-0001" in bench.check("phasewire", "info", "--device", "usb:")
+
+
+def test_a_device_that_was_suspended_is_resumed_and_answers(bench: Bench) -> None:
+    """The host controller keeps the suspension to itself; the device sees a bus on which nobody speaks."""
+    bench.attach()
+    for _ in range(3):
+        bench.python(SUSPEND)
+        assert "EMU-0001" in bench.check("phasewire", "info", "--device", "usb:")
+    assert bench.complaints() == []
 
 
 @pytest.mark.guest_slow
