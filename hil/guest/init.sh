@@ -10,7 +10,6 @@ mount -t tmpfs over /run
 mkdir /run/upper /run/work
 mount -t overlay -o lowerdir=/host,upperdir=/run/upper,workdir=/run/work over /new
 for place in proc sys dev; do mount --move "/$place" "/new/$place"; done
-mount -t tmpfs tmp /new/tmp
 mount -t tmpfs run /new/run
 mkdir -p /new/run/guest /new/dev/pts /new/lib/modules /new/dev/shm
 mount -t devpts pts /new/dev/pts
