@@ -8,12 +8,14 @@ computer's is found with lists of packages of its own, so that nothing of this c
 from __future__ import annotations
 
 import lzma
+import os
 import re
 import shutil
 import struct
 import subprocess
 import tempfile
 import time
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,6 +46,7 @@ PROGRAMS = {
 EARLY = ("virtio-pci", "9pnet-virtio", "9p", "overlay", "virtio-console", "virtio-net")
 """Modules without which the guest cannot reach this computer's files."""
 
+INIT = Path(__file__).with_name("init.sh")
 SETUP_SECTORS, PAYLOAD = 0x1F1, 0x248  # of Documentation/arch/x86/boot.rst
 SECTOR_BYTES = 512
 ZSTD = b"\x28\xb5\x2f\xfd"
@@ -57,7 +60,7 @@ class Kernel:
     Parameters
     ----------
     folder : Path
-        Holds ``vmlinux``, ``initramfs`` and ``lib/modules``.
+        Holds ``vmlinux``, ``lib/modules`` and what `initramfs` names.
     release : str
         As ``uname -r`` says it.
     """
@@ -72,8 +75,8 @@ class Kernel:
 
     @property
     def initramfs(self) -> Path:
-        """The first files that it sees."""
-        return self.folder / "initramfs"
+        """The first files that it sees; another one for another `INIT`."""
+        return self.folder / f"initramfs-{zlib.crc32(INIT.read_bytes()):08x}"
 
 
 def missing_programs() -> list[str]:
@@ -101,7 +104,7 @@ def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> Kernel:
     options = _lists(suite, folder / "lists" / suite) if suite else ()
     packages = _newest(options)
     kernel = Kernel(folder / packages[0], packages[0].removeprefix("linux-image-"))
-    if not kernel.initramfs.exists():
+    if not kernel.image.exists():
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as name:
             built = Path(name) / "built"
@@ -114,9 +117,10 @@ def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> Kernel:
             (built / "vmlinux").write_bytes(unpack(next(files.rglob("vmlinuz*")).read_bytes()))
             shutil.move(next(files.glob(f"**/lib/modules/{kernel.release}/kernel")).parent, modules / kernel.release)
             _run("depmod", "--basedir", str(built), kernel.release, cwd=name)
-            _make_initramfs(built, kernel.release)
             shutil.rmtree(kernel.folder, ignore_errors=True)
             built.rename(kernel.folder)
+    if not kernel.initramfs.exists():
+        _make_initramfs(kernel)
     return kernel
 
 
@@ -184,9 +188,9 @@ def _needed(options: tuple[str, ...], package: str, pattern: str) -> list[str]:
     return re.findall(f"Depends: ({pattern})", _run("apt-cache", *options, "depends", "--important", package))
 
 
-def _make_initramfs(folder: Path, release: str) -> None:
+def _make_initramfs(kernel: Kernel) -> None:
     """A folder tree of busybox, the first modules, and the program that mounts this computer's files."""
-    modules = folder / "lib/modules" / release
+    modules = kernel.folder / "lib/modules" / kernel.release
     needs = {
         line.partition(":")[0]: line.partition(":")[2].split()
         for line in (modules / "modules.dep").read_text().splitlines()
@@ -214,14 +218,16 @@ def _make_initramfs(folder: Path, release: str) -> None:
             name = Path(path).name.removesuffix(".xz")
             (root / "modules" / name).write_bytes(lzma.decompress(data) if path.endswith(".xz") else data)
         (root / "modules/order").write_text("".join(f"{Path(path).name.removesuffix('.xz')}\n" for path in order))
-        shutil.copy(Path(__file__).with_name("init.sh"), root / "init")
+        shutil.copy(INIT, root / "init")
         (root / "init").chmod(0o755)
         listing = "\n".join(str(path.relative_to(root)) for path in sorted(root.rglob("*")))
-        with (folder / "initramfs").open("wb") as archive:
+        whole = kernel.folder / f"initramfs-{os.getpid()}"
+        with whole.open("wb") as archive:
             subprocess.run(
                 ["cpio", "--create", "--format=newc", "--quiet"],
                 cwd=root, input=listing.encode(), stdout=archive, check=True, timeout=FETCH_SECONDS,
             )  # fmt: skip
+        whole.rename(kernel.initramfs)
 
 
 def _run(*command: str, cwd: str | None = None) -> str:
