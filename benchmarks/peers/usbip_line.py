@@ -21,9 +21,9 @@ from phasewire.protocol.requests import DIRECTION_IN, Setup
 VERSION, IMPORT, SUBMIT = 0x0111, 0x8003, 1
 REQUEST, REPLY_HEAD, DEVICE = struct.Struct(">HHI32s"), struct.Struct(">HHI"), struct.Struct(">288xII16x")
 COMMAND, ANSWER = struct.Struct(">9Ii8s"), struct.Struct(">5IiI20x")
-READ_BYTES = 32 * BLOCK_BYTES
+READ_BYTES = 4 * BLOCK_BYTES
 NO_SETUP = bytes(8)
-MOST_OUT, MOST_IN = 8, 2
+MOST_OUT, MOST_IN = 8, 4
 """Transfers on their way at a time."""
 WINDOWS = 4
 """How many times as many blocks may be unanswered as the device can acknowledge: NAK holds the rest back."""

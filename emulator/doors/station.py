@@ -31,7 +31,8 @@ CATCH_UP = 2
 three signs of life in the time of the watchdog is in time also when this program was held up."""
 
 IDLE_SECONDS = 0.01
-"""How far the device's time may fall behind the wall clock while nobody would see it."""
+"""How far the device's time may fall behind the wall clock while nobody would see it. Also who waits for the device is
+looked after so often: a pause of more than `STALL_SECONDS` would be taken for one in which this program was held up."""
 
 
 class Pace(Enum):
@@ -139,7 +140,7 @@ class Station:
             return IDLE_SECONDS if any(each.stuck for each in self.conversations) else None
         if turn is None:
             return IDLE_SECONDS
-        return max(0.0, self._power_up + turn / CORE_HZ - self._clock())
+        return min(max(0.0, self._power_up + turn / CORE_HZ - self._clock()), IDLE_SECONDS)
 
     @property
     def seconds_behind(self) -> float:

@@ -26,9 +26,9 @@ from ...protocol.enumeration import ENDPOINT_IN, ENDPOINT_OUT
 
 __all__ = ["MOST_OUT", "Flight"]
 
-MOST_OUT, MOST_IN = 8, 2
+MOST_OUT, MOST_IN = 8, 4
 """Transfers that are on their way at a time."""
-READ_BYTES = 32 * BLOCK_BYTES
+READ_BYTES = 4 * BLOCK_BYTES
 END_SECONDS = 1.0
 """For transfers that were cancelled to end."""
 
