@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import ipaddress
 import json
 import shlex
@@ -283,6 +284,7 @@ async def _serve(stands: Sequence[Stand], wishes: Wishes) -> None:
     """Open the doors, say where they are, and serve."""
     messages = error_console()
     stations = {stand.emulator.serial: stand.station for stand in stands}
+    gc.freeze()  # what is loaded stays; to look through it again and again would hold the devices' time up
     async with Server(stations, messages.print) as server:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):

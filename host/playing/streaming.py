@@ -187,7 +187,8 @@ class Stream:
         self._most_blocks = max(1, int(min(MOST_BLOCKS, TURN_PERIODS * blocks_per_period)))
         self._asked = max(ceil(look_ahead * CARRIER_HZ), 2 * self._block_lead)
         self._plan(0)
-        self._posted = deque[Parcel]()
+        self._posted = deque[tuple[int, Parcel]]()
+        """Number of the last frame of each parcel, and the parcel."""
         self._next = 0
         self._start = 0.0
         self._read_at = 0.0
@@ -354,7 +355,7 @@ class Stream:
             self._next += count
             self._counts["sent"] += count
             self._counts["unanswered"] += count
-            self._posted.append(parcel := Parcel(number, Answers.none(count)))
+            self._posted.append((self._next - 1, parcel := Parcel(number, Answers.none(count))))
             self._finish(partial(self._session.post, blocks, parcel))
         self._keep_time()
 
@@ -365,7 +366,7 @@ class Stream:
         except BaseException:
             self._count_posted(len(self._posted))
             raise
-        known = sum(parcel.settled for parcel in self._posted)
+        known = sum(parcel.settled for _, parcel in self._posted)
         refused = self._count_posted(known)
         if refused is not None:
             with suppress(DeviceError):
@@ -377,11 +378,25 @@ class Stream:
         """Count the frames of the first parcels that were posted; the first of them that was refused for what it is."""
         first = None
         for _ in range(parcels):
-            answers = self._posted.popleft().answers
-            acks = answers.acks[answers.answered]
+            last, parcel = self._posted.popleft()
+            acks = parcel.answers.acks[parcel.answers.answered]
             self._account(acks)
+            if parcel.answers.answered[-1:].all():
+                self._follow(last, parcel.answers.acks[-1])
             first = first or _refused(acks)
         return first
+
+    def _follow(self, index: int, ack: np.void) -> None:
+        """Move what follows where the device is behind with the frame of an acknowledgement.
+
+        Frames that are in flight are late by as much. A device that takes a frame no more often than one is due would
+        be behind for ever.
+        """
+        behind = int(ack["commit_period"]) - self._due(index)
+        if self._session.line().posts and ack["flags"] & AckFlag.LATE and behind > 0:
+            self._start += (moved := behind + self._session.info.queue_blocks)
+            self._counts["underruns"] += 1
+            self._counts["moved_periods"] += moved
 
     def _account(self, acks: NDArray[np.void]) -> None:
         if not len(acks):
