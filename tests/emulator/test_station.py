@@ -5,9 +5,11 @@ from itertools import count, pairwise
 import pytest
 from phasewire.emulator.doors.station import Pace, Station
 from phasewire.emulator.doors.uart import Uart
+from phasewire.emulator.doors.usb_bus import Transfer, UsbBus
 from phasewire.emulator.scheduler import Scheduler
+from phasewire.protocol.requests import Setup
 
-from tests.emulator.stand_ins import StandInLine
+from tests.emulator.stand_ins import StandInDevice, StandInLine
 
 SECOND = 400_000_000
 MILLISECOND = SECOND // 1000
@@ -24,6 +26,21 @@ class Stand:
         self.uart = Uart(lambda: self.line, self.scheduler, 100_000)
         self.uart.connect()
         self.station.conversations.append(self.uart)
+
+
+class Listening:
+    """A conversation that is a bus and nothing more."""
+
+    pending, full, over, presses, stuck, last_word = 0, False, False, False, False, None
+
+    def __init__(self, bus: UsbBus) -> None:
+        self.next_time, self.run = bus.next_time, bus.run
+
+    def receive(self, data: bytes) -> None: ...
+    def take(self, room: int) -> bytes:
+        return b""
+
+    def hang_up(self) -> None: ...
 
 
 def test_at_the_pace_of_the_wall_time_follows_the_clock() -> None:
@@ -81,6 +98,23 @@ def test_at_the_pace_of_the_wall_everyone_gets_his_turn_when_it_is_due() -> None
     assert stand.station.seconds_to_wait() is None
     stand.scheduler.at(stand.scheduler.now + 1, lambda: None)
     assert stand.station.seconds_to_wait() == 0.01  # the device is busy, and nobody waits for it
+
+
+def test_one_who_waits_for_the_device_does_not_make_it_lose_time() -> None:
+    """As a driver does with a transfer that waits for records; the next event is far away."""
+    stand = Stand(Pace.WALL)
+    device = StandInDevice()
+    bus = UsbBus(device, stand.scheduler)
+    stand.station.conversations.append(Listening(bus))
+    bus.submit(Transfer(0x81, 512, b"", Setup(0, 0, 0, 0, 0), False, False, lambda *_: None))
+    stand.scheduler.at(SECOND, lambda: None)
+    for _ in range(60):
+        wait = stand.station.seconds_to_wait()
+        assert wait is not None
+        stand.clock += wait + 1e-6  # a loop never comes early
+        assert stand.station.pass_time(1.0)
+    assert stand.clock > 5.5
+    assert stand.scheduler.now / SECOND == pytest.approx(stand.clock - 5.0, abs=1e-4)
 
 
 def test_a_model_that_is_slow_is_interrupted() -> None:
