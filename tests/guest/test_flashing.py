@@ -49,6 +49,7 @@ def image(guest: Guest) -> str:
     return guest.share("new.dfu", FILE)
 
 
+@pytest.mark.guest_slow
 def test_dfu_util_ends_as_the_guide_says_whatever_the_device_makes_of_a_file(
     bench: Bench, guest: Guest, image: str
 ) -> None:

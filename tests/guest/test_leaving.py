@@ -81,11 +81,23 @@ def is_told(done: Done) -> bool:
     return done.code in (3, 4) and done.err.splitlines()[-1].startswith("phasewire: ") and "Traceback" not in done.err
 
 
-@pytest.mark.parametrize("how", ["unplugged", "ended", "killed"])
-@pytest.mark.parametrize("what", [("stream", "circle:radius=0.02", "--rate", "100", "--seconds", "100"), ("flash",)])
+STREAM, FLASH = ("stream", "circle:radius=0.02", "--rate", "100", "--seconds", "100"), ("flash",)
+
+
+@pytest.mark.parametrize(
+    ("what", "how"),
+    [
+        (STREAM, "killed"),
+        (FLASH, "unplugged"),
+        *(
+            pytest.param(*case, marks=pytest.mark.guest_slow)
+            for case in ((STREAM, "unplugged"), (STREAM, "ended"), (FLASH, "ended"), (FLASH, "killed"))
+        ),
+    ],
+)
 def test_a_device_that_leaves_is_told_of_and_the_kernel_goes_on(bench: Bench, what: tuple[str, ...], how: str) -> None:
-    bench.attach("--loop" if what == ("flash",) else "--patience=30")
-    if what == ("flash",):
+    bench.attach("--loop" if what == FLASH else "--patience=30")
+    if what == FLASH:
         what = (*what, bench.guest.share("new.dfu", FILE))
     program = bench.guest.start("phasewire", *what, "--device", "usb:", seconds=PATIENCE)
     bench.python(OPENED)

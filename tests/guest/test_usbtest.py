@@ -98,7 +98,8 @@ def test_the_board_passes_what_needs_no_data_from_it(usbtest: Bench, speed: str)
     judge(usbtest, "1209:0001", BOARD)
 
 
-@pytest.mark.parametrize("speed", ["high", pytest.param("full", marks=pytest.mark.guest_slow)])
+@pytest.mark.guest_slow
+@pytest.mark.parametrize("speed", ["high", "full"])
 def test_a_source_and_sink_passes_all_cases_of_its_endpoints(usbtest: Bench, speed: str) -> None:
     usbtest.serve(speed, program=[str(SOURCE_SINK_PROGRAM)])
     usbtest.check("modprobe", "usbtest", "realworld=0")
