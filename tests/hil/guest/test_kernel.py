@@ -52,8 +52,10 @@ def test_a_suite_of_its_own_changes_nothing_of_this_computer_s(tmp_path: Path, m
     monkeypatch.setattr(kernel, "_run", run)
     built = tmp_path / "guest/linux-image-7.1-amd64"
     built.mkdir(parents=True)
-    (built / "initramfs").touch()
-    assert kernel.fetch_kernel("some-suite", tmp_path) == kernel.Kernel(built, "7.1-amd64")
+    there = kernel.Kernel(built, "7.1-amd64")
+    there.image.touch()
+    there.initramfs.touch()
+    assert kernel.fetch_kernel("some-suite", tmp_path) == there
     lists = tmp_path / "guest/lists/some-suite"
     for command in asked:
         options = dict(part.split("=", 1) for part in command if "::" in part)
