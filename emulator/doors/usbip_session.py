@@ -17,6 +17,7 @@ from ...protocol.codes import DescriptorType, StandardRequest
 from ...protocol.requests import DIRECTION_IN, Setup
 from .station import Station
 from .usb_bus import Outcome, Peripheral, Transfer, UsbBus
+from .usb_conversation import UsbConversation
 from .usbip import (
     Export,
     Importing,
@@ -74,26 +75,19 @@ class Exported:
         return Export(self.bus, self.number, device.enumeration, device.speed, device.configuration)
 
 
-class UsbIpSession:
+class UsbIpSession(UsbConversation):
     """A conversation with one client, from its request to the end of its connection.
 
     Parameters
     ----------
     exports : mapping of str to Exported
         The devices that it may have, by their bus id.
-
-    Attributes
-    ----------
-    end : str
-        Why the client is left, in words; empty if it is not, or has got all that it asked for.
     """
 
     def __init__(self, exports: Mapping[str, Exported]) -> None:
+        super().__init__()
         self._exports = exports
-        self._received = bytearray()
-        self._pending = bytearray()
         self._exported: Exported | None = None
-        self._bus: UsbBus | None = None
         self._generation = 0
         self._give_up = 0
         self._transfers: dict[int, Transfer] = {}
@@ -101,18 +95,11 @@ class UsbIpSession:
         self._newest: int | None = None
         self._premature: dict[int, int] = {}  # numbers of transfers taken back before they came, and of who did it
         self._looked = False
-        self.over = False
-        self.end = ""
 
     @property
     def station(self) -> Station | None:
         """Where the client's device stands; None before it has one."""
         return self._exported.station if self._exported else None
-
-    @property
-    def pending(self) -> int:
-        """Bytes that wait for the client."""
-        return len(self._pending)
 
     @property
     def full(self) -> bool:
@@ -125,16 +112,6 @@ class UsbIpSession:
         return self._attaching or (self._bus is not None and self._bus.presses and not self.full)
 
     @property
-    def stuck(self) -> bool:
-        """Whether the device does not hear for now what it says; perhaps it would later."""
-        return self._bus is not None and self._bus.stuck
-
-    @property
-    def last_word(self) -> int | None:
-        """When the device last heard something of the client, in its time; None if never."""
-        return self._bus.last_word if self._bus else None
-
-    @property
     def _attaching(self) -> bool:
         return self._exported is not None and self._bus is None
 
@@ -143,16 +120,6 @@ class UsbIpSession:
         if not self.over:
             self._received += data
             self._read()
-
-    def take(self, room: int) -> bytes:
-        """Give bytes to the client, at most so many."""
-        data = bytes(self._pending[:room])
-        del self._pending[:room]
-        return data
-
-    def hang_up(self) -> None:
-        """The client has gone."""
-        self._leave("")
 
     def next_time(self, event: int | None) -> int | None:
         """When there is something to do, if nobody else acts; the device itself does at `event`."""

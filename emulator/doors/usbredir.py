@@ -17,6 +17,7 @@ from ...protocol.descriptors import Endpoint, Interface, descriptors
 from ...protocol.enumeration import HIGH_SPEED
 from ...protocol.requests import DIRECTION_IN, Setup
 from .usb_bus import Outcome, Transfer, UsbBus
+from .usb_conversation import UsbConversation
 from .usbip_session import MOST_BYTES, MOST_PENDING, MOST_TRANSFERS, Exported
 
 __all__ = ["UsbRedirSession"]
@@ -88,43 +89,29 @@ _STATUS = {
 }
 
 
-class UsbRedirSession:
+class UsbRedirSession(UsbConversation):
     """A conversation with one host, which sees the device whenever that is attached.
 
     Parameters
     ----------
     exported : Exported
         The device; nobody else must have it.
-
-    Attributes
-    ----------
-    end : str
-        Why the host is left, in words; empty if it is not.
     """
 
     def __init__(self, exported: Exported) -> None:
+        super().__init__()
         self._exported = exported
         exported.taken = True
         exported.station.conversations.append(self)
         self._scheduler = exported.station.scheduler
-        self._received = bytearray()
-        self._pending = bytearray()
         self._greeted = False
-        self._bus: UsbBus | None = None
         self._generation = 0
         self._absent_since = self._scheduler.now
         self._transfers: dict[int, Transfer] = {}
         self._bytes = 0
         self._interrupts: dict[int, Transfer] = {}  # by endpoint
-        self.over = False
-        self.end = ""
         self._pending += _HELLO_HEADER.pack(_Type.HELLO, _HELLO.size, 0)
         self._pending += _HELLO.pack(b"phasewire", _CAPS)
-
-    @property
-    def pending(self) -> int:
-        """Bytes that wait for the host."""
-        return len(self._pending)
 
     @property
     def full(self) -> bool:
@@ -138,31 +125,11 @@ class UsbRedirSession:
             return self._greeted and self._scheduler.now < self._absent_since + _LINGER_CYCLES
         return self._bus.presses and not self.full
 
-    @property
-    def stuck(self) -> bool:
-        """Whether the device does not hear for now what it says; perhaps it would later."""
-        return self._bus is not None and self._bus.stuck
-
-    @property
-    def last_word(self) -> int | None:
-        """When the device last heard something of the host, in its time; None if never."""
-        return self._bus.last_word if self._bus else None
-
     def receive(self, data: bytes) -> None:
         """Take bytes of the host; it is left if they make no sense."""
         self._received += data
         while not self.over and self._read():
             self._check_attachment()
-
-    def take(self, room: int) -> bytes:
-        """Give bytes to the host, at most so many."""
-        data = bytes(self._pending[:room])
-        del self._pending[:room]
-        return data
-
-    def hang_up(self) -> None:
-        """The host has gone."""
-        self._leave("")
 
     def next_time(self, event: int | None) -> int | None:
         """When there is something to do, if nobody else acts; the device itself does at `event`."""
