@@ -317,42 +317,31 @@ class Session:
         """Number of the next block, and whether the numbering begins with it."""
         return self._number, self._restart
 
-    def transfer(self, blocks: NDArray[np.uint8], answers: Answers) -> None:
+    def post(self, blocks: NDArray[np.uint8], parcel: Parcel) -> None:
         """Send blocks, as many at a time as the line and the device allow, and wait for what becomes of each.
 
-        Parameters
-        ----------
-        blocks : (k, 512) uint8
-            Numbered from `upcoming` on.
-        answers : Answers
-            Of k blocks; what is known of each is written here as it comes, whatever happens then.
-
-        Raises
-        ------
-        DeviceTimeoutError
-            Where nothing moves for a second, or, on a line that loses nothing, an acknowledgement is missing.
-        DeviceError
-            Where the line or the device fails. How much was sent is then unknown, and the numbers are used up.
-        """
-        with self.lock:
-            self._transfer(blocks.tobytes(), Parcel(self._number, answers))
-
-    def post(self, blocks: NDArray[np.uint8], parcel: Parcel) -> None:
-        """Send blocks as `transfer` does, but wait only until the line has them, if it carries them by itself.
+        If the line carries blocks by itself, wait only until it has them.
 
         Parameters
         ----------
         blocks : (k, 512) uint8
             Numbered from `upcoming` on, as the parcel is.
         parcel : Parcel
-            Of these blocks. What becomes of them is written there; what comes later, when something else is sent, or by
-            `settle`.
+            Of these blocks. What is known of each is written there as it comes, whatever happens then; what comes
+            later, when something else is sent, or by `settle`.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If nothing moves for a second, or, on a line that loses nothing, an acknowledgement is missing.
+        DeviceError
+            If the line or the device fails. How much was sent is then unknown, and the numbers are used up.
         """
         with self.lock:
             self._transfer(blocks.tobytes(), parcel, wait=not self._line.posts)
 
     def settle(self) -> None:
-        """Wait for what becomes of all blocks that were sent; raise what `transfer` does."""
+        """Wait for what becomes of all blocks that were sent; errors as for `post`."""
         with self.lock:
             self._transfer(b"", Parcel(self._number, Answers.none(0)))
 

@@ -17,7 +17,7 @@ from phasewire.errors import (
     DeviceTimeoutError,
     DeviceVersionError,
 )
-from phasewire.host.playing.session import Answers, Session
+from phasewire.host.playing.session import Answers, Parcel, Session
 from phasewire.protocol import Ack, NoOp, Reason, State
 from phasewire.protocol.blocks import Block, Body, Output, Samples, pack, unpack
 from phasewire.protocol.codes import AckFlag, Action, Request
@@ -47,8 +47,13 @@ def blocks(session: Session, count: int, body: Callable[[int], Body] = sample) -
 
 def transfer(session: Session, count: int, body: Callable[[int], Body] = sample) -> Answers:
     answers = Answers.none(count)
-    session.transfer(blocks(session, count, body), answers)
+    send(session, blocks(session, count, body), answers)
     return answers
+
+
+def send(session: Session, made: np.ndarray, answers: Answers) -> None:
+    """Send blocks; what becomes of them stands in the answers."""
+    session.post(made, Parcel(session.upcoming[0], answers))
 
 
 def change(place: int) -> Output:
@@ -479,7 +484,7 @@ def test_what_is_known_when_a_line_dies_is_kept(what: str, nth_call: int) -> Non
     line.fails = Once(what, DeviceLostError("gone"), nth_call)
     answers = Answers.none(12)
     with pytest.raises(DeviceLostError, match="gone"):
-        session.transfer(blocks(session, 12), answers)
+        send(session, blocks(session, 12), answers)
     known = int(answers.answered.sum())
     read_before = (nth_call - 1) // 2 * 2 if what == "write" else 2 * (nth_call - 1)
     assert known == min(read_before, 12)
@@ -640,7 +645,7 @@ def test_no_block_takes_effect_twice_or_out_of_order_and_every_answer_is_its_blo
             if count:
                 answers = Answers.none(count)
                 number = session.upcoming[0]
-                session.transfer(blocks(session, count, bodies.__getitem__), answers)
+                send(session, blocks(session, count, bodies.__getitem__), answers)
                 known = np.flatnonzero(answers.answered)
                 accepted = [n for n in known.tolist() if answers.acks["reason"][n] == Reason.ACCEPTED]
                 assert (answers.acks["sequence"][accepted] == number + np.array(accepted, int)).all()
