@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from . import kernels, paired_kernels
 from .array import TransducerArray
-from .compiled import Tables, aligned, can_reach, tables_of
+from .compiled import aligned, tables_of
 from .engine import HEADROOM32, NUDGE32, OUTPUTS, RELAXATION32
 from .geometry import frozen
 from .medium import Medium
@@ -21,25 +21,7 @@ from .reference import cold_start
 from .simd import LANES
 from .split import Split, split
 
-__all__ = ["CompiledPair", "solves_pairs"]
-
-METHODS = ("tikhonov", "wgs")
-
-
-def solves_pairs(array: TransducerArray, medium: Medium, method: str, options: Options) -> bool:
-    """Whether `CompiledPair` can: without a clock, and for transducers whose directivity is a polynomial."""
-    tables = tables_of(array, medium)
-    return (
-        method in METHODS
-        and options.phase_seconds is None
-        and len(tables.wave) == 1
-        and can_reach(tables, REACH + _extent(tables))
-    )
-
-
-def _extent(tables: Tables) -> float:
-    low, high = tables.bounds[:2]
-    return float(np.linalg.norm(high - low))
+__all__ = ["CompiledPair"]
 
 
 class CompiledPair:
@@ -48,7 +30,7 @@ class CompiledPair:
     Parameters
     ----------
     array, medium, method, options
-        For which `solves_pairs` is true.
+        For which `engine.solves_at_once` is true.
     """
 
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import kernels
 from .array import TransducerArray
-from .compiled import aligned, can_reach, tables_of
+from .compiled import Tables, aligned, can_reach, tables_of
 from .medium import Medium
 from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
 from .points import REACH, ControlPoints, check_reachable
@@ -22,11 +22,23 @@ from .propagation import transfer_matrix
 from .reference import cold_start, drive_each
 from .simd import LANES
 
-__all__ = ["CompiledEngine"]
+__all__ = ["CompiledEngine", "solves_at_once"]
 
 OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
 NO_IDS = np.empty(0, np.int64)
 HEADROOM32, RELAXATION32, NUDGE32 = np.float32(HEADROOM), np.float32(RELAXATION), np.float32(NUDGE)
+
+
+def is_modelled(tables: Tables) -> bool:
+    """Whether the kernels model the air well enough as far as points may be."""
+    low, high = tables.bounds[:2]
+    return can_reach(tables, REACH + float(np.linalg.norm(high - low)))
+
+
+def solves_at_once(tables: Tables, method: str, options: Options) -> bool:
+    """Whether one kernel takes points to drives: without a clock, and if the directivity is a polynomial."""
+    timeless = method in ("tikhonov", "wgs") and options.phase_seconds is None
+    return timeless and len(tables.wave) == 1 and is_modelled(tables)
 
 
 class CompiledEngine:
@@ -47,8 +59,8 @@ class CompiledEngine:
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
         self._array, self._medium, self._method, self._options = array, medium, method, options
         self._tables = tables_of(array, medium)
-        low, high = self._tables.bounds[:2]
-        self._modelled = can_reach(self._tables, REACH + float(np.linalg.norm(high - low)))
+        self._modelled = is_modelled(self._tables)
+        self._at_once = solves_at_once(self._tables, method, options)
         self._columns = self._tables.elements.shape[1]
         self._capacity = 0
         self._cold = self._u = self._spare = aligned(2, 0)
@@ -99,8 +111,7 @@ class CompiledEngine:
             As `drive`.
         """
         tables, options = self._tables, self._options
-        regularised = self._method in ("tikhonov", "wgs") and options.phase_seconds is None
-        if not (regularised and self._modelled and len(tables.wave) == 1):
+        if not self._at_once:
             drive_each(self, frames, first, stride, drives)
             return
         begins = np.cumsum([0, *(len(points) for points in frames)])

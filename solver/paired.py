@@ -90,9 +90,11 @@ def pair_engine(
 ) -> PairEngine:
     """What solves both halves by a method: in one compiled call if it can."""
     if has_kernels(method, options, precision):
-        from .compiled_pair import CompiledPair, solves_pairs  # numba takes half a second to import
+        from .compiled import tables_of  # numba takes half a second to import
+        from .compiled_pair import CompiledPair
+        from .engine import solves_at_once
 
-        if solves_pairs(array, medium, method, options):
+        if solves_at_once(tables_of(array, medium), method, options):
             return CompiledPair(array, medium, method, options)
     first, second = (engine_for(array, medium, method, options, precision) for _ in range(2))
     return EnginePair(first, second, len(array))
