@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import termios
 import time
 import uuid
 from collections.abc import Iterator, Mapping
@@ -232,8 +233,14 @@ def test_traffic_is_told_wherever_the_option_stands(folder: Path) -> None:
 
 @contextmanager
 def in_terminal(folder: Path, line: str, **more: str) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
-    """A command line in a terminal of its own, and the terminal's other end."""
+    """A command line in a terminal of its own, and the terminal's other end.
+
+    It echoes nothing, and keeps on a Ctrl-C what was written and not yet read: by default a terminal throws that away.
+    """
     ours, theirs = pty.openpty()
+    mode = termios.tcgetattr(theirs)
+    mode[3] = mode[3] & ~termios.ECHO | termios.NOFLSH  # the local flags
+    termios.tcsetattr(theirs, termios.TCSANOW, mode)
     marked = environment(TERM="xterm-256color", **more)
 
     def begin() -> None:
