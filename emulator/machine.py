@@ -33,7 +33,8 @@ from .boards.processor import Processor
 from .boards.sync import SyncLine
 from .control.chain import Chain, Numbering, Tamper
 from .control.controller import Controller, Identification
-from .faults import InjectedFault, Injector
+from .faults import InjectedFault
+from .faults.injector import Injector
 from .firmware.dfu import DfuMode
 from .firmware.flash import Flash
 from .firmware.loader import Boot, Identity, boot, confirm, give_up_upgrades, load_cycles, make_flash

@@ -18,7 +18,8 @@ from typing import Any
 
 from ..errors import InputFileError
 from ..storage import read_toml
-from .faults import FAULTS, InjectedFault, limits
+from .faults import FAULTS, InjectedFault
+from .faults.fault import limits
 
 __all__ = ["read_scenario"]
 

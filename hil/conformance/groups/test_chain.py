@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from phasewire.emulator import faults
 from phasewire.emulator.faults import InjectedFault
+from phasewire.emulator.faults.messages import DamagedMessage
 from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
@@ -153,7 +154,7 @@ def processor_of(bench: Bench, first: int = 0, last: int = PROCESSORS - 1) -> in
 class Damage:
     """What befalls a message, and what the processor counts."""
 
-    kind: type[faults.DamagedMessage]
+    kind: type[DamagedMessage]
     message: str
     token: int
     missed: int
