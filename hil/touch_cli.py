@@ -21,7 +21,7 @@ from ..host.commands.playing_cli import array_of
 from ..host.hands.placing import PlacedHands
 from ..host.hands.pose import Pose
 from ..host.hands.sources import files_of, open_hands
-from ..host.lines.transport import DEFAULT_URL
+from ..host.lines.opening import DEFAULT_URL
 from ..host.playing.device import Device, open_device
 from ..host.touching.log import TouchLog, log_path
 from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment

@@ -11,7 +11,7 @@ import numpy as np
 from emulation import Entry, Scene, main
 from phasewire import Capture, Emulator, Pulses, TransducerArray
 from phasewire.hil.air import Playback
-from phasewire.host.lines.transport import open_transport
+from phasewire.host.lines.opening import open_transport
 from phasewire.protocol import Block, Entries, Modulation, Samples, Sequence, Slot, pack
 from phasewire.protocol.blocks import Entry as Step
 from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD

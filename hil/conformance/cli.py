@@ -13,7 +13,7 @@ import typer
 
 from ...console import JsonOption, among, console_for, error_console, write_json
 from ...host.commands.options import DeviceOption, given, note_where_fresh
-from ...host.lines.transport import DEFAULT_URL
+from ...host.lines.opening import DEFAULT_URL
 from ...signals import SIGNALLED, loading, postponing
 from ...storage import check_outputs, replacing
 from .cases import Risk

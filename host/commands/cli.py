@@ -14,7 +14,7 @@ from ...protocol.replies import Info, Status
 from ...protocol.requests import VALUES
 from ...protocol.versions import Version
 from ...storage import check_outputs
-from ..lines.transport import DEFAULT_URL
+from ..lines.opening import DEFAULT_URL
 from ..playing.device import open_device
 from .options import DeviceOption, command_for, note_where_fresh
 

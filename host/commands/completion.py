@@ -6,7 +6,7 @@ It is asked while somebody types: nothing here may take long, write anything, or
 from __future__ import annotations
 
 from ..finding.discovery import search
-from ..lines.transport import SCHEMES, entries
+from ..lines.opening import SCHEMES, entries
 
 __all__ = ["device_urls", "hand_urls"]
 

@@ -15,7 +15,7 @@ from ..finding.computer_checks import udev_rule
 from ..finding.discovery import search
 from ..finding.doctor import CHECKS, FOUND, examine
 from ..finding.findings import Verdict
-from ..lines.transport import URL_VARIABLE
+from ..lines.opening import URL_VARIABLE
 from .completion import device_urls
 from .telling import as_record, count, failed, tell
 

@@ -16,7 +16,7 @@ from ...protocol.plain import plain
 from ...storage import check_outputs
 from ..firmware.images import read_firmware
 from ..firmware.keys import read_public_keys
-from ..lines.transport import DEFAULT_URL
+from ..lines.opening import DEFAULT_URL
 from .options import DeviceOption, given, note_where_fresh
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ...console import error_console
-from ..lines.transport import DEFAULT_URL, URL_VARIABLE
+from ..lines.opening import DEFAULT_URL, URL_VARIABLE
 from ..playing.calibration import Calibration
 from .completion import device_urls
 

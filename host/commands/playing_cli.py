@@ -27,7 +27,7 @@ from ...solver.cli import files_in, read_source, shapes_and_files
 from ...solver.files import POINT_FILES
 from ...solver.options import METHODS
 from ...storage import check_outputs
-from ..lines.transport import DEFAULT_URL
+from ..lines.opening import DEFAULT_URL
 from ..playing.device import Device, open_device
 from ..playing.envelopes import sine
 from ..playing.frames import beginning

@@ -16,7 +16,7 @@ from ..hands.placing import PlacedHands
 from ..hands.pose import Pose
 from ..hands.recording import HandRecorder
 from ..hands.sources import SCHEMES, files_of, open_hands, schemes
-from ..lines.transport import entries
+from ..lines.opening import entries
 from .completion import hand_urls
 from .telling import as_record, count, failed, tell
 

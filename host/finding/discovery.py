@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from ...errors import DeviceNotFoundError
-from ..lines.transport import SCHEMES, Found, Scheme, entries
+from ..lines.opening import SCHEMES, entries
+from ..lines.transport import Found, Scheme
 
 __all__ = ["Search", "search"]
 

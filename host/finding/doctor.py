@@ -21,7 +21,7 @@ from ...errors import (
     DeviceTimeoutError,
     DeviceVersionError,
 )
-from ..lines.transport import entries
+from ..lines.opening import entries
 from ..lines.usb_find import BACKENDS, RUN_TIME, Sighting, UsbBus
 from ..playing.device import Device, open_device
 from .computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer

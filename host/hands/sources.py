@@ -18,7 +18,8 @@ from typing import Any, Protocol, Self
 from urllib.parse import parse_qsl, unquote
 
 from ...errors import TrackerError, TrackerNotFoundError
-from ..lines.transport import Timekeeper, entries, load_by_scheme
+from ..lines.opening import entries, load_by_scheme
+from ..lines.transport import Timekeeper
 from .frames import HandFrame
 
 __all__ = [

@@ -41,7 +41,8 @@ from ...protocol.framing import (
     frame_bytes,
 )
 from ...protocol.replies import Ack, Info, Status
-from .transport import Timekeeper, load_by_scheme, understood
+from .opening import load_by_scheme
+from .transport import Timekeeper, understood
 
 __all__ = ["OPENING_ERRORS", "PORTS", "SerialTransport", "open_serial_line", "refused", "translated"]
 

@@ -13,7 +13,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from ...errors import DeviceError, ReplyError
 from ...protocol.blocks import header_fields
@@ -22,9 +21,7 @@ from ...protocol.describe import Description, describe_block, describe_record, d
 from ...protocol.replies import Ack, Status
 from ...protocol.replies import records as decode_records
 from ...protocol.requests import Setup
-
-if TYPE_CHECKING:  # a transport is traced as it is opened, there
-    from .transport import Timekeeper, Transport
+from .transport import Timekeeper, Transport
 
 __all__ = ["TRAFFIC", "TracedTransport", "log_request", "print_traffic", "split_records", "traced"]
 

@@ -1,42 +1,23 @@
-"""Transports: how blocks and requests reach a device, found by the scheme of its URL.
-
-A scheme is an entry point in the group ``phasewire.transports`` that names a `Scheme`. Other packages may add their
-own.
-"""
+"""What a transport is: how blocks and requests reach a device, and how devices are found."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
-from ...errors import DeviceError, DeviceNotFoundError, PhasewireError, ReplyError
+from ...errors import DeviceError, ReplyError
 from ...protocol.codes import Request
-from .tracing import traced
 
 __all__ = [
-    "DEFAULT_URL",
-    "SCHEMES",
-    "URL_VARIABLE",
     "Found",
     "Mode",
     "Scheme",
     "Timekeeper",
     "Transport",
-    "default_url",
-    "entries",
-    "load_by_scheme",
-    "open_transport",
     "understood",
 ]
-
-DEFAULT_URL = "emulator:"
-URL_VARIABLE = "PHASEWIRE_DEVICE"
-SCHEMES = "phasewire.transports"
 
 
 @contextmanager
@@ -175,58 +156,3 @@ class Scheme(Protocol):
 
     def find(self) -> list[Found]:
         """The devices that can be found without knowing where they are."""
-
-
-def default_url() -> str:
-    """The device to use where none is named: ``$PHASEWIRE_DEVICE``, else the emulator."""
-    return os.environ.get(URL_VARIABLE) or DEFAULT_URL
-
-
-@cache
-def entries(group: str) -> dict[str, EntryPoint]:
-    """The entry points of a group by their names; they are looked for once, for that takes milliseconds."""
-    return {entry.name: entry for entry in entry_points(group=group)}
-
-
-def load_by_scheme(
-    group: str, url: str, what: str = "device", missing: type[PhasewireError] = DeviceNotFoundError
-) -> Any:
-    """Load the entry point of a group that is named as the URL's scheme.
-
-    Parameters
-    ----------
-    group : str
-        Of entry points.
-    url : str
-        That begins with the scheme.
-    what : str
-        What such URLs name, for the error.
-    missing : type
-        Of that error.
-
-    Raises
-    ------
-    DeviceNotFoundError, or what is ``missing``
-        If there is none, and the known ones are named; or if it cannot be loaded.
-    """
-    scheme, colon, _ = url.partition(":")
-    found = entries(group)
-    if not colon or scheme not in found:
-        known = ", ".join(f"{name}:" for name in sorted(found))
-        raise missing(f"no {what} at {url!r}: the URL of a {what} begins with one of {known}")
-    try:
-        return found[scheme].load()
-    except Exception as error:  # it may be another package's, and raise whatever it likes
-        raise missing(f"{url!r}: {found[scheme].value}, which is to open it, cannot be loaded: {error}") from error
-
-
-def open_transport(url: str) -> Transport:
-    """Open the line that a URL names.
-
-    Raises
-    ------
-    DeviceError
-        Where the scheme is unknown, nothing answers, or it may not be used.
-    """
-    scheme: Scheme = load_by_scheme(SCHEMES, url)
-    return traced(scheme.open(url))

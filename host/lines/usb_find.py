@@ -40,8 +40,9 @@ from ...protocol.enumeration import (
 )
 from ...protocol.requests import Setup
 from ...protocol.versions import Version
+from .opening import load_by_scheme
 from .tracing import log_request
-from .transport import Found, Mode, Timekeeper, load_by_scheme
+from .transport import Found, Mode, Timekeeper
 
 __all__ = [
     "ANY_MODE",

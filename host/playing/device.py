@@ -27,7 +27,8 @@ from ...protocol.replies import (
 )
 from ...protocol.requests import VALUES
 from ...protocol.wiring import Wiring
-from ..lines.transport import Timekeeper, Transport, default_url, open_transport
+from ..lines.opening import default_url, open_transport
+from ..lines.transport import Timekeeper, Transport
 from .calibration import Calibration
 from .envelopes import Envelope
 from .frames import Frame, Frames, frame_source, to_pulses

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ....errors import DeviceError, DeviceStalledError, DeviceTimeoutError, FrameError
+from ....host.lines.opening import load_by_scheme
 from ....host.lines.serial_line import OPENING_ERRORS, PORTS, refused, translated
-from ....host.lines.transport import Timekeeper, load_by_scheme
+from ....host.lines.transport import Timekeeper
 from ....protocol.codes import BLOCK_BYTES, CLASS_REQUEST_TYPE_OUT, REQUEST_TYPE_IN, FrameKind, Outcome, Request
 from ....protocol.enumeration import CONSOLE_INTERFACE
 from ....protocol.framing import (
