@@ -50,7 +50,7 @@ HOMES = {
     ),
     "conformance": Home(
         ".hil.conformance.cli",
-        "Judge a device by the specification: what it does, what it answers and, where they can be seen, its outputs.",
+        "Judge a device by the specification: what it does, what it answers and, if they can be seen, its outputs.",
     ),
     "budget": Home(
         ".hil.budget_cli",
@@ -114,9 +114,7 @@ HOMES = {
         ".host.commands.attach_cli",
         "Attach a device of a USB/IP server, such as `phasewire emulate`, to this Linux computer.",
     ),
-    "config": Home(
-        ".settings", "Show what options are where the command line does not say, and where that comes from."
-    ),
+    "config": Home(".settings", "Show what options are if the command line does not say, and if that comes from."),
     "firmware": Home(".host.commands.firmware_cli", "Build, inspect, sign and verify firmware images."),
 }
 """Each command and each group of commands, in the order in which ``--help`` lists them."""

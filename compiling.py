@@ -1,4 +1,4 @@
-"""How compiled kernels are compiled: by numba, which keeps the result on disk where it can.
+"""How compiled kernels are compiled: by numba, which keeps the result on disk if it can.
 
 This module stands at the bottom. It takes as long to import as numba does, so only modules of kernels may import it.
 """

@@ -16,7 +16,7 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 def check_picture_path(path: Path) -> None:
-    """Raise `ValueError` where a path does not end in the name of a picture format."""
+    """Raise `ValueError` if a path does not end in the name of a picture format."""
     if path.suffix.lower() not in FORMATS:
         raise ValueError(f"{path}: a picture's name ends in {', '.join(FORMATS)}")
 

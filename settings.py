@@ -34,7 +34,7 @@ commands = typer.Typer(rich_markup_mode=None)
 
 
 class Default(NamedTuple):
-    """What an option is where the command line does not say.
+    """What an option is if the command line does not say.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Default(NamedTuple):
     option : str
         The option's name, which is its key in the file.
     value : object
-        What it is; None where it is nothing.
+        What it is; None if it is nothing.
     source : str
         Where that comes from: ``built-in``, ``file`` or ``environment``.
     """
@@ -79,10 +79,10 @@ def defaults_from_file(context: typer.Context) -> dict[str, Any]:
     Raises
     ------
     InputFileError
-        Where the file is no TOML, names a command or an option that there is not, or gives an option a value that it
+        If the file is no TOML, names a command or an option that there is not, or gives an option a value that it
         cannot have.
     OSError
-        Where it cannot be read, or `CONFIG_VARIABLE` names one that is not there.
+        If it cannot be read, or `CONFIG_VARIABLE` names one that is not there.
     """
     path = config_path()
     may_be_missing = CONFIG_VARIABLE not in os.environ or context.invoked_subcommand == config.__name__
@@ -170,7 +170,7 @@ class _Reader:
 
 
 def _check(context: typer.Context, option: TyperOption, value: Any) -> None:
-    """Raise `typer.BadParameter` where an option cannot have a value. TOML has types, so text is no number here."""
+    """Raise `typer.BadParameter` if an option cannot have a value. TOML has types, so text is no number here."""
     if isinstance(value, bool) != option.is_bool_flag:
         raise typer.BadParameter(f"must{'' if option.is_bool_flag else ' not'} be true or false")
     if isinstance(value, list) != option.multiple:
@@ -209,7 +209,7 @@ def _toml(value: Any) -> str:
 
 
 def effective_defaults(context: typer.Context) -> list[Default]:
-    """What every option of every command is where the command line does not say.
+    """What every option of every command is if the command line does not say.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ def config(
     ] = False,
     json_target: JsonOption = None,
 ) -> None:
-    """Show what options are where the command line does not say, and where that comes from.
+    """Show what options are if the command line does not say, and where that comes from.
 
     Defaults stand in a TOML file, whose place is $PHASEWIRE_CONFIG or what the system has for such files: keys at its
     top for all commands that have such an option, and a table for each command, as in [solve] and method = "polish".

@@ -167,9 +167,9 @@ def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] =
     Raises
     ------
     ValueError
-        Where an output is an input, or stands twice.
+        If an output is an input, or stands twice.
     OSError
-        Where it is a folder, or its folder does not exist or cannot be written.
+        If it is a folder, or its folder does not exist or cannot be written.
     """
     taken = {path.resolve(): "is also what is read" for path in inputs}
     for output in outputs:

@@ -37,7 +37,7 @@ class Cluster:
     Raises
     ------
     ValueError
-        Where there are none or too many.
+        If there are none or too many.
     """
 
     def __init__(self, count: int, *, serial: str = "ARRAY", **options: Any) -> None:

@@ -87,11 +87,11 @@ class Emulator:
     clock_offset_ticks : mapping of int to int, optional
         For a board, how many ticks its port clocks run late.
     serial : str, optional
-        Serial number; made up by default, and what a flash says where one is given.
+        Serial number; made up by default, and what a flash says if one is given.
     flash : Flash, optional
         With another firmware, or from an earlier time; as it leaves the factory by default.
     unfolded : bool
-        Whether every message travels along the chain token by token, even where nothing can go wrong.
+        Whether every message travels along the chain token by token, even if nothing can go wrong.
     history_periods : int, optional
         For how many periods at least what the outputs did is kept; for ever by default, 640 bytes for each update.
     sync : SyncLine, optional
@@ -421,7 +421,7 @@ class Emulator:
         Raises
         ------
         ValueError
-            Where a period is over, or none is counted because the device has not started.
+            If a period is over, or none is counted because the device has not started.
         """
         for fault in faults:
             self._faults.inject(fault)

@@ -32,9 +32,9 @@ def read_scenario(path: Path) -> tuple[InjectedFault, ...]:
     Raises
     ------
     InputFileError
-        Where the file is no TOML, or an entry no fault; it says which, and what would be right.
+        If the file is no TOML, or an entry no fault; it says which, and what would be right.
     OSError
-        Where the file cannot be read.
+        If the file cannot be read.
     """
     content = read_toml(path)
     entries = content.pop(LIST, [])

@@ -52,7 +52,7 @@ def way_of_an_update(emulator: Emulator) -> list[Span]:
     Returns
     -------
     list of Span
-        With 0 where its first bit was sent.
+        With 0 if its first bit was sent.
     """
     emulator.usb.control(Setup(0x00, StandardRequest.SET_CONFIGURATION, CONFIGURATION_VALUE, 0, 0))
     emulator.usb.control(Setup(REQUEST_TYPE_OUT, Request.ENABLE, 0, 0, 0))
@@ -84,7 +84,7 @@ def draw_timeline(spans: Sequence[Span], title: str = "") -> Figure:
     Raises
     ------
     ValueError
-        Where there is none, or none takes any time.
+        If there is none, or none takes any time.
     """
     begins, ends = min((span.begins for span in spans), default=0), max((span.ends for span in spans), default=0)
     if ends <= begins:
@@ -164,7 +164,7 @@ def _write_labels(axes: Axes, spans: Iterable[Span], rows: dict[str, float], beg
 
 
 def _mark_boundaries(axes: Axes, begins: int, ends: int) -> None:
-    """Draw a line at each boundary of a period, or at every so many where they would be too dense."""
+    """Draw a line at each boundary of a period, or at every so many if they would be too dense."""
     boundaries = range(-(-begins // CYCLES_PER_PERIOD), ends // CYCLES_PER_PERIOD + 1)
     for period in boundaries[:: 1 + len(boundaries) // MOST_BOUNDARIES]:
         at = _microseconds(period * CYCLES_PER_PERIOD - begins)

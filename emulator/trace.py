@@ -51,7 +51,7 @@ class Signal(NamedTuple):
     """Core cycles since the beginning of period 0, ascending, and the value from there on; unknown before the first."""
 
     def check(self) -> None:
-        """Raise `ValueError` where this is no signal."""
+        """Raise `ValueError` if this is no signal."""
         if not _SIGNAL_NAME.fullmatch(self.name):
             raise ValueError(f"{self.name!r} names no signal; scopes and a name, such as controller.state")
         if self.width < 1:

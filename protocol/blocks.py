@@ -360,7 +360,7 @@ def pack_pulses(pulses: Pulses) -> bytes:
     Raises
     ------
     ValueError
-        Where the number of pulses is odd.
+        If the number of pulses is odd.
     """
     if len(pulses) % 2:
         raise ValueError(f"{len(pulses)} pulses are no pairs: two share three bytes")
@@ -375,7 +375,7 @@ def unpack_pulses(data: bytes) -> Pulses:
     Raises
     ------
     BlockError
-        Where a phase or a width is one of the reserved values.
+        If a phase or a width is one of the reserved values.
     """
     first, middle, last = np.frombuffer(data, np.uint8).reshape(-1, 3).astype(np.uint16).T
     words = np.stack([first | (middle & 0xF) << 8, middle >> 4 | last << 4], axis=1).ravel()
@@ -396,7 +396,7 @@ def pack(block: Block) -> bytes:
     Raises
     ------
     ValueError
-        Where the sequence number does not fit 32 bits.
+        If the sequence number does not fit 32 bits.
     """
     if not (isinstance(block, Block) and isinstance(block.body, Body)):
         raise ValueError(f"{block!r} is no Block of a body and a number")

@@ -98,7 +98,7 @@ class Message:
 
     @classmethod
     def _of(cls, fields: tuple[Any, ...]) -> Self:
-        """The message with these fields; raise `ValueError` where it is none."""
+        """The message with these fields; raise `ValueError` if it is none."""
         return cls(*fields)
 
     @classmethod
@@ -141,7 +141,7 @@ def decode(tokens: bytes) -> Message:
     Raises
     ------
     ChainError
-        Where the tokens are no message of this protocol.
+        If the tokens are no message of this protocol.
     """
     if len(tokens) <= ROUTE.size or tokens[-1] != END_TOKEN:
         raise ChainError(f"{len(tokens)} tokens are no message: a route header comes first and END last", "CHN-002")
@@ -352,9 +352,9 @@ class Program(_ToProcessor):
     first, count : int
         Items that are played; a count of 0 stops it.
     hold : int
-        Periods that each sample of a modulation lasts, at least 1; 0 for a sequence and where it stops.
+        Periods that each sample of a modulation lasts, at least 1; 0 for a sequence and when it stops.
     repeats : int
-        Times that a sequence is played, 0 for without end; 0 for a modulation and where it stops.
+        Times that a sequence is played, 0 for without end; 0 for a modulation and when it stops.
     """
 
     processor: int

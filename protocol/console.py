@@ -211,7 +211,7 @@ def format_fields(fields: Iterable[tuple[str, object]]) -> str:
     Raises
     ------
     ValueError
-        Where one would not be a line of printable ASCII.
+        If one would not be a line of printable ASCII.
     """
     return "".join(_printable(f"{key}: {value}") + END_OF_LINE for key, value in fields)
 

@@ -54,7 +54,7 @@ class Descriptor:
     Raises
     ------
     ValueError
-        Where a field does not fit its place in the layout.
+        If a field does not fit its place in the layout.
     """
 
     LAYOUT: ClassVar[Construct]
@@ -69,7 +69,7 @@ class Descriptor:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """Decode exactly one descriptor of this kind; raise `ReplyError` where the bytes break its layout."""
+        """Decode exactly one descriptor of this kind; raise `ReplyError` if the bytes break its layout."""
         parsed = cls._parse(data)
         return cls(**{field.name: parsed[field.name] for field in fields(cls)})
 
@@ -339,7 +339,7 @@ def descriptors(data: bytes) -> tuple[Descriptor, ...]:
     Raises
     ------
     ReplyError
-        Where a descriptor is shorter than its own head, goes beyond the end, is of a kind that this protocol does not
+        If a descriptor is shorter than its own head, goes beyond the end, is of a kind that this protocol does not
         have, or breaks its layout.
     """
     return _walk(data, 1, _STANDARD)

@@ -153,12 +153,12 @@ class DfuReply:
     BYTES = 6
 
     def encode(self) -> bytes:
-        """Encode as 6 bytes; raise `ValueError` where a field does not fit."""
+        """Encode as 6 bytes; raise `ValueError` if a field does not fit."""
         return build(DFU_STATUS, asdict(self), self)
 
     @classmethod
     def decode(cls, data: bytes) -> DfuReply:
-        """Decode 6 bytes; raise `ReplyError` where they break the layout."""
+        """Decode 6 bytes; raise `ReplyError` if they break the layout."""
         try:
             fields = DFU_STATUS.parse(data)
         except ConstructError as error:
@@ -209,5 +209,5 @@ def status_of(reason: ImageReason) -> DfuStatus:
 
 
 def reason_string(reason: ImageReason) -> int:
-    """The string descriptor whose text is that of the reason; 0 where nothing was refused (clause DFU-012)."""
+    """The string descriptor whose text is that of the reason; 0 if nothing was refused (clause DFU-012)."""
     return 0 if reason is ImageReason.ACCEPTED else DFU_REASON_STRINGS + reason

@@ -179,7 +179,7 @@ class Enumeration:
         return encode(Bos(5 + len(capability), bNumDeviceCaps=1)) + capability
 
     def find(self, kind: int, index: int, language: int) -> bytes | None:
-        """The answer to GET_DESCRIPTOR, or None where there is no such descriptor (clauses USB-006 and USB-007)."""
+        """The answer to GET_DESCRIPTOR, or None if there is no such descriptor (clauses USB-006 and USB-007)."""
         match kind, index:
             case DescriptorType.DEVICE, 0:
                 return self.device.encode()
@@ -215,7 +215,7 @@ def run_time(release: tuple[int, int, int], product: str, serial: str, speed: Sp
     Raises
     ------
     ValueError
-        Where one of these is otherwise.
+        If one of these is otherwise.
     """
     return Enumeration(
         device=_device(_COMPOSITE, PRODUCT_ID, release),

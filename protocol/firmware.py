@@ -181,12 +181,12 @@ class Image:
     protocol : int
         Version of the protocol that the firmware speaks, 1 to 255.
     signature : Signature or None
-        None where nobody has signed; see `sign`.
+        None if nobody has signed; see `sign`.
 
     Raises
     ------
     ValueError
-        Where one of these is otherwise.
+        If one of these is otherwise.
     """
 
     version: Version
@@ -297,7 +297,7 @@ def trust(image: Image, keys: Iterable[Ed25519PublicKey]) -> Trust:
     Raises
     ------
     ImageError
-        Where the image names one of the keys, but was not signed with it.
+        If the image names one of the keys, but was not signed with it.
     """
     from cryptography.exceptions import InvalidSignature  # few who read images judge who signed them
 
@@ -342,7 +342,7 @@ def split_suffix(file: bytes) -> tuple[bytes, Suffix]:
     Raises
     ------
     ImageError
-        With `ImageReason.SUFFIX` where there is no suffix, or its checksum does not match.
+        With `ImageReason.SUFFIX` if there is no suffix, or its checksum does not match.
     """
     try:
         suffix = DFU_SUFFIX.parse(file[-SUFFIX_BYTES:])
@@ -358,7 +358,7 @@ def split_suffix(file: bytes) -> tuple[bytes, Suffix]:
 
 
 def build(image: Image, key: Ed25519PrivateKey | None = None) -> bytes:
-    """Make the file of an image: signed where there is a key, with the suffix that dfu-util looks for."""
+    """Make the file of an image: signed if there is a key, with the suffix that dfu-util looks for."""
     signed = image if key is None else sign(image, key)
     return with_suffix(signed.encode(), Suffix(VENDOR_ID, PRODUCT_ID, image.version.bcd))
 
@@ -387,7 +387,7 @@ class BootRecord:
     digest : bytes
         SHA-256 of these bytes.
     started, confirmed : int
-        Marks, 32 bits, untouched where all bits are 1: the image was started; it came up.
+        Marks, 32 bits, untouched if all bits are 1: the image was started; it came up.
     """
 
     generation: int
@@ -400,7 +400,7 @@ class BootRecord:
 
     @classmethod
     def of(cls, image: bytes, other: BootRecord | None) -> BootRecord:
-        """The record of an encoded image, one newer than that of the other bank, where it has one."""
+        """The record of an encoded image, one newer than that of the other bank, if it has one."""
         generation = 0 if other is None else successor(other.generation)
         return cls(generation, len(image), hashlib.sha256(image).digest())
 
@@ -418,14 +418,14 @@ class BootRecord:
         return follows(self.generation, other.generation)
 
     def encode(self) -> bytes:
-        """Encode as 56 bytes; raise `ValueError` where a field does not fit."""
+        """Encode as 56 bytes; raise `ValueError` if a field does not fit."""
         fields = asdict(self)
         nested = fields | {"body": {"value": fields | {"magic": BOOT_RECORD_MAGIC}}}
         return encode_layout(BOOT_RECORD, nested, self)
 
     @classmethod
     def decode(cls, data: bytes) -> BootRecord | None:
-        """Decode 56 bytes; None where they are no record: erased, written in part, or something else."""
+        """Decode 56 bytes; None if they are no record: erased, written in part, or something else."""
         try:
             record = BOOT_RECORD.parse(data)
         except ConstructError:

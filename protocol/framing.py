@@ -62,12 +62,12 @@ class SerialRequest:
     request_type, request, value, index, length : int
         The SETUP packet as on USB.
     data : bytes
-        What the host sends with it: `length` bytes, or none where the request asks for data.
+        What the host sends with it: `length` bytes, or none if the request asks for data.
 
     Raises
     ------
     FrameError
-        Where a field does not fit its bytes, or the data is not as long as the other fields say.
+        If a field does not fit its bytes, or the data is not as long as the other fields say.
     """
 
     tag: int
@@ -101,7 +101,7 @@ class SerialRequest:
 
     @classmethod
     def decode(cls, body: bytes) -> SerialRequest:
-        """Decode the body of a frame; raise `FrameError` where it breaks the layout."""
+        """Decode the body of a frame; raise `FrameError` if it breaks the layout."""
         if len(body) < REQUEST_HEAD_BYTES:
             raise FrameError(f"a request has at least {REQUEST_HEAD_BYTES} bytes, not {len(body)}")
         setup = Setup.decode(body[TAG.size : REQUEST_HEAD_BYTES])
@@ -124,7 +124,7 @@ class SerialReply:
     Raises
     ------
     FrameError
-        Where the tag does not fit, there is no such outcome, there is too much data, or a stall has some.
+        If the tag does not fit, there is no such outcome, there is too much data, or a stall has some.
     """
 
     tag: int
@@ -149,7 +149,7 @@ class SerialReply:
 
     @classmethod
     def decode(cls, body: bytes) -> SerialReply:
-        """Decode the body of a frame; raise `FrameError` where it breaks the layout."""
+        """Decode the body of a frame; raise `FrameError` if it breaks the layout."""
         if len(body) < REPLY_HEAD.size:
             raise FrameError(f"a reply has at least {REPLY_HEAD.size} bytes, not {len(body)}")
         tag, outcome = REPLY_HEAD.unpack_from(body)
@@ -190,7 +190,7 @@ class Frame:
     Raises
     ------
     FrameError
-        Where there is no such type, or the body breaks its layout.
+        If there is no such type, or the body breaks its layout.
     """
 
     kind: FrameKind
@@ -228,7 +228,7 @@ def decode(data: bytes) -> Frame:
     Raises
     ------
     FrameError
-        Where the bytes are not what `encode` makes of some frame.
+        If the bytes are not what `encode` makes of some frame.
     """
     if data[-1:] != DELIMITER:
         raise FrameError(f"a frame of {len(data)} bytes does not end with 00")
@@ -246,7 +246,7 @@ def decode(data: bytes) -> Frame:
     if checksum != computed:
         raise FrameError(f"a frame of {len(data)} bytes has CRC-32 {checksum:08x}; it should be {computed:08x}")
     frame = Frame(_known(content[0]), content[KIND_BYTES:])
-    # COBS has two forms where the last group is a full one; two streams of bytes must not mean the same.
+    # COBS has two forms if the last group is a full one; two streams of bytes must not mean the same.
     if encode(frame) != data:
         raise FrameError(f"a frame of {len(data)} bytes is not in its shortest COBS form")
     return frame

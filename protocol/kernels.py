@@ -59,7 +59,7 @@ WIDTH_STEPS, NEXT_MIDDLE = _stairs(SINES[:-1] * COSINES[1], 256)
 
 @kernel
 def _at_most_1(value: float) -> float:
-    """The value, or 1 where it is more or not a number."""
+    """The value, or 1 if it is more or not a number."""
     return value if value < 1.0 else 1.0
 
 
@@ -149,7 +149,7 @@ def pack(phase: Any, width: Any, sequence: int, periods: Any, restart: bool, blo
     Returns
     -------
     (uint8, uint8)
-        Largest phase and width met; where one is too large, the blocks are worth nothing.
+        Largest phase and width met; if one is too large, the blocks are worth nothing.
     """
     largest_phase, largest_width = U8(0), U8(0)
     for row in range(phase.shape[0]):
@@ -203,7 +203,7 @@ def unpack(
     sequences : (k,) uint32
     periods : (k,) uint64
     restarts : (k,) bool
-        Written; all but `reasons` only where a block is a valid update.
+        Written; all but `reasons` only if a block is a valid update.
     """
     for row in range(blocks.shape[0]):
         block = blocks[row]

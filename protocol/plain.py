@@ -16,7 +16,7 @@ __all__ = ["flag_names", "plain", "runs"]
 
 
 def flag_names(flags: IntFlag) -> str:
-    """The names of the flags that are set, with commas between; nothing where none is."""
+    """The names of the flags that are set, with commas between; nothing if none is."""
     return ", ".join(flag.name or "" for flag in flags)
 
 

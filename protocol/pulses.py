@@ -46,7 +46,7 @@ def _checked(name: str, values: ArrayLike, limit: int, unit: str) -> NDArray[np.
 
 
 def check_drives(drives: NDArray[np.complexfloating], first: int = 0) -> None:
-    """Raise `ValueError` where a drive is not finite or its magnitude exceeds 1; the transducer is named.
+    """Raise `ValueError` if a drive is not finite or its magnitude exceeds 1; the transducer is named.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def check_drives(drives: NDArray[np.complexfloating], first: int = 0) -> None:
     first : int
         Number of the first of these frames.
     """
-    if np.abs(drives).max(initial=0) <= 1:  # false where one is not a number
+    if np.abs(drives).max(initial=0) <= 1:  # false if one is not a number
         return
     drives = drives.astype(np.complex128)
     magnitudes = np.abs(drives)
@@ -83,7 +83,7 @@ class Pulses:
     Raises
     ------
     ValueError
-        Where a value is out of range or the two differ in length.
+        If a value is out of range or the two differ in length.
 
     Notes
     -----
@@ -135,7 +135,7 @@ class Pulses:
         Raises
         ------
         ValueError
-            Where the drive is not finite or its magnitude exceeds 1; the transducer is named.
+            If the drive is not finite or its magnitude exceeds 1; the transducer is named.
         """
         drive = np.asarray(drive, dtype=np.complex128)
         if drive.ndim != 1:

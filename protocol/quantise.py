@@ -43,7 +43,7 @@ class PulseFrames(NamedTuple):
 
 
 def check_pulses(frames: PulseFrames, first: int = 0) -> None:
-    """Raise `ValueError`, naming frame and transducer, where a phase or a width is too large.
+    """Raise `ValueError`, naming frame and transducer, if a phase or a width is too large.
 
     Parameters
     ----------
@@ -74,12 +74,12 @@ def quantise(drives: ArrayLike, out: PulseFrames | None = None, *, first: int = 
     Returns
     -------
     PulseFrames
-        Where two pulses are equally near within rounding, either of them; ``out`` where it is given.
+        If two pulses are equally near within rounding, either of them; ``out`` if it is given.
 
     Raises
     ------
     ValueError
-        Where a drive is not finite or its magnitude exceeds 1, which names frame and transducer, or shapes or types
+        If a drive is not finite or its magnitude exceeds 1, which names frame and transducer, or shapes or types
         are not these; what ``out`` holds is then worth nothing.
     """
     from . import kernels  # numba takes longer to import than everything else together

@@ -14,9 +14,9 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     Raises
     ------
     TypeError
-        Where it is no whole number.
+        If it is no whole number.
     ValueError
-        Where it is outside; the error has its name.
+        If it is outside; the error has its name.
     """
     number = operator.index(value)
     if not least <= number <= most:

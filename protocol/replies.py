@@ -164,7 +164,7 @@ def decode_acks(packets: bytes | bytearray | memoryview) -> NDArray[np.void]:
     Raises
     ------
     ReplyError
-        Where something else is among them, be it a status, or one is cut off or breaks the layout.
+        If something else is among them, be it a status, or one is cut off or breaks the layout.
     """
     if len(packets) == RECORD_BYTES and _is_ack(packets):  # the usual one is not worth arrays
         return np.frombuffer(packets, _ACK_RECORDS)["ack"]
@@ -222,7 +222,7 @@ class Ack:
         return AckFlag.LATE in self.flags
 
     def encode(self) -> bytes:
-        """Encode as 32 bytes; raise `ValueError` where a field does not fit."""
+        """Encode as 32 bytes; raise `ValueError` if a field does not fit."""
         for name, codes in _ACK_CODES.items():
             if getattr(self, name) not in codes:
                 raise ValueError(f"{name} {getattr(self, name)} is none of {[code.value for code in codes]}")
@@ -249,7 +249,7 @@ class Ack:
 
     @classmethod
     def decode(cls, data: bytes) -> Ack:
-        """Decode 32 bytes; raise `ReplyError` where they break the layout."""
+        """Decode 32 bytes; raise `ReplyError` if they break the layout."""
         body = _parse(ACK, data, "an acknowledgement", cls.BYTES).body.value
         return cls(
             Reason(body.reason),
@@ -279,7 +279,7 @@ class Status:
     now : int
         Tick since power-up.
     since_period : int
-        Carrier period at which what plays began, 0 where nothing plays.
+        Carrier period at which what plays began, 0 if nothing plays.
     accepted, refused, late, lost : int
         Blocks since power-up; lost are those whose sequence numbers were left out.
     missed_commits, damaged_messages : int
@@ -332,12 +332,12 @@ class Status:
         return self.now // TICKS_PER_PERIOD
 
     def encode(self) -> bytes:
-        """Encode as 64 bytes; raise `ValueError` where a field does not fit."""
+        """Encode as 64 bytes; raise `ValueError` if a field does not fit."""
         return _sealed(STATUS, STATUS_MAGIC, self)
 
     @classmethod
     def decode(cls, data: bytes) -> Status:
-        """Decode 64 bytes; raise `ReplyError` where they break the layout."""
+        """Decode 64 bytes; raise `ReplyError` if they break the layout."""
         fields = dict(_parse(STATUS, data, "a status", cls.BYTES).body.value)
         for name in ("_io", "magic", "version", "reserved"):
             del fields[name]
@@ -351,7 +351,7 @@ def records(packets: bytes) -> list[Ack | Status]:
     Raises
     ------
     ReplyError
-        Where a record is neither an acknowledgement nor a status, is cut off, or breaks its layout.
+        If a record is neither an acknowledgement nor a status, is cut off, or breaks its layout.
     """
     found: list[Ack | Status] = []
     at = 0
@@ -450,12 +450,12 @@ class Info:
         return self.oldest_version <= version <= self.newest_version
 
     def encode(self) -> bytes:
-        """Encode as 64 bytes; raise `ValueError` where a field does not fit."""
+        """Encode as 64 bytes; raise `ValueError` if a field does not fit."""
         return build(INFO, asdict(self), self)
 
     @classmethod
     def decode(cls, data: bytes) -> Info:
-        """Decode 64 bytes; raise `ReplyError` where they break the layout."""
+        """Decode 64 bytes; raise `ReplyError` if they break the layout."""
         fields = dict(_parse(INFO, data, "an information record", cls.BYTES))
         del fields["_io"]
         return cls(**fields | {"firmware": tuple(fields["firmware"]), "features": Feature(fields["features"])})
@@ -482,12 +482,12 @@ class ClockReading:
     BYTES: ClassVar = 24
 
     def encode(self) -> bytes:
-        """Encode as 24 bytes; raise `ValueError` where a field does not fit."""
+        """Encode as 24 bytes; raise `ValueError` if a field does not fit."""
         return build(CLOCK, vars(self) | {"reserved": None}, self)
 
     @classmethod
     def decode(cls, data: bytes) -> ClockReading:
-        """Decode 24 bytes; raise `ReplyError` where they break the layout."""
+        """Decode 24 bytes; raise `ReplyError` if they break the layout."""
         fields = _parse(CLOCK, data, "a clock reading", cls.BYTES)
         return cls(fields.now, fields.sync_period, fields.sync_pulses)
 
@@ -499,7 +499,7 @@ class ReadBack:
     Parameters
     ----------
     since_period : int
-        Carrier period at which they began to play; 0 where nothing plays, `MIXED` where not all began together.
+        Carrier period at which they began to play; 0 if nothing plays, `MIXED` if not all began together.
     read_period : int
         Carrier period in which they were read.
     pulses : Pulses
@@ -519,7 +519,7 @@ class ReadBack:
         return self.since_period == self.MIXED
 
     def encode(self) -> bytes:
-        """Encode as 496 bytes; raise `ValueError` where a field does not fit."""
+        """Encode as 496 bytes; raise `ValueError` if a field does not fit."""
         if len(self.pulses) != CHANNELS:
             raise ValueError(f"a reading has {CHANNELS} pulses, not {len(self.pulses)}")
         heads = [
@@ -530,7 +530,7 @@ class ReadBack:
 
     @classmethod
     def decode(cls, data: bytes) -> ReadBack:
-        """Decode 496 bytes; raise `ReplyError` where they break the layout."""
+        """Decode 496 bytes; raise `ReplyError` if they break the layout."""
         fields = _parse(READ_BACK, data, "a reading of pulses", cls.BYTES)
         phase = [pair[name] for pair in fields.pulses for name in ("even_phase", "odd_phase")]
         width = [pair[name] for pair in fields.pulses for name in ("even_width", "odd_width")]
@@ -547,7 +547,7 @@ class ProcessorReport:
     temperature_c : int
         Of its board, in °C.
     bank : Bank or None
-        Where its firmware came from; None where no processor is there.
+        Where its firmware came from; None if no processor is there.
     missed_commits, damaged_messages : int
         Since power-up.
     firmware : (int, int, int)
@@ -571,7 +571,7 @@ def encode_reports(reports: Sequence[ProcessorReport]) -> bytes:
 
 
 def decode_reports(data: bytes) -> list[ProcessorReport]:
-    """Decode the answer to PROCESSORS; raise `ReplyError` where it breaks the layout."""
+    """Decode the answer to PROCESSORS; raise `ReplyError` if it breaks the layout."""
     parsed = _parse(PROCESSOR_REPORTS, data, "the reports of the processors", PROCESSORS * ProcessorReport.BYTES)
     return [
         ProcessorReport(
@@ -597,7 +597,7 @@ def decode_wiring(data: bytes) -> Wiring:
     Raises
     ------
     ReplyError
-        Where it breaks the layout or is no one-to-one table.
+        If it breaks the layout or is no one-to-one table.
     """
     channels = np.array(_parse(WIRING, data, "a wiring table", WIRING_BYTES).channels)
     try:

@@ -55,7 +55,7 @@ class Setup:
 
     @classmethod
     def decode(cls, data: bytes) -> Setup:
-        """Decode 8 bytes; raise `ValueError` where there are more or fewer."""
+        """Decode 8 bytes; raise `ValueError` if there are more or fewer."""
         if len(data) != cls.BYTES:
             raise ValueError(f"a setup stage has {cls.BYTES} bytes, not {len(data)}")
         return cls(*_LAYOUT.unpack(data))

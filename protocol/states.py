@@ -61,7 +61,7 @@ TRANSITIONS: Mapping[tuple[State, Event], State] = MappingProxyType(
         for event in Event
     }
 )
-"""The state that follows, for every state and every event; where nothing happens it is the same."""
+"""The state that follows, for every state and every event; if nothing happens it is the same."""
 
 
 def after(state: State, event: Event) -> State:

@@ -126,7 +126,7 @@ class Link:
     Raises
     ------
     ValueError
-        Where a link cannot be set up so.
+        If a link cannot be set up so.
     """
 
     name: str
@@ -231,7 +231,7 @@ class Budget:
         Raises
         ------
         ValueError
-            Where a delay is negative or a baud rate not positive.
+            If a delay is negative or a baud rate not positive.
         """
         if hop_cycles < 0:
             raise ValueError(f"a switch cannot delay by {hop_cycles} core cycles; at least 0")
@@ -260,12 +260,12 @@ class Budget:
 
     @property
     def best_cycles(self) -> int:
-        """From the first bit to the first tick of the new field, where that comes just in time for a boundary."""
+        """From the first bit to the first tick of the new field, if that comes just in time for a boundary."""
         return self.stages[-1].begins
 
     @property
     def worst_cycles(self) -> int:
-        """The same where a boundary has just been missed."""
+        """The same if a boundary has just been missed."""
         return self.stages[-1].ends
 
     def first_period(self, begins: int) -> int:

@@ -73,12 +73,12 @@ def pack_updates(
     Returns
     -------
     (k, 512) uint8
-        The blocks, one after the other as they travel; `out` where it is given.
+        The blocks, one after the other as they travel; `out` if it is given.
 
     Raises
     ------
     ValueError
-        Where shapes, types or values are not these; what `out` holds is then worth nothing.
+        If shapes, types or values are not these; what `out` holds is then worth nothing.
     """
     from . import kernels  # numba takes longer to import than everything else together
 
@@ -121,7 +121,7 @@ def unpack_updates(blocks: NDArray[np.uint8]) -> Updates:
     Raises
     ------
     ValueError
-        Where the array is not of this shape and type.
+        If the array is not of this shape and type.
     """
     from . import kernels
 

@@ -56,7 +56,7 @@ class Wiring:
     Raises
     ------
     ValueError
-        Where a channel is missing or used twice.
+        If a channel is missing or used twice.
     """
 
     channels: NDArray[np.int64]

@@ -14,7 +14,7 @@ The rules, which the tests follow token by token:
 - A buffer gives its tokens in the order in which they came, a message at a time.
 - A receiver takes tokens at once, and the last switch takes the three of the header off.
 
-Where all links are alike and nothing holds a message up, this comes to what clause BUD-002 says, which is then used as
+If all links are alike and nothing holds a message up, this comes to what clause BUD-002 says, which is then used as
 it stands. From the first message on that is held up, or the first fault, the tokens are followed one by one.
 """
 
@@ -83,12 +83,12 @@ class Links:
     Raises
     ------
     ValueError
-        Where there are not ten links, or a delay is negative.
+        If there are not ten links, or a delay is negative.
 
     Notes
     -----
     On the way up processors share links, and whoever is called first goes first. That is exact as long as its header
-    also comes first to the switch at which they meet, as it does where the controller asks one after the other
+    also comes first to the switch at which they meet, as it does when the controller asks one after the other
     (clause CHN-017); a nearer processor that begins while the header of a farther one is on its way is held up here,
     and would go first on hardware.
     """
@@ -131,7 +131,7 @@ class Links:
         Raises
         ------
         ValueError
-            Where an argument is out of range.
+            If an argument is out of range.
         """
         _check(processor, tokens, at)
         opened = self._down.opened
@@ -156,7 +156,7 @@ class Links:
         Raises
         ------
         ValueError
-            Where an argument is out of range.
+            If an argument is out of range.
         """
         _check(processor, tokens, at)
         opened = self._up.opened
@@ -179,7 +179,7 @@ class Links:
         Raises
         ------
         ValueError
-            Where there is no such link.
+            If there is no such link.
         """
         whole("link", index, 0, PROCESSORS - 1)
         for wires in (self._down, self._up):
@@ -191,7 +191,7 @@ class Links:
         Raises
         ------
         ValueError
-            Where there is no such link.
+            If there is no such link.
         """
         whole("link", index, 0, PROCESSORS - 1)
         for wires in (self._down, self._up):
@@ -203,7 +203,7 @@ class Links:
         Raises
         ------
         ValueError
-            Where there is no such processor.
+            If there is no such processor.
         """
         whole("processor", processor, 0, PROCESSORS - 1)
         self._down.stop(CHANNEL_ENDS[processor])

@@ -210,7 +210,7 @@ class Processor:
         return 0 if self._time is None else max(self._time.tick(self._scheduler.now), 0)
 
     def set_clock_error(self, parts_per_billion: int) -> None:
-        """Its board's oscillator runs fast from now on, or slow where negative."""
+        """Its board's oscillator runs fast from now on, or slow if negative."""
         self.clock.set_rate(self._tick, parts_per_billion)
 
     def slow_down(self, slowness: int) -> None:
@@ -380,7 +380,7 @@ class Processor:
             self._enter(program, program.period + lag, items)
 
     def _enter(self, program: Program, period: int, items: bytes) -> None:
-        """Begin a program, or stop it where there are no items."""
+        """Begin a program, or stop it if there are no items."""
         if program.memory is Memory.SAMPLES:
             self.reel.modulate(period, items, program.hold)
         elif items:
@@ -446,7 +446,7 @@ class Processor:
             self._modulated = False
 
     def listen(self, since: int) -> None:
-        """From now on fall silent where no question came for long, counted from a core cycle (clause CHN-018)."""
+        """From now on fall silent if no question came for long, counted from a core cycle (clause CHN-018)."""
         self._heard = since
         self._scheduler.at(max(since + DEAF_CYCLES, self._scheduler.now), self._check_hearing)
 

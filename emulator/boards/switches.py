@@ -77,7 +77,7 @@ def destination(nodes: Sequence[int], node: int) -> Destination:
     Raises
     ------
     ValueError
-        Where the chain has no processor.
+        If the chain has no processor.
     """
     if not nodes:
         raise ValueError("a chain without processors carries no message; at least one")

@@ -24,7 +24,7 @@ class SyncLine:
         self._first = first
 
     def next_pulse(self, cycle: int) -> int | None:
-        """The first pulse at or after a core cycle; None where nobody drives the line."""
+        """The first pulse at or after a core cycle; None if nobody drives the line."""
         if self._first is None:
             return None
         return self._first + max(-((self._first - cycle) // PULSE_CYCLES), 0) * PULSE_CYCLES

@@ -60,11 +60,11 @@ class Change:
     period: int
     """At which it takes effect."""
     packed: bytes | None
-    """Pulses in the order of the channels, 480 bytes; None where it is programs alone."""
+    """Pulses in the order of the channels, 480 bytes; None if it is programs alone."""
     programs: tuple[Program, ...]
     """For processor 0; the others get the same."""
     effect: Effect | None
-    """What it means to the device when it takes effect, None where nothing any more."""
+    """What it means to the device when it takes effect, None if nothing any more."""
     tail: Tail
     """Where the plan ends with it."""
     folded: bool
@@ -263,7 +263,7 @@ class Agenda:
 
     @property
     def first_period(self) -> int:
-        """At which the first of what is planned takes effect; the period of the tail where nothing is."""
+        """At which the first of what is planned takes effect; the period of the tail if nothing is."""
         if not self._changes:
             return self.tail.period
         first = self._changes[0]
@@ -328,7 +328,7 @@ class Agenda:
                     yield start, start + item.cost.occupies
 
     def loads_gone(self, begin: int, loads: int) -> int:
-        """Core cycle by which so many loads have left at the latest, where they begin at another and fit in between.
+        """Core cycle by which so many loads have left at the latest, if they begin at another and fit in between.
 
         Questions to the processors go in between too: one a millisecond, behind a load that had begun.
         """

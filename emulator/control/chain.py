@@ -4,7 +4,7 @@ While nothing is wrong and nobody watches, the outcome of every message is known
 changes reach the processors at their period without a message. Once a fault is armed or a tracer looks on, it is
 *unfolded*: each message travels token by token, may be damaged on its way, and may get stuck. What outputs and records
 say is the same either way, and the tests hold one against the other. One thing may come a period apart: a sequence
-or a modulation that waits for stores, where a question took the place of one of them.
+or a modulation that waits for stores, if a question took the place of one of them.
 """
 
 from __future__ import annotations

@@ -474,7 +474,7 @@ class Controller:
 
     @property
     def _next_effect(self) -> int | None:
-        """Core cycle; None where nothing is planned, or only that another update takes the place of one that plays."""
+        """Core cycle; None if nothing is planned, or only that another update takes the place of one that plays."""
         effects = []
         more_of_the_same = self._state is State.PLAYING and self._runs is None and self._agenda.only_updates
         if self._agenda and not more_of_the_same:
@@ -624,12 +624,12 @@ class Controller:
                 waiter()
 
     def test_transducer(self, transducer: int, door: Door) -> None:
-        """Drive one transducer alone, weakly, where there is room for it (clause CON-008).
+        """Drive one transducer alone, weakly, if there is room for it (clause CON-008).
 
         Raises
         ------
         BlockError
-            Where an update would be refused.
+            If an update would be refused.
         """
         self.settle()
         width = np.zeros(CHANNELS, np.uint8)
@@ -692,7 +692,7 @@ class Controller:
         self._plan_to_wake()
 
     def _end_sequence(self) -> None:
-        """Where a sequence has played its last repeat, fall silent, as the processors do by themselves."""
+        """When a sequence has played its last repeat, fall silent, as the processors do by themselves."""
         run = self._runs
         if run is not None and run.ends is not None and self._now >= self.time.boundary(run.ends):
             self._runs = None
@@ -763,7 +763,7 @@ class Controller:
         self._dispatch(change)
 
     def _heed_miss(self, processor: int) -> None:
-        """A processor missed a commit; where that may be the silence, see to it that it falls silent all the same.
+        """A processor missed a commit; if that may be the silence, see to it that it falls silent all the same.
 
         It is sent once more. If that is missed too, for the same reason, the processor falls silent because nobody asks
         it anything meanwhile (clause CHN-018). By then it is silent for sure, until the outputs are enabled.
@@ -875,7 +875,7 @@ class Controller:
         Raises
         ------
         Stall
-            Where the device does not know the request, or not in this state.
+            If the device does not know the request, or not in this state.
         """
         self.settle()
         answers: dict[tuple[int, int], Callable[[int], bytes]] = {

@@ -1,4 +1,4 @@
-"""Loads on their way to the processors' memories: one after the other, where they fit between changes (CHN-019)."""
+"""Loads on their way to the processors' memories: one after the other, if they fit between changes (CHN-019)."""
 
 from __future__ import annotations
 

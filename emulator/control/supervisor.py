@@ -229,7 +229,7 @@ class Supervisor:
     def collect_playing(self, timeout_cycles: int) -> tuple[list[Playing], int]:
         """What each processor plays, and the period in which the last was read.
 
-        They are fewer than ten where some do not answer in time.
+        They are fewer than ten if some do not answer in time.
         """
         if self._chain.folded:
             return self._read_folded()

@@ -137,7 +137,7 @@ class ClockError(Lasting):
     ----------
     board : int
     ppm : float
-        By how many millionths it runs fast, or slow where negative.
+        By how many millionths it runs fast, or slow if negative.
     """
 
     board: BoardNumber

@@ -79,7 +79,7 @@ class InjectedFault:
     Raises
     ------
     ValueError
-        Where a field is not what it may be.
+        If a field is not what it may be.
     """
 
     period: Period | None = None
@@ -108,7 +108,7 @@ class InjectedFault:
         return f"{self.name()}: {said}" if said else self.name()
 
     def begin(self, device: FaultTarget) -> None:
-        """Bring it about; nothing changes where it is there already."""
+        """Bring it about; nothing changes if it is there already."""
         raise NotImplementedError
 
     def end(self, device: FaultTarget) -> None:

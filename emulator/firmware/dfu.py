@@ -60,14 +60,14 @@ class _Wait(NamedTuple):
     until: int
     """Core cycle."""
     too_long: DfuStatus
-    """What is said where the work takes too long by that."""
+    """What is said if the work takes too long by that."""
 
 
 _Job = Generator[_Wait, None, None]
 
 
 class _Failure(Exception):
-    """What a job ends with where flash or image turn out to be bad."""
+    """What a job ends with if flash or image turn out to be bad."""
 
     def __init__(self, status: DfuStatus, string: int = 0) -> None:
         super().__init__(status.name)
@@ -120,7 +120,7 @@ class DfuMode:
         Raises
         ------
         Stall
-            Where the request is refused, as clause DFU-006 says.
+            If the request is refused, as clause DFU-006 says.
         """
         handler = _HANDLERS.get((setup.request_type, setup.request))
         if handler is None:
@@ -128,7 +128,7 @@ class DfuMode:
         return handler(self, setup, data)[: setup.length]
 
     def bus_reset(self, configured: bool) -> bool:
-        """Reset the bus; a reset counts where a host had configured the device in DFU mode (clause DFU-015).
+        """Reset the bus; a reset counts if a host had configured the device in DFU mode (clause DFU-015).
 
         Returns
         -------
@@ -232,7 +232,7 @@ class DfuMode:
     # States
 
     def _apply(self, event: DfuEvent) -> None:
-        """Go where an event leads; raise `Stall` where that is how the request is answered."""
+        """Go where an event leads; raise `Stall` if that is how the request is answered."""
         if TRANSITIONS[self.state, event].stalls:
             self._refuse()
         self._enter(TRANSITIONS[self.state, event].state)

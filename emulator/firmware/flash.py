@@ -108,7 +108,7 @@ class Flash:
     Raises
     ------
     ValueError
-        Where the content has another size.
+        If the content has another size.
     """
 
     def __init__(
@@ -138,9 +138,9 @@ class Flash:
         Raises
         ------
         InputFileError
-            Where the file has another size.
+            If the file has another size.
         OSError
-            Where it cannot be read.
+            If it cannot be read.
         """
         size = FLASH_BYTES + 4 * SECTORS
         data = read_file(path, size)
@@ -156,7 +156,7 @@ class Flash:
         Raises
         ------
         OSError
-            Where the file cannot be written; what stood there is untouched.
+            If the file cannot be written; what stood there is untouched.
         """
         with replacing(path) as part:
             part.write_bytes(self._cells.tobytes() + self.erasures.astype("<u4").tobytes())
@@ -170,7 +170,7 @@ class Flash:
         self.failed = False
 
     def cut_power(self) -> None:
-        """Take the power away, now: what is under way stays half done. Nothing happens where there is none."""
+        """Take the power away, now: what is under way stays half done. Nothing happens if there is none."""
         operation, under_way = self._operation, self.busy
         if operation is not None and under_way:
             self._leave_half_done(operation, self._clock.now)
@@ -190,7 +190,7 @@ class Flash:
         Raises
         ------
         ValueError
-            Where the number is negative.
+            If the number is negative.
         """
         if written_bytes < 0:
             raise ValueError(f"the power cannot fail after {written_bytes} written bytes; at least 0")
@@ -232,7 +232,7 @@ class Flash:
         Raises
         ------
         ValueError
-            Where no sector begins there, the flash is busy, write-protected or has no power.
+            If no sector begins there, the flash is busy, write-protected or has no power.
         """
         _check_range(address, FLASH_SECTOR_BYTES)
         sector, within = divmod(address, FLASH_SECTOR_BYTES)
@@ -248,7 +248,7 @@ class Flash:
         Raises
         ------
         ValueError
-            Where the data are empty or reach beyond the page, or the flash is busy, write-protected or has no power.
+            If the data are empty or reach beyond the page, or the flash is busy, write-protected or has no power.
         """
         _check_range(address, len(data))
         page, within = divmod(address, PAGE_BYTES)

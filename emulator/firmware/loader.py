@@ -70,7 +70,7 @@ class Identity(NamedTuple):
 
     @classmethod
     def read(cls, flash: Flash) -> Identity:
-        """Read it from a flash; raise `InputFileError` where none was written there."""
+        """Read it from a flash; raise `InputFileError` if none was written there."""
         text = flash.read(IDENTITY_ADDRESS, IDENTITY_BYTES).partition(bytes([ERASED_BYTE]))[0]
         try:
             fields = json.loads(text)
@@ -120,7 +120,7 @@ def keep(flash: Flash, path: Path, complain: Callable[[OSError], None]) -> None:
 
 
 def read_record(flash: Flash, bank: Bank) -> BootRecord | None:
-    """The boot record of a bank; None where it is empty (clause FWU-017)."""
+    """The boot record of a bank; None if it is empty (clause FWU-017)."""
     return BootRecord.decode(flash.read(bank.record_address, BootRecord.BYTES))
 
 
@@ -130,18 +130,18 @@ class Boot(NamedTuple):
     bank: Bank
     image: Image
     faults: Fault
-    """`Fault.FLASH` where a bank with a record failed or may not boot."""
+    """`Fault.FLASH` if a bank with a record failed or may not boot."""
 
 
 def boot(flash: Flash) -> Boot:
-    """Choose the image that runs, and put it on trial where it is new (clauses FWU-019 and FWU-020).
+    """Choose the image that runs, and put it on trial if it is new (clauses FWU-019 and FWU-020).
 
     The flash must be idle.
 
     Raises
     ------
     DeviceError
-        Where not even the factory's image is whole.
+        If not even the factory's image is whole.
     """
     order = _order(flash)
     barred = any(bank not in order and read_record(flash, bank) is not None for bank in (Bank.A, Bank.B))
@@ -156,7 +156,7 @@ def boot(flash: Flash) -> Boot:
 
 
 def next_image(flash: Flash) -> bytes:
-    """The image that would boot next, as it stands in flash; no bytes where none would (clause DFU-014)."""
+    """The image that would boot next, as it stands in flash; no bytes if none would (clause DFU-014)."""
     images = (_whole_image(flash, bank) for bank in _order(flash))
     return next((image.encode() for image in images if image is not None), b"")
 
@@ -164,7 +164,7 @@ def next_image(flash: Flash) -> bytes:
 def confirm(flash: Flash, bank: Bank) -> None:
     """Write that the image of a bank came up, unless that is written already (clause FWU-020).
 
-    Where it cannot be written, the image is not started again.
+    If it cannot be written, the image is not started again.
     """
     if read_record(flash, bank) is not None:
         _mark(flash, _confirmed(bank))
@@ -199,7 +199,7 @@ def _order(flash: Flash) -> tuple[Bank, ...]:
 
 
 def _whole_image(flash: Flash, bank: Bank) -> Image | None:
-    """The image of a bank where it is the one that its record names."""
+    """The image of a bank if it is the one that its record names."""
     record = read_record(flash, bank)
     stored = b"" if record is None else flash.read(bank.image_address, record.size)
     return Image.decode(stored) if record is not None and record.describes(stored) else None
@@ -218,7 +218,7 @@ def _is_marked(flash: Flash, address: int) -> bool:
 
 
 def _mark(flash: Flash, address: int) -> bool:
-    """Write a mark that is not there yet; False where it is not there afterwards either."""
+    """Write a mark that is not there yet; False if it is not there afterwards either."""
     if flash.writable and not _is_marked(flash, address):
         flash.program(address, MARK)
     return _is_marked(flash, address)

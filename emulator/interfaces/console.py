@@ -49,10 +49,10 @@ class ConsoleController(Protocol):
         """Whether the queue has room."""
 
     def request(self, setup: Setup, data: bytes, door: Door) -> bytes:
-        """Carry out a vendor request that came by a door and return its data; raise `Stall` where USB would stall."""
+        """Carry out a vendor request that came by a door and return its data; raise `Stall` if USB would stall."""
 
     def test_transducer(self, transducer: int, door: Door) -> None:
-        """Drive one transducer alone, weakly; raise `BlockError` where an update would be refused."""
+        """Drive one transducer alone, weakly; raise `BlockError` if an update would be refused."""
 
     def host_arrived(self) -> None:
         """Something was answered, so the firmware has proved itself (clause FWU-020)."""
@@ -67,7 +67,7 @@ class Shown(NamedTuple):
         For the terminal.
     then : callable or None
         What remains to be carried out once the text is sent (clause CON-004); nothing typed behind it was read. The
-        device may refuse by `Stall` where its state has changed since.
+        device may refuse by `Stall` if its state has changed since.
     """
 
     text: bytes
@@ -130,7 +130,7 @@ class Console:
         return None
 
     def _carry_out(self, command: Command) -> Fields:
-        """Do all of a command that comes before its answer; raise `CommandError` where the device refuses."""
+        """Do all of a command that comes before its answer; raise `CommandError` if the device refuses."""
         match command:
             case Command("help"):
                 return help_fields()

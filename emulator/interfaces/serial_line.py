@@ -170,7 +170,7 @@ class SerialLine(Door):
 
     @property
     def can_receive(self) -> bool:
-        """Whether the host takes what it asked for; where a line can let it wait, it does otherwise."""
+        """Whether the host takes what it asked for; if a line can let it wait, it does otherwise."""
         return self.pending < FULL_BYTES
 
     def open(self) -> None:

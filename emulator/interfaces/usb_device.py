@@ -127,7 +127,7 @@ class UsbDevice:
     Raises
     ------
     ValueError
-        Where the serial number is otherwise.
+        If the serial number is otherwise.
     """
 
     def __init__(
@@ -220,7 +220,7 @@ class UsbDevice:
         Raises
         ------
         Stall
-            Where the device's state does not allow it, or it is not in run-time mode.
+            If the device's state does not allow it, or it is not in run-time mode.
         """
         if self._dfu is None:
             raise Stall("only a device in run-time mode can be detached")
@@ -294,7 +294,7 @@ class UsbDevice:
             self._tell(lambda function: function.resume())
 
     def halt(self, endpoint: int) -> None:
-        """Halt an endpoint without being asked to; nothing happens where the configuration has none like it."""
+        """Halt an endpoint without being asked to; nothing happens if the configuration has none like it."""
         if self.configuration and endpoint in self._pipes:
             self._halted.add(endpoint)
 
@@ -310,7 +310,7 @@ class UsbDevice:
         Raises
         ------
         ValueError
-            Where it is longer than the endpoint's largest.
+            If it is longer than the endpoint's largest.
         """
         pipe = self._running(endpoint)
         if pipe is None or endpoint not in pipe.function.outs:
@@ -344,7 +344,7 @@ class UsbDevice:
         Returns
         -------
         taken : int
-            Bytes; each packet as `bulk_out` would have taken it, in its time. 0 where there is nothing to gain.
+            Bytes; each packet as `bulk_out` would have taken it, in its time. 0 if there is nothing to gain.
         ended : int
             Core cycle at which the last of them had arrived; time may have passed further.
         """
@@ -379,7 +379,7 @@ class UsbDevice:
         Raises
         ------
         Stall
-            Where the device does not know the request, or not with these values, or not now (clause USB-004).
+            If the device does not know the request, or not with these values, or not now (clause USB-004).
         """
         if self.deaf:
             raise Stall("nothing that the host sends arrives")

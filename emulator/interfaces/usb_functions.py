@@ -81,7 +81,7 @@ class Function:
     outs : mapping of int to callable
         What takes a packet from the host, for each OUT endpoint: ACK, or NAK and the packet comes again.
     ins : mapping of int to callable
-        What gives the next packet, which may be empty, for each IN endpoint; NAK where there is none.
+        What gives the next packet, which may be empty, for each IN endpoint; NAK if there is none.
     streams : mapping of int to callable
         What takes many packets at once, for OUT endpoints that can; see `UsbDevice.stream_out`.
     """
@@ -96,7 +96,7 @@ class Function:
         Raises
         ------
         Stall
-            Where it does not know the request, or not now.
+            If it does not know the request, or not now.
         """
         raise NotImplementedError
 
@@ -184,7 +184,7 @@ class UsbController(Protocol):
         """The event RESUME."""
 
     def detach(self, door: Door) -> bool:
-        """The event DETACH; False where it has no transition in this state (clause STA-005)."""
+        """The event DETACH; False if it has no transition in this state (clause STA-005)."""
 
     def host_arrived(self) -> None:
         """A host has configured the device: its firmware works (clause FWU-020)."""
@@ -451,7 +451,7 @@ class DfuRunTimeFunction(Function):
         Raises
         ------
         Stall
-            Where the device's state does not allow it (clause STA-005).
+            If the device's state does not allow it (clause STA-005).
         """
         if not self._controller.detach(door):
             raise Stall("the device cannot be detached in this state")

@@ -38,7 +38,7 @@ class Amplifier:
     Raises
     ------
     ValueError
-        Where a value is out of range.
+        If a value is out of range.
     """
 
     supply_v: float = NOMINAL_SUPPLY_V

@@ -114,7 +114,7 @@ class Capture:
         Raises
         ------
         ValueError
-            Where the stretch was not captured.
+            If the stretch was not captured.
         """
         start, stop = operator.index(start), operator.index(stop)
         if not self.start_tick <= start <= stop <= self.end_tick:
@@ -174,11 +174,11 @@ class Capture:
         Raises
         ------
         ValueError
-            Where the periods were not captured.
+            If the periods were not captured.
 
         Notes
         -----
-        Where a port plays whole pulses, each is looked up by its two edges; where its clock is its own or its pins are
+        If a port plays whole pulses, each is looked up by its two edges; if its clock is its own or its pins are
         held, all edges of its bits are summed.
         """
         first, last = operator.index(first), operator.index(last)

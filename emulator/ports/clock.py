@@ -63,7 +63,7 @@ class BoardClock:
         self._bends = [(0, -offset_ticks, 0)]  # from a tick of the device on: the board's tick there, and its rate
 
     def set_rate(self, tick: int, parts_per_billion: int) -> None:
-        """Let the board's oscillator run fast (or slow, where negative) from a tick of the device on."""
+        """Let the board's oscillator run fast (or slow, if negative) from a tick of the device on."""
         if parts_per_billion != self._bends[-1][2]:
             self._bends.append((tick, self.own_tick(tick), parts_per_billion))
 

@@ -67,7 +67,7 @@ class Excerpt:
     Raises
     ------
     ValueError
-        Where an output does not exist or is chosen twice, or where the stretch is empty or was not captured.
+        If an output does not exist or is chosen twice, or if the stretch is empty or was not captured.
     """
 
     capture: PortBits
@@ -94,7 +94,7 @@ class Excerpt:
     def of(
         cls, capture: PortBits, channels: Sequence[int] | None = None, ticks: tuple[int, int] | None = None
     ) -> Excerpt:
-        """An excerpt; of all outputs, and from beginning to end, where nothing else is said."""
+        """An excerpt; of all outputs, and from beginning to end, if nothing else is said."""
         chosen = range(CHANNELS) if channels is None else map(operator.index, channels)
         start, stop = (capture.start_tick, capture.end_tick) if ticks is None else map(operator.index, ticks)
         return cls(capture, tuple(chosen), start, stop)
@@ -114,7 +114,7 @@ class Excerpt:
     def before(self) -> NDArray[np.uint8]:
         """The levels in the tick before the stretch, (k,) uint8.
 
-        Before tick 0 all outputs are low; where the capture begins later they are taken to have been as in its first.
+        Before tick 0 all outputs are low; if the capture begins later they are taken to have been as in its first.
         """
         if self.start == 0:
             return np.zeros(len(self.channels), np.uint8)
@@ -164,7 +164,7 @@ def edges(capture: PortBits, channel: int, start: int, stop: int) -> tuple[NDArr
     Raises
     ------
     ValueError
-        Where there is no such output, or the stretch is empty or was not captured.
+        If there is no such output, or the stretch is empty or was not captured.
     """
     found = list(Excerpt.of(capture, [channel], (start, stop)).changes())
     return np.concatenate([piece.ticks for piece in found]), np.concatenate([piece.levels for piece in found])

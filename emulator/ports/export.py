@@ -23,7 +23,7 @@ _CHOICE = re.compile(r"b(?P<board>\d)(p(?P<processor>\d)(_(?P<bit>\d\d))?)?|t(?P
 
 
 def check_export_path(path: Path) -> None:
-    """Raise `ValueError` where a path does not end in the name of a format."""
+    """Raise `ValueError` if a path does not end in the name of a format."""
     if path.suffix.lower() not in (VCD, SIGROK):
         raise ValueError(f"{path}: an export's name ends in {VCD} or {SIGROK}")
 
@@ -42,7 +42,7 @@ def chosen_channels(text: str, wiring: Wiring) -> list[int]:
     Raises
     ------
     ValueError
-        Where one of them is none, or does not exist.
+        If one of them is none, or does not exist.
     """
     return [channel for choice in text.split(",") for channel in _channels(choice.strip(), wiring)]
 
@@ -91,10 +91,10 @@ def export(
     Raises
     ------
     ValueError
-        Where the suffix or an output is unknown, the stretch is empty or was not captured, a signal is none, or the
+        If the suffix or an output is unknown, the stretch is empty or was not captured, a signal is none, or the
         format cannot hold signals.
     OSError
-        Where the file cannot be written; what stood there is untouched.
+        If the file cannot be written; what stood there is untouched.
     """
     check_export_path(path)
     excerpt = Excerpt.of(capture, channels, ticks)

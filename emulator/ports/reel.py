@@ -67,7 +67,7 @@ class Turns(NamedTuple):
     """Times that it is played, 0 for without end."""
 
     def entries(self, since: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The entry that plays so many periods after the beginning, -1 where it has ended."""
+        """The entry that plays so many periods after the beginning, -1 if it has ended."""
         turn, within = np.divmod(since, self.ends[-1])
         entry = np.searchsorted(self.ends, within, side="right")
         return np.where((turn < self.repeats) | (self.repeats == 0), entry, -1)
@@ -92,7 +92,7 @@ class Segments(NamedTuple):
     """Period at which each segment begins, (s,), ascending, the first before all time; of several in one period the
     last counts."""
     refs: NDArray[np.int64]
-    """What plays in it, (s,): a row of `slices`, or where negative -1 - the place in `turns`."""
+    """What plays in it, (s,): a row of `slices`, or if negative -1 - the place in `turns`."""
     slices: NDArray[np.uint8]
     """Packed pulses, (r, 48)."""
     turns: tuple[Turns, ...]

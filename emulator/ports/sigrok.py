@@ -27,7 +27,7 @@ def write_sigrok(path: Path, excerpt: Excerpt) -> None:
     Raises
     ------
     OSError
-        Where the file cannot be written; what stood there is untouched.
+        If the file cannot be written; what stood there is untouched.
     """
     with replacing(path) as part, ZipFile(part, "w") as archive:
         archive.writestr(_member("version"), SESSION_VERSION)

@@ -38,9 +38,9 @@ def write_vcd(path: Path, excerpt: Excerpt, signals: Sequence[Signal] = ()) -> N
     Raises
     ------
     ValueError
-        Where a signal is none, or two have one name.
+        If a signal is none, or two have one name.
     OSError
-        Where the file cannot be written; what stood there is untouched.
+        If the file cannot be written; what stood there is untouched.
     """
     for signal in signals:
         signal.check()

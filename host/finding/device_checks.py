@@ -71,7 +71,7 @@ def _place(processor: int) -> str:
 
 
 def _places(processors: Iterable[int]) -> str:
-    """Processors, or boards where it is both of a board."""
+    """Processors, or boards if it is both of a board."""
     there = sorted(set(processors))
     boards = Counter(processor // PROCESSORS_PER_BOARD for processor in there)
     whole = {board for board, count in boards.items() if count == PROCESSORS_PER_BOARD}
@@ -110,7 +110,7 @@ def _settings(device: Device) -> Judgement:
         return ok(seen)
     return warn(
         f"{seen}; at power-up {info.watchdog_ms} ms and {info.drive_limit}",
-        f"another program has set them so; where that is not meant, `{RESET}`",
+        f"another program has set them so; if that is not meant, `{RESET}`",
     )
 
 
@@ -211,7 +211,7 @@ def _self_test(device: Device) -> Judgement:
 
 
 def _try_in_time(device: Device, phase: NDArray[np.int64]) -> str:
-    """Try phases without width at a period that is far enough ahead; what went wrong, empty where nothing did."""
+    """Try phases without width at a period that is far enough ahead; what went wrong, empty if nothing did."""
     for seconds in AHEAD_SECONDS:
         period = device.clock().now // device.info.ticks_per_period + round(seconds * device.info.carrier_hz)
         try:
@@ -257,7 +257,7 @@ def _silence(device: Device) -> None:
 
 
 def _blocked(device: Device) -> str:
-    """Turn the outputs off, whoever enabled them; why nothing may be played now, empty where it may."""
+    """Turn the outputs off, whoever enabled them; why nothing may be played now, empty if it may."""
     device.stop()
     status = device.status()
     if status.state is State.OFF:
@@ -267,7 +267,7 @@ def _blocked(device: Device) -> str:
 
 
 def _try_pulses(device: Device, pulses: Pulses, period: int) -> str:
-    """Play pulses and read them back; what went wrong, empty where nothing did.
+    """Play pulses and read them back; what went wrong, empty if nothing did.
 
     Raises
     ------
@@ -344,7 +344,7 @@ def _chain(device: Device) -> Judgement:
 
 
 def _trouble(place: int, report: ProcessorReport) -> str:
-    """What messages did not reach a processor since power-up; empty where all did."""
+    """What messages did not reach a processor since power-up; empty if all did."""
     counts = ((report.missed_commits, "missed commits"), (report.damaged_messages, "damaged messages"))
     said = " and ".join(f"{count} {what}" for count, what in counts if count)
     return f"{_place(place)}: {said}" if said else ""
@@ -360,11 +360,11 @@ class Meaning(NamedTuple):
 _FAULTS: Mapping[Fault, Meaning] = {
     Fault.CHAIN: Meaning(
         "a message on the chain was damaged, or a commit missed",
-        f"check the cables between the boards that chain names, then `{CLEAR_FAULTS}`; where it stays, `{RESET}`",
+        f"check the cables between the boards that chain names, then `{CLEAR_FAULTS}`; if it stays, `{RESET}`",
     ),
     Fault.PROCESSOR: Meaning(
         "a processor does not answer, so the outputs are off",
-        f"`{RESET}`; where it stays, check power and cables of the board that chain names",
+        f"`{RESET}`; if it stays, check power and cables of the board that chain names",
     ),
     Fault.SYNC: Meaning(
         "a board has lost the common clock, so the outputs are off",

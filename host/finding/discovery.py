@@ -32,7 +32,7 @@ def search(schemes: Iterable[str] | None = None) -> Search:
     Raises
     ------
     DeviceNotFoundError
-        Where a scheme is unknown.
+        If a scheme is unknown.
     """
     known = entries(SCHEMES)
     names = sorted(known) if schemes is None else list(schemes)

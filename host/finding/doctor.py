@@ -38,15 +38,15 @@ CHECKS = (*COMPUTER_CHECKS, FOUND, *BUS_CHECKS, OPENED, *DEVICE_CHECKS)
 """The names of all, in their order."""
 
 CURES: Mapping[type[DeviceError], str] = {
-    DeviceLostError: "plug it in again; where it goes away again, look at its cable and its power",
+    DeviceLostError: "plug it in again; if it goes away again, look at its cable and its power",
     DeviceTimeoutError: "switch it off and on; on a serial line, look at its cable and its baud rate",
     DeviceAccessError: "close what else uses it; on Linux a serial port belongs to a group, mostly dialout: `sudo "
     "usermod -aG dialout $USER`, and log in again",
     DeviceRefusedError: f"`{RESET}`, or switch it off and on",
     DeviceVersionError: f"update the older of the two: `pip install --upgrade phasewire`, or `{FLASH}`",
-    DeviceError: f"`{RESET}`, or switch it off and on; where it stays, write its firmware anew: `{FLASH}`",
+    DeviceError: f"`{RESET}`, or switch it off and on; if it stays, write its firmware anew: `{FLASH}`",
 }
-"""What to do where a check cannot be finished, by the first kind of error that fits."""
+"""What to do if a check cannot be finished, by the first kind of error that fits."""
 
 
 def examine(url: str | None = None, *, play: bool = False, computer: Computer | None = None) -> Iterator[Finding]:
@@ -64,7 +64,7 @@ def examine(url: str | None = None, *, play: bool = False, computer: Computer | 
     Yields
     ------
     Finding
-        One for each of `CHECKS`, in their order. ``device`` fails where there is none, and only there.
+        One for each of `CHECKS`, in their order. ``device`` fails if there is none, and only there.
     """
     yield from _made(COMPUTER_CHECKS, computer or Computer.this())
     try:
@@ -117,7 +117,7 @@ def _only_one() -> str:
 
 
 def _on_bus(url: str) -> Sighting | None:
-    """The device as its USB bus shows it; None where the line is another."""
+    """The device as its USB bus shows it; None if the line is another."""
     scheme, _, rest = url.partition(":")
     door = parse_qs(rest.partition("?")[2]).get("door", ["usb"])[-1]
     if door != "usb" or scheme not in entries(BACKENDS):

@@ -58,11 +58,11 @@ def detach(seen: Sighting) -> None:
     Raises
     ------
     DeviceAccessError
-        Where another program uses it.
+        If another program uses it.
     DeviceStalledError
-        Where it has no firmware upgrade.
+        If it has no firmware upgrade.
     DeviceError
-        Where line or device fail.
+        If line or device fail.
     """
     with opened(seen, f"asking {seen.name} to go to DFU mode") as device:
         usb.util.claim_interface(device, ARRAY_INTERFACE)  # whoever plays holds it, and is not to be cut off
@@ -80,14 +80,14 @@ class DfuLine:
     Raises
     ------
     DeviceAccessError
-        Where another program gives it firmware.
+        If another program gives it firmware.
     DeviceError
-        Where it cannot be opened.
+        If it cannot be opened.
 
     Notes
     -----
-    Every method raises a `DeviceError` where line or device fail: `DeviceLostError`, `DeviceTimeoutError` or
-    `DeviceStalledError` where it may help to begin anew, `DeviceRefusedError` where the device had a reason.
+    Every method raises a `DeviceError` if line or device fail: `DeviceLostError`, `DeviceTimeoutError` or
+    `DeviceStalledError` if it may help to begin anew, `DeviceRefusedError` if the device had a reason.
     """
 
     def __init__(self, seen: Sighting) -> None:
@@ -138,7 +138,7 @@ class DfuLine:
         Raises
         ------
         DeviceRefusedError
-            Where the device refuses the image, with an `ImageReason`, or its flash fails, with a `DfuStatus`.
+            If the device refuses the image, with an `ImageReason`, or its flash fails, with a `DfuStatus`.
         """
         blocks = [stored[at : at + DFU_TRANSFER_BYTES] for at in range(0, len(stored), DFU_TRANSFER_BYTES)]
         written = 0
@@ -233,7 +233,7 @@ class DfuLine:
         )
 
     def _string(self, index: int) -> str:
-        """A text of the device, none where it has none (clause DFU-012)."""
+        """A text of the device, none if it has none (clause DFU-012)."""
         if not index:
             return ""
         try:

@@ -73,7 +73,7 @@ class Stage(Enum):
 
 
 OnProgress = Callable[[Stage, int, int], None]
-"""Told a stage, and how many of how many bytes are done in it; 0 of 0 where none are counted."""
+"""Told a stage, and how many of how many bytes are done in it; 0 of 0 if none are counted."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class FlashReport:
     trust : Trust
         Who stands behind it.
     written : bool
-        False where the device held this image already.
+        False if the device held this image already.
     attempts : int
         How often it was begun.
     """
@@ -125,9 +125,9 @@ class Flashable(NamedTuple):
     firmware: Version
     """That runs; in DFU mode, that ran."""
     bank: Bank | None
-    """Where that lies; None where the device does not say."""
+    """Where that lies; None if the device does not say."""
     problem: str | None
-    """What speaks against it, None where nothing is known to."""
+    """What speaks against it, None if nothing is known to."""
 
 
 def flash(
@@ -157,13 +157,13 @@ def flash(
     Raises
     ------
     ImageError, InputFileError
-        Where the image is refused; the device has not been touched.
+        If the image is refused; the device has not been touched.
     DeviceNotFoundError
-        Where there is no such device.
+        If there is no such device.
     DeviceRefusedError
-        Where the device refuses the image, or its flash fails; it runs what it ran.
+        If the device refuses the image, or its flash fails; it runs what it ran.
     DeviceError
-        Where line or device fail.
+        If line or device fail.
     """
     bus = UsbBus(url)
     seen = bus.find()
@@ -290,9 +290,9 @@ def revert(url: str) -> RevertReport:
     Raises
     ------
     DeviceNotFoundError
-        Where there is no such device.
+        If there is no such device.
     DeviceError
-        Where it cannot do that, or line or device fail.
+        If it cannot do that, or line or device fail.
     """
     bus = UsbBus(url)
     seen = bus.find()

@@ -45,9 +45,9 @@ def read_image(source: Path | bytes) -> tuple[Image, Suffix]:
     Raises
     ------
     ImageError
-        Where the file is none or is damaged (clauses FWU-014 and FWU-015).
+        If the file is none or is damaged (clauses FWU-014 and FWU-015).
     OSError
-        Where it cannot be read.
+        If it cannot be read.
     """
     with _named(source):
         stored, suffix = split_suffix(read_file(source) if isinstance(source, Path) else source)
@@ -62,14 +62,14 @@ def read_firmware(source: Path | bytes, keys: Iterable[Ed25519PublicKey] = ()) -
     source : Path or bytes
         The file, or what is in it.
     keys : iterable of Ed25519PublicKey
-        Who is trusted. Where there are any, one of them must have signed; where there are none, nobody needs to.
+        Who is trusted. If there are any, one of them must have signed; if there are none, nobody needs to.
 
     Raises
     ------
     ImageError
-        Where the file is none, is damaged, or was not signed as it must be (clauses FWU-012, FWU-014 and FWU-015).
+        If the file is none, is damaged, or was not signed as it must be (clauses FWU-012, FWU-014 and FWU-015).
     OSError
-        Where it cannot be read.
+        If it cannot be read.
     """
     image, suffix = read_image(source)
     trusted = list(keys)

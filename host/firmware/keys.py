@@ -44,9 +44,9 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
     Raises
     ------
     InputFileError
-        Where the file holds no private Ed25519 key, or one that is encrypted.
+        If the file holds no private Ed25519 key, or one that is encrypted.
     OSError
-        Where it cannot be read.
+        If it cannot be read.
     """
     from cryptography.exceptions import InternalError, UnsupportedAlgorithm  # few commands sign; this is slow to import
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -57,7 +57,7 @@ def read_private_key(path: Path) -> Ed25519PrivateKey:
         raise InputFileError(f"{path} holds a public key; who signs needs the private one that belongs to it")
     try:
         key = load_pem_private_key(text, password=None)
-    except TypeError as error:  # what cryptography raises where a password is needed
+    except TypeError as error:  # what cryptography raises when a password is needed
         raise InputFileError(
             f"{path} holds a private key that is encrypted; decrypt it first: openssl pkey -in {path} -out PLAIN.pem"
         ) from error
@@ -74,9 +74,9 @@ def read_public_keys(paths: Iterable[Path]) -> tuple[Ed25519PublicKey, ...]:
     Raises
     ------
     InputFileError
-        Where a file holds no public Ed25519 key.
+        If a file holds no public Ed25519 key.
     OSError
-        Where it cannot be read.
+        If it cannot be read.
     """
     return tuple(_read_public_key(path) for path in paths)
 
@@ -121,7 +121,7 @@ class Verdict(NamedTuple):
     """What an image is worth to somebody, by the four cases of clause FWU-012."""
 
     outcome: str
-    """The name of a `Trust`, or of the `ImageReason` to refuse it: SIGNATURE where the signature is wrong."""
+    """The name of a `Trust`, or of the `ImageReason` to refuse it: SIGNATURE if the signature is wrong."""
     words: str
 
     @property

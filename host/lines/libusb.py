@@ -18,7 +18,7 @@ def open_backend(url: str) -> Any:
     Raises
     ------
     DeviceNotFoundError
-        Where libusb cannot be loaded, or the URL carries options.
+        If libusb cannot be loaded, or the URL carries options.
     """
     if "?" in url:
         raise DeviceNotFoundError(f"{url!r}: a usb: URL has no options; write usb: or usb:SERIAL")

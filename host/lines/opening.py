@@ -23,7 +23,7 @@ SCHEMES = "phasewire.transports"
 
 
 def default_url() -> str:
-    """The device to use where none is named: ``$PHASEWIRE_DEVICE``, else the emulator."""
+    """The device to use if none is named: ``$PHASEWIRE_DEVICE``, else the emulator."""
     return os.environ.get(URL_VARIABLE) or DEFAULT_URL
 
 
@@ -71,7 +71,7 @@ def open_transport(url: str) -> Transport:
     Raises
     ------
     DeviceError
-        Where the scheme is unknown, nothing answers, or it may not be used.
+        If the scheme is unknown, nothing answers, or it may not be used.
     """
     scheme: Scheme = load_by_scheme(SCHEMES, url)
     return traced(scheme.open(url))

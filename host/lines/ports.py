@@ -55,12 +55,12 @@ OPTIONS = {
 
 
 def port_for_url(url: str) -> Any:
-    """The pyserial port that a URL names, not yet opened; nobody else can have it open meanwhile, where that is known.
+    """The pyserial port that a URL names, not yet opened; nobody else can have it open meanwhile, if that is known.
 
     Raises
     ------
     DeviceNotFoundError
-        Where the URL is wrong.
+        If the URL is wrong.
     """
     scheme, _, rest = url.partition(":")
     where, _, query = rest.partition("?")

@@ -2,7 +2,7 @@
 
 Which port, a real one or an emulated one, is the URL's scheme: an entry point in the group ``phasewire.serial_ports``,
 a function ``(url) -> port`` that is not yet open and bounds its writes. What pyserial does not know, a port may have as
-attributes: `time`, a `Timekeeper`, where its device does not live by the wall clock; `bytes_per_second`, where its baud
+attributes: `time`, a `Timekeeper`, if its device does not live by the wall clock; `bytes_per_second`, if its baud
 rate means nothing; `product` and `serial_number` of the device at its other end.
 """
 
@@ -91,7 +91,7 @@ def open_serial_line(url: str) -> SerialTransport:
     Raises
     ------
     DeviceError
-        Where there is no such port, it may not be used, or no device answers.
+        If there is no such port, it may not be used, or no device answers.
     """
     return SerialTransport(load_by_scheme(PORTS, url)(url))
 
@@ -141,13 +141,13 @@ class SerialTransport:
     Raises
     ------
     DeviceNotFoundError
-        Where there is no such port.
+        If there is no such port.
     DeviceAccessError
-        Where it is in use, or there is no permission.
+        If it is in use, or there is no permission.
     DeviceTimeoutError
-        Where nothing answers that speaks in frames.
+        If nothing answers that speaks in frames.
     DeviceError
-        Where what answers breaks the protocol.
+        If what answers breaks the protocol.
     """
 
     lossy = True
@@ -177,7 +177,7 @@ class SerialTransport:
     def window(self, free: int | None, records: int) -> int:
         """How many blocks may be unanswered: one more than the queue has room for (clause SER-011).
 
-        Fewer where they would keep the line busy for long, for a request to stop waits behind them.
+        Fewer if they would keep the line busy for long, for a request to stop waits behind them.
         """
         in_time = int(self.most_blocks_per_second * BUSY_SECONDS)
         return 1 if free is None else min(free + 1, max(in_time, LEAST_BLOCKS))
@@ -203,13 +203,13 @@ class SerialTransport:
         return 0
 
     def ask(self, request: Request, size: int) -> bytes:
-        """Make a control request with an answer; it is repeated where none comes."""
+        """Make a control request with an answer; it is repeated if none comes."""
         return self._request(f"asking for {request.name}", request, REQUEST_TYPE_IN, 0, size)
 
     def order(self, request: Request, value: int = 0) -> None:
-        """Make a control request without an answer; it is repeated where nothing says that it was done.
+        """Make a control request without an answer; it is repeated if nothing says that it was done.
 
-        RESET and REVERT never are, ENABLE and CLEAR_FAULTS only where STATUS says that they were not carried out.
+        RESET and REVERT never are, ENABLE and CLEAR_FAULTS only if STATUS says that they were not carried out.
         """
         self._request(f"ordering {request.name}", request, REQUEST_TYPE_OUT, value, 0)
 
@@ -304,7 +304,7 @@ class SerialTransport:
         )
 
     def _exchange(self, doing: str, request: SerialRequest, attempt: int) -> SerialReply | None:
-        """Send a request and wait for its reply; None where none came in time."""
+        """Send a request and wait for its reply; None if none came in time."""
         self._reply, self._awaited = None, request.tag
         self._send(doing, Frame(FrameKind.REQUEST, request.encode()))
         self._wait(doing, self._patience(attempt), lambda: self._reply is not None)

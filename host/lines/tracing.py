@@ -33,7 +33,7 @@ _BEGAN = time.monotonic()
 
 
 def traced(transport: Transport) -> Transport:
-    """The line itself, or one that logs what goes over it where somebody listens at level INFO."""
+    """The line itself, or one that logs what goes over it if somebody listens at level INFO."""
     return TracedTransport(transport) if _log.isEnabledFor(logging.INFO) else transport
 
 
@@ -45,7 +45,7 @@ def log_request(setup: Setup, data: bytes | None, *, stalled: bool = False) -> N
     setup : Setup
         What was asked.
     data : bytes or None
-        What went with it, either way; None where it failed.
+        What went with it, either way; None if it failed.
     stalled : bool
         Whether the device answered STALL.
     """
@@ -64,7 +64,7 @@ def _log_line(way: str, kind: str, summary: str, seconds: float, level: int = lo
 
 
 class _Lines(logging.Handler):
-    """Lines on standard error; where nobody reads them, that is an error like any other."""
+    """Lines on standard error; if nobody reads them, that is an error like any other."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a line."""
@@ -184,7 +184,7 @@ class TracedTransport:
         describe: Callable[[bytes], Description],
         in_short: Callable[[Sequence[bytes]], str],
     ) -> None:
-        """A line for all pieces of a transfer, and where somebody wants to know, one for each."""
+        """A line for all pieces of a transfer, and if somebody wants to know, one for each."""
         if len(pieces) == 1:
             self._describe(way, describe(pieces[0]))
         elif pieces:

@@ -43,7 +43,7 @@ class Timekeeper(Protocol):
 
 
 class Transport(Protocol):
-    """A line to one device. Every method raises a `DeviceError` where the line or the device fails.
+    """A line to one device. Every method raises a `DeviceError` if the line or the device fails.
 
     A line is for one thread at a time.
     """
@@ -54,7 +54,7 @@ class Transport(Protocol):
 
     @property
     def serial(self) -> str:
-        """Its serial number, empty where the line cannot tell."""
+        """Its serial number, empty if the line cannot tell."""
 
     @property
     def time(self) -> Timekeeper:
@@ -92,11 +92,11 @@ class Transport(Protocol):
         Returns
         -------
         int
-            Bytes taken in time, whole blocks; fewer than all only where the time is over.
+            Bytes taken in time, whole blocks; fewer than all only if the time is over.
         """
 
     def read_records(self, seconds: float) -> bytes:
-        """Wait for what the device sends by itself: whole records, none where none came in time."""
+        """Wait for what the device sends by itself: whole records, none if none came in time."""
 
     def take_back(self) -> int:
         """Bytes of whole blocks that the line had taken and the device never will; none if the line does not post."""
@@ -126,17 +126,17 @@ class Found:
     url : str
         By which it is opened.
     product : str
-        Its name, empty where it cannot be read.
+        Its name, empty if it cannot be read.
     serial : str or None
-        Its serial number, None where it cannot be read.
+        Its serial number, None if it cannot be read.
     mode : {"run time", "DFU"}
         Whether it plays, or waits for new firmware.
     firmware : str
-        Version of its firmware, empty where the line does not say.
+        Version of its firmware, empty if the line does not say.
     location : str
         Where it is plugged in, for people.
     problem : str or None
-        Why it cannot be opened, and what to do; None where nothing is known to be wrong.
+        Why it cannot be opened, and what to do; None if nothing is known to be wrong.
     """
 
     url: str
@@ -152,7 +152,7 @@ class Scheme(Protocol):
     """All lines whose URLs begin alike."""
 
     def open(self, url: str) -> Transport:
-        """Open the line that a URL names; raise a `DeviceError` where nothing answers or it may not be used."""
+        """Open the line that a URL names; raise a `DeviceError` if nothing answers or it may not be used."""
 
     def find(self) -> list[Found]:
         """The devices that can be found without knowing where they are."""

@@ -37,9 +37,9 @@ def open_usb(url: str) -> UsbTransport:
     Raises
     ------
     DeviceNotFoundError
-        Where there is none, or several and no serial number to choose by.
+        If there is none, or several and no serial number to choose by.
     DeviceError
-        Where it cannot be used.
+        If it cannot be used.
     """
     bus = UsbBus(url)
     return UsbTransport(bus, bus.find((RUN_TIME,)))
@@ -106,7 +106,7 @@ class UsbTransport:
         return self._flight is not None
 
     def window(self, free: int | None, records: int) -> int:  # NAK, not credit, holds the rest back
-        """As many as the device can acknowledge (clause ACK-007); some times as many where they are read at once."""
+        """As many as the device can acknowledge (clause ACK-007); some times as many if they are read at once."""
         return records if self._flight is None else WINDOWS * records
 
     def write_blocks(self, blocks: bytes, seconds: float) -> int:

@@ -183,12 +183,12 @@ class Sighting:
 
     @property
     def product(self) -> str:
-        """Its name, empty where it cannot be read."""
+        """Its name, empty if it cannot be read."""
         return self.found.product
 
     @property
     def serial(self) -> str | None:
-        """Its serial number, None where it cannot be read."""
+        """Its serial number, None if it cannot be read."""
         return self.found.serial
 
     @property
@@ -230,7 +230,7 @@ class UsbBus:
     Raises
     ------
     DeviceNotFoundError
-        Where no bus has this scheme, or it does not know the URL's options.
+        If no bus has this scheme, or it does not know the URL's options.
     """
 
     def __init__(self, url: str) -> None:
@@ -300,7 +300,7 @@ class UsbBus:
         Raises
         ------
         DeviceNotFoundError
-            Where there is none in one of these modes, or several and no serial number to choose by.
+            If there is none in one of these modes, or several and no serial number to choose by.
         """
         there = self.look()
         chosen = select(self._url, self._serial, [each.found for each in there], modes)
@@ -312,9 +312,9 @@ class UsbBus:
         Raises
         ------
         DeviceNotFoundError
-            Where there is none in one of these modes, or several and no serial number to choose by.
+            If there is none in one of these modes, or several and no serial number to choose by.
         DeviceAccessError
-            Where there is one that may not be opened.
+            If there is one that may not be opened.
         """
         seen = self.sight(modes)
         if seen.found.problem is not None:
@@ -332,9 +332,9 @@ class UsbBus:
         Raises
         ------
         DeviceLostError
-            Where it does not come in time.
+            If it does not come in time.
         DeviceAccessError
-            Where something came that may not be opened.
+            If something came that may not be opened.
         """
         end = known.time.monotonic() + seconds
         while True:
@@ -365,7 +365,7 @@ def find_on(scheme: str) -> list[Found]:
 
 
 def _interface(device: usb.core.Device, wanted: tuple[int, int, int]) -> Any:
-    """Interface 0 of a device, which is the array or DFU mode, where its class is the wanted one; else None."""
+    """Interface 0 of a device, which is the array or DFU mode, if its class is the wanted one; else None."""
     kind, subclass, protocol = wanted
     return usb.util.find_descriptor(
         device[0],
@@ -423,12 +423,12 @@ def select(url: str, serial: str, found: Sequence[Found], modes: Collection[Mode
     Returns
     -------
     Found
-        It may have a `problem`: where no serial number fits, a device whose number cannot be read may be the one.
+        It may have a `problem`: if no serial number fits, a device whose number cannot be read may be the one.
 
     Raises
     ------
     DeviceNotFoundError
-        Where none is meant, or more than one; it names those that are there.
+        If none is meant, or more than one; it names those that are there.
     """
     there = [each for each in found if each.mode in modes]
     meant = _matching(serial, there) or [each for each in there if each.serial is None][:1]
@@ -461,6 +461,6 @@ def _matching(serial: str, found: Sequence[Found]) -> list[Found]:
 
 
 def _named(one: Found, choices: Sequence[Found]) -> str:
-    """A URL that tells a device from the others, or its place where none does."""
+    """A URL that tells a device from the others, or its place if none does."""
     alike = sum(each.url == one.url for each in choices) > 1
     return f"the one at {one.location} ({one.problem})" if alike or one.problem else one.url

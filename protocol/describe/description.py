@@ -24,7 +24,7 @@ class Finding(NamedTuple):
     Parameters
     ----------
     reason : str
-        Name of the code that a device gives for it; empty where it has none.
+        Name of the code that a device gives for it; empty if it has none.
     clause : str
         The clause that is broken.
     text : str
@@ -88,7 +88,7 @@ def sound(pulses: Pulses) -> str:
 
 
 def name_of(codes: type[Enum], value: object) -> str:
-    """Name of a code; the number itself where it has none."""
+    """Name of a code; the number itself if it has none."""
     return next((code.name for code in codes if code.value == value), f"{value}?")
 
 

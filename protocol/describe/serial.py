@@ -41,5 +41,5 @@ def describe_frame(data: bytes) -> Description:
 
 def describe_text(data: bytes) -> Description:
     """Describe text of the console (chapter CON)."""
-    text = data.decode("latin-1")  # a character stands for one byte, as where it is typed
+    text = data.decode("latin-1")  # a character stands for one byte, as when it is typed
     return Description("text", ascii(text)[1:-1], {"text": text})

@@ -49,7 +49,7 @@ def describe_request(setup: bytes, data: bytes | None = None, *, stalled: bool =
     setup : bytes
         Its setup stage.
     data : bytes or None
-        Its data stage, in whichever direction; None where it is not known.
+        Its data stage, in whichever direction; None if it is not known.
     stalled : bool
         Whether the device answered STALL.
     """

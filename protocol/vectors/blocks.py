@@ -288,7 +288,7 @@ def _refusals() -> Iterator[tuple[str, str, Reason, str, bytes]]:
 def refused_blocks() -> Section:
     """Blocks that every device refuses."""
     return section(
-        "Blocks that every device refuses, whatever its state, with the reason of ACK-003 and its number. Where the "
+        "Blocks that every device refuses, whatever its state, with the reason of ACK-003 and its number. If the "
         "checksum is not what is wrong it is right.",
         (
             vector(f"refused-{name}", shows, hex=data, reason=reason, code=reason.value, clause=clause)

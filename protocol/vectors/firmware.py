@@ -185,7 +185,7 @@ def refused_images() -> Section:
     }
     return section(
         "Files that are refused, with the reason of FWU-015 and its number, and what GETSTATUS says of it (DFU-012). "
-        "Where the reason is not SUFFIX, the suffix is right.",
+        "If the reason is not SUFFIX, the suffix is right.",
         (
             vector(
                 f"refused-image-{name}",
@@ -278,7 +278,7 @@ def boot_records() -> Section:
         return {"fields": record, "may_boot": record is not None and record.may_boot}
 
     return section(
-        "What stands at the beginning of a bank (FWU-017): fields are null where it is no record. may_boot is FWU-020.",
+        "What stands at the beginning of a bank (FWU-017): fields are null if it is no record. may_boot is FWU-020.",
         (vector(f"record-{name}", shows, hex=data, **read(data)) for name, (shows, data) in RECORDS.items()),
     )
 

@@ -222,7 +222,7 @@ def typing() -> Section:
         "crlf": ("CR LF ends one line, not two", b"status\r\nclock\r\n", True),
         "lfcr": ("LF CR ends two", b"status\n\r", True),
         "backspace": ("08 and 7F take back one character each", b"stut\x08\x7fatus\r", True),
-        "backspace-empty": ("and nothing where there is none", b"\x08\x7fok\r", True),
+        "backspace-empty": ("and nothing if there is none", b"\x08\x7fok\r", True),
         "cancel": ("03 and 15 take back the whole line", b"abc\x03de\x15clock\r", True),
         "unprintable": ("an unprintable character stays in the line and is shown as ?", b"st\xe4tus\t\r", True),
         "full": ("80 characters", full + b"\r", True),

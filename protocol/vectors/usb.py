@@ -138,6 +138,6 @@ def descriptors() -> Section:
     ]
     return section(
         "Descriptors of a device with firmware 1.2.3, product 'phasewire vectors' and serial number PW-0001, and the "
-        "request that asks for each (USB-006, USB-012); hex is null where it answers STALL.",
+        "request that asks for each (USB-006, USB-012); hex is null if it answers STALL.",
         [*found, *sets],
     )
