@@ -77,31 +77,22 @@ def free_is_counted_before_the_change(patch: Patch) -> None:
     """The acknowledgement of a change says one free place too many: it is counted before the change has its own."""
     taken: list[bool] = [False]
 
-    def carry_out(original: Any) -> Any:
-        def note(self: Any, body: Any, door: Any) -> Any:
-            change = original(self, body, door)
-            taken[0] = change is not None
-            return change
+    @patch.around(controller.Controller, "_carry_out")
+    def carry_out(original: Any, self: Any, body: Any, door: Any) -> Any:
+        change = original(self, body, door)
+        taken[0] = change is not None
+        return change
 
-        return note
+    @patch.around(controller.Controller, "accept")
+    def accept(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
+        taken[0] = False
+        original(self, packet, door, *rest)
 
-    def accept(original: Any) -> Any:
-        def begin(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
-            taken[0] = False
-            original(self, packet, door, *rest)
+    @patch.around(controller.Controller, "_ack")
+    def ack(original: Any, self: Any, *arguments: Any) -> Ack:
+        said: Ack = original(self, *arguments)
+        return replace(said, free=said.free + taken[0])
 
-        return begin
-
-    def ack(original: Any) -> Any:
-        def told(self: Any, *arguments: Any) -> Ack:
-            said: Ack = original(self, *arguments)
-            return replace(said, free=said.free + taken[0])
-
-        return told
-
-    patch.wrap(controller.Controller, "_carry_out", carry_out)
-    patch.wrap(controller.Controller, "accept", accept)
-    patch.wrap(controller.Controller, "_ack", ack)
     one_by_one(patch)
 
 
@@ -110,23 +101,17 @@ def state_is_that_after_the_change(patch: Patch) -> None:
     """The state in an acknowledgement is the one that the change will lead to, not that of when it was judged."""
     leads_to: list[State | None] = [None]
 
-    def carry_out(original: Any) -> Any:
-        def note(self: Any, body: Any, door: Any) -> Any:
-            leads_to[0] = _state_after(body)
-            return original(self, body, door)
+    @patch.around(controller.Controller, "_carry_out")
+    def carry_out(original: Any, self: Any, body: Any, door: Any) -> Any:
+        leads_to[0] = _state_after(body)
+        return original(self, body, door)
 
-        return note
+    @patch.around(controller.Controller, "_ack")
+    def ack(original: Any, self: Any, *arguments: Any) -> Ack:
+        said: Ack = original(self, *arguments)
+        state, leads_to[0] = leads_to[0], None
+        return said if state is None or said.reason else replace(said, state=state)
 
-    def ack(original: Any) -> Any:
-        def told(self: Any, *arguments: Any) -> Ack:
-            said: Ack = original(self, *arguments)
-            state, leads_to[0] = leads_to[0], None
-            return said if state is None or said.reason else replace(said, state=state)
-
-        return told
-
-    patch.wrap(controller.Controller, "_carry_out", carry_out)
-    patch.wrap(controller.Controller, "_ack", ack)
     one_by_one(patch)
 
 
@@ -148,22 +133,15 @@ def refused_change_says_the_period_that_it_named(patch: Patch) -> None:
     """The acknowledgement of a refused block repeats its period: the field is filled in before the judgement."""
     named = [0]
 
-    def accept(original: Any) -> Any:
-        def note(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
-            named[0] = int.from_bytes(packet[8:16], "little")
-            original(self, packet, door, *rest)
+    @patch.around(controller.Controller, "accept")
+    def accept(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
+        named[0] = int.from_bytes(packet[8:16], "little")
+        original(self, packet, door, *rest)
 
-        return note
-
-    def ack(original: Any) -> Any:
-        def told(self: Any, *arguments: Any) -> Ack:
-            said: Ack = original(self, *arguments)
-            return replace(said, commit_period=named[0]) if said.reason else said
-
-        return told
-
-    patch.wrap(controller.Controller, "accept", accept)
-    patch.wrap(controller.Controller, "_ack", ack)
+    @patch.around(controller.Controller, "_ack")
+    def ack(original: Any, self: Any, *arguments: Any) -> Ack:
+        said: Ack = original(self, *arguments)
+        return replace(said, commit_period=named[0]) if said.reason else said
 
 
 @mutant("ACK-002", "BLK-005")
@@ -171,23 +149,17 @@ def late_change_says_the_period_that_it_named(patch: Patch) -> None:
     """The acknowledgement of a late change has the flag, and the period that it named instead of the one it gets."""
     named = [0]
 
-    def carry_out(original: Any) -> Any:
-        def note(self: Any, body: Any, door: Any) -> Any:
-            change = original(self, body, door)
-            named[0] = getattr(body, "period", 0)
-            return change
+    @patch.around(controller.Controller, "_carry_out")
+    def carry_out(original: Any, self: Any, body: Any, door: Any) -> Any:
+        change = original(self, body, door)
+        named[0] = getattr(body, "period", 0)
+        return change
 
-        return note
+    @patch.around(controller.Controller, "_ack")
+    def ack(original: Any, self: Any, *arguments: Any) -> Ack:
+        said: Ack = original(self, *arguments)
+        return replace(said, commit_period=named[0]) if said.late else said
 
-    def ack(original: Any) -> Any:
-        def told(self: Any, *arguments: Any) -> Ack:
-            said: Ack = original(self, *arguments)
-            return replace(said, commit_period=named[0]) if said.late else said
-
-        return told
-
-    patch.wrap(controller.Controller, "_carry_out", carry_out)
-    patch.wrap(controller.Controller, "_ack", ack)
     one_by_one(patch)
 
 
@@ -197,38 +169,24 @@ def clock_says_no_period(patch: Patch) -> None:
     patch.replace(controller, "Clock", type("NoBody", (), {}))
 
 
-@mutant("BLK-019", "ACK-002")
-def clock_says_its_own_period(patch: Patch) -> None:
+@mutant("BLK-019", "ACK-002", wraps=(controller.Controller, "accept"))
+def clock_says_its_own_period(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
     """The acknowledgement of a CLOCK says the period in which it arrived, not that of the last sync pulse."""
-
-    def accept(original: Any) -> Any:
-        def with_other_clock(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
-            own = self.time.period(self._now)
-            vars(self)["clock"] = lambda: ClockReading(self.now_tick, own, 0)
-            try:
-                original(self, packet, door, *rest)
-            finally:
-                del vars(self)["clock"]
-
-        return with_other_clock
-
-    patch.wrap(controller.Controller, "accept", accept)
+    own = self.time.period(self._now)
+    vars(self)["clock"] = lambda: ClockReading(self.now_tick, own, 0)
+    try:
+        original(self, packet, door, *rest)
+    finally:
+        del vars(self)["clock"]
 
 
-@mutant("ACK-001")
-def refusals_overtake(patch: Patch) -> None:
+@mutant("ACK-001", wraps=(ArrayFunction, "acknowledge"))
+def refusals_overtake(original: Any, self: Any, record: bytes) -> None:
     """On USB a refusal is sent before the acknowledgements that wait: it comes from the thread that receives."""
-
-    def around(original: Any) -> Any:
-        def acknowledge(self: Any, record: bytes) -> None:
-            if record[REASON]:
-                self._records.appendleft(record)
-            else:
-                original(self, record)
-
-        return acknowledge
-
-    patch.wrap(ArrayFunction, "acknowledge", around)
+    if record[REASON]:
+        self._records.appendleft(record)
+    else:
+        original(self, record)
 
 
 class _Mute:
@@ -241,113 +199,74 @@ class _Mute:
         """Drop it."""
 
 
-@mutant("ACK-001")
-def no_ops_are_not_acknowledged(patch: Patch) -> None:
+@mutant("ACK-001", wraps=(controller.Controller, "accept"))
+def no_ops_are_not_acknowledged(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
     """A NO_OP gets no acknowledgement: nothing was done, so that nothing seems to need one."""
-
-    def around(original: Any) -> Any:
-        def accept(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
-            is_no_op = len(packet) > KIND and packet[KIND] == Kind.NO_OP
-            original(self, packet, _Mute(door) if is_no_op else door, *rest)
-
-        return accept
-
-    patch.wrap(controller.Controller, "accept", around)
+    is_no_op = len(packet) > KIND and packet[KIND] == Kind.NO_OP
+    original(self, packet, _Mute(door) if is_no_op else door, *rest)
 
 
 @mutant("ACK-005")
 def lone_ack_waits_for_company(patch: Patch) -> None:
     """On USB a single record waits up to 50 ms for another one: packets were to be filled."""
 
-    def acknowledge(original: Any) -> Any:
-        def note(self: Any, record: bytes) -> None:
-            due = self._scheduler.now + COMPANY_CYCLES
-            vars(self)["company_due"] = due
-            self._scheduler.at(due, lambda: None)
-            original(self, record)
+    @patch.around(ArrayFunction, "acknowledge")
+    def acknowledge(original: Any, self: Any, record: bytes) -> None:
+        due = self._scheduler.now + COMPANY_CYCLES
+        vars(self)["company_due"] = due
+        self._scheduler.at(due, lambda: None)
+        original(self, record)
 
-        return note
-
-    def take(original: Any) -> Any:
-        def records(self: Any, room: int) -> bytes:
-            is_alone = len(self._records) == 1 and self._records[0] is not self._unasked
-            if is_alone and self._scheduler.now < vars(self)["company_due"]:
-                return b""
-            taken: bytes = original(self, room)
-            return taken
-
-        return records
-
-    patch.wrap(ArrayFunction, "acknowledge", acknowledge)
-    patch.wrap(ArrayFunction, "_take_records", take)
+    @patch.around(ArrayFunction, "_take_records")
+    def take(original: Any, self: Any, room: int) -> bytes:
+        is_alone = len(self._records) == 1 and self._records[0] is not self._unasked
+        if is_alone and self._scheduler.now < vars(self)["company_due"]:
+            return b""
+        taken: bytes = original(self, room)
+        return taken
 
 
-@mutant("ACK-005", "USB-019", url="emulator:?speed=full")
-def records_are_cut_at_the_end_of_a_packet(patch: Patch) -> None:
+@mutant("ACK-005", "USB-019", wraps=(ArrayFunction, "_take_records"), url="emulator:?speed=full")
+def records_are_cut_at_the_end_of_a_packet(original: Any, self: Any, room: int) -> bytes:
     """On USB a status record is split over two packets where it does not fit: bytes are sent as from a stream."""
-
-    def take(original: Any) -> Any:
-        def records(self: Any, room: int) -> bytes:
-            packet: bytes = original(self, room)
-            if self._records and len(packet) < room:
-                cut, whole = room - len(packet), self._records.popleft()
-                if whole is self._unasked:
-                    self._unasked = b""
-                packet += whole[:cut]
-                self._records.appendleft(whole[cut:])
-            return packet
-
-        return records
-
-    patch.wrap(ArrayFunction, "_take_records", take)
-
-
-@mutant("ACK-006")
-def unasked_status_overtakes(patch: Patch) -> None:
-    """On USB a status record of the device's own accord is sent before the acknowledgements that wait."""
-
-    def around(original: Any) -> Any:
-        def notify(self: Any, record: bytes) -> None:
-            original(self, record)
-            self._records.rotate(1)
-
-        return notify
-
-    patch.wrap(ArrayFunction, "notify", around)
-
-
-@mutant("ACK-006")
-def unasked_statuses_pile_up(patch: Patch) -> None:
-    """On USB each change of the state leaves a status record of its own, however many wait already."""
-
-    def around(original: Any) -> Any:
-        def notify(self: Any, record: bytes) -> None:
+    packet: bytes = original(self, room)
+    if self._records and len(packet) < room:
+        cut, whole = room - len(packet), self._records.popleft()
+        if whole is self._unasked:
             self._unasked = b""
-            original(self, record)
+        packet += whole[:cut]
+        self._records.appendleft(whole[cut:])
+    return packet
 
-        return notify
 
-    patch.wrap(ArrayFunction, "notify", around)
+@mutant("ACK-006", wraps=(ArrayFunction, "notify"))
+def unasked_status_overtakes(original: Any, self: Any, record: bytes) -> None:
+    """On USB a status record of the device's own accord is sent before the acknowledgements that wait."""
+    original(self, record)
+    self._records.rotate(1)
+
+
+@mutant("ACK-006", wraps=(ArrayFunction, "notify"))
+def unasked_statuses_pile_up(original: Any, self: Any, record: bytes) -> None:
+    """On USB each change of the state leaves a status record of its own, however many wait already."""
+    self._unasked = b""
+    original(self, record)
 
 
 def _speak_later(patch: Patch, milliseconds: int, hears: Callable[[Door, Door | None], bool]) -> None:
     """Let a record that nobody asked for go to some doors later, given each and the one that changed the state."""
 
-    def around(_: Any) -> Any:
-        def speak(self: Any, besides: Door | None = None) -> None:
-            status = self.status().encode()
+    @patch.around(controller.Controller, "_speak")
+    def speak(_: Any, self: Any, besides: Door | None = None) -> None:
+        status = self.status().encode()
 
-            def tell(later: bool) -> None:
-                for door in self._doors:
-                    if later is hears(door, besides) and (later or door is not besides):
-                        door.notify(status)
+        def tell(later: bool) -> None:
+            for door in self._doors:
+                if later is hears(door, besides) and (later or door is not besides):
+                    door.notify(status)
 
-            tell(False)
-            self._scheduler.at(self._now + milliseconds * CYCLES_PER_MS, lambda: tell(True))
-
-        return speak
-
-    patch.wrap(controller.Controller, "_speak", around)
+        tell(False)
+        self._scheduler.at(self._now + milliseconds * CYCLES_PER_MS, lambda: tell(True))
 
 
 @mutant("ACK-006")
@@ -371,17 +290,13 @@ def serial_lines_are_told_nothing_unasked(patch: Patch) -> None:
 def _keep_quiet(patch: Patch, handler: str) -> None:
     """Let other doors be told nothing of what a block does when it takes effect."""
 
-    def around(original: Any) -> Any:
-        def take_effect(self: Any, *arguments: Any) -> None:
-            vars(self)["_speak"] = lambda *_, **_besides: None
-            try:
-                original(self, *arguments)
-            finally:
-                del vars(self)["_speak"]
-
-        return take_effect
-
-    patch.wrap(controller.Controller, handler, around)
+    @patch.around(controller.Controller, handler)
+    def take_effect(original: Any, self: Any, *arguments: Any) -> None:
+        vars(self)["_speak"] = lambda *_, **_besides: None
+        try:
+            original(self, *arguments)
+        finally:
+            del vars(self)["_speak"]
 
 
 @mutant("ACK-006", "SER-016", "BLK-018")
@@ -402,34 +317,20 @@ def other_doors_are_not_told_of_sequences(patch: Patch) -> None:
     _keep_quiet(patch, "_begin_sequence")
 
 
-@mutant("ACK-006")
-def states_are_told_only_when_asked_for(patch: Patch) -> None:
+@mutant("ACK-006", wraps=(controller.Controller, "_happen"))
+def states_are_told_only_when_asked_for(original: Any, self: Any, *arguments: Any, **more: Any) -> None:
     """No status record comes when the state changes, be it by the watchdog: faults alone are told unasked."""
-
-    def around(original: Any) -> Any:
-        def happen(self: Any, *arguments: Any, **more: Any) -> None:
-            vars(self)["_speak"] = lambda *_, **_besides: None
-            try:
-                original(self, *arguments, **more)
-            finally:
-                vars(self).pop("_speak", None)
-
-        return happen
-
-    patch.wrap(controller.Controller, "_happen", around)
+    vars(self)["_speak"] = lambda *_, **_besides: None
+    try:
+        original(self, *arguments, **more)
+    finally:
+        vars(self).pop("_speak", None)
 
 
-@mutant("STA-001", "ACK-002")
-def silence_counts_as_playing(patch: Patch) -> None:
+@mutant("STA-001", "ACK-002", wraps=(controller.Controller, "_fall_silent"))
+def silence_counts_as_playing(original: Any, self: Any, door: Any, period: int) -> None:
     """Behind a SILENCE the device says PLAYING: the state is left as it was until the outputs are disabled."""
-
-    def around(original: Any) -> Any:
-        def fall_silent(self: Any, door: Any, period: int) -> None:
-            state = self._state
-            original(self, door, period)
-            if state in ENABLED:
-                self._state = state
-
-        return fall_silent
-
-    patch.wrap(controller.Controller, "_fall_silent", around)
+    state = self._state
+    original(self, door, period)
+    if state in ENABLED:
+        self._state = state

@@ -28,82 +28,51 @@ def horizon_is_not_judged(patch: Patch) -> None:
     one_by_one(patch)
 
 
-@mutant("REQ-003")
-def last_refusal_is_always_checksum(patch: Patch) -> None:
+@mutant("REQ-003", wraps=(controller.Controller, "status"))
+def last_refusal_is_always_checksum(original: Any, self: Any) -> Any:
     """STATUS names CHECKSUM as the last refusal, whatever it was: only that path stores it."""
-
-    def around(original: Any) -> Any:
-        def status(self: Any) -> Any:
-            told = original(self)
-            return replace(told, last_refusal=Reason.CHECKSUM if told.last_refusal else Reason.ACCEPTED)
-
-        return status
-
-    patch.wrap(controller.Controller, "status", around)
+    told = original(self)
+    return replace(told, last_refusal=Reason.CHECKSUM if told.last_refusal else Reason.ACCEPTED)
 
 
 @mutant("REQ-003")
 def last_refusal_is_the_first(patch: Patch) -> None:
     """STATUS goes on to name the first refusal since power-up: the reason is stored only where none stands yet."""
 
-    def remember(original: Any) -> Any:
-        def refuse(self: Any, error: Any, what: str) -> None:
-            original(self, error, what)
-            vars(self).setdefault("first_refusal", self._last_refusal)
-
-        return refuse
+    @patch.around(controller.Controller, "_refuse")
+    def remember(original: Any, self: Any, error: Any, what: str) -> None:
+        original(self, error, what)
+        vars(self).setdefault("first_refusal", self._last_refusal)
 
     def tell(original: Any) -> Any:
         return lambda self: replace(original(self), last_refusal=vars(self).get("first_refusal", Reason.ACCEPTED))
 
-    patch.wrap(controller.Controller, "_refuse", remember)
     patch.wrap(controller.Controller, "status", tell)
 
 
-@mutant("REQ-003")
-def refused_blocks_count_as_accepted(patch: Patch) -> None:
+@mutant("REQ-003", wraps=(controller.Controller, "_refuse"))
+def refused_blocks_count_as_accepted(original: Any, self: Any, error: Any, what: str) -> None:
     """The count of accepted blocks goes up with refused ones too: it counts the blocks that came."""
-
-    def around(original: Any) -> Any:
-        def refuse(self: Any, error: Any, what: str) -> None:
-            original(self, error, what)
-            self._accepted += 1
-
-        return refuse
-
-    patch.wrap(controller.Controller, "_refuse", around)
+    original(self, error, what)
+    self._accepted += 1
 
 
 # The bytes of a block
 
 
-@mutant("BLK-003", "ACK-003")
-def checksum_of_a_slot_is_ignored(patch: Patch) -> None:
+@mutant("BLK-003", "ACK-003", wraps=(controller, "unpack"))
+def checksum_of_a_slot_is_ignored(original: Any, data: bytes) -> Any:
     """A SLOT is kept whatever its checksum: its pulses go to where they are kept before the CRC is known."""
-
-    def around(original: Any) -> Any:
-        def unpack(data: bytes) -> Any:
-            is_slot = len(data) == BLOCK_BYTES and data[KIND] == Kind.SLOT
-            return original(sealed_block(data) if is_slot else data)
-
-        return unpack
-
-    patch.wrap(controller, "unpack", around)
+    is_slot = len(data) == BLOCK_BYTES and data[KIND] == Kind.SLOT
+    return original(sealed_block(data) if is_slot else data)
 
 
-@mutant("BLK-003", "ACK-003")
-def half_of_the_checksum_is_compared(patch: Patch) -> None:
+@mutant("BLK-003", "ACK-003", wraps=(controller, "unpack"))
+def half_of_the_checksum_is_compared(original: Any, data: bytes) -> Any:
     """A block is taken if the low 16 bits of its checksum are right: the comparison is made in a short integer."""
-
-    def around(original: Any) -> Any:
-        def unpack(data: bytes) -> Any:
-            sealed = sealed_block(data) if len(data) == BLOCK_BYTES else data
-            low_half = slice(CHECKSUM_AT, CHECKSUM_AT + 2)
-            return original(sealed if sealed[low_half] == data[low_half] else data)
-
-        return unpack
-
-    patch.wrap(controller, "unpack", around)
+    sealed = sealed_block(data) if len(data) == BLOCK_BYTES else data
+    low_half = slice(CHECKSUM_AT, CHECKSUM_AT + 2)
+    return original(sealed if sealed[low_half] == data[low_half] else data)
 
 
 @mutant("BLK-002", "ACK-003")
@@ -226,16 +195,12 @@ def last_slot_is_refused(patch: Patch) -> None:
 
 
 def _refuse_fields(patch: Patch, is_refused: Callable[[Any], bool]) -> None:
-    def around(original: Any) -> Any:
-        def unpack(data: bytes) -> Any:
-            block = original(data)
-            if is_refused(block.body):
-                raise BlockError("a field is out of its range", Reason.FIELD)
-            return block
-
-        return unpack
-
-    patch.wrap(controller, "unpack", around)
+    @patch.around(controller, "unpack")
+    def unpack(original: Any, data: bytes) -> Any:
+        block = original(data)
+        if is_refused(block.body):
+            raise BlockError("a field is out of its range", Reason.FIELD)
+        return block
 
 
 # Pulses
@@ -273,37 +238,23 @@ def phase_of_a_silent_pulse_is_not_checked(patch: Patch) -> None:
 # The order of reasons
 
 
-@mutant("ACK-003")
-def pulses_are_judged_before_fields(patch: Patch) -> None:
+@mutant("ACK-003", wraps=(controller, "unpack"))
+def pulses_are_judged_before_fields(original: Any, data: bytes) -> Any:
     """A block with a wrong field and a wrong pulse is refused with PULSE: the payload is looked through first."""
-
-    def around(original: Any) -> Any:
-        def unpack(data: bytes) -> Any:
-            try:
-                return original(data)
-            except BlockError as error:
-                if error.reason == Reason.FIELD and data[KIND] in PULSES:
-                    unpack_pulses(data[HEADER_BYTES:])
-                raise
-
-        return unpack
-
-    patch.wrap(controller, "unpack", around)
+    try:
+        return original(data)
+    except BlockError as error:
+        if error.reason == Reason.FIELD and data[KIND] in PULSES:
+            unpack_pulses(data[HEADER_BYTES:])
+        raise
 
 
-@mutant("ACK-003")
-def magic_is_judged_before_the_checksum(patch: Patch) -> None:
+@mutant("ACK-003", wraps=(controller, "unpack"))
+def magic_is_judged_before_the_checksum(original: Any, data: bytes) -> Any:
     """A block whose magic was damaged is refused with MAGIC: a header that makes no sense needs no CRC."""
-
-    def around(original: Any) -> Any:
-        def unpack(data: bytes) -> Any:
-            if len(data) == BLOCK_BYTES and data[:VERSION] != b"PW":
-                raise BlockError("not a block", Reason.MAGIC)
-            return original(data)
-
-        return unpack
-
-    patch.wrap(controller, "unpack", around)
+    if len(data) == BLOCK_BYTES and data[:VERSION] != b"PW":
+        raise BlockError("not a block", Reason.MAGIC)
+    return original(data)
 
 
 @mutant("ACK-003")
@@ -311,152 +262,92 @@ def state_is_judged_before_contents(patch: Patch) -> None:
     """While the outputs are off an UPDATE with a wrong pulse is refused with DISABLED: its pulses are not looked at."""
     judging: list[Any] = []
 
-    def note(original: Any) -> Any:
-        def accept(self: Any, packet: bytes, door: Any, *rest: Any) -> None:
-            judging[:] = [self]
-            original(self, packet, door, *rest)
+    @patch.around(controller.Controller, "accept")
+    def note(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
+        judging[:] = [self]
+        original(self, packet, door, *rest)
 
-        return accept
-
-    def around(original: Any) -> Any:
-        def unpack(data: bytes) -> Any:
-            try:
-                return original(data)
-            except BlockError as error:
-                if error.reason == Reason.PULSE and data[KIND] == Kind.UPDATE and judging[0]._state not in ENABLED:
-                    raise BlockError("the outputs are not enabled", Reason.DISABLED) from None
-                raise
-
-        return unpack
-
-    patch.wrap(controller.Controller, "accept", note)
-    patch.wrap(controller, "unpack", around)
+    @patch.around(controller, "unpack")
+    def unpack(original: Any, data: bytes) -> Any:
+        try:
+            return original(data)
+        except BlockError as error:
+            if error.reason == Reason.PULSE and data[KIND] == Kind.UPDATE and judging[0]._state not in ENABLED:
+                raise BlockError("the outputs are not enabled", Reason.DISABLED) from None
+            raise
 
 
-@mutant("ACK-003")
-def numbers_are_judged_before_the_state(patch: Patch) -> None:
+@mutant("ACK-003", wraps=(controller.Controller, "_judge"))
+def numbers_are_judged_before_the_state(original: Any, self: Any, block: Any, *rest: Any) -> None:
     """A change with an old number is refused with SEQUENCE while the outputs are off: numbers are compared first."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, block: Any, *rest: Any) -> None:
-            last = self._last_sequence
-            if not block.restart and last is not None and not follows(block.sequence, last):
-                raise BlockError("the number does not follow", Reason.SEQUENCE)
-            original(self, block, *rest)
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge", around)
+    last = self._last_sequence
+    if not block.restart and last is not None and not follows(block.sequence, last):
+        raise BlockError("the number does not follow", Reason.SEQUENCE)
+    original(self, block, *rest)
 
 
-@mutant("ACK-003")
-def contents_of_the_stores_are_judged_before_the_drive(patch: Patch) -> None:
+@mutant("ACK-003", wraps=(controller.Controller, "_judge_content"))
+def contents_of_the_stores_are_judged_before_the_drive(original: Any, self: Any, body: Any) -> None:
     """A SLOT that is in use and too strong is refused with IN_USE: it is looked for before it is weighed."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            if isinstance(body, Slot):
-                self._stores.check_free(body, self.time.period(self._now))
-            original(self, body)
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_content", around)
+    if isinstance(body, Slot):
+        self._stores.check_free(body, self.time.period(self._now))
+    original(self, body)
 
 
-@mutant("ACK-003", "USB-017")
-def short_block_is_filled_up(patch: Patch) -> None:
+@mutant("ACK-003", "USB-017", wraps=(controller, "unpack"))
+def short_block_is_filled_up(original: Any, data: Any) -> Any:
     """A block that ends early is judged as if zeros followed: what is missing is in the buffer, which was cleared."""
-
-    def around(original: Any) -> Any:
-        return lambda data: original(bytes(data).ljust(BLOCK_BYTES, b"\0"))
-
-    patch.wrap(controller, "unpack", around)
+    return original(bytes(data).ljust(BLOCK_BYTES, b"\0"))
 
 
 # What a refusal leaves, and what is accepted all the same
 
 
-@mutant("BLK-008", "BLK-022")
-def refused_stores_are_kept(patch: Patch) -> None:
+@mutant("BLK-008", "BLK-022", wraps=(controller.Controller, "_judge_content"))
+def refused_stores_are_kept(original: Any, self: Any, body: Any) -> None:
     """What a store brings is kept although it is refused with DRIVE or IN_USE: it is written while it is judged."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            try:
-                original(self, body)
-            except BlockError:
-                if isinstance(body, Slot | Entries | Samples):
-                    self._store(body)
-                raise
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_content", around)
+    try:
+        original(self, body)
+    except BlockError:
+        if isinstance(body, Slot | Entries | Samples):
+            self._store(body)
+        raise
 
 
-@mutant("BLK-008")
-def refused_change_empties_the_queue(patch: Patch) -> None:
+@mutant("BLK-008", wraps=(controller.Controller, "_judge_content"))
+def refused_change_empties_the_queue(original: Any, self: Any, body: Any) -> None:
     """A change that is refused for what it would play takes what is queued with it: the way out of an error tidies."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            try:
-                original(self, body)
-            except BlockError:
-                if isinstance(body, controller.CHANGES):
-                    self._agenda.drop_queued(self._now)
-                raise
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_content", around)
+    try:
+        original(self, body)
+    except BlockError:
+        if isinstance(body, controller.CHANGES):
+            self._agenda.drop_queued(self._now)
+        raise
 
 
-@mutant("SAF-002")
-def stores_are_refused_while_disabled(patch: Patch) -> None:
+@mutant("SAF-002", wraps=(controller.Controller, "_judge_state"))
+def stores_are_refused_while_disabled(original: Any, self: Any, body: Any) -> None:
     """Stores need enabled outputs: SLOT, ENTRIES and SAMPLES are refused with DISABLED as changes are."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            original(self, body)
-            if isinstance(body, Slot | Entries | Samples) and self._state not in ENABLED:
-                raise BlockError("the outputs are not enabled", Reason.DISABLED)
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_state", around)
+    original(self, body)
+    if isinstance(body, Slot | Entries | Samples) and self._state not in ENABLED:
+        raise BlockError("the outputs are not enabled", Reason.DISABLED)
 
 
-@mutant("BLK-018")
-def ending_no_modulation_is_refused(patch: Patch) -> None:
+@mutant("BLK-018", wraps=(controller.Controller, "_judge_content"))
+def ending_no_modulation_is_refused(original: Any, self: Any, body: Any) -> None:
     """END_MODULATION is refused with EMPTY where there is none: nothing to end counts as an error."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            original(self, body)
-            ends = isinstance(body, Output) and body.action is Action.END_MODULATION
-            if ends and not self._agenda.tail.modulated:
-                raise BlockError("there is no modulation", Reason.EMPTY)
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_content", around)
+    original(self, body)
+    ends = isinstance(body, Output) and body.action is Action.END_MODULATION
+    if ends and not self._agenda.tail.modulated:
+        raise BlockError("there is no modulation", Reason.EMPTY)
 
 
-@mutant("BLK-018", "BLK-007")
-def silence_overtakes_what_is_queued(patch: Patch) -> None:
+@mutant("BLK-018", "BLK-007", wraps=(controller.Controller, "_carry_out"))
+def silence_overtakes_what_is_queued(original: Any, self: Any, body: Any, door: Any) -> Any:
     """A SILENCE for as soon as possible drops what is queued, which only DISABLE may: it was meant to be quick."""
-
-    def around(original: Any) -> Any:
-        def carry_out(self: Any, body: Any, door: Any) -> Any:
-            if isinstance(body, Output) and body.action is Action.SILENCE and not body.period:
-                self._agenda.drop_queued(self._now)
-            return original(self, body, door)
-
-        return carry_out
-
-    patch.wrap(controller.Controller, "_carry_out", around)
+    if isinstance(body, Output) and body.action is Action.SILENCE and not body.period:
+        self._agenda.drop_queued(self._now)
+    return original(self, body, door)
 
 
 @mutant("BLK-018")

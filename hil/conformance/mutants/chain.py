@@ -20,30 +20,19 @@ NO_FAULTS = Fault(0)
 # Messages
 
 
-@mutant("CHN-010", "REQ-003")
-def damaged_messages_are_not_counted(patch: Patch) -> None:
+@mutant("CHN-010", "REQ-003", wraps=(Processor, "receive"))
+def damaged_messages_are_not_counted(original: Any, self: Any, tokens: bytes) -> Any:
     """A damaged message is dropped and raises CHAIN, but is not counted."""
-
-    def around(original: Any) -> Any:
-        def receive(self: Any, tokens: bytes) -> Any:
-            before = self.damaged_messages
-            answer = original(self, tokens)
-            self.damaged_messages = before
-            return answer
-
-        return receive
-
-    patch.wrap(Processor, "receive", around)
+    before = self.damaged_messages
+    answer = original(self, tokens)
+    self.damaged_messages = before
+    return answer
 
 
-@mutant("CHN-004", "CHN-016")
-def missed_commits_are_kept_quiet(patch: Patch) -> None:
+@mutant("CHN-004", "CHN-016", wraps=(Processor, "_miss"))
+def missed_commits_are_kept_quiet(_: Any, self: Any, what: Any) -> Any:
     """A processor plays on after a commit that it had to leave, and neither counts it nor says so."""
-
-    def around(_: Any) -> Any:
-        return lambda self, what: self._log(f"misses {what}")
-
-    patch.wrap(Processor, "_miss", around)
+    return self._log(f"misses {what}")
 
 
 @mutant("CHN-011", "CHN-004")
@@ -52,41 +41,27 @@ def damaged_slices_are_played(patch: Patch) -> None:
     patch.replace(Commit, "guards", lambda *_: True)
 
 
-@mutant("CHN-012", "CHN-010")
-def damaged_loads_are_stored(patch: Patch) -> None:
+@mutant("CHN-012", "CHN-010", wraps=(Processor, "receive"))
+def damaged_loads_are_stored(original: Any, self: Any, tokens: bytes) -> Any:
     """A load whose CRC-32 is wrong is stored and counted as damaged all the same: it is checked afterwards."""
-
-    def around(original: Any) -> Any:
-        def receive(self: Any, tokens: bytes) -> Any:
-            damaged = self.damaged_messages
-            answer = original(self, tokens)
-            if self.damaged_messages > damaged and len(tokens) == Load.TOKENS:
-                memory, first, count, items = Load.PAYLOAD.unpack_from(tokens, ROUTE.size)
-                layout = MEMORIES.get(memory)
-                if layout is not None and first + count <= layout.items:
-                    self.load(memory, first, items[: count * layout.item_bytes])
-            return answer
-
-        return receive
-
-    patch.wrap(Processor, "receive", around)
+    damaged = self.damaged_messages
+    answer = original(self, tokens)
+    if self.damaged_messages > damaged and len(tokens) == Load.TOKENS:
+        memory, first, count, items = Load.PAYLOAD.unpack_from(tokens, ROUTE.size)
+        layout = MEMORIES.get(memory)
+        if layout is not None and first + count <= layout.items:
+            self.load(memory, first, items[: count * layout.item_bytes])
+    return answer
 
 
 # The watch over the processors
 
 
-@mutant("CHN-017")
-def silent_processors_are_not_noticed(patch: Patch) -> None:
+@mutant("CHN-017", wraps=(Supervisor, "_ask"))
+def silent_processors_are_not_noticed(original: Any, self: Any, number: int) -> None:
     """A processor that answers no question is asked again and again, and never given up: nothing counts the misses."""
-
-    def around(original: Any) -> Any:
-        def ask(self: Any, number: int) -> None:
-            self._unanswered[number] = 0
-            original(self, number)
-
-        return ask
-
-    patch.wrap(Supervisor, "_ask", around)
+    self._unanswered[number] = 0
+    original(self, number)
 
 
 @mutant("CHN-021", "CHN-017")
@@ -113,48 +88,30 @@ def sync_may_be_off_by_100_ticks(patch: Patch) -> None:
     patch.replace(processor, "SYNC_TOLERANCE_TICKS", 100)
 
 
-@mutant("CHN-027", "SAF-008")
-def missing_sync_pulses_are_not_noticed(patch: Patch) -> None:
+@mutant("CHN-027", "SAF-008", wraps=(Processor, "feel_pulse"))
+def missing_sync_pulses_are_not_noticed(original: Any, self: Any, tick: Any) -> Any:
     """A sync line without pulses is no fault: pulses are judged when they come, and none comes."""
-
-    def around(original: Any) -> Any:
-        return lambda self, tick: original(self, tick) if self.sync_connected else None
-
-    patch.wrap(Processor, "feel_pulse", around)
+    return original(self, tick) if self.sync_connected else None
 
 
 # Faults
 
 
-@mutant("SAF-008", "REQ-011")
-def faults_go_with_their_cause(patch: Patch) -> None:
+@mutant("SAF-008", "REQ-011", wraps=(Supervisor, "_heed"))
+def faults_go_with_their_cause(original: Any, self: Any, report: Any) -> None:
     """A fault is gone, and the state OFF, as soon as the reports say that its cause is: nothing latches it."""
-
-    def around(original: Any) -> Any:
-        def heed(self: Any, report: Any) -> None:
-            original(self, report)
-            self._on_fault.__self__._clear_faults()
-
-        return heed
-
-    patch.wrap(Supervisor, "_heed", around)
+    original(self, report)
+    self._on_fault.__self__._clear_faults()
 
 
-@mutant("REQ-011", "SAF-007")
-def clear_faults_clears_what_persists(patch: Patch) -> None:
+@mutant("REQ-011", "SAF-007", wraps=(Controller, "_clear_faults"))
+def clear_faults_clears_what_persists(_: Any, self: Any) -> None:
     """CLEAR_FAULTS clears every fault until the next report, and the state with it: it does not look at the causes."""
-
-    def around(_: Any) -> Any:
-        def clear(self: Any) -> None:
-            cleared, self.faults = self.faults, NO_FAULTS
-            self._supervisor.forget(cleared)
-            self._happen(Event.CLEAR, self._now)
-            if cleared:
-                self._speak()
-
-        return clear
-
-    patch.wrap(Controller, "_clear_faults", around)
+    cleared, self.faults = self.faults, NO_FAULTS
+    self._supervisor.forget(cleared)
+    self._happen(Event.CLEAR, self._now)
+    if cleared:
+        self._speak()
 
 
 @mutant("SAF-008")
@@ -163,33 +120,23 @@ def overrun_is_never_said(patch: Patch) -> None:
     patch.replace(Processor, "_overrun", lambda *_: None)
 
 
-@mutant("ACK-006", "SAF-008")
-def faults_are_told_only_when_asked_for(patch: Patch) -> None:
+@mutant("ACK-006", "SAF-008", wraps=(Controller, "raise_fault"))
+def faults_are_told_only_when_asked_for(original: Any, self: Any, fault: Fault, what: str) -> None:
     """No status record comes of the device's own accord when a fault appears."""
-
-    def around(original: Any) -> Any:
-        def raise_fault(self: Any, fault: Fault, what: str) -> None:
-            doors, self._doors = self._doors, []
-            original(self, fault, what)
-            self._doors = doors
-
-        return raise_fault
-
-    patch.wrap(Controller, "raise_fault", around)
+    doors, self._doors = self._doors, []
+    original(self, fault, what)
+    self._doors = doors
 
 
 @mutant("SAF-007")
 def processors_wait_for_the_controller_to_silence_them(patch: Patch) -> None:
     """A processor with a fault of its own plays on until the controller has learnt of it, up to 10 ms later."""
 
-    def around(_: Any) -> Any:
-        def enter(self: Any, fault: Fault, what: str) -> None:
-            self.faults |= fault
-            self._log(what)
+    @patch.around(Processor, "_raise")
+    def enter(_: Any, self: Any, fault: Fault, what: str) -> None:
+        self.faults |= fault
+        self._log(what)
 
-        return enter
-
-    patch.wrap(Processor, "_raise", around)
     patch.replace(Processor, "_silenced", property(lambda _: False))
 
 

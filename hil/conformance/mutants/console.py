@@ -97,33 +97,19 @@ def del_takes_nothing_back(patch: Patch) -> None:
     patch.replace(console, "LineEditor", _Literal)
 
 
-@mutant("CON-003")
-def echo_0_is_not_heeded(patch: Patch) -> None:
+@mutant("CON-003", wraps=(console.Console, "_carry_out"))
+def echo_0_is_not_heeded(original: Any, self: Any, command: Command) -> Any:
     """`echo 0` is answered with ok, and what is typed is sent back all the same."""
-
-    def around(original: Any) -> Any:
-        def carry_out(self: Any, command: Command) -> Any:
-            answer = original(self, command)
-            self._editor.echo = True
-            return answer
-
-        return carry_out
-
-    patch.wrap(console.Console, "_carry_out", around)
+    answer = original(self, command)
+    self._editor.echo = True
+    return answer
 
 
-@mutant("CON-002")
-def console_greets(patch: Patch) -> None:
+@mutant("CON-002", wraps=(SerialLine, "open"))
+def console_greets(original: Any, self: Any) -> None:
     """When DTR is set the console sends a prompt, though nobody has typed anything."""
-
-    def around(original: Any) -> Any:
-        def opened(self: Any) -> None:
-            original(self)
-            self._say(PROMPT.encode("ascii"))
-
-        return opened
-
-    patch.wrap(SerialLine, "open", around)
+    original(self)
+    self._say(PROMPT.encode("ascii"))
 
 
 # What is judged
@@ -212,46 +198,25 @@ def arguments_too_many_are_ignored(patch: Patch) -> None:
 # What is answered
 
 
-@mutant("CON-002")
-def ok_is_missing_after_clear(patch: Patch) -> None:
+@mutant("CON-002", wraps=(console.Console, "_answer"))
+def ok_is_missing_after_clear(original: Any, self: Any, line: str) -> Any:
     """`clear` is carried out and answered with the prompt alone."""
-
-    def around(original: Any) -> Any:
-        def answer(self: Any, line: str) -> Any:
-            text, then = original(self, line)
-            return (text.removesuffix(OK) if line.split() == ["clear"] else text), then
-
-        return answer
-
-    patch.wrap(console.Console, "_answer", around)
+    text, then = original(self, line)
+    return (text.removesuffix(OK) if line.split() == ["clear"] else text), then
 
 
-@mutant("CON-007")
-def keys_of_status_are_sorted(patch: Patch) -> None:
+@mutant("CON-007", wraps=(console, "answer_fields"))
+def keys_of_status_are_sorted(original: Any, command: Command, data: bytes) -> Any:
     """`status` answers its keys in alphabetical order, not in that of the record."""
-
-    def around(original: Any) -> Any:
-        def fields(command: Command, data: bytes) -> Any:
-            found = original(command, data)
-            return sorted(found) if command.name == "status" else found
-
-        return fields
-
-    patch.wrap(console, "answer_fields", around)
+    found = original(command, data)
+    return sorted(found) if command.name == "status" else found
 
 
-@mutant("CON-007")
-def no_bits_are_said_as_0(patch: Patch) -> None:
+@mutant("CON-007", wraps=(words, "_word"))
+def no_bits_are_said_as_0(original: Any, value: object) -> Any:
     """A set of bits of which none is set is said as 0 instead of none."""
-
-    def around(original: Any) -> Any:
-        def word(value: object) -> Any:
-            found = original(value)
-            return "0" if found == "none" else found
-
-        return word
-
-    patch.wrap(words, "_word", around)
+    found = original(value)
+    return "0" if found == "none" else found
 
 
 @mutant("CON-007")
@@ -262,18 +227,11 @@ def bytes_are_said_in_capitals(patch: Patch) -> None:
     )
 
 
-@mutant("CON-003", "SER-010")
-def echo_is_on_again_after_frames(patch: Patch) -> None:
+@mutant("CON-003", "SER-010", wraps=(console.Console, "begin_line"))
+def echo_is_on_again_after_frames(original: Any, self: Any) -> Any:
     """A line has echo on when it comes back from frames, also where `echo 0` was given: its editor is a new one."""
-
-    def around(original: Any) -> Any:
-        def begin(self: Any) -> Any:
-            self._editor.echo = True
-            return original(self)
-
-        return begin
-
-    patch.wrap(console.Console, "begin_line", around)
+    self._editor.echo = True
+    return original(self)
 
 
 @mutant("CON-005", "CON-007")
@@ -282,18 +240,11 @@ def help_forgets_a_command(patch: Patch) -> None:
     patch.wrap(console, "help_fields", lambda original: lambda: original()[:-1])
 
 
-@mutant("CON-007")
-def later_of_info_is_told(patch: Patch) -> None:
+@mutant("CON-007", wraps=(console, "answer_fields"))
+def later_of_info_is_told(original: Any, command: Command, data: bytes) -> Any:
     """`info` tells the bytes of later versions too."""
-
-    def around(original: Any) -> Any:
-        def fields(command: Command, data: bytes) -> Any:
-            found = original(command, data)
-            return [*found, ("later", data[48:].hex())] if command.name == "info" else found
-
-        return fields
-
-    patch.wrap(console, "answer_fields", around)
+    found = original(command, data)
+    return [*found, ("later", data[48:].hex())] if command.name == "info" else found
 
 
 # What is carried out
@@ -305,49 +256,28 @@ def test_drives_a_width_of_3(patch: Patch) -> None:
     patch.replace(controller, "TEST_WIDTH_TICKS", 3)
 
 
-@mutant("CON-008")
-def test_is_not_counted(patch: Patch) -> None:
+@mutant("CON-008", wraps=(controller.Controller, "test_transducer"))
+def test_is_not_counted(original: Any, self: Any, transducer: int, door: Any) -> None:
     """`test` is not counted among the accepted blocks."""
-
-    def around(original: Any) -> Any:
-        def test(self: Any, transducer: int, door: Any) -> None:
-            accepted = self._accepted
-            original(self, transducer, door)
-            self._accepted = accepted
-
-        return test
-
-    patch.wrap(controller.Controller, "test_transducer", around)
+    accepted = self._accepted
+    original(self, transducer, door)
+    self._accepted = accepted
 
 
-@mutant("CON-004", "STA-005")
-def stop_is_refused_in_fault(patch: Patch) -> None:
+@mutant("CON-004", "STA-005", wraps=(console.Console, "_ask"))
+def stop_is_refused_in_fault(original: Any, self: Any, command: Command) -> Any:
     """`stop` is refused while a fault is not cleared, though there is nothing wrong in stopping twice."""
-
-    def around(original: Any) -> Any:
-        def ask(self: Any, command: Command) -> Any:
-            if command.name == "stop" and self._controller.state is State.FAULT:
-                raise CommandError("there is a fault", ConsoleCode.REFUSED)
-            return original(self, command)
-
-        return ask
-
-    patch.wrap(console.Console, "_ask", around)
+    if command.name == "stop" and self._controller.state is State.FAULT:
+        raise CommandError("there is a fault", ConsoleCode.REFUSED)
+    return original(self, command)
 
 
-@mutant("CON-004", "SAF-003")
-def commands_are_no_signs_of_life(patch: Patch) -> None:
+@mutant("CON-004", "SAF-003", wraps=(console.Console, "_ask"))
+def commands_are_no_signs_of_life(original: Any, self: Any, command: Command) -> Any:
     """`status` and `faults` do not feed the watchdog, as the request does for which they stand."""
-
-    def around(original: Any) -> Any:
-        def ask(self: Any, command: Command) -> Any:
-            watchdog = self._controller._watchdog
-            fed = watchdog._fed
-            answer = original(self, command)
-            if command.name in ("status", "faults"):
-                watchdog._fed = fed
-            return answer
-
-        return ask
-
-    patch.wrap(console.Console, "_ask", around)
+    watchdog = self._controller._watchdog
+    fed = watchdog._fed
+    answer = original(self, command)
+    if command.name in ("status", "faults"):
+        watchdog._fed = fed
+    return answer

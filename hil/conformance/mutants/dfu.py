@@ -45,77 +45,52 @@ def handle(patch: Patch, request: tuple[int, int], around: Callable[[Any], Any])
 # The way there
 
 
-@mutant("DFU-002", "USB-024")
-def detach_does_not_silence(patch: Patch) -> None:
+@mutant("DFU-002", "USB-024", wraps=(DfuRunTimeFunction, "detach"))
+def detach_does_not_silence(_: Any, self: Any, _door: Any) -> None:
     """DETACH leaves the outputs as they are until the device has left the bus, and beyond."""
-
-    def around(_: Any) -> Any:
-        def detach(self: Any, _door: Any) -> None:
-            self._detaching = True
-            self._state = DfuState.APP_DETACH
-            self._scheduler.at(self._scheduler.now + DETACH_CYCLES, self._leave)
-
-        return detach
-
-    patch.wrap(DfuRunTimeFunction, "detach", around)
+    self._detaching = True
+    self._state = DfuState.APP_DETACH
+    self._scheduler.at(self._scheduler.now + DETACH_CYCLES, self._leave)
 
 
 @mutant("DFU-006", "DFU-002")
 def refused_request_calls_off_a_detach(patch: Patch) -> None:
     """Whatever is refused between DETACH and leaving the bus calls the DETACH off, and the device stays."""
 
-    def of_detach(original: Any) -> Any:
-        def detach(self: Any, door: Any) -> None:
-            leave = self._leave
-            self._leave = lambda: leave() if self._detaching else None
-            original(self, door)
+    @patch.around(DfuRunTimeFunction, "detach")
+    def of_detach(original: Any, self: Any, door: Any) -> None:
+        leave = self._leave
+        self._leave = lambda: leave() if self._detaching else None
+        original(self, door)
 
-        return detach
-
-    def of_request(original: Any) -> Any:
-        def request(self: Any, setup: Setup, data: bytes) -> Any:
-            try:
-                return original(self, setup, data)
-            except Stall:
-                self._detaching = False
-                raise
-
-        return request
-
-    patch.wrap(DfuRunTimeFunction, "detach", of_detach)
-    patch.wrap(DfuRunTimeFunction, "request", of_request)
+    @patch.around(DfuRunTimeFunction, "request")
+    def of_request(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
+        try:
+            return original(self, setup, data)
+        except Stall:
+            self._detaching = False
+            raise
 
 
 @mutant("DFU-002")
 def detach_waits_for_a_bus_reset(patch: Patch) -> None:
     """After DETACH the device waits for the host to reset the bus, though it says that it leaves by itself."""
 
-    def of_init(original: Any) -> Any:
-        def init(self: Any, scheduler: Any, controller: Any, door: Any, leave: Any) -> None:
-            original(self, scheduler, controller, door, lambda: leave() if self.was_reset else None)
-            self.was_reset = False
+    @patch.around(DfuRunTimeFunction, "__init__")
+    def of_init(original: Any, self: Any, scheduler: Any, controller: Any, door: Any, leave: Any) -> None:
+        original(self, scheduler, controller, door, lambda: leave() if self.was_reset else None)
+        self.was_reset = False
 
-        return init
-
-    def of_reset(original: Any) -> Any:
-        def bus_reset(self: Any) -> None:
-            self.was_reset = True
-            original(self)
-
-        return bus_reset
-
-    patch.wrap(DfuRunTimeFunction, "__init__", of_init)
-    patch.wrap(DfuRunTimeFunction, "bus_reset", of_reset)
+    @patch.around(DfuRunTimeFunction, "bus_reset")
+    def of_reset(original: Any, self: Any) -> None:
+        self.was_reset = True
+        original(self)
 
 
-@mutant("DFU-015", "DFU-016")
-def reset_of_enumeration_boots(patch: Patch) -> None:
+@mutant("DFU-015", "DFU-016", wraps=(DfuMode, "bus_reset"))
+def reset_of_enumeration_boots(original: Any, self: Any, _configured: Any) -> Any:
     """Every bus reset in DFU mode boots the device, also those by which a host begins to enumerate it."""
-
-    def around(original: Any) -> Any:
-        return lambda self, _configured: original(self, True)
-
-    patch.wrap(DfuMode, "bus_reset", around)
+    return original(self, True)
 
 
 # States
@@ -194,17 +169,10 @@ def download_goes_on_after_clrstatus(patch: Patch) -> None:
     handle(patch, DOWNLOAD, around)
 
 
-@mutant("DFU-009")
-def download_may_end_early(patch: Patch) -> None:
+@mutant("DFU-009", wraps=(dfu, "check_block"))
+def download_may_end_early(original: Any, number: int, length: int, received: int, total: int) -> DfuStatus:
     """DNLOAD without data ends the download before the last block too, and the image is judged as it is."""
-
-    def around(original: Any) -> Any:
-        def check(number: int, length: int, received: int, total: int) -> DfuStatus:
-            return original(number, length, received, total) if length else DfuStatus.OK
-
-        return check
-
-    patch.wrap(dfu, "check_block", around)
+    return original(number, length, received, total) if length else DfuStatus.OK
 
 
 # Times and answers
@@ -225,66 +193,40 @@ def poll_time_is_0(patch: Patch) -> None:
     handle(patch, (CLASS_REQUEST_TYPE_IN, DfuRequest.GETSTATUS), around)
 
 
-@mutant("DFU-008")
-def busy_state_ends_late(patch: Patch) -> None:
+@mutant("DFU-008", wraps=(DfuMode, "_time_out"))
+def busy_state_ends_late(original: Any, self: Any) -> None:
     """The device leaves its busy state 20 ms after the time that it named: it looks at the flash that often."""
-
-    def around(original: Any) -> Any:
-        def time_out(self: Any) -> None:
-            if self._scheduler.now == self._polled_at:
-                self._polled_at += 20 * CYCLES_PER_MS
-                self._scheduler.at(self._polled_at, lambda: original(self))
-
-        return time_out
-
-    patch.wrap(DfuMode, "_time_out", around)
+    if self._scheduler.now == self._polled_at:
+        self._polled_at += 20 * CYCLES_PER_MS
+        self._scheduler.at(self._polled_at, lambda: original(self))
 
 
-@mutant("DFU-006", "DFU-005")
-def later_errors_replace_the_first(patch: Patch) -> None:
+@mutant("DFU-006", "DFU-005", wraps=(DfuMode, "_enter"))
+def later_errors_replace_the_first(
+    original: Any, self: Any, state: DfuState, status: DfuStatus = DfuStatus.OK, string: int = 0
+) -> None:
     """In dfuERROR the status is that of the last request that was refused, not of what went wrong first."""
-
-    def around(original: Any) -> Any:
-        def enter(self: Any, state: DfuState, status: DfuStatus = DfuStatus.OK, string: int = 0) -> None:
-            original(self, state, status, string)
-            if state is DfuState.ERROR and status is not DfuStatus.OK:
-                self._status, self._string = status, string
-
-        return enter
-
-    patch.wrap(DfuMode, "_enter", around)
+    original(self, state, status, string)
+    if state is DfuState.ERROR and status is not DfuStatus.OK:
+        self._status, self._string = status, string
 
 
-@mutant("DFU-011", "DFU-013")
-def errors_of_manifestation_are_swallowed(patch: Patch) -> None:
+@mutant("DFU-011", "DFU-013", wraps=(DfuMode, "_fail"))
+def errors_of_manifestation_are_swallowed(original: Any, self: Any, status: DfuStatus, string: int) -> None:
     """An image that turns out to be bad at manifestation leads to dfuIDLE with OK; it does not boot, and no more."""
-
-    def around(original: Any) -> Any:
-        def fail(self: Any, status: DfuStatus, string: int) -> None:
-            if self.state in (DfuState.MANIFEST, DfuState.MANIFEST_SYNC):
-                self.stop()
-            else:
-                original(self, status, string)
-
-        return fail
-
-    patch.wrap(DfuMode, "_fail", around)
+    if self.state in (DfuState.MANIFEST, DfuState.MANIFEST_SYNC):
+        self.stop()
+    else:
+        original(self, status, string)
 
 
-@mutant("DFU-013")
-def errors_while_busy_are_swallowed(patch: Patch) -> None:
+@mutant("DFU-013", wraps=(DfuMode, "_fail"))
+def errors_while_busy_are_swallowed(original: Any, self: Any, status: DfuStatus, string: int) -> None:
     """A failure of the flash that is found while the device is busy with a block is forgotten, and the block lost."""
-
-    def around(original: Any) -> Any:
-        def fail(self: Any, status: DfuStatus, string: int) -> None:
-            if self.state is DfuState.DNBUSY:
-                self.stop()
-            else:
-                original(self, status, string)
-
-        return fail
-
-    patch.wrap(DfuMode, "_fail", around)
+    if self.state is DfuState.DNBUSY:
+        self.stop()
+    else:
+        original(self, status, string)
 
 
 @mutant("DFU-012")
@@ -293,18 +235,11 @@ def refused_images_have_no_string(patch: Patch) -> None:
     patch.replace(dfu, "reason_string", lambda _: 0)
 
 
-@mutant("DFU-012")
-def images_for_others_are_reported_as_bad_files(patch: Patch) -> None:
+@mutant("DFU-012", wraps=(dfu, "status_of"))
+def images_for_others_are_reported_as_bad_files(original: Any, reason: Any) -> DfuStatus:
     """An image for other hardware has the status FILE instead of TARGET."""
-
-    def around(original: Any) -> Any:
-        def status(reason: Any) -> DfuStatus:
-            found = original(reason)
-            return DfuStatus.FILE if found is DfuStatus.TARGET else found
-
-        return status
-
-    patch.wrap(dfu, "status_of", around)
+    found = original(reason)
+    return DfuStatus.FILE if found is DfuStatus.TARGET else found
 
 
 # Upload
@@ -369,18 +304,11 @@ def upload_takes_any_number(patch: Patch) -> None:
     handle(patch, UPLOAD, around)
 
 
-@mutant("DFU-016", "DFU-006")
-def suspend_gives_up_a_download(patch: Patch) -> None:
+@mutant("DFU-016", "DFU-006", wraps=(Function, "suspend"))
+def suspend_gives_up_a_download(original: Any, self: Any) -> None:
     """In DFU mode suspend ends a download, as it ends what plays at run time: the device is back in dfuIDLE."""
-
-    def around(original: Any) -> Any:
-        def suspend(self: Any) -> None:
-            original(self)
-            upgrade = self._upgrade if isinstance(self, DfuModeFunction) else None
-            if isinstance(upgrade, DfuMode) and upgrade.state is DfuState.DNLOAD_IDLE:
-                upgrade.stop()
-                upgrade.state = DfuState.DFU_IDLE
-
-        return suspend
-
-    patch.wrap(Function, "suspend", around)
+    original(self)
+    upgrade = self._upgrade if isinstance(self, DfuModeFunction) else None
+    if isinstance(upgrade, DfuMode) and upgrade.state is DfuState.DNLOAD_IDLE:
+        upgrade.stop()
+        upgrade.state = DfuState.DFU_IDLE

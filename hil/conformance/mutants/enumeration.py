@@ -77,19 +77,12 @@ def other_speed_has_the_packets_of_this_one(patch: Patch) -> None:
     _describe(patch, change)
 
 
-@mutant("USB-010", "USB-006")
-def qualifier_names_another_class(patch: Patch) -> None:
+@mutant("USB-010", "USB-006", wraps=(UsbDevice, "_descriptor"))
+def qualifier_names_another_class(original: Any, self: UsbDevice, setup: Setup) -> Any:
     """The device qualifier has class 0 instead of that of composite devices: it stems from an older device."""
-
-    def around(original: Any) -> Any:
-        def descriptor(self: UsbDevice, setup: Setup) -> Any:
-            found = original(self, setup)
-            is_qualifier = setup.value >> 8 == DescriptorType.DEVICE_QUALIFIER
-            return found[:4] + bytes(3) + found[7:] if is_qualifier else found
-
-        return descriptor
-
-    patch.wrap(UsbDevice, "_descriptor", around)
+    found = original(self, setup)
+    is_qualifier = setup.value >> 8 == DescriptorType.DEVICE_QUALIFIER
+    return found[:4] + bytes(3) + found[7:] if is_qualifier else found
 
 
 @mutant("USB-012", "USB-011")
@@ -109,33 +102,19 @@ def ms_os_set_names_the_value_of_the_configuration(patch: Patch) -> None:
     _describe(patch, lambda found: replace(found, ms_os=_with_byte(found.ms_os, MS_OS_CONFIGURATION_AT, 1)))
 
 
-@mutant("USB-012", "USB-013")
-def ms_os_set_is_missing_in_dfu_mode(patch: Patch) -> None:
+@mutant("USB-012", "USB-013", wraps=(UsbDevice, "_ms_os_descriptors"))
+def ms_os_set_is_missing_in_dfu_mode(original: Any, self: Any, setup: Setup) -> Any:
     """The vendor request of Windows is answered with STALL in DFU mode: its handler belongs to the composite device."""
-
-    def around(original: Any) -> Any:
-        def ms_os(self: Any, setup: Setup) -> Any:
-            if self._dfu is None:
-                raise Stall("it is unknown in DFU mode")
-            return original(self, setup)
-
-        return ms_os
-
-    patch.wrap(UsbDevice, "_ms_os_descriptors", around)
+    if self._dfu is None:
+        raise Stall("it is unknown in DFU mode")
+    return original(self, setup)
 
 
-@mutant("USB-007")
-def strings_are_there_in_every_language(patch: Patch) -> None:
+@mutant("USB-007", wraps=(UsbDevice, "_descriptor"))
+def strings_are_there_in_every_language(original: Any, self: UsbDevice, setup: Setup) -> Any:
     """A string is answered whatever language wIndex names."""
-
-    def around(original: Any) -> Any:
-        def descriptor(self: UsbDevice, setup: Setup) -> Any:
-            is_string = setup.value >> 8 == DescriptorType.STRING
-            return original(self, replace(setup, index=LANGUAGE) if is_string else setup)
-
-        return descriptor
-
-    patch.wrap(UsbDevice, "_descriptor", around)
+    is_string = setup.value >> 8 == DescriptorType.STRING
+    return original(self, replace(setup, index=LANGUAGE) if is_string else setup)
 
 
 @mutant("USB-013", "USB-007")
@@ -150,119 +129,68 @@ def serial_number_is_another_in_dfu_mode(patch: Patch) -> None:
     _describe(patch, lambda found: replace(found, strings={**found.strings, 3: found.strings[3] + "-D"}), "dfu_mode")
 
 
-@mutant("USB-001")
-def serial_number_changes_at_each_restart(patch: Patch) -> None:
+@mutant("USB-001", wraps=(UsbDevice, "connect"))
+def serial_number_changes_at_each_restart(original: Any, self: Any, *given: Any) -> None:
     """After each restart the device has another serial number: it is drawn at random when it starts."""
-
-    def around(original: Any) -> Any:
-        def connect(self: Any, *given: Any) -> None:
-            if self.generation:
-                self._serial = f"R{self.generation:04}"
-            original(self, *given)
-
-        return connect
-
-    patch.wrap(UsbDevice, "connect", around)
+    if self.generation:
+        self._serial = f"R{self.generation:04}"
+    original(self, *given)
 
 
-@mutant("USB-006", "USB-014")
-def descriptors_are_not_cut_to_what_was_asked_for(patch: Patch) -> None:
+@mutant("USB-006", "USB-014", wraps=(UsbDevice, "control"))
+def descriptors_are_not_cut_to_what_was_asked_for(
+    original: Any, self: UsbDevice, setup: Setup, data: bytes = b""
+) -> Any:
     """A descriptor is answered whole, however few bytes were asked for: wLength is not heeded."""
-
-    def around(original: Any) -> Any:
-        def control(self: UsbDevice, setup: Setup, data: bytes = b"") -> Any:
-            whole = setup.request_type == DIRECTION_IN and setup.request == StandardRequest.GET_DESCRIPTOR
-            return original(self, replace(setup, length=MOST_BYTES) if whole else setup, data)
-
-        return control
-
-    patch.wrap(UsbDevice, "control", around)
+    whole = setup.request_type == DIRECTION_IN and setup.request == StandardRequest.GET_DESCRIPTOR
+    return original(self, replace(setup, length=MOST_BYTES) if whole else setup, data)
 
 
-@mutant("USB-006", "USB-004")
-def unknown_descriptors_are_empty(patch: Patch) -> None:
+@mutant("USB-006", "USB-004", wraps=(UsbDevice, "_descriptor"))
+def unknown_descriptors_are_empty(original: Any, self: UsbDevice, setup: Setup) -> Any:
     """A descriptor that is not there is answered with no bytes instead of STALL."""
-
-    def around(original: Any) -> Any:
-        def descriptor(self: UsbDevice, setup: Setup) -> Any:
-            try:
-                return original(self, setup)
-            except Stall:
-                return b""
-
-        return descriptor
-
-    patch.wrap(UsbDevice, "_descriptor", around)
+    try:
+        return original(self, setup)
+    except Stall:
+        return b""
 
 
 # Standard requests
 
 
-@mutant("USB-014", "USB-003")
-def configuration_2_is_taken(patch: Patch) -> None:
+@mutant("USB-014", "USB-003", wraps=(UsbDevice, "_set_configuration"))
+def configuration_2_is_taken(original: Any, self: Any, setup: Any) -> Any:
     """SET_CONFIGURATION to any value but 0 configures the device, also to one that it does not have."""
-
-    def around(original: Any) -> Any:
-        return lambda self, setup: original(self, replace(setup, value=min(setup.value, CONFIGURATION_VALUE)))
-
-    patch.wrap(UsbDevice, "_set_configuration", around)
+    return original(self, replace(setup, value=min(setup.value, CONFIGURATION_VALUE)))
 
 
-@mutant("USB-014", "USB-022")
-def device_says_that_the_bus_powers_it(patch: Patch) -> None:
+@mutant("USB-014", "USB-022", wraps=(UsbDevice, "_device_status"))
+def device_says_that_the_bus_powers_it(original: Any, self: UsbDevice, setup: Setup) -> bytes:
     """GET_STATUS of the device says that it is not self-powered."""
-
-    def around(original: Any) -> Any:
-        def status(self: UsbDevice, setup: Setup) -> bytes:
-            return bytes(len(original(self, setup)))
-
-        return status
-
-    patch.wrap(UsbDevice, "_device_status", around)
+    return bytes(len(original(self, setup)))
 
 
-@mutant("USB-014", "REQ-001")
-def interfaces_answer_before_the_configuration(patch: Patch) -> None:
+@mutant("USB-014", "REQ-001", wraps=(UsbDevice, "_function"))
+def interfaces_answer_before_the_configuration(original: Any, self: UsbDevice, setup: Setup) -> Any:
     """Requests to interfaces are answered while the device is not configured: nobody looks whether it is."""
-
-    def around(original: Any) -> Any:
-        def function(self: UsbDevice, setup: Setup) -> Any:
-            before, self.configuration = self.configuration, CONFIGURATION_VALUE
-            try:
-                return original(self, setup)
-            finally:
-                self.configuration = before
-
-        return function
-
-    patch.wrap(UsbDevice, "_function", around)
+    before, self.configuration = self.configuration, CONFIGURATION_VALUE
+    try:
+        return original(self, setup)
+    finally:
+        self.configuration = before
 
 
-@mutant("USB-004", "USB-021")
-def remote_wake_up_can_be_set(patch: Patch) -> None:
+@mutant("USB-004", "USB-021", wraps=(UsbDevice, "control"))
+def remote_wake_up_can_be_set(original: Any, self: UsbDevice, setup: Setup, data: bytes = b"") -> Any:
     """SET_FEATURE of remote wake-up is acknowledged, though the device does not offer it."""
-
-    def around(original: Any) -> Any:
-        def control(self: UsbDevice, setup: Setup, data: bytes = b"") -> Any:
-            if (setup.request_type, setup.request, setup.value) == (0, StandardRequest.SET_FEATURE, 1):
-                return b""
-            return original(self, setup, data)
-
-        return control
-
-    patch.wrap(UsbDevice, "control", around)
+    if (setup.request_type, setup.request, setup.value) == (0, StandardRequest.SET_FEATURE, 1):
+        return b""
+    return original(self, setup, data)
 
 
-@mutant("USB-010", url="emulator:?speed=full")
-def full_speed_has_no_qualifier(patch: Patch) -> None:
+@mutant("USB-010", wraps=(UsbDevice, "_descriptor"), url="emulator:?speed=full")
+def full_speed_has_no_qualifier(original: Any, self: UsbDevice, setup: Setup) -> Any:
     """At full speed the device answers STALL to the qualifier, as one that knows no high speed does."""
-
-    def around(original: Any) -> Any:
-        def descriptor(self: UsbDevice, setup: Setup) -> Any:
-            if setup.value >> 8 == DescriptorType.DEVICE_QUALIFIER and self.speed == FULL_SPEED:
-                raise Stall("it is not there")
-            return original(self, setup)
-
-        return descriptor
-
-    patch.wrap(UsbDevice, "_descriptor", around)
+    if setup.value >> 8 == DescriptorType.DEVICE_QUALIFIER and self.speed == FULL_SPEED:
+        raise Stall("it is not there")
+    return original(self, setup)

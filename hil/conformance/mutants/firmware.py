@@ -33,18 +33,14 @@ MARKED = bytes(4)
 def _start_bad_images(patch: Patch) -> None:
     """Let the loader start what its record names, as SHA-256 alone decides, also where the image itself is bad."""
 
-    def around(original: Any) -> Any:
-        def whole_image(flash: Flash, bank: Bank) -> Image | None:
-            try:
-                found: Image | None = original(flash, bank)
-            except ImageError:
-                record = loader.read_record(flash, bank)
-                return None if record is None else _read_loosely(flash.read(bank.image_address, record.size))
-            return found
-
-        return whole_image
-
-    patch.wrap(loader, "_whole_image", around)
+    @patch.around(loader, "_whole_image")
+    def whole_image(original: Any, flash: Flash, bank: Bank) -> Image | None:
+        try:
+            found: Image | None = original(flash, bank)
+        except ImageError:
+            record = loader.read_record(flash, bank)
+            return None if record is None else _read_loosely(flash.read(bank.image_address, record.size))
+        return found
 
 
 def _read_loosely(stored: bytes) -> Image | None:
@@ -81,49 +77,25 @@ def hardware_of_images_is_not_checked(patch: Patch) -> None:
     _start_bad_images(patch)
 
 
-@mutant("FWU-010", "DFU-011")
-def digests_of_images_are_not_checked(patch: Patch) -> None:
+@mutant("FWU-010", "DFU-011", wraps=(DfuMode, "_judge"), also=_start_bad_images)
+def digests_of_images_are_not_checked(original: Any, self: Any, stored: bytes) -> ImageReason:
     """An image is taken whose segments have another CRC-32 or SHA-256 than its table says."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, stored: bytes) -> ImageReason:
-            reason: ImageReason = original(self, stored)
-            return ImageReason.ACCEPTED if reason is ImageReason.HASH else reason
-
-        return judge
-
-    patch.wrap(DfuMode, "_judge", around)
-    _start_bad_images(patch)
+    reason: ImageReason = original(self, stored)
+    return ImageReason.ACCEPTED if reason is ImageReason.HASH else reason
 
 
-@mutant("FWU-009", "FWU-015")
-def padding_of_images_is_not_checked(patch: Patch) -> None:
+@mutant("FWU-009", "FWU-015", wraps=(DfuMode, "_judge"), also=_start_bad_images)
+def padding_of_images_is_not_checked(original: Any, self: Any, stored: bytes) -> ImageReason:
     """An image is taken whose bytes between the segments are not 0."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, stored: bytes) -> ImageReason:
-            reason: ImageReason = original(self, stored)
-            return ImageReason.ACCEPTED if reason is ImageReason.PADDING else reason
-
-        return judge
-
-    patch.wrap(DfuMode, "_judge", around)
-    _start_bad_images(patch)
+    reason: ImageReason = original(self, stored)
+    return ImageReason.ACCEPTED if reason is ImageReason.PADDING else reason
 
 
-@mutant("FWU-011", "FWU-015")
-def signature_without_a_key_is_taken(patch: Patch) -> None:
+@mutant("FWU-011", "FWU-015", wraps=(DfuMode, "_judge"), also=_start_bad_images)
+def signature_without_a_key_is_taken(original: Any, self: Any, stored: bytes) -> ImageReason:
     """An unsigned image is taken whose signature is not zero: nobody looks at it where there is no key."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, stored: bytes) -> ImageReason:
-            reason: ImageReason = original(self, stored)
-            return ImageReason.ACCEPTED if reason is ImageReason.SIGNATURE and not self._keys else reason
-
-        return judge
-
-    patch.wrap(DfuMode, "_judge", around)
-    _start_bad_images(patch)
+    reason: ImageReason = original(self, stored)
+    return ImageReason.ACCEPTED if reason is ImageReason.SIGNATURE and not self._keys else reason
 
 
 def _trust_more(patch: Patch, trusted: Trust) -> None:
@@ -161,29 +133,22 @@ def name_of_the_key_is_enough(patch: Patch) -> None:
     patch.replace(dfu, "trust", judged)
 
 
-@mutant("FWU-012")
-def keys_are_lost_with_the_first_upgrade(patch: Patch) -> None:
+@mutant("FWU-012", wraps=(DfuMode, "__init__"))
+def keys_are_lost_with_the_first_upgrade(
+    original: Any, self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any
+) -> None:
     """Only the factory's image looks at the keys: what runs from another bank takes any valid image."""
-
-    def around(original: Any) -> Any:
-        def init(self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any) -> None:
-            original(self, scheduler, flash, running, keys if running is Bank.FACTORY else ())
-
-        return init
-
-    patch.wrap(DfuMode, "__init__", around)
+    original(self, scheduler, flash, running, keys if running is Bank.FACTORY else ())
 
 
 @mutant("FWU-013")
 def older_versions_are_refused(patch: Patch) -> None:
     """An image that is older than what runs is refused: nobody should want to go back."""
 
-    def of_init(original: Any) -> Any:
-        def init(self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any) -> None:
-            original(self, scheduler, flash, running, keys)
-            self.version = flash.read(running.image_address, VERSION_AT.stop)[VERSION_AT]
-
-        return init
+    @patch.around(DfuMode, "__init__")
+    def of_init(original: Any, self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any) -> None:
+        original(self, scheduler, flash, running, keys)
+        self.version = flash.read(running.image_address, VERSION_AT.stop)[VERSION_AT]
 
     def around(original: Any) -> Any:
         def download(self: Any, setup: Any, data: bytes) -> Any:
@@ -194,26 +159,20 @@ def older_versions_are_refused(patch: Patch) -> None:
 
         return download
 
-    patch.wrap(DfuMode, "__init__", of_init)
     handle(patch, DOWNLOAD, around)
 
 
 # Where it is written, and when
 
 
-@mutant("FWU-018")
-def upgrade_overwrites_the_bank_that_runs(patch: Patch) -> None:
+@mutant("FWU-018", wraps=(DfuMode, "__init__"))
+def upgrade_overwrites_the_bank_that_runs(
+    original: Any, self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any
+) -> None:
     """An upgrade goes to the bank that runs, where that is not the factory's: there is one place for upgrades."""
-
-    def around(original: Any) -> Any:
-        def init(self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any) -> None:
-            original(self, scheduler, flash, running, keys)
-            if running is not Bank.FACTORY:
-                self._bank = running
-
-        return init
-
-    patch.wrap(DfuMode, "__init__", around)
+    original(self, scheduler, flash, running, keys)
+    if running is not Bank.FACTORY:
+        self._bank = running
 
 
 @mutant("FWU-018", "DFU-010")
@@ -239,44 +198,29 @@ def record_is_erased_at_the_end(patch: Patch) -> None:
     def of_empty(_: Any) -> Any:
         return lambda _self: iter(())
 
-    def of_manifest(original: Any) -> Any:
-        def manifest(self: Any) -> Iterator[Any]:
-            steps = original(self)
-            yield next(steps)
-            yield from self._erase(self._bank.record_address)
-            yield from steps
-
-        return manifest
+    @patch.around(DfuMode, "_manifest")
+    def of_manifest(original: Any, self: Any) -> Iterator[Any]:
+        steps = original(self)
+        yield next(steps)
+        yield from self._erase(self._bank.record_address)
+        yield from steps
 
     patch.wrap(DfuMode, "_empty_bank", of_empty)
-    patch.wrap(DfuMode, "_manifest", of_manifest)
 
 
-@mutant("FWU-018", "DFU-010")
-def record_is_written_before_the_image_is_checked(patch: Patch) -> None:
+@mutant("FWU-018", "DFU-010", wraps=(DfuMode, "_manifest"), also=_start_bad_images)
+def record_is_written_before_the_image_is_checked(original: Any, self: Any) -> Iterator[Any]:
     """Manifestation writes the boot record first and checks the image behind it, so that a bad one has a record too."""
-
-    def around(original: Any) -> Any:
-        def manifest(self: Any) -> Iterator[Any]:
-            stored = self._flash.read(self._bank.image_address, self._total)
-            record = BootRecord.of(stored, loader.read_record(self._flash, idle_bank(self._bank))).encode()[:-8]
-            yield from self._program(self._bank.record_address, record)
-            yield from original(self)
-
-        return manifest
-
-    patch.wrap(DfuMode, "_manifest", around)
-    _start_bad_images(patch)
+    stored = self._flash.read(self._bank.image_address, self._total)
+    record = BootRecord.of(stored, loader.read_record(self._flash, idle_bank(self._bank))).encode()[:-8]
+    yield from self._program(self._bank.record_address, record)
+    yield from original(self)
 
 
-@mutant("FWU-018")
-def records_that_may_not_boot_are_erased_as_they_are(patch: Patch) -> None:
+@mutant("FWU-018", wraps=(DfuMode, "_empty_bank"))
+def records_that_may_not_boot_are_erased_as_they_are(_: Any, self: Any) -> Any:
     """A record that may not boot is erased without zeros over it, so that a power cut can bring its image back."""
-
-    def around(_: Any) -> Any:
-        return lambda self: self._erase(self._bank.record_address)
-
-    patch.wrap(DfuMode, "_empty_bank", around)
+    return self._erase(self._bank.record_address)
 
 
 # What boots
@@ -288,103 +232,56 @@ def new_images_are_never_confirmed(patch: Patch) -> None:
     patch.replace(machine, "confirm", lambda *_: None)
 
 
-@mutant("FWU-020")
-def new_images_are_confirmed_at_once(patch: Patch) -> None:
+@mutant("FWU-020", wraps=(machine.Emulator, "_come_up"))
+def new_images_are_confirmed_at_once(original: Any, self: Any, booted: Any, identities: Any, time: Any) -> None:
     """New firmware is confirmed as soon as it runs, before a host has spoken to it: a bad one boots for ever."""
-
-    def around(original: Any) -> Any:
-        def come_up(self: Any, booted: Any, identities: Any, time: Any) -> None:
-            original(self, booted, identities, time)
-            loader.confirm(self.flash, booted.bank)
-
-        return come_up
-
-    patch.wrap(machine.Emulator, "_come_up", around)
+    original(self, booted, identities, time)
+    loader.confirm(self.flash, booted.bank)
 
 
-@mutant("FWU-020")
-def bus_reset_confirms_images(patch: Patch) -> None:
+@mutant("FWU-020", wraps=(UsbDevice, "reset"))
+def bus_reset_confirms_images(original: Any, self: Any) -> None:
     """New firmware is confirmed by a bus reset, before a host has configured it: that proves a cable only."""
-
-    def around(original: Any) -> Any:
-        def reset(self: Any) -> None:
-            original(self)
-            if self._dfu is not None:
-                self._dfu._controller.host_arrived()
-
-        return reset
-
-    patch.wrap(UsbDevice, "reset", around)
+    original(self)
+    if self._dfu is not None:
+        self._dfu._controller.host_arrived()
 
 
-@mutant("FWU-020")
-def descriptors_confirm_images(patch: Patch) -> None:
+@mutant("FWU-020", wraps=(UsbDevice, "_descriptor"))
+def descriptors_confirm_images(original: Any, self: Any, setup: Any) -> bytes:
     """New firmware is confirmed when a host reads its descriptors: that is the code that was there for sure."""
-
-    def around(original: Any) -> Any:
-        def descriptor(self: Any, setup: Any) -> bytes:
-            if self._dfu is not None:
-                self._dfu._controller.host_arrived()
-            found: bytes = original(self, setup)
-            return found
-
-        return descriptor
-
-    patch.wrap(UsbDevice, "_descriptor", around)
+    if self._dfu is not None:
+        self._dfu._controller.host_arrived()
+    found: bytes = original(self, setup)
+    return found
 
 
-@mutant("FWU-020")
-def images_that_never_came_up_boot_again(patch: Patch) -> None:
+@mutant("FWU-020", wraps=(loader, "boot_order"))
+def images_that_never_came_up_boot_again(original: Any, *records: Any) -> Any:
     """The loader starts an image again that it has started before and that never came up."""
-
-    def around(original: Any) -> Any:
-        return lambda *records: original(*(record[: -len(MARKED)] + MARKED for record in records))
-
-    patch.wrap(loader, "boot_order", around)
+    return original(*(record[: -len(MARKED)] + MARKED for record in records))
 
 
-@mutant("FWU-019")
-def bank_a_always_comes_first(patch: Patch) -> None:
+@mutant("FWU-019", wraps=(loader, "boot_order"))
+def bank_a_always_comes_first(original: Any, *records: Any) -> Any:
     """The loader tries bank A before bank B, whichever is newer."""
-
-    def around(original: Any) -> Any:
-        return lambda *records: tuple(sorted(original(*records), key=(Bank.A, Bank.B, Bank.FACTORY).index))
-
-    patch.wrap(loader, "boot_order", around)
+    return tuple(sorted(original(*records), key=(Bank.A, Bank.B, Bank.FACTORY).index))
 
 
-@mutant("FWU-019", "SAF-008")
-def bad_images_are_passed_over_in_silence(patch: Patch) -> None:
+@mutant("FWU-019", "SAF-008", wraps=(machine, "boot"))
+def bad_images_are_passed_over_in_silence(original: Any, flash: Any) -> Any:
     """Where the newest image does not boot the one before does, and no fault FLASH says so."""
-
-    def around(original: Any) -> Any:
-        return lambda flash: original(flash)._replace(faults=Fault(0))
-
-    patch.wrap(machine, "boot", around)
+    return original(flash)._replace(faults=Fault(0))
 
 
-@mutant("FWU-022", "REQ-014")
-def revert_leaves_the_newer_image(patch: Patch) -> None:
+@mutant("FWU-022", "REQ-014", wraps=(machine, "give_up_upgrades"))
+def revert_leaves_the_newer_image(original: Any, flash: Flash) -> Iterator[int]:
     """REVERT gives up the older of two upgrades alone, and the newer boots again."""
-
-    def around(original: Any) -> Any:
-        def give_up(flash: Flash) -> Iterator[int]:
-            yield from islice(original(flash), 1)
-
-        return give_up
-
-    patch.wrap(machine, "give_up_upgrades", around)
+    yield from islice(original(flash), 1)
 
 
-@mutant("FWU-022")
-def revert_does_not_look_at_the_factory_image(patch: Patch) -> None:
+@mutant("FWU-022", wraps=(loader, "_whole_image"))
+def revert_does_not_look_at_the_factory_image(original: Any, flash: Flash, bank: Bank) -> Image | None:
     """REVERT gives up the upgrades also where the factory's image is bad, which then runs as it is."""
-
-    def around(original: Any) -> Any:
-        def whole_image(flash: Flash, bank: Bank) -> Image | None:
-            found: Image | None = original(flash, bank)
-            return loader.FACTORY_IMAGE if bank is Bank.FACTORY else found
-
-        return whole_image
-
-    patch.wrap(loader, "_whole_image", around)
+    found: Image | None = original(flash, bank)
+    return loader.FACTORY_IMAGE if bank is Bank.FACTORY else found

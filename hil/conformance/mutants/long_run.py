@@ -22,14 +22,10 @@ def counters_stop_at_255(patch: Patch) -> None:
     """The counts of accepted, refused, late and lost blocks stop at 255: they are kept in a byte that saturates."""
     names = ("accepted", "refused", "late", "lost")
 
-    def around(original: Any) -> Any:
-        def status(self: Any) -> Any:
-            found = original(self)
-            return replace(found, **{name: min(getattr(found, name), 255) for name in names})
-
-        return status
-
-    patch.wrap(Controller, "status", around)
+    @patch.around(Controller, "status")
+    def status(original: Any, self: Any) -> Any:
+        found = original(self)
+        return replace(found, **{name: min(getattr(found, name), 255) for name in names})
 
 
 @mutant("NUM-001", "NUM-003")
@@ -39,19 +35,16 @@ def numbers_count_on_in_16_bits(patch: Patch) -> None:
     def kept(before: int | None, number: int) -> int:
         return number if before is None else before & ~LOW_HALF | number & LOW_HALF
 
-    def of_count(original: Any) -> Any:
-        def count(self: Any, block: Any) -> Any:
-            before = None if block.restart else self._last_sequence
-            gap = original(self, block)
-            self._last_sequence = kept(before, self._last_sequence)
-            return gap
-
-        return count
+    @patch.around(Controller, "_count")
+    def of_count(original: Any, self: Any, block: Any) -> Any:
+        before = None if block.restart else self._last_sequence
+        gap = original(self, block)
+        self._last_sequence = kept(before, self._last_sequence)
+        return gap
 
     def of_stream(_: Any) -> Any:
         return lambda _self, _packets, began, *_rest: (0, began)
 
-    patch.wrap(Controller, "_count", of_count)
     patch.wrap(Controller, "stream", of_stream)
 
 
@@ -69,20 +62,12 @@ def clock_is_2000_ppm_fast(patch: Patch) -> None:
     patch.replace(DeviceTime, "sleep", sleep)
 
 
-@mutant("BLK-024", "NUM-004")
-def restart_takes_a_place_for_ever(patch: Patch) -> None:
+@mutant("BLK-024", "NUM-004", wraps=(Controller, "_count"), also=leak_places)
+def restart_takes_a_place_for_ever(original: Any, self: Any, block: Any) -> Any:
     """Each block with the flag RESTART leaves the queue with a place less: the old state is not given back."""
-
-    def around(original: Any) -> Any:
-        def count(self: Any, block: Any) -> Any:
-            if block.restart:
-                leak_a_place(self)
-            return original(self, block)
-
-        return count
-
-    patch.wrap(Controller, "_count", around)
-    leak_places(patch)
+    if block.restart:
+        leak_a_place(self)
+    return original(self, block)
 
 
 @mutant("TIM-002")

@@ -88,13 +88,9 @@ def modulation_keeps_the_leading_edge(patch: Patch) -> None:
 def _modulate_with(patch: Patch, change: Any) -> None:
     """Let modulations have other samples and another hold."""
 
-    def around(original: Any) -> Any:
-        def modulate(self: Any, period: int, samples: bytes, hold: int) -> None:
-            original(self, period, *(change(samples, hold) if samples else (samples, hold)))
-
-        return modulate
-
-    patch.wrap(Reel, "modulate", around)
+    @patch.around(Reel, "modulate")
+    def modulate(original: Any, self: Any, period: int, samples: bytes, hold: int) -> None:
+        original(self, period, *(change(samples, hold) if samples else (samples, hold)))
 
 
 @mutant("BLK-017")
@@ -124,15 +120,11 @@ def loop_leaves_out_its_last_sample(patch: Patch) -> None:
 def _at_each_update(patch: Patch, overlay: Any) -> None:
     """Let another modulation begin wherever an update does, if there is one."""
 
-    def around(original: Any) -> Any:
-        def play(self: Any, periods: Any, slices: Any) -> None:
-            original(self, periods, slices)
-            if self._overlays:
-                self._overlays += [(period, overlay(self._overlays[-1][1])) for period in periods.tolist()]
-
-        return play
-
-    patch.wrap(Reel, "play", around)
+    @patch.around(Reel, "play")
+    def play(original: Any, self: Any, periods: Any, slices: Any) -> None:
+        original(self, periods, slices)
+        if self._overlays:
+            self._overlays += [(period, overlay(self._overlays[-1][1])) for period in periods.tolist()]
 
 
 @mutant("BLK-017", "BLK-012")
@@ -147,36 +139,22 @@ def update_ends_the_modulation(patch: Patch) -> None:
     _at_each_update(patch, lambda _: UNMODULATED)
 
 
-@mutant("BLK-017", "BLK-012")
-def sequences_are_not_modulated(patch: Patch) -> None:
+@mutant("BLK-017", "BLK-012", wraps=(Segments, "rows"))
+def sequences_are_not_modulated(original: Any, self: Segments, first: int, last: int) -> Any:
     """A modulation lies over updates alone: the tables of a sequence were made beforehand."""
-
-    def around(original: Any) -> Any:
-        def rows(self: Segments, first: int, last: int) -> Any:
-            refs, samples = original(self, first, last)
-            segment = np.searchsorted(self.starts, np.arange(first, last), side="right") - 1
-            samples[self.refs[segment] < 0] = FULL
-            return refs, samples
-
-        return rows
-
-    patch.wrap(Segments, "rows", around)
+    refs, samples = original(self, first, last)
+    segment = np.searchsorted(self.starts, np.arange(first, last), side="right") - 1
+    samples[self.refs[segment] < 0] = FULL
+    return refs, samples
 
 
-@mutant("BLK-017", "TIM-003")
-def half_of_the_processors_are_a_sample_ahead(patch: Patch) -> None:
+@mutant("BLK-017", "TIM-003", wraps=(capture.Capture, "_rows"))
+def half_of_the_processors_are_a_sample_ahead(original: Any, self: Any, first: int, last: int) -> Any:
     """Each sample begins a period early on every second processor: the second of a board makes its tables ahead."""
-
-    def around(original: Any) -> Any:
-        def all_rows(self: Any, first: int, last: int) -> Any:
-            rows, samples = original(self, first, last)
-            ahead = original(self, first + 1, last + 1)[1]
-            samples[1::2] = ahead[1::2]
-            return rows, samples
-
-        return all_rows
-
-    patch.wrap(capture.Capture, "_rows", around)
+    rows, samples = original(self, first, last)
+    ahead = original(self, first + 1, last + 1)[1]
+    samples[1::2] = ahead[1::2]
+    return rows, samples
 
 
 # What ends it
@@ -195,22 +173,15 @@ def end_of_the_modulation_silences(patch: Patch) -> None:
     _read_outputs_as(patch, Action.END_MODULATION, Action.SILENCE)
 
 
-@mutant("BLK-018")
-def silence_leaves_the_modulation(patch: Patch) -> None:
+@mutant("BLK-018", wraps=(controller.Controller, "_carry_out"))
+def silence_leaves_the_modulation(original: Any, self: Any, body: Any, door: Any) -> Any:
     """A SILENCE ends what plays and no modulation, which lies over the next update again."""
-
-    def around(original: Any) -> Any:
-        def carry_out(self: Any, body: Any, door: Any) -> Any:
-            if not (isinstance(body, Output) and body.action is Action.SILENCE):
-                return original(self, body, door)
-            tail, self._agenda.tail = self._agenda.tail, self._agenda.tail._replace(modulated=False)
-            change = original(self, body, door)
-            self._agenda.tail = change.tail = change.tail._replace(modulated=tail.modulated)
-            return change
-
-        return carry_out
-
-    patch.wrap(controller.Controller, "_carry_out", around)
+    if not (isinstance(body, Output) and body.action is Action.SILENCE):
+        return original(self, body, door)
+    tail, self._agenda.tail = self._agenda.tail, self._agenda.tail._replace(modulated=False)
+    change = original(self, body, door)
+    self._agenda.tail = change.tail = change.tail._replace(modulated=tail.modulated)
+    return change
 
 
 @mutant("SAF-004", "BLK-017")

@@ -40,19 +40,11 @@ def old_numbers_follow(patch: Patch) -> None:
     patch.replace(controller, "missing", lambda number, last: ((number - last) % NUMBERS - 1) % AHEAD)
 
 
-@mutant("NUM-003")
-def gap_is_never_said(patch: Patch) -> None:
+@mutant("NUM-003", wraps=(controller.Controller, "_count"), also=one_by_one)
+def gap_is_never_said(original: Any, self: Any, block: Any) -> int:
     """Lost blocks are counted, and no acknowledgement says GAP: the flag is not handed on."""
-
-    def around(original: Any) -> Any:
-        def count(self: Any, block: Any) -> int:
-            original(self, block)
-            return 0
-
-        return count
-
-    patch.wrap(controller.Controller, "_count", around)
-    one_by_one(patch)
+    original(self, block)
+    return 0
 
 
 @mutant("NUM-003")
@@ -68,16 +60,13 @@ def lost_counts_gaps(patch: Patch) -> None:
 
 
 def _count_gaps_as(patch: Patch, counted: Any) -> None:
-    def around(original: Any) -> Any:
-        def count(self: Any, block: Any) -> Any:
-            gap = original(self, block)
-            if gap:
-                self._lost += counted(gap) - gap
-            return gap
+    @patch.around(controller.Controller, "_count")
+    def count(original: Any, self: Any, block: Any) -> Any:
+        gap = original(self, block)
+        if gap:
+            self._lost += counted(gap) - gap
+        return gap
 
-        return count
-
-    patch.wrap(controller.Controller, "_count", around)
     one_by_one(patch)
 
 
@@ -92,62 +81,37 @@ def restart_is_ignored(patch: Patch) -> None:
     patch.wrap(controller.Controller, "_count", judge)
 
 
-@mutant("NUM-004", "NUM-003")
-def restart_counts_as_a_gap(patch: Patch) -> None:
+@mutant("NUM-004", "NUM-003", wraps=(controller.Controller, "_count"))
+def restart_counts_as_a_gap(original: Any, self: Any, block: Any) -> Any:
     """The numbers between the last block and one with RESTART count as lost: what was last is not forgotten first."""
-
-    def count(original: Any) -> Any:
-        return lambda self, block: original(self, block._replace(restart=False))
-
-    patch.wrap(controller.Controller, "_count", count)
+    return original(self, block._replace(restart=False))
 
 
-@mutant("NUM-004", "USB-026")
-def number_survives_a_new_session(patch: Patch) -> None:
+@mutant("NUM-004", "USB-026", wraps=(controller.Controller, "new_session"))
+def number_survives_a_new_session(original: Any, self: Any, door: Any) -> None:
     """The last number is kept over a bus reset, SET_CONFIGURATION and SET_INTERFACE: only power-up forgets it."""
-
-    def around(original: Any) -> Any:
-        def new_session(self: Any, door: Any) -> None:
-            last = self._last_sequence
-            original(self, door)
-            self._last_sequence = last
-
-        return new_session
-
-    patch.wrap(controller.Controller, "new_session", around)
+    last = self._last_sequence
+    original(self, door)
+    self._last_sequence = last
 
 
-@mutant("NUM-002", "NUM-003")
-def refused_number_is_the_last(patch: Patch) -> None:
+@mutant("NUM-002", "NUM-003", wraps=(controller.Controller, "_judge"))
+def refused_number_is_the_last(original: Any, self: Any, block: Any, *rest: Any) -> None:
     """The number of a block that is refused for its contents is taken for the last: it is kept before the judgement."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, block: Any, *rest: Any) -> None:
-            try:
-                original(self, block, *rest)
-            except BlockError as error:
-                if error.reason != Reason.SEQUENCE:
-                    self._last_sequence = block.sequence
-                raise
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge", around)
+    try:
+        original(self, block, *rest)
+    except BlockError as error:
+        if error.reason != Reason.SEQUENCE:
+            self._last_sequence = block.sequence
+        raise
 
 
-@mutant("NUM-002")
-def refused_sequence_is_the_last(patch: Patch) -> None:
+@mutant("NUM-002", wraps=(controller.Controller, "_judge"))
+def refused_sequence_is_the_last(original: Any, self: Any, block: Any, *rest: Any) -> None:
     """A block that is refused with SEQUENCE moves the count back: the last number that was seen counts."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, block: Any, *rest: Any) -> None:
-            try:
-                original(self, block, *rest)
-            except BlockError as error:
-                if error.reason == Reason.SEQUENCE:
-                    self._last_sequence = block.sequence
-                raise
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge", around)
+    try:
+        original(self, block, *rest)
+    except BlockError as error:
+        if error.reason == Reason.SEQUENCE:
+            self._last_sequence = block.sequence
+        raise

@@ -1,6 +1,7 @@
 """Mutants: emulators that are broken in one way each, and how one is made in this process.
 
-A mutant is a function that changes the emulator's classes and modules through a `Patch`, with the decorator `mutant`.
+A mutant is a function with the decorator `mutant`: either what stands in place of one function of the emulator, which
+the decorator names, or what changes classes and modules of the emulator through a `Patch`.
 The emulator knows nothing of it. What is changed holds for every emulator of the process until it is undone, so that a
 run against a mutant belongs into a process of its own.
 """
@@ -12,13 +13,14 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from ..clauses import resolve
 
 __all__ = ["MUTANTS", "Mutant", "Patch", "applied", "mutant"]
 
 EMULATOR = "emulator:"
+Replacement = TypeVar("Replacement", bound=Callable[..., Any])
 
 
 class Patch:
@@ -54,6 +56,15 @@ class Patch:
                 self.replace(owner, name, property(around(before.fget), before.fset))
             case _:
                 self.replace(owner, name, around(before))
+
+    def around(self, owner: Any, name: str) -> Callable[[Replacement], Replacement]:
+        """Decorate what stands in place of a function: it takes that function, then the arguments of a call."""
+
+        def put(replacement: Replacement) -> Replacement:
+            self.wrap(owner, name, lambda original: lambda *given, **named: replacement(original, *given, **named))
+            return replacement
+
+        return put
 
     def undo(self) -> None:
         """Take everything back."""
@@ -98,24 +109,48 @@ MUTANTS: dict[str, Mutant] = {}
 """All mutants by name; `catalogue` fills it."""
 
 
-def mutant(*clauses: str, url: str = EMULATOR) -> Callable[[Callable[[Patch], None]], Callable[[Patch], None]]:
+def mutant(
+    *clauses: str,
+    wraps: tuple[Any, str] | None = None,
+    also: Callable[[Patch], None] | None = None,
+    url: str = EMULATOR,
+) -> Callable[[Replacement], Replacement]:
     """Make a function a mutant, with its name in dashes and its docstring as the sentence.
+
+    Parameters
+    ----------
+    *clauses : str
+        That it breaks.
+    wraps : tuple of an owner and a name, optional
+        The function of the emulator that the mutant replaces, as `Patch.around` says. Without it the mutant takes a
+        `Patch`.
+    also : callable, optional
+        With ``wraps``: what else the mutant changes.
+    url : str
+        Of a device that shows it.
 
     Raises
     ------
     ValueError
-        Where a clause is unknown, there is no docstring, or there is one of this name.
+        If a clause is unknown, there is no docstring, or there is one of this name.
     """
 
-    def enter(function: Callable[[Patch], None]) -> Callable[[Patch], None]:
+    def enter(function: Replacement) -> Replacement:
         name = function.__name__.replace("_", "-")
         sentence = re.sub(r"\s+", " ", inspect.getdoc(function) or "").strip()
         if not sentence or not clauses or name in MUTANTS:
             raise ValueError(f"mutant {name!r} needs a clause, a sentence and a name of its own")
         for clause in clauses:
             resolve(clause)
+
+        def wrap(patch: Patch) -> None:
+            if wraps is not None:
+                patch.around(*wraps)(function)
+            if also is not None:
+                also(patch)
+
         group = function.__module__.rpartition(".")[2].replace("_", "-")
-        MUTANTS[name] = Mutant(name, group, clauses, sentence, function, url)
+        MUTANTS[name] = Mutant(name, group, clauses, sentence, wrap if wraps else function, url)
         return function
 
     return enter

@@ -31,23 +31,16 @@ def suspend_is_ignored(patch: Patch) -> None:
 def resume_enables_again(patch: Patch) -> None:
     """On resume the outputs are enabled again where they were before: the state is restored."""
 
-    def of_suspend(original: Any) -> Any:
-        def suspend(self: Any) -> None:
-            self.was_enabled = self.state in ENABLED
-            original(self)
+    @patch.around(Controller, "suspend")
+    def of_suspend(original: Any, self: Any) -> None:
+        self.was_enabled = self.state in ENABLED
+        original(self)
 
-        return suspend
-
-    def of_resume(original: Any) -> Any:
-        def resume(self: Any) -> None:
-            original(self)
-            if self.was_enabled:
-                self._happen(Event.ENABLE, self._now)
-
-        return resume
-
-    patch.wrap(Controller, "suspend", of_suspend)
-    patch.wrap(Controller, "resume", of_resume)
+    @patch.around(Controller, "resume")
+    def of_resume(original: Any, self: Any) -> None:
+        original(self)
+        if self.was_enabled:
+            self._happen(Event.ENABLE, self._now)
 
 
 @mutant("ACK-006", "USB-020")
@@ -56,33 +49,19 @@ def suspend_and_resume_are_not_told(patch: Patch) -> None:
     patch.replace(controller, "SPOKEN", (Event.WATCHDOG, Event.FAULT))
 
 
-@mutant("USB-020")
-def resume_drops_waiting_records(patch: Patch) -> None:
+@mutant("USB-020", wraps=(ArrayFunction, "resume"))
+def resume_drops_waiting_records(original: Any, self: Any) -> None:
     """Records that waited when the bus was suspended are gone when it resumes: the endpoints are set up anew."""
-
-    def around(original: Any) -> Any:
-        def resume(self: Any) -> None:
-            self._records.clear()
-            self._unasked = b""
-            original(self)
-
-        return resume
-
-    patch.wrap(ArrayFunction, "resume", around)
+    self._records.clear()
+    self._unasked = b""
+    original(self)
 
 
-@mutant("USB-003", "STA-003", "USB-016")
-def bus_reset_keeps_playing(patch: Patch) -> None:
+@mutant("USB-003", "STA-003", "USB-016", wraps=(Controller, "new_session"))
+def bus_reset_keeps_playing(_: Any, self: Any, _door: Any) -> None:
     """A bus reset, SET_CONFIGURATION and SET_INTERFACE begin a new numbering, and what plays goes on."""
-
-    def around(_: Any) -> Any:
-        def new_session(self: Any, _door: Any) -> None:
-            self.settle()
-            self._last_sequence = None
-
-        return new_session
-
-    patch.wrap(Controller, "new_session", around)
+    self.settle()
+    self._last_sequence = None
 
 
 # Restarts
@@ -91,24 +70,17 @@ def bus_reset_keeps_playing(patch: Patch) -> None:
 def _keep_over_reset(patch: Patch, save: Callable[[Any], Any], restore: Callable[[Any, Any], None]) -> None:
     """Let something of the controller, which a function gives, outlive RESET; another gives it to the next one."""
 
-    def of_restart(original: Any) -> Any:
-        def restart(self: Any) -> None:
-            self.kept = None if self.controller is None else save(self.controller)
-            original(self)
+    @patch.around(Emulator, "restart")
+    def of_restart(original: Any, self: Any) -> None:
+        self.kept = None if self.controller is None else save(self.controller)
+        original(self)
 
-        return restart
-
-    def of_come_up(original: Any) -> Any:
-        def come_up(self: Any, *given: Any) -> None:
-            original(self, *given)
-            kept, self.kept = vars(self).get("kept"), None
-            if kept is not None:
-                restore(self.controller, kept)
-
-        return come_up
-
-    patch.wrap(Emulator, "restart", of_restart)
-    patch.wrap(Emulator, "_come_up", of_come_up)
+    @patch.around(Emulator, "_come_up")
+    def of_come_up(original: Any, self: Any, *given: Any) -> None:
+        original(self, *given)
+        kept, self.kept = vars(self).get("kept"), None
+        if kept is not None:
+            restore(self.controller, kept)
 
 
 @mutant("REQ-009", "REQ-013")
@@ -155,43 +127,25 @@ def reset_keeps_the_number_of_the_last_block(patch: Patch) -> None:
 def time_goes_on_over_a_reset(patch: Patch) -> None:
     """Ticks and periods go on over RESET: the port clocks are not stopped, and the controller counts on."""
 
-    def of_restart(original: Any) -> Any:
-        def restart(self: Any) -> None:
-            self.first_time = None if self.controller is None else self.controller.time
-            original(self)
+    @patch.around(Emulator, "restart")
+    def of_restart(original: Any, self: Any) -> None:
+        self.first_time = None if self.controller is None else self.controller.time
+        original(self)
 
-        return restart
-
-    def of_come_up(original: Any) -> Any:
-        def come_up(self: Any, booted: Any, identities: Any, time: Any) -> None:
-            original(self, booted, identities, vars(self).get("first_time") or time)
-            self.first_time = None
-
-        return come_up
-
-    patch.wrap(Emulator, "restart", of_restart)
-    patch.wrap(Emulator, "_come_up", of_come_up)
+    @patch.around(Emulator, "_come_up")
+    def of_come_up(original: Any, self: Any, booted: Any, identities: Any, time: Any) -> None:
+        original(self, booted, identities, vars(self).get("first_time") or time)
+        self.first_time = None
 
 
-@mutant("SAF-001")
-def outputs_are_high_for_a_tick_at_power_up(patch: Patch) -> None:
+@mutant("SAF-001", wraps=(Processor, "start"))
+def outputs_are_high_for_a_tick_at_power_up(original: Any, self: Any, time: Any) -> None:
     """All outputs are high for one tick when period 0 begins: the port is switched on before it is given a value."""
-
-    def around(original: Any) -> Any:
-        def start(self: Any, time: Any) -> None:
-            original(self, time)
-            self.forced += [Forced(0, ALL_BITS), Forced(1)]
-
-        return start
-
-    patch.wrap(Processor, "start", around)
+    original(self, time)
+    self.forced += [Forced(0, ALL_BITS), Forced(1)]
 
 
-@mutant("REQ-014", "FWU-022")
-def revert_only_restarts(patch: Patch) -> None:
+@mutant("REQ-014", "FWU-022", wraps=(Emulator, "revert"))
+def revert_only_restarts(_: Any, self: Any) -> Any:
     """REVERT restarts the device as RESET does, and leaves the upgrades as they are."""
-
-    def around(_: Any) -> Any:
-        return lambda self: self.restart()
-
-    patch.wrap(Emulator, "revert", around)
+    return self.restart()

@@ -32,20 +32,12 @@ def leak_a_place(device: Any) -> None:
         device._agenda.recent = device._agenda.recent[1:]
 
 
-@mutant("BLK-003", "BLK-008", "BLK-024")
-def each_block_of_ones_takes_a_place_for_ever(patch: Patch) -> None:
+@mutant("BLK-003", "BLK-008", "BLK-024", wraps=(Controller, "accept"), also=leak_places)
+def each_block_of_ones_takes_a_place_for_ever(original: Any, self: Any, packet: bytes, *given: Any) -> None:
     """A block of 512 bytes FF is refused, and the place that it was read into never comes back."""
-
-    def around(original: Any) -> Any:
-        def accept(self: Any, packet: bytes, *given: Any) -> None:
-            if packet and not packet.strip(b"\xff"):
-                leak_a_place(self)
-            original(self, packet, *given)
-
-        return accept
-
-    patch.wrap(Controller, "accept", around)
-    leak_places(patch)
+    if packet and not packet.strip(b"\xff"):
+        leak_a_place(self)
+    original(self, packet, *given)
 
 
 @mutant("USB-015", "BLK-002")
@@ -54,19 +46,12 @@ def blocks_with_another_magic_halt_the_endpoint(patch: Patch) -> None:
     halt_on(patch, Reason.MAGIC)
 
 
-@mutant("REQ-001", "USB-004")
-def unknown_requests_restart_the_device(patch: Patch) -> None:
+@mutant("REQ-001", "USB-004", wraps=(Controller, "request"))
+def unknown_requests_restart_the_device(original: Any, self: Any, setup: Setup, data: bytes, door: Any) -> Any:
     """An unknown vendor request is answered with STALL, and restarts the device: an assertion ends in a trap."""
-
-    def around(original: Any) -> Any:
-        def request(self: Any, setup: Setup, data: bytes, door: Any) -> Any:
-            if setup.request not in set(Request):
-                self._depart(self._restart)
-            return original(self, setup, data, door)
-
-        return request
-
-    patch.wrap(Controller, "request", around)
+    if setup.request not in set(Request):
+        self._depart(self._restart)
+    return original(self, setup, data, door)
 
 
 class _Deaf(LineEditor):
@@ -93,15 +78,8 @@ def long_lines_deafen_the_console(patch: Patch) -> None:
     patch.replace(console, "LineEditor", _Deaf)
 
 
-@mutant("ACK-001", "BLK-001")
-def blocks_of_one_byte_are_not_acknowledged(patch: Patch) -> None:
+@mutant("ACK-001", "BLK-001", wraps=(Controller, "accept"))
+def blocks_of_one_byte_are_not_acknowledged(original: Any, self: Any, packet: bytes, *given: Any) -> None:
     """A packet of fewer bytes than the number of a block needs is dropped without an acknowledgement."""
-
-    def around(original: Any) -> Any:
-        def accept(self: Any, packet: bytes, *given: Any) -> None:
-            if len(packet) >= 8:
-                original(self, packet, *given)
-
-        return accept
-
-    patch.wrap(Controller, "accept", around)
+    if len(packet) >= 8:
+        original(self, packet, *given)

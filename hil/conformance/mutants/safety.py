@@ -33,79 +33,44 @@ FLASH_PERIODS = 40
 # The watchdog
 
 
-@mutant("SAF-005", "SAF-003")
-def watchdog_never_bites_after_a_sequence(patch: Patch) -> None:
+@mutant("SAF-005", "SAF-003", wraps=(controller.Controller, "_end_sequence"))
+def watchdog_never_bites_after_a_sequence(original: Any, self: Any) -> None:
     """Behind the last repeat of a sequence the watchdog rests until the next ENABLE: nobody starts it again."""
-
-    def around(original: Any) -> Any:
-        def end(self: Any) -> None:
-            ran = self._runs is not None
-            original(self)
-            if ran and self._runs is None:
-                self._watchdog.rest()
-
-        return end
-
-    patch.wrap(controller.Controller, "_end_sequence", around)
+    ran = self._runs is not None
+    original(self)
+    if ran and self._runs is None:
+        self._watchdog.rest()
 
 
-@mutant("SAF-003")
-def refused_blocks_feed_the_watchdog(patch: Patch) -> None:
+@mutant("SAF-003", wraps=(controller.Controller, "_refuse"))
+def refused_blocks_feed_the_watchdog(original: Any, self: Any, error: Any, what: str) -> None:
     """A refused block is a sign of life: whatever arrives resets the watchdog."""
-
-    def around(original: Any) -> Any:
-        def refuse(self: Any, error: Any, what: str) -> None:
-            original(self, error, what)
-            self._watchdog.feed()
-
-        return refuse
-
-    patch.wrap(controller.Controller, "_refuse", around)
+    original(self, error, what)
+    self._watchdog.feed()
 
 
-@mutant("SAF-003")
-def blocks_refused_for_what_they_would_play_feed_the_watchdog(patch: Patch) -> None:
+@mutant("SAF-003", wraps=(controller.Controller, "_refuse"))
+def blocks_refused_for_what_they_would_play_feed_the_watchdog(original: Any, self: Any, error: Any, what: str) -> None:
     """A block that is sound, and refused with RATE, DRIVE, EMPTY or IN_USE, is a sign of life: it was fed before."""
-
-    def around(original: Any) -> Any:
-        def refuse(self: Any, error: Any, what: str) -> None:
-            original(self, error, what)
-            if error.reason in (Reason.RATE, Reason.DRIVE, Reason.EMPTY, Reason.IN_USE):
-                self._watchdog.feed()
-
-        return refuse
-
-    patch.wrap(controller.Controller, "_refuse", around)
+    original(self, error, what)
+    if error.reason in (Reason.RATE, Reason.DRIVE, Reason.EMPTY, Reason.IN_USE):
+        self._watchdog.feed()
 
 
-@mutant("SAF-003", "BLK-009")
-def nak_feeds_the_watchdog(patch: Patch) -> None:
+@mutant("SAF-003", "BLK-009", wraps=(ArrayFunction, "_take"))
+def nak_feeds_the_watchdog(original: Any, self: Any, packet: bytes) -> Any:
     """On USB a block that is answered with NAK is a sign of life: the interrupt of the endpoint resets the watchdog."""
-
-    def around(original: Any) -> Any:
-        def take(self: Any, packet: bytes) -> Any:
-            handshake = original(self, packet)
-            if handshake is Handshake.NAK:
-                self._controller._watchdog.feed()
-            return handshake
-
-        return take
-
-    patch.wrap(ArrayFunction, "_take", around)
+    handshake = original(self, packet)
+    if handshake is Handshake.NAK:
+        self._controller._watchdog.feed()
+    return handshake
 
 
-@mutant("SAF-003")
-def every_request_feeds_the_watchdog(patch: Patch) -> None:
+@mutant("SAF-003", wraps=(controller.Controller, "request"))
+def every_request_feeds_the_watchdog(original: Any, self: Any, setup: Any, data: bytes, door: Any) -> Any:
     """CLOCK, INFO and every other request are signs of life, where only STATUS and ENABLE should be."""
-
-    def around(original: Any) -> Any:
-        def request(self: Any, setup: Any, data: bytes, door: Any) -> Any:
-            self._watchdog.feed()
-            return original(self, setup, data, door)
-
-        return request
-
-    patch.wrap(controller.Controller, "request", around)
+    self._watchdog.feed()
+    return original(self, setup, data, door)
 
 
 @mutant("SAF-003")
@@ -114,35 +79,21 @@ def status_does_not_feed_the_watchdog(patch: Patch) -> None:
     patch.wrap(controller.Controller, "_answer_status", lambda _: lambda self, _value: self.status().encode())
 
 
-@mutant("REQ-005", "SAF-003")
-def enable_does_not_feed_the_watchdog(patch: Patch) -> None:
+@mutant("REQ-005", "SAF-003", wraps=(controller.Controller, "_enable"))
+def enable_does_not_feed_the_watchdog(original: Any, self: Any, door: Any) -> None:
     """ENABLE is no sign of life where the outputs are enabled: nothing is to be done then."""
-
-    def around(original: Any) -> Any:
-        def enable(self: Any, door: Any) -> None:
-            if self._state not in ENABLED:
-                original(self, door)
-
-        return enable
-
-    patch.wrap(controller.Controller, "_enable", around)
+    if self._state not in ENABLED:
+        original(self, door)
 
 
-@mutant("SAF-003")
-def stores_do_not_feed_the_watchdog(patch: Patch) -> None:
+@mutant("SAF-003", wraps=(controller.Controller, "_carry_out"))
+def stores_do_not_feed_the_watchdog(original: Any, self: Any, body: Any, door: Any) -> Any:
     """SLOT, ENTRIES, SAMPLES, CLOCK and NO_OP are no signs of life, where every accepted block should be."""
-
-    def around(original: Any) -> Any:
-        def carry_out(self: Any, body: Any, door: Any) -> Any:
-            fed = self._watchdog._fed
-            change = original(self, body, door)
-            if change is None:
-                self._watchdog._fed = fed
-            return change
-
-        return carry_out
-
-    patch.wrap(controller.Controller, "_carry_out", around)
+    fed = self._watchdog._fed
+    change = original(self, body, door)
+    if change is None:
+        self._watchdog._fed = fed
+    return change
 
 
 def _bite_later(patch: Patch, cycles: int) -> None:
@@ -161,33 +112,19 @@ def watchdog_bites_2_ms_late(patch: Patch) -> None:
     _bite_later(patch, 2 * CYCLES_PER_MS)
 
 
-@mutant("SAF-003", "REQ-003")
-def watchdog_is_never_said_to_have_fired(patch: Patch) -> None:
+@mutant("SAF-003", "REQ-003", wraps=(controller.Controller, "status"))
+def watchdog_is_never_said_to_have_fired(original: Any, self: Any) -> Any:
     """STATUS never has the flag WATCHDOG_FIRED: the device is off as after any DISABLE."""
-
-    def around(original: Any) -> Any:
-        def status(self: Any) -> Any:
-            told = original(self)
-            return replace(told, flags=told.flags & ~StatusFlag.WATCHDOG_FIRED)
-
-        return status
-
-    patch.wrap(controller.Controller, "status", around)
+    told = original(self)
+    return replace(told, flags=told.flags & ~StatusFlag.WATCHDOG_FIRED)
 
 
-@mutant("REQ-003", "SAF-003")
-def enable_does_not_clear_watchdog_fired(patch: Patch) -> None:
+@mutant("REQ-003", "SAF-003", wraps=(controller.Controller, "_enable"))
+def enable_does_not_clear_watchdog_fired(original: Any, self: Any, door: Any) -> None:
     """STATUS has the flag WATCHDOG_FIRED from the first time on for ever, though the outputs were enabled since."""
-
-    def around(original: Any) -> Any:
-        def enable(self: Any, door: Any) -> None:
-            fired = self._watchdog_fired
-            original(self, door)
-            self._watchdog_fired = fired
-
-        return enable
-
-    patch.wrap(controller.Controller, "_enable", around)
+    fired = self._watchdog_fired
+    original(self, door)
+    self._watchdog_fired = fired
 
 
 @mutant("REQ-009")
@@ -203,59 +140,39 @@ def watchdog_time_holds_from_the_next_sign_of_life(patch: Patch) -> None:
     def set_time(_: Any) -> Any:
         return lambda self, milliseconds: setattr(self, "milliseconds", milliseconds)
 
-    def feed(original: Any) -> Any:
-        def fed(self: Any) -> None:
-            original(self)
-            hold(self)
+    @patch.around(Watchdog, "feed")
+    def feed(original: Any, self: Any) -> None:
+        original(self)
+        hold(self)
 
-        return fed
-
-    def watch(original: Any) -> Any:
-        def begun(self: Any, since: int) -> None:
-            vars(self)["holds"] = self.milliseconds
-            original(self, since)
-
-        return begun
+    @patch.around(Watchdog, "watch")
+    def watch(original: Any, self: Any, since: int) -> None:
+        vars(self)["holds"] = self.milliseconds
+        original(self, since)
 
     def due(_: Any) -> Any:
         return lambda self: self._fed + vars(self).get("holds", WATCHDOG_MS) * CYCLES_PER_MS
 
     patch.wrap(Watchdog, "set_time", set_time)
-    patch.wrap(Watchdog, "feed", feed)
-    patch.wrap(Watchdog, "watch", watch)
     patch.wrap(Watchdog, "_due", due)
 
 
-@mutant("REQ-009", "ACK-006")
-def watchdog_tells_when_its_time_was_over(patch: Patch) -> None:
+@mutant("REQ-009", "ACK-006", wraps=(controller.Controller, "_fall_to_watchdog"))
+def watchdog_tells_when_its_time_was_over(original: Any, self: Any) -> None:
     """The record of a watchdog that was made too short says when the new time was over, not when it has fired."""
-
-    def around(original: Any) -> Any:
-        def fall(self: Any) -> None:
-            due, status = self.time.tick(self._watchdog._due), self.status
-            vars(self)["status"] = lambda: replace(status(), now=due)
-            try:
-                original(self)
-            finally:
-                del vars(self)["status"]
-
-        return fall
-
-    patch.wrap(controller.Controller, "_fall_to_watchdog", around)
+    due, status = self.time.tick(self._watchdog._due), self.status
+    vars(self)["status"] = lambda: replace(status(), now=due)
+    try:
+        original(self)
+    finally:
+        del vars(self)["status"]
 
 
-@mutant("REQ-009", "SAF-003")
-def watchdog_time_begins_anew_with_watchdog(patch: Patch) -> None:
+@mutant("REQ-009", "SAF-003", wraps=(Watchdog, "set_time"))
+def watchdog_time_begins_anew_with_watchdog(original: Any, self: Any, milliseconds: int) -> None:
     """The request WATCHDOG is itself a sign of life: the new time is counted from it."""
-
-    def around(original: Any) -> Any:
-        def set_time(self: Any, milliseconds: int) -> None:
-            self.feed()
-            original(self, milliseconds)
-
-        return set_time
-
-    patch.wrap(Watchdog, "set_time", around)
+    self.feed()
+    original(self, milliseconds)
 
 
 # Silence
@@ -264,38 +181,28 @@ def watchdog_time_begins_anew_with_watchdog(patch: Patch) -> None:
 def _keep_from_silence(patch: Patch, place_is_deaf: Any) -> None:
     """Let silence that comes of a state not reach some processors."""
 
-    def add(original: Any) -> Any:
-        def planned(self: Any, *arguments: Any, **more: Any) -> Any:
-            change = original(self, *arguments, **more)
-            if not more.get("asked", True):
-                vars(change)["is_silence"] = True
-            return change
+    @patch.around(agenda.Agenda, "add")
+    def add(original: Any, self: Any, *arguments: Any, **more: Any) -> Any:
+        change = original(self, *arguments, **more)
+        if not more.get("asked", True):
+            vars(change)["is_silence"] = True
+        return change
 
-        return planned
+    @patch.around(Chain, "apply")
+    def apply(original: Any, self: Any, item: Any, begun: int = 0) -> None:
+        everybody = self.processors
+        if vars(item).get("is_silence"):
+            self.processors = [processor for processor in everybody if not place_is_deaf(processor.place)]
+        original(self, item, begun)
+        self.processors = everybody
 
-    def apply(original: Any) -> Any:
-        def taken(self: Any, item: Any, begun: int = 0) -> None:
-            everybody = self.processors
-            if vars(item).get("is_silence"):
-                self.processors = [processor for processor in everybody if not place_is_deaf(processor.place)]
-            original(self, item, begun)
-            self.processors = everybody
-
-        return taken
-
-    def send(original: Any) -> Any:
-        def sent(self: Any, change: Any) -> None:
-            if vars(change).get("is_silence"):
-                passing = self.pass_down
-                vars(self)["pass_down"] = lambda message: None if place_is_deaf(message.node) else passing(message)
-            original(self, change)
-            vars(self).pop("pass_down", None)
-
-        return sent
-
-    patch.wrap(agenda.Agenda, "add", add)
-    patch.wrap(Chain, "apply", apply)
-    patch.wrap(Chain, "send", send)
+    @patch.around(Chain, "send")
+    def send(original: Any, self: Any, change: Any) -> None:
+        if vars(change).get("is_silence"):
+            passing = self.pass_down
+            vars(self)["pass_down"] = lambda message: None if place_is_deaf(message.node) else passing(message)
+        original(self, change)
+        vars(self).pop("pass_down", None)
 
 
 @mutant("SAF-004")
@@ -304,40 +211,29 @@ def disable_leaves_a_board_playing(patch: Patch) -> None:
     _keep_from_silence(patch, lambda place: place // PROCESSORS_PER_BOARD == DEAF_BOARD)
 
 
-@mutant("SAF-004")
-def disable_takes_ten_periods(patch: Patch) -> None:
+@mutant("SAF-004", wraps=(controller.Controller, "_send_silence"))
+def disable_takes_ten_periods(original: Any, self: Any, stops: Any) -> None:
     """The outputs fall silent ten periods after DISABLE and all that acts like it: silence waits for its turn."""
-
-    def around(original: Any) -> Any:
-        def send(self: Any, stops: Any) -> None:
-            leaves = self._loading.leaves
-            self._loading.leaves = max(self._now, leaves) + 8 * CYCLES_PER_PERIOD
-            original(self, stops)
-            self._loading.leaves = leaves
-
-        return send
-
-    patch.wrap(controller.Controller, "_send_silence", around)
+    leaves = self._loading.leaves
+    self._loading.leaves = max(self._now, leaves) + 8 * CYCLES_PER_PERIOD
+    original(self, stops)
+    self._loading.leaves = leaves
 
 
 @mutant("SAF-004", "TIM-003")
 def disable_cuts_within_a_period(patch: Patch) -> None:
     """The outputs fall low the moment that DISABLE arrives, in the middle of a period: a gate is closed by hand."""
 
-    def around(original: Any) -> Any:
-        def send(self: Any, stops: Any) -> None:
-            original(self, stops)
-            for processor in self._chain.processors:
-                processor.force(low=ALL_BITS)
-            self._scheduler.at(self.time.boundary(self._agenda.tail.period), lambda: let_go(self))
-
-        return send
+    @patch.around(controller.Controller, "_send_silence")
+    def send(original: Any, self: Any, stops: Any) -> None:
+        original(self, stops)
+        for processor in self._chain.processors:
+            processor.force(low=ALL_BITS)
+        self._scheduler.at(self.time.boundary(self._agenda.tail.period), lambda: let_go(self))
 
     def let_go(self: Any) -> None:
         for processor in self._chain.processors:
             processor.let_go(low=ALL_BITS)
-
-    patch.wrap(controller.Controller, "_send_silence", around)
 
 
 @mutant("SAF-004")
@@ -345,22 +241,18 @@ def queued_changes_begin_after_disable(patch: Patch) -> None:
     """The first change that is queued still begins at its period after DISABLE: it is dropped from the wrong end."""
     left: dict[int, Any] = {}
 
-    def drop(original: Any) -> Any:
-        def dropped(self: Any, now: int) -> None:
-            queued = [change for change in self if change.start > now and change.packed is not None]
-            original(self, now)
-            left[id(self)] = queued[0] if queued else None
+    @patch.around(agenda.Agenda, "drop_queued")
+    def drop(original: Any, self: Any, now: int) -> None:
+        queued = [change for change in self if change.start > now and change.packed is not None]
+        original(self, now)
+        left[id(self)] = queued[0] if queued else None
 
-        return dropped
-
-    def send_silence(original: Any) -> Any:
-        def send(self: Any, stops: Any) -> None:
-            original(self, stops)
-            ghost = left.pop(id(self._agenda), None)
-            if ghost is not None and ghost.period > self._agenda.tail.period:
-                self._scheduler.at(self.time.boundary(ghost.period), lambda: play(self, ghost))
-
-        return send
+    @patch.around(controller.Controller, "_send_silence")
+    def send_silence(original: Any, self: Any, stops: Any) -> None:
+        original(self, stops)
+        ghost = left.pop(id(self._agenda), None)
+        if ghost is not None and ghost.period > self._agenda.tail.period:
+            self._scheduler.at(self.time.boundary(ghost.period), lambda: play(self, ghost))
 
     def play(self: Any, ghost: Any) -> None:
         self.settle()
@@ -368,91 +260,53 @@ def queued_changes_begin_after_disable(patch: Patch) -> None:
             piece = ghost.packed[processor.place * SLICE_BYTES :][:SLICE_BYTES]
             processor.play(np.array([ghost.period]), np.frombuffer(piece, np.uint8)[None])
 
-    patch.wrap(agenda.Agenda, "drop_queued", drop)
-    patch.wrap(controller.Controller, "_send_silence", send_silence)
     one_by_one(patch)
 
 
-@mutant("SAF-003", "SAF-004")
-def watchdog_stops_the_state_alone(patch: Patch) -> None:
+@mutant("SAF-003", "SAF-004", wraps=(controller.Controller, "_fall_to_watchdog"))
+def watchdog_stops_the_state_alone(original: Any, self: Any) -> None:
     """Where the watchdog bites the device says OFF, and its outputs go on: silence is sent on request alone."""
-
-    def around(original: Any) -> Any:
-        def fall(self: Any) -> None:
-            vars(self)["_send_silence"] = lambda _stops: None
-            original(self)
-            del vars(self)["_send_silence"]
-
-        return fall
-
-    patch.wrap(controller.Controller, "_fall_to_watchdog", around)
+    vars(self)["_send_silence"] = lambda _stops: None
+    original(self)
+    del vars(self)["_send_silence"]
 
 
-@mutant("BLK-018", "SAF-004")
-def changes_behind_a_disabling_block_are_played(patch: Patch) -> None:
+@mutant("BLK-018", "SAF-004", wraps=(controller.Controller, "_disable_as_planned"), also=one_by_one)
+def changes_behind_a_disabling_block_are_played(original: Any, self: Any, door: Any, period: int) -> None:
     """What was accepted behind an OUTPUT that disables plays when it is due, with the outputs disabled before."""
-
-    def around(original: Any) -> Any:
-        def disable(self: Any, door: Any, period: int) -> None:
-            queue, tail = self._agenda._changes.copy(), self._agenda.tail
-            original(self, door, period)
-            self._agenda._changes, self._agenda.tail = queue, tail
-            for change in queue:
-                change.effect = None
-
-        return disable
-
-    patch.wrap(controller.Controller, "_disable_as_planned", around)
-    one_by_one(patch)
+    queue, tail = self._agenda._changes.copy(), self._agenda.tail
+    original(self, door, period)
+    self._agenda._changes, self._agenda.tail = queue, tail
+    for change in queue:
+        change.effect = None
 
 
-@mutant("SAF-002", "BLK-018")
-def changes_are_taken_while_disabled(patch: Patch) -> None:
+@mutant("SAF-002", "BLK-018", wraps=(controller.Controller, "_judge_state"))
+def changes_are_taken_while_disabled(original: Any, self: Any, body: Any) -> None:
     """Changes are accepted before ENABLE and after DISABLE, and move the outputs: the state is not looked at."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            try:
-                original(self, body)
-            except BlockError as error:
-                if error.reason != Reason.DISABLED:
-                    raise
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_state", around)
+    try:
+        original(self, body)
+    except BlockError as error:
+        if error.reason != Reason.DISABLED:
+            raise
 
 
-@mutant("STA-006", "SAF-002", url="emulator:?door=serial")
-def outputs_are_enabled_at_power_up(patch: Patch) -> None:
+@mutant("STA-006", "SAF-002", wraps=(controller.Controller, "__init__"), url="emulator:?door=serial")
+def outputs_are_enabled_at_power_up(original: Any, self: Any, *arguments: Any, **more: Any) -> None:
     """The device starts in READY, where it should be OFF until ENABLE; on USB SET_CONFIGURATION makes good for it."""
-
-    def around(original: Any) -> Any:
-        def begin(self: Any, *arguments: Any, **more: Any) -> None:
-            original(self, *arguments, **more)
-            if self._state is State.OFF:
-                self._state = State.READY
-
-        return begin
-
-    patch.wrap(controller.Controller, "__init__", around)
+    original(self, *arguments, **more)
+    if self._state is State.OFF:
+        self._state = State.READY
 
 
-@mutant("SAF-001")
-def outputs_are_high_at_power_up(patch: Patch) -> None:
+@mutant("SAF-001", wraps=(Processor, "start"))
+def outputs_are_high_at_power_up(original: Any, self: Any, time: Any) -> None:
     """For the first millisecond every output plays what stood in its memory: the port starts before it is cleared."""
-
-    def around(original: Any) -> Any:
-        def start(self: Any, time: Any) -> None:
-            original(self, time)
-            pair = (FULL_PULSE | FULL_PULSE << 12).to_bytes(3, "little")
-            pulses = np.frombuffer(pair * (SLICE_BYTES // 3), np.uint8)[None]
-            self.reel.play(np.array([0]), pulses)
-            self.reel.silence(FLASH_PERIODS)
-
-        return start
-
-    patch.wrap(Processor, "start", around)
+    original(self, time)
+    pair = (FULL_PULSE | FULL_PULSE << 12).to_bytes(3, "little")
+    pulses = np.frombuffer(pair * (SLICE_BYTES // 3), np.uint8)[None]
+    self.reel.play(np.array([0]), pulses)
+    self.reel.silence(FLASH_PERIODS)
 
 
 @mutant("SAF-001", "REQ-013")
@@ -460,45 +314,31 @@ def reset_leaves_the_outputs_playing(patch: Patch) -> None:
     """After RESET the outputs go on with what they played, until something else does: the ports are not stopped."""
     playing: dict[int, list[bytes]] = {}
 
-    def restart(original: Any) -> Any:
-        def keep(self: Any) -> None:
-            if self.controller is not None:
-                self.controller.settle()
-                period = self._time.period(self.scheduler.now)
-                playing[id(self)] = [processor.playing(period).packed for processor in self.processors]
-            original(self)
+    @patch.around(machine.Emulator, "restart")
+    def restart(original: Any, self: Any) -> None:
+        if self.controller is not None:
+            self.controller.settle()
+            period = self._time.period(self.scheduler.now)
+            playing[id(self)] = [processor.playing(period).packed for processor in self.processors]
+        original(self)
 
-        return keep
-
-    def come_up(original: Any) -> Any:
-        def play(self: Any, *arguments: Any) -> None:
-            original(self, *arguments)
-            for processor, packed in zip(self.processors, playing.pop(id(self), []), strict=False):
-                processor.reel.play(np.array([0]), np.frombuffer(packed, np.uint8)[None])
-
-        return play
-
-    patch.wrap(machine.Emulator, "restart", restart)
-    patch.wrap(machine.Emulator, "_come_up", come_up)
+    @patch.around(machine.Emulator, "_come_up")
+    def come_up(original: Any, self: Any, *arguments: Any) -> None:
+        original(self, *arguments)
+        for processor, packed in zip(self.processors, playing.pop(id(self), []), strict=False):
+            processor.reel.play(np.array([0]), np.frombuffer(packed, np.uint8)[None])
 
 
 # The drive limit
 
 
-@mutant("SAF-006")
-def drive_of_slots_is_not_judged(patch: Patch) -> None:
+@mutant("SAF-006", wraps=(controller.Controller, "_judge_content"))
+def drive_of_slots_is_not_judged(original: Any, self: Any, body: Any) -> None:
     """A SLOT above the drive limit is kept; a SEQUENCE that would play it is refused."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            if isinstance(body, Slot):
-                self._stores.check_free(body, self.time.period(self._now))
-            else:
-                original(self, body)
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_content", around)
+    if isinstance(body, Slot):
+        self._stores.check_free(body, self.time.period(self._now))
+    else:
+        original(self, body)
 
 
 @mutant("SAF-006")
@@ -507,38 +347,26 @@ def drive_of_sequences_is_not_judged(patch: Patch) -> None:
     patch.wrap(Stores, "check_power", lambda _: lambda _self, _body, _limit: None)
 
 
-@mutant("SAF-006")
-def drive_at_the_limit_is_refused(patch: Patch) -> None:
+@mutant("SAF-006", wraps=(controller.Controller, "_judge_content"), also=one_by_one)
+def drive_at_the_limit_is_refused(original: Any, self: Any, body: Any) -> None:
     """An UPDATE or a SLOT whose total drive is just the limit is refused: `>=` stands where `>` should."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            original(self, body)
-            if isinstance(body, Update | Slot) and body.pulses.total_drive == 1000 * self._drive_limit:
-                raise BlockError("the total drive is at the limit", Reason.DRIVE)
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_content", around)
-    one_by_one(patch)
+    original(self, body)
+    if isinstance(body, Update | Slot) and body.pulses.total_drive == 1000 * self._drive_limit:
+        raise BlockError("the total drive is at the limit", Reason.DRIVE)
 
 
 def _allow_drive(patch: Patch, allowed: Any) -> None:
     """Accept an UPDATE or a SLOT that is refused with DRIVE, if its pulses are allowed under the limit."""
 
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            limit = self._drive_limit
-            if isinstance(body, Update | Slot) and allowed(body.pulses, limit):
-                self._drive_limit = 2 * CHANNELS
-            try:
-                original(self, body)
-            finally:
-                self._drive_limit = limit
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_content", around)
+    @patch.around(controller.Controller, "_judge_content")
+    def judge(original: Any, self: Any, body: Any) -> None:
+        limit = self._drive_limit
+        if isinstance(body, Update | Slot) and allowed(body.pulses, limit):
+            self._drive_limit = 2 * CHANNELS
+        try:
+            original(self, body)
+        finally:
+            self._drive_limit = limit
 
 
 @mutant("SAF-006")
@@ -563,54 +391,33 @@ def limit_is_taken_while_enabled(patch: Patch) -> None:
     )
 
 
-@mutant("REQ-010", "SAF-006")
-def limit_goes_back_with_disable(patch: Patch) -> None:
+@mutant("REQ-010", "SAF-006", wraps=(controller.Controller, "_drop_all"))
+def limit_goes_back_with_disable(original: Any, self: Any) -> None:
     """The drive limit is that of INFO again after DISABLE: it was meant to hold for a session."""
-
-    def around(original: Any) -> Any:
-        def drop(self: Any) -> None:
-            original(self)
-            self._drive_limit = CHANNELS
-
-        return drop
-
-    patch.wrap(controller.Controller, "_drop_all", around)
+    original(self)
+    self._drive_limit = CHANNELS
 
 
 # States
 
 
-@mutant("SAF-007", "STA-003")
-def enable_is_possible_in_fault(patch: Patch) -> None:
+@mutant("SAF-007", "STA-003", wraps=(controller, "after"))
+def enable_is_possible_in_fault(original: Any, state: State, event: Event) -> State:
     """ENABLE leads from FAULT to READY though no fault was cleared; changes are refused with FAULT all the same."""
-
-    def around(original: Any) -> Any:
-        def after(state: State, event: Event) -> State:
-            leaves_fault = state is State.FAULT and event is Event.ENABLE
-            return State.READY if leaves_fault else original(state, event)
-
-        return after
-
-    patch.wrap(controller, "after", around)
+    leaves_fault = state is State.FAULT and event is Event.ENABLE
+    return State.READY if leaves_fault else original(state, event)
 
 
-@mutant("SAF-007")
-def blocks_are_taken_in_fault(patch: Patch) -> None:
+@mutant("SAF-007", wraps=(controller.Controller, "_judge_state"))
+def blocks_are_taken_in_fault(original: Any, self: Any, body: Any) -> None:
     """Stores are accepted while a silencing fault is not cleared, and changes are refused with DISABLED."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            try:
-                original(self, body)
-            except BlockError as error:
-                if error.reason != Reason.FAULT:
-                    raise
-                if isinstance(body, controller.CHANGES):
-                    raise BlockError("the outputs are not enabled", Reason.DISABLED) from None
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_state", around)
+    try:
+        original(self, body)
+    except BlockError as error:
+        if error.reason != Reason.FAULT:
+            raise
+        if isinstance(body, controller.CHANGES):
+            raise BlockError("the outputs are not enabled", Reason.DISABLED) from None
 
 
 @mutant("SAF-005", "BLK-015")
@@ -625,50 +432,29 @@ def every_sequence_is_unattended(patch: Patch) -> None:
     misread_bodies(patch, lambda body: replace(body, unattended=True) if isinstance(body, Sequence) else body)
 
 
-@mutant("SAF-005", "USB-003", "STA-003")
-def unattended_sequence_survives_a_new_session(patch: Patch) -> None:
+@mutant("SAF-005", "USB-003", "STA-003", wraps=(controller.Controller, "new_session"))
+def unattended_sequence_survives_a_new_session(original: Any, self: Any, door: Any) -> None:
     """A bus reset and SET_CONFIGURATION leave an unattended sequence playing: no host is what it was made for."""
-
-    def around(original: Any) -> Any:
-        def begin(self: Any, door: Any) -> None:
-            self.settle()
-            if self._state is State.UNATTENDED:
-                self._last_sequence = None
-            else:
-                original(self, door)
-
-        return begin
-
-    patch.wrap(controller.Controller, "new_session", around)
+    self.settle()
+    if self._state is State.UNATTENDED:
+        self._last_sequence = None
+    else:
+        original(self, door)
 
 
-@mutant("SAF-005", "USB-020", "STA-003")
-def suspend_ends_what_is_unattended(patch: Patch) -> None:
+@mutant("SAF-005", "USB-020", "STA-003", wraps=(controller.Controller, "suspend"))
+def suspend_ends_what_is_unattended(original: Any, self: Any) -> None:
     """A suspended bus ends an unattended sequence: the outputs are disabled whatever plays."""
-
-    def around(original: Any) -> Any:
-        def suspend(self: Any) -> None:
-            self.settle()
-            if self._state is State.UNATTENDED:
-                self._happen(Event.DISABLE, self._now)
-            original(self)
-
-        return suspend
-
-    patch.wrap(controller.Controller, "suspend", around)
+    self.settle()
+    if self._state is State.UNATTENDED:
+        self._happen(Event.DISABLE, self._now)
+    original(self)
 
 
-@mutant("SAF-005")
-def update_does_not_wake_the_watchdog(patch: Patch) -> None:
+@mutant("SAF-005", wraps=(controller.Controller, "_begin_update"))
+def update_does_not_wake_the_watchdog(original: Any, self: Any, door: Any, period: int) -> None:
     """An UPDATE that ends an unattended sequence leaves the watchdog at rest: only ENABLE starts it."""
-
-    def around(original: Any) -> Any:
-        def begin(self: Any, door: Any, period: int) -> None:
-            was_unattended = self._state is State.UNATTENDED
-            original(self, door, period)
-            if was_unattended:
-                self._watchdog.rest()
-
-        return begin
-
-    patch.wrap(controller.Controller, "_begin_update", around)
+    was_unattended = self._state is State.UNATTENDED
+    original(self, door, period)
+    if was_unattended:
+        self._watchdog.rest()

@@ -66,17 +66,13 @@ def forgive(patch: Patch, kinds: Collection[int], pardon: Callable[[bytearray], 
     Updates that are taken together fall back to one by one where one is not as it should be.
     """
 
-    def around(original: Any) -> Any:
-        def unpack(data: bytes) -> Any:
-            if len(data) == BLOCK_BYTES and data[KIND] in kinds and data == sealed_block(data):
-                pardoned = bytearray(data)
-                pardon(pardoned)
-                data = sealed_block(pardoned)
-            return original(data)
-
-        return unpack
-
-    patch.wrap(controller, "unpack", around)
+    @patch.around(controller, "unpack")
+    def unpack(original: Any, data: bytes) -> Any:
+        if len(data) == BLOCK_BYTES and data[KIND] in kinds and data == sealed_block(data):
+            pardoned = bytearray(data)
+            pardon(pardoned)
+            data = sealed_block(pardoned)
+        return original(data)
 
 
 def misread_bodies(patch: Patch, misread: Callable[[Any], Body]) -> None:
@@ -157,29 +153,24 @@ def spread(levels: Levels) -> Callable[[Any, Any, Any, Any], Words]:
 def see_words(patch: Patch, change: Callable[[Callable[[int, int], Words], int, int], Words]) -> None:
     """Let all outputs do something else; it is given what they should do from one tick to another, and which ticks."""
 
-    def around(original: Any) -> Any:
-        def words(self: Any, start: int, stop: int) -> Words:
-            return change(lambda first, last: original(self, first, last), start, stop)
-
-        return words
-
-    patch.wrap(capture.Capture, "_words", around)
+    @patch.around(capture.Capture, "_words")
+    def words(original: Any, self: Any, start: int, stop: int) -> Words:
+        return change(lambda first, last: original(self, first, last), start, stop)
 
 
 def sort_by(patch: Patch, change: Callable[[NDArray[np.int64]], NDArray[np.int64]]) -> None:
     """Sort pulses, and what is read back, by another table of channels than WIRING tells."""
     told: dict[int, Wiring] = {}
 
-    def begin(original: Any) -> Any:
-        def init(self: Any, scheduler: Any, time: Any, chain: Any, identities: Any, known: Any, **rest: Any) -> None:
-            table = Wiring(change(known.wiring.channels.copy()))
-            told[id(table)] = known.wiring
-            original(self, scheduler, time, chain, identities, known._replace(wiring=table), **rest)
-
-        return init
+    @patch.around(controller.Controller, "__init__")
+    def begin(
+        original: Any, self: Any, scheduler: Any, time: Any, chain: Any, identities: Any, known: Any, **rest: Any
+    ) -> None:
+        table = Wiring(change(known.wiring.channels.copy()))
+        told[id(table)] = known.wiring
+        original(self, scheduler, time, chain, identities, known._replace(wiring=table), **rest)
 
     def tell(original: Any) -> Any:
         return lambda wiring: original(told[id(wiring)])
 
-    patch.wrap(controller.Controller, "__init__", begin)
     patch.wrap(controller, "encode_wiring", tell)

@@ -29,14 +29,10 @@ REQUEST_HEAD_BYTES = 10
 """Of a request with its kind before it."""
 
 
-@mutant("SER-011", "ACK-006")
-def a_block_that_waits_is_judged_after_the_event_is_told(patch: Patch) -> None:
+@mutant("SER-011", "ACK-006", wraps=(controller.Controller, "_announce_room"))
+def a_block_that_waits_is_judged_after_the_event_is_told(original: Any, self: Any) -> Any:
     """What waits for room is judged a millisecond later, by another task: the record of what made room comes first."""
-
-    def around(original: Any) -> Any:
-        return lambda self: self._scheduler.at(self._now + CYCLES_PER_MS, lambda: original(self))
-
-    patch.wrap(controller.Controller, "_announce_room", around)
+    return self._scheduler.at(self._now + CYCLES_PER_MS, lambda: original(self))
 
 
 # Frames
@@ -161,57 +157,35 @@ def two_zeros_count_as_a_damaged_frame(patch: Patch) -> None:
     _read_by(patch, _CountsNothing)
 
 
-@mutant("SER-006", "REQ-003")
-def damaged_frames_are_not_counted(patch: Patch) -> None:
+@mutant("SER-006", "REQ-003", wraps=(SerialLine, "_handle"))
+def damaged_frames_are_not_counted(original: Any, self: Any, event: Any) -> Any:
     """Damaged frames are dropped, and STATUS counts none."""
-
-    def around(original: Any) -> Any:
-        return lambda self, event: None if isinstance(event, FrameError) else original(self, event)
-
-    patch.wrap(SerialLine, "_handle", around)
+    return None if isinstance(event, FrameError) else original(self, event)
 
 
-@mutant("SER-006")
-def frames_that_go_the_other_way_are_not_counted(patch: Patch) -> None:
+@mutant("SER-006", wraps=(SerialLine, "_handle"))
+def frames_that_go_the_other_way_are_not_counted(original: Any, self: Any, event: Any) -> None:
     """RECORD and REPLY, which only the device sends, are dropped without being counted."""
-
-    def around(original: Any) -> Any:
-        def handle(self: Any, event: Any) -> None:
-            backwards = isinstance(event, Frame) and event.kind in (FrameKind.RECORD, FrameKind.REPLY)
-            if not backwards:
-                original(self, event)
-
-        return handle
-
-    patch.wrap(SerialLine, "_handle", around)
+    backwards = isinstance(event, Frame) and event.kind in (FrameKind.RECORD, FrameKind.REPLY)
+    if not backwards:
+        original(self, event)
 
 
 # Requests
 
 
-@mutant("SER-009", "SER-008")
-def replies_have_tag_0(patch: Patch) -> None:
+@mutant("SER-009", "SER-008", wraps=(SerialLine, "_reply"))
+def replies_have_tag_0(original: Any, self: Any, reply: Any) -> Any:
     """Every REPLY has tag 0 instead of that of its request."""
-
-    def around(original: Any) -> Any:
-        return lambda self, reply: original(self, replace(reply, tag=0))
-
-    patch.wrap(SerialLine, "_reply", around)
+    return original(self, replace(reply, tag=0))
 
 
-@mutant("SER-009", "SER-013")
-def replies_overtake_what_waits(patch: Patch) -> None:
+@mutant("SER-009", "SER-013", wraps=(serial_line._Outbox, "answer"))
+def replies_overtake_what_waits(original: Any, self: Any, frame: Frame) -> None:
     """A REPLY is sent before the answers that wait, so that two of them come in the wrong order."""
-
-    def around(original: Any) -> Any:
-        def answer(self: Any, frame: Frame) -> None:
-            original(self, frame)
-            if frame.kind is FrameKind.REPLY:
-                self._frames.rotate(1)
-
-        return answer
-
-    patch.wrap(serial_line._Outbox, "answer", around)
+    original(self, frame)
+    if frame.kind is FrameKind.REPLY:
+        self._frames.rotate(1)
 
 
 @mutant("SER-009", "SER-012")
@@ -219,16 +193,14 @@ def same_request_again_is_answered_from_memory(patch: Patch) -> None:
     """A request that is the same as the one before, tag and all, gets the same REPLY again and has no effect."""
     last: dict[Any, Any] = {}
 
-    def of_answer(original: Any) -> Any:
-        def answer(self: Any, request: Any) -> None:
-            asked, reply = last.get(self, (None, None))
-            if asked == request:
-                self._reply(reply)
-            else:
-                last[self] = request, None
-                original(self, request)
-
-        return answer
+    @patch.around(SerialLine, "_answer")
+    def of_answer(original: Any, self: Any, request: Any) -> None:
+        asked, reply = last.get(self, (None, None))
+        if asked == request:
+            self._reply(reply)
+        else:
+            last[self] = request, None
+            original(self, request)
 
     def of_reply(original: Any) -> Any:
         def reply(self: Any, reply: SerialReply) -> None:
@@ -237,97 +209,61 @@ def same_request_again_is_answered_from_memory(patch: Patch) -> None:
 
         return reply
 
-    patch.wrap(SerialLine, "_answer", of_answer)
     patch.wrap(SerialLine, "_reply", of_reply)
 
 
-@mutant("SER-006", "REQ-001")
-def requests_of_any_type_are_carried_out(patch: Patch) -> None:
+@mutant("SER-006", "REQ-001", wraps=(SerialLine, "_requested"))
+def requests_of_any_type_are_carried_out(original: Any, self: Any, request: Any) -> Any:
     """A request is carried out whoever it is addressed to: of its type only the direction is looked at."""
-
-    def around(original: Any) -> Any:
-        def requested(self: Any, request: Any) -> Any:
-            return original(self, replace(request, request_type=request.request_type & DIRECTION_IN | REQUEST_TYPE_OUT))
-
-        return requested
-
-    patch.wrap(SerialLine, "_requested", around)
+    return original(self, replace(request, request_type=request.request_type & DIRECTION_IN | REQUEST_TYPE_OUT))
 
 
 # Blocks
 
 
-@mutant("SER-011")
-def second_waiting_block_replaces_the_first(patch: Patch) -> None:
+@mutant("SER-011", wraps=(SerialLine, "_admit"))
+def second_waiting_block_replaces_the_first(original: Any, self: Any, block: bytes) -> None:
     """A block that arrives while another waits for room takes its place, and the first is never answered."""
-
-    def around(original: Any) -> Any:
-        def admit(self: Any, block: bytes) -> None:
-            if self._waiting:
-                self._waiting.block = block
-            else:
-                original(self, block)
-
-        return admit
-
-    patch.wrap(SerialLine, "_admit", around)
+    if self._waiting:
+        self._waiting.block = block
+    else:
+        original(self, block)
 
 
-@mutant("SER-011")
-def second_waiting_block_is_dropped_uncounted(patch: Patch) -> None:
+@mutant("SER-011", wraps=(SerialLine, "_admit"))
+def second_waiting_block_is_dropped_uncounted(original: Any, self: Any, block: Any) -> Any:
     """A block that arrives while another waits for room is dropped, and STATUS does not count it."""
-
-    def around(original: Any) -> Any:
-        return lambda self, block: None if self._waiting else original(self, block)
-
-    patch.wrap(SerialLine, "_admit", around)
+    return None if self._waiting else original(self, block)
 
 
-@mutant("SER-011")
-def blocks_do_not_wait_for_room(patch: Patch) -> None:
+@mutant("SER-011", wraps=(SerialLine, "_admit"))
+def blocks_do_not_wait_for_room(original: Any, self: Any, block: bytes) -> None:
     """A block for which the queue has no room is dropped and counted: there is no place in which it could wait."""
-
-    def around(original: Any) -> Any:
-        def admit(self: Any, block: bytes) -> None:
-            if self._controller.can_accept:
-                original(self, block)
-            else:
-                self._controller.dropped_frames += 1
-
-        return admit
-
-    patch.wrap(SerialLine, "_admit", around)
+    if self._controller.can_accept:
+        original(self, block)
+    else:
+        self._controller.dropped_frames += 1
 
 
-@mutant("SER-011", "SAF-003")
-def waiting_blocks_are_signs_of_life(patch: Patch) -> None:
+@mutant("SER-011", "SAF-003", wraps=(SerialLine, "_admit"))
+def waiting_blocks_are_signs_of_life(original: Any, self: Any, block: bytes) -> None:
     """A block feeds the watchdog when it arrives, also where it has to wait for room."""
-
-    def around(original: Any) -> Any:
-        def admit(self: Any, block: bytes) -> None:
-            self._controller._watchdog.feed()
-            original(self, block)
-
-        return admit
-
-    patch.wrap(SerialLine, "_admit", around)
+    self._controller._watchdog.feed()
+    original(self, block)
 
 
 @mutant("SER-010", "SER-011")
 def hang_up_forgets_the_block_that_waits(patch: Patch) -> None:
     """A block that waits for room when its host hangs up is never judged: the line's memory is cleared, all of it."""
 
-    def of_hang_up(original: Any) -> Any:
-        def hang_up(self: Any) -> None:
-            original(self)
-            self._waiting = None
-
-        return hang_up
+    @patch.around(SerialLine, "hang_up")
+    def of_hang_up(original: Any, self: Any) -> None:
+        original(self)
+        self._waiting = None
 
     def of_try(original: Any) -> Any:
         return lambda self, waiting: original(self, waiting) if waiting is self._waiting else None
 
-    patch.wrap(SerialLine, "hang_up", of_hang_up)
     patch.wrap(SerialLine, "_try_again", of_try)
 
 
@@ -336,71 +272,46 @@ def hang_up_leaves_the_waiting_place_taken(patch: Patch) -> None:
     """A block that waits when its host hangs up is never judged and keeps its place: no later block may wait."""
     left: list[Any] = []
 
-    def of_hang_up(original: Any) -> Any:
-        def hang_up(self: Any) -> None:
-            original(self)
-            left.append(self._waiting)
-
-        return hang_up
+    @patch.around(SerialLine, "hang_up")
+    def of_hang_up(original: Any, self: Any) -> None:
+        original(self)
+        left.append(self._waiting)
 
     def of_try(original: Any) -> Any:
         return lambda self, waiting: None if any(waiting is each for each in left) else original(self, waiting)
 
-    patch.wrap(SerialLine, "hang_up", of_hang_up)
     patch.wrap(SerialLine, "_try_again", of_try)
 
 
 # Modes
 
 
-@mutant("SER-010")
-def console_frames_are_not_answered(patch: Patch) -> None:
+@mutant("SER-010", wraps=(SerialLine, "_leave_frames"))
+def console_frames_are_not_answered(_: Any, self: Any) -> None:
     """The device goes back to text on CONSOLE without a CONSOLE of its own."""
-
-    def around(_: Any) -> Any:
-        def leave(self: Any) -> None:
-            self._drop_answers()
-            self._among_frames = False
-
-        return leave
-
-    patch.wrap(SerialLine, "_leave_frames", around)
+    self._drop_answers()
+    self._among_frames = False
 
 
-@mutant("SER-010")
-def way_into_frames_is_not_answered(patch: Patch) -> None:
+@mutant("SER-010", wraps=(SerialLine, "_handle"))
+def way_into_frames_is_not_answered(original: Any, self: Any, event: Any) -> None:
     """The device goes over to frames on 00 without a 00 of its own, so that text and frames run into each other."""
-
-    def around(original: Any) -> Any:
-        def handle(self: Any, event: Any) -> None:
-            if event is framing.Mode.FRAMES:
-                self._among_frames = True
-            else:
-                original(self, event)
-
-        return handle
-
-    patch.wrap(SerialLine, "_handle", around)
+    if event is framing.Mode.FRAMES:
+        self._among_frames = True
+    else:
+        original(self, event)
 
 
-@mutant("SER-010", url=OVER_UART)
-def breaks_are_ignored(patch: Patch) -> None:
+@mutant("SER-010", wraps=(SerialLine, "hang_up"), url=OVER_UART)
+def breaks_are_ignored(original: Any, self: Any) -> Any:
     """A break on the UART changes nothing: it is counted as a framing error."""
-
-    def around(original: Any) -> Any:
-        return lambda self: original(self) if self._needs_dtr else None
-
-    patch.wrap(SerialLine, "hang_up", around)
+    return original(self) if self._needs_dtr else None
 
 
-@mutant("SER-010")
-def dtr_low_is_ignored(patch: Patch) -> None:
+@mutant("SER-010", wraps=(ConsoleFunction, "_set_dtr"))
+def dtr_low_is_ignored(original: Any, self: Any, dtr: Any) -> Any:
     """DTR going low changes nothing: only its rise is looked at."""
-
-    def around(original: Any) -> Any:
-        return lambda self, dtr: original(self, dtr) if dtr else None
-
-    patch.wrap(ConsoleFunction, "_set_dtr", around)
+    return original(self, dtr) if dtr else None
 
 
 @mutant("SER-010")
@@ -415,42 +326,21 @@ def answers_follow_into_the_console(patch: Patch) -> None:
     patch.replace(SerialLine, "_drop_answers", lambda *_: None)
 
 
-@mutant("SER-010", "USB-023")
-def frames_need_dtr(patch: Patch) -> None:
+@mutant("SER-010", "USB-023", wraps=(SerialLine, "take"))
+def frames_need_dtr(original: Any, self: Any, room: int) -> bytes:
     """On CDC-ACM the device sends no frames while DTR is low, as it does with text."""
-
-    def around(original: Any) -> Any:
-        def take(self: Any, room: int) -> bytes:
-            return original(self, room) if self._sends_text else b""
-
-        return take
-
-    patch.wrap(SerialLine, "take", around)
+    return original(self, room) if self._sends_text else b""
 
 
-@mutant("SER-010")
-def records_are_sent_among_text(patch: Patch) -> None:
+@mutant("SER-010", wraps=(SerialLine, "notify"))
+def records_are_sent_among_text(_: Any, self: Any, record: bytes) -> None:
     """Status records of the device's own accord are sent on the line also while it carries text."""
-
-    def around(_: Any) -> Any:
-        def notify(self: Any, record: bytes) -> None:
-            self._outbox.notify(Frame(FrameKind.RECORD, record))
-            self._on_output()
-
-        return notify
-
-    patch.wrap(SerialLine, "notify", around)
+    self._outbox.notify(Frame(FrameKind.RECORD, record))
+    self._on_output()
 
 
-@mutant("SER-010", "REQ-013")
-def reset_is_not_followed_by_console(patch: Patch) -> None:
+@mutant("SER-010", "REQ-013", wraps=(SerialLine, "_answer_restart"))
+def reset_is_not_followed_by_console(_: Any, self: Any, request: Any) -> None:
     """RESET is answered by a REPLY and not by CONSOLE behind it."""
-
-    def around(_: Any) -> Any:
-        def answer(self: Any, request: Any) -> None:
-            self._reply(SerialReply(request.tag, Outcome.DONE))
-            self._departure = lambda: self._controller.request(request.setup, b"", self)
-
-        return answer
-
-    patch.wrap(SerialLine, "_answer_restart", around)
+    self._reply(SerialReply(request.tag, Outcome.DONE))
+    self._departure = lambda: self._controller.request(request.setup, b"", self)

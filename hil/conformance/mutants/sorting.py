@@ -74,56 +74,31 @@ def pairs_are_unpacked_the_wrong_way_round(patch: Patch) -> None:
     see_words(patch, change)
 
 
-@mutant("BLK-013", "BLK-006")
-def slots_are_not_sorted(patch: Patch) -> None:
+@mutant("BLK-013", "BLK-006", wraps=(controller.Controller, "_store"))
+def slots_are_not_sorted(original: Any, self: Any, body: Any) -> None:
     """The pulses of a SLOT go to the outputs in array order as they came: only updates are sorted."""
-
-    def around(original: Any) -> Any:
-        def store(self: Any, body: Any) -> None:
-            if isinstance(body, Slot):
-                wiring, pulses = self._identification.wiring, body.pulses
-                body = Slot(body.number, Pulses(wiring.unsort(pulses.phase), wiring.unsort(pulses.width)))
-            original(self, body)
-
-        return store
-
-    patch.wrap(controller.Controller, "_store", around)
+    if isinstance(body, Slot):
+        wiring, pulses = self._identification.wiring, body.pulses
+        body = Slot(body.number, Pulses(wiring.unsort(pulses.phase), wiring.unsort(pulses.width)))
+    original(self, body)
 
 
-@mutant("REQ-004")
-def wiring_goes_column_by_column(patch: Patch) -> None:
+@mutant("REQ-004", wraps=(controller, "encode_wiring"))
+def wiring_goes_column_by_column(original: Any, wiring: Any) -> bytes:
     """WIRING tells the channels column by column, for arrays are indexed so elsewhere; pulses are sorted as ever."""
-
-    def around(original: Any) -> Any:
-        def encode(wiring: Any) -> bytes:
-            table = np.frombuffer(original(wiring), "<u2").reshape(ROWS, COLUMNS)
-            return table.T.tobytes()
-
-        return encode
-
-    patch.wrap(controller, "encode_wiring", around)
+    table = np.frombuffer(original(wiring), "<u2").reshape(ROWS, COLUMNS)
+    return table.T.tobytes()
 
 
-@mutant("REQ-004")
-def wiring_is_big_endian(patch: Patch) -> None:
+@mutant("REQ-004", wraps=(controller, "encode_wiring"))
+def wiring_is_big_endian(original: Any, wiring: Any) -> Any:
     """The channels of WIRING come high byte first, as in the routes of the chain."""
-
-    def around(original: Any) -> Any:
-        return lambda wiring: np.frombuffer(original(wiring), "<u2").astype(">u2").tobytes()
-
-    patch.wrap(controller, "encode_wiring", around)
+    return np.frombuffer(original(wiring), "<u2").astype(">u2").tobytes()
 
 
-@mutant("REQ-007")
-def read_back_is_in_channel_order(patch: Patch) -> None:
+@mutant("REQ-007", wraps=(controller.Controller, "_read_back"))
+def read_back_is_in_channel_order(original: Any, self: Any) -> Any:
     """PULSES answers the pulses as the processors hold them, channel by channel: nobody sorts them back."""
-
-    def around(original: Any) -> Any:
-        def read(self: Any) -> Any:
-            answer, wiring = original(self), self._identification.wiring
-            by_channel = Pulses(wiring.sort(answer.pulses.phase), wiring.sort(answer.pulses.width))
-            return type(answer)(answer.since_period, answer.read_period, by_channel)
-
-        return read
-
-    patch.wrap(controller.Controller, "_read_back", around)
+    answer, wiring = original(self), self._identification.wiring
+    by_channel = Pulses(wiring.sort(answer.pulses.phase), wiring.sort(answer.pulses.width))
+    return type(answer)(answer.since_period, answer.read_period, by_channel)

@@ -28,30 +28,20 @@ def _put_off(patch: Patch, updates: Any, programs: Any) -> None:
     def play(original: Any) -> Any:
         return lambda self, periods, slices: original(self, periods + updates(self.place), slices)
 
-    def carry_out(original: Any) -> Any:
-        def begin(self: Any, program: Any) -> None:
-            original(self, replace(program, period=program.period + programs(self.place)))
-
-        return begin
+    @patch.around(Processor, "carry_out")
+    def carry_out(original: Any, self: Any, program: Any) -> None:
+        original(self, replace(program, period=program.period + programs(self.place)))
 
     patch.wrap(Processor, "play", play)
-    patch.wrap(Processor, "carry_out", carry_out)
 
 
-@mutant("TIM-003")
-def one_board_is_a_tick_late(patch: Patch) -> None:
+@mutant("TIM-003", wraps=(machine.Emulator, "_processor"))
+def one_board_is_a_tick_late(original: Any, self: Any, place: int, booted: Any) -> Processor:
     """The outputs of board 3 change a tick after those of the others: its ports were started a tick later."""
-
-    def around(original: Any) -> Any:
-        def processor(self: Any, place: int, booted: Any) -> Processor:
-            made: Processor = original(self, place, booted)
-            if place // PROCESSORS_PER_BOARD == LATE_BOARD:
-                made.clock = BoardClock(1)
-            return made
-
-        return processor
-
-    patch.wrap(machine.Emulator, "_processor", around)
+    made: Processor = original(self, place, booted)
+    if place // PROCESSORS_PER_BOARD == LATE_BOARD:
+        made.clock = BoardClock(1)
+    return made
 
 
 @mutant("TIM-003")
@@ -107,78 +97,51 @@ def place_in_the_period_is_that_of_the_counter(patch: Patch) -> None:
     see_words(patch, change)
 
 
-@mutant("TIM-002")
-def ticks_are_lost_at_sync_pulses(patch: Patch) -> None:
+@mutant("TIM-002", wraps=(controller.Controller, "now_tick"))
+def ticks_are_lost_at_sync_pulses(original: Any, self: Any) -> int:
     """The ticks that are told fall behind the outputs by one with each sync pulse, while the timer stands still."""
-
-    def around(original: Any) -> Any:
-        def kept(self: Any) -> int:
-            ticks: int = original(self)
-            return ticks - ticks // (SYNC_PERIODS * TICKS_PER_PERIOD)
-
-        return kept
-
-    patch.wrap(controller.Controller, "now_tick", around)
+    ticks: int = original(self)
+    return ticks - ticks // (SYNC_PERIODS * TICKS_PER_PERIOD)
 
 
-@mutant("TIM-002")
-def wraps_of_the_counter_are_counted_in_a_byte(patch: Patch) -> None:
+@mutant("TIM-002", wraps=(controller.Controller, "now_tick"))
+def wraps_of_the_counter_are_counted_in_a_byte(original: Any, self: Any) -> Any:
     """The tick in acknowledgements, STATUS and CLOCK begins anew after 8.4 s: 16 bits of the port, 8 bits of wraps."""
-
-    def around(original: Any) -> Any:
-        return lambda self: original(self) % 2**24
-
-    patch.wrap(controller.Controller, "now_tick", around)
+    return original(self) % 2**24
 
 
 @mutant("TIM-002", "USB-026")
 def ticks_begin_anew_with_a_session(patch: Patch) -> None:
     """Ticks are told as counted from the last SET_CONFIGURATION or bus reset, as a host's session begins."""
 
-    def new_session(original: Any) -> Any:
-        def begin(self: Any, door: Any) -> None:
-            original(self, door)
-            vars(self)["session_tick"] = 0
-            vars(self)["session_tick"] = self.now_tick
-
-        return begin
+    @patch.around(controller.Controller, "new_session")
+    def new_session(original: Any, self: Any, door: Any) -> None:
+        original(self, door)
+        vars(self)["session_tick"] = 0
+        vars(self)["session_tick"] = self.now_tick
 
     def now(original: Any) -> Any:
         return lambda self: original(self) - vars(self).get("session_tick", 0)
 
-    patch.wrap(controller.Controller, "new_session", new_session)
     patch.wrap(controller.Controller, "now_tick", now)
 
 
-@mutant("BLK-005", "BLK-010")
-def periods_are_compared_in_32_bits(patch: Patch) -> None:
+@mutant("BLK-005", "BLK-010", wraps=(controller.Controller, "_plan"), also=one_by_one)
+def periods_are_compared_in_32_bits(original: Any, self: Any, requested: Any, *rest: Any, **more: Any) -> Any:
     """A change for a period beyond 2³² plays at once: the upper half of the period is cut off behind the judgement."""
-
-    def around(original: Any) -> Any:
-        return lambda self, requested, *rest, **more: original(self, requested % 2**32, *rest, **more)
-
-    patch.wrap(controller.Controller, "_plan", around)
-    one_by_one(patch)
+    return original(self, requested % 2**32, *rest, **more)
 
 
 # Late changes
 
 
-@mutant("BLK-005")
-def late_changes_are_dropped(patch: Patch) -> None:
+@mutant("BLK-005", wraps=(controller.Controller, "_plan"), also=one_by_one)
+def late_changes_are_dropped(original: Any, self: Any, requested: int, *rest: Any, **more: Any) -> Any:
     """A late change is acknowledged, counted and never played."""
-
-    def around(original: Any) -> Any:
-        def plan(self: Any, requested: int, *rest: Any, **more: Any) -> Any:
-            change = original(self, requested, *rest, **more)
-            if 0 < requested < change.period:
-                change.packed, change.programs, change.effect = None, (), None
-            return change
-
-        return plan
-
-    patch.wrap(controller.Controller, "_plan", around)
-    one_by_one(patch)
+    change = original(self, requested, *rest, **more)
+    if 0 < requested < change.period:
+        change.packed, change.programs, change.effect = None, (), None
+    return change
 
 
 @mutant("BLK-005", "ACK-004")
@@ -188,45 +151,30 @@ def late_is_not_said(patch: Patch) -> None:
     one_by_one(patch)
 
 
-@mutant("BLK-005", "REQ-003")
-def late_is_not_counted(patch: Patch) -> None:
+@mutant("BLK-005", "REQ-003", wraps=(controller.Controller, "_plan"), also=one_by_one)
+def late_is_not_counted(original: Any, self: Any, *arguments: Any, **more: Any) -> Any:
     """Late changes are said to be late, and STATUS counts none."""
-
-    def around(original: Any) -> Any:
-        def plan(self: Any, *arguments: Any, **more: Any) -> Any:
-            late = self._late
-            change = original(self, *arguments, **more)
-            self._late = late
-            return change
-
-        return plan
-
-    patch.wrap(controller.Controller, "_plan", around)
-    one_by_one(patch)
+    late = self._late
+    change = original(self, *arguments, **more)
+    self._late = late
+    return change
 
 
-@mutant("BLK-005")
-def late_is_said_of_updates_alone(patch: Patch) -> None:
+@mutant("BLK-005", wraps=(controller, "_is_late"))
+def late_is_said_of_updates_alone(original: Any, body: Any, period: Any) -> Any:
     """A late SEQUENCE, MODULATION or OUTPUT is played without a word, and counted: only updates were thought of."""
-
-    def around(original: Any) -> Any:
-        return lambda body, period: isinstance(body, Update) and original(body, period)
-
-    patch.wrap(controller, "_is_late", around)
+    return isinstance(body, Update) and original(body, period)
 
 
 @mutant("BLK-005", "ACK-004")
 def as_soon_as_possible_is_late(patch: Patch) -> None:
     """A change for as soon as possible counts as late, and is said to be: period 0 is compared as any other."""
 
-    def plan(original: Any) -> Any:
-        def counted(self: Any, requested: int, *rest: Any, **more: Any) -> Any:
-            self._late += not requested
-            return original(self, requested, *rest, **more)
+    @patch.around(controller.Controller, "_plan")
+    def plan(original: Any, self: Any, requested: int, *rest: Any, **more: Any) -> Any:
+        self._late += not requested
+        return original(self, requested, *rest, **more)
 
-        return counted
-
-    patch.wrap(controller.Controller, "_plan", plan)
     patch.replace(controller, "_is_late", lambda body, period: getattr(body, "period", period) < period)
     one_by_one(patch)
 
@@ -237,47 +185,35 @@ def fifth_period_is_not_met(patch: Patch) -> None:
     patch.replace(controller, "SORT_CYCLES", SORT_CYCLES + 5 * CYCLES_PER_PERIOD)
 
 
-@mutant("BLK-007")
-def change_for_an_earlier_period_overtakes(patch: Patch) -> None:
+@mutant("BLK-007", wraps=(agenda.Agenda, "add"), also=one_by_one)
+def change_for_an_earlier_period_overtakes(
+    original: Any, self: Any, ready: int, requested: int, *rest: Any, **more: Any
+) -> Any:
     """A change that names an earlier period than one that is queued takes effect before it: the queue is sorted."""
-
-    def around(original: Any) -> Any:
-        def add(self: Any, ready: int, requested: int, *rest: Any, **more: Any) -> Any:
-            queued = list(self._changes)
-            later = [item for item in queued if item.period > requested]
-            if not requested or not later or requested in [item.period for item in queued]:
-                return original(self, ready, requested, *rest, **more)
-            tail, before = self.tail, [item for item in queued if item.period < requested]
-            self.tail = before[-1].tail if before else self._settled
-            change = original(self, ready, requested, *rest, **more)
-            if change.period >= later[0].period:  # it cannot be met: behind all others
-                self._changes.pop()
-                self.recent = np.insert(self.recent[:-1], 0, self.recent[0])
-                self.tail = tail
-                return original(self, ready, requested, *rest, **more)
-            self._changes = deque([*before, change, *later])
-            self.recent.sort()
-            self.tail = tail
-            return change
-
-        return add
-
-    patch.wrap(agenda.Agenda, "add", around)
-    one_by_one(patch)
+    queued = list(self._changes)
+    later = [item for item in queued if item.period > requested]
+    if not requested or not later or requested in [item.period for item in queued]:
+        return original(self, ready, requested, *rest, **more)
+    tail, before = self.tail, [item for item in queued if item.period < requested]
+    self.tail = before[-1].tail if before else self._settled
+    change = original(self, ready, requested, *rest, **more)
+    if change.period >= later[0].period:  # it cannot be met: behind all others
+        self._changes.pop()
+        self.recent = np.insert(self.recent[:-1], 0, self.recent[0])
+        self.tail = tail
+        return original(self, ready, requested, *rest, **more)
+    self._changes = deque([*before, change, *later])
+    self.recent.sort()
+    self.tail = tail
+    return change
 
 
-@mutant("BLK-007")
-def change_for_the_same_period_takes_the_place_of_the_other(patch: Patch) -> None:
+@mutant("BLK-007", wraps=(agenda.Agenda, "add"), also=one_by_one)
+def change_for_the_same_period_takes_the_place_of_the_other(
+    original: Any, self: Any, ready: int, requested: int, *rest: Any, **more: Any
+) -> Any:
     """Two changes that name one period both begin there, and are both in time: the later one wins at the boundary."""
-
-    def around(original: Any) -> Any:
-        def add(self: Any, ready: int, requested: int, *rest: Any, **more: Any) -> Any:
-            tail = self.tail
-            if requested and tail.period == requested and self._changes:
-                self.tail = tail._replace(period=requested - 1, table=min(tail.table, requested - 1))
-            return original(self, ready, requested, *rest, **more)
-
-        return add
-
-    patch.wrap(agenda.Agenda, "add", around)
-    one_by_one(patch)
+    tail = self.tail
+    if requested and tail.period == requested and self._changes:
+        self.tail = tail._replace(period=requested - 1, table=min(tail.table, requested - 1))
+    return original(self, ready, requested, *rest, **more)

@@ -19,14 +19,10 @@ CHECKSUM_BYTES = 4
 def _take_versions(patch: Patch, taken: Any) -> None:
     """Judge blocks of some versions as if they were of version 1."""
 
-    def around(original: Any) -> Any:
-        def unpack(packet: bytes) -> Any:
-            sound = len(packet) == BLOCK_BYTES and checksum(packet) == _stated(packet)
-            return original(_of_version(packet, PROTOCOL_VERSION) if sound and packet[VERSION_AT] in taken else packet)
-
-        return unpack
-
-    patch.wrap(controller, "unpack", around)
+    @patch.around(controller, "unpack")
+    def unpack(original: Any, packet: bytes) -> Any:
+        sound = len(packet) == BLOCK_BYTES and checksum(packet) == _stated(packet)
+        return original(_of_version(packet, PROTOCOL_VERSION) if sound and packet[VERSION_AT] in taken else packet)
 
 
 def _stated(packet: bytes) -> int:
@@ -52,49 +48,35 @@ def version_0_is_taken_as_version_1(patch: Patch) -> None:
     _take_versions(patch, (0,))
 
 
-@mutant("VER-002", "ACK-003")
-def unknown_versions_are_refused_with_kind(patch: Patch) -> None:
+@mutant("VER-002", "ACK-003", wraps=(controller, "unpack"))
+def unknown_versions_are_refused_with_kind(original: Any, packet: bytes) -> Any:
     """A block of an unknown version is refused as one of an unknown kind: both fall through the same switch."""
-
-    def around(original: Any) -> Any:
-        def unpack(packet: bytes) -> Any:
-            try:
-                return original(packet)
-            except BlockError as error:
-                if error.reason == Reason.VERSION:
-                    raise BlockError(str(error), Reason.KIND) from None
-                raise
-
-        return unpack
-
-    patch.wrap(controller, "unpack", around)
+    try:
+        return original(packet)
+    except BlockError as error:
+        if error.reason == Reason.VERSION:
+            raise BlockError(str(error), Reason.KIND) from None
+        raise
 
 
-@mutant("VER-001", "VER-002")
-def info_promises_a_version_that_is_refused(patch: Patch) -> None:
+@mutant("VER-001", "VER-002", wraps=(controller.Controller, "info"))
+def info_promises_a_version_that_is_refused(original: Any, self: Any) -> Any:
     """INFO says that version 2 is spoken, and its blocks are refused: the number was raised too early."""
-
-    def around(original: Any) -> Any:
-        return lambda self: replace(original(self), newest_version=PROTOCOL_VERSION + 1)
-
-    patch.wrap(controller.Controller, "info", around)
+    return replace(original(self), newest_version=PROTOCOL_VERSION + 1)
 
 
 @mutant("ACK-002", "VER-002")
 def acknowledgements_repeat_the_version_of_the_block(patch: Patch) -> None:
     """The acknowledgement of a block has the block's version, also where the device does not speak it."""
 
-    def of_accept(original: Any) -> Any:
-        def accept(self: Any, packet: bytes, *given: Any) -> None:
-            self.answered = packet[VERSION_AT : VERSION_AT + 1] or bytes([PROTOCOL_VERSION])
-            original(self, packet, *given)
-
-        return accept
+    @patch.around(controller.Controller, "accept")
+    def of_accept(original: Any, self: Any, packet: bytes, *given: Any) -> None:
+        self.answered = packet[VERSION_AT : VERSION_AT + 1] or bytes([PROTOCOL_VERSION])
+        original(self, packet, *given)
 
     def of_ack(original: Any) -> Any:
         return lambda self, *fields: _Echo(original(self, *fields).encode(), self.answered)
 
-    patch.wrap(controller.Controller, "accept", of_accept)
     patch.wrap(controller.Controller, "_ack", of_ack)
 
 
@@ -114,15 +96,11 @@ class _Echo:
 def _lack(patch: Patch, feature: Feature) -> None:
     """Say in INFO that a feature is not there, and leave it in."""
 
-    def around(original: Any) -> Any:
-        def info(self: Any) -> Any:
-            told = original(self)
-            samples = 0 if feature is Feature.MODULATION else told.modulation_samples
-            return replace(told, features=told.features & ~feature, modulation_samples=samples)
-
-        return info
-
-    patch.wrap(controller.Controller, "info", around)
+    @patch.around(controller.Controller, "info")
+    def info(original: Any, self: Any) -> Any:
+        told = original(self)
+        samples = 0 if feature is Feature.MODULATION else told.modulation_samples
+        return replace(told, features=told.features & ~feature, modulation_samples=samples)
 
 
 @mutant("VER-005")
@@ -148,16 +126,12 @@ def kinds_without_their_feature_are_unknown(patch: Patch) -> None:
     """Without MODULATION its kinds are refused with KIND, not with UNSUPPORTED: they are not built in."""
     _lack(patch, Feature.MODULATION)
 
-    def around(original: Any) -> Any:
-        def unpack(packet: bytes) -> Any:
-            block = original(packet)
-            if isinstance(block.body, Samples | Modulation):
-                raise BlockError("an unknown kind", Reason.KIND)
-            return block
-
-        return unpack
-
-    patch.wrap(controller, "unpack", around)
+    @patch.around(controller, "unpack")
+    def unpack(original: Any, packet: bytes) -> Any:
+        block = original(packet)
+        if isinstance(block.body, Samples | Modulation):
+            raise BlockError("an unknown kind", Reason.KIND)
+        return block
 
 
 @mutant("VER-005", "ACK-003")
@@ -165,13 +139,9 @@ def the_state_is_looked_at_before_the_features(patch: Patch) -> None:
     """Without MODULATION a change that needs it is refused with DISABLED or FAULT, and UNSUPPORTED comes only then."""
     _lack(patch, Feature.MODULATION)
 
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            original(self, body)
-            ends = isinstance(body, Output) and body.action is Action.END_MODULATION
-            if ends or isinstance(body, Samples | Modulation):
-                raise BlockError("MODULATION is not there", Reason.UNSUPPORTED)
-
-        return judge
-
-    patch.wrap(controller.Controller, "_judge_state", around)
+    @patch.around(controller.Controller, "_judge_state")
+    def judge(original: Any, self: Any, body: Any) -> None:
+        original(self, body)
+        ends = isinstance(body, Output) and body.action is Action.END_MODULATION
+        if ends or isinstance(body, Samples | Modulation):
+            raise BlockError("MODULATION is not there", Reason.UNSUPPORTED)

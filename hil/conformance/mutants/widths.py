@@ -67,24 +67,17 @@ def watchdog_beyond_32_bits_of_cycles_never_fires(patch: Patch) -> None:
 def watchdog_fires_where_32_bits_of_ticks_wrap(patch: Patch) -> None:
     """The watchdog fires at once when its end is beyond the next wrap of 32 bits of ticks, in which it is compared."""
 
-    def of_init(original: Any) -> Any:
-        def begin(self: Any, *arguments: Any, **more: Any) -> None:
-            original(self, *arguments, **more)
-            vars(self._watchdog)["origin"] = self.time.origin
+    @patch.around(Controller, "__init__")
+    def of_init(original: Any, self: Any, *arguments: Any, **more: Any) -> None:
+        original(self, *arguments, **more)
+        vars(self._watchdog)["origin"] = self.time.origin
 
-        return begin
-
-    def of_due(original: Any) -> Any:
-        def due(self: Any) -> int:
-            ends: int = original(self)
-            origin = vars(self).get("origin", 0)
-            laps = [(cycle - origin) // CYCLES_PER_TICK // WORD for cycle in (self._fed, ends)]
-            return ends if laps[0] == laps[1] else self._fed
-
-        return due
-
-    patch.wrap(Controller, "__init__", of_init)
-    patch.wrap(Watchdog, "_due", of_due)
+    @patch.around(Watchdog, "_due")
+    def of_due(original: Any, self: Any) -> int:
+        ends: int = original(self)
+        origin = vars(self).get("origin", 0)
+        laps = [(cycle - origin) // CYCLES_PER_TICK // WORD for cycle in (self._fed, ends)]
+        return ends if laps[0] == laps[1] else self._fed
 
 
 # Total drives
@@ -93,19 +86,16 @@ def watchdog_fires_where_32_bits_of_ticks_wrap(patch: Patch) -> None:
 def _judge_drive(patch: Patch, kind: Any, cut: Callable[[int], int]) -> None:
     """Let the drive of one kind of blocks be compared when it has been cut off."""
 
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            limit = self._drive_limit
-            if isinstance(body, kind) and cut(body.pulses.total_drive) <= 1000 * limit:
-                self._drive_limit = WORD
-            try:
-                original(self, body)
-            finally:
-                self._drive_limit = limit
+    @patch.around(Controller, "_judge_content")
+    def judge(original: Any, self: Any, body: Any) -> None:
+        limit = self._drive_limit
+        if isinstance(body, kind) and cut(body.pulses.total_drive) <= 1000 * limit:
+            self._drive_limit = WORD
+        try:
+            original(self, body)
+        finally:
+            self._drive_limit = limit
 
-        return judge
-
-    patch.wrap(Controller, "_judge_content", around)
     one_by_one(patch)
 
 
@@ -127,35 +117,20 @@ def drive_is_a_signed_short(patch: Patch) -> None:
     _judge_drive(patch, Update | Slot, lambda total: signed(total, HALF_WORD))
 
 
-@mutant("SAF-006")
-def drive_of_a_stored_slot_is_a_short(patch: Patch) -> None:
+@mutant("SAF-006", wraps=(Stores, "keep"))
+def drive_of_a_stored_slot_is_a_short(original: Any, self: Any, body: Any) -> None:
     """A SEQUENCE plays a slot of 65.6 transducers under a lowered limit: slots keep their thousandths in 16 bits."""
-
-    def around(original: Any) -> Any:
-        def keep(self: Any, body: Any) -> None:
-            original(self, body)
-            if isinstance(body, Slot):
-                self._powers[body.number] %= HALF_WORD
-
-        return keep
-
-    patch.wrap(Stores, "keep", around)
+    original(self, body)
+    if isinstance(body, Slot):
+        self._powers[body.number] %= HALF_WORD
 
 
-@mutant("SAF-006", "REQ-010")
-def limit_is_a_short_of_thousandths(patch: Patch) -> None:
+@mutant("SAF-006", "REQ-010", wraps=(Controller, "_judge_content"), also=one_by_one)
+def limit_is_a_short_of_thousandths(original: Any, self: Any, body: Any) -> None:
     """Under a limit of 66 transducers almost nothing is let through: its thousandths are kept in 16 bits."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            if isinstance(body, Update | Slot) and body.pulses.total_drive > 1000 * self._drive_limit % HALF_WORD:
-                raise BlockError("above the limit", Reason.DRIVE)
-            original(self, body)
-
-        return judge
-
-    patch.wrap(Controller, "_judge_content", around)
-    one_by_one(patch)
+    if isinstance(body, Update | Slot) and body.pulses.total_drive > 1000 * self._drive_limit % HALF_WORD:
+        raise BlockError("above the limit", Reason.DRIVE)
+    original(self, body)
 
 
 # Sequences
@@ -164,14 +139,10 @@ def limit_is_a_short_of_thousandths(patch: Patch) -> None:
 def _last(patch: Patch, cut: Callable[[int], int]) -> None:
     """Let the controller think that sequences last otherwise, given the periods that they do."""
 
-    def around(original: Any) -> Any:
-        def duration(self: Any, body: Any) -> int | None:
-            periods = original(self, body)
-            return None if periods is None else max(cut(periods), 1)
-
-        return duration
-
-    patch.wrap(Stores, "duration", around)
+    @patch.around(Stores, "duration")
+    def duration(original: Any, self: Any, body: Any) -> int | None:
+        periods = original(self, body)
+        return None if periods is None else max(cut(periods), 1)
 
 
 @mutant("BLK-015", "STA-003")
@@ -198,35 +169,21 @@ def duration_is_32_bits_of_cycles(patch: Patch) -> None:
     _last(patch, lambda periods: periods * CYCLES_PER_PERIOD % WORD // CYCLES_PER_PERIOD)
 
 
-@mutant("BLK-015", "STA-003")
-def length_of_a_sequence_is_a_short(patch: Patch) -> None:
+@mutant("BLK-015", "STA-003", wraps=(Stores, "duration"))
+def length_of_a_sequence_is_a_short(_: Any, self: Any, body: Any) -> int | None:
     """A sequence whose entries last 65 537 periods together ends after one: they are summed up in 16 bits."""
-
-    def around(_: Any) -> Any:
-        def duration(self: Any, body: Any) -> int | None:
-            entries = self._entries[body.first : body.first + body.count]
-            return body.repeats * max(sum(periods for _slot, periods in entries) % HALF_WORD, 1) or None
-
-        return duration
-
-    patch.wrap(Stores, "duration", around)
+    entries = self._entries[body.first : body.first + body.count]
+    return body.repeats * max(sum(periods for _slot, periods in entries) % HALF_WORD, 1) or None
 
 
-@mutant("BLK-022")
-def slots_are_free_after_32_bits_of_periods(patch: Patch) -> None:
+@mutant("BLK-022", wraps=(Controller, "_carry_out"))
+def slots_are_free_after_32_bits_of_periods(original: Any, self: Any, body: Any, door: Any) -> Any:
     """A slot of a sequence that lasts 2³² periods or longer can be overwritten: that it ends is written in 32 bits."""
-
-    def around(original: Any) -> Any:
-        def carry_out(self: Any, body: Any, door: Any) -> Any:
-            change = original(self, body, door)
-            duration = self._stores.duration(body) if isinstance(body, Sequence) else None
-            if duration is not None:
-                self._stores._uses[-1].until = change.period + duration % WORD
-            return change
-
-        return carry_out
-
-    patch.wrap(Controller, "_carry_out", around)
+    change = original(self, body, door)
+    duration = self._stores.duration(body) if isinstance(body, Sequence) else None
+    if duration is not None:
+        self._stores._uses[-1].until = change.period + duration % WORD
+    return change
 
 
 @mutant("CHN-015", "BLK-015", "REQ-007")
@@ -241,14 +198,10 @@ def place_in_a_sequence_is_a_short(patch: Patch) -> None:
 def _look_at_the_first(patch: Patch, check: str, kind: Any, most: int) -> None:
     """Let a check of what plays look at so many places and no further."""
 
-    def around(original: Any) -> Any:
-        def checked(self: Any, body: Any, *rest: Any) -> Any:
-            first = replace(body, count=min(body.count, most)) if isinstance(body, kind) else body
-            return original(self, first, *rest)
-
-        return checked
-
-    patch.wrap(Stores, check, around)
+    @patch.around(Stores, check)
+    def checked(original: Any, self: Any, body: Any, *rest: Any) -> Any:
+        first = replace(body, count=min(body.count, most)) if isinstance(body, kind) else body
+        return original(self, first, *rest)
 
 
 @mutant("BLK-021")
@@ -269,36 +222,22 @@ def drive_from_entry_256_on_is_not_judged(patch: Patch) -> None:
     _look_at_the_first(patch, "check_power", Sequence, BYTE)
 
 
-@mutant("BLK-022")
-def slots_from_entry_120_on_are_free(patch: Patch) -> None:
+@mutant("BLK-022", wraps=(Stores, "use"))
+def slots_from_entry_120_on_are_free(original: Any, self: Any, body: Any, period: int) -> Any:
     """The slot of the 121st entry of a playing sequence can be overwritten: the first 120 are looked at."""
-
-    def around(original: Any) -> Any:
-        def use(self: Any, body: Any, period: int) -> Any:
-            made = original(self, body, period)
-            if isinstance(body, Sequence):
-                entries = self._entries[body.first : body.first + min(body.count, AN_ENTRIES_BLOCK)]
-                made.slots = frozenset(slot for slot, _ in entries)
-            return made
-
-        return use
-
-    patch.wrap(Stores, "use", around)
+    made = original(self, body, period)
+    if isinstance(body, Sequence):
+        entries = self._entries[body.first : body.first + min(body.count, AN_ENTRIES_BLOCK)]
+        made.slots = frozenset(slot for slot, _ in entries)
+    return made
 
 
-@mutant("BLK-022")
-def samples_from_480_on_are_free(patch: Patch) -> None:
+@mutant("BLK-022", wraps=(Stores, "use"))
+def samples_from_480_on_are_free(original: Any, self: Any, body: Any, period: int) -> Any:
     """The 481st sample of a modulation can be overwritten while it plays: the first 480 are looked at."""
-
-    def around(original: Any) -> Any:
-        def use(self: Any, body: Any, period: int) -> Any:
-            made = original(self, body, period)
-            made.samples = made.samples[:A_SAMPLES_BLOCK]
-            return made
-
-        return use
-
-    patch.wrap(Stores, "use", around)
+    made = original(self, body, period)
+    made.samples = made.samples[:A_SAMPLES_BLOCK]
+    return made
 
 
 # Periods
@@ -307,21 +246,18 @@ def samples_from_480_on_are_free(patch: Patch) -> None:
 def _due_in_32_bits(patch: Patch, cycles: int) -> None:
     """Let a change begin as soon as it is near by a signed difference of 32 bits, in a unit of so many core cycles."""
 
-    def around(original: Any) -> Any:
-        def due(self: Any, now: int) -> Any:
-            first = self._changes[0] if self._changes else None
-            if isinstance(first, agenda.Change):
-                left = self._time.boundary(first.period) // cycles - now // cycles
-                if signed(left, WORD) <= 0 < left:
-                    first.period = self._time.period(now)
-                    near = first.tail._replace(period=first.period, table=min(first.tail.table, first.period))
-                    self.tail = near if self.tail is first.tail else self.tail
-                    first.tail = near
-            return original(self, now)
+    @patch.around(agenda.Agenda, "due")
+    def due(original: Any, self: Any, now: int) -> Any:
+        first = self._changes[0] if self._changes else None
+        if isinstance(first, agenda.Change):
+            left = self._time.boundary(first.period) // cycles - now // cycles
+            if signed(left, WORD) <= 0 < left:
+                first.period = self._time.period(now)
+                near = first.tail._replace(period=first.period, table=min(first.tail.table, first.period))
+                self.tail = near if self.tail is first.tail else self.tail
+                first.tail = near
+        return original(self, now)
 
-        return due
-
-    patch.wrap(agenda.Agenda, "due", around)
     one_by_one(patch)
 
 
@@ -346,18 +282,15 @@ def queue_waits_in_32_bits_of_cycles(patch: Patch) -> None:
 def _judge_horizon(patch: Patch, is_beyond: Callable[[Any, int, int], bool]) -> None:
     """Judge the horizon otherwise, given the controller, the period that is named, and that of the arrival."""
 
-    def around(original: Any) -> Any:
-        def judge(self: Any, block: Any, arrived: int) -> None:
-            period = getattr(block.body, "period", 0)
-            beyond = is_beyond(self, period, arrived)
-            pardoned = period > arrived + HORIZON_PERIODS and not beyond
-            original(self, block, period if pardoned else arrived)
-            if beyond:
-                raise BlockError("too far ahead", Reason.HORIZON)
+    @patch.around(Controller, "_judge")
+    def judge(original: Any, self: Any, block: Any, arrived: int) -> None:
+        period = getattr(block.body, "period", 0)
+        beyond = is_beyond(self, period, arrived)
+        pardoned = period > arrived + HORIZON_PERIODS and not beyond
+        original(self, block, period if pardoned else arrived)
+        if beyond:
+            raise BlockError("too far ahead", Reason.HORIZON)
 
-        return judge
-
-    patch.wrap(Controller, "_judge", around)
     one_by_one(patch)
 
 
@@ -379,38 +312,22 @@ def horizon_is_judged_in_64_bits_of_ticks(patch: Patch) -> None:
     _judge_horizon(patch, is_beyond)
 
 
-@mutant("BLK-023", url="emulator:?link=2wire")
-def rate_is_judged_in_16_bits(patch: Patch) -> None:
+@mutant("BLK-023", wraps=(Controller, "_judge_content"), also=one_by_one, url="emulator:?link=2wire")
+def rate_is_judged_in_16_bits(original: Any, self: Any, body: Any) -> None:
     """An update 65 537 periods after another is refused with RATE: how far they are apart is counted in 16 bits."""
-
-    def around(original: Any) -> Any:
-        def judge(self: Any, body: Any) -> None:
-            original(self, body)
-            if isinstance(body, Update) and body.period and self._last_named is not None:
-                apart = (body.period - self._last_named) % HALF_WORD
-                if body.period > self._last_named and 0 < apart < self._periods_per_update:
-                    raise BlockError("too close", Reason.RATE)
-
-        return judge
-
-    patch.wrap(Controller, "_judge_content", around)
-    one_by_one(patch)
+    original(self, body)
+    if isinstance(body, Update) and body.period and self._last_named is not None:
+        apart = (body.period - self._last_named) % HALF_WORD
+        if body.period > self._last_named and 0 < apart < self._periods_per_update:
+            raise BlockError("too close", Reason.RATE)
 
 
-@mutant("BLK-005")
-def late_is_a_signed_difference_of_32_bits(patch: Patch) -> None:
+@mutant("BLK-005", wraps=(Controller, "_plan"), also=one_by_one)
+def late_is_a_signed_difference_of_32_bits(original: Any, self: Any, requested: int, *rest: Any, **more: Any) -> Any:
     """After 15 hours a change for period 1 counts as one for the future, and waits for 15 more."""
-
-    def around(original: Any) -> Any:
-        def plan(self: Any, requested: int, *rest: Any, **more: Any) -> Any:
-            now = self.time.period(self._now)
-            ahead = signed(requested - now, WORD)
-            return original(self, now + ahead if 0 < requested < now and ahead > 0 else requested, *rest, **more)
-
-        return plan
-
-    patch.wrap(Controller, "_plan", around)
-    one_by_one(patch)
+    now = self.time.period(self._now)
+    ahead = signed(requested - now, WORD)
+    return original(self, now + ahead if 0 < requested < now and ahead > 0 else requested, *rest, **more)
 
 
 # STATUS
@@ -420,23 +337,17 @@ def _name_wished_period(patch: Patch, begin: str) -> None:
     """Let STATUS name the period that was asked for, where a change begins late."""
     wished: dict[tuple[int, int], int] = {}
 
-    def of_plan(original: Any) -> Any:
-        def plan(self: Any, requested: int, *rest: Any, **more: Any) -> Any:
-            change = original(self, requested, *rest, **more)
-            wished[id(self), change.period] = requested or change.period
-            return change
+    @patch.around(Controller, "_plan")
+    def of_plan(original: Any, self: Any, requested: int, *rest: Any, **more: Any) -> Any:
+        change = original(self, requested, *rest, **more)
+        wished[id(self), change.period] = requested or change.period
+        return change
 
-        return plan
+    @patch.around(Controller, begin)
+    def of_begin(original: Any, self: Any, *arguments: Any) -> None:
+        original(self, *arguments)
+        self._since_period = wished.pop((id(self), arguments[-1]), self._since_period)
 
-    def of_begin(original: Any) -> Any:
-        def begun(self: Any, *arguments: Any) -> None:
-            original(self, *arguments)
-            self._since_period = wished.pop((id(self), arguments[-1]), self._since_period)
-
-        return begun
-
-    patch.wrap(Controller, "_plan", of_plan)
-    patch.wrap(Controller, begin, of_begin)
     one_by_one(patch)
 
 
@@ -455,16 +366,12 @@ def status_names_the_period_that_a_late_sequence_wished(patch: Patch) -> None:
 def _forget(patch: Patch, when: str, **values: Any) -> None:
     """Let the controller set some of what it knows to something else after a method."""
 
-    def around(original: Any) -> Any:
-        def forgetful(self: Any, *arguments: Any, **more: Any) -> Any:
-            done = original(self, *arguments, **more)
-            for name, value in values.items():
-                setattr(self, name, value)
-            return done
-
-        return forgetful
-
-    patch.wrap(Controller, when, around)
+    @patch.around(Controller, when)
+    def forgetful(original: Any, self: Any, *arguments: Any, **more: Any) -> Any:
+        done = original(self, *arguments, **more)
+        for name, value in values.items():
+            setattr(self, name, value)
+        return done
 
 
 @mutant("REQ-003")
@@ -498,18 +405,11 @@ def disable_clears_the_counters(patch: Patch) -> None:
     _forget(patch, "_drop_all", _late=0, _lost=0)
 
 
-@mutant("REQ-009", "SAF-003")
-def watchdog_forgets_its_time_when_it_fires(patch: Patch) -> None:
+@mutant("REQ-009", "SAF-003", wraps=(Controller, "_fall_to_watchdog"))
+def watchdog_forgets_its_time_when_it_fires(original: Any, self: Any) -> None:
     """When the watchdog has fired, its time is that of INFO again."""
-
-    def around(original: Any) -> Any:
-        def fall(self: Any) -> None:
-            original(self)
-            self._watchdog.set_time(WATCHDOG_MS)
-
-        return fall
-
-    patch.wrap(Controller, "_fall_to_watchdog", around)
+    original(self)
+    self._watchdog.set_time(WATCHDOG_MS)
 
 
 # Firmware
