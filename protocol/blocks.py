@@ -460,9 +460,9 @@ def _check_unused(fields: _Fields, *used: str) -> None:
 
 
 def _items(payload: bytes, count: int, size: int = 1) -> bytes:
-    """The items at the head of a payload, behind which only zeros may follow."""
+    """The items at the head of a payload, after which only zeros may follow."""
     if any(payload[count * size :]):
-        raise ValueError(f"bytes behind the {count} items of the payload should be 0")
+        raise ValueError(f"bytes after the {count} items of the payload should be 0")
     return payload[: count * size]
 
 

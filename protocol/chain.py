@@ -321,7 +321,7 @@ class Load(_ToProcessor):
         memory = Memory(code)
         size = count * MEMORIES[memory].item_bytes
         if any(data[size:]):
-            raise ValueError(f"bytes behind its {count} items are not 0")
+            raise ValueError(f"bytes after its {count} items are not 0")
         if size > LOAD_BYTES:
             raise ValueError(f"{count} items are more than {LOAD_BYTES} bytes hold")
         return cls(processor, memory, first, data[:size])

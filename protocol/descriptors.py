@@ -75,7 +75,7 @@ class Descriptor:
 
     @classmethod
     def _parse(cls, data: bytes) -> Any:
-        """What the layout reads; nothing may stand behind it."""
+        """What the layout reads; nothing may stand after it."""
         try:
             return Sequence(cls.LAYOUT, Terminated).parse(data)[0]
         except ConstructError as error:
@@ -325,7 +325,7 @@ class MsOsRegistryProperty(Descriptor):
 
 
 def encode(*chain: Descriptor) -> bytes:
-    """Encode descriptors one behind the other."""
+    """Encode descriptors one after the other."""
     return b"".join(descriptor.encode() for descriptor in chain)
 
 
@@ -357,7 +357,7 @@ def ms_os_descriptors(data: bytes) -> tuple[Descriptor, ...]:
 
 
 def _signature(kind: type[Descriptor]) -> bytes:
-    """The constants behind the length by which a kind is known: type, subtype, perhaps a UUID."""
+    """The constants after the length by which a kind is known: type, subtype, perhaps a UUID."""
     constants = takewhile(lambda field: isinstance(field.subcon, Const), kind.LAYOUT.subcon.subcons)
     return b"".join(field.build(None) for field in constants)
 

@@ -1,6 +1,6 @@
 """Firmware images: one file for all eleven processors, and which of the images in flash boots (SPEC.md, chapter FWU).
 
-An `Image` is what a device stores and DFU carries; a file is that with the DFU suffix behind it (`build`, `parse`).
+An `Image` is what a device stores and DFU carries; a file is that with the DFU suffix after it (`build`, `parse`).
 `Image.decode` judges the bytes, `trust` who signed them; what is done with an image that nobody known has signed is for
 the caller to decide. Nothing here reads or writes a flash: `boot_order` is told what the boot records hold.
 """
@@ -325,7 +325,7 @@ class Suffix(NamedTuple):
 
 
 def with_suffix(image: bytes, suffix: Suffix) -> bytes:
-    """Put the DFU suffix behind an encoded image; the outcome is a file for dfu-util."""
+    """Put the DFU suffix after an encoded image; the outcome is a file for dfu-util."""
     fields = suffix._asdict() | {"dfu_version": None, "signature": None, "length": None}
     body = image + encode_layout(DFU_SUFFIX, fields | {"checksum": 0}, suffix)[:-4]
     return bytes(body + _suffix_checksum(body).to_bytes(4, "little"))

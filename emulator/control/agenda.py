@@ -147,7 +147,7 @@ class Agenda:
 
     @property
     def update_cost(self) -> Cost:
-        """What an update costs behind all that is planned."""
+        """What an update costs after all that is planned."""
         return self.cost(updates=True, programs=0, modulated=self.tail.modulated)
 
     def add(
@@ -162,7 +162,7 @@ class Agenda:
         asked: bool = True,
         is_update: bool = False,
     ) -> Change:
-        """Plan a change behind all others (chapters BLK and BUD).
+        """Plan a change after all others (chapters BLK and BUD).
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Agenda:
         cost = self.cost(packed is not None, len(programs), modulated or tail.modulated)
         waits = tail.table if packed is not None else 0
         for program in programs:
-            # Programs for one memory wait one at a time; behind an update they leave later by all of it.
+            # Programs for one memory wait one at a time; after an update they leave later by all of it.
             begun = self._time.boundary(tail.programs[program.memory - Memory.ENTRIES])
             ready = max(ready, begun - (update_cycles(self._link) if packed is not None else 0))
         lead = cost.lead if packed is not None else 0
@@ -330,7 +330,7 @@ class Agenda:
     def loads_gone(self, begin: int, loads: int) -> int:
         """Core cycle by which so many loads have left at the latest, if they begin at another and fit in between.
 
-        Questions to the processors go in between too: one a millisecond, behind a load that had begun.
+        Questions to the processors go in between too: one a millisecond, after a load that had begun.
         """
         at, left = begin, loads
         for start, sent in self._busy():

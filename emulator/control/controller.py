@@ -441,7 +441,7 @@ class Controller:
         ready = self._now + SORT_CYCLES
         if self._loading and any(program.count for program in programs):
             ready = max(ready, self._agenda.loads_gone(ready, len(self._loading)))
-        if self._disabled_from is not None:  # what is accepted behind that is dropped by then (clause BLK-018)
+        if self._disabled_from is not None:  # what is accepted after that is dropped by then (clause BLK-018)
             ready = max(ready, self.time.boundary(self._disabled_from) + 1)
         change = self._agenda.add(
             ready, requested, packed, programs, effect, folded=self._chain.folded, is_update=is_update
@@ -719,7 +719,7 @@ class Controller:
     def _happen(self, event: Event, at: int, door: Door | None = None, *, silent: bool = False) -> None:
         """Something happened at a core cycle, by what came through a door if any: follow clause STA-003.
 
-        `silent` says that the outputs have just fallen silent, with nothing on the chain behind that.
+        `silent` says that the outputs have just fallen silent, with nothing on the chain after that.
         """
         was, self._state = self._state, after(self._state, event)
         if self._state is was:

@@ -26,7 +26,7 @@ class Cost(NamedTuple):
 def plan(
     origin: int, ready: int, sent: int, waits: int, period: int, requested: int, forward: int, lead: int
 ) -> tuple[int, int]:
-    """Where a change goes behind others.
+    """Where a change goes after others.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ class DamagedMessage(InjectedFault):
     processor : int, optional
         To which processor they go, or from which they come; whichever by default.
     token : int
-        Which of its tokens, counted from 0: three of the route header, the payload, END. By default the first behind
+        Which of its tokens, counted from 0: three of the route header, the payload, END. By default the first after
         the header. That of an answer cannot be damaged: where else it would lead the model does not know.
     times : int
         How many such messages.
@@ -91,7 +91,7 @@ class _Tamper:
         """A message as it arrives."""
         fault = self._fault
         header, kind = passing.tokens[: ROUTE.size], MESSAGES[fault.message]
-        # Every number goes to the same node: what tells them apart is the number itself, the first token behind.
+        # Every number goes to the same node: what tells them apart is the number itself, the first token after.
         processor = passing.tokens[ROUTE.size] if kind is Number else passing.node
         concerns = header[-1:] == bytes([kind.CHANNEL_END]) and fault.processor in (None, processor)
         if not self._left or not concerns or len(passing.tokens) != kind.TOKENS:

@@ -133,7 +133,7 @@ class Flash:
 
     @classmethod
     def load(cls, path: Path, *, times: Times | None = None, seed: int = 0) -> Self:
-        """Read a flash from a file: its bytes, and behind them how often each sector was erased.
+        """Read a flash from a file: its bytes, and after them how often each sector was erased.
 
         Raises
         ------

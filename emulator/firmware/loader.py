@@ -52,7 +52,7 @@ FACTORY_IMAGE = Image(
 IDENTITY_ADDRESS = 0
 IDENTITY_BYTES = 64 * 1024
 MARK, UNMARKED = bytes(4), bytes([ERASED_BYTE]) * 4
-SIZE_BYTES, CHECKSUM_BYTES = 4, 4  # sent before and behind a segment
+SIZE_BYTES, CHECKSUM_BYTES = 4, 4  # sent before and after a segment
 
 
 class Identity(NamedTuple):
@@ -64,7 +64,7 @@ class Identity(NamedTuple):
     """Whose images it accepts; without any, everybody's (clause FWU-012)."""
 
     def encode(self) -> bytes:
-        """Encode as it lies in the loader's part of the flash: JSON, behind which the flash is erased."""
+        """Encode as it lies in the loader's part of the flash: JSON, after which the flash is erased."""
         keys = [key.public_bytes_raw().hex() for key in self.keys]
         return json.dumps({"serial": self.serial, "wiring": self.wiring.channels.tolist(), "keys": keys}).encode()
 

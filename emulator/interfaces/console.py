@@ -66,7 +66,7 @@ class Shown(NamedTuple):
     text : bytes
         For the terminal.
     then : callable or None
-        What remains to be carried out once the text is sent (clause CON-004); nothing typed behind it was read. The
+        What remains to be carried out once the text is sent (clause CON-004); nothing typed after it was read. The
         device may refuse by `Stall` if its state has changed since.
     """
 
@@ -80,7 +80,7 @@ class Console:
     Parameters
     ----------
     controller : ConsoleController
-        What stands behind the commands.
+        What carries out the commands.
     door : Door
         What the commands come by.
     detach : callable
@@ -94,7 +94,7 @@ class Console:
         self._editor = LineEditor()
 
     def feed(self, typed: bytes) -> Shown:
-        """Take the next bytes; answer the lines that they end, each before what is typed behind it is sent back."""
+        """Take the next bytes; answer the lines that they end, each before what is typed after it is sent back."""
         text = bytearray()
         for byte in typed:
             lines, echo = self._editor.feed(bytes([byte]))

@@ -87,11 +87,11 @@ class _Outbox:
         return len(self._under_way) + sum(map(len, self._frames)) + len(self._unasked)
 
     def say(self, data: bytes) -> None:
-        """Send bytes behind what is under way; no frames may wait."""
+        """Send bytes after what is under way; no frames may wait."""
         self._under_way += data
 
     def answer(self, frame: Frame) -> None:
-        """Send a frame behind the others."""
+        """Send a frame after the others."""
         self._frames.append(encode(frame))
 
     def notify(self, frame: Frame) -> None:
@@ -180,7 +180,7 @@ class SerialLine(Door):
     def hang_up(self) -> None:
         """Return to the console at once: a break, DTR low or a bus reset (clause SER-010).
 
-        What waits for the host is dropped, and what was to be carried out behind it is carried out.
+        What waits for the host is dropped, and what was to be carried out after it is carried out.
         """
         dropped = self._incoming.hang_up()
         self._controller.dropped_frames += sum(isinstance(event, FrameError) for event in dropped)
@@ -194,7 +194,7 @@ class SerialLine(Door):
         """Take bytes that arrive from the host now."""
         for event in self._incoming.feed(data):
             if self._departure:
-                break  # what comes behind it is heard by nobody
+                break  # what comes after it is heard by nobody
             self._handle(event)
         if self.pending:
             self._on_output()

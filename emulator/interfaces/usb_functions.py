@@ -132,7 +132,7 @@ def unknown(setup: Setup) -> Stall:
 
 
 class _Packets:
-    """What waits for the host, cut into packets; behind a last one that is full comes an empty one (clause USB-019)."""
+    """What waits for the host, cut into packets; after a last one that is full comes an empty one (clause USB-019)."""
 
     def __init__(self, take: Callable[[int], bytes], packet_bytes: int) -> None:
         self._take = take
@@ -228,7 +228,7 @@ class ArrayFunction(Function, Door):
         self._records.append(record)
 
     def notify(self, record: bytes) -> None:
-        """Keep a status record behind what waits, instead of an older one (clause ACK-006).
+        """Keep a status record after what waits, instead of an older one (clause ACK-006).
 
         Nobody can read it while the device is not configured, and then it is dropped.
         """

@@ -35,7 +35,7 @@ class PortBits(Protocol):
 
     @property
     def end_tick(self) -> int:
-        """The tick behind the last one captured."""
+        """The tick after the last one captured."""
 
     def bits(self, start: int, stop: int) -> NDArray[np.uint32]:
         """The port words of a stretch of time, (stop - start, 10) uint32."""

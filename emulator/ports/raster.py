@@ -41,7 +41,7 @@ def _rasterise(packed: Any, widths: Any, edges: Any, words: Any) -> None:
             if begin >= TICKS_PER_PERIOD:
                 begin -= TICKS_PER_PERIOD
             edges[begin] ^= bit
-            edges[begin + width] ^= bit  # at most 25 ticks behind the end of the period; nothing for a width of 0
+            edges[begin + width] ^= bit  # at most 25 ticks after the end of the period; nothing for a width of 0
             both >>= U32(PULSE_BITS)
     running = U32(0)
     for tick in range(TICKS_PER_PERIOD + 1, edges.size):  # what goes round the end is high when the period begins

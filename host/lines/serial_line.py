@@ -328,7 +328,7 @@ class SerialTransport:
         return (ANSWER_SECONDS + under_way / self._bytes_per_second) * 2.0**attempt
 
     def _send(self, doing: str, frame: Frame) -> None:
-        """Send a frame behind a zero, which ends what may be left of another, and the console (SER-005, SER-010)."""
+        """Send a frame after a zero, which ends what may be left of another, and the console (SER-005, SER-010)."""
         data = DELIMITER + encode(frame)
         self._unanswered += len(data)
         self._write(doing, data)

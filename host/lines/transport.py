@@ -87,7 +87,7 @@ class Transport(Protocol):
         """
 
     def write_blocks(self, blocks: bytes, seconds: float) -> int:
-        """Send blocks of 512 bytes, one behind the other.
+        """Send blocks of 512 bytes, one after the other.
 
         Returns
         -------

@@ -82,7 +82,7 @@ def chain_messages() -> Section:
     return section(
         "Messages of the chain (CHN). hex is the tokens that hold data, route header first; the control token END "
         "follows them on the link, and appears as 01 in the examples of the specification. Fields have the names of "
-        "the layouts; data is without the zeros behind it.",
+        "the layouts; data is without the zeros after it.",
         (
             vector(name, shows, hex=_tokens(message), kind=message.CHANNEL_END, fields=_fields(message))
             for name, (shows, message) in MESSAGES.items()
@@ -147,7 +147,7 @@ def refused_chain_messages() -> Section:
         "load-two-slots": ("two slots", "CHN-012", _changed("load-slot", 4, 0, 0, 2)),
         "load-13-entries": ("more entries than 48 bytes hold", "CHN-012", _changed("load-specification", 6, 13)),
         "load-beyond": ("48 samples from place 4049 on", "CHN-012", _changed("load-samples", 4, 0xD1, 0x0F)),
-        "load-behind": ("a byte behind the sample", "CHN-012", _changed("load-sample", 54, 1)),
+        "load-behind": ("a byte after the sample", "CHN-012", _changed("load-sample", 54, 1)),
         "program-slots": ("slots cannot be started", "CHN-014", _changed("program-specification", 3, 1)),
         "program-beyond": ("two entries from place 1023 on", "CHN-014", _changed("program-specification", 4, 0xFF, 3)),
         "program-hold": ("a sequence with a hold", "CHN-014", _changed("program-specification", 8, 1)),

@@ -222,7 +222,7 @@ def refused_packets() -> Section:
     refusals = {
         "cut-ack": ("the second acknowledgement is cut off", ack + ack[:16]),
         "cut-status": ("a status cut off after 32 bytes, at which an acknowledgement would end", ack + status[:32]),
-        "nothing-known": ("zeros behind an acknowledgement", ack + bytes(32)),
+        "nothing-known": ("zeros after an acknowledgement", ack + bytes(32)),
     }
     return section(
         "Packets on bulk IN that do not hold whole records.",
@@ -268,7 +268,7 @@ def answers() -> Section:
     }
     return section(
         "Data that control requests answer (REQ); STATUS answers a status record. Unknown features appear as one "
-        "number behind the names of the known ones.",
+        "number after the names of the known ones.",
         [
             *(vector(n, shows, request="INFO", hex=v.encode(), fields=v) for n, (shows, v) in infos.items()),
             *(vector(n, shows, request="CLOCK", hex=v.encode(), fields=v) for n, (shows, v) in clocks.items()),

@@ -77,8 +77,8 @@ FRAMES: dict[str, tuple[str, Frame]] = {
     "status": ("a status record", Frame(FrameKind.RECORD, STATUS.encode())),
     "block-zeros": ("a block of little but zeros", _block("no-op")),
     "block-pulses": ("a block without many zeros", _block("update-mixed")),
-    "group-253": ("253 bytes without a zero behind the outcome's: FE", _reply(5, Outcome.DONE, ONES * 249)),
-    "group-254": ("254 bytes at the end: FF, and no group of nothing behind it", _reply(5, Outcome.DONE, ONES * 250)),
+    "group-253": ("253 bytes without a zero after the outcome's: FE", _reply(5, Outcome.DONE, ONES * 249)),
+    "group-254": ("254 bytes at the end: FF, and no group of nothing after it", _reply(5, Outcome.DONE, ONES * 250)),
     "group-255": ("255 bytes at the end: FF, then 02", _reply(5, Outcome.DONE, ONES * 251)),
     "group-before-zero": (
         "254 bytes and a zero: FF, then 01 for the zero",
@@ -134,8 +134,8 @@ def _broken_frames() -> Mapping[str, tuple[str, str, bytes]]:
     ack, group = encode(FRAMES["ack"][1]), encode(FRAMES["group-254"][1])
     head = bytes([1, REQUEST_TYPE_OUT, 0x7F, 0, 0, 0, 0])
     return {
-        "beyond": ("a length byte that points behind the end", "SER-003", bytes([5, 1, 2, 0])),
-        "group-of-nothing": ("a group of nothing behind a full one at the end", "SER-003", group[:-1] + b"\x01\0"),
+        "beyond": ("a length byte that points past the end", "SER-003", bytes([5, 1, 2, 0])),
+        "group-of-nothing": ("a group of nothing after a full one at the end", "SER-003", group[:-1] + b"\x01\0"),
         "cut": ("the first half of a frame", "SER-006", ack[:20] + DELIMITER),
         "lost": ("a byte in the middle was lost", "SER-006", ack[:20] + ack[21:]),
         "flipped": ("a bit was flipped", "SER-006", ack[:20] + bytes([ack[20] ^ 0x80]) + ack[21:]),
@@ -160,7 +160,7 @@ def _broken_frames() -> Mapping[str, tuple[str, str, bytes]]:
         ),
         "reply-short": ("no outcome", "SER-008", _sealed(FrameKind.REPLY, bytes([1]))),
         "reply-outcome": ("outcome 2", "SER-008", _sealed(FrameKind.REPLY, bytes([1, 2]))),
-        "reply-stall-data": ("data behind STALL", "SER-008", _sealed(FrameKind.REPLY, bytes([1, 1, 0]))),
+        "reply-stall-data": ("data after STALL", "SER-008", _sealed(FrameKind.REPLY, bytes([1, 1, 0]))),
     }
 
 
@@ -344,7 +344,7 @@ def exchanges() -> Section:
         ),
     ]
     return section(
-        "Lines of a console and all that the device sends behind them, the prompt included (CON-002, CON-007). What "
+        "Lines of a console and all that the device sends after them, the prompt included (CON-002, CON-007). What "
         "comes from a record or from an answer of REQ names that one in 'of'.",
         [
             *(
