@@ -3,8 +3,10 @@
 A client's host controller keeps some things to itself, which are made good here. It says nothing of bus resets: one is
 inferred where a host begins to enumerate, asking for the device descriptor with room for 64 bytes and then for 18, and
 nothing else is under way. It may take a transfer back before it submits it, or one of the connection before. A device
-that attaches itself anew is another one to it: the connection ends, and the client attaches again. A device whose
-client leaves is unplugged, and plugged in again where nobody listens; so it waits for the next.
+that attaches itself anew is another one to it: the connection ends, and the client attaches again. If a reset is why,
+as in DFU, the host finds out by itself, for it compares descriptors after a reset: its second look waits for the device
+and the connection stays. Linux would wait 5 s for an answer if the connection ended in a reset. A device whose client
+leaves is unplugged, and plugged in again where nobody listens; so it waits for the next.
 """
 
 from __future__ import annotations
@@ -95,6 +97,7 @@ class UsbIpSession(UsbConversation):
         self._newest: int | None = None
         self._premature: dict[int, int] = {}  # numbers of transfers taken back before they came, and of who did it
         self._looked = False
+        self._second_look: Submit | None = None  # waits for a device that has left the bus for a reset
 
     @property
     def station(self) -> Station | None:
@@ -173,12 +176,18 @@ class UsbIpSession(UsbConversation):
             exported.taken = True
             exported.station.conversations.append(self)
             self._exported = exported
-            self._give_up = exported.station.scheduler.now + ATTACH_CYCLES
-            self._attach()
+            self._await_device()
 
     def _refuse(self, status: ImportStatus, reason: str) -> None:
         self._pending += encode_import(status)
         self._leave(reason)
+
+    def _await_device(self) -> None:
+        """Let the client wait until the device is attached."""
+        assert self._exported
+        self._bus = None
+        self._give_up = self._exported.station.scheduler.now + ATTACH_CYCLES
+        self._attach()
 
     def _attach(self) -> None:
         """Give the device to the client as soon as it is attached."""
@@ -187,20 +196,30 @@ class UsbIpSession(UsbConversation):
         if device.attached:
             self._bus = UsbBus(device, scheduler)
             self._generation = device.generation
-            self._pending += encode_import(ImportStatus.OK, self._exported.describe())
+            if self._second_look:
+                look, self._second_look = self._second_look, None
+                self._begin(look)
+            else:
+                self._pending += encode_import(ImportStatus.OK, self._exported.describe())
             self._read()
         elif scheduler.now >= self._give_up:
-            self._refuse(ImportStatus.NOT_AVAILABLE, "the device did not attach itself")
+            reason = "the device did not attach itself"
+            if self._second_look:
+                self._leave(reason, replug=False)
+            else:
+                self._refuse(ImportStatus.NOT_AVAILABLE, reason)
 
     def _check_attachment(self) -> None:
         """Leave the client where its device has left it."""
-        if self._bus and self._exported:
-            device = self._exported.device
-            if not device.attached or device.generation != self._generation:
-                self._leave("the device has left the bus; it can be attached again", replug=False)
+        if self._bus and not self._still_there():
+            self._leave("the device has left the bus; it can be attached again", replug=False)
+
+    def _still_there(self) -> bool:
+        assert self._exported
+        device = self._exported.device
+        return device.attached and device.generation == self._generation
 
     def _submit(self, command: Submit) -> None:
-        assert self._bus
         if not self._is_ours(command):
             return
         self._newest = command.number
@@ -214,6 +233,18 @@ class UsbIpSession(UsbConversation):
         if len(self._transfers) == MOST_TRANSFERS or self._bytes > MOST_BYTES:
             self._leave(f"it has more than {MOST_TRANSFERS} transfers or {MOST_BYTES} bytes under way")
             return
+        is_control = not command.endpoint & ~DIRECTION_IN
+        if is_control and self._ends_reset(command.setup):
+            assert self._exported
+            self._exported.device.reset()
+            if not self._still_there():
+                self._second_look = command
+                self._await_device()
+                return
+        self._begin(command)
+
+    def _begin(self, command: Submit) -> None:
+        assert self._bus
         transfer = Transfer(
             command.endpoint,
             command.length,
@@ -223,8 +254,6 @@ class UsbIpSession(UsbConversation):
             command.short_not_ok,
             lambda transfer, outcome: self._answer(command, transfer, outcome),
         )
-        if transfer.is_control:
-            self._infer_reset(command.setup)
         self._transfers[command.number] = transfer
         self._bus.submit(transfer)
 
@@ -235,11 +264,11 @@ class UsbIpSession(UsbConversation):
             self._leave(f"it sent a command for device {command.device_id:#x}; its own is {wanted:#x}")
         return command.device_id == wanted
 
-    def _infer_reset(self, setup: Setup) -> None:
-        assert self._exported
-        if setup == _SECOND_LOOK and self._looked and not self._transfers:
-            self._exported.device.reset()
+    def _ends_reset(self, setup: Setup) -> bool:
+        """Whether the host has reset the bus before this request."""
+        ends = setup == _SECOND_LOOK and self._looked and not self._transfers
         self._looked = setup == _FIRST_LOOK
+        return ends
 
     def _answer(self, command: Submit, transfer: Transfer, outcome: Outcome) -> None:
         actual = len(transfer.received) if transfer.is_in else transfer.sent

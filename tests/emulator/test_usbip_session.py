@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from phasewire.emulator.doors.station import Pace, Station
 from phasewire.emulator.doors.usbip_session import Exported, UsbIpSession
 from phasewire.emulator.scheduler import Scheduler
+from phasewire.protocol.enumeration import HIGH_SPEED, run_time
 from phasewire.protocol.requests import Setup
 
 from tests.emulator.stand_ins import StandInDevice
@@ -279,6 +280,41 @@ def test_a_device_that_leaves_the_bus_over_a_request_still_answers_it() -> None:
     desk.device.control = leave  # type: ignore[method-assign]  # made to leave
     assert client.request(0x00, 3, 2, 0x0100).status == 0
     assert session.over
+
+
+@pytest.mark.parametrize("delay", [0, 8_000_000])
+def test_a_device_that_leaves_for_a_reset_answers_the_second_look_when_it_is_back(delay: int) -> None:
+    """A host compares the descriptor with the one before, and enumerates the device anew."""
+    desk = Desk()
+    client, session = desk.attached()
+    client.enumerate()
+    before = client.descriptor(1, 64)
+    after = run_time((9, 9, 9), "stand-in", "S-1", HIGH_SPEED)
+
+    def come_back() -> None:
+        desk.device.attached = True
+
+    def leave() -> None:
+        desk.device.enumeration = after
+        desk.device.generation += 1
+        desk.device.attached = not delay
+        desk.scheduler.at(desk.scheduler.now + delay, come_back)
+
+    desk.device.reset = leave  # type: ignore[method-assign]  # made to leave
+    assert client.descriptor(1, 18) == after.find(1, 0, 0) != before
+    assert not session.over
+    assert client.write(0x01, bytes(8)).status == 0
+
+
+def test_a_device_that_does_not_come_back_from_a_reset_ends_the_connection() -> None:
+    desk = Desk()
+    client, session = desk.attached()
+    client.descriptor(1, 64)
+    desk.device.reset = lambda: setattr(desk.device, "attached", False)  # type: ignore[method-assign]  # made to leave
+    client.submit(0x80, 18, setup=SECOND_LOOK)
+    with pytest.raises(EOFError):
+        client.answer()
+    assert "did not attach" in session.end
 
 
 @pytest.mark.parametrize("delay", [0, 8_000_000])

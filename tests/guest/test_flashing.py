@@ -23,6 +23,8 @@ DOWNLOAD, UPLOAD, BACK = (
 DOCUMENTED = {says: int(code) for says, code in re.findall(r"^\|.*\| `([^`]+)`.*\| (\d+) \|$", GUIDE, re.MULTILINE)}
 """What dfu-util says, and its exit code then."""
 SLOW = 240.0  # seconds that a command may take on a busy computer
+RESET = re.compile(r"usb \S+: reset (?:high|full)-speed USB device number \d+ using vhci_hcd")
+"""What the kernel says when a program asks for a reset, as DFU does after a download."""
 MODES = {"run time": "Found Runtime: [1209:0001]", "DFU mode": "Found DFU: [1209:0002]"}
 
 
@@ -98,3 +100,4 @@ def test_the_device_is_given_new_firmware_and_goes_back(bench: Bench, guest: Gue
     bench.check("phasewire", "flash", "--revert", "--device", "usb:", seconds=SLOW)
     wait_for(bench, "run time")
     assert firmware(bench) == "0010"
+    assert [line for line in bench.complaints() if not RESET.fullmatch(line)] == []
