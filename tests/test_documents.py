@@ -19,6 +19,7 @@ from typer.core import TyperGroup
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "protocol/SPEC.md")),
+    ROOT / "examples/README.md",
     *sorted((ROOT / "docs").glob("*.md")),
 ]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -146,7 +147,9 @@ def test_files_and_targets_named_in_the_guide_exist() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.name)
-def test_examples_run(example: Path, tmp_path: Path) -> None:
+def test_examples_are_short_and_run(example: Path, tmp_path: Path) -> None:
+    assert len(example.read_text(encoding="utf-8").splitlines()) < 40
+    assert f"({example.name})" in (ROOT / "examples/README.md").read_text(encoding="utf-8")
     ended = subprocess.run(
         [sys.executable, str(example)], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
