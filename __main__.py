@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with unwinding(last=arguments is None):
             with loading():
-                from .commands import run
+                from .cli.commands import run
             run(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:  # also one that came before anything heeded it
         sys.exit(SIGNALLED + SIGINT)

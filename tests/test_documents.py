@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import typer
 from phasewire.__main__ import main
-from phasewire.commands import command_line
-from phasewire.settings import each_command
+from phasewire.cli.commands import command_line
+from phasewire.cli.settings import each_command
 from typer.core import TyperGroup
 
 ROOT = Path(__file__).parents[1]

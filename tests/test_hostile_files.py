@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from phasewire import ControlPoints, Mesh, TransducerArray, solve
+from phasewire.cli.sources import spoken
 from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.scenario import read_scenario
 from phasewire.errors import ImageError, InputFileError
 from phasewire.hil.conformance.sight.sigrok import SessionFile
 from phasewire.hil.conformance.tables import read_table
-from phasewire.host.commands.sources import spoken
 from phasewire.host.firmware.images import read_image
 from phasewire.host.firmware.keys import read_private_key, read_public_keys
 from phasewire.host.hands.leap_recording import read_leap_recording

@@ -34,6 +34,6 @@ def test_the_package_has_its_names_and_rooms_without_further_imports() -> None:
 def test_importing_the_package_imports_nothing_slow() -> None:
     """What takes long to import, only some users need, and the list of commands needs none of it."""
     slow = ("numba", "matplotlib", "cryptography", "dpkt", "scipy", "numpy", "rich.table")
-    code = f"import sys, phasewire, phasewire.commands; print([name for name in {slow} if name in sys.modules])"
+    code = f"import sys, phasewire, phasewire.cli.commands; print([name for name in {slow} if name in sys.modules])"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert ended.stdout.strip() == "[]"

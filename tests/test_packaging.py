@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("protocol", "solver", "emulator", "host", "hil")
+ROOMS = ("protocol", "solver", "emulator", "host", "hil", "cli")
 
 
 @pytest.mark.slow

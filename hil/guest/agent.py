@@ -23,6 +23,8 @@ from importlib.metadata import entry_points
 from typing import IO, Any, BinaryIO
 
 PHASEWIRE, PYTHON = "phasewire", "python"
+COMMANDS = ("attach", "commands", "device", "discovery", "firmware", "flash", "playing", "tracker")
+"""The modules of the commands that programs in the guest call."""
 OTHERS = ("serial.tools.list_ports", "typer._adapters", "usb.backend.libusb1", "usb.core")
 """What else most programs in the guest need; libraries load it late."""
 LATE = {
@@ -64,9 +66,8 @@ def main(port: str) -> None:
 
 def load() -> None:
     """Import what the commands of the host need, once for all forks."""
-    for home in import_module("phasewire.commands").HOMES.values():
-        if home.module.startswith(".host"):
-            import_module(home.module, "phasewire")
+    for name in COMMANDS:
+        import_module(f"phasewire.cli.{name}")
     for name in OTHERS:
         import_module(name)
     for group in PLUGINS:

@@ -32,13 +32,14 @@ import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 from phasewire import ControlPoints, Mesh, TransducerArray, solve
-from phasewire.commands import command_line
+from phasewire.cli.commands import command_line
+from phasewire.cli.settings import CONFIG_VARIABLE, defaults_from_file
+from phasewire.cli.sources import open_file
 from phasewire.emulator.scenario import read_scenario
 from phasewire.errors import ImageError, InputFileError
 from phasewire.hil.conformance.known import read_known_failures
 from phasewire.hil.conformance.profile import read_profile
 from phasewire.hil.conformance.sight.sigrok import SessionFile
-from phasewire.host.commands.sources import open_file
 from phasewire.host.firmware.images import read_firmware
 from phasewire.host.firmware.keys import read_private_key, read_public_keys
 from phasewire.host.hands import HandFrame, TrackedHand
@@ -48,7 +49,6 @@ from phasewire.host.hands.recording import HandRecorder, HandRecording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording, record
 from phasewire.protocol import PulseFrames
-from phasewire.settings import CONFIG_VARIABLE, defaults_from_file
 from phasewire.solver.aperture import Aperture
 from phasewire.solver.contact.hand import Hand
 from phasewire.solver.files import POINT_FILES, read_points, save_solution

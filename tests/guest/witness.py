@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from phasewire.__main__ import main
-from phasewire.emulator import cli
+from phasewire.cli import emulate as cli
 from phasewire.emulator.machine import Emulator
 from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 

@@ -11,7 +11,7 @@ import pytest
 from phasewire.errors import DeviceAccessError, DeviceNotFoundError
 from phasewire.host.lines.vhci import Attached, attach, follow
 
-from .commands import runner
+from ..cli.runner import runner
 from .serving import LOOPBACK, Served
 
 STATUS = """hub port sta spd dev      sockfd local_busid

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from phasewire import ControlPoints, TransducerArray, pressure, solve
 from phasewire.__main__ import main
+from phasewire.cli.reproduce import figure_6_claims, figure_7_claims, range_claims
 from phasewire.pictures import save_figure
 from phasewire.solver import reproduction_pictures
-from phasewire.solver.reproduce_cli import figure_6_claims, figure_7_claims, range_claims
 from phasewire.solver.reproduction import (
     AtHeight,
     Rendering,

@@ -28,9 +28,9 @@ from phasewire.protocol.firmware import Image, Segment, sign
 from phasewire.protocol.versions import Version
 from phasewire.protocol.wiring import Wiring
 
+from tests.cli.test_processes import heed_ctrl_c
 from tests.emulator.test_umockdev import needs
 from tests.host.serving import served_url
-from tests.test_processes import heed_ctrl_c
 
 # What cases say of themselves
 

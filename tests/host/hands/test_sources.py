@@ -7,7 +7,7 @@ from itertools import count
 from threading import Thread
 
 import pytest
-from phasewire.commands import exit_code
+from phasewire.cli.commands import exit_code
 from phasewire.errors import TrackerError, TrackerLostError, TrackerNotFoundError
 from phasewire.host.hands import HandFrame, HandSource, open_hands
 from phasewire.host.hands.sources import MOST_WAITING, LiveHands, PlayedHands, read_options

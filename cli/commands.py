@@ -1,0 +1,279 @@
+"""The command line: all commands under one name, and what becomes of errors.
+
+A command's module is loaded when the command is asked for: `HOMES` says where each is, and what it is for.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Annotated, Any, NamedTuple, cast
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from ..errors import DeviceError, DeviceNotFoundError, PhasewireError, TrackerError, TrackerNotFoundError
+from ..signals import SIGNALLED, loading
+
+__all__ = ["app", "command_line", "run"]
+
+FAILED, WRONG_USE, NO_DEVICE, DEVICE_FAILED = 1, 2, 3, 4
+TRACED = ("demo",)
+"""Commands that talk to a device without being told which."""
+
+
+class Home(NamedTuple):
+    """Where a command is.
+
+    Parameters
+    ----------
+    module : str
+        In this room; what it calls ``commands`` has the command, or is it if it is a group.
+    help : str
+        The first sentence of the command's own help.
+    """
+
+    module: str
+    help: str
+
+
+HOMES = {
+    "demo": Home("demo", "Show the whole way: a sphere on a palm, five emulated boards, pressure."),
+    "touch": Home(
+        "touch",
+        "Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.",
+    ),
+    "conformance": Home(
+        "conformance",
+        "Judge a device by the specification: what it does, what it answers and, if they can be seen, its outputs.",
+    ),
+    "budget": Home(
+        "budget",
+        "Say how long an update takes from the host to the outputs, how many go through, and what holds them up.",
+    ),
+    "decode": Home("decode", "Explain recorded traffic, and say which clause of the specification it breaks."),
+    "vectors": Home(
+        "vectors",
+        "Write golden vectors of the protocol to standard output, as JSON: bytes, what they mean, and what is refused.",
+    ),
+    "solve": Home("solving", "Find the drives that make a shape, and write them to a file."),
+    "field": Home("solving", "Compute the field of a solved file over a plane or a box, as a picture or as numbers."),
+    "focus": Home(
+        "solving",
+        "Report what became of a solved file's control points: strength, place and sharpness, missing ones and ghosts.",
+    ),
+    "reproduce": Home("reproduce", "Compute a figure of the paper again."),
+    "stop": Home("device", "Turn all outputs of a device off."),
+    "info": Home("device", "Say what a device is and what it is doing."),
+    "read-back": Home("device", "Ask the processors what they play, and show it as the grid of transducers."),
+    "identify": Home("device", "Let the light on a board blink for five seconds."),
+    "reset": Home("device", "Restart a device as at power-up, and wait until it is back."),
+    "watchdog": Home(
+        "device",
+        "Set how long a device waits for a sign of life before it turns its outputs off, until it restarts.",
+    ),
+    "limit": Home(
+        "device",
+        "Turn a device's outputs off, and have it refuse whatever asks for more power, until it restarts.",
+    ),
+    "clear-faults": Home("device", "Clear the faults of a device whose cause is gone, and say which are left."),
+    "show": Home("playing", "Play one frame on a device, and leave its outputs off."),
+    "stream": Home("playing", "Play frames one after the other at a rate, and leave the outputs off."),
+    "play": Home("playing", "Play a shape by two-sided modulation, which the device does from its memory."),
+    "record": Home(
+        "playing",
+        "Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.",
+    ),
+    "devices": Home("discovery", "List the devices that can be found, on USB and on serial lines."),
+    "doctor": Home(
+        "discovery",
+        "Look for what is wrong with this computer and a device, and say what to do about it.",
+    ),
+    "tracker": Home(
+        "tracker",
+        "Say which sources of hands there are and which can be used, or watch one and say what is wrong with it.",
+    ),
+    "flash": Home("flash", "Give a device new firmware, whole or not at all, and see that it runs."),
+    "emulate": Home("emulate", "Serve emulated devices to other programs, until Ctrl-C."),
+    "attach": Home(
+        "attach",
+        "Attach a device of a USB/IP server, such as `phasewire emulate`, to this Linux computer.",
+    ),
+    "config": Home("settings", "Show what options are if the command line does not say, and where that comes from."),
+    "firmware": Home("firmware", "Build, inspect, sign and verify firmware images."),
+}
+"""Each command and each group of commands, in the order in which ``--help`` lists them."""
+
+
+class Commands(Mapping[str, TyperCommand | TyperGroup]):
+    """The commands as click knows them, each loaded when it is asked for.
+
+    Parameters
+    ----------
+    verbose : click.Parameter
+        Given to those that talk to a device, as the whole has it.
+    """
+
+    def __init__(self, verbose: Any) -> None:
+        self._verbose = verbose
+        self._loaded: dict[str, TyperCommand | TyperGroup] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(HOMES)
+
+    def __len__(self) -> int:
+        return len(HOMES)
+
+    def __getitem__(self, name: str) -> TyperCommand | TyperGroup:
+        if name not in self._loaded:
+            with loading():
+                module = import_module(f".{HOMES[name].module}", __package__)
+            group = typer.main.get_group(module.commands)
+            command = self._loaded[name] = cast("TyperCommand | TyperGroup", group.commands.get(name, group))
+            command.name = name
+            if name in TRACED or any("--device" in option.opts for option in command.params):
+                command.params.append(self._verbose)
+        return self._loaded[name]
+
+
+class CommandLine(TyperGroup):
+    """All commands. They end quietly if the program that reads their output ends."""
+
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        """Read the command line, and print what it asks for by ``--help`` and its like."""
+        with _heard():
+            return super().make_context(*arguments, **options)
+
+    def invoke(self, context: Any) -> Any:
+        """Run the command."""
+        with _heard():
+            return super().invoke(context)
+
+    def format_commands(self, context: Any, formatter: Any) -> None:
+        """List the commands, and load none."""
+        listed = TyperGroup(commands=[TyperCommand(name, help=home.help) for name, home in HOMES.items()])
+        listed.format_commands(context, formatter)
+
+
+app = typer.Typer(
+    name="phasewire",
+    cls=CommandLine,
+    epilog="Begin with: phasewire demo",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"phasewire {version('phasewire')}")
+        raise typer.Exit
+
+
+def _trace(context: typer.Context, times: int) -> int:
+    if times and not context.resilient_parsing:
+        from ..host.lines.tracing import print_traffic
+
+        context.find_root().call_on_close(print_traffic(each=times > 1))
+    return times
+
+
+@app.callback()
+def common(
+    context: typer.Context,
+    _verbose: Annotated[
+        int,
+        typer.Option(
+            "--verbose",
+            "-v",
+            count=True,
+            callback=_trace,
+            expose_value=False,
+            show_default=False,
+            help="Say on standard error what is sent to a device and what it answers; -vv says each block and record.",
+        ),
+    ] = 0,
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit."),
+    ] = False,
+) -> None:
+    """Mid-air haptics on an ultrasonic phased array: from a shape to the skin.
+
+    Exit codes: 0 all is well, 1 what was checked failed, 2 wrong use or unusable input, 3 no such device or tracker, 4
+    the device or tracker refused or failed, 130 Ctrl-C.
+    """
+    with loading():
+        from .settings import defaults_from_file
+
+    context.default_map = defaults_from_file(context)
+
+
+def command_line() -> TyperGroup:
+    """All commands as click knows them; those that talk to a device take ``--verbose`` too, as the whole does."""
+    root = typer.main.get_command(app)
+    assert isinstance(root, TyperGroup)
+    verbose = next(option for option in root.params if "--verbose" in option.opts)
+    root.commands = cast("Any", Commands(verbose))
+    return root
+
+
+def exit_code(error: Exception) -> int:
+    """The exit code that stands for an error."""
+    if isinstance(error, (DeviceNotFoundError, TrackerNotFoundError)):
+        return NO_DEVICE
+    if isinstance(error, (DeviceError, TrackerError)):
+        return DEVICE_FAILED
+    if isinstance(error, (ValueError, OSError)):
+        return WRONG_USE
+    return FAILED
+
+
+def message(error: Exception) -> str:
+    """What an error says to people."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
+@contextmanager
+def _heard() -> Iterator[None]:
+    """End the program quietly if the program that reads its output, such as ``head``, has ended."""
+    try:
+        yield
+    except BrokenPipeError:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.stdout, sys.stderr):  # what they still hold must not fail again at the very end
+            os.dup2(nowhere, stream.fileno())
+        sys.exit(SIGNALLED + signal.SIGPIPE)
+
+
+def run(arguments: Sequence[str]) -> None:
+    """Run the command line and exit."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks a sign shows a question mark
+    with _heard():
+        try:
+            command_line()(args=arguments, prog_name="phasewire")
+        except MemoryError:
+            _complain("not enough memory; ask for fewer points or transducers")
+            sys.exit(WRONG_USE)
+        except (PhasewireError, ValueError, OSError) as error:
+            _complain(message(error))
+            sys.exit(exit_code(error))
+
+
+def _complain(what: str) -> None:
+    """Say on standard error why the program ends."""
+    from .console import error_console
+
+    error_console().print(f"phasewire: {what}", style="red")

@@ -1,0 +1,28 @@
+"""What a shell offers for the URL of a device or of a source of hands.
+
+It is asked while somebody types: nothing here may take long, write anything, or fail.
+"""
+
+from __future__ import annotations
+
+from ..host.finding.discovery import search
+from ..host.lines.opening import SCHEMES, entries
+
+__all__ = ["device_urls", "hand_urls"]
+
+HANDS = "phasewire.hands"
+"""The group of entry points, whose module takes long to load."""
+
+
+def device_urls(incomplete: str) -> list[tuple[str, str]]:
+    """Beginnings of URLs, and the URLs of the devices that can be found, each with what it is."""
+    names = sorted(entries(SCHEMES))
+    fitting = [name for name in names if f"{name}:".startswith(incomplete) or incomplete.startswith(f"{name}:")]
+    offered = [(f"{name}:", "") for name in fitting]
+    offered += [(found.url, f"{found.product}, {found.location}") for found in search(fitting).found]
+    return [(url, about) for url, about in offered if url.startswith(incomplete)]
+
+
+def hand_urls(incomplete: str) -> list[str]:
+    """Beginnings of URLs of sources of hands."""
+    return [f"{name}:" for name in sorted(entries(HANDS)) if f"{name}:".startswith(incomplete)]

@@ -1,0 +1,279 @@
+"""The command that judges a device: ``conformance``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..hil.conformance.cases import Risk
+from ..hil.conformance.known import read_known_failures
+from ..hil.conformance.matrix import Matrix
+from ..hil.conformance.profile import Profile, read_profile
+from ..hil.conformance.reports.junit import junit
+from ..hil.conformance.reports.page import page
+from ..hil.conformance.reports.records import record
+from ..hil.conformance.verdicts import Run, Verdict
+from ..host.lines.opening import DEFAULT_URL
+from ..signals import SIGNALLED, loading, postponing
+from ..storage import check_outputs, replacing
+from .console import JsonOption, among, console_for, error_console, write_json
+from .options import DeviceOption, given, note_where_fresh
+
+if TYPE_CHECKING:
+    from ..hil.conformance.mutants.patching import Mutant
+    from ..hil.conformance.plugin import Watcher
+    from ..hil.conformance.running import Options
+
+__all__ = ["commands"]
+
+EMULATOR, SIGROK, NONE = "emulator", "sigrok:", "none"
+LIST_FORMAT = "phasewire-conformance-matrix-1"
+OF_MUTANTS = ("mutants", "jobs", "thorough", "table", "json_target")
+
+commands = typer.Typer(rich_markup_mode=None)
+
+
+def _offered_mutants(incomplete: str) -> list[str]:
+    """What a shell offers for a mutant."""
+    from ..hil.conformance.mutants.catalogue import MUTANTS
+
+    return among(MUTANTS)(incomplete)
+
+
+@commands.command(epilog="Example: phasewire conformance --device usb: --allow reset --html report.html")
+def conformance(
+    context: typer.Context,
+    url: DeviceOption = DEFAULT_URL,
+    capture: Annotated[
+        str | None,
+        typer.Option(
+            "--capture",
+            metavar="emulator|sigrok:FILE|none",
+            help="What the outputs are seen by: the emulator, a logic analyser's recording of the run, of which the "
+            "profile says where each probe sits, or nothing. By default the emulator, where it runs in this process.",
+            autocompletion=among((EMULATOR, SIGROK, NONE)),
+        ),
+    ] = None,
+    allow: Annotated[
+        list[Risk] | None,
+        typer.Option(
+            "--allow",
+            metavar="|".join(Risk),
+            help="What may be risked: writing firmware, restarting the device, driving many transducers hard; may "
+            "be given again. By default nothing, and all where the device is emulated in this process.",
+        ),
+    ] = None,
+    profile: Annotated[
+        Path | None,
+        typer.Option("--profile", metavar="FILE", help="What is declared of the device, in TOML."),
+    ] = None,
+    known_failures: Annotated[
+        Path | None,
+        typer.Option("--known-failures", metavar="FILE", help="Cases that are known to fail, and why, in TOML."),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="TEXT",
+            help="Run the cases alone whose group, name, clause or chapter begins so; may be given again.",
+        ),
+    ] = None,
+    mutant: Annotated[
+        str | None,
+        typer.Option(
+            "--mutant",
+            metavar="NAME",
+            help="Judge this emulated device, which is broken on purpose, to see what the suite makes of it.",
+            autocompletion=_offered_mutants,
+        ),
+    ] = None,
+    mutants: Annotated[
+        bool,
+        typer.Option(
+            "--mutants",
+            help="Judge every such device, each in a process of its own, and say which of them get away.",
+        ),
+    ] = False,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", metavar="N", min=1, help="With --mutants: how many at a time; by default one a core, at most 4."
+        ),
+    ] = None,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Fail too where something could not be judged, or should be done otherwise."),
+    ] = False,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of everything random.")] = 1,
+    stop_after: Annotated[
+        int | None, typer.Option("--stop-after", metavar="N", min=1, help="End the run when so many cases broke.")
+    ] = None,
+    thorough: Annotated[
+        bool,
+        typer.Option("--thorough", help="With --mutants: judge each by all cases, even when two have caught it."),
+    ] = False,
+    table: Annotated[
+        Path | None,
+        typer.Option("--table", metavar="FILE", help="With --mutants: also write what became of them as Markdown."),
+    ] = None,
+    list_cases: Annotated[
+        bool,
+        typer.Option("--list", help="List the clauses of the specification with their cases, and run nothing."),
+    ] = False,
+    html: Annotated[
+        Path | None, typer.Option("--html", metavar="FILE", help="Also write a page for browsers and printers.")
+    ] = None,
+    junit_xml: Annotated[
+        Path | None, typer.Option("--junit", metavar="FILE", help="Also write JUnit XML, as CI systems read it.")
+    ] = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Judge a device by the specification: what it does, what it answers and, where they can be seen, its outputs.
+
+    Each case shows some clauses. It passes, fails, warns where the device does not do what it should, is inconclusive
+    where it cannot be judged here, or is not applicable. What is inconclusive is never counted as a pass.
+
+    The exit code is 0 if nothing broke, which says nothing of what was inconclusive, and 1 if something did. A run that
+    Ctrl-C or SIGTERM ends writes its reports all the same, with what was judged so far, and its code is 130 or 143.
+    """
+    if mutants:
+        _judge_mutants(context, jobs, table, json_target, thorough=thorough)
+        return
+    for name, chosen in (("--jobs", jobs), ("--thorough", thorough), ("--table", table)):
+        if chosen:
+            raise ValueError(f"{name} goes with --mutants")
+    recording = [Path(capture.removeprefix(SIGROK))] if capture is not None and _is_recording(capture) else []
+    inputs = [path for path in (profile, known_failures, *recording) if path is not None]
+    check_outputs([html, junit_xml, json_target], inputs)
+    if list_cases:
+        _list(json_target, [name for name, target in (("--html", html), ("--junit", junit_xml)) if target is not None])
+        return
+
+    if mutant is not None and given(context, "url"):
+        raise ValueError("--mutant brings a device of its own; leave out one of --device and --mutant")
+    broken = None if mutant is None else _mutant(mutant)
+
+    with loading():  # pytest and whatever the cases need
+        from ..hil.conformance.reports.terminal import LiveLine, print_run
+        from ..hil.conformance.running import Options, run_conformance
+
+    options = Options(
+        url,
+        capture,
+        frozenset(allow) if allow else None,
+        Profile() if profile is None else read_profile(profile),
+        {} if known_failures is None else read_known_failures(known_failures),
+        tuple(only or ()),
+        seed,
+        enough=stop_after,
+    )
+    if broken is None:
+        note_where_fresh(url)
+    with ExitStack() as end:
+        with LiveLine(error_console()) as watcher:
+            judge = run_conformance if broken is None else partial(_run_mutant, broken)
+            run = judge(options, watcher, lambda: end.enter_context(postponing()))
+        if not run.results and not run.trouble and not run.signal:
+            raise ValueError(f"no case begins with {' or '.join(map(repr, options.only))}; --list names all")
+        if strict:
+            run = _strictly(run)
+        _write(run, html, junit_xml, json_target)
+        print_run(console_for(json_target), run)
+    if run.signal:
+        raise typer.Exit(SIGNALLED + run.signal)
+    if not run.passed:
+        raise typer.Exit(1)
+
+
+def _is_recording(capture: str) -> bool:
+    """Whether outputs are seen by a recording; `ValueError` where the text names no way to see them."""
+    if capture in (EMULATOR, NONE):
+        return False
+    if not capture.startswith(SIGROK) or capture == SIGROK:
+        raise ValueError(f"--capture {capture!r}: it must be {EMULATOR}, {SIGROK}FILE or {NONE}")
+    return True
+
+
+def _strictly(run: Run) -> Run:
+    """The run, which is in trouble where something could not be judged, or should be done otherwise."""
+    counts = ((Verdict.INCONCLUSIVE, "could not be judged"), (Verdict.WARN, "should do otherwise"))
+    told = tuple(f"--strict: {run.count(verdict)} {words}" for verdict, words in counts if run.count(verdict))
+    return replace(run, trouble=(*run.trouble, *told))
+
+
+def _mutant(name: str) -> Mutant:
+    from ..hil.conformance.mutants.catalogue import MUTANTS
+
+    if name not in MUTANTS:
+        raise ValueError(f"there is no mutant {name!r}; there are {', '.join(MUTANTS)}")
+    return MUTANTS[name]
+
+
+def _judge_mutants(
+    context: typer.Context, jobs: int | None, table: Path | None, json_target: str | None, *, thorough: bool
+) -> None:
+    """Run the suite against all mutants; exit code 1 where it does not catch one."""
+    others = [name for name in context.params if name not in OF_MUTANTS and given(context, name)]
+    if others:
+        raise ValueError(
+            "--mutants brings devices of its own; it goes with --jobs, --thorough, --table and --json alone"
+        )
+    check_outputs([table, json_target])
+
+    from ..hil.conformance.mutants.catalogue import MUTANTS
+    from ..hil.conformance.mutants.running import DEFAULT_JOBS, run_mutants
+    from ..hil.conformance.reports.mutants import MutantLine, markdown, print_mutants
+    from ..hil.conformance.reports.mutants import record as mutants_record
+
+    with MutantLine(error_console()) as watcher:
+        results = run_mutants(list(MUTANTS.values()), jobs or DEFAULT_JOBS, watcher, thorough=thorough)
+    write_json(json_target, mutants_record(results))
+    if table is not None:
+        _replace(table, markdown(results))
+    print_mutants(console_for(json_target), results)
+    if not all(result.fate.is_catch for result in results):
+        raise typer.Exit(1)
+
+
+def _run_mutant(broken: Mutant, options: Options, watcher: Watcher, judged: Callable[[], object]) -> Run:
+    """The run of a mutant, whose reports say that it is one."""
+    from ..hil.conformance.mutants.patching import applied
+    from ..hil.conformance.running import run_conformance
+
+    with applied(broken):
+        run = run_conformance(replace(options, url=broken.url), watcher, judged)
+    device = run.provenance.device | {"mutant": f"{broken.name}: {broken.sentence}"}
+    return replace(run, provenance=replace(run.provenance, device=device))
+
+
+def _list(json_target: str | None, meaningless: list[str]) -> None:
+    if meaningless:
+        raise ValueError(f"--list runs nothing, of which {' and '.join(meaningless)} could tell; leave one of them out")
+    from ..hil.conformance.running import catalogue
+
+    matrix = Matrix.of(entry.claim for entry in catalogue())
+    console_for(json_target).print(matrix.table())
+    write_json(json_target, {"format": LIST_FORMAT} | matrix.record())
+
+
+def _write(run: Run, html: Path | None, junit_xml: Path | None, json_target: str | None) -> None:
+    """Write the reports that are asked for."""
+    if html is not None or json_target is not None:
+        matrix = Matrix.of(run.claims)
+        if html is not None:
+            _replace(html, page(run, matrix))
+        write_json(json_target, record(run, matrix))
+    if junit_xml is not None:
+        _replace(junit_xml, junit(run))
+
+
+def _replace(path: Path, text: str) -> None:
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8")

@@ -1,0 +1,65 @@
+"""How commands speak: results on standard output, everything else on standard error, JSON on request.
+
+And how a shell completes what is written to them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from ..storage import replacing
+
+__all__ = ["JsonOption", "among", "console_for", "error_console", "write_json"]
+
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Also write the result as JSON to FILE; - is standard output."),
+]
+
+
+def error_console() -> Console:
+    """The console for progress and messages."""
+    return _console(on_standard_error=True)
+
+
+def console_for(json_target: str | None) -> Console:
+    """The console for people's results: standard output, unless JSON goes there."""
+    return _console(on_standard_error=json_target == "-")
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:  # rich would end the program by itself
+        raise BrokenPipeError("nobody reads the output")
+
+
+def _console(on_standard_error: bool) -> Console:
+    # Texts hold the names of files, in which [red] and :key: mean nothing.
+    return _Console(stderr=on_standard_error, markup=False, emoji=False, highlight=False, soft_wrap=True)
+
+
+def write_json(target: str | None, record: dict[str, Any]) -> None:
+    """Write a record to a file, to standard output for ``-``, nowhere for None."""
+    if target is None:
+        return
+    text = json.dumps(record, indent=2, allow_nan=False)
+    if target == "-":
+        typer.echo(text)
+        return
+    with replacing(Path(target)) as part:
+        part.write_text(text + "\n", encoding="utf-8")
+
+
+def among(names: Iterable[str]) -> Callable[[str], list[str]]:
+    """What a shell offers for an option that is one of these."""
+    known = tuple(names)
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in known if name.startswith(incomplete)]
+
+    return complete

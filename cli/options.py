@@ -1,0 +1,98 @@
+"""Options that commands which talk to a device have in common, and what is said where one means nothing."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..host.lines.opening import DEFAULT_URL, URL_VARIABLE
+from ..host.playing.calibration import Calibration
+from .completion import device_urls
+from .console import error_console
+
+__all__ = [
+    "MOST_SECONDS",
+    "CalibrationOption",
+    "DeviceOption",
+    "ForeverOption",
+    "PoseOption",
+    "SecondsOption",
+    "command_for",
+    "given",
+    "is_fresh",
+    "load_calibration",
+    "note_where_fresh",
+]
+
+MOST_SECONDS = 1e9
+"""Thirty years: so long may something take that is not to take for ever."""
+
+
+DeviceOption = Annotated[
+    str,
+    typer.Option(
+        "--device",
+        metavar="URL",
+        envvar=URL_VARIABLE,
+        help="emulator: (a fresh emulated device; emulator:?door=serial by its UART), usb: (the only one plugged in), "
+        "usb:SERIAL (or a part of it), usb:VVVV:PPPP (with these numbers), serial:///dev/ttyACM0, socket://HOST:PORT "
+        "or rfc2217://HOST:PORT; `phasewire devices` lists what is there.",
+        autocompletion=device_urls,
+    ),
+]
+
+CalibrationOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--calibration",
+        metavar="FILE",
+        help="A .csv file of what each transducer really does; drives are corrected for it.",
+    ),
+]
+
+PoseOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--pose",
+        metavar="FILE",
+        help="A .toml file that says where the tracker is (docs/hands.md).",
+    ),
+]
+
+SecondsOption = Annotated[float, typer.Option(min=0, max=MOST_SECONDS, help="How long to play, in s.")]
+
+ForeverOption = Annotated[bool, typer.Option("--forever", help="Play until Ctrl-C, whatever --seconds says.")]
+
+
+def load_calibration(path: Path | None) -> Calibration | None:
+    """The calibration in a file, None without one."""
+    return None if path is None else Calibration.load(path)
+
+
+def given(context: typer.Context, option: str) -> bool:
+    """Whether an option stands on the command line. What a file of defaults says is for many commands, and may idle."""
+    source = context.get_parameter_source(option)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def is_fresh(url: str) -> bool:
+    """Whether a URL means an emulated device that comes and goes with this process."""
+    return url.partition("?")[0] == DEFAULT_URL
+
+
+def command_for(command: str, url: str) -> str:
+    """A command as somebody would type it for this device."""
+    return f"`phasewire {command} --device {shlex.quote(url)}`"
+
+
+def note_where_fresh(url: str) -> None:
+    """Say that no device that was there before, or will be afterwards, has been spoken to, where that is so."""
+    if is_fresh(url):
+        error_console().print(
+            f"note: {url} is a fresh emulated device, which is gone when this command ends. For another give --device, "
+            f"such as --device usb:, or set {URL_VARIABLE}; `phasewire devices` lists what is there.",
+            style="yellow",
+        )

@@ -1,0 +1,373 @@
+"""Commands that make a device play for a time, and record what would be played.
+
+``show``, ``stream``, ``play``, ``record``.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.control import Control
+from rich.segment import ControlType
+
+from ..errors import DeviceError
+from ..host.lines.opening import DEFAULT_URL
+from ..host.playing.device import Device, open_device
+from ..host.playing.envelopes import sine
+from ..host.playing.frames import beginning
+from ..host.playing.recording import SUFFIX, record
+from ..host.playing.streaming import LOOK_AHEAD_SECONDS, StreamReport
+from ..protocol.board import CARRIER_HZ
+from ..protocol.plain import plain
+from ..protocol.replies import Info
+from ..solver import TransducerArray, two_sided
+from ..solver.files import POINT_FILES
+from ..solver.options import METHODS
+from ..storage import check_outputs
+from .console import JsonOption, among, console_for, error_console, write_json
+from .options import (
+    MOST_SECONDS,
+    CalibrationOption,
+    DeviceOption,
+    ForeverOption,
+    SecondsOption,
+    command_for,
+    given,
+    is_fresh,
+    load_calibration,
+    note_where_fresh,
+)
+from .solving import files_in, read_source, shapes_and_files
+from .sources import ARCHIVE, Source, check_options, differences, frames_of, open_file, open_source
+
+__all__ = ["commands"]
+
+commands = typer.Typer(rich_markup_mode=None)
+
+BACK = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
+RATE = 1000.0
+SECONDS = 1.0
+"""How long something plays that has no end, where nobody says."""
+TACTILE_HZ = 200.0
+MOST_TURNS = CARRIER_HZ / 2
+
+SourceArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A shape such as circle:radius=0.02, a file of points, a file of frames (.npz as solved, or with phase "
+        "and width, or drives; .frames as recorded), or - for points on standard input.",
+        autocompletion=shapes_and_files((*POINT_FILES, ARCHIVE, SUFFIX)),
+    ),
+]
+RateOption = Annotated[
+    float | None,
+    typer.Option(
+        min=1e-3,
+        max=CARRIER_HZ,
+        help=f"Frames per second; {RATE:g}, or a recording's own, by default.",
+    ),
+]
+DurationOption = Annotated[
+    float | None,
+    typer.Option(
+        "--seconds",
+        min=0,
+        max=MOST_SECONDS,
+        help=f"How long at most, in s; by default to the end of the frames, or {SECONDS:g} s where they have none.",
+    ),
+]
+MethodOption = Annotated[
+    str,
+    typer.Option(
+        help=f"How points are solved: {', '.join(METHODS)} (see `phasewire solve --help`).",
+        autocompletion=among(METHODS),
+    ),
+]
+SpinOption = Annotated[
+    float,
+    typer.Option(
+        metavar="HZ",
+        min=-MOST_TURNS,
+        max=MOST_TURNS,
+        help="Turns per second of the points about the array's upright axis.",
+    ),
+]
+
+
+def array_of(what: Info) -> TransducerArray:
+    """The transducers of a device."""
+    return TransducerArray.grid(what.columns, what.rows, what.pitch)
+
+
+def warn_of_differences(name: str, source: Source, what: Info) -> None:
+    """Say in which ways a device is not what the frames were made for."""
+    for difference in differences(source, what):
+        error_console().print(f"warning: {name} was made for something else: {difference}", style="yellow")
+
+
+def frames_in(source: Source, seconds: float | None, rate: float) -> int | None:
+    """How many frames of a source make so many seconds, None for all."""
+    if seconds is None:
+        return None if source.ends else round(SECONDS * rate)
+    return round(seconds * rate)
+
+
+class Meter:
+    """One line that shows how a stream is doing, on a terminal; nothing elsewhere but its end."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self.last: StreamReport | None = None
+
+    def __call__(self, report: StreamReport) -> None:
+        """Show a report in the place of the one before."""
+        self.last = report
+        if self._console.is_terminal:
+            self._console.control(BACK)
+            self._console.print(str(report)[: self._console.width - 1], end="")
+
+    def end(self) -> None:
+        """Leave the last report on a line of its own."""
+        if self.last is not None:
+            if self._console.is_terminal:
+                self._console.control(BACK)
+            self._console.print(str(self.last))
+
+
+@commands.command(epilog="Example: phasewire show sphere.npz --seconds 2")
+def show(
+    context: typer.Context,
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="A solved file, or an .npz file with the arrays phase and width, (320,)."),
+    ],
+    device: DeviceOption = DEFAULT_URL,
+    seconds: SecondsOption = SECONDS,
+    forever: ForeverOption = False,
+    calibration: CalibrationOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Play one frame on a device, and leave its outputs off.
+
+    It is not modulated, so skin hardly feels it: `phasewire stream FILE` plays it modulated at 200 Hz. While it plays,
+    the device hears regular signs of life; should this program die, the device's watchdog turns the outputs off. Of an
+    emulated device the time passes as fast as this computer allows.
+    """
+    check_outputs([json_target], inputs=[file])
+    with open_file(file) as source:
+        check_options(context, str(file), source)
+        if source.still is None:
+            raise ValueError(f"{file} holds many frames; `phasewire stream {shlex.quote(str(file))}` plays them")
+    with open_device(device, calibration=load_calibration(calibration)) as opened:
+        warn_of_differences(str(file), source, opened.info)
+        ack = opened.show(source.still)
+        message = f"{opened.name} plays {file} from carrier period {ack.commit_period}"
+        error_console().print(message + (", until Ctrl-C" if forever else f", for {seconds:g} s"))
+        with suppress(KeyboardInterrupt) if forever else nullcontext():
+            opened.keep_playing(math.inf if forever else seconds)
+        status = opened.status()
+    console_for(json_target).print("Stopped; the outputs are off.")
+    write_json(
+        json_target,
+        {
+            "format": "phasewire-show-1",
+            "device": opened.name,
+            "commit_period": ack.commit_period,
+            "status": plain(status),
+        },
+    )
+
+
+@commands.command(epilog="Example: phasewire stream circle:radius=0.02 --spin 5 --seconds 2")
+def stream(
+    context: typer.Context,
+    source: SourceArgument,
+    device: DeviceOption = DEFAULT_URL,
+    rate: RateOption = None,
+    seconds: DurationOption = None,
+    forever: ForeverOption = False,
+    method: MethodOption = "tikhonov",
+    spin: SpinOption = 0.0,
+    modulation: Annotated[
+        float, typer.Option(metavar="HZ", help="Frequency at which the device modulates the frames, or 0 for none.")
+    ] = TACTILE_HZ,
+    look_ahead: Annotated[
+        float, typer.Option(min=0, help="How long before its time a frame is sent, in s.")
+    ] = LOOK_AHEAD_SECONDS,
+    reconnect: Annotated[
+        bool, typer.Option("--reconnect", help="Go on with the next frame when a lost device comes back.")
+    ] = False,
+    calibration: CalibrationOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Play frames one after the other at a rate, and leave the outputs off.
+
+    Points are solved live, frame by frame; --spin moves them. Standard input has a line of JSON for each frame:
+    {"positions": [[x, y, z], ...], "amplitudes": [...]}, in m, the amplitudes optional. Its lines must come at
+    the rate: each late one is an underrun, and where none comes for the watchdog's time, 0.1 s at power-up, the device
+    turns its outputs off and the command ends with code 4. The time of an emulated device passes with what is sent to
+    it, as fast as this computer allows.
+    """
+    check_outputs([json_target], inputs=files_in(source))
+    envelope = sine(modulation) if modulation else None
+    meter = Meter(error_console())
+    with open_source(source) as what:
+        check_options(context, source, what)
+        pace = rate or what.rate or RATE
+        with open_device(device, calibration=load_calibration(calibration)) as opened:
+            warn_of_differences(source, what, opened.info)
+            frames = frames_of(what, array_of(opened.info), method, spin, pace)
+            most = None if forever else frames_in(what, seconds, pace)
+            told = {"format": "phasewire-stream-1", "device": opened.name, "status": None, "error": None}
+            try:
+                opened.stream(
+                    frames if most is None else beginning(frames, most),
+                    pace,
+                    look_ahead=look_ahead,
+                    envelope=envelope,
+                    reconnect=reconnect,
+                    on_progress=meter,
+                )
+            except KeyboardInterrupt:
+                if not forever:
+                    raise
+            except (DeviceError, ValueError) as error:
+                write_json(json_target, told | {"stream": plain(meter.last), "error": str(error)})
+                raise
+            finally:
+                meter.end()
+            status = opened.status()
+    console_for(json_target).print("The outputs are off.")
+    write_json(json_target, told | {"stream": plain(meter.last), "status": plain(status)})
+
+
+@commands.command(epilog="Example: phasewire play sphere:radius=0.04 --seconds 2")
+def play(
+    context: typer.Context,
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A shape such as sphere:radius=0.04, or a file of points.",
+            autocompletion=shapes_and_files(POINT_FILES),
+        ),
+    ],
+    device: DeviceOption = DEFAULT_URL,
+    seconds: SecondsOption = SECONDS,
+    forever: ForeverOption = False,
+    unattended: Annotated[
+        bool, typer.Option("--unattended", help="Leave the device playing when this command ends.")
+    ] = False,
+    modulation: Annotated[
+        float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points take turns.")
+    ] = TACTILE_HZ,
+    method: MethodOption = "wgs",
+    calibration: CalibrationOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Play a shape by two-sided modulation, which the device does from its memory.
+
+    The points are split in two halves that take turns, so that the array never rests (the paper's section 3.4). Two
+    frames are stored; nothing more need be sent. With --unattended the device goes on by itself, also unplugged from
+    this computer where it has power of its own, until `phasewire stop`.
+    """
+    check_outputs([json_target], inputs=files_in(source))
+    if unattended and (given(context, "forever") or given(context, "seconds")):
+        raise ValueError("--unattended does not wait: --forever and --seconds have no effect with it; leave them out")
+    points = read_source(source)
+    corrected = load_calibration(calibration)
+    if unattended:
+        note_where_fresh(device)
+    opened = open_device(device, calibration=corrected)
+    with leaving_on(opened) if unattended else opened:
+        solution = two_sided(array_of(opened.info), points, method=method, frequency=modulation)
+        drives, steps = solution.modulation.slots()
+        for slot, drive in enumerate(drives):
+            opened.store(slot, drive)
+        ack = opened.play(steps, unattended=unattended)
+        turn = sum(periods for _, periods in steps)
+        stop = command_for("stop", device)
+        until = f"until {stop}" if unattended else "until Ctrl-C" if forever else f"for {seconds:g} s"
+        error_console().print(
+            f"{opened.name} plays {source} from carrier period {ack.commit_period} on, {CARRIER_HZ / turn:g} times a "
+            f"second, {until}"
+        )
+        if not unattended:
+            with suppress(KeyboardInterrupt) if forever else nullcontext():
+                opened.keep_playing(math.inf if forever else seconds)
+        status = opened.status()
+    if not unattended:
+        said = "Stopped; the outputs are off."
+    elif is_fresh(device):
+        said = "It would play on, but it is gone with this command."
+    else:
+        said = f"It plays on until {stop}."
+    console_for(json_target).print(said)
+    write_json(
+        json_target,
+        {
+            "format": "phasewire-play-1",
+            "device": opened.name,
+            "commit_period": ack.commit_period,
+            "steps": [list(step) for step in steps],
+            "status": plain(status),
+        },
+    )
+
+
+@commands.command(name="record", epilog="Example: phasewire record circle --spin 5 --seconds 2 -o circle.frames")
+def record_command(
+    context: typer.Context,
+    source: SourceArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help=f"The {SUFFIX} file to write.")],
+    seconds: DurationOption = None,
+    rate: RateOption = None,
+    method: MethodOption = "tikhonov",
+    spin: SpinOption = 0.0,
+    calibration: CalibrationOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.
+
+    Points are solved for 20 × 16 transducers, 10.3 mm apart, and air of 20 °C. What was solved or recorded before keeps
+    its array and its air, and a recording its rate and its calibration.
+    """
+    check_outputs([output, json_target], inputs=files_in(source))
+    if output.suffix.lower() != SUFFIX:
+        raise ValueError(f"{output}: a recording has the suffix {SUFFIX}")
+    with open_source(source) as what:
+        check_options(context, source, what)
+        pace = rate or what.rate or RATE
+        array = what.array or TransducerArray.grid()
+        frames = frames_of(what, array, method, spin, pace)
+        most = frames_in(what, seconds, pace)
+        written = record(
+            output,
+            frames if most is None else beginning(frames, most),
+            pace,
+            array=array,
+            medium=what.medium,
+            calibration=load_calibration(calibration) if what.holds_drives else what.calibration,
+            source=source,
+        )
+    console_for(json_target).print(f"{output}: {written} frames at {pace:g}/s.")
+    write_json(json_target, {"format": "phasewire-record-1", "output": str(output), "frames": written, "rate": pace})
+
+
+@contextmanager
+def leaving_on(device: Device) -> Iterator[Device]:
+    """A device that is left playing where all went well."""
+    try:
+        yield device
+    except BaseException:
+        with device:
+            raise
+    device.close()

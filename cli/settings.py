@@ -1,0 +1,313 @@
+"""Defaults of options from a file of the user's, and the command that shows them: ``config``.
+
+The file is TOML. A key at its top is an option of every command that has it, a table holds those of one command:
+``device = "usb:"``, ``[show]``, ``seconds = 5``. What stands on the command line comes first, then the environment,
+then the file, then what is built in. This module knows commands only as the command line shows them, and none by name.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+import textwrap
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, cast
+
+import typer
+from typer.core import TyperGroup, TyperOption
+
+from ..errors import InputFileError
+from ..storage import check_outputs, read_toml
+from .console import JsonOption, console_for, write_json
+
+__all__ = ["CONFIG_VARIABLE", "commands", "config_path", "defaults_from_file", "each_command"]
+
+CONFIG_VARIABLE = "PHASEWIRE_CONFIG"
+FORMAT = "phasewire-config-1"
+_WIDTH = 100
+_SOURCES = {"DEFAULT_MAP": "file", "ENVIRONMENT": "environment"}  # click's names, and what people call them
+
+commands = typer.Typer(rich_markup_mode=None)
+
+
+class Default(NamedTuple):
+    """What an option is if the command line does not say.
+
+    Parameters
+    ----------
+    command : str
+        The command's name, with those of the groups that it is in.
+    option : str
+        The option's name, which is its key in the file.
+    value : object
+        What it is; None if it is nothing.
+    source : str
+        Where that comes from: ``built-in``, ``file`` or ``environment``.
+    """
+
+    command: str
+    option: str
+    value: Any
+    source: str
+
+
+def config_path() -> Path:
+    """Where the file is: `CONFIG_VARIABLE`, else the place that the system has for such files."""
+    if named := os.environ.get(CONFIG_VARIABLE):
+        return Path(named)
+    from platformdirs import user_config_path
+
+    return user_config_path("phasewire") / "config.toml"
+
+
+def defaults_from_file(context: typer.Context) -> dict[str, Any]:
+    """Read the file and hold it against the commands.
+
+    Parameters
+    ----------
+    context : typer.Context
+        That of the command line as a whole.
+
+    Returns
+    -------
+    dict
+        What click calls a default map: options, and maps of their own for commands.
+
+    Raises
+    ------
+    InputFileError
+        If the file is no TOML, names a command or an option that there is not, or gives an option a value that it
+        cannot have.
+    OSError
+        If it cannot be read, or `CONFIG_VARIABLE` names one that is not there.
+    """
+    path = config_path()
+    may_be_missing = CONFIG_VARIABLE not in os.environ or context.invoked_subcommand == config.__name__
+    if may_be_missing and not path.exists():
+        return {}
+    return _Reader(path).group(context, read_toml(path), {})
+
+
+def each_command(context: typer.Context) -> Iterator[typer.Context]:
+    """Every command of a group, and of the groups in it, in its context."""
+    assert isinstance(context.command, TyperGroup)
+    for name, command in context.command.commands.items():
+        inner = typer.Context(command, parent=context, info_name=name, resilient_parsing=True)
+        if isinstance(command, TyperGroup):
+            yield from each_command(inner)
+        else:
+            yield inner
+
+
+def _options(context: typer.Context) -> dict[str, TyperOption]:
+    """The options of a command that have a value of their own, by each of their long names."""
+    return {
+        name.removeprefix("--"): option
+        for option in context.command.params
+        if isinstance(option, TyperOption) and not option.is_eager
+        for name in option.opts
+        if name.startswith("--")
+    }
+
+
+def _named(context: typer.Context) -> Iterator[tuple[str, TyperOption]]:
+    """The options of a command, each by the first of its long names."""
+    options = _options(context)
+    for option in dict.fromkeys(options.values()):
+        yield next(key for key, one in options.items() if one is option), option
+
+
+class _Reader:
+    """Holds tables against commands."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def group(self, context: typer.Context, table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
+        """The default map of a group from its table, and from options that are shared with what is outside."""
+        assert isinstance(context.command, TyperGroup)
+        known, where = context.command.commands, _table(context)
+        own = {key: value for key, value in table.items() if not isinstance(value, dict)}
+        there = {name for each in each_command(context) for name in _options(each)}
+        for key, value in table.items():
+            if key not in own and key not in known:
+                raise self._error(where, key, value, f"there is no command {key}{_near(key, known)}")
+            if key in own and key in known:
+                right = ".".join(filter(None, (where, key)))
+                raise self._error(where, key, value, f"{key} is a command: its options stand in [{right}]")
+            if key in own and key not in there:
+                raise self._error(where, key, value, f"no command has an option --{key}{_near(key, there)}")
+        found = {}
+        for name, command in known.items():
+            inner = typer.Context(command, parent=context, info_name=name, resilient_parsing=True)
+            read = self.group if isinstance(command, TyperGroup) else self._command
+            found[name] = read(inner, table.get(name, {}), {**shared, **own})
+        return found
+
+    def _command(self, context: typer.Context, table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
+        """The default map of one command."""
+        options = _options(context)
+        for key, value in table.items():
+            if key not in options:
+                problem = f"{_name(context)} has no option --{key}{_near(key, options)}"
+                raise self._error(_table(context), key, value, problem)
+        taken = {key: value for key, value in shared.items() if key in options} | dict(table)
+        for key, value in taken.items():
+            try:
+                _check(context, options[key], value)
+            except typer.BadParameter as error:
+                problem = f"{error.message}; --{key} of {_name(context)}: {options[key].help}"
+                raise self._error(_table(context) if key in table else "", key, value, problem) from error
+        return {options[key].name: value for key, value in taken.items()}
+
+    def _error(self, table: str, key: str, value: object, problem: str) -> InputFileError:
+        where = f" [{table}]" if table else ""
+        shown = "" if isinstance(value, dict) else f" = {_toml(value)}"
+        return InputFileError(f"{self._path}:{where} {key}{shown}: {problem}")
+
+
+def _check(context: typer.Context, option: TyperOption, value: Any) -> None:
+    """Raise `typer.BadParameter` if an option cannot have a value. TOML has types, so text is no number here."""
+    if isinstance(value, bool) != option.is_bool_flag:
+        raise typer.BadParameter(f"must{'' if option.is_bool_flag else ' not'} be true or false")
+    if isinstance(value, list) != option.multiple:
+        raise typer.BadParameter(f"must{'' if option.multiple else ' not'} be a list")
+    read = option.process_value(context, value)
+    for given, one in zip(value, read, strict=True) if option.multiple else [(value, read)]:
+        if isinstance(given, str) == isinstance(one, (int, float)):
+            raise typer.BadParameter(f"must be {'a number' if isinstance(given, str) else 'text, in quotes'}")
+
+
+def _name(context: typer.Context) -> str:
+    """The name of a command, with those of the groups that it is in."""
+    return context.command_path.partition(" ")[2]
+
+
+def _table(context: typer.Context) -> str:
+    """The name of a command's table."""
+    return _name(context).replace(" ", ".")
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, known, 1)
+    return f"; is it {near[0]}?" if near else ""
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it."""
+    match value:
+        case bool():
+            return str(value).lower()
+        case int() | float():
+            return str(value)
+        case list() | tuple():
+            return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(str(value), ensure_ascii=False)
+
+
+def effective_defaults(context: typer.Context) -> list[Default]:
+    """What every option of every command is if the command line does not say.
+
+    Parameters
+    ----------
+    context : typer.Context
+        That of the command line as a whole, with its default map.
+    """
+    found = []
+    for each in each_command(context):
+        for key, option in _named(each):
+            value, source = option.consume_value(each, {})
+            value = None if value == () else value  # an option that may stand several times, and does not
+            found.append(Default(_name(each), key, value, _SOURCES.get(source.name, "built-in")))
+    return found
+
+
+def example(context: typer.Context) -> str:
+    """A file in which every option stands with what is built in, as comments.
+
+    Parameters
+    ----------
+    context : typer.Context
+        That of the command line as a whole; its default map is not heeded.
+    """
+    own = {_table(each): {key: _entry(key, option) for key, option in _named(each)} for each in each_command(context)}
+    alike: dict[str, Counter[str]] = defaultdict(Counter)
+    for entries in own.values():
+        for key, entry in entries.items():
+            alike[key][entry] += 1
+    # What most commands with such an option take alike; a key of which that is not so would mislead at the top.
+    most = {key: counted.most_common(1)[0] for key, counted in alike.items()}
+    shared = {key: entry for key, (entry, count) in most.items() if 1 < count > alike[key].total() / 2}
+    parts = [
+        "# Defaults of phasewire's options. A line takes effect without its #; prose keeps its.\n"
+        "# The command line comes first, then environment variables, then this file.\n",
+        "# Options that several commands share:\n" + "".join(shared.values()),
+    ]
+    for table, entries in own.items():
+        rest = [entry for key, entry in entries.items() if entry != shared.get(key)]
+        if rest:
+            parts.append(f"#[{table}]\n" + "".join(rest))
+    return "\n".join(parts)
+
+
+def _entry(key: str, option: TyperOption) -> str:
+    """Lines about one option: its help, and what is built in, if that is anything."""
+    prose = textwrap.wrap(
+        option.help or "", _WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
+    )
+    value = "" if option.default in (None, ()) else _toml(option.default)
+    return "\n".join([*prose, f"#{key} = {value}".rstrip()]) + "\n"
+
+
+@commands.command(epilog="Example: phasewire config --init")
+def config(
+    context: typer.Context,
+    init: Annotated[
+        bool, typer.Option("--init", help="Write an example, in which all is a comment, if there is no file yet.")
+    ] = False,
+    json_target: JsonOption = None,
+) -> None:
+    """Show what options are if the command line does not say, and where that comes from.
+
+    Defaults stand in a TOML file, whose place is $PHASEWIRE_CONFIG or what the system has for such files: keys at its
+    top for all commands that have such an option, and a table for each command, as in [solve] and method = "polish".
+    """
+    root, path = cast("typer.Context", context.find_root()), config_path()
+    check_outputs([json_target])
+    out = console_for(json_target)
+    if init:
+        if not path.parent.exists():
+            path.parent.mkdir(parents=True)
+        with path.open("x", encoding="utf-8") as file:
+            file.write(example(root))
+        out.print(f"Written to {path}; remove the # before what shall take effect.")
+    elif path.exists():
+        out.print(f"Defaults of options from {path}:")
+    else:
+        out.print(f"Defaults of options; there is no {path} (phasewire config --init writes an example).")
+    found = effective_defaults(root)
+    if not init:
+        from rich import box
+        from rich.table import Table
+
+        table = Table("command", "option", "default", "from", box=box.SIMPLE_HEAD)
+        for default in found:
+            shown = "" if default.value is None else _toml(default.value)
+            own = default.source != "built-in"
+            table.add_row(*default[:2], shown, default.source, style="bold" if own else None)
+        out.print(table)
+    record = {
+        "format": FORMAT,
+        "file": str(path),
+        "exists": path.exists(),
+        "defaults": [default._replace(value=_plain(default.value))._asdict() for default in found],
+    }
+    write_json(json_target, record)
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON can hold it."""
+    return str(value) if isinstance(value, Path) else value

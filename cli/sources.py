@@ -1,0 +1,220 @@
+"""What a command plays: points, or a file of frames, read in one way for all commands, with what it was made for.
+
+====================  =====================================================================================
+a shape, or points    solved live, frame by frame; they may turn
+``-``                 points on standard input, a line of JSON for each frame
+``.npz``              as solved; or the arrays ``phase`` and ``width``, (n,) or (k, n); or ``drives``, (k, n)
+``.frames``           a recording
+====================  =====================================================================================
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from itertools import count, repeat
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from ..errors import InputFileError
+from ..host.playing.calibration import Calibration
+from ..host.playing.frames import NUMBERS, Frames, solved
+from ..host.playing.recording import SUFFIX, Recording
+from ..protocol.pulses import Pulses
+from ..protocol.quantise import PulseFrames, check_pulses
+from ..protocol.replies import Info
+from ..solver import ControlPoints, Medium, Solution, Solver, TransducerArray
+from ..solver.files import read_arrays, solution_in
+from .console import error_console
+from .options import given
+from .solving import read_source
+
+__all__ = [
+    "ARCHIVE",
+    "Source",
+    "check_options",
+    "differences",
+    "frames_of",
+    "open_file",
+    "open_source",
+]
+
+STANDARD_INPUT = "-"
+MOST_LINE = 2**20
+"""Characters, enough for ten thousand points."""
+ARCHIVE = ".npz"
+HEEDED: dict[str, tuple[tuple[type, ...], str]] = {
+    "spin": ((ControlPoints,), "only a shape or a file of points can turn"),
+    "method": ((ControlPoints, Iterator), "only points are solved for"),
+    "calibration": ((ControlPoints, Iterator, Solution, np.ndarray), "it holds pulses, which are played as they are"),
+}
+"""Options that only some kinds of content heed, and why others do not."""
+
+
+class Source(NamedTuple):
+    """What is to be played, and for what it was made, as far as that is known."""
+
+    content: ControlPoints | Iterator[ControlPoints] | Pulses | Solution | PulseFrames | NDArray[Any] | Recording
+    """Points, or points frame by frame; one frame; or many: pulses, drives (k, n), a recording."""
+    rate: float | None = None
+    """Frames per second."""
+    array: TransducerArray | None = None
+    medium: Medium | None = None
+    calibration: Calibration | None = None
+    """What has been applied already."""
+
+    @property
+    def still(self) -> Pulses | Solution | None:
+        """The only frame, where it is one."""
+        return self.content if isinstance(self.content, Pulses | Solution) else None
+
+    @property
+    def holds_drives(self) -> bool:
+        """Whether drives come of it, which a calibration corrects, and not pulses."""
+        return not isinstance(self.content, Pulses | PulseFrames | Recording)
+
+    @property
+    def ends(self) -> bool:
+        """Whether it comes to an end by itself."""
+        return not isinstance(self.content, ControlPoints | Pulses | Solution)
+
+
+@contextmanager
+def open_source(source: str) -> Iterator[Source]:
+    """What a shape's notation, the name of a file or `STANDARD_INPUT` stands for; errors as `open_file`."""
+    if source == STANDARD_INPUT:
+        yield Source(spoken(iter(lambda: sys.stdin.readline(MOST_LINE + 1), "")))
+    elif Path(source).suffix.lower() in (ARCHIVE, SUFFIX):
+        with open_file(Path(source)) as what:
+            yield what
+    else:
+        yield Source(read_source(source))
+
+
+@contextmanager
+def open_file(path: Path) -> Iterator[Source]:
+    """What a file of frames holds.
+
+    Raises
+    ------
+    InputFileError
+        Where it is truncated, corrupted, or holds none.
+    OSError
+        Where it cannot be opened.
+    """
+    if path.suffix.lower() == SUFFIX:
+        with Recording.open(path) as recording:
+            if not recording.complete:
+                error_console().print(
+                    f"warning: {path} was cut off; it is used up to its last whole frame, {len(recording)} in all",
+                    style="yellow",
+                )
+            yield Source(recording, recording.rate, recording.array, recording.medium, recording.calibration)
+    else:
+        yield _in_archive(read_arrays(path), path)
+
+
+def _in_archive(arrays: dict[str, NDArray[Any]], path: Path) -> Source:
+    if "format" in arrays:
+        solution = solution_in(arrays, path)
+        return Source(solution, array=solution.array, medium=solution.medium)
+    try:
+        if {"phase", "width"} <= set(arrays):
+            return Source(_pulses(arrays["phase"], arrays["width"]))
+        if "drives" in arrays:
+            return Source(_drives(arrays["drives"]))
+    except ValueError as error:
+        raise InputFileError(f"{path}: {error}") from error
+    raise InputFileError(
+        f"{path} holds neither a solution nor pulses (phase and width) nor drives; `phasewire solve` makes a solution"
+    )
+
+
+def _pulses(phase: NDArray[Any], width: NDArray[Any]) -> Pulses | PulseFrames:
+    """One frame or many, as the shape of the arrays says."""
+    if phase.ndim == 1:
+        return Pulses(phase, width)
+    tables = PulseFrames(phase, width)
+    for name, values in tables._asdict().items():
+        if values.ndim != 2 or values.shape != phase.shape:
+            raise ValueError(f"phase and width must both be (n,) or (k, n), not {phase.shape} and {width.shape}")
+        if values.dtype.kind not in "iu" or values.min(initial=0) < 0:
+            raise ValueError(f"{name} must be whole numbers from 0 on")
+    check_pulses(tables)
+    return PulseFrames(*(values.astype(np.uint8) for values in tables))
+
+
+def _drives(drives: NDArray[Any]) -> NDArray[Any]:
+    if drives.ndim != 2 or drives.dtype.kind not in NUMBERS:
+        raise ValueError(f"drives must be complex numbers (k, n), not {drives.dtype} {drives.shape}")
+    return drives
+
+
+def spoken(lines: Iterable[str]) -> Iterator[ControlPoints]:
+    """Control points from lines of JSON, ``{"positions": [[x, y, z], …], "amplitudes": […]}``, one frame each.
+
+    Raises
+    ------
+    InputFileError
+        Where a line is something else; it is named.
+    """
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            if len(line) > MOST_LINE:
+                raise ValueError(f"it has more than {MOST_LINE} characters")
+            read = json.loads(line)
+            if not isinstance(read, dict) or not {"positions"} <= set(read) <= {"positions", "amplitudes"}:
+                raise ValueError('it must be {"positions": [[x, y, z], ...], "amplitudes": [...]}')
+            yield ControlPoints(read["positions"], read.get("amplitudes"))
+        except (ValueError, TypeError, RecursionError) as error:
+            raise InputFileError(f"standard input, line {number}: {error}") from error
+
+
+def turning(points: ControlPoints, turns_per_second: float, rate: float) -> Iterator[ControlPoints]:
+    """Control points turned about the upright axis through the middle of the array, frame by frame, for ever."""
+    x, y, z = points.positions.T
+    for frame in count():
+        angle = 2 * math.pi * turns_per_second * frame / rate
+        turned = np.stack([x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle), z], 1)
+        yield ControlPoints(turned, points.amplitudes)
+
+
+def frames_of(source: Source, array: TransducerArray, method: str, spin: float, rate: float) -> Frames:
+    """The frames of a source in turn; points are solved for an array by a method, and turn at so many Hz."""
+    match source.content:
+        case ControlPoints() as points:
+            return solved(turning(points, spin, rate), Solver(array, method))
+        case Pulses() | Solution() as frame:
+            return repeat(frame)
+        case PulseFrames() | np.ndarray() | Recording() as frames:
+            return frames
+        case points_in_turn:
+            return solved(points_in_turn, Solver(array, method))
+
+
+def check_options(context: typer.Context, name: str, source: Source) -> None:
+    """Raise `ValueError` where an option of the command line has no effect on what a source of this name holds."""
+    for option, (kinds, why) in HEEDED.items():
+        if given(context, option) and not isinstance(source.content, kinds):
+            raise ValueError(f"--{option} has no effect on {name}: {why}")
+
+
+def differences(source: Source, what: Info) -> list[str]:
+    """In which ways a device differs from that for which a source was made, so that the field will be another."""
+    found = []
+    own = TransducerArray.grid(what.columns, what.rows, what.pitch).positions
+    made_for = None if source.array is None else source.array.positions
+    if made_for is not None and made_for.shape == own.shape and not np.allclose(made_for, own, atol=1e-6):
+        found.append(f"the device has {what.columns} × {what.rows} transducers, {what.pitch * 1e3:g} mm apart")
+    if source.medium is not None and source.medium.frequency != what.carrier_hz:
+        found.append(f"the device's carrier has {what.carrier_hz} Hz, not {source.medium.frequency:g} Hz")
+    return found

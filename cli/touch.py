@@ -1,0 +1,320 @@
+"""The command that lets hands touch objects: ``touch``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.control import Control
+from rich.segment import ControlType
+
+from ..errors import DeviceError, DeviceRefusedError, PhasewireError
+from ..host.hands.placing import PlacedHands
+from ..host.hands.pose import Pose
+from ..host.hands.sources import files_of, open_hands
+from ..host.lines.opening import DEFAULT_URL
+from ..host.playing.device import Device, open_device
+from ..host.touching.log import TouchLog, log_path
+from ..host.touching.loop import MOST_RAMP_SECONDS, RAMP_SECONDS, TouchLoop, TouchMoment
+from ..host.touching.report import TouchReport
+from ..pictures import check_picture_path, save_figure
+from ..protocol.plain import plain
+from ..protocol.pulses import Pulses
+from ..protocol.replies import Status
+from ..signals import loading
+from ..solver import METHODS, TransducerArray
+from ..solver.contact.mesh import Mesh
+from ..solver.contact.solids import SOLIDS
+from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
+from ..solver.curves import SPACING
+from ..solver.modulation import FREQUENCY
+from ..solver.objects import MovingObject, object_help, parse_object
+from ..solver.points import MAX_POINTS
+from ..storage import check_outputs
+from .console import JsonOption, among, console_for, error_console, write_json
+from .options import MOST_SECONDS, CalibrationOption, DeviceOption, PoseOption, load_calibration
+from .playing import array_of
+
+__all__ = ["commands"]
+
+commands = typer.Typer(rich_markup_mode=None)
+
+BACK = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
+HANDS = "gesture:sweep"
+
+
+class _Meter:
+    """One line that shows how it goes, on a terminal; nothing elsewhere."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self.last = TouchReport()
+
+    def __call__(self, report: TouchReport) -> None:
+        """Show a report in the place of the one before."""
+        self.last = report
+        if self._console.is_terminal:
+            self._console.control(BACK)
+            self._console.print(str(report)[: self._console.width - 1], end="")
+
+    def end(self) -> None:
+        """Leave the line empty."""
+        if self._console.is_terminal:
+            self._console.control(BACK)
+
+
+class _Best:
+    """Keeps the moment with the most points, faded in, for the picture."""
+
+    def __init__(self) -> None:
+        self.moment: TouchMoment | None = None
+        self._points = 0.0
+
+    def __call__(self, moment: TouchMoment) -> None:
+        """Look at the next moment."""
+        if moment.fields is None or moment.touch.points is None:
+            return
+        points = float(moment.fading.levels.sum())
+        if points > self._points:
+            self.moment, self._points = moment, points
+
+
+@commands.command(
+    epilog="Example: phasewire touch cube --hand gesture:sweep --seconds 4",
+    help=f"""Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.
+
+Hands are cut with the objects, control points are placed on the cuts, split in two halves, solved, and sent as
+soon as they are there. The halves take turns 200 times a second. Without a hand that touches, and without news of
+the hands, the outputs are silent within 50 ms. A line that is too slow for a block in each turn, such as most
+UARTs, leaves the turns to the device, and limits how often a new pose is played.
+
+An object is a name or a file with what differs from its defaults, such as sphere:size=0.06,turn=90 or
+cup.stl:scale=0.001 . Its centre is put at x, y, z.
+
+\b
+{object_help()}
+
+Of an emulated device and a gesture or a recording the time passes as fast as this computer allows.
+""",
+)
+def touch(
+    objects: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="OBJECT...",
+            help="Each one of the paper's objects or a mesh file, with its parameters, such as cube, "
+            "sphere:size=0.06,x=0.02,turn=90 or cup.stl:scale=0.001.",
+            autocompletion=among(SOLIDS),
+        ),
+    ],
+    hand: Annotated[
+        str,
+        typer.Option(
+            "--hand",
+            metavar="URL",
+            help="Where hands come from: gesture:approach|sweep|grasp|tap, recording:FILE, leap:, video:FILE or "
+            "camera:N; `phasewire tracker` says which are ready.",
+        ),
+    ] = HANDS,
+    device: DeviceOption = DEFAULT_URL,
+    seconds: Annotated[
+        float | None,
+        typer.Option(min=0, max=MOST_SECONDS, help="How long at most, in s; until the hands end, or Ctrl-C."),
+    ] = None,
+    spacing: Annotated[
+        float, typer.Option(min=LEAST_SPACING, metavar="M", help="Length of arc between control points, in m.")
+    ] = SPACING,
+    corners: Annotated[
+        bool, typer.Option("--corners/--no-corners", help="Whether edges and corners are denser and stronger.")
+    ] = True,
+    points: Annotated[
+        int, typer.Option(min=1, max=MAX_POINTS, help="Control points at most; edges and corners keep theirs.")
+    ] = MOST_POINTS,
+    method: Annotated[
+        str, typer.Option(help=f"How fields are solved: {', '.join(METHODS)}.", autocompletion=among(METHODS))
+    ] = "wgs",
+    frequency: Annotated[
+        float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points take turns.")
+    ] = FREQUENCY,
+    rate: Annotated[
+        float | None, typer.Option(min=1e-3, help="Frames of hands per second at most; by default all that come.")
+    ] = None,
+    ramp: Annotated[
+        float, typer.Option(min=0, max=MOST_RAMP_SECONDS, metavar="S", help="How long a point fades in and out, in s.")
+    ] = RAMP_SECONDS,
+    predict: Annotated[
+        bool, typer.Option("--predict/--no-predict", help="Whether hands are moved ahead by their velocity.")
+    ] = True,
+    pose: PoseOption = None,
+    calibration: CalibrationOption = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            "--record", metavar="FILE", help="Write the hands to this .hands file, and points and drives beside it."
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture", metavar="FILE", help="Where to draw the moment with the most points: .png, .svg or .pdf."
+        ),
+    ] = None,
+    timeline: Annotated[
+        Path | None,
+        typer.Option(
+            "--timeline",
+            metavar="FILE",
+            help="Where to draw the way of that moment, from the hand's time stamp to the first tick of its field, "
+            "measured on this computer with an emulated device: .png, .svg or .pdf.",
+        ),
+    ] = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Let hands touch objects, and play what they feel; the help above says more."""
+    check_outputs(
+        [picture, timeline, recording, None if recording is None else log_path(recording), json_target],
+        [*files_of(hand), *filter(None, (pose, calibration))],
+    )
+    for drawn in filter(None, (picture, timeline)):
+        check_picture_path(drawn)
+    placed = None if pose is None else Pose.load(pose)
+    toucher = Toucher(spacing, corners, points)
+    out, meter, best = console_for(json_target), _Meter(error_console()), _Best()
+    with error_console().status("reading") as status:
+        things = [parse_object(text, status.update) for text in objects]
+    for text, thing in zip(objects, things, strict=True):
+        for repair in thing.mesh.repairs:
+            error_console().print(f"warning: {text}: {repair}", style="yellow")
+    with ExitStack() as stack:
+        opened = stack.enter_context(open_device(device, calibration=load_calibration(calibration)))
+        source = stack.enter_context(PlacedHands(open_hands(hand, opened.time), placed))
+        for note in source.notes:
+            error_console().print(f"warning: {note}", style="yellow")
+        array = array_of(opened.info)
+        seen: list[Callable[[TouchMoment], None]] = [best] if picture or timeline else []
+        if recording is not None:
+            seen.append(stack.enter_context(TouchLog(recording, source.rate, frequency, hand, placed)))
+        loop = TouchLoop(
+            opened,
+            source,
+            _placed_at(things, opened.time.monotonic()),
+            toucher,
+            array,
+            method=method,
+            frequency=frequency,
+            ramp=ramp,
+            predict=predict,
+            most_points=points,
+            rate=rate,
+            on_moment=_each(seen),
+        )
+        with error_console().status("loading; the first time, compiling takes a minute"):
+            loop.warm_up()
+        error_console().print(f"{source.name} touches {', '.join(objects)} on {opened.name}")
+        told = {"format": "phasewire-touch-1", "device": opened.name, "hands": hand, "objects": objects}
+        ended: str | None = None
+        failure: Exception | KeyboardInterrupt | None = None
+        try:
+            loop.run(math.inf if seconds is None else seconds, meter)
+            ended = "the hands have ended" if source.ended else f"after {seconds:g} s"
+        except KeyboardInterrupt as interrupt:
+            ended = "Ctrl-C"
+            failure = None if seconds is None else interrupt
+        except (PhasewireError, ValueError) as error:
+            failure = error
+        finally:
+            meter.end()
+            _tell(out, meter.last)
+        final = _final(opened, failure)
+        said = "" if ended is None else f"Ended: {ended}. "
+        out.print(f"{said}The outputs are off." if final else "The device's watchdog turns the outputs off.")
+        write_json(
+            json_target,
+            told
+            | {
+                "touch": meter.last.record(),
+                "ended": ended,
+                "error": None if ended else str(failure),
+                "status": plain(final),
+            },
+        )
+        if failure is not None:
+            raise failure
+    for path, draw in (
+        (picture, partial(_draw, array, meter.last.frequency_hz)),
+        (timeline, partial(_draw_way, toucher, method)),
+    ):
+        if path is not None and best.moment is None:
+            error_console().print(f"{path} was not drawn: no hand touched an object", style="yellow")
+        elif path is not None and best.moment is not None:
+            draw(path, best.moment)
+            error_console().print(f"Drawn to {path}")
+
+
+def _final(device: Device, failure: BaseException | None) -> Status | None:
+    """The device's state at the end; None if it was lost."""
+    if isinstance(failure, DeviceError) and not isinstance(failure, DeviceRefusedError):
+        return None  # to ask it once more would only take time
+    with suppress(DeviceError):
+        return device.status()
+    return None
+
+
+def _placed_at(things: Sequence[MovingObject], begin: float) -> Sequence[Mesh] | Callable[[float], Sequence[Mesh]]:
+    """Objects as the loop takes them: as they are, or by the moment if one of them moves."""
+    if all(thing.still for thing in things):
+        return [thing.mesh for thing in things]
+    return lambda moment: [thing.at(moment - begin) for thing in things]
+
+
+def _each(seen: Sequence[Callable[[TouchMoment], None]]) -> Callable[[TouchMoment], None] | None:
+    """One function for several that want to see each moment."""
+    if len(seen) < 2:
+        return seen[0] if seen else None
+
+    def tell(moment: TouchMoment) -> None:
+        for look in seen:
+            look(moment)
+
+    return tell
+
+
+def _tell(out: Console, report: TouchReport) -> None:
+    """Say what became of the hands."""
+    out.print(f"{report}.")
+    if report.latency.count:
+        stages = ", ".join(f"{name} {stage.median_seconds * 1e3:.2f}" for name, stage in report.stages.items())
+        out.print(f"Of the latency, medians in ms: {stages}.")
+    if report.notes:
+        out.print(f"The last note on the hands: {report.last_note}.")
+    if report.stored:
+        out.print(
+            "The line is too slow for a block in each turn: the device took the turns from its memory, and the line "
+            "limited how often a new pose was played."
+        )
+
+
+def _draw(array: TransducerArray, frequency: float, path: Path, moment: TouchMoment) -> None:
+    """Draw a moment, and the field as an emulated device emits it."""
+    with loading():
+        from ..hil.touch_picture import save_touch_picture
+        from ..hil.touching import as_emitted
+
+    assert moment.fields is not None
+    emitted = as_emitted([Pulses(*rows) for rows in zip(*moment.fields, strict=True)], frequency)
+    source = "the bits that emulated boards play for the pulses that were sent"
+    save_touch_picture(path, moment.hands, moment.objects, moment.touch, emitted, array, source)
+
+
+def _draw_way(toucher: Toucher, method: str, path: Path, moment: TouchMoment) -> None:
+    """Draw where the time goes from the hands of a moment to the first tick of their field."""
+    with loading():
+        from ..hil.touch_latency import draw_touch_latency, measure_touch_latency
+
+    save_figure(draw_touch_latency(measure_touch_latency(moment.hands, moment.objects, toucher, method=method)), path)

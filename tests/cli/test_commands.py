@@ -1,0 +1,534 @@
+"""The command line: what it prints, what it writes, and how it says no."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import typer
+from phasewire import ControlPoints, Emulator, Medium, Sphere, Transducer, TransducerArray, open_device, pressure, solve
+from phasewire.__main__ import main
+from phasewire.cli.commands import HOMES, command_line
+from phasewire.cli.settings import each_command
+from phasewire.signals import unwinding
+from phasewire.solver import METHODS, Star
+from phasewire.solver.files import load_field, load_solution, save_solution
+
+
+class Outcome(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def phasewire(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Outcome]:
+    """Run the command line in a new folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
+
+    def run(*arguments: str) -> Outcome:
+        with pytest.raises(SystemExit) as exited:
+            main(arguments)
+        captured = capsys.readouterr()
+        return Outcome(int(exited.value.code or 0), captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def solved(tmp_path: Path) -> Path:
+    path = tmp_path / "sphere.npz"
+    save_solution(path, solve(TransducerArray.grid(), Sphere().sample()))
+    return path
+
+
+Run = Callable[..., Outcome]
+
+
+def test_the_demo_passes_draws_and_tells_the_numbers(phasewire: Run, tmp_path: Path) -> None:
+    outcome = phasewire("demo", "--json", "demo.json")
+    assert outcome.code == 0
+    assert "PASS" in outcome.out
+    assert "all ten processors play" in outcome.err
+    assert (tmp_path / "demo.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    record = json.loads((tmp_path / "demo.json").read_text())
+    assert record["verdict"] == "pass"
+    assert len(record["control_points_m"]) == 17
+
+
+def test_the_demo_fails_when_something_is_broken(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("phasewire.cli.demo.Emulator", lambda: Emulator(clock_offset_ticks={2: 1}))
+    outcome = phasewire("demo", "--json", "-")
+    assert outcome.code == 1
+    assert json.loads(outcome.out)["verdict"] == "fail"
+    assert "FAIL" in outcome.err
+
+
+def test_solve_field_and_show_hand_over_to_each_other(phasewire: Run, tmp_path: Path) -> None:
+    outcome = phasewire("solve", "sphere:radius=0.04,palm=0.18", "-o", "s.npz", "--json", "-")
+    assert outcome.code == 0
+    record = json.loads(outcome.out)
+    assert record["transducers"] == 320
+    assert min(record["pressure_pa"]) > 100
+    outcome = phasewire("field", "s.npz", "-o", "f.png", "--step", "0.004")
+    assert (outcome.code, (tmp_path / "f.png").exists()) == (0, True)
+    assert "strongest" in outcome.out
+    assert phasewire("field", "s.npz", "-o", "f.npz", "--step", "0.004", "--height", "0.1").code == 0
+    with np.load(tmp_path / "f.npz") as field:
+        np.testing.assert_allclose(field["centre"], [0, 0, 0.1])
+    outcome = phasewire("show", "s.npz", "--seconds", "0.1", "--json", "-")
+    assert outcome.code == 0
+    status = json.loads(outcome.out)["status"]
+    assert (status["state"], status["accepted"], status["missed_commits"]) == ("PLAYING", 2, 0)
+
+
+def test_solve_takes_any_option_of_a_method_and_any_transducer_and_air(phasewire: Run, tmp_path: Path) -> None:
+    settings = ("--set", "gamma=0.5", "--set", "steps=3", "--set", "output=phase", "--method", "wgs")
+    air = ("--temperature", "30", "--humidity", "40", "--transducer", "MA40S4S-10Vrms", "--model", "monopole")
+    assert phasewire("solve", "star", "-o", "s.npz", *settings, *air).code == 0
+    solution = load_solution(tmp_path / "s.npz")
+    medium = Medium(30, absorbing=True, humidity=40)
+    array = TransducerArray.grid(transducer=Transducer(strength=8.49, model="monopole"))
+    expected = solve(array, Star().sample(), gamma=0.5, steps=3, output="phase", medium=medium)
+    np.testing.assert_array_equal(solution.drive, expected.drive)
+    assert (solution.medium, solution.array.transducer.strength) == (medium, 8.49)
+
+
+def test_the_help_of_solve_names_every_method_and_option(phasewire: Run) -> None:
+    text = " ".join(phasewire("solve", "--help").out.split())
+    for name, method in METHODS.items():
+        assert f"{name}: {method.summary}" in text
+        assert all(option in text for option in method.options)
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """A file solved for one point with a few transducers, which takes no time to look at."""
+    path = tmp_path / "small.npz"
+    save_solution(path, solve(TransducerArray.grid(4, 3), ControlPoints([[0.01, 0, 0.05], [-0.03, 0, 0.05]], [1, 0])))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "shape", "corner"),
+    [
+        (("--plane", "xy"), (5, 5), (-0.02, -0.02, 0.05)),
+        (("--plane", "xz"), (5, 5), (-0.02, 0, 0.03)),
+        (("--plane", "yz", "--at", "0.01"), (5, 5), (0.01, -0.02, 0.03)),
+        (("--plane", "yz", "--extent", "0.1"), (11, 11), (0, -0.05, 0.01)),
+        (("--plane", "box"), (5, 5, 5), (-0.02, -0.02, 0.03)),
+    ],
+)
+def test_field_samples_planes_and_boxes(
+    phasewire: Run, small: Path, tmp_path: Path, options: tuple[str, ...], shape: tuple[int, ...], corner: tuple[float]
+) -> None:
+    """Standing ones are centred on the point's height, but begin 1 cm above the array."""
+    outcome = phasewire("field", "small.npz", "-o", "f.npz", "--extent", "0.04", "--step", "0.01", *options)
+    assert outcome.code == 0
+    field = load_field(tmp_path / "f.npz")
+    assert field.pressure.shape == shape
+    np.testing.assert_allclose(field.grid.positions()[(0,) * len(shape)], corner, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "begin"), [("f.vti", b"<?xml"), ("f.png", b"\x89PNG"), ("f.svg", b"<?xml"), ("f.npz", b"PK")]
+)
+def test_field_writes_what_the_name_says(phasewire: Run, small: Path, tmp_path: Path, name: str, begin: bytes) -> None:
+    outcome = phasewire("field", "small.npz", "-o", name, "--plane", "xz", "--extent", "0.04", "--step", "0.01")
+    assert outcome.code == 0
+    assert (tmp_path / name).read_bytes().startswith(begin)
+
+
+@pytest.mark.parametrize("quantity", ["intensity", "radiation", "oil"])
+def test_field_draws_quantities(phasewire: Run, small: Path, tmp_path: Path, quantity: str) -> None:
+    assert phasewire("field", "small.npz", "-o", "f.png", "--step", "0.004", "--quantity", quantity).code == 0
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_field_says_where_the_strongest_sample_is(phasewire: Run, small: Path) -> None:
+    outcome = phasewire("field", "small.npz", "-o", "f.npz", "--height", "0.05", "--step", "0.002", "--json", "-")
+    record = json.loads(outcome.out)
+    solution = load_solution(small)
+    where = [record["strongest"][name] for name in ("x_m", "y_m", "z_m")]
+    assert record["centre_m"] == [0, 0, 0.05]
+    at = abs(pressure(solution.array, solution.drive, [where])[0])
+    assert record["strongest"]["pa"] == pytest.approx(at, rel=1e-4)
+
+
+def test_focus_reports(phasewire: Run, small: Path) -> None:
+    outcome = phasewire("focus", "small.npz", "--json", "-")
+    assert outcome.code == 0
+    assert "1 foci:" in outcome.err
+    assert "null, " in outcome.err
+    record = json.loads(outcome.out)
+    assert record["format"] == "phasewire-focus-1"
+    assert record["foci"][0]["position"] == [0.01, 0, 0.05]
+    assert record["nulls"][0]["index"] == 1
+    assert max(len(line) for line in phasewire("focus", "small.npz").out.splitlines()[:6]) <= 80
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("p.csv", "0,0,0.2\n0.02,0,0.2\n"),
+        ("p.json", '{"positions": [[0,0,0.2],[0.02,0,0.2]]}'),
+        ("p.txt", "0 0 0.2\n0.02 0 0.2\n"),
+    ],
+)
+def test_points_come_from_files(phasewire: Run, tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    outcome = phasewire("solve", name, "-o", "p.npz", "--columns", "8", "--rows", "8", "--pitch", "0.01")
+    assert outcome.code == 0
+    assert "2 control points, 64 transducers" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "count"),
+    [
+        ("star", (), 30),
+        ("star", ("--spacing", "0.0182"), 20),
+        ("polygon:sides=3,radius=0.03", (), 9),
+        ("polyline:vertices=line.txt,closed=yes", ("--spacing", "0.02"), 6),
+    ],
+)
+def test_shapes_have_their_own_spacing_unless_one_is_given(
+    phasewire: Run, tmp_path: Path, source: str, options: tuple[str, ...], count: int
+) -> None:
+    """The triangle's sides measure 52 mm, nearest to three steps of 15 mm; the line is 3 + 4 + 5 cm long."""
+    (tmp_path / "line.txt").write_text("0 0 0.2\n0.03 0 0.2\n0.03 0.04 0.2\n")
+    outcome = phasewire("solve", source, "-o", "s.npz", "--columns", "8", "--rows", "8", *options)
+    assert outcome.code == 0
+    assert outcome.out.startswith(f"{count} control points")
+
+
+def test_raw_pulses_can_be_shown(phasewire: Run, tmp_path: Path) -> None:
+    width = np.zeros(320, np.uint8)
+    width[17] = 25
+    np.savez(tmp_path / "one.npz", phase=np.full(320, 25, np.uint8), width=width)
+    with Emulator(serial="RAW") as emulator:
+        outcome = phasewire("show", "one.npz", "--device", "emulator:RAW", "--seconds", "0", "--json", "-")
+        emulator.run(5)
+        capture = emulator.capture()
+    assert outcome.code == 0
+    drive = capture.drive(json.loads(outcome.out)["commit_period"])
+    assert np.flatnonzero(np.abs(drive)).tolist() == [17]
+    assert not capture.drive(capture.periods - 1).any()
+
+
+def test_a_file_solved_for_another_array_is_played_with_a_warning(phasewire: Run) -> None:
+    assert phasewire("solve", "circle", "-o", "same.npz").code == 0
+    assert phasewire("solve", "circle", "-o", "other.npz", "--columns", "16", "--rows", "20").code == 0
+    warned = {name: "warning" in phasewire("show", name, "--seconds", "0").err for name in ("same.npz", "other.npz")}
+    assert warned == {"same.npz": False, "other.npz": True}
+
+
+def test_stop_silences_a_device(phasewire: Run) -> None:
+    outcome = phasewire("stop", "--json", "-")
+    assert outcome.code == 0
+    assert json.loads(outcome.out)["status"]["state"] == "OFF"
+
+
+def test_info_tells_what_the_device_is(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    outcome = phasewire("info", "--device", "emulator:?link=2wire")
+    assert outcome.code == 0
+    assert "5 boards of 2 processors, 2-wire links" in outcome.out
+    assert "20000 updates/s" in outcome.out
+    with Emulator(serial="FROM-ENV"):
+        monkeypatch.setenv("PHASEWIRE_DEVICE", "emulator:FROM-ENV")
+        assert "FROM-ENV" in phasewire("info").out
+        assert "FROM-ENV" not in phasewire("info", "--device", "emulator:").out
+
+
+UNITS = (" m.", " m;", "°C", " s.", " s;", " ns", " Hz", "Frequency", "per second", "Of the modulation.")
+
+
+def test_every_command_and_option_is_explained(phasewire: Run) -> None:
+    for context in each_command(typer.Context(command_line(), info_name="phasewire")):
+        command, path = context.command, context.command_path.split()[1:]
+        assert (command.help or "").strip().endswith("."), path
+        outcome = phasewire(*path, "--help")
+        assert (outcome.code, outcome.err) == (0, "")
+        assert max(map(len, outcome.out.splitlines())) <= 100
+        assert re.search(rf"\n  Example: phasewire {' '.join(path)}\b", outcome.out), path
+        for parameter in command.params:
+            explanation = getattr(parameter, "help", None)
+            assert explanation, f"{path} {parameter.name}"
+            assert explanation.endswith("."), f"{path} {parameter.name}"
+            if isinstance(getattr(parameter, "default", None), float):
+                assert any(unit in explanation for unit in UNITS), f"{path} {parameter.name}"
+    assert "Exit codes" in phasewire("--help").out
+
+
+def test_a_device_that_is_in_use_elsewhere_is_code_4(phasewire: Run) -> None:
+    with Emulator(serial="TAKEN") as emulator, open_device(emulator.url):
+        outcome = phasewire("info", "--device", "emulator:TAKEN")
+    assert outcome.code == 4
+    assert "another program is using the device" in outcome.err
+
+
+def test_too_little_memory_is_code_2(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def exhausted(*arguments: object, **options: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("phasewire.cli.solving.Solver", exhausted)
+    outcome = phasewire("solve", "circle", "-o", "x.npz")
+    assert (outcome.code, "not enough memory" in outcome.err) == (2, True)
+
+
+def test_show_lasts_as_long_as_asked_and_gives_signs_of_life(phasewire: Run, solved: Path) -> None:
+    with Emulator(serial="LASTING"):
+        outcome = phasewire("show", solved.name, "--device", "emulator:LASTING", "--seconds", "0.5", "--json", "-")
+    record = json.loads(outcome.out)
+    lasted = record["status"]["now"] // 50 - record["commit_period"]
+    assert 0.49 * 40_000 <= lasted <= 0.51 * 40_000, "five times as long as the watchdog waits, of the device's time"
+
+
+def test_show_notices_that_the_device_fell_silent(
+    phasewire: Run, solved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Emulator(serial="STALLED") as emulator:
+        held_up = lambda keeper, seconds: emulator.run(5000)  # noqa: E731  # for 125 ms
+        monkeypatch.setattr("phasewire.emulator.doors.device_time.DeviceTime.sleep", held_up)
+        outcome = phasewire("show", solved.name, "--device", "emulator:STALLED", "--seconds", "5")
+    assert outcome.code == 4
+    assert "has turned its outputs off: it heard nothing for 0.1 s" in outcome.err
+
+
+def test_another_carrier_is_warned_of(phasewire: Run, tmp_path: Path) -> None:
+    solution = solve(TransducerArray.grid(), Sphere().sample(), medium=Medium(frequency=25_000))
+    save_solution(tmp_path / "low.npz", solution)
+    assert "the device's carrier has 40000 Hz, not 25000 Hz" in phasewire("show", "low.npz", "--seconds", "0").err
+
+
+def test_the_list_of_commands_says_of_each_what_its_own_help_says() -> None:
+    said = {name: command.get_short_help_str(1000) for name, command in command_line().commands.items()}
+    assert said == {name: home.help for name, home in HOMES.items()}
+
+
+def test_version(phasewire: Run) -> None:
+    assert phasewire("--version").out.startswith("phasewire 0.")
+
+
+@pytest.mark.parametrize(
+    ("name", "raised"), [("SIGINT", KeyboardInterrupt), ("SIGTERM", SystemExit), ("SIGHUP", SystemExit)]
+)
+def test_the_first_signal_unwinds_and_others_do_not_disturb(name: str, raised: type[BaseException]) -> None:
+    number = signal.Signals[name]
+    before = signal.getsignal(number)
+    with unwinding(last=False):
+        with pytest.raises(raised) as error:
+            signal.raise_signal(number)
+        for later in (number, signal.SIGINT, signal.SIGTERM):
+            signal.raise_signal(later)
+    assert signal.getsignal(number) == before
+    if isinstance(error.value, SystemExit):
+        assert error.value.code == 128 + number
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_a_callback_loses_comes_again(number: int) -> None:
+    """An exception in ``__del__`` goes no further."""
+
+    class Gone:
+        def __del__(self) -> None:
+            signal.raise_signal(number)
+
+    def work() -> None:
+        Gone()
+        time.sleep(60)
+
+    with unwinding(last=False), pytest.raises((KeyboardInterrupt, SystemExit)):
+        work()
+
+
+def test_a_signal_that_is_ignored_stays_so_and_at_the_end_all_are() -> None:
+    """As Ctrl-C is under nohup, or in a shell's background."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        with unwinding(last=True):
+            signal.raise_signal(signal.SIGINT)
+        assert {signal.getsignal(number) for number in before} == {signal.SIG_IGN}
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+BAD = [
+    # (arguments, exit code, what the message must say)
+    (("solve", "cube", "-o", "x.npz"), 2, "'cube' is neither a shape (asterisk, circle,"),
+    (("solve", "sphere:palm=0.5", "-o", "x.npz"), 2, "misses the sphere, which spans 0.12 to 0.22 m"),
+    (("solve", "circle:height=200", "-o", "x.npz"), 2, "out of reach, more than 2 m away; coordinates are in metres"),
+    (("solve", "circle:height=-0.2", "-o", "x.npz"), 2, "circle height -0.2 m must be positive and at most 1000 m"),
+    (("solve", "circle:radius=nan", "-o", "x.npz"), 2, "circle radius nan m must be positive and at most 1000 m"),
+    (("solve", "sphere:radius=1e200", "-o", "x.npz"), 2, "sphere radius 1e+200 m must be positive and at most"),
+    (("solve", "circle", "-o", "x.npz", "--columns", "99999999"), 2, "at most 1000000 are possible"),
+    (("solve", "circle", "-o", "x.txt"), 2, "x.txt: the name of a solved file ends in .npz"),
+    (("solve", "circle", "-o", "no/such/x.npz"), 2, "no/such/x.npz cannot be written: there is no folder no/such"),
+    (
+        ("solve", "circle", "-o", "x.npz", "--method", "magic"),
+        2,
+        "unknown method 'magic'; known are wgs, polish, tikhonov",
+    ),
+    (("solve", "circle", "-o", "x.npz", "--set", "gamma"), 2, "--set 'gamma' must be a name, = and a value"),
+    (("solve", "circle", "-o", "x.npz", "--set", "gamma=x"), 2, "gamma x must be a number between 0 and 1"),
+    (("solve", "circle", "-o", "x.npz", "--set", "mu=1", "--set", "mu=2"), 2, "--set mu is given twice"),
+    (("solve", "circle", "-o", "x.npz", "--set", "self=1"), 2, "wgs has no option 'self'; it has output"),
+    (("solve", "circle", "-o", "x.npz", "--set", "medium="), 2, "wgs has no option 'medium'"),
+    (("solve", "circle", "-o", "x.npz", "--set", "precision=double"), 2, "wgs has no option 'precision'"),
+    (("solve", "circle", "-o", "x.npz", "--temperature", "1e200"), 2, "temperature 1e+200 °C must be above"),
+    (("solve", "circle", "-o", "x.npz", "--set", "magic=1"), 2, "wgs has no option 'magic'; it has output"),
+    (("solve", "circle", "-o", "x.npz", "--transducer", "T"), 2, "unknown transducer 'T'; known are MA40S4S"),
+    (("solve", "circle", "-o", "x.npz", "--model", "point"), 2, "unknown transducer model 'point'; known are monopole"),
+    (("solve", "circle", "-o", "x.npz", "--humidity", "101"), 2, "humidity 101.0 % must lie between 0 and 100 %"),
+    (("solve", "circle", "-o", "x.npz", "--rows", "0"), 2, "rows 0 must be a whole number, at least 1"),
+    (("solve", "circle", "-o", "x.npz", "--spacing", "0"), 2, "spacing 0.0 m must be positive"),
+    (("solve", "circle", "-o", "x.npz", "--temperature", "-400"), 2, "temperature -400.0 °C"),
+    (("solve", "behind.csv", "-o", "x.npz"), 2, "control point 1 at [0.0, 0.0, -0.1] m is on the array or behind it"),
+    (("solve", "on.csv", "-o", "x.npz"), 2, "control point 0 at [0.0, 0.0, 0.0] m is on the array or behind it"),
+    (("solve", "nan.csv", "-o", "x.npz"), 2, "nan.csv: control point 0 is [0.0, nan, 0.2]"),
+    (("solve", "negative.csv", "-o", "x.npz"), 2, "amplitude -1.0 of control point 0"),
+    (("solve", "missing.csv", "-o", "x.npz"), 2, "missing.csv"),
+    (("show", "missing.npz"), 2, "phasewire: missing.npz: No such file or directory"),
+    (("show", "truncated.npz"), 2, "truncated.npz is truncated, corrupted or not an NPZ file"),
+    (("show", "corrupted.npz"), 2, "corrupted.npz is truncated, corrupted or not an NPZ file"),
+    (("show", "behind.csv"), 2, "behind.csv is truncated, corrupted or not an NPZ file"),
+    (("show", "other.npz"), 2, "other.npz holds neither a solution nor pulses"),
+    (("show", "short.npz"), 2, "64 pulses for a device with 320 transducers"),
+    (("show", "wide.npz"), 2, "wide.npz: width 26 of transducer 0 is outside 0 to 25 ticks"),
+    (
+        ("show", "sphere.npz", "--device", "nonsense:"),
+        3,
+        "the URL of a device begins with one of emulator:, rfc2217:, serial:, socket:, usb:",
+    ),
+    (("show", "sphere.npz", "--device", "emulator:NOT-THERE"), 3, "no device at 'emulator:NOT-THERE'"),
+    (("show", "sphere.npz", "--seconds", "-1"), 2, "Invalid value for '--seconds'"),
+    (("info", "--device", "emulator:?link=9wire"), 3, "unknown link '9wire'; known are 5wire, 2wire"),
+    (("stop", "--device", "usb:no-such-serial"), 3, "no device at 'usb:no-such-serial'"),
+    (("field", "truncated.npz", "-o", "f.png"), 2, "truncated.npz is truncated, corrupted"),
+    (("field", "sphere.npz", "-o", "f.bmp"), 2, "f.bmp: a picture's name ends in .png, .svg, .pdf"),
+    (("field", "sphere.npz", "-o", "f.png", "--plane", "zz"), 2, "unknown plane 'zz'; known are xy, xz, yz, box"),
+    (("field", "sphere.npz", "-o", "f.png", "--plane", "box"), 2, "f.png: a box cannot be drawn"),
+    (("field", "sphere.npz", "-o", "f.npz", "--plane", "box", "--at", "1"), 2, "--at 1.0 has no meaning for a box"),
+    (("field", "sphere.npz", "-o", "f.png", "--quantity", "taste"), 2, "unknown quantity 'taste'; known are pressure"),
+    (("field", "sphere.npz", "-o", "f.png", "--plane", "xz", "--quantity", "oil"), 2, "oil lies level"),
+    (("field", "sphere.npz", "-o", "f.vti", "--quantity", "oil"), 2, "f.vti: --quantity chooses what a picture shows"),
+    (("field", "sphere.npz", "-o", "f.npz", "--plane", "xz", "--extent", "nan"), 2, "extent nan m must be positive"),
+    (("field", "sphere.npz", "-o", "f.npz", "--height", "-1"), 2, "height -1.0 m must be positive"),
+    (("focus", "truncated.npz"), 2, "truncated.npz is truncated, corrupted"),
+    (("focus", "sphere.npz", "--json", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
+    (("field", "sphere.npz", "-o", "f.png", "--step", "0"), 2, "step 0.0 m must be positive"),
+    (("field", "sphere.npz", "-o", "f.png", "--height", "0.0001"), 2, "the model 'piston' needs at least 4.50 mm"),
+    (("field", "sphere.npz", "-o", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
+    (("show", "sphere.npz", "--json", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
+    (("solve", "polygon:sides=4.5", "-o", "x.npz"), 2, "polygon sides '4.5' is not a whole number"),
+    (("solve", "star", "-o", "x.npz", "--spacing", "0"), 2, "spacing 0.0 m must be positive and finite"),
+    (("solve", "polyline:vertices=on.csv", "-o", "x.npz"), 2, "all of whose corners lie at [0.0, 0.0, 0.0] m has no"),
+    (("solve", "polyline:vertices=missing.csv", "-o", "x.npz"), 2, "missing.csv"),
+    (
+        ("solve", "polyline:closed=yes,vertices=on.csv", "-o", "x.npz", "--json", "on.csv"),
+        2,
+        "on.csv cannot be written: it is also what is read",
+    ),
+    (("solve", "on.csv", "-o", "x.npz", "--json", "on.csv"), 2, "on.csv cannot be written: it is also what is read"),
+    (("solve", "circle", "-o", "x.npz", "--json", "x.npz"), 2, "x.npz cannot be written: it is to be written twice"),
+    (("show", "sphere.npz", "--json", "."), 2, "'.' cannot be written: it is a folder"),
+    (("field", "sphere.npz", "-o", "f.png", "--extent", "1e200"), 2, "makes more than 4000000 samples"),
+    (("field", "sphere.npz", "-o", "f.png", "--extent", "0.0005"), 2, "is too long for a plane of 0.0005 m"),
+    (("demo", "--picture", "demo.gif"), 2, "demo.gif: a picture's name ends in"),
+    (("demo", "--json", "no/such/demo.json"), 2, "there is no folder no/such"),
+    (("field", "sphere.npz", "-o", "no/such/f.png"), 2, "there is no folder no/such"),
+    (("field", "sphere.npz", "-o", "no/such/f.npz"), 2, "there is no folder no/such"),
+    (("dance",), 2, "No such command 'dance'"),
+    (("solve",), 2, "Missing argument"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "message"), BAD, ids=[" ".join(case[0]) for case in BAD])
+def test_bad_input_gets_a_clear_error(
+    phasewire: Run, solved: Path, tmp_path: Path, arguments: tuple[str, ...], code: int, message: str
+) -> None:
+    (tmp_path / "behind.csv").write_text("0,0,0.2\n0,0,-0.1\n")
+    (tmp_path / "on.csv").write_text("0,0,0\n")
+    (tmp_path / "nan.csv").write_text("0,nan,0.2\n")
+    (tmp_path / "negative.csv").write_text("0,0,0.2,-1\n")
+    whole = solved.read_bytes()
+    (tmp_path / "truncated.npz").write_bytes(whole[:5000])
+    drive_at = whole.index(b"drive.npy") + 1000
+    (tmp_path / "corrupted.npz").write_bytes(whole[:drive_at] + b"\xff" + whole[drive_at + 1 :])
+    np.savez(tmp_path / "other.npz", a=np.ones(3))
+    np.savez(tmp_path / "short.npz", phase=np.zeros(64, int), width=np.zeros(64, int))
+    np.savez(tmp_path / "wide.npz", phase=np.zeros(320, int), width=np.full(320, 26))
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    outcome = phasewire(*arguments)
+
+    assert outcome.code == code
+    assert message in " ".join(outcome.err.split())
+    assert "Traceback" not in outcome.err + outcome.out
+    written = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert written == before
+
+
+def test_names_are_printed_as_they_are(phasewire: Run, tmp_path: Path) -> None:
+    (tmp_path / "[").mkdir()
+    assert "Written to [/b]:key:.npz" in phasewire("solve", "circle", "-o", "[/b]:key:.npz").out
+    assert "[/b].png" in phasewire("field", "[/b]:key:.npz", "-o", "[/b].png", "--step", "0.01").out
+    assert "[red]:key:.npz: No such file" in phasewire("show", "[red]:key:.npz").err
+
+
+def test_an_existing_file_survives_a_failed_command(phasewire: Run, solved: Path) -> None:
+    before = solved.read_bytes()
+    assert phasewire("solve", "circle:height=200", "-o", solved.name).code == 2
+    assert solved.read_bytes() == before
+
+
+def test_the_module_runs_as_a_program(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "phasewire", "show", "nothing.npz"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2
+    assert ended.stdout == ""
+    assert "nothing.npz" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_ctrl_c_ends_a_show_with_the_outputs_off(solved: Path) -> None:
+    command = [sys.executable, "-m", "phasewire", "show", str(solved), "--forever", "--json", "-"]
+    environment = {name: value for name, value in os.environ.items() if name != "PHASEWIRE_DEVICE"}
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        preexec_fn=heed_ctrl_c,
+    ) as showing:
+        try:
+            assert showing.stderr is not None
+            assert "plays" in showing.stderr.readline()
+            time.sleep(0.2)
+            showing.send_signal(signal.SIGINT)
+            out, err = showing.communicate(timeout=20)
+        finally:
+            showing.kill()
+    assert showing.returncode == 0
+    assert "outputs are off" in err
+    assert json.loads(out)["status"]["missed_commits"] == 0
+
+
+def heed_ctrl_c() -> None:
+    """Undo an inherited choice to ignore it, as under nohup."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

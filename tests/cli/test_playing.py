@@ -1,0 +1,248 @@
+"""`phasewire show`, `stream`, `play` and `record`: what they play, what they write, and what they refuse."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from phasewire import ControlPoints, Emulator, Medium, TransducerArray, solve
+from phasewire.emulator import faults
+from phasewire.host import Calibration, Recording, record
+from phasewire.protocol.quantise import PulseFrames
+from phasewire.solver.files import save_solution
+
+from .runner import Run, runner
+
+N = 320
+QUICK = ("--rate", "1000", "--seconds", "0.01")
+
+
+@pytest.fixture
+def phasewire(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run the command line in a new folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
+    return runner(capsys)
+
+
+def frames(count: int, channels: int = N) -> PulseFrames:
+    """Frame k has the width k + 1 in its transducer k and nothing else."""
+    width = np.zeros((count, channels), np.uint8)
+    width[range(count), range(count)] = range(1, count + 1)
+    return PulseFrames(np.zeros_like(width), width)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    """One of each kind of file."""
+    array = TransducerArray.grid()
+    save_solution(tmp_path / "solved.npz", solve(array, ControlPoints([[0, 0, 0.2]]), medium=Medium(30)))
+    one, many = frames(1), frames(20)
+    np.savez(tmp_path / "one.npz", phase=one.phase[0], width=one.width[0])
+    np.savez(tmp_path / "many.npz", phase=many.phase.astype(int), width=many.width.astype(int))
+    np.savez(tmp_path / "drives.npz", drives=np.full((20, N), 0.5j))
+    record(tmp_path / "slow.frames", many, 500, medium=Medium(25), calibration=Calibration.perfect(N))
+    Calibration.perfect(N).save(tmp_path / "perfect.csv")
+    return tmp_path
+
+
+# What is played
+
+
+@pytest.mark.parametrize("name", ["many.npz", "drives.npz", "slow.frames"])
+def test_a_file_of_frames_is_streamed_to_its_end(phasewire: Run, files: Path, name: str) -> None:
+    stream = json.loads(phasewire("stream", name, "--json", "-").out)["stream"]
+    assert (stream["accepted"], stream["rate"]) == (20, 500 if name == "slow.frames" else 1000)
+
+
+@pytest.mark.parametrize("source", ["solved.npz", "one.npz", "circle"])
+def test_what_has_no_end_is_streamed_for_a_second(phasewire: Run, files: Path, source: str) -> None:
+    stream = json.loads(phasewire("stream", source, "--rate", "40", "--json", "-").out)["stream"]
+    assert stream["accepted"] == 40
+
+
+def test_pulses_of_many_frames_are_played_as_they_are(phasewire: Run, files: Path) -> None:
+    with Emulator(serial="MANY") as emulator:
+        outcome = phasewire(
+            "stream", "many.npz", "--device", "emulator:MANY", "--rate", "4000", "--modulation", "0", "--json", "-"
+        )
+        captured = emulator.capture()
+    first = json.loads(outcome.out)["stream"]["first_period"]
+    for k in range(20):
+        drive = np.abs(captured.drive(first + 10 * k + 5))
+        assert np.flatnonzero(drive).tolist() == [k]
+        assert drive[k] == pytest.approx(np.sin(np.pi * (k + 1) / 50))
+
+
+@pytest.mark.parametrize("name", ["solved.npz", "one.npz"])
+def test_one_frame_is_shown(phasewire: Run, files: Path, name: str) -> None:
+    assert phasewire("show", name, "--seconds", "0").code == 0
+
+
+@pytest.mark.parametrize("name", ["many.npz", "drives.npz", "slow.frames"])
+def test_many_frames_are_not_shown(phasewire: Run, files: Path, name: str) -> None:
+    outcome = phasewire("show", name)
+    assert outcome.code == 2
+    assert f"`phasewire stream {name}` plays them" in outcome.err
+
+
+BAD: dict[str, tuple[dict[str, NDArray[Any]], str]] = {
+    "differ.npz": ({"phase": np.zeros((3, N), int), "width": np.zeros((2, N), int)}, "must both be"),
+    "deep.npz": ({"phase": np.zeros((3, N, 1), int), "width": np.zeros((3, N, 1), int)}, "must both be"),
+    "float.npz": ({"phase": np.zeros((3, N)), "width": np.zeros((3, N))}, "phase must be whole numbers from 0 on"),
+    "negative.npz": ({"phase": np.zeros((3, N), int), "width": np.full((3, N), -1)}, "width must be whole numbers"),
+    "wide.npz": ({"phase": np.zeros((3, N), int), "width": np.full((3, N), 282)}, "width 282 of transducer 0 of frame"),
+    "flat.npz": ({"drives": np.zeros(N)}, "drives must be complex numbers (k, n)"),
+    "text.npz": ({"drives": np.full((2, N), "a")}, "drives must be complex numbers (k, n)"),
+    "loud.npz": ({"drives": np.full((2, N), 2.0)}, "drive of transducer 0 of frame 0 has magnitude 2"),
+    "few.npz": ({"drives": np.zeros((2, 64))}, "(k, 320)"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_file_of_something_else_is_refused(phasewire: Run, tmp_path: Path, name: str) -> None:
+    arrays, said = BAD[name]
+    np.savez(tmp_path / name, allow_pickle=False, **arrays)
+    outcome = phasewire("stream", name)
+    assert outcome.code == 2
+    assert said in " ".join(outcome.err.split())
+
+
+def test_whatever_plays_a_file_warns_of_another_array(phasewire: Run, tmp_path: Path) -> None:
+    other = TransducerArray.grid(16, 20)
+    save_solution(tmp_path / "other.npz", solve(other, ControlPoints([[0, 0, 0.2]])))
+    record(tmp_path / "other.frames", frames(2), 100, array=other, medium=Medium(frequency=25_000))
+    for line in ("show other.npz --seconds 0", "stream other.npz --seconds 0.01", "stream other.frames"):
+        assert "warning: other." in phasewire(*line.split()).err
+    assert "40000 Hz, not 25000 Hz" in phasewire("stream", "other.frames").err
+
+
+def test_a_stream_is_modulated_from_its_first_frame(phasewire: Run, files: Path) -> None:
+    said = phasewire("stream", "drives.npz", "-vv").err
+    assert said.index(" ENABLE") < said.index(" MODULATION 2") < said.index(" UPDATE 3")
+    assert " MODULATION 2" not in phasewire("stream", "drives.npz", "-vv", "--modulation", "0").err
+
+
+def test_a_stream_that_fails_leaves_its_counts(phasewire: Run, files: Path) -> None:
+    with Emulator(serial="FAILS") as emulator:
+        emulator.inject(faults.Unplugged(period=200))
+        outcome = phasewire("stream", "circle", "--device", "emulator:FAILS", "--json", "counts.json")
+    assert outcome.code == 4
+    counts = json.loads((files / "counts.json").read_text())
+    assert "gone" in counts["error"]
+    assert counts["error"] in " ".join(outcome.err.split())
+    assert counts["status"] is None
+    assert 0 < counts["stream"]["accepted"] < 1000
+
+
+# What is recorded
+
+
+def test_a_recording_is_recorded_as_it_is(phasewire: Run, files: Path) -> None:
+    assert phasewire("record", "slow.frames", "-o", "copy.frames").code == 0
+    with Recording.open(files / "slow.frames") as old, Recording.open(files / "copy.frames") as new:
+        assert (new.rate, new.medium, new.calibration) == (500, Medium(25), old.calibration)
+        for kept, copied in zip(old.read(0, 20), new.read(0, 20), strict=True):
+            np.testing.assert_array_equal(copied, kept)
+    phasewire("record", "slow.frames", "-o", "copy.frames", "--seconds", "0.01", "--rate", "1000")
+    with Recording.open(files / "copy.frames") as new:
+        assert (len(new), new.rate) == (10, 1000)
+
+
+def test_what_was_solved_is_recorded_with_its_array_and_its_air(phasewire: Run, tmp_path: Path) -> None:
+    array = TransducerArray.grid(8, 4, 0.012)
+    save_solution(tmp_path / "own.npz", solve(array, ControlPoints([[0, 0, 0.1]]), medium=Medium(35)))
+    assert phasewire("record", "own.npz", "-o", "own.frames", "--rate", "10").code == 0
+    with Recording.open(tmp_path / "own.frames") as recording:
+        assert (len(recording), recording.medium) == (10, Medium(35))
+        np.testing.assert_array_equal(recording.array.positions, array.positions)
+
+
+def test_a_calibration_that_was_not_applied_is_not_recorded(
+    phasewire: Run, files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One from a file of defaults corrects drives, and pulses have none."""
+    (files / "mine.toml").write_text('calibration = "perfect.csv"\n')
+    monkeypatch.setenv("PHASEWIRE_CONFIG", "mine.toml")
+    for source, recorded in (("many.npz", False), ("drives.npz", True)):
+        assert phasewire("record", source, "-o", "made.frames").code == 0
+        with Recording.open(files / "made.frames") as recording:
+            assert (recording.calibration is not None) == recorded
+
+
+# What is refused
+
+USELESS = [
+    "stream slow.frames --spin 1",
+    "stream solved.npz --spin 1",
+    "stream - --spin 1",
+    "stream slow.frames --method wgs",
+    "stream many.npz --method tikhonov",
+    "stream slow.frames --calibration perfect.csv",
+    "stream many.npz --calibration perfect.csv",
+    "show one.npz --calibration perfect.csv",
+    "record slow.frames -o x.frames --calibration perfect.csv",
+    "record one.npz -o x.frames --spin 2",
+    "play circle --unattended --seconds 2",
+    "play circle --unattended --forever",
+]
+
+
+@pytest.mark.parametrize("line", USELESS)
+def test_an_option_without_effect_is_refused(phasewire: Run, files: Path, line: str) -> None:
+    outcome = phasewire(*line.split())
+    assert outcome.code == 2
+    assert "no effect" in outcome.err
+    assert not (files / "x.frames").exists()
+
+
+def test_defaults_from_a_file_may_be_without_effect(
+    phasewire: Run, files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (files / "mine.toml").write_text('method = "polish"\nspin = 2.0\ncalibration = "perfect.csv"\n')
+    monkeypatch.setenv("PHASEWIRE_CONFIG", "mine.toml")
+    assert phasewire("stream", "slow.frames").code == 0
+
+
+NUMBERS = [
+    f"{command} {option} {value}"
+    for command, options in {
+        "stream circle": ("--seconds", "--rate", "--spin", "--modulation", "--look-ahead"),
+        "record circle -o x.frames": ("--seconds", "--rate", "--spin"),
+        "show one.npz": ("--seconds",),
+        "play circle": ("--seconds", "--modulation"),
+    }.items()
+    for option in options
+    for value in ("inf", "nan", "1e300")
+]
+
+
+@pytest.mark.parametrize("line", NUMBERS)
+def test_no_number_is_too_much_for_a_message(phasewire: Run, files: Path, line: str) -> None:
+    outcome = phasewire(*line.split())
+    assert outcome.code == 2
+    assert not (files / "x.frames").exists()
+    said = " ".join(outcome.err.split())
+    assert re.search(rf"Invalid value for '{line.split()[-2]}'|{float(line.split()[-1]):g}", said.replace("+", ""))
+
+
+def test_standard_input_is_solved_line_by_line(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO('{"positions": [[0, 0, 0.2]]}\n\n{"positions": [[0.01, 0, 0.2]]}\n'))
+    assert json.loads(phasewire("stream", "-", *QUICK, "--json", "-").out)["stream"]["accepted"] == 2
+    monkeypatch.setattr("sys.stdin", io.StringIO('{"positions": [[0, 0, 0.2]]}\n{"where": []}\n'))
+    outcome = phasewire("stream", "-", *QUICK)
+    assert (outcome.code, "standard input, line 2: it must be" in outcome.err) == (2, True)
+
+
+def test_a_recording_that_was_cut_off_is_played_up_to_there(files: Path, phasewire: Run) -> None:
+    whole = Path("slow.frames").read_bytes()
+    Path("cut.frames").write_bytes(whole[:-1000])
+    ended = phasewire("record", "cut.frames", "-o", "copy.frames")
+    assert (ended.code, "18 frames" in ended.out) == (0, True)
+    assert "warning: cut.frames was cut off; it is used up to its last whole frame, 18 in all" in ended.err

@@ -1,0 +1,444 @@
+"""Every command as a process of its own: what it says, how it ends, and that it leaves nothing behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import termios
+import time
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import typer
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+from phasewire import Sphere, TransducerArray, solve
+from phasewire.cli.commands import command_line
+from phasewire.cli.settings import each_command
+from phasewire.solver.files import save_solution
+
+from tests.host import upgrades
+
+PATIENCE = 120.0
+COMMAND = (sys.executable, "-m", "phasewire")
+MARK = "PHASEWIRE_TEST_MARK"
+NO_OP = "50 57 01 09"
+
+
+class Row(NamedTuple):
+    """A command line and what must come of it.
+
+    Parameters
+    ----------
+    line : str
+        What is typed after ``phasewire``.
+    says : str
+        A regular expression for what it tells people.
+    codes : tuple of int
+        The exit codes that it may have.
+    makes : tuple of str
+        Files that it leaves where it was started, beside those that it found there.
+    json : bool
+        Whether the result is also wanted as JSON.
+    marks : tuple
+        Of pytest.
+    """
+
+    line: str
+    says: str
+    codes: tuple[int, ...] = (0,)
+    makes: tuple[str, ...] = ()
+    json: bool = True
+    marks: tuple[pytest.MarkDecorator, ...] = ()
+
+
+SLOW = (pytest.mark.slow,)
+OFF = r"outputs are off"
+
+ROWS = {
+    "demo": Row("demo", r"PASS: what was intended is what came back", makes=("demo.png",), marks=SLOW),
+    "conformance": Row(
+        "conformance --only numbering --html report.html --junit report.xml",
+        r"PASS: nothing broke; .*\bcases\b.* passed",
+        makes=("report.html", "report.xml"),
+    ),
+    "budget": Row(
+        "budget --link 2wire --picture budget.png", r"Rate that holds: 20,000 updates/s", makes=("budget.png",)
+    ),
+    "decode": Row(f"decode --hex '{NO_OP}' --format blocks", r"LENGTH BLK-\d+", codes=(1,)),
+    "vectors": Row("vectors --output vectors.json", r"", makes=("vectors.json",), json=False),
+    "solve": Row("solve star --output star.npz", r"30 control points, 320 transducers", makes=("star.npz",)),
+    "field": Row("field solved.npz --output f.npz --step 0.01", r"strongest \d+ Pa", makes=("f.npz",)),
+    "focus": Row("focus solved.npz", r"17 foci:"),
+    "reproduce figure6": Row("reproduce figure6", r"Drawn to figure6.png", makes=("figure6.png",), marks=SLOW),
+    "reproduce figure7": Row("reproduce figure7", r"Drawn to figure7.png", makes=("figure7.png",), marks=SLOW),
+    "reproduce range": Row("reproduce range", r"Drawn to range.png", makes=("range.png",), marks=SLOW),
+    "reproduce figure4": Row("reproduce figure4", r"Drawn to figure4.png", makes=("figure4.png",), marks=SLOW),
+    "show": Row("show solved.npz --seconds 0.1", OFF),
+    "stop": Row("stop", OFF),
+    "info": Row("info", r"20 × 16 transducers"),
+    "devices": Row("devices", r"no device found|url", codes=(0, 3)),  # whether this computer has one
+    "doctor": Row("doctor --device emulator:", r"\d+ ok, \d+ warn, 0 fail"),
+    "tracker": Row("tracker gesture:sweep --seconds 0.2", r"palms of \d+ mm"),
+    "read-back": Row("read-back", r"plays nothing"),
+    "identify": Row("identify 2", r"light on board 2"),
+    "reset": Row("reset", r"has restarted"),
+    "clear-faults": Row("clear-faults", r"has no faults"),
+    "watchdog": Row("watchdog 0.5", r"waits 0\.5 s"),
+    "limit": Row("limit 100", r"refuses more than 100 full transducers"),
+    "stream": Row("stream circle:radius=0.02 --spin 5 --rate 1000 --seconds 0.05", OFF),
+    "play": Row("play circle --seconds 0.05", OFF),
+    "touch": Row("touch cube --hand gesture:sweep?rate=100 --seconds 1.5", OFF),
+    "record": Row(
+        "record circle --seconds 0.01 --output c.frames", r"c\.frames: 10 frames at 1000/s", makes=("c.frames",)
+    ),
+    "flash": Row("flash new.dfu", r"given firmware 2\.3\.4"),
+    "firmware build": Row(
+        "firmware build --controller c.bin --processors p.bin --firmware-version 1.2.3 --output made.dfu",
+        r"1\.2\.3",
+        makes=("made.dfu",),
+    ),
+    "firmware inspect": Row("firmware inspect new.dfu", r"2\.3\.4"),
+    "firmware sign": Row("firmware sign new.dfu --key key.pem --output signed.dfu", r"", makes=("signed.dfu",)),
+    "firmware verify": Row("firmware verify new.dfu --key public.pem", r"UNSIGNED", codes=(1,)),
+    "emulate": Row("emulate --seconds 0 --port 0 --serial pty", r"Ended; the devices are gone"),
+    "attach": Row("attach 127.0.0.1:1", r"", codes=(3,), json=False),
+    "config": Row("config", r"show +seconds +1\.0 +built-in"),
+}
+
+
+class Ended(NamedTuple):
+    """What came of a process."""
+
+    code: int
+    out: str
+    err: str
+
+
+def environment(**more: str) -> dict[str, str]:
+    """Ours without what would change a command, and with what finds its children."""
+    own = {name: value for name, value in os.environ.items() if name not in ("PHASEWIRE_DEVICE", "NO_COLOR")}
+    return own | {MARK: uuid.uuid4().hex, "COLUMNS": "100"} | more
+
+
+def heed_ctrl_c() -> None:
+    """Undo an inherited choice to ignore it, as under nohup."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def left_running(marked: Mapping[str, str]) -> list[str]:
+    """The command lines of processes that have inherited a mark, whatever they did to get away."""
+    entry = f"{MARK}={marked[MARK]}".encode()
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if entry in (folder / "environ").read_bytes().split(b"\0"):
+                found.append((folder / "cmdline").read_text())
+        except OSError:  # it has ended, or is not ours
+            continue
+    return found
+
+
+def run(folder: Path, line: str, **more: str) -> Ended:
+    """Run a command line to its end in a folder."""
+    marked = environment(**more)
+    words = [word.strip("'") for word in re.findall(r"'[^']*'|\S+", line)]
+    with subprocess.Popen(
+        [*COMMAND, *words],
+        cwd=folder,
+        env=marked,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            out, err = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    assert left_running(marked) == []
+    return Ended(process.returncode, out, err)
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files that commands read."""
+    folder = tmp_path_factory.mktemp("inputs")
+    save_solution(folder / "solved.npz", solve(TransducerArray.grid(), Sphere().sample()))
+    (folder / "new.dfu").write_bytes(upgrades.FILE)
+    (folder / "c.bin").write_bytes(b"controller")
+    (folder / "p.bin").write_bytes(b"processors")
+    private = upgrades.KEY.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    (folder / "key.pem").write_bytes(private)
+    public = upgrades.KEY.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    (folder / "public.pem").write_bytes(public)
+    return folder
+
+
+@pytest.fixture
+def folder(inputs: Path, tmp_path: Path) -> Path:
+    """A folder with the inputs and nothing else."""
+    return Path(shutil.copytree(inputs, tmp_path / "here"))
+
+
+def test_every_command_has_a_row() -> None:
+    names = [context.command_path.partition(" ")[2] for context in each_command(root())]
+    assert sorted(names) == sorted(ROWS)
+
+
+def root() -> typer.Context:
+    return typer.Context(command_line(), info_name="phasewire")
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=row.marks) for name, row in ROWS.items()])
+def test_a_command_says_its_result_and_leaves_nothing_behind(name: str, folder: Path) -> None:
+    row = ROWS[name]
+    before = {path.name for path in folder.iterdir()}
+    ended = run(folder, row.line + (" --json -" if row.json else ""))
+    assert ended.code in row.codes, ended.err
+    assert "Traceback" not in ended.err
+    assert {path.name for path in folder.iterdir()} - before == set(row.makes)
+    said = ended.err if row.json else ended.out
+    assert re.search(row.says, said), said
+    assert "\x1b" not in ended.out + ended.err
+    if row.json:
+        assert re.fullmatch(r"phasewire-[a-z-]+-\d+", json.loads(ended.out)["format"])
+
+
+def test_a_row_asks_for_json_where_a_command_has_it() -> None:
+    for context in each_command(root()):
+        has_json = any("--json" in option.opts for option in context.command.params)
+        assert ROWS[context.command_path.partition(" ")[2]].json == has_json
+
+
+def test_traffic_is_told_wherever_the_option_stands(folder: Path) -> None:
+    told = run(folder, "-v stop").err
+    assert re.search(r"^ +0\.\d{6} s  in  request +INFO: firmware ", told, re.MULTILINE)
+    assert re.search(r"^ +0\.\d{6} s  out request +DISABLE$", told, re.MULTILINE)
+    ended = run(folder, "show solved.npz --seconds 0.05 -vv --json -")
+    assert json.loads(ended.out)
+    assert re.search(r"out block +UPDATE 1: 320 pulses", ended.err)
+
+
+@contextmanager
+def in_terminal(folder: Path, line: str, **more: str) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
+    """A command line in a terminal of its own, and the terminal's other end.
+
+    It echoes nothing, and keeps on a Ctrl-C what was written and not yet read: by default a terminal throws that away.
+    """
+    ours, theirs = pty.openpty()
+    mode = termios.tcgetattr(theirs)
+    mode[3] = mode[3] & ~termios.ECHO | termios.NOFLSH  # the local flags
+    termios.tcsetattr(theirs, termios.TCSANOW, mode)
+    marked = environment(TERM="xterm-256color", **more)
+
+    def begin() -> None:
+        heed_ctrl_c()
+        os.login_tty(theirs)
+
+    process = subprocess.Popen([*COMMAND, *line.split()], cwd=folder, env=marked, preexec_fn=begin, pass_fds=[theirs])
+    os.close(theirs)
+    try:
+        yield process, ours
+    finally:
+        process.kill()
+        process.wait()
+        os.close(ours)
+    assert left_running(marked) == []
+
+
+def read_until(terminal: int, pattern: str | None) -> str:
+    """What a terminal shows until something is there, or to the end."""
+    text, end = b"", time.monotonic() + PATIENCE
+    while pattern is None or not re.search(pattern, text.decode(errors="replace")):
+        assert select.select([terminal], [], [], max(0, end - time.monotonic()))[0], text
+        try:
+            more = os.read(terminal, 4096)
+        except OSError:  # nobody holds its other end any more
+            break
+        if not more:
+            break
+        text += more
+    return text.decode(errors="replace")
+
+
+COLOURS = r"\x1b\[[0-9;]*(3[0-7]|9[0-7])"
+
+
+def test_a_terminal_shows_colours_unless_they_are_not_wanted(folder: Path) -> None:
+    for more, coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
+        with in_terminal(folder, "info --device nothing:", **more) as (process, terminal):
+            said = read_until(terminal, None)
+            assert process.wait(PATIENCE) == 3
+        assert bool(re.search(COLOURS, said)) == coloured, said
+
+
+def orders(said: str) -> list[str]:
+    """The orders that a device was given, from traffic in words."""
+    return re.findall(r"out request +(\w+)", said)
+
+
+def test_ctrl_c_however_often_leaves_the_outputs_off(folder: Path) -> None:
+    """The first ends the show; the others come while it turns the outputs off, and afterwards."""
+    with in_terminal(folder, "show solved.npz --forever -v --json shown.json") as (process, terminal):
+        said = read_until(terminal, "PLAYING in period")
+        for _ in range(5):
+            os.write(terminal, b"\x03")
+            time.sleep(0.002)
+        said += read_until(terminal, None)
+        assert process.wait(PATIENCE) == 0  # that is how it is meant to end
+    assert "Traceback" not in said
+    assert "ENABLE" in orders(said)
+    assert orders(said)[-1] == "DISABLE"
+    assert json.loads((folder / "shown.json").read_text())["status"]["missed_commits"] == 0
+
+
+def test_ctrl_c_ends_a_touch_with_the_outputs_off_and_a_report(folder: Path) -> None:
+    with in_terminal(folder, "touch cube --hand gesture:sweep -v --json touched.json") as (process, terminal):
+        said = read_until(terminal, "UPDATE")
+        for _ in range(3):
+            os.write(terminal, b"\x03")
+            time.sleep(0.002)
+        said += read_until(terminal, None)
+        assert process.wait(PATIENCE) == 0
+    assert "Traceback" not in said
+    assert orders(said)[-1] == "DISABLE"
+    record = json.loads((folder / "touched.json").read_text())
+    assert (record["ended"], record["status"]["state"]) == ("Ctrl-C", "OFF")
+
+
+def test_ctrl_c_before_the_time_is_over_is_code_130(folder: Path) -> None:
+    with in_terminal(folder, "stream circle --seconds 60 --rate 10 -v --json streamed.json") as (process, terminal):
+        said = read_until(terminal, "UPDATE")
+        os.write(terminal, b"\x03\x03")
+        said += read_until(terminal, None)
+        assert process.wait(PATIENCE) == 130
+    assert "Traceback" not in said
+    assert orders(said)[-1] == "DISABLE"
+    assert not (folder / "streamed.json").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("milliseconds", range(0, 60, 4))
+def test_ctrl_c_at_any_moment_leaves_the_outputs_off(folder: Path, milliseconds: int) -> None:
+    """Also while the outputs are being turned off because the time is over."""
+    with in_terminal(folder, "show solved.npz --seconds 0.02 -v") as (process, terminal):
+        said = read_until(terminal, r"plays solved\.npz")
+        time.sleep(milliseconds / 1000)
+        os.write(terminal, b"\x03")
+        said += read_until(terminal, None)
+        assert process.wait(PATIENCE) in (0, 130)
+    assert "Traceback" not in said
+    assert orders(said)[-1] == "DISABLE"
+
+
+BEGUN = """
+import signal
+from phasewire.__main__ import main
+real = signal.signal
+def told(number, handler):
+    before = real(number, handler)
+    if number == signal.SIGHUP:
+        signal.signal = real
+        print("begun", flush=True)
+    return before
+signal.signal = told
+main()
+"""
+"""A program that says when it has taken charge of signals; before that Python itself heeds them, and is not quiet."""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("line", ["--help", "info", "conformance --only numbering"])
+def test_a_signal_while_the_program_loads_ends_it_without_a_word(folder: Path, line: str, number: int) -> None:
+    for milliseconds in (0, 20, 50, 100, 200, 400, 800):
+        with subprocess.Popen(
+            [sys.executable, "-c", BEGUN, *line.split()],
+            cwd=folder,
+            env=environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            preexec_fn=heed_ctrl_c,
+        ) as process:
+            assert process.stdout
+            assert process.stdout.readline() == b"begun\n"
+            time.sleep(milliseconds / 1000)
+            process.send_signal(number)
+            _, said = process.communicate(timeout=PATIENCE)
+        assert process.returncode in (0, 128 + number, -number), said  # of which a shell says the latter two alike
+        assert b"Traceback" not in said
+        assert b"Exception" not in said
+
+
+def test_an_interrupted_run_of_cases_writes_its_reports(folder: Path) -> None:
+    command = [*COMMAND, "conformance", "--only", "blocks", "--html", "r.html", "--junit", "r.xml", "--json", "r.json"]
+    with subprocess.Popen(
+        command, cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stderr
+        read_until(process.stderr.fileno(), "fresh emulated device")
+        process.send_signal(signal.SIGTERM)
+        out, said = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 128 + signal.SIGTERM, said
+    if (folder / "r.json").exists():  # the device was there
+        assert "INTERRUPTED by SIGTERM" in out.decode().splitlines()[-1]
+        assert json.loads((folder / "r.json").read_text())["interrupted by"] == "SIGTERM"
+        assert {path.name for path in folder.glob("r.*")} == {"r.html", "r.xml", "r.json"}
+    assert b"mainloop" not in said
+
+
+def test_a_program_that_is_told_to_end_leaves_the_outputs_off(folder: Path) -> None:
+    command = [*COMMAND, "show", "solved.npz", "--forever", "-v", "--json", "shown.json"]
+    with subprocess.Popen(command, cwd=folder, env=environment(), stderr=subprocess.PIPE) as process:
+        assert process.stderr
+        try:
+            said = read_until(process.stderr.fileno(), "PLAYING in period")
+            process.send_signal(signal.SIGTERM)
+            said += read_until(process.stderr.fileno(), None)
+            assert process.wait(PATIENCE) == 128 + signal.SIGTERM
+        finally:
+            process.kill()
+    assert "Traceback" not in said
+    assert orders(said)[-1] == "DISABLE"
+    assert not (folder / "shown.json").exists()
+
+
+def test_ctrl_c_in_a_computation_leaves_nothing_half_written(folder: Path) -> None:
+    before = {path.name for path in folder.iterdir()}
+    command = [*COMMAND, "reproduce", "figure7", "--output", "f.png", "--json", "f.json"]
+    with in_terminal(folder, " ".join(command[3:])) as (process, terminal):
+        read_until(terminal, r"\.\.\.|⠋|⠙|timing|measuring|\w")
+        os.write(terminal, b"\x03")
+        said = read_until(terminal, None)
+        assert process.wait(PATIENCE) == 130
+    assert "Traceback" not in said
+    assert {path.name for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("line", ["vectors", "--help", "info", "stop -v 2>&1"])
+def test_a_reader_that_leaves_ends_a_command_quietly(folder: Path, line: str) -> None:
+    marked = environment()
+    shell = f"set -o pipefail; {' '.join(COMMAND)} {line} | true"
+    ended = subprocess.run(
+        ["bash", "-c", shell], cwd=folder, env=marked, capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (128 + signal.SIGPIPE, "", "")
+    assert left_running(marked) == []
+
+
+def test_the_file_of_defaults_is_heeded(folder: Path) -> None:
+    (folder / "mine.toml").write_text('[show]\nseconds = 0.0\n[budget]\nlink = "2wire"\n')
+    own = {"PHASEWIRE_CONFIG": "mine.toml"}
+    assert "for 0 s" in run(folder, "show solved.npz", **own).err
+    assert "2-wire links" in run(folder, "budget", **own).out

@@ -1,0 +1,204 @@
+"""Defaults from a file: who comes first, what is refused, and the example that documents them."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import platformdirs
+import pytest
+import typer
+from phasewire.__main__ import main
+from phasewire.cli import settings
+from phasewire.cli.commands import command_line
+from phasewire.cli.settings import Default, config_path, defaults_from_file, effective_defaults, example
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    path = tmp_path / "my.toml"
+    monkeypatch.setenv("PHASEWIRE_CONFIG", str(path))
+    monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
+    monkeypatch.chdir(tmp_path)
+    return path
+
+
+@pytest.fixture
+def root() -> typer.Context:
+    return typer.Context(command_line(), info_name="phasewire")
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    def call(*arguments: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as exited:
+            main(arguments)
+        captured = capsys.readouterr()
+        return int(exited.value.code or 0), captured.out, captured.err
+
+    return call
+
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+def test_the_file_is_where_the_system_has_such_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PHASEWIRE_CONFIG")
+    assert config_path() == Path(platformdirs.user_config_dir("phasewire")) / "config.toml"
+    monkeypatch.setenv("PHASEWIRE_CONFIG", "")
+    assert config_path() == Path(platformdirs.user_config_dir("phasewire")) / "config.toml"
+
+
+def test_keys_at_the_top_are_for_every_command_that_has_them_and_tables_for_one(
+    file: Path, root: typer.Context
+) -> None:
+    file.write_text('link = "2wire"\n[budget]\nbaud = 9600\n[emulate]\nlink = "5wire"\n[reproduce]\noil = true\n')
+    found = defaults_from_file(root)
+    assert found["budget"] == {"link": "2wire", "baud": 9600}
+    assert found["emulate"] == {"link": "5wire"}
+    assert found["reproduce"]["figure6"] == {"oil": True}
+    assert found["reproduce"]["range"] == found["stop"] == {}
+
+
+def test_line_before_environment_before_file_before_what_is_built_in(
+    file: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def device(*arguments: str) -> str:
+        code, _, message = run("info", *arguments)
+        assert code == 3
+        return str(re.findall(r"no device at '(.*?)'", message)[0])
+
+    code, out, _ = run("info")
+    assert (code, "(emulated)" in out) == (2, False)  # a file that is named must be there
+    file.write_text('device = "top:"')
+    assert device() == "top:"
+    file.write_text('device = "top:"\n[info]\ndevice = "table:"')
+    assert device() == "table:"
+    monkeypatch.setenv("PHASEWIRE_DEVICE", "environment:")
+    assert device() == "environment:"
+    assert device("--device", "line:") == "line:"
+
+
+def test_help_shows_the_defaults_that_hold(file: Path, run: Run) -> None:
+    file.write_text("[show]\nseconds = 7.5\n")
+    assert "7.5" in run("show", "--help")[1]
+
+
+WRONG = [
+    # (the file, what the message must say)
+    ('devize = "usb:"', 'devize = "usb:": no command has an option --devize; is it device?'),
+    ("rubbish = 1", "rubbish = 1: no command has an option --rubbish"),
+    ("show = 3", "show = 3: show is a command: its options stand in [show]"),
+    ("[reproduce]\nrange = 3", "[reproduce] range = 3: range is a command: its options stand in [reproduce.range]"),
+    ("[shou]", "shou: there is no command shou; is it show?"),
+    ("[show]\nsec = 1", "[show] sec = 1: show has no option --sec; is it seconds?"),
+    ("[show.seconds]\na = 1", "[show] seconds: "),
+    ('[show]\nseconds = "3"', '[show] seconds = "3": must be a number; --seconds of show: How long to play, in s.'),
+    ("[show]\nseconds = -1", "[show] seconds = -1: "),
+    ("[show]\nseconds = [1]", "[show] seconds = [1]: must not be a list"),
+    ("[show]\nseconds = true", "[show] seconds = true: must not be true or false"),
+    ("[show]\nforever = 1", "[show] forever = 1: must be true or false"),
+    ("device = 3", "device = 3: must be text, in quotes; --device of "),
+    ("[solve]\ncolumns = 2.5", "[solve] columns = 2.5: "),
+    ('[solve]\nset = "a"', '[solve] set = "a": must be a list'),
+    ('[solve]\nset = ["a", 3]', '[solve] set = ["a", 3]: must be text, in quotes'),
+    ("[emulate]\ncount = 2000-01-01", "[emulate] count = "),
+    ("[show", "is no TOML file: "),
+    ("a = 1\na = 2", "is no TOML file: "),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG, ids=[case[0] for case in WRONG])
+def test_what_is_wrong_in_the_file_is_named(file: Path, run: Run, text: str, message: str) -> None:
+    file.write_text(text)
+    code, out, err = run("budget")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"phasewire: {file}")
+    assert message in err
+    assert "Traceback" not in err
+
+
+def test_bytes_that_are_no_text_are_named(file: Path, run: Run) -> None:
+    file.write_bytes(b"\xff")
+    code, _, err = run("budget")
+    assert (code, f"{file} is no TOML file" in err) == (2, True)
+
+
+def test_a_broken_file_does_not_keep_help_and_version_back(file: Path, run: Run) -> None:
+    file.write_text("rubbish")
+    assert run("--help")[0] == run("--version")[0] == 0
+
+
+def test_config_shows_where_each_default_comes_from(file: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    file.write_text('[solve]\nset = ["gamma=0.5"]\n[show]\nseconds = 2\n')
+    monkeypatch.setenv("PHASEWIRE_DEVICE", "usb:")
+    code, out, err = run("config", "--json", "-")
+    assert code == 0
+    record = json.loads(out)
+    assert (record["format"], record["file"], record["exists"]) == ("phasewire-config-1", str(file), True)
+    found = {(each["command"], each["option"]): (each["value"], each["source"]) for each in record["defaults"]}
+    assert found["solve", "set"] == (["gamma=0.5"], "file")
+    assert found["show", "seconds"] == (2, "file")
+    assert found["show", "device"] == ("usb:", "environment")
+    assert found["show", "forever"] == (False, "built-in")
+    assert found["reproduce figure6", "output"] == ("figure6.png", "built-in")
+    assert found["solve", "spacing"] == (None, "built-in")
+    assert str(file) in err
+    assert re.search(r"show +seconds +2 +file", err)
+
+
+def test_init_writes_an_example_once(file: Path, run: Run, root: typer.Context) -> None:
+    code, out, _ = run("config", "--init")
+    assert (code, str(file) in out) == (0, True)
+    assert file.read_text() == example(root)
+    file.write_text("# mine")
+    code, _, err = run("config", "--init")
+    assert (code, str(file) in err, file.read_text()) == (2, True, "# mine")
+
+
+def test_init_makes_the_folder(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a" / "b" / "config.toml"
+    monkeypatch.setenv("PHASEWIRE_CONFIG", str(path))
+    assert run("config", "--init")[0] == 0
+    assert path.exists()
+
+
+def test_all_of_the_example_is_a_comment_and_says_what_is_built_in(file: Path, root: typer.Context) -> None:
+    """Once every option that has a value is in force, each has the value that is built in.
+
+    But one for which nothing is built in, which TOML cannot say, where most others of that name have a value.
+    """
+    text = example(root)
+    assert tomllib.loads(text) == {}
+    in_force = re.sub(r"^#(?=\[|[\w-]+ = )", "", text, flags=re.MULTILINE)
+    file.write_text(in_force)
+    at_the_top = {key for key, value in tomllib.loads(in_force).items() if not isinstance(value, dict)}
+    assert "device" in at_the_top
+    assert "seconds" not in at_the_top  # one second, for ever, or no default, each for good reasons
+    before = effective_defaults(root)
+    root.default_map = defaults_from_file(root)
+    after = effective_defaults(root)
+    assert {default.source for default in before} == {"built-in"}
+    for was, became in zip(before, after, strict=True):
+        assert was[:2] == became[:2]
+        if was.value is None:
+            assert became.value is None or was.option in at_the_top
+        else:
+            assert str(was.value) == str(became.value)
+            assert became.source == "file"
+
+
+def test_every_option_of_every_command_is_in_the_example(root: typer.Context) -> None:
+    text = example(root)
+    for default in effective_defaults(root):
+        assert isinstance(default, Default)
+        assert f"\n#{default.option} =" in text
+
+
+def test_each_command_is_found_in_the_groups_too(root: typer.Context) -> None:
+    names = [context.command_path for context in settings.each_command(root)]
+    assert {"phasewire show", "phasewire reproduce figure6", "phasewire config"} <= set(names)
+    assert "phasewire reproduce" not in names
