@@ -137,7 +137,7 @@ def test_links_lead_somewhere(document: Path) -> None:
 
 def test_files_and_targets_named_in_the_guide_exist() -> None:
     guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    files = re.findall(r"`((?:protocol|solver|emulator|host|hil|tests)/[\w/]+\.(?:py|md))`", guide)
+    files = re.findall(r"`((?:protocol|solver|emulator|host|hil|cli|tests)/[\w/]+\.(?:py|md))`", guide)
     assert len(files) > 10
     assert [name for name in files if not (ROOT / name).exists()] == []
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")

@@ -169,11 +169,13 @@ def test_an_interrupted_run_writes_all_its_reports(phasewire: Phasewire, suite: 
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("place", ["bench.Bench.leave_off", "cli.page", "cli.junit"])
+@pytest.mark.parametrize(
+    "place", ["hil.conformance.bench.Bench.leave_off", "cli.conformance.page", "cli.conformance.junit"]
+)
 def test_a_signal_after_all_is_judged_waits_for_the_reports(
     phasewire: Phasewire, monkeypatch: pytest.MonkeyPatch, place: str, number: int, code: int
 ) -> None:
-    owner, _, name = f"phasewire.hil.conformance.{place}".rpartition(".")
+    owner, _, name = f"phasewire.{place}".rpartition(".")
     genuine = getattr(pkgutil.resolve_name(owner), name)
 
     def interrupted(*arguments: object) -> object:
