@@ -135,7 +135,7 @@ def conformance(
     ] = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Judge a device by the specification: what it does, what it answers and, where they can be seen, its outputs.
+    """Judge a device by the specification: what it does, what it answers and, if they can be seen, its outputs.
 
     Each case shows some clauses. It passes, fails, warns where the device does not do what it should, is inconclusive
     where it cannot be judged here, or is not applicable. What is inconclusive is never counted as a pass.
