@@ -39,8 +39,8 @@ BOUND = ("setpriv", "--pdeathsig", "KILL")
 """Ends a program when its parent has ended, however that came about."""
 PROCESSOR = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}
 """What the guest's kernels are compiled for, so that this computer, which is faster, can compile them."""
-WARM_UP = ("stream", "circle:radius=0.02", "--seconds", "0.01", "--device", "emulator:")
-"""A command that needs the compiled kernels of the host."""
+WARM_UP = ("stream", "play")
+"""Commands that need the compiled kernels of the host; without KVM a guest takes minutes to compile them."""
 WARM_UP_SECONDS = 300.0
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
@@ -85,6 +85,7 @@ class Guest:
 
     def __init__(self, kernel: Kernel, memory_mib: int = 2048) -> None:
         self._kernel, self._memory = kernel, memory_mib
+        self._running: set[int] = set()
         self._waiting: dict[int, Done] = {}
         self._number = 0
         self._received = b""
@@ -131,12 +132,20 @@ class Guest:
     def start(self, *command: str, seconds: float = 60.0) -> int:
         """Start a command in the guest; its number for `wait`."""
         self._number += 1
+        self._running.add(self._number)
         self._ask({"id": self._number, "command": command, "seconds": seconds})
         return self._number
 
     def signal(self, number: int, what: signal.Signals = signal.SIGINT) -> None:
         """Send a command a signal; by default interrupt it, as Ctrl-C does."""
         self._ask({"id": number, "signal": int(what)})
+
+    def end_all(self) -> None:
+        """End all commands that still run."""
+        for number in (running := sorted(self._running)):
+            self.signal(number, signal.SIGKILL)
+        for number in running:
+            self.wait(number)
 
     def wait(self, number: int, seconds: float = 60.0) -> Done:
         """Wait until a command has ended.
@@ -203,10 +212,12 @@ class Guest:
         """Compile the host's kernels and modules for the guest; the settings that it finds them by."""
         settings = {**PROCESSOR, "NUMBA_CACHE_DIR": str(self._kernel.folder.parent / "numba")}
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-        subprocess.run(
-            [*BOUND, sys.executable, "-m", "phasewire", *WARM_UP],
-            env=environment | settings, cwd=self._folder, capture_output=True, timeout=WARM_UP_SECONDS, check=True,
-        )  # fmt: skip
+        for command in WARM_UP:
+            options = ("circle:radius=0.02", "--seconds", "0.01", "--device", "emulator:")
+            subprocess.run(
+                [*BOUND, sys.executable, "-m", "phasewire", command, *options],
+                env=environment | settings, cwd=self._folder, capture_output=True, timeout=WARM_UP_SECONDS, check=True,
+            )  # fmt: skip
         return settings
 
     def _ask(self, request: dict[str, Any]) -> None:
@@ -225,6 +236,7 @@ class Guest:
         *lines, self._received = (self._received + data).split(b"\n")
         for line in lines:
             answer: dict[str, Any] = json.loads(line)
+            self._running.discard(answer["id"])
             self._waiting[answer["id"]] = Done(answer["code"], answer["out"], answer["err"])
 
     def _stop(self) -> None:

@@ -103,8 +103,9 @@ class Bench:
         self.guest.run("dmesg", "--clear")
 
     def stop(self, how: signal.Signals = signal.SIGTERM) -> None:
-        """End the server, and all loops that attach its devices; the guest sees the devices leave."""
+        """End the server, and all that runs in the guest; the guest sees the devices leave."""
         self.detach()
+        self.guest.end_all()
         self.end_server(how)
         self.python(GONE)
 

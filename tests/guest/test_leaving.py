@@ -24,7 +24,11 @@ for _ in range(1200):
     time.sleep(0.05)
 sys.exit("no program opens the device")
 """
-UNPLUG = "import pathlib; pathlib.Path('/sys/devices/platform/vhci_hcd.0/detach').write_text('0')"
+UNPLUG = """
+import contextlib, pathlib
+with contextlib.suppress(OSError):  # while it changes its mode it is away already
+    pathlib.Path("/sys/devices/platform/vhci_hcd.0/detach").write_text("0")
+"""
 SUSPEND = """
 import pathlib, sys, time
 vendors = pathlib.Path("/sys/bus/usb/devices").glob("*/idVendor")
