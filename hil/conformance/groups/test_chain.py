@@ -967,7 +967,7 @@ def queue_length(bench: Bench) -> int:
 def test_updates_at_the_rate_that_holds_play_on_all_processors(bench: Bench) -> None:
     """Updates as close as INFO allows change all outputs in the same tick each, and no processor misses one."""
     enable(bench)
-    before, first = bench.status(), bench.period() + lead(bench, 2000)
+    before, first = bench.status(), soon(bench, queue_length(bench))
     steps = []
     for number in range(queue_length(bench)):
         pulses = bench.weak()
@@ -984,7 +984,7 @@ def test_updates_at_the_rate_that_holds_play_on_all_processors(bench: Bench) -> 
 def test_no_update_waits_for_stores_or_questions(bench: Bench) -> None:
     """Updates take effect on time while stores go onto the chain and PULSES asks every processor what it plays."""
     enable(bench)
-    before, first = bench.status(), bench.period() + lead(bench, 2000)
+    before, first = bench.status(), soon(bench, queue_length(bench))
     count, spacing = queue_length(bench), 3 * bench.info.periods_per_update
     steps = []
     for number in range(count):
@@ -1016,7 +1016,7 @@ def test_sequences_close_to_each_other_begin_each_at_its_own_period(bench: Bench
     for number, pulses in enumerate(slots):
         bench.must(Slot(number, pulses))
     bench.must(Entries(tuple(Entry(number, 2) for number in range(4))))
-    before, first = bench.status(), bench.period() + lead(bench, 2000)
+    before, first = bench.status(), soon(bench, 4)
     periods = [bench.must(Sequence(number, 1, first + gap * number)).commit_period for number in range(4)]
     expect("whether they follow each other", periods, sorted(set(periods)))
     bench.wait_until(periods[-1] + 20)

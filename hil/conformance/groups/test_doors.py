@@ -25,7 +25,7 @@ from phasewire.hil.conformance.tools.frames import frame
 from phasewire.hil.conformance.tools.playing import play
 from phasewire.hil.conformance.tools.stage import soon
 from phasewire.hil.conformance.tools.steps import LONG_MS, enable, let_stores_go
-from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, patience
+from phasewire.hil.conformance.tools.watchdog import TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.protocol.blocks import Body, Entries, Entry, Output, Sequence, Slot, Update, pack
 from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import Action, Fault, Feature, FrameKind, Reason, Request, State
@@ -239,7 +239,9 @@ def test_an_update_by_any_door_wakes_the_watchdog(bench: Bench, frames: SerialLi
     bench.unasked.clear()
     ends = accepted(bench, frames, door, Update(Pulses.silent(CHANNELS))).commit_period * TICKS_PER_PERIOD
     if door == "serial":
-        expect("the state told by USB", bench.await_unasked(1).state, State.PLAYING)
+        told = bench.await_unasked(1)
+        check_not_yet(bench, ends + milliseconds * TICKS_PER_MS, told.now)
+        expect("the state told by USB", told.state, State.PLAYING)
     await_firing(bench, ends, ends, milliseconds)
 
 

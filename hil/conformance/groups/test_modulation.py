@@ -10,6 +10,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage
+from phasewire.hil.conformance.tools.watchdog import check_not_yet
 from phasewire.protocol.blocks import (
     Body,
     Change,
@@ -23,6 +24,7 @@ from phasewire.protocol.blocks import (
     Slot,
     Update,
 )
+from phasewire.protocol.board import TICKS_PER_PERIOD
 from phasewire.protocol.codes import Action, Fault, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Status
 
@@ -180,16 +182,16 @@ def test_a_modulation_over_silence_waits_for_what_plays(bench: Bench) -> None:
     stage = Stage(bench)
     store(stage, noise(bench, 5))
     begin = stage.soon(2)
-    stage.send_all([Modulation(0, 5, 1, begin), Update(bench.weak(), begin + SETTLED_PERIODS)])
+    follows = begin + SETTLED_PERIODS * bench.slowness
+    stage.send_all([Modulation(0, 5, 1, begin), Update(bench.weak(), follows)])
     bench.wait_until(begin + 1)
     status = bench.status()
+    check_not_yet(bench, follows * TICKS_PER_PERIOD, status.now)
     expect("state, flags and since_period", told(status), (State.READY, StatusFlag.MODULATION, 0))
-    bench.wait_until(begin + SETTLED_PERIODS + 1)
+    bench.wait_until(follows + 1)
     status = bench.status()
-    expect(
-        "state, flags and since_period", told(status), (State.PLAYING, StatusFlag.MODULATION, begin + SETTLED_PERIODS)
-    )
-    stage.judge(begin - 3, begin + SETTLED_PERIODS + 20)
+    expect("state, flags and since_period", told(status), (State.PLAYING, StatusFlag.MODULATION, follows))
+    stage.judge(begin - 3, follows + 20)
 
 
 def told(status: Status) -> tuple[State, StatusFlag, int]:
@@ -275,10 +277,12 @@ def test_the_end_of_a_modulation_leaves_what_plays(bench: Bench, beneath: str) -
     stage.send(Modulation(0, 5, 2))
     end = stage.soon()
     stage.send(Output(Action.END_MODULATION, end))
-    bench.wait_until(end - 500)
+    bench.wait_until(end - 500 * bench.slowness)
+    before = bench.status()
+    check_not_yet(bench, end * TICKS_PER_PERIOD, before.now)
     playing = StatusFlag.SEQUENCE if beneath == "sequence" else StatusFlag(0)
     modulated = playing | StatusFlag.MODULATION
-    expect("what is told before", told(bench.status()), (State.PLAYING, modulated, ack.commit_period))
+    expect("what is told before", told(before), (State.PLAYING, modulated, ack.commit_period))
     bench.wait_until(end + 1)
     expect("what is told after", told(bench.status()), (State.PLAYING, playing, ack.commit_period))
     stage.judge(end - 30, end + 30)

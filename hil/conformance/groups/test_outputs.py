@@ -8,7 +8,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import SILENCE, Words, check_play, expected_words, modulated
-from phasewire.hil.conformance.tools.stage import check_in_time
+from phasewire.hil.conformance.tools.stage import check_in_time, in_time
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
@@ -158,10 +158,11 @@ def test_what_is_behind_a_disable_is_dropped(bench: Bench) -> None:
     named = later(bench)
     bench.must(Output(Action.DISABLE, named))
     before = bench.status()
-    for body in (Update(bench.weak(), named + 50), Update(bench.weak()), Output(Action.SILENCE, named + 90)):
-        ack = bench.must(body)
-        assert ack.commit_period > named, f"commit_period is {ack.commit_period}, should be after {named}"
-        expect("flags", ack.flags, AckFlag(0))
+    with in_time(bench, named):
+        for body in (Update(bench.weak(), named + 50), Update(bench.weak()), Output(Action.SILENCE, named + 90)):
+            ack = bench.must(body)
+            assert ack.commit_period > named, f"commit_period is {ack.commit_period}, should be after {named}"
+            expect("flags", ack.flags, AckFlag(0))
     bench.wait_until(named + 1)
     after = bench.status()
     check_same(

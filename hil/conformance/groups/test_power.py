@@ -304,7 +304,10 @@ def test_the_console_is_as_at_first_after_a_restart(bench: Bench, restart: Resta
     """Line coding and DTR are as at first after RESET and power-up."""
     bench.request(Setup(0x21, 0x20, 0, CONSOLE, 7), LINE_CODING)
     restart(bench)
-    expect("the line coding", bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7)), LINE_CODING_AT_FIRST)
+    coding = bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7))
+    if coding != LINE_CODING_AT_FIRST and CONSOLE in bench.usb.from_kernel:
+        raise Inconclusive("the computer's serial driver sets the line coding before a program can ask for it")
+    expect("the line coding", coding, LINE_CODING_AT_FIRST)
 
 
 # Suspend

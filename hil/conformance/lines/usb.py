@@ -44,6 +44,8 @@ class UsbLine:
     ----------
     device : usb.core.Device
         As pyusb knows it now.
+    from_kernel : set of int
+        The interfaces that a driver of the kernel has had, and has again after a restart.
 
     Raises
     ------
@@ -55,7 +57,7 @@ class UsbLine:
 
     def __init__(self, url: str) -> None:
         self._bus = UsbBus(url)
-        self._from_kernel: set[int] = set()
+        self.from_kernel: set[int] = set()
         self.device: Any = None
         try:
             self._take(self._bus.find(ANY_MODE))
@@ -86,7 +88,7 @@ class UsbLine:
             with suppress(usb.core.USBError, NotImplementedError):
                 if self.device.is_kernel_driver_active(number):
                     self.device.detach_kernel_driver(number)
-                    self._from_kernel.add(number)
+                    self.from_kernel.add(number)
             usb.util.claim_interface(self.device, number)
 
     @property
@@ -165,7 +167,7 @@ class UsbLine:
         if self.device is None:
             return
         usb.util.dispose_resources(self.device)
-        for number in self._from_kernel:
+        for number in self.from_kernel:
             with suppress(usb.core.USBError, NotImplementedError):
                 self.device.attach_kernel_driver(number)
         usb.util.dispose_resources(self.device)
