@@ -40,6 +40,8 @@ NOT_HERE = re.compile(
     "a part of a block can arrive at full speed only"
     "|this computer's own system does not let such a request through"
     "|the computer configures the device by itself, before a program can reset it"
+    "|the computer's serial driver sets the line coding before a program can ask for it"
+    "|this line is no connection that could be closed"
     "|this concerns (a device that is used over a serial line alone|UARTs)"
 )
 """Why it cannot be judged through Linux at high speed."""
