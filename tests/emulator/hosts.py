@@ -11,7 +11,7 @@ from phasewire.emulator.door import Handshake
 from phasewire.emulator.interfaces.serial_line import SerialLine
 from phasewire.protocol.blocks import Block, Body, Modulation, Output, Sequence, Update, pack
 from phasewire.protocol.codes import FrameKind, Outcome, Request, State
-from phasewire.protocol.framing import CONSOLE_FRAME, Frame, Line, SerialReply, SerialRequest, encode
+from phasewire.protocol.framing import Frame, Line, SerialReply, SerialRequest, encode
 from phasewire.protocol.replies import Ack, Info, ReadBack, Status, records
 from phasewire.protocol.requests import Setup
 
@@ -47,9 +47,6 @@ class Device:
 
     def configure(self, value: int = 1) -> None:
         self.usb.control(Setup(0x00, 9, value, 0, 0))
-
-    def set_interface(self) -> None:
-        self.usb.control(Setup(0x01, 11, 0, 0, 0))
 
     def order(self, request: Request, value: int = 0) -> None:
         self.usb.control(Setup(0x41, request, value, 0, 0))
@@ -194,10 +191,6 @@ class Terminal:
 
     def enter_frames(self) -> None:
         self.line.receive(b"\0")
-        self._events()
-
-    def leave_frames(self) -> None:
-        self.line.receive(encode(CONSOLE_FRAME))
         self._events()
 
     def frames(self) -> list[Frame]:

@@ -99,13 +99,24 @@ def check_sound(run: Run) -> None:
     assert run.passed, run.trouble
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("url", REASONS)
-def test_nothing_speaks_against_the_emulator(url: str) -> None:
-    run = run_conformance(Options(url))
+def check_no_case_speaks_against(url: str, only: tuple[str, ...] = ()) -> Run:
+    run = run_conformance(Options(url, only=only))
     check_sound(run)
     assert alike(result.reason for result in run.results if result.verdict is Verdict.INCONCLUSIVE) <= REASONS[url]
-    assert run.count(Verdict.PASS) > (1300 if "serial" not in url else 900)
+    return run
+
+
+@pytest.mark.parametrize("group", sorted(path.stem.removeprefix("test_") for path in GROUPS.glob("test_*.py")))
+def test_no_case_of_a_group_speaks_against_the_emulator(group: str) -> None:
+    """The emulator as a black box is tested by these cases; tests/emulator has what no case can see."""
+    run = check_no_case_speaks_against("emulator:", (group.replace("_", "-") + "/",))
+    assert run.count(Verdict.PASS) > 0.7 * len(run.results)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("url", [url for url in REASONS if url != "emulator:"])
+def test_nothing_speaks_against_the_emulator_by_another_line(url: str) -> None:
+    assert check_no_case_speaks_against(url).count(Verdict.PASS) > (1300 if "serial" not in url else 900)
 
 
 @pytest.mark.slow
