@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import BlockError
 from .board import CHANNELS
@@ -58,6 +59,7 @@ __all__ = [
     "header_fields",
     "pack",
     "pack_pulses",
+    "pulse_words",
     "unpack",
     "unpack_pulses",
 ]
@@ -369,6 +371,24 @@ def pack_pulses(pulses: Pulses) -> bytes:
     return pairs.view(np.uint8).reshape(-1, 4)[:, :3].tobytes()
 
 
+def pulse_words(packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    """Undo the packing of clause PUL-005 alone: pulses of 12 bits, whatever they are.
+
+    Parameters
+    ----------
+    packed : (..., 3 k) uint8
+
+    Returns
+    -------
+    (..., 2 k) uint16
+        The phase in the low 7 bits, the width in the high 5.
+    """
+    octets = packed.reshape(*packed.shape[:-1], -1, 3).astype(np.uint16)
+    first, middle, last = octets[..., 0], octets[..., 1], octets[..., 2]
+    pairs = np.stack([first | (middle & 0xF) << 8, middle >> 4 | last << 4], axis=-1)
+    return pairs.reshape(*packed.shape[:-1], -1)
+
+
 def unpack_pulses(data: bytes) -> Pulses:
     """Undo `pack_pulses`.
 
@@ -377,8 +397,7 @@ def unpack_pulses(data: bytes) -> Pulses:
     BlockError
         If a phase or a width is one of the reserved values.
     """
-    first, middle, last = np.frombuffer(data, np.uint8).reshape(-1, 3).astype(np.uint16).T
-    words = np.stack([first | (middle & 0xF) << 8, middle >> 4 | last << 4], axis=1).ravel()
+    words = pulse_words(np.frombuffer(data, np.uint8))
     try:
         return Pulses(words & 0x7F, words >> 7)
     except ValueError as error:

@@ -54,6 +54,7 @@ __all__ = [
     "SERIAL_DATA_BYTES",
     "SIGNATURE_BYTES",
     "SILENCING_FAULTS",
+    "SILENT_PERIODS",
     "SLOTS",
     "STALL_MS",
     "STATUS_MAGIC",
@@ -97,6 +98,8 @@ CHECKSUM_OFFSET = 28
 NOW = 0
 """The period that stands for "as soon as possible"."""
 HORIZON_PERIODS = 2**32
+SILENT_PERIODS = 6
+"""After so many periods at most all outputs are silent that were turned off (clause SAF-004)."""
 
 SLOTS = 256
 SEQUENCE_ENTRIES = 1024

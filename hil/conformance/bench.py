@@ -22,12 +22,13 @@ import numpy as np
 
 from ...errors import DeviceError, DeviceVersionError, InputFileError, ReplyError
 from ...protocol.blocks import Block, Body, Change, Slot, Update, pack
-from ...protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
+from ...protocol.board import CARRIER_HZ, CHANNELS, MAX_WIDTH_TICKS, TICK_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import (
     BLOCK_BYTES,
     PROTOCOL_VERSION,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
+    SILENT_PERIODS,
     Flag,
     Reason,
     Request,
@@ -96,10 +97,8 @@ DECODERS: Mapping[Request, Callable[[bytes], object]] = {
 COUNTERS = ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames")
 """Of STATUS (clause REQ-003)."""
 FLAGS_OFFSET = 26  # clause BLK-002
-POWERS = np.floor(1000 * np.sin(np.pi * np.arange(26) / 50) ** 2 + 0.5)
+POWERS = np.floor(1000 * np.sin(np.pi * np.arange(MAX_WIDTH_TICKS + 1) / TICKS_PER_PERIOD) ** 2 + 0.5).astype(int)
 """Of a pulse of each width, in thousandths of that of the widest (clause SAF-006)."""
-SILENT_PERIODS = 6
-"""Clause SAF-004."""
 TOLD_PERIODS = 800
 """20 ms, in which a device begins to tell unasked what has happened (clause ACK-006)."""
 FAR_SECONDS = 0.03

@@ -12,7 +12,16 @@ from ...errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceSt
 from ...protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Slot, Update
 from ...protocol.blocks import Sequence as SequenceBody
 from ...protocol.board import CARRIER_HZ
-from ...protocol.codes import ENTRIES_PER_BLOCK, NOW, SAMPLES_PER_BLOCK, Action, Feature, Reason, Request
+from ...protocol.codes import (
+    ENTRIES_PER_BLOCK,
+    NOW,
+    SAMPLES_PER_BLOCK,
+    SILENT_PERIODS,
+    Action,
+    Feature,
+    Reason,
+    Request,
+)
 from ...protocol.plain import flag_names
 from ...protocol.ranges import whole
 from ...protocol.replies import (
@@ -36,9 +45,6 @@ from .session import Session
 from .streaming import LOOK_AHEAD_SECONDS, Stream, StreamReport
 
 __all__ = ["Device", "open_device"]
-
-SILENT_PERIODS = 6
-"""After so many periods at most all outputs are silent that were turned off (clause SAF-004)."""
 
 
 class _Kept(NamedTuple):

@@ -13,7 +13,7 @@ import pytest
 from phasewire.emulator import faults
 from phasewire.emulator.faults import InjectedFault
 from phasewire.emulator.faults.messages import DamagedMessage
-from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import (
@@ -55,7 +55,7 @@ from phasewire.protocol.board import (
     TICK_HZ,
     TICKS_PER_PERIOD,
 )
-from phasewire.protocol.codes import Action, Fault, Feature, Reason, Request, State
+from phasewire.protocol.codes import SILENT_PERIODS, Action, Fault, Feature, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import ProcessorReport, ReadBack, Status
 

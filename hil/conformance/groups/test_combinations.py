@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import pytest
 from phasewire.emulator.faults import HotBoard
-from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, Words, check_play, check_silent, expected_words
@@ -50,7 +50,7 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import PROCESSORS, TICKS_PER_PERIOD
-from phasewire.protocol.codes import Action, Feature, Request, State, StatusFlag
+from phasewire.protocol.codes import SILENT_PERIODS, Action, Feature, Request, State, StatusFlag
 
 CAPTURE = (Need.CAPTURE,)
 FAULTY = (Need.FAULTS, Need.SPARE)

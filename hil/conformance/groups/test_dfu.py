@@ -18,7 +18,17 @@ from phasewire.hil.conformance.tools.steps import enable
 from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.board import CARRIER_HZ
-from phasewire.protocol.codes import Bank, DfuRequest, DfuState, DfuStatus, Feature, ImageReason, Request, State
+from phasewire.protocol.codes import (
+    SILENT_PERIODS,
+    Bank,
+    DfuRequest,
+    DfuState,
+    DfuStatus,
+    Feature,
+    ImageReason,
+    Request,
+    State,
+)
 from phasewire.protocol.dfu import DfuReply
 
 flashing = partial(case, allow=(Risk.FLASH, Risk.RESET), line="usb", features=Feature.DFU)
@@ -26,7 +36,6 @@ restarting = partial(case, allow=(Risk.RESET,), line="usb", features=Feature.DFU
 UNKNOWN_REQUEST = 7
 BLOCK = 2048
 SECTOR, PAGE = 4096, 256
-SILENT_PERIODS = 6
 WRITING_SECONDS = 0.002
 """No flash writes a block in less."""
 LEAST_SECONDS, MOST_SECONDS = 0.01, 1.0

@@ -27,7 +27,7 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import CARRIER_HZ
-from phasewire.protocol.codes import AckFlag, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import SILENT_PERIODS, AckFlag, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Ack, Status, records
 from phasewire.protocol.requests import Setup
 
@@ -42,8 +42,6 @@ SOON = 5.0
 LONG_READ = 10.0
 QUIET = 0.03
 """Seconds in which something that must not come would have come."""
-SILENT_PERIODS = 6
-"""Clause SAF-004."""
 LONG_WATCHDOG_MS = 10_000
 LINE_CODING_AT_FIRST = bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])
 """115 200 baud, one stop bit, no parity, eight bits (clause USB-023)."""

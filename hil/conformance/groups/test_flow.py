@@ -22,11 +22,10 @@ from phasewire.hil.conformance.tools.steps import (
     refuse,
 )
 from phasewire.protocol.blocks import Body, Clock, Entries, Entry, NoOp, Output, Samples, Sequence, Slot, Update, pack
-from phasewire.protocol.codes import Action, Feature, Reason, Request, State
+from phasewire.protocol.codes import SILENT_PERIODS, Action, Feature, Reason, Request, State
 from phasewire.protocol.replies import Ack
 
 ENDPOINT_OUT = 0x01
-SILENT_PERIODS = 6
 REFUSED_SECONDS = 0.02
 """For a block that must be answered with NAK all the time."""
 PATIENCE_SECONDS = 5.0

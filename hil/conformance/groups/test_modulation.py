@@ -25,14 +25,12 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import TICKS_PER_PERIOD
-from phasewire.protocol.codes import Action, Fault, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import SILENT_PERIODS, Action, Fault, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Status
 
 BUFFER, SAMPLES_PER_BLOCK = 4096, 480
 SETTLED_PERIODS = 400
 """In which every store has gone onto the chain, and every change that was due has taken effect."""
-SILENT_PERIODS = 6
-"""Clause SAF-004."""
 
 MODULATION = Feature.MODULATION
 BOTH = Feature.MODULATION | Feature.SEQUENCES

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from phasewire.hil.conformance.bench import Bench
+from phasewire.hil.conformance.bench import POWERS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, only
@@ -20,8 +20,6 @@ from phasewire.protocol.pulses import Pulses
 
 PHASES, WIDTHS, SAMPLES = 100, 26, 256
 PAIRS = PHASES * WIDTHS
-POWER = np.floor(1000 * np.sin(np.pi * np.arange(WIDTHS) / 50) ** 2 + 0.5).astype(int)
-"""Clause SAF-006."""
 STRIDE = 1009
 """From the pair of one output to that of the next in one update: the widths of an update are mixed."""
 AT_ONCE = 64
@@ -32,7 +30,7 @@ SLOW_UPDATES = 12
 def pairs_in_turn(bench: Bench) -> Iterator[Pulses]:
     """Updates in which every output has every pair of phase and width once, within the drive limit."""
     channels = bench.wiring.channels
-    shares = -(-int(POWER.mean() * CHANNELS * 1.25) // (1000 * bench.drive_limit))
+    shares = -(-int(POWERS.mean() * CHANNELS * 1.25) // (1000 * bench.drive_limit))
     for number in range(PAIRS):
         phase, width = np.divmod((number + STRIDE * channels) % PAIRS, WIDTHS)
         for share in range(shares):
@@ -73,10 +71,10 @@ def test_every_pulse_is_right_on_some_output(bench: Bench) -> None:
     while pairs:
         phase, width, room = np.zeros(CHANNELS, int), np.zeros(CHANNELS, int), 1000 * bench.drive_limit
         for transducer in bench.random.sample(range(CHANNELS), CHANNELS):
-            if not pairs or POWER[pairs[-1] % WIDTHS] > room:
+            if not pairs or POWERS[pairs[-1] % WIDTHS] > room:
                 break
             phase[transducer], width[transducer] = divmod(pairs.pop(), WIDTHS)
-            room -= POWER[width[transducer]]
+            room -= POWERS[width[transducer]]
         updates.append(Pulses(phase, width))
     if not is_fast(bench):
         updates = updates[:SLOW_UPDATES]
@@ -187,7 +185,7 @@ def test_every_width_is_right_under_every_sample(bench: Bench) -> None:
     """On each processor each of the 26 widths is played under each of the 256 samples, with phases of either parity."""
     stage = Stage(bench)
     transducers = bench.wiring.channels.argsort().reshape(PROCESSORS, CHANNELS_PER_PROCESSOR)
-    if POWER.sum() > 1000 * bench.drive_limit:
+    if POWERS.sum() > 1000 * bench.drive_limit:
         raise Inconclusive(f"all widths at once need more drive than {bench.drive_limit} transducers'")
     slots = []
     for processor in range(PROCESSORS):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, TooSlow, case, expect, not_allowed
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import (
@@ -50,6 +50,7 @@ from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
+    SILENT_PERIODS,
     Action,
     DfuRequest,
     Feature,

@@ -13,7 +13,7 @@ from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, in_ti
 from phasewire.hil.conformance.tools.steps import require
 from phasewire.protocol.blocks import Body, Change, Entries, Entry, NoOp, Output, Sequence, Slot, Update
 from phasewire.protocol.board import CHANNELS
-from phasewire.protocol.codes import Action, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import SILENT_PERIODS, Action, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.pulses import Pulses
 
 TABLE, SLOTS, ENTRIES_PER_BLOCK = 1024, 256, 120
@@ -21,8 +21,6 @@ SETTLED_PERIODS = 400
 """In which every store has gone onto the chain, and every change that was due has taken effect."""
 
 WATCHDOG_MS, PERIODS_PER_MS = 200, 40
-SILENT_PERIODS = 6
-"""Clause SAF-004."""
 
 SEQUENCES = Feature.SEQUENCES
 CAPTURE = [Need.CAPTURE]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 import pytest
-from phasewire.hil.conformance.bench import SILENT_PERIODS, Bench
+from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent
 from phasewire.hil.conformance.tools.forge import forged
@@ -43,7 +43,7 @@ from phasewire.protocol.blocks import (
     pack,
 )
 from phasewire.protocol.board import TICKS_PER_PERIOD
-from phasewire.protocol.codes import Action, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import SILENT_PERIODS, Action, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.replies import Status
 
 UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED

@@ -17,7 +17,7 @@ from ....emulator.control import controller
 from ....emulator.interfaces.serial_line import SerialLine
 from ....emulator.interfaces.usb_functions import ArrayFunction
 from ....emulator.ports import capture, raster
-from ....protocol.blocks import Body
+from ....protocol.blocks import Body, pulse_words
 from ....protocol.blocks import checksum as block_checksum
 from ....protocol.board import CHANNELS_PER_PROCESSOR, HALF_TICKS_PER_PERIOD, MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from ....protocol.codes import BLOCK_BYTES, CHECKSUM_OFFSET
@@ -137,10 +137,7 @@ def spread(levels: Levels) -> Callable[[Any, Any, Any, Any], Words]:
         words = np.empty((rows.shape[1] * TICKS_PER_PERIOD, len(slices)), np.uint32)
         for port, packed in enumerate(slices):
             distinct, which = np.unique(np.stack([rows[port], samples[port]]), axis=1, return_inverse=True)
-            octets = packed[distinct[0]].reshape(distinct.shape[1], -1, 3).astype(np.uint16)
-            first = octets[..., 0] | (octets[..., 1] & 15) << 8
-            second = octets[..., 1] >> 4 | octets[..., 2] << 4
-            pulses = np.stack([first, second], axis=-1).reshape(len(octets), CHANNELS_PER_PROCESSOR)
+            pulses = pulse_words(packed[distinct[0]])
             phase, unmodulated = pulses & 127, pulses >> 7
             width = widths[distinct[1][:, None], unmodulated]
             table = (patterns[phase, width, unmodulated].astype(np.uint32) << bits).sum(axis=1, dtype=np.uint32)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from ....protocol.blocks import Body, Entries, Entry, Modulation, Samples, Sequence, Slot, Update
 from ....protocol.board import PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
-from ....protocol.codes import Feature
+from ....protocol.codes import SILENT_PERIODS, Feature
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
-from ..bench import SILENT_PERIODS, Bench
+from ..bench import Bench
 from ..cases import Inconclusive
 from ..sight.capture import Seen
 from ..sight.waveforms import SILENCE, Words, check_play, expected_words, modulated
