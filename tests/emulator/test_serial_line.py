@@ -89,41 +89,6 @@ def status(now: int) -> bytes:
 # Requests
 
 
-def test_the_worked_example_is_answered_under_its_tag() -> None:
-    controller = ModelController()
-    line = among_frames(controller)
-    assert said(line, STATUS_REQUEST) == encode_frame(REPLY_FRAME, b"\x2a\x00" + controller.status_record())
-    assert controller.asked == [Setup(0xC1, 2, 0, 0, 64)]
-
-
-def test_a_request_that_nobody_knows_is_stalled_as_in_the_worked_example() -> None:
-    line = among_frames(ModelController())
-    assert said(line, request(0x2A, 0x77)) == EXAMPLES["SERIAL_STALL_REPLY"]
-
-
-@pytest.mark.parametrize("kind", [0x80, 0x00, 0xC0, 0x40, 0xA1, 0x21, 0xC2])
-def test_other_types_of_requests_are_stalled_and_have_no_effect(kind: int) -> None:
-    controller = ModelController()
-    assert heard(said(among_frames(controller), request(1, 4, kind=kind))) == ["reply 01 stalled"]
-    assert not controller.asked
-    assert controller.dropped_frames == 0
-
-
-def test_data_go_with_a_request_and_no_more_comes_back_than_was_asked_for() -> None:
-    controller = ModelController()
-    line = among_frames(controller)
-    assert heard(said(line, request(1, 4, length=3, kind=0x41, data=b"abc"))) == ["reply 01 stalled"]
-    short = encode_frame(REPLY_FRAME, b"\x02\x00" + controller.status_record()[:5])
-    assert said(line, request(2, 2, length=5)) == short
-    assert said(line, request(3, 2)) == encode_frame(REPLY_FRAME, b"\x03\x00")
-
-
-def test_answers_come_in_order() -> None:
-    line = among_frames(ModelController())
-    sent = block(no_op(7)) + request(1, 2, length=64) + request(2, 0x77) + block(no_op(8)) + request(3, 9, length=24)
-    assert heard(said(line, sent)) == ["ack 7", "reply 01", "reply 02 stalled", "ack 8", "reply 03"]
-
-
 def test_whoever_is_answered_has_arrived() -> None:
     controller = ModelController()
     line = among_frames(controller)
@@ -133,61 +98,7 @@ def test_whoever_is_answered_has_arrived() -> None:
     assert controller.arrivals == 1
 
 
-# Damage
-
-
-@pytest.mark.parametrize(
-    "damaged",
-    [
-        STATUS_REQUEST[:-2] + b"\xff\0",
-        STATUS_REQUEST[3:],
-        b"\x01\0",
-        b"\x02" * 700 + b"\0",
-        encode_frame(RECORD_FRAME, bytes(32)),
-        encode_frame(REPLY_FRAME, bytes(2)),
-    ],
-    ids=["checksum", "cut", "short", "long", "record", "reply"],
-)
-def test_damaged_frames_are_dropped_and_counted(damaged: bytes) -> None:
-    controller = ModelController()
-    line = among_frames(controller)
-    assert said(line, damaged) == b""
-    assert controller.dropped_frames == 1
-    assert heard(said(line, b"\0\0" + STATUS_REQUEST)) == ["reply 2a"]
-    assert controller.dropped_frames == 1
-
-
-def test_a_block_is_judged_as_on_usb() -> None:
-    controller = ModelController()
-    (event,) = read_line(b"\0" + said(among_frames(controller), block(bytes(512))), TO_HOST)[1:]
-    assert read_ack(event[1][1:])["reason"] == 2
-    assert controller.dropped_frames == 0
-
-
 # Modes
-
-
-def test_a_line_begins_with_a_console_that_says_nothing() -> None:
-    line = line_of(ModelController())
-    assert said(line) == b""
-    assert said(line, b"faults\r") == b"faults\r\nfaults: none\r\nok\r\n> "
-
-
-def test_a_zero_begins_frames_and_a_frame_ends_them() -> None:
-    line = line_of(ModelController())
-    assert said(line, b"\0") == b"\0"
-    assert said(line, b"\0\0") == b""
-    assert said(line, CONSOLE) == CONSOLE + b"> "
-    assert said(line, b"stop\r") == b"stop\r\nok\r\n> "
-
-
-@pytest.mark.parametrize("before", [b"", b"sto", b"\0", b"\0junk", b"\0" + STATUS_REQUEST[:5]])
-def test_a_host_that_does_not_know_the_modes_finds_frames(before: bytes) -> None:
-    line = line_of(ModelController())
-    said(line, before)
-    answer = said(line, TO_FRAMES + STATUS_REQUEST)
-    assert answer.startswith(CONSOLE + b"> \0" if before[:1] == b"\0" else b"\0" + CONSOLE + b"> \0")
-    assert heard(answer.rpartition(b"> \0")[2]) == ["reply 2a"]
 
 
 def test_a_line_of_text_that_was_not_finished_is_dropped() -> None:
@@ -205,21 +116,6 @@ def test_text_that_waits_is_sent_before_frames_begin() -> None:
     line = line_of(ModelController())
     line.receive(b"stop\r")
     assert said(line, b"\0") == b"stop\r\nok\r\n> \0"
-
-
-def test_the_echo_is_on_again_for_the_next_one_and_not_after_frames() -> None:
-    line = line_of(ModelController())
-    said(line, b"echo 0\r\0" + CONSOLE)
-    assert said(line, b"stop\r") == b"ok\r\n> "
-    line.hang_up()
-    assert said(line, b"stop\r") == b"stop\r\nok\r\n> "
-
-
-def test_answers_that_were_not_sent_are_dropped_with_the_frames() -> None:
-    line = among_frames(ModelController())
-    line.receive(request(1, 2, length=64) + block(no_op(1)))
-    line.notify(status(1))
-    assert said(line, CONSOLE) == CONSOLE + b"> "
 
 
 def test_a_frame_that_was_begun_is_sent_to_its_end() -> None:
@@ -243,21 +139,6 @@ def test_hanging_up_drops_all_that_waits_and_counts_what_was_begun() -> None:
 
 
 # Blocks that wait
-
-
-def test_one_block_waits_for_room_and_requests_are_answered_meanwhile() -> None:
-    controller = ModelController(room=0)
-    line = among_frames(controller)
-    assert said(line, block(update(1))) == b""
-    assert said(line, block(no_op(2))) == b""
-    assert controller.dropped_frames == 1
-    assert heard(said(line, STATUS_REQUEST)) == ["reply 2a"]
-    controller.make_room()
-    assert heard(line.take(ENOUGH)) == ["ack 1"]
-    assert controller.accepted == [update(1)]
-    controller.make_room()
-    assert heard(said(line, block(no_op(3)))) == ["ack 3"]
-    assert controller.dropped_frames == 1
 
 
 def test_a_block_that_waited_is_told_when_it_had_arrived() -> None:
@@ -288,20 +169,6 @@ def test_where_another_line_took_the_room_a_block_waits_on() -> None:
     assert first.pending == second.pending == 0
 
 
-@pytest.mark.parametrize("leaves", [lambda line: line.receive(CONSOLE), SerialLine.hang_up])
-def test_nobody_is_told_of_a_block_that_waited_across_modes(leaves: Callable[[SerialLine], None]) -> None:
-    controller = ModelController(room=0)
-    line = among_frames(controller)
-    said(line, block(update(1)))
-    leaves(line)
-    said(line, b"\0" + block(update(2)))
-    assert controller.dropped_frames == 1, "the one that waits stays"
-    controller.make_room()
-    assert controller.accepted == [update(1)]
-    assert line.pending == 0
-    assert heard(said(line, block(no_op(3)))) == ["ack 3"]
-
-
 # Records that nobody asked for
 
 
@@ -309,17 +176,6 @@ def test_the_line_lets_itself_be_notified() -> None:
     controller = ModelController()
     line = line_of(controller)
     assert controller.doors == [line]
-
-
-def test_unasked_records_come_only_among_frames() -> None:
-    line = line_of(ModelController())
-    line.notify(status(1))
-    assert said(line, b"\0") == b"\0"
-    line.notify(status(2))
-    assert heard(line.take(ENOUGH)) == ["status 2"]
-    said(line, CONSOLE)
-    line.notify(status(3))
-    assert line.pending == 0
 
 
 def test_the_newest_unasked_record_is_sent_behind_the_answers() -> None:
@@ -364,26 +220,6 @@ def test_the_answer_goes_out_then_text_begins_then_the_device_restarts(order: by
     assert said(line, b"stop\r") == b"stop\r\nok\r\n> ", "the other direction is text again too"
 
 
-@pytest.mark.parametrize(
-    "wrong", [request(1, 13, value=1, kind=0x41), request(1, 13), request(1, 13, length=1, kind=0x41, data=b"x")]
-)
-def test_a_reset_that_is_not_one_is_stalled(wrong: bytes) -> None:
-    controller = ModelController()
-    assert heard(said(among_frames(controller), wrong + STATUS_REQUEST)) == ["reply 01 stalled", "reply 2a"]
-    assert not restarts(controller)
-
-
-def test_a_typed_reset_is_answered_before_it_is_carried_out() -> None:
-    controller = ModelController()
-    line = line_of(controller)
-    line.receive(b"reset\renable\r")
-    line.receive(b"enable\r\0" + STATUS_REQUEST)
-    assert not controller.asked
-    assert line.take(ENOUGH) == b"reset\r\nok\r\n> "
-    assert restarts(controller)
-    assert len(controller.asked) == 1
-
-
 @pytest.mark.parametrize("said_before", [RESET, b"reset\r"])
 def test_who_hangs_up_does_not_stop_a_restart(said_before: bytes) -> None:
     controller = ModelController()
@@ -393,16 +229,6 @@ def test_who_hangs_up_does_not_stop_a_restart(said_before: bytes) -> None:
     assert restarts(controller)
     assert line.pending == 0
     assert heard(said(line, b"\0" + STATUS_REQUEST)[1:]) == ["reply 2a"]
-
-
-def test_dfu_is_answered_before_the_device_detaches() -> None:
-    done = []
-    line = line_of(ModelController(), lambda: done.append("dfu"))
-    line.receive(b"dfu\r")
-    assert not done
-    assert line.take(ENOUGH) == b"dfu\r\nok\r\n> "
-    assert line.take(ENOUGH) == b""
-    assert done == ["dfu"]
 
 
 def test_a_device_that_cannot_detach_after_all_goes_on() -> None:

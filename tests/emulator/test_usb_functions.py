@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from phasewire.emulator.control.controller import RECORDS
 from phasewire.emulator.door import Handshake
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
@@ -33,31 +31,6 @@ def transfer(bench: Bench, data: bytes, *, empty_packet: bool) -> None:
         assert bench.usb.bulk_out(0x01, b"") is Handshake.ACK
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
-@given(blocks=st.lists(st.integers(0, 4), max_size=5), empty_packets=st.booleans())
-def test_any_number_of_blocks_travel_in_one_transfer(speed: Speed, blocks: list[int], empty_packets: bool) -> None:
-    """Clause USB-018."""
-    bench = configured(speed)
-    sent: list[bytes] = []
-    for count in blocks:
-        these = [bytes([len(sent) + n]) * 512 for n in range(count)]
-        transfer(bench, b"".join(these), empty_packet=empty_packets)
-        sent += these
-    assert bench.controller.blocks == sent
-
-
-@pytest.mark.parametrize("speed", SPEEDS)
-@given(lengths=st.lists(st.integers(0, 1600), max_size=4))
-def test_no_error_shifts_the_blocks_that_follow(speed: Speed, lengths: list[int]) -> None:
-    """Clause USB-017: a transfer that ends with a short or an empty packet ends a block, whole or not."""
-    bench = configured(speed)
-    for length in lengths:
-        transfer(bench, bytes(length), empty_packet=True)
-    transfer(bench, b"\x55" * 512, empty_packet=False)
-    expected = [bytes(min(512, length - at)) for length in lengths for at in range(0, length, 512)]
-    assert bench.controller.blocks == [*expected, b"\x55" * 512]
-
-
 def test_a_part_of_a_block_waits_for_the_rest() -> None:
     bench = configured(FULL_SPEED)
     for n in range(7):
@@ -66,17 +39,6 @@ def test_a_part_of_a_block_waits_for_the_rest() -> None:
     bench.usb.bulk_out(0x01, bytes([7]) * 64)
     assert bench.controller.blocks == [b"".join(bytes([n]) * 64 for n in range(8))]
     assert bench.usb.bulk_in(0x81) == ack(0)
-
-
-@pytest.mark.parametrize("speed", SPEEDS)
-def test_nothing_is_taken_while_the_queue_is_full(speed: Speed) -> None:
-    bench = configured(speed)
-    bench.controller.can_accept = False
-    packet = bytes(SPEEDS[speed])
-    assert bench.usb.bulk_out(0x01, packet) is Handshake.NAK
-    bench.controller.can_accept = True
-    transfer(bench, bytes(512), empty_packet=False)
-    assert bench.controller.blocks == [bytes(512)]
 
 
 def test_nothing_is_taken_while_as_many_records_wait_as_the_device_holds() -> None:
@@ -94,35 +56,6 @@ def test_nothing_is_taken_while_as_many_records_wait_as_the_device_holds() -> No
 # Records
 
 
-def read_all(bench: Bench) -> list[bytes]:
-    packets = []
-    while isinstance(packet := bench.usb.bulk_in(0x81), bytes):
-        packets.append(packet)
-        assert len(packets) < 100
-    return packets
-
-
-@pytest.mark.parametrize("speed", SPEEDS)
-@given(acks=st.integers(0, 70), unasked=st.booleans())
-def test_a_packet_holds_whole_records_and_the_last_is_short(speed: Speed, acks: int, unasked: bool) -> None:
-    """Clauses ACK-005 and USB-019."""
-    bench, size = configured(speed), SPEEDS[speed]
-    records = [ack(n) for n in range(acks)]
-    for record in records:
-        bench.door.acknowledge(record)
-    if unasked:
-        bench.door.notify(status(9))
-        records.append(status(9))
-    packets = read_all(bench)
-    assert b"".join(packets) == b"".join(records)
-    assert all(len(packet) % 32 == 0 and len(packet) <= size for packet in packets)
-    assert all(size - len(packet) < 64 for packet in packets[:-2])  # no room for the largest record
-    if packets:
-        assert len(packets[-1]) < size
-        assert all(packets[:-1])
-    assert read_all(bench) == []
-
-
 def test_what_comes_up_meanwhile_takes_the_place_of_the_empty_packet() -> None:
     bench = configured(FULL_SPEED)
     for n in range(2):
@@ -133,33 +66,12 @@ def test_what_comes_up_meanwhile_takes_the_place_of_the_empty_packet() -> None:
     assert bench.usb.bulk_in(0x81) is Handshake.NAK
 
 
-def test_a_newer_status_takes_the_place_of_an_older_one_behind_what_waits() -> None:
-    """Clause ACK-006."""
-    bench = configured()
-    bench.door.acknowledge(ack(0))
-    bench.door.notify(status(0))
-    bench.door.acknowledge(ack(1))
-    bench.door.notify(status(1))
-    bench.door.acknowledge(ack(2))
-    assert bench.usb.bulk_in(0x81) == ack(0) + ack(1) + status(1) + ack(2)
-    bench.door.notify(status(2))
-    assert bench.usb.bulk_in(0x81) == status(2)
-
-
 def test_nobody_is_notified_who_has_not_configured_the_device() -> None:
     """Clause ACK-006."""
     bench = Bench()
     bench.door.notify(status(0))
     bench.usb.control(SET_CONFIGURATION)
     assert bench.usb.bulk_in(0x81) is Handshake.NAK
-
-
-def test_a_session_begins_without_what_nobody_asked_for_in_the_last() -> None:
-    bench = configured()
-    bench.door.notify(status(0))
-    bench.usb.control(SET_CONFIGURATION)
-    bench.door.notify(status(1))
-    assert bench.usb.bulk_in(0x81) == status(1)
 
 
 # Sessions
@@ -233,23 +145,6 @@ def test_what_becomes_of_the_rest(event: str, column: int, row: tuple[str, ...])
     assert fate(bench, row[0]) == row[column]
 
 
-def test_clearing_the_other_endpoint_keeps_a_part_of_a_block() -> None:
-    """Clause USB-015."""
-    bench = configured(FULL_SPEED)
-    bench.usb.bulk_out(0x01, bytes(64))
-    bench.usb.control(Setup(0x02, 1, 0, 0x81, 0))
-    bench.usb.bulk_out(0x01, b"")
-    assert bench.controller.blocks == [bytes(64)]
-
-
-@pytest.mark.parametrize("interface", [1, 2, 3])
-def test_setting_another_interface_leaves_the_array_alone(interface: int) -> None:
-    bench = in_full_swing()
-    bench.usb.control(Setup(0x01, 11, 0, interface, 0))
-    assert bench.controller.told == bench.line.told == []
-    assert bench.usb.bulk_in(0x81) == ack(0)
-
-
 def test_the_controller_learns_of_sessions_and_of_hosts() -> None:
     """Clauses STA-002 and FWU-020."""
     bench = Bench()
@@ -275,17 +170,6 @@ def test_a_new_session_owes_no_empty_packet() -> None:
 
 
 # The console
-
-
-def test_the_console_keeps_its_line_coding() -> None:
-    usb = configured().usb
-    assert usb.control(GET_LINE_CODING) == bytes([0x00, 0xC2, 0x01, 0x00, 0, 0, 8])  # 115 200, 8N1
-    wanted = bytes([0x80, 0x25, 0, 0, 2, 2, 7])
-    assert usb.control(SET_LINE_CODING, wanted) == b""
-    assert usb.control(GET_LINE_CODING) == wanted
-    with pytest.raises(Exception, match="unknown"):
-        usb.control(Setup(0x21, 0x20, 0, 1, 6), wanted[:6])
-    assert usb.control(GET_LINE_CODING) == wanted
 
 
 def test_dtr_opens_the_line_and_hangs_up() -> None:
@@ -324,13 +208,3 @@ def test_a_line_that_was_hung_up_owes_no_empty_packet() -> None:
     assert bench.usb.bulk_in(0x83) == bytes(512)
     bench.usb.control(dtr(False))
     assert bench.usb.bulk_in(0x83) is Handshake.NAK
-
-
-def test_a_console_that_is_not_read_delays_nothing() -> None:
-    """Clause USB-025."""
-    bench = configured()
-    bench.line.can_receive = False
-    bench.line.output.extend(bytes(5000))
-    assert bench.usb.bulk_out(0x03, b"x") is Handshake.NAK
-    assert bench.usb.bulk_out(0x01, bytes(512)) is Handshake.ACK
-    assert bench.usb.bulk_in(0x81) == ack(0)
