@@ -12,6 +12,7 @@ from phasewire.protocol.requests import Setup
 
 from tests.emulator.model_controller import ANSWERS, VECTORS, ModelController, Nowhere
 from tests.from_spec import parse_command, read_status, typed
+from tests.specification import table
 
 RESET = Setup(0x41, 13, 0, 0, 0)
 RECORDS = {case["name"]: bytes.fromhex(case["hex"]) for case in VECTORS["records"]["vectors"]}
@@ -37,6 +38,25 @@ def test_the_exchanges_of_the_vectors(exchange: dict[str, str]) -> None:
     elif of in ANSWERS:
         controller.processors = ANSWERS[of]
     assert answer(controller, exchange["line"]) == exchange["answer"]
+
+
+@pytest.mark.parametrize("state", State)
+def test_dfu_is_refused_where_the_state_has_no_way_to_it(state: State) -> None:
+    """A row of the table in STA-003 for DETACH names the states that have one."""
+    (leaving,) = [row[0] for row in table("table: transitions") if row[1] == "`DETACH`"]
+    controller = ModelController()
+    controller.state = state
+    done = []
+    text, then = console_of(controller, lambda: done.append("dfu")).feed(b"dfu\r")
+    assert not done
+    if f"`{state.name}`" not in leaving:
+        assert text == f"dfu\r\nerror 6 DFU mode is not entered from the state {state.name}\r\n> ".encode()
+        assert then is None
+    else:
+        assert text == b"dfu\r\nok\r\n> "
+        assert then
+        then()
+        assert done == ["dfu"]
 
 
 def test_reset_is_answered_first_and_nothing_is_read_behind_it() -> None:

@@ -22,7 +22,7 @@ from phasewire.protocol.wiring import Wiring
 MS = 400_000  # core cycles: 400 MHz
 SECTOR, BLOCK = 4096, 2048
 OUT, IN = 0x21, 0xA1
-DNLOAD, GETSTATUS, CLRSTATUS, GETSTATE = 1, 3, 4, 5
+DETACH, DNLOAD, GETSTATUS, CLRSTATUS, GETSTATE = 0, 1, 3, 4, 5
 IMAGE_A = 0x201000
 
 
@@ -103,6 +103,11 @@ def test_the_largest_image_is_manifested_in_time() -> None:
 def in_busy(bench: Bench) -> None:
     bench.out(DNLOAD, 0, BLOCKS[0])
     bench.status()
+
+
+def test_detach_is_for_run_time_mode() -> None:
+    bench = Bench()
+    assert bench.refuses(lambda: bench.out(DETACH, 1000)) == error(DfuStatus.STALLEDPKT)
 
 
 # Time

@@ -148,3 +148,15 @@ def test_faults_persist_until_their_cause_is_gone_and_they_are_cleared() -> None
             device.order(Request.ENABLE)
         assert device.state is (State.FAULT if state is State.FAULT else State.READY)
     assert device.status().faults == Fault(0)
+
+
+# DETACH (clause STA-005)
+
+
+def test_a_device_that_is_on_its_way_to_dfu_mode_is_not_detached_again() -> None:
+    device = Device()
+    device.detach()
+    assert device.state is State.DFU
+    with pytest.raises(Stall):
+        device.detach()
+    assert device.usb.attached
