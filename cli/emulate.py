@@ -231,7 +231,7 @@ def emulate(
             wishes = Wishes(
                 usbip or not (usbredir or serial), usbredir, serial, host, port, serial_port, baud, seconds, json_target
             )
-            stands = [Stand(emulator, Station(emulator.scheduler, wanted_pace)) for emulator in emulators]
+            stands = [Stand(emulator, _station(emulator, wanted_pace)) for emulator in emulators]
             with suppress(KeyboardInterrupt), asyncio.Runner(loop_factory=precise_loop) as runner:
                 runner.run(_serve(stands, wishes))  # Ctrl-C comes here where the loop cannot be told of signals
             code = 0
@@ -278,6 +278,11 @@ def _chosen(what: str, name: str, choices: Mapping[str, Choice]) -> Choice:
     if name not in choices:
         raise ValueError(f"unknown {what} {name!r}; known are {' and '.join(choices)}")
     return choices[name]
+
+
+def _station(emulator: Emulator, pace: Pace) -> Station:
+    """An emulated device's time; it is patient while its firmware does not run, as in DFU mode."""
+    return Station(emulator.scheduler, pace, patient=lambda: emulator.line is None)
 
 
 async def _serve(stands: Sequence[Stand], wishes: Wishes) -> None:

@@ -27,6 +27,9 @@ __all__ = ["Server", "precise_loop"]
 SLICE_SECONDS = 0.01
 """How long a model computes before clients and signals are heard again."""
 
+PATIENT_SECONDS = 1.0
+"""How long a patient device's time is moved on to the moment before its clients are heard."""
+
 HELD_UP_SECONDS = 0.0003
 """After the time of its turn a loop has not only slept a little long."""
 
@@ -59,9 +62,12 @@ class _Pulse:
     def hear(self, conversation: Conversation, data: bytes) -> None:
         """Hand bytes to a conversation, now; or, if the loop comes too late for its turn, at the time of that turn.
 
-        Bytes may have waited for as long as the loop was held up, and a device's queue is empty after 0.8 ms.
+        Bytes may have waited for as long as the loop was held up, and a device's queue is empty after 0.8 ms. For a
+        patient device time passes first.
         """
-        if asyncio.get_running_loop().time() < self._turn + HELD_UP_SECONDS:
+        if self.station.patient():
+            self.station.pass_time(PATIENT_SECONDS)
+        elif asyncio.get_running_loop().time() < self._turn + HELD_UP_SECONDS:
             self.station.pass_time(SLICE_SECONDS)
         conversation.receive(data)
         self.beat()

@@ -99,6 +99,9 @@ class Station:
         What makes it pass.
     clock : callable
         A clock of the world, in seconds, which never goes back.
+    patient : callable
+        Whether the device waits for no sign of life now. Then a pause is not caught up slowly, and a client that was
+        told to wait, as in DFU, has waited in the device's time too.
 
     Attributes
     ----------
@@ -106,9 +109,16 @@ class Station:
         Those who speak to the device.
     """
 
-    def __init__(self, scheduler: Scheduler, pace: Pace, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        pace: Pace,
+        clock: Callable[[], float] = time.monotonic,
+        patient: Callable[[], bool] = lambda: False,
+    ) -> None:
         self.scheduler = scheduler
         self.conversations: list[Conversation] = []
+        self.patient = patient
         self._pace = pace
         self._clock = clock
         self._power_up = clock() - scheduler.now / CORE_HZ
@@ -159,7 +169,9 @@ class Station:
             return self.scheduler.now + step
         event = self.scheduler.next_time()
         resting = event is None and self._turn(event) is None
-        return self._target() if resting else min(self._target(), self.scheduler.now + CATCH_UP * step)
+        if resting or self.patient():
+            return self._target()
+        return min(self._target(), self.scheduler.now + CATCH_UP * step)
 
     def _turn(self, event: int | None) -> int | None:
         """When a conversation has something to do."""

@@ -40,7 +40,7 @@ def until(condition: Callable[[], object]) -> None:
 class House:
     """A server of two devices with a serial line each, on all doors."""
 
-    def __init__(self, pace: Pace) -> None:
+    def __init__(self, pace: Pace, patient: bool = False) -> None:
         self.devices = [StandInDevice(), StandInDevice()]
         self.lines = [StandInLine(), StandInLine()]
         self.told: list[str] = []
@@ -48,7 +48,7 @@ class House:
         self.tcp = 0
         self.pty = ""
         self.error: BaseException | None = None
-        self._pace = pace
+        self._pace, self._patient = pace, patient
         self._open = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -63,7 +63,10 @@ class House:
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
         self.schedulers = schedulers = [Scheduler(), Scheduler()]
-        stations = {f"S-{number}": Station(each, self._pace) for number, each in enumerate(schedulers, start=1)}
+        stations = {
+            f"S-{number}": Station(each, self._pace, patient=lambda: self._patient)
+            for number, each in enumerate(schedulers, start=1)
+        }
         exports = {
             f"1-{number}": Exported(1, number, device, station)
             for number, (device, station) in enumerate(zip(self.devices, stations.values(), strict=True), start=1)
@@ -185,6 +188,27 @@ def test_the_wall_clock_goes_on_while_nothing_is_said() -> None:
             client.write(0x01, b"now")
             time.sleep(0.1)
     assert 0.1 <= times[1] - times[0] < PATIENCE
+
+
+def test_who_waited_for_a_patient_device_has_waited_in_its_time_though_the_server_was_held_up() -> None:
+    """As in DFU, where a host that asks too early is refused."""
+    with House(Pace.WALL, patient=True) as house, house.client() as client:
+        times: list[float] = []
+
+        def note_time(endpoint: int, packet: bytes) -> Handshake:
+            times.append(house.schedulers[0].now / 400e6)
+            return Handshake.ACK
+
+        house.devices[0].bulk_out = note_time  # type: ignore[method-assign]  # looked on
+        house.call(lambda: house.schedulers[0].at(10**12, lambda: None))
+        client.attach("1-1")
+        client.write(0x01, b"write")
+        began = time.monotonic()
+        house.call(lambda: time.sleep(0.3))
+        time.sleep(0.2)
+        waited = time.monotonic() - began
+        client.write(0x01, b"done?")
+    assert times[1] - times[0] >= waited
 
 
 def test_a_model_that_is_slow_is_computed_on_without_being_asked() -> None:

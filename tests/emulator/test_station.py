@@ -22,7 +22,8 @@ class Stand:
         self.clock = 5.0
         self.scheduler = Scheduler()
         self.line = StandInLine()
-        self.station = Station(self.scheduler, pace, lambda: self.clock)
+        self.patient = False
+        self.station = Station(self.scheduler, pace, lambda: self.clock, lambda: self.patient)
         self.uart = Uart(lambda: self.line, self.scheduler, 100_000)
         self.uart.connect()
         self.station.conversations.append(self.uart)
@@ -82,6 +83,15 @@ def test_a_pause_is_caught_up_slowly_enough_for_clients_to_follow() -> None:
     assert len(signs) == 30
     assert max(later - earlier for earlier, later in pairwise(signs)) <= 67 * MILLISECOND
     assert signs[0] <= 106 * MILLISECOND
+
+
+def test_a_pause_passes_at_once_for_a_patient_device() -> None:
+    stand = Stand(Pace.WALL)
+    stand.patient = True
+    stand.scheduler.at(SECOND // 2, lambda: None)
+    stand.clock += 1.0
+    assert stand.station.pass_time(1.0)
+    assert stand.scheduler.now == pytest.approx(SECOND, abs=1)
 
 
 def test_at_the_pace_of_the_wall_everyone_gets_his_turn_when_it_is_due() -> None:
