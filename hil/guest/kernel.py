@@ -51,6 +51,10 @@ SETUP_SECTORS, PAYLOAD = 0x1F1, 0x248  # of Documentation/arch/x86/boot.rst
 SECTOR_BYTES = 512
 ZSTD = b"\x28\xb5\x2f\xfd"
 FETCH_SECONDS = 600.0
+KEPT_SECONDS = 30 * 86400.0
+"""How long what is not used stays in the cache."""
+MADE = ("linux-image-*", "linux-image-*/initramfs*", "numba/*")
+"""What is made anew if it is missing: kernels, their first files, and what was compiled for guests."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +125,20 @@ def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> Kernel:
             built.rename(kernel.folder)
     if not kernel.initramfs.exists():
         _make_initramfs(kernel)
+    for used in (kernel.folder, kernel.initramfs):
+        os.utime(used)
+    _prune(folder)
     return kernel
+
+
+def _prune(folder: Path) -> None:
+    """Remove what no guest has used for long, such as kernels that a newer one has replaced."""
+    for path in [each for pattern in MADE for each in folder.glob(pattern)]:
+        if path.exists() and time.time() - path.stat().st_mtime > KEPT_SECONDS:
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
 
 
 def unpack(image: bytes) -> bytes:

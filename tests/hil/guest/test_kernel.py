@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import lzma
+import os
 import shutil
 import struct
 import subprocess
@@ -55,7 +56,13 @@ def test_a_suite_of_its_own_changes_nothing_of_this_computer_s(tmp_path: Path, m
     there = kernel.Kernel(built, "7.1-amd64")
     there.image.touch()
     there.initramfs.touch()
+    old, young = (tmp_path / f"guest/linux-image-{release}" for release in ("5.1-amd64", "6.1-amd64"))
+    for each in (old, young):
+        each.mkdir()
+    for each in (old, built):
+        os.utime(each, (0, 0))
     assert kernel.fetch_kernel("some-suite", tmp_path) == there
+    assert (old.exists(), young.exists(), built.exists()) == (False, True, True), "what is not used any more is removed"
     lists = tmp_path / "guest/lists/some-suite"
     for command in asked:
         options = dict(part.split("=", 1) for part in command if "::" in part)
