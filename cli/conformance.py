@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,9 +27,9 @@ from .console import JsonOption, among, console_for, error_console, write_json
 from .options import DeviceOption, given, note_where_fresh
 
 if TYPE_CHECKING:
-    from ..hil.conformance.mutants.patching import Mutant
     from ..hil.conformance.plugin import Watcher
     from ..hil.conformance.running import Options
+    from ..mutants.patching import Mutant
 
 __all__ = ["commands"]
 
@@ -39,9 +40,20 @@ OF_MUTANTS = ("mutants", "jobs", "thorough", "table", "json_target")
 commands = typer.Typer(rich_markup_mode=None)
 
 
+def _check_mutants_are_here() -> None:
+    """Raise ValueError if the mutants are not here: the wheel leaves them out."""
+    if find_spec("phasewire.mutants") is None:
+        raise ValueError(
+            "mutants are not installed with phasewire: they stand in its repository, in the folder mutants, and "
+            "`make mutants` judges them there"
+        )
+
+
 def _offered_mutants(incomplete: str) -> list[str]:
     """What a shell offers for a mutant."""
-    from ..hil.conformance.mutants.catalogue import MUTANTS
+    if find_spec("phasewire.mutants") is None:
+        return []
+    from ..mutants.catalogue import MUTANTS
 
     return among(MUTANTS)(incomplete)
 
@@ -209,7 +221,8 @@ def _strictly(run: Run) -> Run:
 
 
 def _mutant(name: str) -> Mutant:
-    from ..hil.conformance.mutants.catalogue import MUTANTS
+    _check_mutants_are_here()
+    from ..mutants.catalogue import MUTANTS
 
     if name not in MUTANTS:
         raise ValueError(f"there is no mutant {name!r}; there are {', '.join(MUTANTS)}")
@@ -226,11 +239,12 @@ def _judge_mutants(
             "--mutants brings devices of its own; it goes with --jobs, --thorough, --table and --json alone"
         )
     check_outputs([table, json_target])
+    _check_mutants_are_here()
 
-    from ..hil.conformance.mutants.catalogue import MUTANTS
-    from ..hil.conformance.mutants.running import DEFAULT_JOBS, run_mutants
-    from ..hil.conformance.reports.mutants import MutantLine, markdown, print_mutants
-    from ..hil.conformance.reports.mutants import record as mutants_record
+    from ..mutants.catalogue import MUTANTS
+    from ..mutants.reports import MutantLine, markdown, print_mutants
+    from ..mutants.reports import record as mutants_record
+    from ..mutants.running import DEFAULT_JOBS, run_mutants
 
     with MutantLine(error_console()) as watcher:
         results = run_mutants(list(MUTANTS.values()), jobs or DEFAULT_JOBS, watcher, thorough=thorough)
@@ -244,8 +258,8 @@ def _judge_mutants(
 
 def _run_mutant(broken: Mutant, options: Options, watcher: Watcher, judged: Callable[[], object]) -> Run:
     """The run of a mutant, whose reports say that it is one."""
-    from ..hil.conformance.mutants.patching import applied
     from ..hil.conformance.running import run_conformance
+    from ..mutants.patching import applied
 
     with applied(broken):
         run = run_conformance(replace(options, url=broken.url), watcher, judged)

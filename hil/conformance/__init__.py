@@ -4,8 +4,7 @@ Cases stand in `groups`, one file for each chapter or concern of SPEC.md; each n
 a sentence what it does and why, and asks a `Bench` for all it does, by the `tools` that cases share. A bench is a
 device at the end of one of the `lines`, what can be seen of its outputs (`sight`), what can be done to it besides
 (`levers`), and what it may not be asked for. pytest runs the cases underneath, which `plugin` and `running` alone
-know. What came of a run is a `Run`, which `reports` turns into text, JSON, JUnit and HTML. `mutants` are emulators
-that are broken in one way each, to show what the suite is worth.
+know. What came of a run is a `Run`, which `reports` turns into text, JSON, JUnit and HTML.
 """
 
 from __future__ import annotations

@@ -16,13 +16,13 @@ from phasewire.__main__ import main
 from phasewire.emulator.control import controller
 from phasewire.errors import DeviceNotFoundError
 from phasewire.hil.conformance.cases import Risk
-from phasewire.hil.conformance.mutants.catalogue import MUTANTS
-from phasewire.hil.conformance.mutants.patching import Mutant
-from phasewire.hil.conformance.mutants.running import Fate, MutantResult, MutantWatcher
 from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.profile import Profile
 from phasewire.hil.conformance.running import Options
 from phasewire.hil.conformance.verdicts import Run, Verdict
+from phasewire.mutants.catalogue import MUTANTS
+from phasewire.mutants.patching import Mutant
+from phasewire.mutants.running import Fate, MutantResult, MutantWatcher
 
 from tests.hil.conformance.hand_made_runs import CLEAN, EVERY
 
@@ -273,6 +273,16 @@ def test_an_emulated_device_is_judged_by_the_real_suite(phasewire: Phasewire) ->
     assert {result["group"] for result in found["results"]} == {"blocks"}
 
 
+@pytest.mark.parametrize("arguments", [("--mutants",), ("--mutant", "horizon-is-not-judged")])
+def test_an_installed_package_says_where_mutants_are(
+    phasewire: Phasewire, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr("phasewire.cli.conformance.find_spec", lambda _: None)
+    outcome = phasewire(*arguments)
+    assert outcome.code == 2
+    assert "they stand in its repository, in the folder mutants" in " ".join(outcome.err.split())
+
+
 def test_a_mutant_is_judged_and_its_reports_say_that_it_is_one(phasewire: Phasewire, suite: Suite) -> None:
     horizons = []
 
@@ -305,7 +315,7 @@ def test_all_mutants_are_judged_and_one_that_gets_away_is_exit_code_1(
         return results
 
     chosen_of = list(enumerate(MUTANTS.values()))
-    monkeypatch.setattr("phasewire.hil.conformance.mutants.running.run_mutants", stand_in)
+    monkeypatch.setattr("phasewire.mutants.running.run_mutants", stand_in)
     outcome = phasewire("--mutants", "--jobs", "3", "--json", "-")
     assert outcome.code == code
     assert asked == [(list(MUTANTS), 3)]

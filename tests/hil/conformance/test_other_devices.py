@@ -14,10 +14,10 @@ from phasewire.emulator.door import Stall
 from phasewire.emulator.interfaces import usb_device, usb_functions
 from phasewire.errors import BlockError
 from phasewire.hil.conformance import running
-from phasewire.hil.conformance.mutants.patching import Patch
 from phasewire.hil.conformance.running import Options, open_bench, run_conformance
 from phasewire.hil.conformance.tools.steps import features_of
 from phasewire.hil.conformance.verdicts import Result, Verdict
+from phasewire.mutants.patching import Patch
 from phasewire.protocol.blocks import Body
 from phasewire.protocol.codes import Feature, Reason, Request
 from phasewire.protocol.firmware import Image

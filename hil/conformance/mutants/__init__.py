@@ -1,7 +1,0 @@
-"""Broken emulators, by which the suite shows what it is worth: it must catch every one of them.
-
-The files are named after what is broken; `patching` says how, `catalogue` has them all, `running` runs the suite
-against each in a process of its own.
-"""
-
-from __future__ import annotations

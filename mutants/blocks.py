@@ -1,0 +1,361 @@
+"""Broken judgement of blocks: what is accepted or refused though it should not be (chapters BLK and ACK)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from ..emulator.control import controller
+from ..errors import BlockError
+from ..protocol.blocks import Entries, Output, Samples, Slot, unpack_pulses
+from ..protocol.codes import BLOCK_BYTES, CHECKSUM_OFFSET, HEADER_BYTES, SEQUENCE_ENTRIES, Action, Flag, Kind, Reason
+from ..protocol.numbering import follows
+from ..protocol.replies import ENABLED
+from .patching import Patch, mutant
+from .seams import forgive, misread_bodies, one_by_one, sealed_block
+
+PULSES = (Kind.UPDATE, Kind.SLOT)
+WITHOUT_PAYLOAD = (Kind.SEQUENCE, Kind.MODULATION, Kind.OUTPUT, Kind.CLOCK, Kind.NO_OP)
+MAGIC_HIGH, VERSION, KIND, PERIOD, FIRST, COUNT, HOLD, RESERVED_HIGH, FLAGS, ACTION = 1, 2, 3, 8, 16, 18, 20, 25, 26, 27
+CHECKSUM_AT, ENTRY_BYTES, LAST_KIND = CHECKSUM_OFFSET, 4, max(Kind)
+
+
+@mutant("BLK-010")
+def horizon_is_not_judged(patch: Patch) -> None:
+    """Any period is accepted, however far ahead: the comparison was forgotten."""
+    patch.replace(controller, "HORIZON_PERIODS", 2**64)
+    one_by_one(patch)
+
+
+@mutant("REQ-003", wraps=(controller.Controller, "status"))
+def last_refusal_is_always_checksum(original: Any, self: Any) -> Any:
+    """STATUS names CHECKSUM as the last refusal, whatever it was: only that path stores it."""
+    told = original(self)
+    return replace(told, last_refusal=Reason.CHECKSUM if told.last_refusal else Reason.ACCEPTED)
+
+
+@mutant("REQ-003")
+def last_refusal_is_the_first(patch: Patch) -> None:
+    """STATUS goes on to name the first refusal since power-up: the reason is stored only where none stands yet."""
+
+    @patch.around(controller.Controller, "_refuse")
+    def remember(original: Any, self: Any, error: Any, what: str) -> None:
+        original(self, error, what)
+        vars(self).setdefault("first_refusal", self._last_refusal)
+
+    def tell(original: Any) -> Any:
+        return lambda self: replace(original(self), last_refusal=vars(self).get("first_refusal", Reason.ACCEPTED))
+
+    patch.wrap(controller.Controller, "status", tell)
+
+
+@mutant("REQ-003", wraps=(controller.Controller, "_refuse"))
+def refused_blocks_count_as_accepted(original: Any, self: Any, error: Any, what: str) -> None:
+    """The count of accepted blocks goes up with refused ones too: it counts the blocks that came."""
+    original(self, error, what)
+    self._accepted += 1
+
+
+# The bytes of a block
+
+
+@mutant("BLK-003", "ACK-003", wraps=(controller, "unpack"))
+def checksum_of_a_slot_is_ignored(original: Any, data: bytes) -> Any:
+    """A SLOT is kept whatever its checksum: its pulses go to where they are kept before the CRC is known."""
+    is_slot = len(data) == BLOCK_BYTES and data[KIND] == Kind.SLOT
+    return original(sealed_block(data) if is_slot else data)
+
+
+@mutant("BLK-003", "ACK-003", wraps=(controller, "unpack"))
+def half_of_the_checksum_is_compared(original: Any, data: bytes) -> Any:
+    """A block is taken if the low 16 bits of its checksum are right: the comparison is made in a short integer."""
+    sealed = sealed_block(data) if len(data) == BLOCK_BYTES else data
+    low_half = slice(CHECKSUM_AT, CHECKSUM_AT + 2)
+    return original(sealed if sealed[low_half] == data[low_half] else data)
+
+
+@mutant("BLK-002", "ACK-003")
+def half_of_the_magic_is_compared(patch: Patch) -> None:
+    """A block whose second byte is wrong is taken: only the first byte of the magic is compared."""
+
+    def pardon(block: bytearray) -> None:
+        block[MAGIC_HIGH] = ord("W")
+
+    forgive(patch, range(256), pardon)
+
+
+@mutant("BLK-004", "ACK-003")
+def unknown_kinds_do_nothing(patch: Patch) -> None:
+    """A block of an unknown kind is accepted and does nothing: the switch over the kinds has a default."""
+
+    def pardon(block: bytearray) -> None:
+        if not 0 < block[KIND] <= LAST_KIND:
+            block[KIND] = Kind.NO_OP
+            block[PERIOD:CHECKSUM_AT] = bytes(CHECKSUM_AT - PERIOD)
+            block[HEADER_BYTES:] = bytes(BLOCK_BYTES - HEADER_BYTES)
+
+    forgive(patch, range(256), pardon)
+
+
+@mutant("BLK-011")
+def second_reserved_byte_is_not_checked(patch: Patch) -> None:
+    """Byte 25 may be anything: the reserved field is compared as one byte where it has two."""
+
+    def pardon(block: bytearray) -> None:
+        block[RESERVED_HIGH] = 0
+
+    forgive(patch, tuple(Kind), pardon)
+
+
+@mutant("BLK-011")
+def payload_that_is_not_used_is_not_checked(patch: Patch) -> None:
+    """Kinds without a payload are accepted with one: nobody looks behind their header."""
+
+    def pardon(block: bytearray) -> None:
+        block[HEADER_BYTES:] = bytes(BLOCK_BYTES - HEADER_BYTES)
+
+    forgive(patch, WITHOUT_PAYLOAD, pardon)
+
+
+@mutant("BLK-011")
+def bytes_behind_the_items_are_not_checked(patch: Patch) -> None:
+    """ENTRIES and SAMPLES may have anything behind their items: only what is stored is looked at."""
+
+    def pardon(block: bytearray) -> None:
+        items = int.from_bytes(block[COUNT : COUNT + 2], "little")
+        behind = HEADER_BYTES + items * (ENTRY_BYTES if block[KIND] == Kind.ENTRIES else 1)
+        block[behind:] = bytes(max(BLOCK_BYTES - behind, 0))
+
+    forgive(patch, (Kind.ENTRIES, Kind.SAMPLES), pardon)
+
+
+@mutant("BLK-011")
+def unattended_is_accepted_in_an_update(patch: Patch) -> None:
+    """An UPDATE may have the flag UNATTENDED: one mask of flags serves all kinds."""
+
+    def pardon(block: bytearray) -> None:
+        block[FLAGS] &= ~Flag.UNATTENDED
+
+    forgive(patch, (Kind.UPDATE,), pardon)
+
+
+@mutant("BLK-011")
+def hold_0_is_accepted(patch: Patch) -> None:
+    """A MODULATION whose samples hold for no period is taken for one that holds them for one: a loop ends behind it."""
+
+    def pardon(block: bytearray) -> None:
+        if not any(block[HOLD : HOLD + 2]):
+            block[HOLD] = 1
+
+    forgive(patch, (Kind.MODULATION,), pardon)
+
+
+@mutant("BLK-011", "BLK-018")
+def action_0_is_accepted(patch: Patch) -> None:
+    """An OUTPUT without an action ends the modulation: actions are counted from 0."""
+
+    def pardon(block: bytearray) -> None:
+        if not block[ACTION]:
+            block[ACTION] = Action.END_MODULATION
+
+    forgive(patch, (Kind.OUTPUT,), pardon)
+
+
+@mutant("BLK-011", "BLK-014")
+def entries_may_end_one_behind_the_table(patch: Patch) -> None:
+    """ENTRIES may end one place behind the table, where the last of them is lost: `first + count` is off by one."""
+
+    def pardon(block: bytearray) -> None:
+        first, count = (int.from_bytes(block[at : at + 2], "little") for at in (FIRST, COUNT))
+        if first + count == SEQUENCE_ENTRIES + 1 and 2 <= count <= 120:
+            block[COUNT : COUNT + 2] = (count - 1).to_bytes(2, "little")
+            lost = HEADER_BYTES + (count - 1) * ENTRY_BYTES
+            block[lost : lost + ENTRY_BYTES] = bytes(ENTRY_BYTES)
+
+    forgive(patch, (Kind.ENTRIES,), pardon)
+
+
+@mutant("BLK-011", "BLK-014")
+def full_entries_are_refused(patch: Patch) -> None:
+    """ENTRIES with all 120 entries that fit are refused: `<` stands where `<=` should."""
+    _refuse_fields(patch, lambda body: isinstance(body, Entries) and len(body.entries) == 120)
+
+
+@mutant("BLK-011", "BLK-016")
+def full_samples_are_refused(patch: Patch) -> None:
+    """SAMPLES with all 480 samples that fit are refused: `<` stands where `<=` should."""
+    _refuse_fields(patch, lambda body: isinstance(body, Samples) and len(body.samples) == 480)
+
+
+@mutant("BLK-011", "BLK-013")
+def last_slot_is_refused(patch: Patch) -> None:
+    """Slot 255 is refused: it stands for "none" inside."""
+    _refuse_fields(patch, lambda body: isinstance(body, Slot) and body.number == 255)
+
+
+def _refuse_fields(patch: Patch, is_refused: Callable[[Any], bool]) -> None:
+    @patch.around(controller, "unpack")
+    def unpack(original: Any, data: bytes) -> Any:
+        block = original(data)
+        if is_refused(block.body):
+            raise BlockError("a field is out of its range", Reason.FIELD)
+        return block
+
+
+# Pulses
+
+
+def _read_pulses_as(patch: Patch, misread: Callable[[int], int]) -> None:
+    """Judge and play pulses of 12 bits as others."""
+
+    def pardon(block: bytearray) -> None:
+        for at in range(HEADER_BYTES, BLOCK_BYTES, 3):
+            pair = int.from_bytes(block[at : at + 3], "little")
+            block[at : at + 3] = (misread(pair & 0xFFF) | misread(pair >> 12) << 12).to_bytes(3, "little")
+
+    forgive(patch, PULSES, pardon)
+
+
+@mutant("PUL-001", "ACK-003")
+def width_26_is_accepted(patch: Patch) -> None:
+    """A width of 26 ticks is taken and plays as 25: the bound is off by one, and the table of edges ends before."""
+    _read_pulses_as(patch, lambda pulse: pulse - (1 << 7) if pulse >> 7 == 26 else pulse)
+
+
+@mutant("PUL-001", "ACK-003")
+def phase_100_is_accepted(patch: Patch) -> None:
+    """A phase of 100 half ticks is taken for 0: the bound is off by one, and what follows counts round."""
+    _read_pulses_as(patch, lambda pulse: pulse - 100 if pulse & 127 == 100 else pulse)
+
+
+@mutant("PUL-001", "ACK-003")
+def phase_of_a_silent_pulse_is_not_checked(patch: Patch) -> None:
+    """A pulse of width 0 may have any phase: silence is passed over before anything is compared."""
+    _read_pulses_as(patch, lambda pulse: pulse if pulse >> 7 else 0)
+
+
+# The order of reasons
+
+
+@mutant("ACK-003", wraps=(controller, "unpack"))
+def pulses_are_judged_before_fields(original: Any, data: bytes) -> Any:
+    """A block with a wrong field and a wrong pulse is refused with PULSE: the payload is looked through first."""
+    try:
+        return original(data)
+    except BlockError as error:
+        if error.reason == Reason.FIELD and data[KIND] in PULSES:
+            unpack_pulses(data[HEADER_BYTES:])
+        raise
+
+
+@mutant("ACK-003", wraps=(controller, "unpack"))
+def magic_is_judged_before_the_checksum(original: Any, data: bytes) -> Any:
+    """A block whose magic was damaged is refused with MAGIC: a header that makes no sense needs no CRC."""
+    if len(data) == BLOCK_BYTES and data[:VERSION] != b"PW":
+        raise BlockError("not a block", Reason.MAGIC)
+    return original(data)
+
+
+@mutant("ACK-003")
+def state_is_judged_before_contents(patch: Patch) -> None:
+    """While the outputs are off an UPDATE with a wrong pulse is refused with DISABLED: its pulses are not looked at."""
+    judging: list[Any] = []
+
+    @patch.around(controller.Controller, "accept")
+    def note(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
+        judging[:] = [self]
+        original(self, packet, door, *rest)
+
+    @patch.around(controller, "unpack")
+    def unpack(original: Any, data: bytes) -> Any:
+        try:
+            return original(data)
+        except BlockError as error:
+            if error.reason == Reason.PULSE and data[KIND] == Kind.UPDATE and judging[0]._state not in ENABLED:
+                raise BlockError("the outputs are not enabled", Reason.DISABLED) from None
+            raise
+
+
+@mutant("ACK-003", wraps=(controller.Controller, "_judge"))
+def numbers_are_judged_before_the_state(original: Any, self: Any, block: Any, *rest: Any) -> None:
+    """A change with an old number is refused with SEQUENCE while the outputs are off: numbers are compared first."""
+    last = self._last_sequence
+    if not block.restart and last is not None and not follows(block.sequence, last):
+        raise BlockError("the number does not follow", Reason.SEQUENCE)
+    original(self, block, *rest)
+
+
+@mutant("ACK-003", wraps=(controller.Controller, "_judge_content"))
+def contents_of_the_stores_are_judged_before_the_drive(original: Any, self: Any, body: Any) -> None:
+    """A SLOT that is in use and too strong is refused with IN_USE: it is looked for before it is weighed."""
+    if isinstance(body, Slot):
+        self._stores.check_free(body, self.time.period(self._now))
+    original(self, body)
+
+
+@mutant("ACK-003", "USB-017", wraps=(controller, "unpack"))
+def short_block_is_filled_up(original: Any, data: Any) -> Any:
+    """A block that ends early is judged as if zeros followed: what is missing is in the buffer, which was cleared."""
+    return original(bytes(data).ljust(BLOCK_BYTES, b"\0"))
+
+
+# What a refusal leaves, and what is accepted all the same
+
+
+@mutant("BLK-008", "BLK-022", wraps=(controller.Controller, "_judge_content"))
+def refused_stores_are_kept(original: Any, self: Any, body: Any) -> None:
+    """What a store brings is kept although it is refused with DRIVE or IN_USE: it is written while it is judged."""
+    try:
+        original(self, body)
+    except BlockError:
+        if isinstance(body, Slot | Entries | Samples):
+            self._store(body)
+        raise
+
+
+@mutant("BLK-008", wraps=(controller.Controller, "_judge_content"))
+def refused_change_empties_the_queue(original: Any, self: Any, body: Any) -> None:
+    """A change that is refused for what it would play takes what is queued with it: the way out of an error tidies."""
+    try:
+        original(self, body)
+    except BlockError:
+        if isinstance(body, controller.CHANGES):
+            self._agenda.drop_queued(self._now)
+        raise
+
+
+@mutant("SAF-002", wraps=(controller.Controller, "_judge_state"))
+def stores_are_refused_while_disabled(original: Any, self: Any, body: Any) -> None:
+    """Stores need enabled outputs: SLOT, ENTRIES and SAMPLES are refused with DISABLED as changes are."""
+    original(self, body)
+    if isinstance(body, Slot | Entries | Samples) and self._state not in ENABLED:
+        raise BlockError("the outputs are not enabled", Reason.DISABLED)
+
+
+@mutant("BLK-018", wraps=(controller.Controller, "_judge_content"))
+def ending_no_modulation_is_refused(original: Any, self: Any, body: Any) -> None:
+    """END_MODULATION is refused with EMPTY where there is none: nothing to end counts as an error."""
+    original(self, body)
+    ends = isinstance(body, Output) and body.action is Action.END_MODULATION
+    if ends and not self._agenda.tail.modulated:
+        raise BlockError("there is no modulation", Reason.EMPTY)
+
+
+@mutant("BLK-018", "BLK-007", wraps=(controller.Controller, "_carry_out"))
+def silence_overtakes_what_is_queued(original: Any, self: Any, body: Any, door: Any) -> Any:
+    """A SILENCE for as soon as possible drops what is queued, which only DISABLE may: it was meant to be quick."""
+    if isinstance(body, Output) and body.action is Action.SILENCE and not body.period:
+        self._agenda.drop_queued(self._now)
+    return original(self, body, door)
+
+
+@mutant("BLK-018")
+def disabling_block_only_silences(patch: Patch) -> None:
+    """An OUTPUT with the action DISABLE leaves the outputs enabled: it goes the way of SILENCE."""
+
+    def misread(body: Any) -> Any:
+        is_disable = isinstance(body, Output) and body.action is Action.DISABLE
+        return Output(Action.SILENCE, body.period) if is_disable else body
+
+    misread_bodies(patch, misread)

@@ -1,0 +1,81 @@
+"""What goes wrong after a while: counters, numbers, clocks, and what leaks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from ..emulator.control import controller
+from ..emulator.doors.device_time import DeviceTime
+from ..protocol.board import CORE_HZ
+from .patching import Patch, mutant
+from .robustness import leak_a_place, leak_places
+
+Controller = controller.Controller
+FAST = 1.002
+LOW_HALF = 0xFFFF
+
+
+@mutant("REQ-003")
+def counters_stop_at_255(patch: Patch) -> None:
+    """The counts of accepted, refused, late and lost blocks stop at 255: they are kept in a byte that saturates."""
+    names = ("accepted", "refused", "late", "lost")
+
+    @patch.around(Controller, "status")
+    def status(original: Any, self: Any) -> Any:
+        found = original(self)
+        return replace(found, **{name: min(getattr(found, name), 255) for name in names})
+
+
+@mutant("NUM-001", "NUM-003")
+def numbers_count_on_in_16_bits(patch: Patch) -> None:
+    """The number of the last block counts on in its low 16 bits alone, so that each 65 536th block shows a gap."""
+
+    def kept(before: int | None, number: int) -> int:
+        return number if before is None else before & ~LOW_HALF | number & LOW_HALF
+
+    @patch.around(Controller, "_count")
+    def of_count(original: Any, self: Any, block: Any) -> Any:
+        before = None if block.restart else self._last_sequence
+        gap = original(self, block)
+        self._last_sequence = kept(before, self._last_sequence)
+        return gap
+
+    def of_stream(_: Any) -> Any:
+        return lambda _self, _packets, began, *_rest: (0, began)
+
+    patch.wrap(Controller, "stream", of_stream)
+
+
+@mutant("TIM-001")
+def clock_is_2000_ppm_fast(patch: Patch) -> None:
+    """Everything in the device is 2000 ppm fast by the clocks of the world: its oscillator runs without its crystal."""
+
+    def monotonic(self: Any) -> float:
+        return float(self._scheduler.now / CORE_HZ / FAST)
+
+    def sleep(self: Any, seconds: float, /) -> None:
+        self._pass_until(self._scheduler.now + math.ceil(seconds * CORE_HZ * FAST))
+
+    patch.replace(DeviceTime, "monotonic", monotonic)
+    patch.replace(DeviceTime, "sleep", sleep)
+
+
+@mutant("BLK-024", "NUM-004", wraps=(Controller, "_count"), also=leak_places)
+def restart_takes_a_place_for_ever(original: Any, self: Any, block: Any) -> Any:
+    """Each block with the flag RESTART leaves the queue with a place less: the old state is not given back."""
+    if block.restart:
+        leak_a_place(self)
+    return original(self, block)
+
+
+@mutant("TIM-002")
+def ticks_wrap_at_32_bits(patch: Patch) -> None:
+    """The tick in acknowledgements, STATUS and CLOCK wraps after 36 minutes: its upper half is left out."""
+
+    def of_acks(original: Any) -> Any:
+        return lambda sequence, period, now, *rest: original(sequence, period, now % 2**32, *rest)
+
+    patch.wrap(Controller, "now_tick", lambda original: lambda self: original(self) % 2**32)
+    patch.wrap(controller, "encode_acks", of_acks)

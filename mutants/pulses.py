@@ -1,0 +1,130 @@
+"""Broken rasterisers: from phase and width to the ticks at which an output is high (chapter PUL).
+
+What a processor says that it plays is right in all of them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..emulator.ports import raster
+from ..protocol.board import MAX_WIDTH_TICKS, TICKS_PER_PERIOD
+from .patching import Patch, mutant
+from .seams import Words, is_high, rasterise, see_words, spread
+
+INVERTED_PROCESSOR, INVERTED_BIT = 4, 17
+
+
+@mutant("PUL-004")
+def odd_pairs_are_half_a_tick_late(patch: Patch) -> None:
+    """Where phase and width differ in parity the pulse begins half a tick late instead of early: it is rounded up."""
+    rasterise(patch, lambda phase, width, _, tick: (tick - ((phase - width + 1) >> 1)) % TICKS_PER_PERIOD < width)
+
+
+@mutant("PUL-004")
+def widest_pulse_has_24_ticks(patch: Patch) -> None:
+    """A pulse of 25 ticks lasts 24: a table by width ends one entry early."""
+
+    def levels(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
+        full = is_high(phase, width, unmodulated, tick)
+        return full & ~((width == MAX_WIDTH_TICKS) & ((tick - ((phase - width) >> 1)) % TICKS_PER_PERIOD == 24))
+
+    rasterise(patch, levels)
+
+
+@mutant("PUL-004")
+def pulse_ends_with_the_period(patch: Patch) -> None:
+    """A pulse that goes round the end of the period is cut off there: nobody carries it over to the beginning."""
+
+    def levels(phase: Any, width: Any, _: Any, tick: Any) -> Any:
+        begin = ((phase - width) >> 1) % TICKS_PER_PERIOD
+        return (begin <= tick) & (tick < begin + width)
+
+    rasterise(patch, levels)
+
+
+@mutant("PUL-004", "TIM-003")
+def pulse_ends_in_the_next_period(patch: Patch) -> None:
+    """What goes round the end of the period is high in the period that follows, whatever plays there by then."""
+
+    def whole(phase: Any, width: Any, _: Any, tick: Any) -> Any:
+        begin = ((phase - width) >> 1) % TICKS_PER_PERIOD
+        return (begin <= tick) & (tick < begin + width)
+
+    def rest(phase: Any, width: Any, _: Any, tick: Any) -> Any:
+        begin = ((phase - width) >> 1) % TICKS_PER_PERIOD
+        return tick < begin + width - TICKS_PER_PERIOD
+
+    heads, tails = spread(whole), spread(rest)
+
+    def expand(slices: Any, rows: Any, samples: Any, widths: Any, words: Words) -> None:
+        played, left = heads(slices, rows, samples, widths), tails(slices, rows, samples, widths)
+        words[:] = played
+        words[TICKS_PER_PERIOD:] |= left[:-TICKS_PER_PERIOD]
+
+    def with_the_period_before(words: Any, start: int, stop: int) -> Words:
+        seen: Words = words(start - TICKS_PER_PERIOD, stop)[TICKS_PER_PERIOD:]
+        return seen
+
+    patch.replace(raster, "expand", expand)
+    see_words(patch, with_the_period_before)
+
+
+@mutant("PUL-001", "PUL-004")
+def phase_99_is_taken_for_0(patch: Patch) -> None:
+    """The last phase plays as the first: phases are taken modulo 99."""
+    rasterise(patch, lambda phase, width, *rest: is_high(phase % 99, width, *rest))
+
+
+@mutant("PUL-002")
+def width_0_plays_a_tick(patch: Patch) -> None:
+    """A pulse of width 0 with a phase plays one tick: only where all its 12 bits are 0 is it passed over."""
+    rasterise(patch, lambda phase, width, *rest: is_high(phase, np.where((width == 0) & (phase > 0), 1, width), *rest))
+
+
+@mutant("PUL-001", "PUL-004")
+def phase_is_that_of_the_leading_edge(patch: Patch) -> None:
+    """A pulse begins where its phase says, which is where its centre should be."""
+    rasterise(patch, lambda phase, width, _, tick: (tick - (phase >> 1)) % TICKS_PER_PERIOD < width)
+
+
+@mutant("PUL-001", "PUL-004")
+def phase_is_in_whole_ticks(patch: Patch) -> None:
+    """The lowest bit of the phase is dropped before anything else: a pulse can only sit at every other place."""
+    rasterise(patch, lambda phase, width, *rest: is_high(phase & ~1, width, *rest))
+
+
+@mutant("PUL-004")
+def odd_widths_are_one_less(patch: Patch) -> None:
+    """A pulse of odd width is a tick shorter: it is drawn as two equal halves around its centre."""
+    rasterise(patch, lambda phase, width, *rest: is_high(phase, width & ~1, *rest))
+
+
+@mutant("PUL-004")
+def pulses_run_backwards(patch: Patch) -> None:
+    """A later phase plays earlier: a port shifts its table out from the other end."""
+    rasterise(patch, lambda phase, width, _, tick: is_high(phase, width, _, TICKS_PER_PERIOD - 1 - tick))
+
+
+@mutant("PUL-004", "SAF-001")
+def one_output_is_inverted(patch: Patch) -> None:
+    """Bit 17 of processor 4 is low where it should be high, and high all the while that it should be low."""
+
+    def change(words: Any, start: int, stop: int) -> Words:
+        inverted: Words = words(start, stop)
+        inverted[:, INVERTED_PROCESSOR] ^= np.uint32(1 << INVERTED_BIT)
+        return inverted
+
+    see_words(patch, change)
+
+
+@mutant("PUL-004")
+def tick_0_repeats_the_last(patch: Patch) -> None:
+    """The first tick of a period is that of the one before: the port's word is written a tick late once a period."""
+
+    def levels(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
+        return is_high(phase, width, unmodulated, np.where(tick == 0, TICKS_PER_PERIOD - 1, tick))
+
+    rasterise(patch, levels)

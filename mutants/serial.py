@@ -1,0 +1,346 @@
+"""Broken serial lines: frames, modes, and credit (chapter SER)."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+from typing import Any
+
+from cobs import cobs
+
+from ..emulator.control import controller
+from ..emulator.interfaces import serial_line
+from ..emulator.interfaces.console import Console
+from ..emulator.interfaces.serial_line import SerialLine
+from ..emulator.interfaces.usb_functions import ConsoleFunction
+from ..errors import FrameError
+from ..protocol import framing
+from ..protocol.board import CYCLES_PER_MS
+from ..protocol.codes import REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, FrameKind, Outcome
+from ..protocol.console import PROMPT
+from ..protocol.framing import DELIMITER, MAX_FRAME_BYTES, Frame, FrameReader, Line, SerialReply
+from ..protocol.requests import DIRECTION_IN
+from .patching import Patch, mutant
+
+OVER_UART = "emulator:?door=serial"
+CHECKSUM_BYTES = 4
+LENGTH_AT = slice(8, 10)
+REQUEST_HEAD_BYTES = 10
+"""Of a request with its kind before it."""
+
+
+@mutant("SER-011", "ACK-006", wraps=(controller.Controller, "_announce_room"))
+def a_block_that_waits_is_judged_after_the_event_is_told(original: Any, self: Any) -> Any:
+    """What waits for room is judged a millisecond later, by another task: the record of what made room comes first."""
+    return self._scheduler.at(self._now + CYCLES_PER_MS, lambda: original(self))
+
+
+# Frames
+
+
+class _OtherLine(Line):
+    """What the device receives, read by another reader."""
+
+    def __init__(self, reader: type[FrameReader]) -> None:
+        super().__init__()
+        self._reader = reader()
+
+
+def _read_by(patch: Patch, reader: type[FrameReader]) -> None:
+    """Let the device read frames in another way; what hosts read is as it was."""
+    patch.replace(serial_line, "Line", lambda: _OtherLine(reader))
+
+
+class _Forgiving(FrameReader):
+    """A reader that takes some damaged frames for others."""
+
+    def pardon(self, data: bytes) -> bytes:
+        """The frame that is read instead of a damaged one, with its zero; `DecodeError` where there is none."""
+        raise NotImplementedError
+
+    def _finish(self) -> Frame | FrameError:
+        data = bytes(self._begun) + DELIMITER
+        found = super()._finish()
+        if isinstance(found, Frame):
+            return found
+        try:
+            return framing.decode(self.pardon(data))
+        except (FrameError, cobs.DecodeError):
+            return found
+
+
+def _sealed(content: bytes) -> bytes:
+    """A frame of a kind and a body, as it should be."""
+    checksum = zlib.crc32(content).to_bytes(CHECKSUM_BYTES, "little")
+    return bytes(cobs.encode(content + checksum)) + DELIMITER
+
+
+class _NoChecksum(_Forgiving):
+    def pardon(self, data: bytes) -> bytes:
+        return _sealed(bytes(cobs.decode(data[:-1]))[:-CHECKSUM_BYTES])
+
+
+@mutant("SER-006", "SER-002")
+def checksum_of_frames_is_ignored(patch: Patch) -> None:
+    """A frame is taken whatever its CRC-32: it is computed, and compared with itself."""
+    _read_by(patch, _NoChecksum)
+
+
+class _AnyForm(_Forgiving):
+    def pardon(self, data: bytes) -> bytes:
+        return bytes(cobs.encode(cobs.decode(data[:-1]))) + DELIMITER
+
+
+@mutant("SER-003")
+def empty_group_at_the_end_of_a_frame_is_taken(patch: Patch) -> None:
+    """A frame is taken whose COBS ends with a group of no bytes behind a full one, as many libraries decode it."""
+    _read_by(patch, _AnyForm)
+
+
+class _AnyLength(_Forgiving):
+    def pardon(self, data: bytes) -> bytes:
+        content = bytearray(cobs.decode(data[:-1]))[:-CHECKSUM_BYTES]
+        stated = cobs.decode(data[:-1])[-CHECKSUM_BYTES:]
+        if content[0] != FrameKind.REQUEST or zlib.crc32(content).to_bytes(CHECKSUM_BYTES, "little") != stated:
+            raise FrameError("it is damaged otherwise")
+        content[LENGTH_AT] = SERIAL_DATA_BYTES.to_bytes(2, "little")
+        return _sealed(bytes(content[: REQUEST_HEAD_BYTES + SERIAL_DATA_BYTES]))
+
+    def _collect(self, data: bytes) -> None:
+        self._begun += data
+
+
+@mutant("SER-006", "SER-005")
+def requests_of_any_length_are_answered(patch: Patch) -> None:
+    """A request for more than 640 bytes, or with more, is answered, also in a frame that is longer than the longest."""
+    _read_by(patch, _AnyLength)
+
+
+class _Starting(FrameReader):
+    def _collect(self, data: bytes) -> None:
+        self._begun += data
+        while len(self._begun) >= MAX_FRAME_BYTES:
+            del self._begun[: MAX_FRAME_BYTES - 1]
+
+
+@mutant("SER-005", "SER-006")
+def long_frames_begin_anew_when_the_buffer_is_full(patch: Patch) -> None:
+    """Of a frame that is too long the part behind the first 657 bytes is read as a frame: the buffer was emptied."""
+    _read_by(patch, _Starting)
+
+
+class _Quiet(FrameReader):
+    def feed(self, data: bytes) -> list[Frame | FrameError]:
+        return [event for event in super().feed(data) if "at most" not in str(event)]
+
+
+@mutant("SER-006")
+def long_frames_are_not_counted(patch: Patch) -> None:
+    """A frame that is too long is dropped and not counted."""
+    _read_by(patch, _Quiet)
+
+
+class _CountsNothing(FrameReader):
+    def feed(self, data: bytes) -> list[Frame | FrameError]:
+        *ends, rest = data.split(DELIMITER)
+        found: list[Frame | FrameError] = []
+        for end in ends:
+            self._collect(end)
+            found.append(self._finish() if self._begun else FrameError("nothing"))
+        self._collect(rest)
+        return found
+
+
+@mutant("SER-005", "SER-006")
+def two_zeros_count_as_a_damaged_frame(patch: Patch) -> None:
+    """Nothing between two zeros is counted as a damaged frame: it is too short for kind and checksum."""
+    _read_by(patch, _CountsNothing)
+
+
+@mutant("SER-006", "REQ-003", wraps=(SerialLine, "_handle"))
+def damaged_frames_are_not_counted(original: Any, self: Any, event: Any) -> Any:
+    """Damaged frames are dropped, and STATUS counts none."""
+    return None if isinstance(event, FrameError) else original(self, event)
+
+
+@mutant("SER-006", wraps=(SerialLine, "_handle"))
+def frames_that_go_the_other_way_are_not_counted(original: Any, self: Any, event: Any) -> None:
+    """RECORD and REPLY, which only the device sends, are dropped without being counted."""
+    backwards = isinstance(event, Frame) and event.kind in (FrameKind.RECORD, FrameKind.REPLY)
+    if not backwards:
+        original(self, event)
+
+
+# Requests
+
+
+@mutant("SER-009", "SER-008", wraps=(SerialLine, "_reply"))
+def replies_have_tag_0(original: Any, self: Any, reply: Any) -> Any:
+    """Every REPLY has tag 0 instead of that of its request."""
+    return original(self, replace(reply, tag=0))
+
+
+@mutant("SER-009", "SER-013", wraps=(serial_line._Outbox, "answer"))
+def replies_overtake_what_waits(original: Any, self: Any, frame: Frame) -> None:
+    """A REPLY is sent before the answers that wait, so that two of them come in the wrong order."""
+    original(self, frame)
+    if frame.kind is FrameKind.REPLY:
+        self._frames.rotate(1)
+
+
+@mutant("SER-009", "SER-012")
+def same_request_again_is_answered_from_memory(patch: Patch) -> None:
+    """A request that is the same as the one before, tag and all, gets the same REPLY again and has no effect."""
+    last: dict[Any, Any] = {}
+
+    @patch.around(SerialLine, "_answer")
+    def of_answer(original: Any, self: Any, request: Any) -> None:
+        asked, reply = last.get(self, (None, None))
+        if asked == request:
+            self._reply(reply)
+        else:
+            last[self] = request, None
+            original(self, request)
+
+    def of_reply(original: Any) -> Any:
+        def reply(self: Any, reply: SerialReply) -> None:
+            last[self] = last[self][0], reply
+            original(self, reply)
+
+        return reply
+
+    patch.wrap(SerialLine, "_reply", of_reply)
+
+
+@mutant("SER-006", "REQ-001", wraps=(SerialLine, "_requested"))
+def requests_of_any_type_are_carried_out(original: Any, self: Any, request: Any) -> Any:
+    """A request is carried out whoever it is addressed to: of its type only the direction is looked at."""
+    return original(self, replace(request, request_type=request.request_type & DIRECTION_IN | REQUEST_TYPE_OUT))
+
+
+# Blocks
+
+
+@mutant("SER-011", wraps=(SerialLine, "_admit"))
+def second_waiting_block_replaces_the_first(original: Any, self: Any, block: bytes) -> None:
+    """A block that arrives while another waits for room takes its place, and the first is never answered."""
+    if self._waiting:
+        self._waiting.block = block
+    else:
+        original(self, block)
+
+
+@mutant("SER-011", wraps=(SerialLine, "_admit"))
+def second_waiting_block_is_dropped_uncounted(original: Any, self: Any, block: Any) -> Any:
+    """A block that arrives while another waits for room is dropped, and STATUS does not count it."""
+    return None if self._waiting else original(self, block)
+
+
+@mutant("SER-011", wraps=(SerialLine, "_admit"))
+def blocks_do_not_wait_for_room(original: Any, self: Any, block: bytes) -> None:
+    """A block for which the queue has no room is dropped and counted: there is no place in which it could wait."""
+    if self._controller.can_accept:
+        original(self, block)
+    else:
+        self._controller.dropped_frames += 1
+
+
+@mutant("SER-011", "SAF-003", wraps=(SerialLine, "_admit"))
+def waiting_blocks_are_signs_of_life(original: Any, self: Any, block: bytes) -> None:
+    """A block feeds the watchdog when it arrives, also where it has to wait for room."""
+    self._controller._watchdog.feed()
+    original(self, block)
+
+
+@mutant("SER-010", "SER-011")
+def hang_up_forgets_the_block_that_waits(patch: Patch) -> None:
+    """A block that waits for room when its host hangs up is never judged: the line's memory is cleared, all of it."""
+
+    @patch.around(SerialLine, "hang_up")
+    def of_hang_up(original: Any, self: Any) -> None:
+        original(self)
+        self._waiting = None
+
+    def of_try(original: Any) -> Any:
+        return lambda self, waiting: original(self, waiting) if waiting is self._waiting else None
+
+    patch.wrap(SerialLine, "_try_again", of_try)
+
+
+@mutant("SER-010", "SER-011")
+def hang_up_leaves_the_waiting_place_taken(patch: Patch) -> None:
+    """A block that waits when its host hangs up is never judged and keeps its place: no later block may wait."""
+    left: list[Any] = []
+
+    @patch.around(SerialLine, "hang_up")
+    def of_hang_up(original: Any, self: Any) -> None:
+        original(self)
+        left.append(self._waiting)
+
+    def of_try(original: Any) -> Any:
+        return lambda self, waiting: None if any(waiting is each for each in left) else original(self, waiting)
+
+    patch.wrap(SerialLine, "_try_again", of_try)
+
+
+# Modes
+
+
+@mutant("SER-010", wraps=(SerialLine, "_leave_frames"))
+def console_frames_are_not_answered(_: Any, self: Any) -> None:
+    """The device goes back to text on CONSOLE without a CONSOLE of its own."""
+    self._drop_answers()
+    self._among_frames = False
+
+
+@mutant("SER-010", wraps=(SerialLine, "_handle"))
+def way_into_frames_is_not_answered(original: Any, self: Any, event: Any) -> None:
+    """The device goes over to frames on 00 without a 00 of its own, so that text and frames run into each other."""
+    if event is framing.Mode.FRAMES:
+        self._among_frames = True
+    else:
+        original(self, event)
+
+
+@mutant("SER-010", wraps=(SerialLine, "hang_up"), url=OVER_UART)
+def breaks_are_ignored(original: Any, self: Any) -> Any:
+    """A break on the UART changes nothing: it is counted as a framing error."""
+    return original(self) if self._needs_dtr else None
+
+
+@mutant("SER-010", wraps=(ConsoleFunction, "_set_dtr"))
+def dtr_low_is_ignored(original: Any, self: Any, dtr: Any) -> Any:
+    """DTR going low changes nothing: only its rise is looked at."""
+    return original(self, dtr) if dtr else None
+
+
+@mutant("SER-010")
+def unfinished_text_is_kept_over_frames(patch: Patch) -> None:
+    """What was typed of a line before frames is still there behind them, and the next line is appended to it."""
+    patch.replace(Console, "begin_line", lambda _: PROMPT.encode("ascii"))
+
+
+@mutant("SER-010")
+def answers_follow_into_the_console(patch: Patch) -> None:
+    """Answers that were not sent when the line goes back to text are sent among the text."""
+    patch.replace(SerialLine, "_drop_answers", lambda *_: None)
+
+
+@mutant("SER-010", "USB-023", wraps=(SerialLine, "take"))
+def frames_need_dtr(original: Any, self: Any, room: int) -> bytes:
+    """On CDC-ACM the device sends no frames while DTR is low, as it does with text."""
+    return original(self, room) if self._sends_text else b""
+
+
+@mutant("SER-010", wraps=(SerialLine, "notify"))
+def records_are_sent_among_text(_: Any, self: Any, record: bytes) -> None:
+    """Status records of the device's own accord are sent on the line also while it carries text."""
+    self._outbox.notify(Frame(FrameKind.RECORD, record))
+    self._on_output()
+
+
+@mutant("SER-010", "REQ-013", wraps=(SerialLine, "_answer_restart"))
+def reset_is_not_followed_by_console(_: Any, self: Any, request: Any) -> None:
+    """RESET is answered by a REPLY and not by CONSOLE behind it."""
+    self._reply(SerialReply(request.tag, Outcome.DONE))
+    self._departure = lambda: self._controller.request(request.setup, b"", self)

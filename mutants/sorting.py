@@ -1,0 +1,104 @@
+"""Broken sorting: which output plays the pulse of which transducer, and what WIRING says of it (REQ-004, BLK-006)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..emulator.control import controller
+from ..protocol.blocks import Slot
+from ..protocol.board import CHANNELS_PER_PROCESSOR, COLUMNS, PROCESSORS_PER_BOARD, ROWS
+from ..protocol.pulses import Pulses
+from .patching import Patch, mutant
+from .seams import Words, see_words, sort_by
+
+Channels = NDArray[np.int64]
+EVEN_BITS = np.uint32(0x55555555)
+
+
+@mutant("REQ-004", "BLK-006")
+def two_transducers_are_swapped(patch: Patch) -> None:
+    """Transducers 130 and 151 are exchanged where pulses are sorted and read back, but not in WIRING."""
+
+    def change(channels: Channels) -> Channels:
+        channels[[130, 151]] = channels[[151, 130]]
+        return channels
+
+    sort_by(patch, change)
+
+
+@mutant("REQ-004", "BLK-006")
+def processors_of_a_board_are_swapped(patch: Patch) -> None:
+    """The two processors of board 4 get each other's pulses: its cable is turned, and WIRING does not know."""
+
+    def change(channels: Channels) -> Channels:
+        processor = channels // CHANNELS_PER_PROCESSOR
+        turned = np.where(processor // PROCESSORS_PER_BOARD == 4, processor ^ 1, processor)
+        return turned * CHANNELS_PER_PROCESSOR + channels % CHANNELS_PER_PROCESSOR
+
+    sort_by(patch, change)
+
+
+@mutant("BLK-006", "REQ-004")
+def array_is_mirrored(patch: Patch) -> None:
+    """Pulses are sorted as if row 0 were the last one: the array is seen from the other side."""
+    sort_by(patch, lambda channels: channels.reshape(ROWS, COLUMNS)[::-1].ravel())
+
+
+@mutant("REQ-004", "PUL-005")
+def one_pair_of_outputs_is_swapped(patch: Patch) -> None:
+    """Bits 6 and 7 of processor 5 play each other's pulses: two tracks of one board are crossed."""
+
+    def change(words: Any, start: int, stop: int) -> Words:
+        crossed: Words = words(start, stop)
+        port = crossed[:, 5]
+        pair = port >> np.uint32(6) & np.uint32(3)
+        turned = pair >> np.uint32(1) | (pair & np.uint32(1)) << np.uint32(1)
+        crossed[:, 5] = port & ~np.uint32(3 << 6) | turned << np.uint32(6)
+        return crossed
+
+    see_words(patch, change)
+
+
+@mutant("PUL-005", "BLK-006")
+def pairs_are_unpacked_the_wrong_way_round(patch: Patch) -> None:
+    """The two pulses of each three bytes are exchanged on all ports: the first is taken from the high half."""
+
+    def change(words: Any, start: int, stop: int) -> Words:
+        ports = words(start, stop)
+        swapped: Words = ports >> np.uint32(1) & EVEN_BITS | (ports & EVEN_BITS) << np.uint32(1)
+        return swapped
+
+    see_words(patch, change)
+
+
+@mutant("BLK-013", "BLK-006", wraps=(controller.Controller, "_store"))
+def slots_are_not_sorted(original: Any, self: Any, body: Any) -> None:
+    """The pulses of a SLOT go to the outputs in array order as they came: only updates are sorted."""
+    if isinstance(body, Slot):
+        wiring, pulses = self._identification.wiring, body.pulses
+        body = Slot(body.number, Pulses(wiring.unsort(pulses.phase), wiring.unsort(pulses.width)))
+    original(self, body)
+
+
+@mutant("REQ-004", wraps=(controller, "encode_wiring"))
+def wiring_goes_column_by_column(original: Any, wiring: Any) -> bytes:
+    """WIRING tells the channels column by column, for arrays are indexed so elsewhere; pulses are sorted as ever."""
+    table = np.frombuffer(original(wiring), "<u2").reshape(ROWS, COLUMNS)
+    return table.T.tobytes()
+
+
+@mutant("REQ-004", wraps=(controller, "encode_wiring"))
+def wiring_is_big_endian(original: Any, wiring: Any) -> Any:
+    """The channels of WIRING come high byte first, as in the routes of the chain."""
+    return np.frombuffer(original(wiring), "<u2").astype(">u2").tobytes()
+
+
+@mutant("REQ-007", wraps=(controller.Controller, "_read_back"))
+def read_back_is_in_channel_order(original: Any, self: Any) -> Any:
+    """PULSES answers the pulses as the processors hold them, channel by channel: nobody sorts them back."""
+    answer, wiring = original(self), self._identification.wiring
+    by_channel = Pulses(wiring.sort(answer.pulses.phase), wiring.sort(answer.pulses.width))
+    return type(answer)(answer.since_period, answer.read_period, by_channel)
