@@ -10,7 +10,7 @@ import pytest
 from phasewire.emulator import faults
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
+from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import DfuLine, dfu_mode
 from phasewire.hil.conformance.tools.images import Forgery, large_image, of_whole_blocks
@@ -38,6 +38,8 @@ BLOCK = 2048
 SECTOR, PAGE = 4096, 256
 WRITING_SECONDS = 0.002
 """No flash writes a block in less."""
+LEAST_BUSY_SECONDS = 0.008
+"""The shortest time that a device is busy (clause DFU-008/1)."""
 LEAST_SECONDS, MOST_SECONDS = 0.01, 1.0
 """Between DETACH and leaving the bus (clause DFU-002)."""
 AWAY_SECONDS = 0.01
@@ -143,6 +145,7 @@ def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench,
             walk.reach(state)
             if (state, request) == (UPLOAD_IDLE, "UPLOAD") and len(own) < BLOCK:
                 continue  # it is over with its first block, and there is no other
+            began = bench.line.time.monotonic()
             answered = walk.ask(request, state)
             drawn = DRAWN.get((state, request))
             asks = request in ("GETSTATUS", "GETSTATE") and state not in DEAF
@@ -152,7 +155,10 @@ def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench,
                 after = IDLE
             if after in DEAF:  # the answer said so, and to ask is an error now
                 line.wait(1)
-                expect(f"whether GETSTATE is answered in {after.name}", line.state(), None)
+                told = line.state()
+                if told is not None and bench.line.time.monotonic() - began > LEAST_BUSY_SECONDS:
+                    raise TooSlow(f"the line was too slow: {after.name} was over when the device was asked")
+                expect(f"whether GETSTATE is answered in {after.name}", told, None)
                 after = ERROR
             expect(f"the state after {request} in {state.name}", line.state(), after)
 
@@ -281,7 +287,7 @@ def busy_with(bench: Bench, line: DfuLine, image: bytes, number: int) -> DfuRepl
 
     Raises
     ------
-    Inconclusive
+    TooSlow
         Where it had been asked so late that it could have written the block by then.
     """
     began = bench.line.time.monotonic()
@@ -290,7 +296,7 @@ def busy_with(bench: Bench, line: DfuLine, image: bytes, number: int) -> DfuRepl
     passed = bench.line.time.monotonic() - began
     assert busy is not None, "GETSTATUS after DNLOAD is answered with STALL"
     if busy.state is DNLOAD_IDLE and passed > WRITING_SECONDS:
-        raise Inconclusive(f"the line was too slow: the device was asked {passed:.3f} s after it had block {number}")
+        raise TooSlow(f"the line was too slow: the device was asked {passed:.3f} s after it had block {number}")
     expect(f"the state with block {number}", busy.state, DNBUSY)
     return busy
 
