@@ -16,6 +16,7 @@ from phasewire.hil.conformance.lines.serial import SerialLine
 from phasewire.hil.conformance.tools.clocks import unless_busy
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.steps import (
+    LONG_MS,
     SILENT,
     begin,
     cut,
@@ -450,6 +451,7 @@ def test_what_came_through_another_door_is_told(bench: Bench) -> None:
     """What a serial line's host does to the state is told on USB, and the other way round, each once."""
     other = bench.serial
     other.enter_frames()
+    bench.order(Request.WATCHDOG, LONG_MS)
     try:
         for request, state in ((Request.ENABLE, State.READY), (Request.DISABLE, State.OFF)):
             order(other, request)

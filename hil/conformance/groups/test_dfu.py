@@ -92,6 +92,8 @@ class Walk:
                 self.line.clear()
         if state in DEAF:
             reply = self.line.status()
+            if reply and reply.state in (DNLOAD_IDLE, IDLE) and self.line.since_download > WRITING_SECONDS:
+                raise TooSlow(f"the line was too slow: {state.name} was over when the device was asked")
             expect("the state after GETSTATUS", reply and reply.state, state)
         else:
             expect("the state", self.line.state(), state)
@@ -275,14 +277,14 @@ def test_the_poll_times_are_those_of_the_flash(bench: Bench) -> None:
         for number in range(4):
             idle = line.status()
             expect("poll time in an idle state", idle and idle.poll_ms, 0)
-            busy = busy_with(bench, line, image, number)
+            busy = busy_with(line, image, number)
             expect(f"poll time of block {number}", busy.poll_ms, 128 if number == 0 else 8 if number % 2 else 68)
             line.wait(busy.poll_ms)
             reply = line.poll()
             expect("the answer after it", (reply.state, reply.poll_ms, reply.status), (DNLOAD_IDLE, 0, DfuStatus.OK))
 
 
-def busy_with(bench: Bench, line: DfuLine, image: bytes, number: int) -> DfuReply:
+def busy_with(line: DfuLine, image: bytes, number: int) -> DfuReply:
     """Send a block; what the device says while it is busy with it.
 
     Raises
@@ -290,10 +292,9 @@ def busy_with(bench: Bench, line: DfuLine, image: bytes, number: int) -> DfuRepl
     TooSlow
         Where it had been asked so late that it could have written the block by then.
     """
-    began = bench.line.time.monotonic()
     line.download(number, image[BLOCK * number :][:BLOCK])
     busy = line.status()
-    passed = bench.line.time.monotonic() - began
+    passed = line.since_download
     assert busy is not None, "GETSTATUS after DNLOAD is answered with STALL"
     if busy.state is DNLOAD_IDLE and passed > WRITING_SECONDS:
         raise TooSlow(f"the line was too slow: the device was asked {passed:.3f} s after it had block {number}")
@@ -307,7 +308,7 @@ def test_the_busy_state_ends_with_its_poll_time(bench: Bench) -> None:
     with dfu_mode(bench) as line:
         image = large_image(line)
         for number in range(3):
-            line.wait(busy_with(bench, line, image, number).poll_ms)
+            line.wait(busy_with(line, image, number).poll_ms)
             expect("the state when the time is over", line.state(), SYNC)
             line.poll()
         line.send(image, 3)

@@ -13,6 +13,7 @@ from phasewire.hil.conformance.lines.usb import CONSOLE_IN, CONSOLE_OUT
 from phasewire.hil.conformance.sight.waveforms import check_silent
 from phasewire.hil.conformance.tools.dfu import DfuLine
 from phasewire.hil.conformance.tools.forge import forged
+from phasewire.hil.conformance.tools.stage import soon
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
     Body,
@@ -206,7 +207,7 @@ def test_what_plays_goes_on_while_01_out_is_halted(bench: Bench) -> None:
     without_watchdog(bench)
     bench.enable()
     first = bench.must(Update(bench.weak()))
-    second = bench.must(Update(bench.weak(), first.now // 50 + 2000))
+    second = bench.must(Update(bench.weak(), soon(bench)))
     bench.wait_until(first.commit_period)
     halt(bench, BLOCKS_OUT)
     try:

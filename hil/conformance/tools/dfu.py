@@ -52,6 +52,7 @@ class DfuLine:
 
     def __init__(self, bench: Bench) -> None:
         self.detached: float | None = None
+        self._downloaded = 0.0
         self._bench = bench
         self._usb = bench.usb
 
@@ -80,7 +81,13 @@ class DfuLine:
 
     def download(self, number: int, data: bytes) -> bool:
         """DNLOAD of one block, or its end without data; whether it was not answered with STALL."""
+        self._downloaded = self._bench.line.time.monotonic()
         return self.request(DfuRequest.DNLOAD, number, data=data) is not None
+
+    @property
+    def since_download(self) -> float:
+        """How long ago the last DNLOAD was begun, in seconds of the host's time."""
+        return self._bench.line.time.monotonic() - self._downloaded
 
     def upload(self, number: int, length: int = DFU_TRANSFER_BYTES) -> bytes | None:
         """UPLOAD of one block; None for STALL."""
