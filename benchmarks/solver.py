@@ -20,10 +20,11 @@ import numpy as np
 from medians import median
 from numba import njit
 from phasewire import ControlPoints, Solver, TransducerArray, pressure
-from phasewire.solver import METHODS, PlanePropagator, kernels, solve_frames
-from phasewire.solver.compiled import compilation
-from phasewire.solver.engine import CompiledEngine
-from phasewire.solver.simd import LANES, load, spread, total
+from phasewire.solver import METHODS, PlanePropagator, solve_frames
+from phasewire.solver.acoustics.tables import compilation
+from phasewire.solver.compiled import kernels
+from phasewire.solver.compiled.simd import LANES, load, spread, total
+from phasewire.solver.methods.engine import CompiledEngine
 
 COUNTS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512)
 ARRAYS = {320: (20, 16), 1024: (32, 32), 4096: (64, 64)}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from phasewire import Circle, Emulator, Pulses, Solver, TransducerArray, open_device, sample_plane, solve
-from phasewire.solver.convolution import PlanePropagator
+from phasewire.solver.fields.convolution import PlanePropagator
 
 ARRAY = TransducerArray.grid()
 POINTS = Circle(radius=0.0765).sample()

@@ -14,7 +14,7 @@ import typer
 from rich.table import Column, Table
 
 from ..pictures import check_picture_path, save_figure
-from ..solver.reproduction import (
+from ..solver.reproduction.figures import (
     SHAPES_OF_FIGURE_6,
     TECHNIQUES,
     AtHeight,
@@ -25,7 +25,7 @@ from ..solver.reproduction import (
     reproduce_figure_7,
     reproduce_range,
 )
-from ..solver.reproduction_pictures import draw_figure_4, draw_figure_6, draw_figure_7, draw_range
+from ..solver.reproduction.pictures import draw_figure_4, draw_figure_6, draw_figure_7, draw_range
 from ..storage import check_outputs
 from .console import JsonOption, console_for, error_console, write_json
 

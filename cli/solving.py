@@ -18,22 +18,23 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from ..pictures import FORMATS
-from ..solver.array import COLUMNS, PITCH, ROWS, TransducerArray
-from ..solver.curves import SPACING
-from ..solver.field import PlaneField, VolumeField, sample_cut, sample_volume
-from ..solver.files import POINT_FILES, load_solution, read_points, save_field, save_solution
-from ..solver.focus import focus_report
-from ..solver.grid import Grid
-from ..solver.medium import Medium
-from ..solver.options import METHODS, Options, Output
-from ..solver.picture import OIL, save_field_picture
-from ..solver.points import REACH, ControlPoints
-from ..solver.propagation import pressure
-from ..solver.quantities import QUANTITIES
-from ..solver.shapes import SHAPES, parse_shape, shape_help
-from ..solver.solve import Solution, Solver
-from ..solver.transducer import MODELS, TRANSDUCERS
-from ..solver.vti import save_vti
+from ..solver.acoustics.array import COLUMNS, PITCH, ROWS, TransducerArray
+from ..solver.acoustics.medium import Medium
+from ..solver.acoustics.propagation import pressure
+from ..solver.acoustics.transducer import MODELS, TRANSDUCERS
+from ..solver.fields.field import PlaneField, VolumeField, sample_cut, sample_volume
+from ..solver.fields.files import load_solution, save_field, save_solution
+from ..solver.fields.focus import focus_report
+from ..solver.fields.grid import Grid
+from ..solver.fields.quantities import QUANTITIES
+from ..solver.methods.options import METHODS, Options, Output
+from ..solver.methods.solve import Solution, Solver
+from ..solver.pictures.picture import OIL, save_field_picture
+from ..solver.pictures.vti import save_vti
+from ..solver.shapes.curves import SPACING
+from ..solver.shapes.point_files import POINT_FILES, read_points
+from ..solver.shapes.points import REACH, ControlPoints
+from ..solver.shapes.shapes import SHAPES, parse_shape, shape_help
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
 

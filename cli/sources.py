@@ -31,7 +31,7 @@ from ..protocol.pulses import Pulses
 from ..protocol.quantise import PulseFrames, check_pulses
 from ..protocol.replies import Info
 from ..solver import ControlPoints, Medium, Solution, Solver, TransducerArray
-from ..solver.files import read_arrays, solution_in
+from ..solver.fields.files import read_arrays, solution_in
 from .console import error_console
 from .options import given
 from .solving import read_source

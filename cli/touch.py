@@ -32,10 +32,10 @@ from ..solver import METHODS, TransducerArray
 from ..solver.contact.mesh import Mesh
 from ..solver.contact.solids import SOLIDS
 from ..solver.contact.touch import LEAST_SPACING, MOST_POINTS, Toucher
-from ..solver.curves import SPACING
-from ..solver.modulation import FREQUENCY
-from ..solver.objects import MovingObject, object_help, parse_object
-from ..solver.points import MAX_POINTS
+from ..solver.methods.modulation import FREQUENCY
+from ..solver.objects.parsing import MovingObject, object_help, parse_object
+from ..solver.shapes.curves import SPACING
+from ..solver.shapes.points import MAX_POINTS
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
 from .options import MOST_SECONDS, CalibrationOption, DeviceOption, PoseOption, load_calibration

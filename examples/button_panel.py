@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import phasewire as pw
-from phasewire.solver.picture import save_field_picture
+from phasewire.solver.pictures.picture import save_field_picture
 
 NAMES = ("colder", "warmer", "fan", "radio", "phone")
 SIDE_M, APART_M, HEIGHT_M = 0.03, 0.045, 0.16

@@ -6,7 +6,7 @@ Run it with ``.venv/bin/python examples/field_of_a_shape.py``.
 from pathlib import Path
 
 import phasewire as pw
-from phasewire.solver.picture import save_field_picture
+from phasewire.solver.pictures.picture import save_field_picture
 
 array = pw.TransducerArray.grid()
 points = pw.parse_shape("star").sample()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import phasewire as pw
 import trimesh
-from phasewire.solver.picture import save_field_picture
+from phasewire.solver.pictures.picture import save_field_picture
 
 trimesh.creation.torus(major_radius=30, minor_radius=12).apply_translation([0, 0, 170]).export("ring.stl")  # in mm
 np.save("hand.npy", pw.Hand.flat([0, 0, 0.17]).landmarks)  # 21 landmarks as MediaPipe has them, in m

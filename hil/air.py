@@ -29,9 +29,9 @@ from ..emulator.ports.amplifier import Amplifier
 from ..protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.wiring import Wiring
 from ..solver import Medium, TransducerArray
+from ..solver.acoustics.propagation import arrivals
+from ..solver.acoustics.resonator import OnePole, Resonator
 from ..solver.geometry import as_points
-from ..solver.propagation import arrivals
-from ..solver.resonator import OnePole, Resonator
 from .ringing import Bank, words_of
 
 __all__ = ["Outputs", "Playback", "component", "rms"]
@@ -162,7 +162,7 @@ class Playback:
         ValueError
             Where the stretch was not captured.
         """
-        from ..solver.time_kernels import write_drives
+        from ..solver.compiled.time_kernels import write_drives
 
         start, stop = _stretch("ticks", start, stop, self.capture.end_tick)
         transducer = np.argsort(self.capture.wiring.channels)
@@ -262,7 +262,7 @@ class Playback:
         A phase that is neither the way's nor a sign, as a near field or a calibrated response has it, is taken for a
         delay.
         """
-        from ..solver.time_kernels import place_waves
+        from ..solver.compiled.time_kernels import place_waves
 
         wiring = self.capture.wiring
         shape = (len(points), CHANNELS)
@@ -291,7 +291,7 @@ class Playback:
         """
         if first == last:
             return
-        from ..solver.time_kernels import place_envelopes
+        from ..solver.compiled.time_kernels import place_envelopes
 
         resonance = self.resonator.enveloped(CARRIER_HZ, 1 / CARRIER_HZ)
         wavelength, series = self.medium.wavelength, resonance.between_series()

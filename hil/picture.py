@@ -11,7 +11,7 @@ from ..pictures import save_figure
 from ..protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from ..protocol.wiring import Pin
 from ..solver import PlaneField
-from ..solver.picture import draw_array, draw_field
+from ..solver.pictures.picture import draw_array, draw_field
 from .end_to_end import EndToEnd
 
 if TYPE_CHECKING:

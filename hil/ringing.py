@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..emulator.ports.amplifier import FULL_DRIVE_V, Amplifier
 from ..protocol.board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
-from ..solver.resonator import OnePole
+from ..solver.acoustics.resonator import OnePole
 
 __all__ = ["Bank", "Bits", "Emission", "words_of"]
 
@@ -82,8 +82,8 @@ class Emission(NamedTuple):
         int
             The period from which on still nothing has been written.
         """
-        from ..solver.simd import LANES
-        from ..solver.time_kernels import POINTS_AT_ONCE, sum_bursts  # numba takes half a second to import
+        from ..solver.compiled.simd import LANES
+        from ..solver.compiled.time_kernels import POINTS_AT_ONCE, sum_bursts  # numba takes half a second to import
 
         waveforms, steps = len(self.states), self.states.shape[2] - 1
         filled = -(-steps // LANES) * LANES
@@ -187,7 +187,7 @@ class Bank:
         self, words: NDArray[np.uint32], state: NDArray[np.complex128]
     ) -> tuple[NDArray[np.complex64], NDArray[np.complex128]]:
         """Waveforms, (m, 320, t + 1), and the states that they end with, (m, 320), of words, (m, t + 1, 10)."""
-        from ..solver.time_kernels import ring
+        from ..solver.compiled.time_kernels import ring
 
         states = np.empty((len(words), CHANNELS, words.shape[1]), dtype=np.complex64)
         ends = np.repeat(state[None], len(words), axis=0)

@@ -14,8 +14,8 @@ from ..solver import Medium, Modulation, PlaneField, TransducerArray, intensity_
 from ..solver.contact.hand import Hand
 from ..solver.contact.mesh import Mesh
 from ..solver.contact.touch import Touch
-from ..solver.grid import Grid
-from ..solver.picture import draw_field
+from ..solver.fields.grid import Grid
+from ..solver.pictures.picture import draw_field
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,35 +6,43 @@ complex drives. It knows nothing of ticks, packets or devices.
 
 from __future__ import annotations
 
-from .aperture import Aperture
-from .array import TransducerArray
+from .acoustics.aperture import Aperture
+from .acoustics.array import TransducerArray
+from .acoustics.diffraction import KERNELS
+from .acoustics.medium import Medium
+from .acoustics.models import residual
+from .acoustics.propagation import pressure, transfer_matrix
+from .acoustics.residual_table import ResidualTable
+from .acoustics.resonator import Resonator
+from .acoustics.slices import slice_field
+from .acoustics.transducer import MODELS, TRANSDUCERS, Transducer
 from .contact.hand import Hand
 from .contact.mesh import Mesh
 from .contact.touch import Touch, Toucher, touch
-from .convolution import PlanePropagator
-from .diffraction import KERNELS
-from .field import Field, PlaneField, VolumeField, sample_cut, sample_plane, sample_volume
-from .files import load_field, load_solution, read_points, save_field, save_solution
-from .focus import Focus, FocusReport, Lobe, Null, focus_report
-from .grid import Grid
-from .medium import Medium
-from .models import residual
-from .modulation import Modulation, intensity_component
-from .oil import Oil, oil_surface
-from .options import METHODS, Options
-from .picture import save_field_picture
-from .points import ControlPoints
-from .propagation import pressure, transfer_matrix
-from .quantities import QUANTITIES, air_density, intensity, radiation_pressure, relative_level, sound_pressure_level
-from .resonator import Resonator
-from .shapes import Asterisk, Circle, Concentric, Polygon, Polyline, Rings, Shape, Sphere, Star, parse_shape
-from .slices import slice_field
-from .solve import Solution, Solver, solve, solve_frames
-from .split import Split, split
-from .table import ResidualTable
-from .transducer import MODELS, TRANSDUCERS, Transducer
-from .two_sided import Gain, TwoSided, TwoSidedSolver, two_sided
-from .vti import save_vti
+from .fields.convolution import PlanePropagator
+from .fields.field import Field, PlaneField, VolumeField, sample_cut, sample_plane, sample_volume
+from .fields.files import load_field, load_solution, save_field, save_solution
+from .fields.focus import Focus, FocusReport, Lobe, Null, focus_report
+from .fields.grid import Grid
+from .fields.oil import Oil, oil_surface
+from .fields.quantities import (
+    QUANTITIES,
+    air_density,
+    intensity,
+    radiation_pressure,
+    relative_level,
+    sound_pressure_level,
+)
+from .methods.modulation import Modulation, intensity_component
+from .methods.options import METHODS, Options
+from .methods.solve import Solution, Solver, solve, solve_frames
+from .methods.split import Split, split
+from .methods.two_sided import Gain, TwoSided, TwoSidedSolver, two_sided
+from .pictures.picture import save_field_picture
+from .pictures.vti import save_vti
+from .shapes.point_files import read_points
+from .shapes.points import ControlPoints
+from .shapes.shapes import Asterisk, Circle, Concentric, Polygon, Polyline, Rings, Shape, Sphere, Star, parse_shape
 
 __all__ = [
     "KERNELS",

@@ -28,9 +28,10 @@ from phasewire.host.hands.pose import Pose
 from phasewire.host.hands.recording import HandRecording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording
-from phasewire.solver.aperture import Aperture
+from phasewire.solver.acoustics.aperture import Aperture
 from phasewire.solver.archives import read_array, read_arrays
-from phasewire.solver.files import load_solution, read_points, save_solution
+from phasewire.solver.fields.files import load_solution, save_solution
+from phasewire.solver.shapes.point_files import read_points
 from phasewire.storage import read_toml
 
 READERS: dict[str, Callable[[Path], object]] = {

@@ -8,7 +8,7 @@ import sys
 import pytest
 from phasewire import Medium, TransducerArray
 from phasewire.protocol import board
-from phasewire.solver.options import PHASE_LEVELS
+from phasewire.solver.methods.options import PHASE_LEVELS
 
 
 def test_the_solver_s_default_array_is_the_board_s() -> None:

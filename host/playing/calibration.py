@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputFileError
 from ...protocol.pulses import check_drives
-from ...solver.array import LEAST, MAX_GAIN
+from ...solver.acoustics.array import LEAST, MAX_GAIN
 from ...solver.geometry import frozen
 from ...storage import read_text, replacing
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import AMPLITUDES, MODULATION_SAMPLES
-from ...solver.modulation import Modulation
+from ...solver.methods.modulation import Modulation
 
 __all__ = ["Envelope", "sine"]
 

@@ -31,7 +31,7 @@ from ...solver.contact.hand import Hand
 from ...solver.contact.mesh import Mesh
 from ...solver.contact.touch import MOST_POINTS, Touch, Toucher
 from ...solver.geometry import frozen
-from ...solver.points import reachable
+from ...solver.shapes.points import reachable
 from ..hands.frames import HandFrame
 from ..hands.sources import HandSource
 from ..playing.device import Device

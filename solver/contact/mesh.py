@@ -174,7 +174,7 @@ class Mesh:
     @classmethod
     def load(cls, path: Path | str, scale: float | None = None, status: Callable[[str], None] | None = None) -> Mesh:
         """Read an object from an STL, OBJ, PLY or GLB file, and repair it; see `mesh_files.read_mesh`."""
-        from ..mesh_files import read_mesh  # the one way from here to files
+        from ..objects.mesh_files import read_mesh  # the one way from here to files
 
         return read_mesh(Path(path), scale, status)
 
@@ -188,7 +188,7 @@ class Mesh:
         status: Callable[[str], None] | None = None,
     ) -> Mesh:
         """All that is denser than a level in a NumPy, NIfTI or DICOM volume; see `volumes.read_volume_mesh`."""
-        from ..volumes import read_volume_mesh
+        from ..objects.volumes import read_volume_mesh
 
         return read_volume_mesh(Path(path), level, spacing, step, status)
 

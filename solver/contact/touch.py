@@ -11,9 +11,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..curves import SPACING
 from ..geometry import frozen
-from ..points import MAX_POINTS, ControlPoints
+from ..shapes.curves import SPACING
+from ..shapes.points import MAX_POINTS, ControlPoints
 from .arcs import Arcs
 from .hand import Hand
 from .mesh import Mesh, Solid

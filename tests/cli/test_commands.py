@@ -22,7 +22,7 @@ from phasewire.cli.commands import HOMES, command_line
 from phasewire.cli.settings import each_command
 from phasewire.signals import unwinding
 from phasewire.solver import METHODS, Star
-from phasewire.solver.files import load_field, load_solution, save_solution
+from phasewire.solver.fields.files import load_field, load_solution, save_solution
 
 
 class Outcome(NamedTuple):

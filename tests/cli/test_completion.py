@@ -14,7 +14,7 @@ from phasewire.__main__ import main
 from phasewire.host.finding.discovery import Search
 from phasewire.host.lines.transport import Found
 from phasewire.solver import METHODS
-from phasewire.solver.shapes import SHAPES
+from phasewire.solver.shapes.shapes import SHAPES
 
 BASH, ZSH, FISH = "bash", "zsh", "fish"
 SLOW = ("numba", "matplotlib", "cryptography")

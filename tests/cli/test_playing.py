@@ -15,7 +15,7 @@ from phasewire import ControlPoints, Emulator, Medium, TransducerArray, solve
 from phasewire.emulator import faults
 from phasewire.host import Calibration, Recording, record
 from phasewire.protocol.quantise import PulseFrames
-from phasewire.solver.files import save_solution
+from phasewire.solver.fields.files import save_solution
 
 from .runner import Run, runner
 

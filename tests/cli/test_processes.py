@@ -25,7 +25,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from phasewire import Sphere, TransducerArray, solve
 from phasewire.cli.commands import command_line
 from phasewire.cli.settings import each_command
-from phasewire.solver.files import save_solution
+from phasewire.solver.fields.files import save_solution
 
 from tests.host import upgrades
 

@@ -49,10 +49,11 @@ from phasewire.host.hands.recording import HandRecorder, HandRecording
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording, record
 from phasewire.protocol import PulseFrames
-from phasewire.solver.aperture import Aperture
+from phasewire.solver.acoustics.aperture import Aperture
 from phasewire.solver.contact.hand import Hand
-from phasewire.solver.files import POINT_FILES, read_points, save_solution
-from phasewire.solver.mesh_files import MESH_FILES
+from phasewire.solver.fields.files import save_solution
+from phasewire.solver.objects.mesh_files import MESH_FILES
+from phasewire.solver.shapes.point_files import POINT_FILES, read_points
 from pydicom.dataset import FileDataset, FileMetaDataset
 from pydicom.uid import UID, CTImageStorage, ExplicitVRLittleEndian
 

@@ -14,8 +14,8 @@ from phasewire.emulator.ports.amplifier import Amplifier
 from phasewire.hil.air import Playback, component, rms
 from phasewire.hil.end_to_end import emission
 from phasewire.solver import intensity_component, transfer_matrix
-from phasewire.solver.models import directivity
-from phasewire.solver.modulation import Modulation
+from phasewire.solver.acoustics.models import directivity
+from phasewire.solver.methods.modulation import Modulation
 
 TICK = 0.5e-6
 TAU = 0.3e-3

@@ -10,7 +10,7 @@ from matplotlib.patches import StepPatch
 from phasewire import ControlPoints, Emulator, Solution, sample_plane
 from phasewire.hil import run_end_to_end
 from phasewire.hil.picture import WAVES, draw_waves, save_end_to_end_picture
-from phasewire.solver.picture import draw_array, draw_field
+from phasewire.solver.pictures.picture import draw_array, draw_field
 
 
 def test_the_array_is_drawn_in_millimetres_and_degrees(sphere_solution: Solution) -> None:

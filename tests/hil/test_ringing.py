@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from phasewire.emulator.ports.amplifier import FULL_DRIVE_V, Amplifier
 from phasewire.hil.ringing import Bank, Emission, words_of
-from phasewire.solver.resonator import OnePole, Resonator
+from phasewire.solver.acoustics.resonator import OnePole, Resonator
 
 TICK = 0.5e-6
 AMPLIFIER = Amplifier(14, 0.2e-6)

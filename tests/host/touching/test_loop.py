@@ -19,7 +19,7 @@ from phasewire.host.touching.loop import MOST_RAMP_SECONDS, SILENCE_SECONDS, Tou
 from phasewire.host.touching.report import TouchReport
 from phasewire.protocol.pulses import Pulses
 from phasewire.solver.contact.touch import Toucher
-from phasewire.solver.split import split
+from phasewire.solver.methods.split import split
 
 from .ring import POINTS, Ring, frames, source
 

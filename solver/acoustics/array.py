@@ -1,0 +1,169 @@
+"""The array: where the transducers are and where they look."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry import Scalar, as_points, frozen
+from .transducer import Transducer
+
+__all__ = ["TransducerArray"]
+
+COLUMNS, ROWS, PITCH = 20, 16, 10.3e-3  # metres; the default grid
+MAX_TRANSDUCERS = 1_000_000
+MAX_GAIN = 100.0
+LEAST = 1e-6  # gain, or limit, that is not 0
+
+
+@dataclass(frozen=True, eq=False)
+class TransducerArray:
+    """Transducers in space; z is up, away from a flat array.
+
+    Parameters
+    ----------
+    positions : (n, 3) float
+        Centres of the pistons, in metres.
+    normals : (n, 3) float
+        Unit vectors in which they look.
+    transducer : Transducer, optional
+        What each of them is; the MA40S4S by default.
+    response : (n,) complex, optional
+        What each of them really emits per unit drive, relative to ``transducer``, as calibrated: gain and phase; -1 is
+        a flipped polarity, 0 a dead element, which is left out of every solution. All 1 by default.
+    limits : (n,) float, optional
+        Largest drive of each, from 0 to 1. All 1 by default.
+
+    Raises
+    ------
+    ValueError
+        Where shapes differ, a number is not finite or out of range, or a normal is not of unit length.
+    """
+
+    positions: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    transducer: Transducer
+    response: NDArray[np.complex128]
+    limits: NDArray[np.float64]
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        transducer: Transducer | None = None,
+        response: ArrayLike | None = None,
+        limits: ArrayLike | None = None,
+    ) -> None:
+        object.__setattr__(self, "positions", frozen(as_points(positions, "transducer position")))
+        object.__setattr__(self, "normals", frozen(as_points(normals, "transducer normal")))
+        object.__setattr__(self, "transducer", transducer or Transducer())
+        if self.positions.shape != self.normals.shape:
+            raise ValueError(f"{len(self.positions)} positions but {len(self.normals)} normals: one of each is needed")
+        lengths = np.linalg.norm(self.normals, axis=1)
+        if (bad := np.flatnonzero(np.abs(lengths - 1) > 1e-6)).size:
+            raise ValueError(f"the normal of transducer {bad[0]} has length {lengths[bad[0]]:.6g}; it must be 1")
+        responses = self._for_each("response", response, np.complex128)
+        gains = np.abs(responses)
+        if (bad := np.flatnonzero(~((gains == 0) | ((gains >= LEAST) & (gains <= MAX_GAIN))))).size:
+            raise ValueError(
+                f"response {responses[bad[0]]} of transducer {bad[0]} must be 0 or have a gain from {LEAST:g} to "
+                f"{MAX_GAIN:g}"
+            )
+        if not responses.any():
+            raise ValueError("every transducer has response 0, that is dead; at least one must work")
+        most = self._for_each("limit", limits, np.float64)
+        if (bad := np.flatnonzero(~((most == 0) | ((most >= LEAST) & (most <= 1))))).size:
+            raise ValueError(f"limit {most[bad[0]]} of transducer {bad[0]} must be 0 or lie between {LEAST:g} and 1")
+        if not (most * np.abs(responses)).any():
+            raise ValueError("every working transducer has limit 0; at least one must be allowed to sound")
+        object.__setattr__(self, "response", frozen(responses))
+        object.__setattr__(self, "limits", frozen(most))
+
+    def _for_each(self, what: str, values: ArrayLike | None, dtype: type[Scalar]) -> NDArray[Scalar]:
+        try:
+            read = np.ones(len(self), dtype) if values is None else np.array(values, dtype)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"each transducer's {what} must be a number: {error}") from error
+        if read.shape != (len(self),):
+            raise ValueError(f"{what}s have the shape {read.shape}, but there are {len(self)} transducers")
+        return read
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @property
+    def able(self) -> NDArray[np.bool_]:
+        """Which transducers can sound, (n,): neither dead nor limited to 0."""
+        return np.asarray((self.response != 0) & (self.limits > 0))
+
+    @classmethod
+    def grid(
+        cls, columns: int = COLUMNS, rows: int = ROWS, pitch: float = PITCH, transducer: Transducer | None = None
+    ) -> TransducerArray:
+        """A flat rectangular grid centred on the origin, looking up.
+
+        Parameters
+        ----------
+        columns, rows : int
+            Transducers along x and along y; transducer ``row * columns + column`` has the smallest x and y first.
+        pitch : float
+            Distance between neighbours, in metres.
+        transducer : Transducer, optional
+            What each of them is; the MA40S4S by default.
+        """
+        for name, count in (("columns", columns), ("rows", rows)):
+            if not (isinstance(count, Integral) and count >= 1):
+                raise ValueError(f"{name} {count} must be a whole number, at least 1")
+        if columns * rows > MAX_TRANSDUCERS:
+            raise ValueError(f"{columns} × {rows} transducers are too many; at most {MAX_TRANSDUCERS} are possible")
+        if not 0 < pitch < np.inf:
+            raise ValueError(f"pitch {pitch} m must be positive and finite")
+        x = (np.arange(columns) - (columns - 1) / 2) * pitch
+        y = (np.arange(rows) - (rows - 1) / 2) * pitch
+        grid_x, grid_y = np.meshgrid(x, y)
+        positions = np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(columns * rows)], axis=1)
+        return cls(positions, np.tile([0.0, 0.0, 1.0], (columns * rows, 1)), transducer)
+
+    def calibrated(self, response: ArrayLike, limits: ArrayLike | None = None) -> TransducerArray:
+        """The same array with measured responses, and limits, (n,) each."""
+        return TransducerArray(
+            self.positions, self.normals, self.transducer, response, self.limits if limits is None else limits
+        )
+
+    def moved(self, rotation: ArrayLike, translation: ArrayLike) -> TransducerArray:
+        """The same array turned by a (3, 3) rotation matrix about the origin, then moved by (3,) metres."""
+        turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
+        if shift.shape != (3,) or not np.isfinite(shift).all():
+            raise ValueError(f"translation {shift.tolist()} m must be three finite numbers")
+        if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-9) or np.linalg.det(turn) < 0:
+            raise ValueError(f"rotation {turn.tolist()} must be a (3, 3) rotation matrix")
+        return TransducerArray(
+            self.positions @ turn.T + shift,
+            self.normals @ turn.T,
+            self.transducer,
+            self.response,
+            self.limits,
+        )
+
+    @classmethod
+    def joined(cls, panels: Sequence[TransducerArray]) -> TransducerArray:
+        """One array of several panels of the same transducer, in their order.
+
+        Raises
+        ------
+        ValueError
+            Where there is no panel, or transducers differ.
+        """
+        if not panels or any(panel.transducer != panels[0].transducer for panel in panels):
+            raise ValueError("panels are joined from at least one array, all of the same transducer")
+        return cls(
+            np.concatenate([panel.positions for panel in panels]),
+            np.concatenate([panel.normals for panel in panels]),
+            panels[0].transducer,
+            np.concatenate([panel.response for panel in panels]),
+            np.concatenate([panel.limits for panel in panels]),
+        )

@@ -1,0 +1,863 @@
+"""Compiled float32 kernels: transfer matrix, Gram matrix, phases, factorisation and correction of one update; pressure.
+
+Each does what a readable complex128 function of `reference` or `propagation` does, and is tested against it. They see
+plain arrays that `acoustics.tables` and `methods.engine` prepare and check, and know no class of this package. numba
+compiles them at their first call and keeps the result on disk.
+
+A complex matrix is two real ones, ``re`` and ``im``. B, the weighted transfer matrix, has a row for each control point
+and a column for each transducer; rows are padded with zeros to a multiple of `ROWS`, columns with transducers of gain 0
+to a multiple of `LANES`. Matrices over control points have their rows padded to `LANES`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+from numpy.polynomial.chebyshev import Chebyshev
+from numpy.polynomial.polynomial import Polynomial
+
+from ...compiling import kernel
+from .simd import LANES, load, nearest, spread, store, total
+
+ROWS = 4
+"""Rows of B that are read together."""
+
+X, Y, Z, NX, NY, NZ, GAIN, LEAD, LIMIT, ELEMENT_ROWS = range(10)
+"""Rows of the table of transducers: position/m, normal, gain, phase of the response in turns, largest drive."""
+
+SOLVED, PHASE, LIMITED = range(3)
+"""Output policies."""
+
+DIRECTIVITY_TERMS = 7
+"""Enough for ka up to 6, a radius of 8 mm at 40 kHz."""
+MAX_NEPERS = 2.0
+
+POINTS = 256  # whose pressure stays in the first-level cache
+
+F = np.float32
+TINY = F(1e-30)
+BELOW = F(1 - 2**-20)  # rounding must not take a drive above its limit
+
+FAST = {"contract", "arcp", "nsz", "nnan", "ninf", "afn", "reassoc"}
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _kernel(function: Function) -> Function:
+    """For what Python calls.
+
+    A kernel may call nothing but parts: numba would link another kernel to it, and a process that compiled both would
+    run another copy of that, with other roundings, than one that loads them from the cache.
+    """
+    return kernel(function, error_model="numpy", fastmath=FAST)
+
+
+def _part(function: Function) -> Function:
+    """For parts of kernels, compiled into them."""
+    return cast(Function, njit(inline="always", error_model="numpy", fastmath=FAST)(function))
+
+
+def _jitable(function: Function) -> Function:
+    """For what kernels and Python both call."""
+    jitable: Function = register_jitable(inline="always")(function)
+    return jitable
+
+
+def _even_polynomial(function: Any, degree: int) -> tuple[np.float32, ...]:
+    """Coefficients in t² of an even function of t on [-1/2, 1/2]."""
+    fitted = Chebyshev.interpolate(lambda s: function(np.sqrt(s)), degree, domain=[0, 0.25])
+    return tuple(F(c) for c in fitted.convert(kind=Polynomial).coef)
+
+
+# sin(2πt)/t and cos(2πt) to 8e-7 on one turn: far faster in a vectorised loop than libm's.
+S0, S1, S2, S3, S4, S5 = _even_polynomial(lambda t: 2 * np.pi * np.sinc(2 * t), 5)
+C0, C1, C2, C3, C4, C5, C6 = _even_polynomial(lambda t: np.cos(2 * np.pi * t), 6)
+
+
+@_part
+def _wave(turns: Any) -> Any:
+    """Cosine and sine of 2π·turns."""
+    t = turns - nearest(turns)
+    s = t * t
+    sine = t * (S0 + s * (S1 + s * (S2 + s * (S3 + s * (S4 + s * S5)))))
+    cosine = C0 + s * (C1 + s * (C2 + s * (C3 + s * (C4 + s * (C5 + s * C6)))))
+    return cosine, sine
+
+
+@_part
+def _directivity(c: Any, s: Any) -> Any:
+    """The polynomial in s = sin²θ with coefficients c."""
+    return c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * (c[5] + s * c[6])))))
+
+
+@_part
+def _decay(nepers: Any) -> Any:
+    """exp(−nepers) for 0 … `MAX_NEPERS`."""
+    y = F(0.125) * nepers
+    e = F(1) - y * (F(1) - y * (F(1 / 2) - y * (F(1 / 6) - y * (F(1 / 24) - y * F(1 / 120)))))
+    e *= e
+    e *= e
+    return e * e
+
+
+@_part
+def _element(
+    dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, lead: Any, c: Any, turns: Any, nepers: Any
+) -> Any:
+    """Signed amplitude and wave of a transducer at an offset; ``nepers`` None for no absorption."""
+    d2 = dx * dx + dy * dy + dz * dz + TINY
+    r = np.sqrt(d2)
+    inverse = F(1) / r
+    cosine = (dx * nx + dy * ny + dz * nz) * inverse
+    amplitude = gain * _directivity(c, F(1) - cosine * cosine) * inverse
+    if nepers is not None:
+        amplitude *= _decay(nepers * r)
+    amplitude = amplitude if cosine > F(0) else F(0)
+    c, s = _wave(turns * r + lead)
+    return amplitude, c, s
+
+
+@_part
+def _looked_up(
+    dx: Any, dy: Any, dz: Any, nx: Any, ny: Any, nz: Any, gain: Any, lead: Any,
+    table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
+) -> Any:  # fmt: skip
+    """Magnitude and complex wave of a transducer at an offset, its residual by `table.ResidualTable`.
+
+    ``table``, (rows, columns, 2), is over sin²θ and ``nearest``/r; ``cosines`` is the power of cosθ before it, and
+    ``growth`` the squared root of r before it, per √m, or 0 for none.
+    """
+    d2 = dx * dx + dy * dy + dz * dz + TINY
+    r = np.sqrt(d2)
+    inverse = F(1) / r
+    cosine = (dx * nx + dy * ny + dz * nz) * inverse
+    x = min(max(F(1) - cosine * cosine, F(0)), F(1)) * F(table.shape[0] - 1)
+    y = min(nearest * inverse, F(1)) * F(table.shape[1] - 1)
+    i, j = min(int(x), table.shape[0] - 2), min(int(y), table.shape[1] - 2)
+    down, right = x - F(i), y - F(j)
+    a, b = (F(1) - down) * (F(1) - right), (F(1) - down) * right
+    c, d = down * (F(1) - right), down * right
+    re = a * table[i, j, 0] + b * table[i, j + 1, 0] + c * table[i + 1, j, 0] + d * table[i + 1, j + 1, 0]
+    im = a * table[i, j, 1] + b * table[i, j + 1, 1] + c * table[i + 1, j, 1] + d * table[i + 1, j + 1, 1]
+    amplitude = gain * inverse
+    if nepers is not None:
+        amplitude *= _decay(nepers * r)
+    if cosines == 1:
+        amplitude *= cosine
+    if growth > F(0):
+        amplitude *= growth * np.sqrt(r)
+    amplitude = amplitude if cosine > F(0) else F(0)
+    wave_re, wave_im = _wave(turns * r + lead)
+    return (
+        amplitude * np.sqrt(re * re + im * im),
+        amplitude * (wave_re * re - wave_im * im),
+        amplitude * (wave_re * im + wave_im * re),
+    )
+
+
+@_part
+def first_suspect(points: Any, bounds: Any, farthest: Any) -> int:
+    """First point that needs a closer look, or -1.
+
+    None is needed outside the box from ``bounds[0]`` to ``bounds[1]`` around the array, in front of the transducer at
+    ``bounds[2]`` that looks along ``bounds[3]``, and within ``farthest`` of it.
+    """
+    suspect = -1
+    for i in range(len(points)):
+        outside, along, distance2 = False, 0.0, 0.0
+        for k in range(3):
+            away = points[i, k] - bounds[2, k]
+            outside = outside or not bounds[0, k] < points[i, k] < bounds[1, k]
+            along += away * bounds[3, k]
+            distance2 += away * away
+        if suspect < 0 and not (outside and along > 0 and distance2 < farthest * farthest):
+            suspect = i
+    return suspect
+
+
+@_kernel
+def suspect(points: Any, bounds: Any, farthest: Any) -> int:
+    """What `first_suspect` finds."""
+    return int(first_suspect(points, bounds, farthest))
+
+
+@_part
+def fill_transfer(
+    elements: Any, directivity: Any, turns: Any, nepers: Any, points: Any, origin: Any, wanted: Any,
+    re: Any, im: Any, reach: Any,
+) -> None:  # fmt: skip
+    """Write the transfer matrix into re and im, and Σ_i |A_iq|·wanted_i, of (11), into reach."""
+    m, columns = len(points), re.shape[1]
+    c = (directivity[0], directivity[1], directivity[2], directivity[3], directivity[4], directivity[5], directivity[6])
+    for q in range(columns):
+        reach[q] = F(0)
+    for i in range(m):
+        px, py, pz = F(points[i, 0] - origin[0]), F(points[i, 1] - origin[1]), F(points[i, 2] - origin[2])
+        weight = wanted[i]
+        for q in range(columns):
+            amplitude, wave_re, wave_im = _element(
+                px - elements[X, q], py - elements[Y, q], pz - elements[Z, q],
+                elements[NX, q], elements[NY, q], elements[NZ, q], elements[GAIN, q], elements[LEAD, q],
+                c, turns, nepers,
+            )  # fmt: skip
+            reach[q] += weight * abs(amplitude)
+            re[i, q] = amplitude * wave_re
+            im[i, q] = amplitude * wave_im
+
+
+@_part
+def fill_transfer_by_table(
+    elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
+    points: Any, origin: Any, wanted: Any, re: Any, im: Any, reach: Any,
+) -> None:  # fmt: skip
+    """What `fill_transfer` does, for models whose residual is looked up."""
+    m, columns = len(points), re.shape[1]
+    for q in range(columns):
+        reach[q] = F(0)
+    for i in range(m):
+        px, py, pz = F(points[i, 0] - origin[0]), F(points[i, 1] - origin[1]), F(points[i, 2] - origin[2])
+        for q in range(columns):
+            magnitude, re[i, q], im[i, q] = _looked_up(
+                px - elements[X, q], py - elements[Y, q], pz - elements[Z, q],
+                elements[NX, q], elements[NY, q], elements[NZ, q], elements[GAIN, q], elements[LEAD, q],
+                table, nearest, cosines, growth, turns, nepers,
+            )  # fmt: skip
+            reach[q] += wanted[i] * magnitude
+
+
+@_part
+def fill_gram(re: Any, im: Any, gram_re: Any, gram_im: Any) -> None:
+    """G = B·Bᴴ, both triangles, two rows by two at a time.
+
+    With a = x + iy and c = u + iv: Re(a·c*) = xu + yv and Im(a·c*) = (x + y)(u − v) − xu + yv, three products for four.
+    """
+    rows, columns = re.shape
+    zero = spread(F(0))
+    for i in range(0, rows, 2):
+        for j in range(0, i + 2, 2):
+            p00 = p01 = p10 = p11 = q00 = q01 = q10 = q11 = s00 = s01 = s10 = s11 = zero
+            for q in range(0, columns, LANES):
+                ar, ai, br, bi = load(re, i, q), load(im, i, q), load(re, i + 1, q), load(im, i + 1, q)
+                cr, ci, dr, di = load(re, j, q), load(im, j, q), load(re, j + 1, q), load(im, j + 1, q)
+                p00, p01, p10, p11 = p00 + ar * cr, p01 + ar * dr, p10 + br * cr, p11 + br * dr
+                q00, q01, q10, q11 = q00 + ai * ci, q01 + ai * di, q10 + bi * ci, q11 + bi * di
+                a, b, c, d = ar + ai, br + bi, cr - ci, dr - di
+                s00, s01, s10, s11 = s00 + a * c, s01 + a * d, s10 + b * c, s11 + b * d
+            _enter(gram_re, gram_im, i, j, total(p00 + q00), total(s00 - p00 + q00))
+            _enter(gram_re, gram_im, i, j + 1, total(p01 + q01), total(s01 - p01 + q01))
+            _enter(gram_re, gram_im, i + 1, j, total(p10 + q10), total(s10 - p10 + q10))
+            _enter(gram_re, gram_im, i + 1, j + 1, total(p11 + q11), total(s11 - p11 + q11))
+
+
+@_part
+def _enter(gram_re: Any, gram_im: Any, i: int, j: int, re: Any, im: Any) -> None:
+    """Write an entry of a Hermitian matrix and its mirror image."""
+    gram_re[i, j], gram_im[i, j] = re, im
+    gram_re[j, i], gram_im[j, i] = re, -im
+
+
+@_part
+def weigh(re: Any, im: Any, reach: Any, points: int, gamma: Any, weight: Any) -> None:
+    """Turn A into B = A·diag(weight) with weight = σ^{−γ}, σ² = reach/points; 0 where no point is reached."""
+    columns = len(reach)
+    for q in range(columns):
+        sigma2 = reach[q] / F(points)
+        if gamma == F(1):
+            weight[q] = F(1) / np.sqrt(max(sigma2, TINY))
+        elif gamma == F(0):
+            weight[q] = F(1)
+        else:
+            weight[q] = max(sigma2, TINY) ** (F(-0.5) * gamma)
+        weight[q] = weight[q] if sigma2 > F(0) else F(0)
+    for i in range(len(re)):
+        for q in range(columns):
+            re[i, q] *= weight[q]
+            im[i, q] *= weight[q]
+
+
+@_part
+def iterate_phases(
+    gram_re: Any, gram_im: Any, response: Any, rows: int, steps: int, power: bool, u: Any, z: Any
+) -> None:
+    """Improve the phases u: u ← R·u with R = G·diag(response), to unit modulus, or to unit norm where ``power``."""
+    padded = u.shape[1]
+    zero = spread(F(0))
+    for _ in range(steps):
+        for j in range(rows):
+            z[0, j], z[1, j] = response[j] * u[0, j], response[j] * u[1, j]
+        size2 = TINY
+        for i in range(0, padded, LANES):
+            even_re, even_im, odd_re, odd_im = zero, zero, zero, zero
+            for j in range(0, rows, 2):  # column j of G is the conjugate of row j
+                g, h = load(gram_re, j, i), load(gram_im, j, i)
+                zr, zi = spread(z[0, j]), spread(z[1, j])
+                even_re = even_re + g * zr + h * zi
+                even_im = even_im + g * zi - h * zr
+                g, h = load(gram_re, j + 1, i), load(gram_im, j + 1, i)
+                zr, zi = spread(z[0, j + 1]), spread(z[1, j + 1])
+                odd_re = odd_re + g * zr + h * zi
+                odd_im = odd_im + g * zi - h * zr
+            re, im = even_re + odd_re, even_im + odd_im
+            store(u, 0, i, re)
+            store(u, 1, i, im)
+            size2 += total(re * re + im * im)
+        norm = F(1) / np.sqrt(size2)
+        for i in range(padded):
+            size2 = u[0, i] * u[0, i] + u[1, i] * u[1, i]
+            scale = norm if power else F(1) / np.sqrt(size2 + TINY)
+            u[0, i] *= scale
+            u[1, i] *= scale
+
+
+@_part
+def factorise(
+    gram_re: Any, gram_im: Any, m: int, rows: int, mu: Any, lower_re: Any, lower_im: Any, inverse: Any
+) -> None:
+    """Cholesky of G + μ·tr(G)/m·I = L·Lᴴ, four columns at a time; μ keeps it from being singular.
+
+    L stands in ``lower`` twice, in the columns and, transposed, in the rows, so that `substitute` reads along rows both
+    ways; ``inverse`` is 1/diag(L). Rows from m on are those of a multiple of the unit matrix.
+    """
+    padded = gram_re.shape[1]
+    mean = TINY
+    for j in range(m):
+        mean += gram_re[j, j] / F(m)
+    for j in range(0, rows, 4):
+        for i in range(j // LANES * LANES, padded, LANES):
+            r0, r1, r2, r3 = (
+                load(gram_re, j, i),
+                load(gram_re, j + 1, i),
+                load(gram_re, j + 2, i),
+                load(gram_re, j + 3, i),
+            )
+            i0, i1, i2, i3 = (
+                load(gram_im, j, i),
+                load(gram_im, j + 1, i),
+                load(gram_im, j + 2, i),
+                load(gram_im, j + 3, i),
+            )
+            for k in range(j):  # column j of G is the conjugate of row j; so are the sums until they are stored
+                a, b = load(lower_re, k, i), load(lower_im, k, i)
+                c, d = spread(lower_re[k, j]), spread(lower_im[k, j])
+                r0, i0 = r0 - a * c - b * d, i0 + b * c - a * d
+                c, d = spread(lower_re[k, j + 1]), spread(lower_im[k, j + 1])
+                r1, i1 = r1 - a * c - b * d, i1 + b * c - a * d
+                c, d = spread(lower_re[k, j + 2]), spread(lower_im[k, j + 2])
+                r2, i2 = r2 - a * c - b * d, i2 + b * c - a * d
+                c, d = spread(lower_re[k, j + 3]), spread(lower_im[k, j + 3])
+                r3, i3 = r3 - a * c - b * d, i3 + b * c - a * d
+            zero = spread(F(0))
+            store(lower_re, j, i, r0)
+            store(lower_re, j + 1, i, r1)
+            store(lower_re, j + 2, i, r2)
+            store(lower_re, j + 3, i, r3)
+            store(lower_im, j, i, zero - i0)
+            store(lower_im, j + 1, i, zero - i1)
+            store(lower_im, j + 2, i, zero - i2)
+            store(lower_im, j + 3, i, zero - i3)
+        for k in range(j, j + 4):
+            pivot = lower_re[k, k] + (mu * mean if k < m else mean)
+            inverse[k] = F(1) / np.sqrt(max(pivot, F(1e-7) * mean))
+            lower_re[k, k] = pivot
+            scale = spread(inverse[k])
+            for i in range(j // LANES * LANES, padded, LANES):
+                a, b = load(lower_re, k, i) * scale, load(lower_im, k, i) * scale
+                store(lower_re, k, i, a)
+                store(lower_im, k, i, b)
+                for t in range(k + 1, j + 4):
+                    c, d = spread(lower_re[k, t]), spread(lower_im[k, t])
+                    store(lower_re, t, i, load(lower_re, t, i) - a * c - b * d)
+                    store(lower_im, t, i, load(lower_im, t, i) - b * c + a * d)
+    for k in range(rows):
+        for i in range(k + 1, rows):
+            lower_re[i, k], lower_im[i, k] = lower_re[k, i], lower_im[k, i]
+
+
+@_part
+def substitute(lower_re: Any, lower_im: Any, inverse: Any, rows: int, b: Any, y: Any) -> None:
+    """Solve L·Lᴴ·y = b; b is used up."""
+    padded = b.shape[1]
+    for k in range(rows):
+        zr, zi = b[0, k] * inverse[k], b[1, k] * inverse[k]
+        y[0, k], y[1, k] = zr, zi
+        fr, fi = spread(zr), spread(zi)
+        for i in range(k // LANES * LANES, padded, LANES):  # what it does to b up to k is never read
+            c, d = load(lower_re, k, i), load(lower_im, k, i)
+            store(b, 0, i, load(b, 0, i) - c * fr + d * fi)
+            store(b, 1, i, load(b, 1, i) - c * fi - d * fr)
+    for i in range(padded):
+        b[0, i], b[1, i] = y[0, i], y[1, i]
+    for k in range(rows - 1, -1, -1):
+        zr, zi = b[0, k] * inverse[k], b[1, k] * inverse[k]
+        y[0, k], y[1, k] = zr, zi
+        fr, fi = spread(zr), spread(zi)
+        for i in range(0, k + 1, LANES):  # nor from k on
+            c, d = load(lower_re, k, i), load(lower_im, k, i)
+            store(b, 0, i, load(b, 0, i) - c * fr - d * fi)
+            store(b, 1, i, load(b, 1, i) - c * fi + d * fr)
+
+
+@_part
+def back_project(re: Any, im: Any, weight: Any, y: Any, x: Any) -> None:
+    """X = diag(weight)·Bᴴ·y."""
+    rows, columns = re.shape
+    for q in range(columns):
+        x[0, q] = x[1, q] = F(0)
+    for i in range(0, rows, ROWS):
+        r0, r1, r2, r3 = y[0, i], y[0, i + 1], y[0, i + 2], y[0, i + 3]
+        i0, i1, i2, i3 = y[1, i], y[1, i + 1], y[1, i + 2], y[1, i + 3]
+        for q in range(columns):
+            a0, a1, a2, a3 = re[i, q], re[i + 1, q], re[i + 2, q], re[i + 3, q]
+            b0, b1, b2, b3 = im[i, q], im[i + 1, q], im[i + 2, q], im[i + 3, q]
+            x[0, q] += (a0 * r0 + b0 * i0) + (a1 * r1 + b1 * i1) + (a2 * r2 + b2 * i2) + (a3 * r3 + b3 * i3)
+            x[1, q] += (a0 * i0 - b0 * r0) + (a1 * i1 - b1 * r1) + (a2 * i2 - b2 * r2) + (a3 * i3 - b3 * r3)
+    for q in range(columns):
+        x[0, q] *= weight[q]
+        x[1, q] *= weight[q]
+
+
+@_part
+def limit_drive(x: Any, limit: Any, output: int, headroom: Any) -> None:
+    """Bring drives within their limits by an output policy, in place."""
+    columns = len(limit)
+    if output == PHASE:
+        for q in range(columns):
+            size2 = x[0, q] * x[0, q] + x[1, q] * x[1, q]
+            scale = BELOW * limit[q] / np.sqrt(size2 + TINY)
+            x[0, q] *= scale
+            x[1, q] *= scale
+    elif output == SOLVED:
+        worst = F(0)
+        for q in range(columns):
+            size2 = x[0, q] * x[0, q] + x[1, q] * x[1, q]
+            relative = size2 / (limit[q] * limit[q] + TINY)
+            worst = relative if relative > worst else worst
+        scale = BELOW / np.sqrt(worst + TINY)
+        for q in range(columns):
+            x[0, q] *= scale
+            x[1, q] *= scale
+    else:
+        power = allowed = F(0)
+        for q in range(columns):
+            power += x[0, q] * x[0, q] + x[1, q] * x[1, q]
+            allowed += limit[q] * limit[q]
+        scale = headroom * np.sqrt(allowed / (power + TINY))
+        for q in range(columns):
+            size = scale * np.sqrt(x[0, q] * x[0, q] + x[1, q] * x[1, q]) + TINY
+            relative = BELOW * limit[q] / size
+            factor = scale * (relative if relative < F(1) else F(1))
+            x[0, q] *= factor
+            x[1, q] *= factor
+
+
+@_part
+def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
+    """Write A·x = B·diag(1/weight)·x into p; v is scratch."""
+    rows, columns = re.shape
+    for q in range(columns):
+        inverse = F(1) / max(weight[q], TINY)
+        inverse = inverse if weight[q] > F(0) else F(0)
+        v[0, q] = x[0, q] * inverse
+        v[1, q] = x[1, q] * inverse
+    for i in range(0, rows, 2):
+        r0 = r1 = i0 = i1 = F(0)
+        for q in range(columns):
+            ar, ai, br, bi = re[i, q], im[i, q], re[i + 1, q], im[i + 1, q]
+            r0 += ar * v[0, q] - ai * v[1, q]
+            i0 += ar * v[1, q] + ai * v[0, q]
+            r1 += br * v[0, q] - bi * v[1, q]
+            i1 += br * v[1, q] + bi * v[0, q]
+        p[0, i], p[1, i], p[0, i + 1], p[1, i + 1] = r0, i0, r1, i1
+
+
+@_jitable
+def carve(work: Any, m: int, columns: int) -> Any:
+    """The parts of the work space of m points: B, G, L, vectors over points and vectors over transducers."""
+    rows = (m + ROWS - 1) // ROWS * ROWS
+    padded = (rows + LANES - 1) // LANES * LANES
+    big, square = rows * columns, padded * padded
+    at = 0
+    re = work[at : at + big].reshape(rows, columns)
+    at += big
+    im = work[at : at + big].reshape(rows, columns)
+    at += big
+    gram_re = work[at : at + square].reshape(padded, padded)
+    at += square
+    gram_im = work[at : at + square].reshape(padded, padded)
+    at += square
+    lower_re = work[at : at + square].reshape(padded, padded)
+    at += square
+    lower_im = work[at : at + square].reshape(padded, padded)
+    at += square
+    over_points = work[at : at + 12 * padded].reshape(6, 2, padded)
+    at += 12 * padded
+    over_transducers = work[at : at + 6 * columns].reshape(3, 2, columns)
+    return re, im, gram_re, gram_im, lower_re, lower_im, over_points, over_transducers
+
+
+def work_size(m: int, columns: int) -> int:
+    """Length of the work space of m points, in float32."""
+    rows = -(-m // ROWS) * ROWS
+    padded = -(-rows // LANES) * LANES
+    return 2 * rows * columns + 4 * padded * padded + 12 * padded + 6 * columns
+
+
+@_part
+def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
+    """Enter amplitudes into the work space, the largest as 1."""
+    wanted = carve(work, m, columns)[6][1, 0]
+    largest = 0.0
+    for i in range(m):
+        largest = max(largest, amplitudes[i])
+    for i in range(m):
+        wanted[i] = F(amplitudes[i] / largest)
+
+
+@_part
+def _model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
+          points: Any, amplitudes: Any, work: Any) -> int:  # fmt: skip
+    """Fill the transfer matrix and reach. Returns what `first_suspect` does."""
+    m, columns = len(points), elements.shape[1]
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    set_wanted(amplitudes, m, columns, work)
+    fill_transfer(elements, directivity, turns, nepers, points, origin, vectors[1, 0], re[:m], im[:m], spans[0, 0])
+    return int(first_suspect(points, bounds, farthest))
+
+
+@_kernel
+def model_by_table(
+    elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any, origin: Any,
+    bounds: Any, farthest: Any, points: Any, amplitudes: Any, work: Any,
+) -> int:  # fmt: skip
+    """What `model` does, for models whose residual is looked up."""
+    m, columns = len(points), elements.shape[1]
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    set_wanted(amplitudes, m, columns, work)
+    fill_transfer_by_table(elements, table, nearest, cosines, growth, turns, nepers, points, origin, vectors[1, 0],
+                           re[:m], im[:m], spans[0, 0])  # fmt: skip
+    return int(first_suspect(points, bounds, farthest))
+
+
+@_part
+def _begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
+    """From the transfer matrix and reach to B, G, the response of (9), and the phases u."""
+    re, im, gram_re, gram_im, _, _, vectors, spans = carve(work, m, columns)
+    wanted, response, reach, weight = vectors[1, 0], vectors[0, 0], spans[0, 0], spans[0, 1]
+    for i in range(m, len(re)):
+        for q in range(columns):
+            re[i, q] = im[i, q] = F(0)
+    weigh(re[:m], im[:m], reach, m, gamma, weight)
+    for i in range(len(gram_re)):
+        response[i] = F(0)
+        for j in range(len(gram_re)):
+            gram_re[i, j] = gram_im[i, j] = F(0)
+    fill_gram(re, im, gram_re, gram_im)
+    for j in range(m):
+        response[j] = wanted[j] / max(gram_re[j, j], TINY)
+    iterate_phases(gram_re, gram_im, response, len(re), phase_steps, power, u, vectors[2])
+
+
+@_kernel
+def model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
+          points: Any, amplitudes: Any, work: Any) -> int:  # fmt: skip
+    """Fill the transfer matrix and reach. Returns what `first_suspect` does."""
+    return int(_model(elements, directivity, turns, nepers, origin, bounds, farthest, points, amplitudes, work))
+
+
+@_kernel
+def begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
+    """From the transfer matrix and reach to B, G, the response of (9), and the phases u."""
+    _begin(m, columns, gamma, phase_steps, power, u, work)
+
+
+@_part
+def _carry(m: int, ids: Any, before_ids: Any, before: Any, cold: Any, nudge: Any, u: Any) -> None:
+    """Phases u to begin with: of points that were there those in which they ended, nudged to the cold start."""
+    size2, carried, count = TINY, 0, len(before_ids)
+    for i in range(u.shape[1]):
+        u[0, i] = u[1, i] = F(0)
+    for i in range(m):
+        j = i if i < count and before_ids[i] == ids[i] else 0  # nearly always in the same place
+        while j < count and before_ids[j] != ids[i]:
+            j += 1
+        if j < count:
+            u[0, i], u[1, i] = before[0, j], before[1, j]
+            size2 += u[0, i] * u[0, i] + u[1, i] * u[1, i]
+            carried += 1
+    scale = np.sqrt(F(carried) / size2)  # their mean square becomes 1
+    part = nudge if carried else F(0)
+    for i in range(m):
+        if u[0, i] == F(0) and u[1, i] == F(0):
+            u[0, i], u[1, i] = cold[0, i], cold[1, i]
+        else:
+            u[0, i], u[1, i] = u[0, i] * scale, u[1, i] * scale
+        u[0, i] += part * cold[0, i]
+        u[1, i] += part * cold[1, i]
+
+
+@_kernel
+def carry(m: int, ids: Any, before_ids: Any, before: Any, cold: Any, nudge: Any, u: Any) -> None:
+    """Phases to begin with; see `_carry`."""
+    _carry(m, ids, before_ids, before, cold, nudge, u)
+
+
+@_kernel
+def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any) -> None:
+    """Improve the phases u by some steps more."""
+    re, _, gram_re, gram_im, _, _, vectors, _ = carve(work, m, columns)
+    iterate_phases(gram_re, gram_im, vectors[0, 0], len(re), steps, power, u, vectors[2])
+
+
+@_part
+def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
+            work: Any, drive: Any) -> None:  # fmt: skip
+    """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept."""
+    re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = carve(work, m, elements.shape[1])
+    inverse, wanted, b, rhs, y, p = vectors[0, 1], vectors[1, 0], vectors[2], vectors[3], vectors[4], vectors[5]
+    weight, x, v = spans[0, 1], spans[1], spans[2]
+    rows = len(re)
+    factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse)
+    for i in range(b.shape[1]):
+        b[0, i] = b[1, i] = F(0)
+    norm = F(0)
+    for i in range(m):
+        scale = wanted[i] / np.sqrt(u[0, i] * u[0, i] + u[1, i] * u[1, i] + TINY)
+        b[0, i], b[1, i] = scale * u[0, i], scale * u[1, i]
+        norm += wanted[i] * wanted[i]
+    best = F(1e30)
+    for _ in range(steps + 1):
+        for i in range(b.shape[1]):
+            rhs[0, i], rhs[1, i] = b[0, i], b[1, i]
+        substitute(lower_re, lower_im, inverse, rows, rhs, y)
+        back_project(re, im, weight, y, x)
+        limit_drive(x, elements[LIMIT], output, headroom)
+        if steps > 0:
+            reproduce(re, im, weight, x, v, p)
+            fit = F(0)
+            for i in range(m):
+                fit += wanted[i] * np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+            if not fit > TINY:
+                if best == F(1e30):  # even silence is better than nothing
+                    for q in range(len(drive)):
+                        drive[q] = complex(x[0, q], x[1, q])
+                break
+            fit /= norm
+            error = F(0)
+            for i in range(m):
+                size = np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+                error += (size - fit * wanted[i]) ** 2
+                pull = relaxation * (wanted[i] / (size + TINY) - F(1) / fit)
+                b[0, i] += pull * p[0, i]
+                b[1, i] += pull * p[1, i]
+            error = np.sqrt(error / F(m)) / fit
+            if error >= best:
+                continue
+            best = error
+        for q in range(len(drive)):
+            drive[q] = complex(x[0, q], x[1, q])
+
+
+@_kernel
+def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int,
+           work: Any, drive: Any) -> None:  # fmt: skip
+    """Solve for the drive with the phases u, and correct it; see `_finish`."""
+    _finish(elements, m, u, mu, output, headroom, relaxation, steps, work, drive)
+
+
+@_part
+def _level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
+    """|p| per wanted amplitude, the largest of which is 1, by least squares, for the drive that was solved just now."""
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    wanted, p, weight, x, v = vectors[1, 0], vectors[5], spans[0, 1], spans[1], spans[2]
+    for q in range(columns):
+        x[0, q] = drive[q].real if q < len(drive) else F(0)
+        x[1, q] = drive[q].imag if q < len(drive) else F(0)
+        if not weighed:
+            weight[q] = F(1)
+    for i in range(m, len(re)):
+        for q in range(columns):
+            re[i, q] = im[i, q] = F(0)
+    reproduce(re, im, weight, x, v, p)
+    fit = norm = 0.0
+    for i in range(m):
+        fit += wanted[i] * np.sqrt(p[0, i] * p[0, i] + p[1, i] * p[1, i])
+        norm += wanted[i] * wanted[i]
+    return float(fit / norm)
+
+
+@_kernel
+def level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
+    """|p| per wanted amplitude; see `_level`."""
+    return float(_level(m, columns, weighed, work, drive))
+
+
+@_kernel
+def update_frames(
+    elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, bounds: Any, farthest: Any,
+    points: Any, amplitudes: Any, begins: Any, first: int, stride: int, gamma: Any, phase_steps: int, power: bool,
+    cold: Any, mu: Any, output: int, headroom: Any, relaxation: Any, steps: int, work: Any, u: Any, drives: Any,
+) -> int:  # fmt: skip
+    """Every ``stride``-th frame from ``first`` on, each from a cold start, without Python in between.
+
+    Frame f has the points from ``begins[f]`` to ``begins[f + 1]``. Returns the first frame with a suspect point,
+    or -1.
+    """
+    columns = elements.shape[1]
+    suspect = -1
+    for f in range(first, len(begins) - 1, stride):
+        m = begins[f + 1] - begins[f]
+        padded = (m + LANES - 1) // LANES * LANES
+        phases = u[: 2 * padded].reshape(2, padded)
+        for i in range(padded):
+            phases[0, i] = cold[0, i] if i < m else F(0)
+            phases[1, i] = cold[1, i] if i < m else F(0)
+        found = _model(elements, directivity, turns, nepers, origin, bounds, farthest,
+                      points[begins[f] : begins[f + 1]], amplitudes[begins[f] : begins[f + 1]], work)  # fmt: skip
+        if found >= 0 and suspect < 0:
+            suspect = f
+        _begin(m, columns, gamma, phase_steps, power, phases, work)
+        _finish(elements, m, phases, mu, output, headroom, relaxation, steps, work, drives[f])
+    return suspect
+
+
+@_kernel
+def sum_foci(elements: Any, m: int, output: int, headroom: Any, work: Any, drive: Any) -> None:
+    """Linear multiplexing of (12), from the transfer matrix to drives within their limits."""
+    columns = elements.shape[1]
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    wanted, x = vectors[1, 0], spans[1]
+    for q in range(columns):
+        x[0, q] = x[1, q] = F(0)
+    for i in range(m):
+        for q in range(columns):
+            scale = wanted[i] / np.sqrt(re[i, q] * re[i, q] + im[i, q] * im[i, q] + TINY)
+            x[0, q] += scale * re[i, q]
+            x[1, q] -= scale * im[i, q]
+    limit_drive(x, elements[LIMIT], output, headroom)
+    for q in range(len(drive)):
+        drive[q] = complex(x[0, q], x[1, q])
+
+
+@_part
+def _misfit2(p: Any, wanted: Any, m: int) -> Any:
+    """Mean square misfit of |p| to the wanted amplitudes, relative to the scale that fits best; in double precision."""
+    power = fit = norm = 0.0
+    for i in range(m):
+        size2 = np.float64(p[0, i]) ** 2 + np.float64(p[1, i]) ** 2
+        power += size2
+        fit += np.float64(wanted[i]) * np.sqrt(size2)
+        norm += np.float64(wanted[i]) ** 2
+    return (power * (norm / max(fit, 1e-30)) ** 2 - norm) / m
+
+
+@_kernel
+def polish(m: int, columns: int, levels: int, sweeps: int, least_gain: float, work: Any, drive: Any) -> None:
+    """Coordinate descent over quantised phases after `finish`, in place: each drive tries the next phase either way."""
+    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    wanted, p, trial, weight, x, v = vectors[1, 0], vectors[5], vectors[4], spans[0, 1], spans[1], spans[2]
+    step = F(2 * np.pi) / F(levels)
+    level = np.zeros(columns, np.int64)
+    for q in range(columns):
+        x[0, q] = x[1, q] = F(0)
+    for q in range(len(drive)):
+        level[q] = int(np.rint(np.arctan2(drive[q].imag, drive[q].real) / step))
+        size = abs(drive[q])
+        x[0, q], x[1, q] = size * np.cos(step * F(level[q])), size * np.sin(step * F(level[q]))
+    reproduce(re, im, weight, x, v, p)
+    best = _misfit2(p, wanted, m)
+    for _ in range(sweeps):
+        for q in range(len(drive)):
+            size = abs(drive[q])
+            if size == F(0) or weight[q] == F(0):
+                continue
+            for way in (1, -1):
+                to_re = size * np.cos(step * F(level[q] + way))
+                to_im = size * np.sin(step * F(level[q] + way))
+                change_re, change_im = (to_re - x[0, q]) / weight[q], (to_im - x[1, q]) / weight[q]
+                for i in range(m):
+                    trial[0, i] = p[0, i] + re[i, q] * change_re - im[i, q] * change_im
+                    trial[1, i] = p[1, i] + re[i, q] * change_im + im[i, q] * change_re
+                error = _misfit2(trial, wanted, m)
+                if error < best - least_gain:
+                    best = error
+                    level[q] += way
+                    x[0, q], x[1, q] = to_re, to_im
+                    for i in range(m):
+                        p[0, i], p[1, i] = trial[0, i], trial[1, i]
+                    break
+    for q in range(len(drive)):
+        drive[q] = complex(x[0, q], x[1, q])
+
+
+@_kernel
+def first_too_close(elements: Any, n: int, origin: Any, bounds: Any, nearest: float, points: Any, start: int) -> int:
+    """First of (k, 3) points from ``start`` on that may be nearer than ``nearest`` to one of n transducers, or -1.
+
+    Only those in the box from ``bounds[0]`` to ``bounds[1]`` can be.
+    """
+    limit = F(nearest * nearest * 1.0001)
+    for i in range(start, len(points)):
+        inside = True
+        for k in range(3):
+            inside = inside and bounds[0, k] < points[i, k] < bounds[1, k]
+        if inside:
+            x, y, z = F(points[i, 0] - origin[0]), F(points[i, 1] - origin[1]), F(points[i, 2] - origin[2])
+            close = 0
+            for q in range(n):
+                dx, dy, dz = x - elements[X, q], y - elements[Y, q], z - elements[Z, q]
+                close += 1 if dx * dx + dy * dy + dz * dz < limit else 0
+            if close > 0:
+                return i
+    return -1
+
+
+@_kernel
+def sum_pressure(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any, drive: Any, scale: Any,
+                 points: Any, pressure: Any) -> None:  # fmt: skip
+    """Pressure of all transducers at (k, 3) points times ``scale`` into (k,) complex, a block of points at a time.
+
+    The drives, (2, columns), are those that the transducers emit, gain and lead included.
+    """
+    c = (directivity[0], directivity[1], directivity[2], directivity[3], directivity[4], directivity[5], directivity[6])
+    px, py, pz = np.empty(POINTS, np.float32), np.empty(POINTS, np.float32), np.empty(POINTS, np.float32)
+    re, im = np.empty(POINTS, np.float32), np.empty(POINTS, np.float32)
+    for first in range(0, len(points), POINTS):
+        part = points[first : first + POINTS]
+        for i in range(len(part)):
+            px[i], py[i], pz[i] = part[i, 0] - origin[0], part[i, 1] - origin[1], part[i, 2] - origin[2]
+            re[i] = im[i] = F(0)
+        for q in range(elements.shape[1]):
+            x, y, z = elements[X, q], elements[Y, q], elements[Z, q]
+            nx, ny, nz, dr, di = elements[NX, q], elements[NY, q], elements[NZ, q], drive[0, q], drive[1, q]
+            for i in range(len(part)):
+                amplitude, wave_re, wave_im = _element(
+                    px[i] - x, py[i] - y, pz[i] - z, nx, ny, nz, F(1), F(0), c, turns, nepers
+                )
+                re[i] += amplitude * (wave_re * dr - wave_im * di)
+                im[i] += amplitude * (wave_re * di + wave_im * dr)
+        for i in range(len(part)):
+            pressure[first + i] = scale * complex(re[i], im[i])
+
+
+@_kernel
+def sum_pressure_by_table(
+    elements: Any, table: Any, nearest: Any, cosines: int, growth: Any, turns: Any, nepers: Any,
+    origin: Any, drive: Any, scale: Any, points: Any, pressure: Any,
+) -> None:  # fmt: skip
+    """What `sum_pressure` does, for models whose residual is looked up."""
+    for i in range(len(points)):
+        px, py, pz = F(points[i, 0] - origin[0]), F(points[i, 1] - origin[1]), F(points[i, 2] - origin[2])
+        re = im = F(0)
+        for q in range(elements.shape[1]):
+            _, wave_re, wave_im = _looked_up(
+                px - elements[X, q], py - elements[Y, q], pz - elements[Z, q],
+                elements[NX, q], elements[NY, q], elements[NZ, q], F(1), F(0),
+                table, nearest, cosines, growth, turns, nepers,
+            )  # fmt: skip
+            re += wave_re * drive[0, q] - wave_im * drive[1, q]
+            im += wave_re * drive[1, q] + wave_im * drive[0, q]
+        pressure[i] = scale * complex(re, im)

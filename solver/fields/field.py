@@ -1,0 +1,174 @@
+"""Fields: complex pressure sampled over planes and volumes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..acoustics.array import TransducerArray
+from ..acoustics.medium import Medium
+from ..acoustics.propagation import pressure
+from ..geometry import frozen
+from .grid import Grid
+
+__all__ = ["Field", "PlaneField", "VolumeField", "sample_cut", "sample_plane", "sample_volume"]
+
+MAX_PAIRS = 2_000_000_000  # of samples and transducers
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Pressure over a grid.
+
+    Parameters
+    ----------
+    grid : Grid
+        Where the samples are.
+    pressure : (...) complex
+        Peak pressure in Pa, of the grid's shape.
+    medium : Medium
+        The air.
+
+    Raises
+    ------
+    ValueError
+        Where the pressure does not have the grid's shape, or the grid is of another kind than the field.
+    """
+
+    grid: Grid
+    pressure: NDArray[np.complex128]
+    medium: Medium
+
+    def __post_init__(self) -> None:
+        """Check the shape."""
+        if self.pressure.shape != self.grid.shape:
+            raise ValueError(f"pressure has the shape {self.pressure.shape}, but the grid has {self.grid.shape}")
+
+    @property
+    def x(self) -> NDArray[np.float64]:
+        """Coordinates of the samples along x, in metres; `ValueError` where no axis of the grid is along x."""
+        return self._along("x")
+
+    @property
+    def y(self) -> NDArray[np.float64]:
+        """Coordinates of the samples along y, as `x`."""
+        return self._along("y")
+
+    @property
+    def z(self) -> NDArray[np.float64]:
+        """Coordinates of the samples along z, as `x`."""
+        return self._along("z")
+
+    def _along(self, letter: str) -> NDArray[np.float64]:
+        for axis in range(len(self.grid.axes)):
+            name, values = self.grid.coordinates(axis)
+            if name == letter:
+                return values
+        raise ValueError(f"no axis of this {self.grid.kind} is along {letter}; its axes are {self.grid.axes.tolist()}")
+
+    def strongest(self) -> tuple[float, NDArray[np.float64]]:
+        """The largest |p| in Pa (peak), and where it is, (3,) in metres."""
+        magnitude = np.abs(self.pressure)
+        index = np.unravel_index(int(magnitude.argmax()), magnitude.shape)
+        offsets = [self.grid.offsets(axis)[at] for axis, at in enumerate(index[::-1])]
+        return float(magnitude[index]), self.grid.centre + offsets @ self.grid.axes
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneField(Field):
+    """Pressure over a plane, (rows, columns) complex: rows along the plane's second axis, columns along its first."""
+
+    def __post_init__(self) -> None:
+        """Check the shape."""
+        _check_kind(self.grid, "plane")
+        super().__post_init__()
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeField(Field):
+    """Pressure over a box, (layers, rows, columns) complex: layers along its third axis, columns along its first."""
+
+    def __post_init__(self) -> None:
+        """Check the shape."""
+        _check_kind(self.grid, "box")
+        super().__post_init__()
+
+
+def sample_plane(
+    array: TransducerArray,
+    drive: ArrayLike,
+    height: float,
+    extent: float = 0.2,
+    step: float = 1e-3,
+    medium: Medium | None = None,
+) -> PlaneField:
+    """Pressure over a horizontal square centred above the array.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    drive : (n,) complex
+        Drives.
+    height : float
+        Of the plane, in metres.
+    extent : float
+        Side of the square, in metres, rounded down to an even number of steps so that one sample is in the middle.
+    step : float
+        Distance between samples, in metres.
+    medium : Medium, optional
+        The air; 20 °C by default.
+
+    Raises
+    ------
+    ValueError
+        Where a number is out of range, or there are too many samples.
+    """
+    return sample_cut(array, drive, Grid.horizontal(height, extent, step), medium)
+
+
+def sample_cut(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium | None = None) -> PlaneField:
+    """Pressure over any plane, such as ``Grid.along("xz", (0, 0, 0.2), 0.2, 1e-3)``, a vertical one.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    drive : (n,) complex
+        Drives.
+    grid : Grid
+        A plane.
+    medium : Medium, optional
+        The air; 20 °C by default.
+
+    Raises
+    ------
+    ValueError
+        Where the grid is no plane, a sample is too close to a transducer, or there are too many samples.
+    """
+    _check_kind(grid, "plane")
+    medium = medium or Medium()
+    return PlaneField(grid, _sample(array, drive, grid, medium), medium)
+
+
+def sample_volume(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium | None = None) -> VolumeField:
+    """Pressure over a box, such as ``Grid.along("xyz", (0, 0, 0.2), 0.1, 2e-3)``; otherwise as `sample_cut`."""
+    _check_kind(grid, "box")
+    medium = medium or Medium()
+    return VolumeField(grid, _sample(array, drive, grid, medium), medium)
+
+
+def _check_kind(grid: Grid, kind: str) -> None:
+    if grid.kind != kind:
+        raise ValueError(f"the grid is a {grid.kind}, with {len(grid.axes)} axes; it must be a {kind}")
+
+
+def _sample(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Medium) -> NDArray[np.complex128]:
+    samples = math.prod(grid.counts)
+    if samples * len(array) > MAX_PAIRS:
+        raise ValueError(f"{samples} samples with {len(array)} transducers are too many; at most {MAX_PAIRS} pairs")
+    values = pressure(array, drive, grid.positions().reshape(-1, 3), medium, precision="single")
+    return frozen(values.reshape(grid.shape))

@@ -1,0 +1,154 @@
+"""What a pressure means: intensity, radiation pressure and level.
+
+Pressures are peak amplitudes in Pa, so a mean over the carrier's period brings a factor 1/2: ⟨p(t)²⟩ = |p|²/2.
+Intensity and radiation pressure take the wave for a plane one, of which the particle velocity is p/(ρc). That is good
+far from the array and at a focus that is not too tight; where waves cross, as in a standing wave, it is not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..acoustics.medium import Medium
+
+__all__ = [
+    "QUANTITIES",
+    "Quantity",
+    "air_density",
+    "check_reflection",
+    "intensity",
+    "radiation_pressure",
+    "relative_level",
+    "sound_pressure_level",
+]
+
+GAS_CONSTANT = 8.314_462_618  # J/(mol·K)
+MOLAR_MASS = 28.9647e-3  # kg/mol, dry air (ISO 2533)
+REFERENCE = 20e-6  # Pa rms, the reference of sound pressure levels in air (ISO 1683)
+
+
+def air_density(medium: Medium) -> float:
+    """Density of dry air in kg/m³, as an ideal gas: ρ = p₀·M/(R·T)."""
+    return medium.ambient_pressure * MOLAR_MASS / (GAS_CONSTANT * (medium.temperature + 273.15))
+
+
+def intensity(pressure: ArrayLike, medium: Medium) -> NDArray[np.float64]:
+    """Intensity of a plane wave, averaged over the carrier's period: I = |p|²/(2ρc).
+
+    Parameters
+    ----------
+    pressure : (...) complex
+        Peak pressure in Pa.
+    medium : Medium
+        The air.
+
+    Returns
+    -------
+    (...) float
+        In W/m².
+    """
+    magnitude = np.abs(np.asarray(pressure, dtype=np.complex128))
+    return np.asarray(magnitude**2 / (2 * air_density(medium) * medium.speed_of_sound))
+
+
+def radiation_pressure(pressure: ArrayLike, medium: Medium, reflection: float = 2.0) -> NDArray[np.float64]:
+    """Pressure with which a plane wave pushes a surface that it meets squarely: P = α·|p|²/(2ρc²).
+
+    Parameters
+    ----------
+    pressure : (...) complex
+        Peak pressure in Pa of the wave that arrives, without what the surface reflects.
+    medium : Medium
+        The air.
+    reflection : float
+        α, 1 + |R|² for a reflection of amplitude R: 2 for all of the wave, as skin, oil and other dense things do, and
+        1 for none, in a perfect absorber.
+
+    Returns
+    -------
+    (...) float
+        In Pa, averaged over the carrier's period.
+
+    Raises
+    ------
+    ValueError
+        Where α is not between 1 and 2.
+
+    Notes
+    -----
+    The wave carries the momentum I/c = ⟨p(t)²⟩/(ρc²) = |p|²/(2ρc²) through each square metre and second; a surface that
+    absorbs it takes it once, one that reflects it takes it twice. This is the Langevin pressure, of a beam within air
+    at rest (Lee and Wang, "Acoustic radiation pressure", J. Acoust. Soc. Am. 94, 1099, 1993). With the rms pressure the
+    same is written α·p²/(ρc²).
+    """
+    check_reflection(reflection)
+    return reflection * intensity(pressure, medium) / medium.speed_of_sound
+
+
+def check_reflection(reflection: float) -> None:
+    """Raise `ValueError` where α of `radiation_pressure` is out of range."""
+    if not 1 <= reflection <= 2:
+        raise ValueError(f"reflection {reflection} must lie between 1, an absorber, and 2, a mirror")
+
+
+def sound_pressure_level(pressure: ArrayLike) -> NDArray[np.float64]:
+    """Level of a peak pressure in Pa, in dB re 20 µPa rms; −∞ where it is 0."""
+    return _decibels(np.abs(pressure) / (math.sqrt(2) * REFERENCE))
+
+
+def relative_level(pressure: ArrayLike, reference: float | None = None) -> NDArray[np.float64]:
+    """Level of a pressure relative to a reference in the same unit, the largest |p| by default, in dB.
+
+    Raises
+    ------
+    ValueError
+        Where the reference is not positive, such as the largest |p| of a silent field.
+    """
+    magnitude = np.abs(pressure)
+    reference = float(magnitude.max()) if reference is None else reference
+    if not 0 < reference < math.inf:
+        raise ValueError(f"a level relative to {reference} Pa has no meaning; the reference must be positive")
+    return _decibels(magnitude / reference)
+
+
+def _decibels(ratio: NDArray[np.float64]) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):
+        return np.asarray(20 * np.log10(ratio))
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something that follows from the pressure.
+
+    Parameters
+    ----------
+    name, symbol, unit : str
+        For people.
+    decade : float
+        dB for each factor of ten: 20 where it grows as the pressure, 10 where it grows as its square.
+    of : function
+        From peak pressure in Pa, (...) complex, and the air to (...) float.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    decade: float
+    of: Callable[[NDArray[np.complex128], Medium], NDArray[np.float64]]
+
+
+def _magnitude(pressure: NDArray[np.complex128], _medium: Medium) -> NDArray[np.float64]:
+    return np.abs(pressure)
+
+
+QUANTITIES = {
+    "pressure": Quantity("Pressure", "|p|", "Pa (peak)", 20, _magnitude),
+    "intensity": Quantity("Intensity", "I", "W/m² (mean)", 10, intensity),
+    "radiation": Quantity("Radiation pressure, full reflection,", "P", "Pa (mean)", 10, radiation_pressure),
+}
+"""What can be drawn and exported, by name."""

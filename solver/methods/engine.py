@@ -1,0 +1,220 @@
+"""The compiled engine: one update at a time through the float32 kernels.
+
+numba takes half a second to import, so this module is imported where it is used and not before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..acoustics.array import TransducerArray
+from ..acoustics.medium import Medium
+from ..acoustics.propagation import transfer_matrix
+from ..acoustics.tables import Tables, aligned, can_reach, tables_of
+from ..compiled import kernels
+from ..compiled.simd import LANES
+from ..shapes.points import REACH, ControlPoints, check_reachable
+from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
+from .reference import cold_start, drive_each
+
+__all__ = ["CompiledEngine", "solves_at_once"]
+
+OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
+NO_IDS = np.empty(0, np.int64)
+HEADROOM32, RELAXATION32, NUDGE32 = np.float32(HEADROOM), np.float32(RELAXATION), np.float32(NUDGE)
+
+
+def is_modelled(tables: Tables) -> bool:
+    """Whether the kernels model the air well enough as far as points may be."""
+    low, high = tables.bounds[:2]
+    return can_reach(tables, REACH + float(np.linalg.norm(high - low)))
+
+
+def solves_at_once(tables: Tables, method: str, options: Options) -> bool:
+    """Whether one kernel takes points to drives: without a clock, and if the directivity is a polynomial."""
+    timeless = method in ("tikhonov", "wgs") and options.phase_seconds is None
+    return timeless and len(tables.wave) == 1 and is_modelled(tables)
+
+
+class CompiledEngine:
+    """One update at a time in float32, with its buffers and the phases of the last one.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    medium : Medium
+        The air.
+    method : str
+        A compiled one of `METHODS`.
+    options : Options
+        With an output policy.
+    """
+
+    def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
+        self._array, self._medium, self._method, self._options = array, medium, method, options
+        self._tables = tables_of(array, medium)
+        self._modelled = is_modelled(self._tables)
+        self._at_once = solves_at_once(self._tables, method, options)
+        self._columns = self._tables.elements.shape[1]
+        self._capacity = 0
+        self._cold = self._u = self._spare = aligned(2, 0)
+        self.forget()
+        self._gamma, self._mu = np.float32(options.gamma), np.float32(options.mu)
+        self._output = OUTPUTS[options.policy]
+        self._power = options.phases == "power"
+        self._steps = options.steps if method in ("wgs", "polish") else 0
+
+    def forget(self) -> None:
+        """Begin the next update's phases anew."""
+        self._ids = NO_IDS
+
+    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> NDArray[np.complex64]:
+        """Drives (n,) for control points; ``ids`` as for `Solver.solve`.
+
+        Raises
+        ------
+        ValueError
+            Where a point cannot be reached.
+        """
+        m = len(points)
+        self._make_room(m)
+        self._model(points)
+        drive = np.empty(len(self._array), dtype=np.complex64)
+        elements, work = self._tables.elements, self._work
+        if self._method == "multiplex":
+            kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
+            return drive
+        self._find_phases(m, ids)
+        kernels.finish(elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive)
+        if self._method == "polish":
+            kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
+        return drive
+
+    def level(self, points: ControlPoints, drive: NDArray[np.complex64]) -> float:
+        """What `Engine.level` is, from the transfer matrix that `drive` has left in the work space."""
+        weighed = self._method != "multiplex"
+        relative = kernels.level(len(points), self._columns, weighed, self._work, drive)
+        return relative * self._tables.strength / float(points.amplitudes.max())
+
+    def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:
+        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n).
+
+        Raises
+        ------
+        ValueError
+            As `drive`.
+        """
+        tables, options = self._tables, self._options
+        if not self._at_once:
+            drive_each(self, frames, first, stride, drives)
+            return
+        begins = np.cumsum([0, *(len(points) for points in frames)])
+        largest = max(len(points) for points in frames)
+        self._make_room(largest)
+        self.forget()
+        self._start(largest)
+        suspect = kernels.update_frames(
+            tables.elements,
+            tables.wave[0],
+            tables.turns,
+            tables.nepers,
+            tables.origin,
+            tables.bounds,
+            REACH,
+            np.concatenate([points.positions for points in frames]),
+            np.concatenate([points.amplitudes for points in frames]),
+            begins,
+            first,
+            stride,
+            self._gamma,
+            options.phase_steps,
+            self._power,
+            self._cold,
+            self._mu,
+            self._output,
+            HEADROOM32,
+            RELAXATION32,
+            self._steps,
+            self._work,
+            aligned(self._cold.size),
+            drives,
+        )
+        self.forget()
+        if suspect >= 0:
+            for index in range(suspect, len(frames), stride):
+                check_reachable(self._array, frames[index], f"frame {index}: ")
+
+    def _make_room(self, m: int) -> None:
+        if m > self._capacity:
+            self._work = aligned(kernels.work_size(m, self._columns))
+            self._capacity = m
+
+    def _start(self, m: int, ids: NDArray[np.int64] | None = None) -> None:
+        """Phases to begin with: those of the same points of the last frame, or else cold ones."""
+        if (width := -(-m // LANES) * LANES) != self._cold.shape[1]:
+            start = cold_start(width)
+            self._cold = aligned(2, width)
+            self._cold[0], self._cold[1] = start.real, start.imag
+        if ids is None:
+            ids = np.arange(m, dtype=np.int64)
+            if len(self._ids) != m:
+                self.forget()
+        if self._spare.shape[1] != width:
+            self._spare = aligned(2, width)
+        kernels.carry(m, ids, self._ids, self._u, self._cold, NUDGE32, self._spare)
+        self._ids, self._u, self._spare = ids, self._spare, self._u
+
+    def _model(self, points: ControlPoints) -> None:
+        tables = self._tables
+        if self._modelled:
+            kernel: Callable[..., int] = kernels.model if len(tables.wave) == 1 else kernels.model_by_table
+            suspect = kernel(
+                tables.elements,
+                *tables.wave,
+                tables.turns,
+                tables.nepers,
+                tables.origin,
+                tables.bounds,
+                REACH,
+                points.positions,
+                points.amplitudes,
+                self._work,
+            )
+            if suspect >= 0:
+                check_reachable(self._array, points)
+        else:
+            check_reachable(self._array, points)
+            self._enter(points)
+
+    def _enter(self, points: ControlPoints) -> None:
+        """Do what `kernels.model` does, with the transfer matrix from `transfer_matrix`."""
+        m, n = len(points), len(self._array)
+        parts = kernels.carve(self._work, m, self._columns)
+        re, im, reach = parts[0], parts[1], parts[7][0, 0]
+        matrix = transfer_matrix(self._array, points.positions, self._medium) / self._tables.strength
+        matrix *= self._array.able
+        re[:m, :n], im[:m, :n] = matrix.real, matrix.imag
+        re[:m, n:] = im[:m, n:] = 0
+        wanted = points.amplitudes / points.amplitudes.max()
+        parts[6][1, 0, :m] = wanted
+        reach[:n] = wanted @ np.abs(matrix)
+        reach[n:] = 0
+
+    def _find_phases(self, m: int, ids: NDArray[np.int64] | None) -> None:
+        options, columns = self._options, self._columns
+        self._start(m, ids)
+        if options.phase_seconds is None:
+            kernels.begin(m, columns, self._gamma, options.phase_steps, self._power, self._u, self._work)
+            return
+        kernels.begin(m, columns, self._gamma, 0, self._power, self._u, self._work)
+        end = perf_counter() + options.phase_seconds
+        for _ in range(options.phase_steps):
+            if perf_counter() >= end:
+                return
+            kernels.more_phases(m, columns, 1, self._power, self._u, self._work)

@@ -1,0 +1,100 @@
+"""The two halves of a frame, from their points to their drives."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..acoustics.array import TransducerArray
+from ..acoustics.medium import Medium
+from ..acoustics.propagation import Precision
+from ..geometry import frozen
+from ..shapes.points import ControlPoints
+from .options import Options
+from .reference import Engine
+from .solve import engine_for, has_kernels
+from .split import Split, split
+
+__all__ = ["EnginePair", "Pair", "PairEngine", "pair_engine"]
+
+
+class Pair(NamedTuple):
+    """What both halves of a frame emit.
+
+    Parameters
+    ----------
+    split : Split
+        Of the points.
+    drives : (2, n) complex
+        Of each half, at full strength; 0 without a second half.
+    levels : (2,) float
+        What each half is turned down by, at most 1, so that both come out as loud for what was asked of them.
+    """
+
+    split: Split
+    drives: NDArray[Any]
+    levels: NDArray[np.float64]
+
+
+class PairEngine(Protocol):
+    """What solves both halves of a frame, with the split and the phases of the last one."""
+
+    def solve(self, points: ControlPoints, ids: NDArray[np.int64]) -> Pair:
+        """The next frame; ``ids`` as for `Solver.solve`."""
+
+    def forget(self) -> None:
+        """Begin the next frame from scratch."""
+
+
+class EnginePair:
+    """An engine for each half, step by step: any method will do.
+
+    Parameters
+    ----------
+    first, second : Engine
+        Of the halves, for the same array.
+    transducers : int
+        Of that array.
+    """
+
+    def __init__(self, first: Engine, second: Engine, transducers: int) -> None:
+        self._engines, self._transducers = (first, second), transducers
+        self._split: Split | None = None
+
+    def solve(self, points: ControlPoints, ids: NDArray[np.int64]) -> Pair:
+        """The next frame."""
+        cut = split(points, self._split, ids)
+        relative = ControlPoints(points.positions, points.amplitudes / points.amplitudes.max())
+        drives, levels = np.zeros((2, self._transducers), np.complex128), np.ones(2)
+        for k, (engine, mask) in enumerate(zip(self._engines, cut.masks(points), strict=True)):
+            if mask is None:
+                levels[k] = levels[0]
+            else:
+                half = relative.part(mask)
+                drive = engine.drive(half, ids[mask])
+                drives[k], levels[k] = drive, engine.level(half, drive)
+        self._split = cut
+        return Pair(cut, frozen(drives), frozen(levels.min() / levels))
+
+    def forget(self) -> None:
+        """Begin the next frame from scratch."""
+        self._split = None
+        for engine in self._engines:
+            engine.forget()
+
+
+def pair_engine(
+    array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision = "single"
+) -> PairEngine:
+    """What solves both halves by a method: in one compiled call if it can."""
+    if has_kernels(method, options, precision):
+        from ..acoustics.tables import tables_of  # numba takes half a second to import
+        from .compiled_pair import CompiledPair
+        from .engine import solves_at_once
+
+        if solves_at_once(tables_of(array, medium), method, options):
+            return CompiledPair(array, medium, method, options)
+    first, second = (engine_for(array, medium, method, options, precision) for _ in range(2))
+    return EnginePair(first, second, len(array))

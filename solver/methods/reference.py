@@ -1,0 +1,372 @@
+"""The solvers' algorithms, one readable complex128 function each.
+
+The compiled kernels are tested against these, and ``precision="double"`` runs them. ``transfer`` is A of the paper's
+(7), (m, n) complex; ``wanted`` the (m,) amplitudes, of which at least one is positive; ``phases`` the (m,) unit-modulus
+phases of the control points; drives are (n,) complex, of any scale until `limit_drive`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from ..acoustics.array import TransducerArray
+from ..acoustics.medium import Medium
+from ..acoustics.propagation import transfer_matrix
+from ..shapes.points import ControlPoints, check_reachable
+from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options, Output, Phases
+
+__all__ = [
+    "Engine",
+    "ReferenceEngine",
+    "Regularised",
+    "augmented",
+    "cold_start",
+    "correct",
+    "drive_each",
+    "limit_drive",
+    "min_norm",
+    "misfit",
+    "multiplex",
+    "phase_iteration",
+    "polish",
+    "unit",
+]
+
+Complex = NDArray[np.complex128]
+Real = NDArray[np.float64]
+
+RANK_TOLERANCE = 1e-9  # singular values below this part of the largest are taken for 0
+TINY = np.finfo(float).tiny
+
+
+def unit(values: Complex) -> Complex:
+    """Each value divided by its magnitude; 0 stays 0."""
+    magnitude = np.abs(values)
+    return np.asarray(np.divide(values, magnitude, out=np.zeros_like(values), where=magnitude > 0))
+
+
+def cold_start(m: int) -> Complex:
+    """Phases to begin with: incommensurate ones, because equal ones stay symmetric on symmetric shapes."""
+    return np.asarray(np.exp(2j * np.pi * 0.6180339887 * np.arange(m) ** 2))
+
+
+def phase_iteration(gram: Complex, wanted: Real, start: Complex, steps: int, method: Phases = "unit") -> Complex:
+    """Phases with which the control points help each other, the paper's section 3.2.
+
+    Parameters
+    ----------
+    gram : (m, m) complex
+        A·W·Aᴴ; with W = 1 the paper's own.
+    wanted : (m,) float
+        Amplitudes.
+    start : (m,) complex
+        Where the iteration begins.
+    steps : int
+        Iterations.
+    method : {"unit", "power"}
+        ``"power"`` is the paper's power method; ``"unit"`` sets every point back to modulus 1 after each step.
+
+    Returns
+    -------
+    (m,) complex
+        The last iterate; its phases are those wanted.
+
+    Notes
+    -----
+    R = A·W·Aᴴ·diag(wanted/diag(A·W·Aᴴ)), (9): column j is the field, at all points, of the drive that serves point j
+    alone. Its dominant eigenvector settles on a part of the shape; kept at full magnitude, every point counts.
+    """
+    response = gram * (wanted / np.maximum(np.diag(gram).real, TINY))
+    u = start
+    for _ in range(steps):
+        u = response @ u
+        u = u / max(float(np.linalg.norm(u)), TINY) if method == "power" else unit(u)
+    return u
+
+
+def limit_drive(drive: Complex, limits: Real, output: Output) -> Complex:
+    """Bring drives within their limits.
+
+    Parameters
+    ----------
+    drive : (n,) complex
+        Of any scale.
+    limits : (n,) float
+        Largest magnitude of each.
+    output : {"solved", "phase", "limited"}
+        ``"solved"`` scales all alike until one is at its limit. ``"phase"`` sets each to its limit and keeps its phase.
+        ``"limited"`` scales all alike until their root mean square is `HEADROOM` times that of the limits, and cuts off
+        what is above: nearly the accuracy of the first and the strength of the second.
+    """
+    magnitude = np.abs(drive)
+    if output == "phase":
+        return unit(drive) * limits
+    if output == "solved":
+        able = limits > 0
+        return np.asarray(np.where(able, drive, 0) / max(float((magnitude[able] / limits[able]).max()), TINY))
+    raised = drive * (HEADROOM * np.sqrt((limits**2).sum() / max(float((magnitude**2).sum()), TINY)))
+    return np.asarray(raised * np.minimum(1, limits / np.maximum(np.abs(raised), TINY)))
+
+
+def multiplex(transfer: Complex, wanted: Real) -> Complex:
+    """Linear multiplexing, (12): the drives that focus on each point alone, summed: Σ_i wanted_i·e^{−ik·r_iq}.
+
+    It knows no nulls: a point of amplitude 0 is left out.
+    """
+    return np.asarray(wanted @ unit(transfer.conj()))
+
+
+def min_norm(transfer: Complex, wanted: Real, phases: Complex) -> Complex:
+    """The smallest drive that makes the points exactly, or as nearly as least squares can, (6)–(8)."""
+    return np.asarray(scipy.linalg.lstsq(transfer, wanted * phases, cond=RANK_TOLERANCE, lapack_driver="gelsy")[0])
+
+
+def augmented(transfer: Complex, wanted: Real, phases: Complex, gamma: float) -> Complex:
+    """The paper's (10) to the letter: [A; diag(σ^γ)]·x = [b; 0] by least squares, μ = 1 in pascals."""
+    n = transfer.shape[1]
+    sigma = np.sqrt(wanted @ np.abs(transfer) / len(wanted))
+    matrix = np.vstack([transfer, np.diag(sigma**gamma)])
+    target = np.concatenate([wanted * phases, np.zeros(n)])
+    return np.asarray(scipy.linalg.lstsq(matrix, target, cond=RANK_TOLERANCE)[0])
+
+
+class Regularised:
+    """Weighted Tikhonov regularisation, (10)–(11), factored once for any right-hand side.
+
+    Parameters
+    ----------
+    transfer, wanted
+        As in this module.
+    gamma : float
+        0 prefers the smallest drives, 1 the most equal ones.
+    mu : float
+        Relative weight of the regularisation.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where the system is singular: μ is too small for points as close as these.
+
+    Notes
+    -----
+    Minimises ‖A·x − b‖² + μ·Σ σ_q^{2γ}|x_q|² with σ_q = √(Σ_i |A_iq|·wanted_i / m), as x = W·Aᴴ·(A·W·Aᴴ + μI)⁻¹·b with
+    W = diag(σ^{−2γ}): an m × m Cholesky factorisation. The paper's μ = 1 depends on the unit of pressure, so it is
+    scaled here by tr(A·W·Aᴴ)/m. A transducer that reaches no wanted point has no weight and stays silent.
+    """
+
+    gram: Complex
+    """A·W·Aᴴ, (m, m)."""
+
+    def __init__(self, transfer: Complex, wanted: Real, gamma: float, mu: float) -> None:
+        sigma = np.sqrt(wanted @ np.abs(transfer) / len(wanted))
+        weight = np.where(sigma > 0, np.where(sigma > 0, sigma, 1.0) ** (-2 * gamma), 0.0)
+        self._back = weight[:, None] * transfer.conj().T
+        self.gram = transfer @ self._back
+        ridge = mu * np.trace(self.gram).real / len(wanted)
+        self._factor = scipy.linalg.cho_factor(self.gram + ridge * np.eye(len(wanted)))
+
+    def solve(self, b: Complex) -> Complex:
+        """Drive (n,) for the complex pressures b (m,)."""
+        return np.asarray(self._back @ scipy.linalg.cho_solve(self._factor, b))
+
+
+def misfit(pressure: Complex, wanted: Real) -> tuple[float, float]:
+    """The scale s that fits |p| to s·wanted best, and the root mean square of |p|/s − wanted; infinite for silence."""
+    magnitude = np.abs(pressure)
+    scale = float(wanted @ magnitude / (wanted @ wanted))
+    if not scale > 0:
+        return TINY, float("inf")
+    return scale, float(np.sqrt(np.mean((magnitude / scale - wanted) ** 2)))
+
+
+def correct(
+    system: Regularised, transfer: Complex, wanted: Real, phases: Complex, limits: Real, output: Output, steps: int
+) -> Complex:
+    """Weighted Gerchberg–Saxton steps on top of a regularised solution; the best iterate is kept.
+
+    Each step projects on what the transducers can emit, looks at what arrives, keeps its phases, and adds a part of
+    what is missing to the pressures that are asked for. The weights of the classical algorithm, which multiply, cannot
+    deepen a null and converge more slowly.
+    """
+    b = wanted * phases
+    best, chosen = np.inf, None
+    for _ in range(steps + 1):
+        drive = limit_drive(system.solve(b), limits, output)
+        pressure = transfer @ drive
+        scale, error = misfit(pressure, wanted)
+        if chosen is None or error < best:
+            best, chosen = error, drive
+        b = b + RELAXATION * (wanted * unit(pressure) - pressure / scale)
+    assert chosen is not None
+    return chosen
+
+
+def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps: int) -> Complex:
+    """Coordinate descent over quantised phases: each drive in turn tries the next phase either way.
+
+    Parameters
+    ----------
+    transfer, wanted
+        As in this module.
+    drive : (n,) complex
+        Where it begins; magnitudes stay.
+    levels : int
+        Phases in a turn.
+    sweeps : int
+        Passes over all transducers.
+
+    Returns
+    -------
+    (n,) complex
+        Drives whose phases are multiples of 2π/levels. No step increases the `misfit`.
+    """
+    magnitude, level = np.abs(drive), np.rint(np.angle(drive) * levels / (2 * np.pi)).astype(int)
+    turn = np.exp(2j * np.pi * np.arange(levels) / levels)
+    chosen = magnitude * turn[level % levels]
+    pressure = transfer @ chosen
+    best = misfit(pressure, wanted)[1] ** 2
+    for _ in range(sweeps):
+        for q in range(len(drive)):
+            for step in (1, -1):
+                moved = magnitude[q] * turn[(level[q] + step) % levels]
+                trial = pressure + transfer[:, q] * (moved - chosen[q])
+                if (error := misfit(trial, wanted)[1] ** 2) < best - LEAST_GAIN:
+                    best, pressure, chosen[q] = error, trial, moved
+                    level[q] += step
+                    break
+    return np.asarray(chosen)
+
+
+class Engine(Protocol):
+    """What finds drives, with the phases of the last frame."""
+
+    def forget(self) -> None:
+        """Begin the next update's phases anew."""
+
+    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> NDArray[Any]:
+        """Drives (n,) complex for control points; ``ids`` as for `Solver.solve`."""
+
+    def level(self, points: ControlPoints, drive: NDArray[Any]) -> float:
+        """|p| at the points per wanted amplitude, in pascals, as the least squares have it.
+
+        The drive is what `drive` has given for these points just now.
+        """
+
+    def drive_frames(
+        self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
+    ) -> None:
+        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n)."""
+
+
+def drive_each(
+    engine: Engine, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
+) -> None:
+    """Let an engine solve every ``stride``-th frame from ``first`` on, from scratch each; an error names the frame."""
+    for index in range(first, len(frames), stride):
+        engine.forget()
+        try:
+            drives[index] = engine.drive(frames[index])
+        except ValueError as error:
+            raise ValueError(f"frame {index}: {error}") from error
+    engine.forget()
+
+
+class ReferenceEngine:
+    """One update at a time in complex128, with the phases of the last one.
+
+    Parameters are those of `engine.CompiledEngine`; any method will do.
+    """
+
+    def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
+        self._array, self._medium, self._method, self._options = array, medium, method, options
+        self._limits = np.where(array.able, array.limits, 0.0)
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin the next update's phases anew."""
+        self._ids, self._u = np.empty(0, np.int64), np.empty(0, np.complex128)
+
+    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> Complex:
+        """Drives (n,) for control points; ``ids`` as for `Solver.solve`.
+
+        Raises
+        ------
+        ValueError
+            Where a point cannot be reached, or the system is singular.
+        """
+        check_reachable(self._array, points)
+        transfer = transfer_matrix(self._array, points.positions, self._medium) * (self._limits > 0)
+        wanted = points.amplitudes / points.amplitudes.max()
+        if self._method in ("tikhonov", "wgs", "polish"):
+            return self._regularised(transfer, wanted, ids)
+        if self._method == "multiplex":
+            drive = multiplex(transfer, wanted)
+        else:
+            phases = self._phases(transfer @ transfer.conj().T, wanted, ids)
+            if self._method == "paper":
+                drive = augmented(transfer, wanted, phases, self._options.gamma)
+            else:
+                drive = min_norm(transfer, wanted, phases)
+        return limit_drive(drive, self._limits, self._options.policy)
+
+    def level(self, points: ControlPoints, drive: Complex) -> float:
+        """|p| at the points per wanted amplitude, in pascals; see `Engine.level`."""
+        reached = np.abs(transfer_matrix(self._array, points.positions, self._medium) @ drive)
+        return float(points.amplitudes @ reached / (points.amplitudes @ points.amplitudes))
+
+    def drive_frames(
+        self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
+    ) -> None:
+        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n)."""
+        drive_each(self, frames, first, stride, drives)
+
+    def _regularised(self, transfer: Complex, wanted: Real, ids: NDArray[np.int64] | None) -> Complex:
+        options = self._options
+        try:
+            system = Regularised(transfer, wanted, options.gamma, options.mu)
+        except np.linalg.LinAlgError as error:
+            raise ValueError(f"mu {options.mu} is too small for points as close together as these") from error
+        phases = self._phases(system.gram, wanted, ids)
+        steps = 0 if self._method == "tikhonov" else options.steps
+        drive = correct(system, transfer, wanted, phases, self._limits, self._options.policy, steps)
+        if self._method == "polish":
+            drive = polish(transfer, wanted, drive, options.levels, options.sweeps)
+        return drive
+
+    def _phases(self, gram: Complex, wanted: Real, ids: NDArray[np.int64] | None) -> Complex:
+        """Unit-modulus phases, begun where the same points of the last frame ended."""
+        options, m = self._options, len(wanted)
+        method: Phases = "power" if self._method == "paper" else options.phases
+        if ids is None:
+            ids = np.arange(m, dtype=np.int64)
+            if len(self._ids) != m:
+                self.forget()
+        u = self._start(ids)
+        if options.phase_seconds is None:
+            u = phase_iteration(gram, wanted, u, options.phase_steps, method)
+        else:
+            end = perf_counter() + options.phase_seconds
+            for _ in range(options.phase_steps):
+                if perf_counter() >= end:
+                    break
+                u = phase_iteration(gram, wanted, u, 1, method)
+        self._ids, self._u = ids, u
+        return unit(u)
+
+    def _start(self, ids: NDArray[np.int64]) -> Complex:
+        """Phases to begin with: of mean square 1 at points of the last frame, cold ones at others."""
+        cold = cold_start(len(ids))
+        place = {each: number for number, each in enumerate(self._ids.tolist())}
+        known = np.array([each in place for each in ids.tolist()])
+        if not known.any():
+            return cold
+        carried = self._u[[place[each] for each in ids[known].tolist()]]
+        u = cold.copy()
+        u[known] = carried * np.sqrt(len(carried)) / np.linalg.norm(carried)
+        return np.asarray(u + NUDGE * cold)

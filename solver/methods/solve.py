@@ -1,0 +1,218 @@
+"""From control points to drives: one update, a stream of frames, many frames at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..acoustics.array import TransducerArray
+from ..acoustics.medium import Medium
+from ..acoustics.propagation import Precision
+from ..geometry import frozen
+from ..shapes.points import MAX_POINTS, ControlPoints
+from .options import LEAST_MU, METHODS, Options
+from .reference import Engine, ReferenceEngine
+
+__all__ = ["Solution", "Solver", "solve", "solve_frames"]
+
+MAX_PAIRS = 20_000_000  # of points and transducers: about 2 GB of intermediate arrays
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a solver found.
+
+    Parameters
+    ----------
+    drive : (n,) complex
+        Drives in array order, of magnitude at most 1.
+    array, points, medium, method
+        What it was solved for, and how.
+    """
+
+    drive: NDArray[np.complex128]
+    array: TransducerArray
+    points: ControlPoints
+    medium: Medium
+    method: str
+
+
+class Solver:
+    """Solves for an array, frame after frame: it keeps its buffers, and the phases of one frame begin the next.
+
+    Successive frames then stay coherent, which is quieter. The result depends on the frames before it, but the same
+    frames give the same bits; `forget` begins anew. A solver is for one thread at a time.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers, in any place and direction. Dead ones are left out.
+    method : str
+        A key of `METHODS`.
+    medium : Medium, optional
+        The air; 20 °C by default.
+    precision : {"single", "double"}
+        Compiled float32 kernels, or the readable complex128 versions in NumPy, which are far slower. With points that
+        are well apart the ratios of |p| are within 1e-3 of the strongest and phases within 0.2° (rms); where
+        points crowd or contradict each other, their solutions are as good, but may be others. Methods without kernels,
+        and a ``mu`` below 1e-4, are always solved in double precision. The first solve on a machine compiles the
+        kernels, which takes some ten seconds, once.
+    **options
+        Of the method, see `Options`.
+
+    Raises
+    ------
+    ValueError
+        Where a method, an option or a value is unknown or out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> solver = Solver(TransducerArray.grid(), method="wgs", steps=10)
+    >>> solution = solver.solve(ControlPoints([[-0.03, 0, 0.2], [0.03, 0, 0.2]]))
+    >>> bool(np.abs(solution.drive).max() <= 1)
+    True
+    """
+
+    def __init__(
+        self,
+        array: TransducerArray,
+        method: str = "wgs",
+        *,
+        medium: Medium | None = None,
+        precision: Precision = "single",
+        **options: Any,
+    ) -> None:
+        if precision not in get_args(Precision):
+            raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
+        self.array, self.method, self.medium = array, method, medium or Medium()
+        self.options = Options.of(method, options)
+        self._engine = engine_for(self.array, self.medium, method, self.options, precision)
+
+    def solve(self, points: ControlPoints | ArrayLike, ids: NDArray[np.int64] | None = None) -> Solution:
+        """Find the drives for the next frame.
+
+        Parameters
+        ----------
+        points : ControlPoints or (m, 3) float
+            In metres; without amplitudes, all are 1.
+        ids : (m,) int64, optional
+            Identities of the points, each once: a point begins with the phase of the same one in the last frame.
+            Without them, as many points as in the last frame are taken for the same ones, and others are all new.
+
+        Raises
+        ------
+        ValueError
+            Where a point cannot be reached, there are too many, or they are too close for so small a ``mu``; or if the
+            identities are not as many as the points.
+        """
+        if not isinstance(points, ControlPoints):
+            points = ControlPoints(points)
+        check_size(self.array, points, self.method)
+        drive = self._engine.drive(points, checked_ids(points, ids))
+        return Solution(frozen(drive.astype(np.complex128)), self.array, points, self.medium, self.method)
+
+    def forget(self) -> None:
+        """Begin the next frame from scratch, as the first."""
+        self._engine.forget()
+
+
+def solve(
+    array: TransducerArray,
+    points: ControlPoints | ArrayLike,
+    method: str = "wgs",
+    *,
+    medium: Medium | None = None,
+    precision: Precision = "single",
+    **options: Any,
+) -> Solution:
+    """Find the drive that makes the field strong at the control points: a `Solver` for one frame.
+
+    Parameters and errors are those of `Solver` and its `Solver.solve`.
+    """
+    return Solver(array, method, medium=medium, precision=precision, **options).solve(points)
+
+
+def solve_frames(
+    array: TransducerArray,
+    frames: Sequence[ControlPoints],
+    method: str = "wgs",
+    *,
+    medium: Medium | None = None,
+    workers: int = 1,
+    precision: Precision = "single",
+    **options: Any,
+) -> NDArray[np.complex64]:
+    """Drives of many frames, each solved from scratch, so that they do not depend on the number of workers.
+
+    Parameters
+    ----------
+    array : TransducerArray
+        n transducers.
+    frames : sequence of ControlPoints
+        f frames.
+    method, medium, precision, **options
+        As for `Solver`.
+    workers : int
+        Threads to share the frames among, at least 1; more than there are cores gain nothing.
+
+    Returns
+    -------
+    (f, n) complex
+        Drives.
+
+    Raises
+    ------
+    ValueError
+        As `Solver` and `Solver.solve`, naming the frame; or where there is less than one worker.
+    """
+    frames, settings, air = list(frames), Options.of(method, options), medium or Medium()
+    if workers < 1:
+        raise ValueError(f"workers {workers} must be at least 1")
+    drives = np.empty((len(frames), len(array)), dtype=np.complex64)
+    for index, points in enumerate(frames):
+        check_size(array, points, method, f"frame {index}: ")
+
+    def work(first: int) -> None:
+        engine_for(array, air, method, settings, precision).drive_frames(frames, first, workers, drives)
+
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(work, range(min(workers, len(frames)))))
+    return drives
+
+
+def checked_ids(points: ControlPoints, ids: NDArray[np.int64] | None) -> NDArray[np.int64] | None:
+    """Identities as kernels read them, writable; raises `ValueError` if they are not as many as the points."""
+    if ids is not None and np.shape(ids) != (len(points),):
+        raise ValueError(f"ids have the shape {np.shape(ids)}, but there are {len(points)} control points")
+    return None if ids is None else np.array(ids, np.int64)
+
+
+def check_size(array: TransducerArray, points: ControlPoints, method: str, where: str = "") -> None:
+    """Raise `ValueError` where a problem would fill the memory."""
+    pairs = len(array) * (len(points) + (len(array) if method == "paper" else 0))
+    if len(points) > MAX_POINTS or pairs > MAX_PAIRS:
+        squared = ", of which the paper's system has n·(m + n)" if method == "paper" else ""
+        raise ValueError(
+            f"{where}{len(points)} control points with {len(array)} transducers are too many; at most {MAX_POINTS} "
+            f"points are possible, and at most {MAX_PAIRS} pairs{squared}"
+        )
+
+
+def engine_for(array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision) -> Engine:
+    """What solves by a method in a precision, compiled if it can be."""
+    if not has_kernels(method, options, precision):
+        return ReferenceEngine(array, medium, method, options)
+    from .engine import CompiledEngine  # numba takes half a second to import
+
+    return CompiledEngine(array, medium, method, options)
+
+
+def has_kernels(method: str, options: Options, precision: Precision) -> bool:
+    """Whether compiled kernels solve by a method with these options."""
+    return precision == "single" and METHODS[method].compiled and options.mu >= LEAST_MU

@@ -1,0 +1,227 @@
+"""Meshes from files of anybody: STL, OBJ, PLY and GLB, read by trimesh.
+
+What trimesh would read without a bound, or differently from what the file means, is refused before: trimesh takes
+memory for what some headers merely claim, reads other files that a file names, and passes over compressed geometry.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import struct
+import warnings
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputFileError
+from ...storage import read_file
+from ..contact.mesh import MOST_FACES, Mesh
+
+__all__ = ["MESH_FILES", "mesh_of", "read_mesh"]
+
+MOST_BYTES = 100_000_000
+"""Of a file: a million triangles have 50 MB in binary STL."""
+MOST_LINES = 2_000_000
+MOST_LINE_BYTES = 10_000
+MOST_HEADER_BYTES = 2**14
+MOST_PARTS = 1000
+"""Parts of a file, and places in a scene."""
+MOST_JSON_BYTES = 2**22
+MOST_ITEMS = 8_000_000
+"""Of all accessors of a GLB file together."""
+LARGEST = 2.0
+"""Metres. An object that is larger is one in another unit: no array reaches so far."""
+LARGEST_MILLIMETRES = 2000.0
+"""An object that is larger is too large even in millimetres."""
+SMALLEST = 1e-3
+"""Metres. An object that is smaller is one in another unit: no hand feels it."""
+
+
+def read_mesh(path: Path, scale: float | None = None, status: Callable[[str], None] | None = None) -> Mesh:
+    """Read an object from a file, by the suffix of its name, and repair it (`Mesh.repaired`).
+
+    Its coordinates are the array's, after the scale. A scene becomes one object, each of its parts in its place.
+
+    Parameters
+    ----------
+    path : Path
+        An STL, OBJ, PLY or GLB file.
+    scale : float, optional
+        Metres in the file's unit of length: 0.001 for millimetres. Without it the file must be in metres, as GLB files
+        are, and the object is refused if it would be larger than `LARGEST` or smaller than `SMALLEST`.
+    status : function, optional
+        Is told what is being done, for people who wait.
+
+    Raises
+    ------
+    InputFileError
+        If the file is damaged, of another kind, too large or in another unit, or does not hold the surface of a body;
+        it names the file and says what is wrong.
+    ValueError
+        If the scale is not positive.
+    OSError
+        If the file cannot be opened.
+    """
+    tell = status or (lambda _said: None)
+    check = MESH_FILES.get(path.suffix.lower())
+    if check is None:
+        raise InputFileError(f"{path}: meshes are read from {', '.join(MESH_FILES)} files")
+    tell(f"reading {path}")
+    data = read_file(path, MOST_BYTES)
+    try:
+        vertices, faces = _parsed(check(data), path.suffix.lower().removeprefix("."))
+    except Exception as error:  # on foreign bytes trimesh raises nearly anything
+        reason = str(error) if type(error) is ValueError else f"it is damaged ({type(error).__name__}: {error})"
+        raise InputFileError(f"{path} cannot be read as {path.suffix[1:].upper()}: {reason}") from error
+    if not len(faces):
+        raise InputFileError(f"{path} holds no triangles")
+    return mesh_of(vertices, faces, path, scale, tell)
+
+
+def mesh_of(
+    vertices: NDArray[Any], faces: NDArray[Any], path: Path, scale: float | None, tell: Callable[[str], None]
+) -> Mesh:
+    """The object that a file's triangles bound; parameters and errors as `read_mesh`."""
+    if scale is not None and not 0 < scale < np.inf:
+        raise ValueError(f"scale {scale} must be positive and finite")
+    tell(f"{path}: checking {len(faces)} faces")
+    vertices = np.asarray(vertices, dtype=np.float64)
+    with np.errstate(all="ignore"):
+        extents = np.ptp(vertices[faces.ravel()], axis=0)
+        if scale is None and np.isfinite(extents).all() and not SMALLEST <= extents.max() <= LARGEST:
+            raise InputFileError(f"{path} is {_unit_trouble(extents)}, on the command line {path.name}:scale=…")
+        scaled = vertices if scale is None else vertices * scale
+    try:
+        return Mesh.of(scaled, faces).repaired()
+    except ValueError as error:
+        raise InputFileError(f"{path}: {error}") from error
+
+
+def _unit_trouble(extents: NDArray[np.float64]) -> str:
+    size = " × ".join(f"{extent:.4g}" for extent in extents)
+    if extents.max() < SMALLEST:
+        return f"{size} as metres, too small to be felt: pass the metres in its unit as scale=…"
+    if extents.max() > LARGEST_MILLIMETRES:
+        return (
+            f"{size} as metres, too large in any unit: check its coordinates, or pass the metres in its unit as scale=…"
+        )
+    likely = "millimetres: pass scale=0.001"
+    if extents.max() <= 20:
+        likely = f"centimetres or millimetres: pass scale=0.01 or {likely.partition('pass ')[2]}"
+    return f"{size} as metres, larger than {LARGEST:g} m; it looks like {likely} (or scale=1 if metres are meant)"
+
+
+def _parsed(data: bytes, kind: str) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Vertices and faces of all parts of a file, each in its place."""
+    import trimesh  # takes half a second
+
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else Python prints what it logs, with tracebacks
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
+        scene = trimesh.load_scene(BytesIO(data), file_type=kind, process=False, skip_materials=True)
+        parts = [(name, *scene.graph[name]) for name in scene.graph.nodes_geometry]
+        meshes = [(scene.geometry[geometry], place) for _, place, geometry in parts]
+        meshes = [(mesh, place) for mesh, place in meshes if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+        if (total := sum(len(mesh.faces) for mesh, _ in meshes)) > MOST_FACES:
+            raise ValueError(f"its parts have {total} faces together; at most {MOST_FACES} are possible: simplify it")
+        return _joined(meshes)
+
+
+def _joined(meshes: list[tuple[Any, NDArray[np.float64]]]) -> tuple[NDArray[Any], NDArray[Any]]:
+    vertices, faces, count = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], 0
+    for mesh, place in meshes:
+        corners, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        if triangles.min() < 0 or triangles.max() >= len(corners):
+            raise ValueError(f"a face names vertex {triangles.max()} of {len(corners)}")
+        mirrored = np.linalg.det(place[:3, :3]) < 0
+        vertices.append(corners @ place[:3, :3].T + place[:3, 3])
+        faces.append(count + (triangles[:, ::-1] if mirrored else triangles))
+        count += len(corners)
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+# What each format may claim: bytes for trimesh, or ValueError
+
+
+def _text(data: bytes) -> bytes:
+    """A text of which trimesh need not guess the encoding."""
+    if (lines := data.count(b"\n") + data.count(b"\r")) > MOST_LINES:
+        raise ValueError(f"it has {lines} lines; at most {MOST_LINES} may be: save it in a binary format")
+    if re.search(rb"[^\r\n]{%d}" % MOST_LINE_BYTES, data):
+        raise ValueError(f"one of its lines has {MOST_LINE_BYTES} bytes or more")
+    return data.decode("ascii", "replace").encode("ascii", "replace")
+
+
+def _check_stl(data: bytes) -> bytes:
+    if len(data) >= 84 and len(data) == 84 + 50 * struct.unpack_from("<I", data, 80)[0]:
+        return data
+    if not data.lstrip()[:5].lower() == b"solid":
+        raise ValueError("its length is not that of the triangles that it announces, and it is no text")
+    if (parts := data.lower().count(b"endsolid")) > MOST_PARTS:
+        raise ValueError(f"it has {parts} solids; at most {MOST_PARTS} may be")
+    if not parts:
+        raise ValueError("its end, the line endsolid, is missing")
+    return _text(data)
+
+
+def _check_obj(data: bytes) -> bytes:
+    if re.search(rb"^f[^\n#]*\s-\d", data, re.MULTILINE):
+        raise ValueError("its faces count vertices backwards (negative numbers), which is not supported")
+    return _text(data).replace(b"usemtl ", b"# ")  # a part of its own for each material would take long
+
+
+def _check_ply(data: bytes) -> bytes:
+    end = data[:MOST_HEADER_BYTES].find(b"end_header")
+    if end < 0:
+        raise ValueError(f"the end of its header is not within {MOST_HEADER_BYTES} bytes")
+    return _text(data) if b"ascii" in data[:end] else data
+
+
+def _check_glb(data: bytes) -> bytes:
+    if len(data) < 20 or data[:4] != b"glTF":
+        raise ValueError("it does not begin with glTF")
+    version, length, size, kind = struct.unpack_from("<4xIII4s", data)
+    if version != 2 or length != len(data) or kind != b"JSON" or not size <= min(MOST_JSON_BYTES, length - 20):
+        raise ValueError(
+            f"it announces version {version}, {length} bytes and a first part {kind!r} of {size} bytes; it must be "
+            f"version 2 with {len(data)} bytes and a part b'JSON' of at most {MOST_JSON_BYTES}"
+        )
+    content = json.loads(data[20 : 20 + size].decode())
+    if any("data:" not in buffer.get("uri", "data:")[:5] for buffer in content.get("buffers", [])):
+        raise ValueError("its geometry is in another file, which is not read; save it in one")
+    if changed := [name for name in content.get("extensionsRequired", []) if not name.startswith(HARMLESS)]:
+        raise ValueError(f"it needs the extension {changed[0]}, which is not supported; save it without compression")
+    accessors, views = content.get("accessors", []), content.get("bufferViews", [])
+    if any("bufferView" not in accessor or "sparse" in accessor for accessor in accessors):
+        raise ValueError("its geometry is sparse or missing, which is not supported")
+    nodes = content.get("nodes", [])
+    parts = sum(len(mesh["primitives"]) for mesh in content.get("meshes", []))
+    places = len(nodes) + sum(len(node.get("children", [])) for node in nodes)
+    for count, what, most in (
+        (parts, "parts", MOST_PARTS),
+        (places, "places", 2 * MOST_PARTS),
+        (len(accessors) + len(views), "accessors and views", 10 * MOST_PARTS),
+        (sum(abs(accessor["count"]) for accessor in accessors), "items", MOST_ITEMS),
+        (sum(abs(view["byteLength"]) for view in views), "bytes of views", 2 * MOST_BYTES),
+    ):
+        if count > most:
+            raise ValueError(f"it announces {count} {what}; at most {most} may be")
+    return data
+
+
+HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
+"""Extensions of GLB that change nothing of the geometry."""
+MESH_FILES: dict[str, Callable[[bytes], bytes]] = {
+    ".stl": _check_stl,
+    ".obj": _check_obj,
+    ".ply": _check_ply,
+    ".glb": _check_glb,
+}
+"""What each format may claim, by the suffix of a file's name."""

@@ -1,0 +1,171 @@
+"""Objects to be touched, as the command line has them: ``name:parameter=value,…`` or ``file:parameter=value,…``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..contact.mesh import Mesh
+from ..contact.poses import as_position
+from ..contact.solids import SOLIDS
+from ..geometry import FARTHEST, frozen
+from ..shapes.notation import check, read_parameters, written
+from .mesh_files import MESH_FILES
+from .volumes import VOLUMES, volume_suffix
+
+__all__ = ["MovingObject", "object_help", "parse_object"]
+
+
+@dataclass(frozen=True, eq=False)
+class MovingObject:
+    """An object that moves evenly.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The object as it is at the time 0.
+    velocity : (3,) float
+        In metres per second.
+    spin : float
+        Degrees per second about the vertical through the object's centre, counterclockwise from above.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite.
+    """
+
+    mesh: Mesh
+    velocity: NDArray[np.float64]
+    spin: float
+
+    def __init__(self, mesh: Mesh, velocity: ArrayLike = (0, 0, 0), spin: float = 0.0) -> None:
+        if not np.isfinite(spin):
+            raise ValueError(f"spin {spin} degrees per second must be finite")
+        object.__setattr__(self, "mesh", mesh)
+        object.__setattr__(self, "velocity", frozen(as_position(velocity, "velocity")))
+        object.__setattr__(self, "spin", spin)
+
+    @property
+    def still(self) -> bool:
+        """Whether it never moves."""
+        return not self.spin and not self.velocity.any()
+
+    def at(self, seconds: float) -> Mesh:
+        """The object at a time, finite; it stops `FARTHEST` metres away."""
+        if self.still:
+            return self.mesh
+        turned = self.mesh.rotated(self.spin * seconds)
+        return Mesh(
+            turned.solid, turned.rotation, np.clip(turned.offset + self.velocity * seconds, -FARTHEST, FARTHEST)
+        )
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an object is and how it moves."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.17
+    rotation: float = 0.0
+    vx: float = 0.0
+    vy: float = 0.0
+    vz: float = 0.0
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check(self)
+
+    def put(self, mesh: Mesh) -> MovingObject:
+        """An object with its centre here."""
+        mesh = mesh.moved(np.array([self.x, self.y, self.z]) - mesh.centre).rotated(self.rotation)
+        return MovingObject(mesh, (self.vx, self.vy, self.vz), self.turn)
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a shape of the paper is."""
+
+    size: float = 0.1
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The unit of a mesh file."""
+
+    scale: float | None = None
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Which surface of a volume is the object."""
+
+    level: float | None = None
+    spacing: float | None = None
+    step: int = 1
+
+
+def object_help() -> str:
+    """What an object may be, and its parameters with their defaults, a line each."""
+    return f"""{"|".join(SOLIDS)}:{written(Size)}
+FILE ({", ".join(MESH_FILES)}):scale=METRES   in its unit: 0.001 for millimetres
+FILE (.npy, .npz, .nii, .nii.gz) or DICOM folder:level=VALUE,spacing=METRES,step=1
+    what is above the level in a volume; a larger step is coarser
+all: {written(Place)}
+    centre in m, degrees about the vertical, m/s, degrees per second"""
+
+
+def parse_object(text: str, status: Callable[[str], None] | None = None) -> MovingObject:
+    """Read an object such as ``cube``, ``sphere:size=0.06,x=0.02,turn=90``, ``cup.stl:scale=0.001`` or ``ct:level=9``.
+
+    The centre of its bounding box is put at x, y and z, by default where the paper has its shapes.
+
+    Parameters
+    ----------
+    text : str
+        A shape of the paper or the name of a file, and parameters after a colon.
+    status : function, optional
+        Is told what is being done, for people who wait while a file is read.
+
+    Raises
+    ------
+    ValueError
+        That names the unknown object or parameter, or the value that is of the wrong kind.
+    InputFileError, OSError
+        If a file cannot be read.
+    """
+    name, _, parameters = text.partition(":")
+    if name in SOLIDS:
+        values = read_parameters(name, parameters, Size, Place)
+        made: Mesh = getattr(Mesh, name)(values.pop("size", Size.size))
+        return Place(**values).put(made)
+    name, colon, parameters = text.rpartition(":")  # a file's name may have colons
+    if not colon or _kind(text):
+        name, parameters = text, ""
+    path = Path(name)
+    if (kind := _kind(name)) is None:
+        raise ValueError(
+            f"unknown object {name!r}; known are {', '.join(SOLIDS)}, {', '.join(MESH_FILES)} files, and as volumes "
+            f"{VOLUMES}"
+        )
+    values = read_parameters(path.name, parameters, kind, Place)
+    own = {field.name: values.pop(field.name) for field in fields(kind) if field.name in values}
+    place = Place(**values)
+    if kind is Scale:
+        return place.put(Mesh.load(path, **own, status=status))
+    if "level" not in own:
+        raise ValueError(f"{name} needs level=…, the value above which the object is")
+    return place.put(Mesh.from_volume(path, **own, status=status))
+
+
+def _kind(name: str) -> type[Scale | Surface] | None:
+    """What parameters a file or folder has; None if it is of no known kind."""
+    if Path(name).suffix.lower() in MESH_FILES:
+        return Scale
+    return Surface if name and volume_suffix(Path(name)) else None

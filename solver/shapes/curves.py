@@ -1,0 +1,156 @@
+"""Curves and their cut into control points by arc length. Lengths in metres.
+
+This is the one place where a line becomes points, whatever drew the line.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry import as_points
+from .points import MAX_POINTS, ControlPoints
+
+__all__ = ["SPACING", "Curve", "chain", "even_spacing", "ring", "sample_curves"]
+
+SPACING = 0.015
+"""Arc length between control points in metres, the paper's section 5."""
+
+COINCIDENT = 1e-3  # of the spacing: points closer than this are one point
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A line in space, known by its arc length.
+
+    Parameters
+    ----------
+    length : float
+        In metres, positive.
+    closed : bool
+        Whether its end is its beginning.
+    at : function
+        From (k,) arc lengths to (k, 3) positions, both in metres.
+    sides : int
+        Into how many congruent sides it falls; points are spread alike over all of them.
+    """
+
+    length: float
+    closed: bool
+    at: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    sides: int = 1
+
+
+def ring(x: float, y: float, height: float, radius: float, start: float = 0.0) -> Curve:
+    """A horizontal circle, counterclockwise from the angle ``start`` (radians)."""
+
+    def at(arc: NDArray[np.float64]) -> NDArray[np.float64]:
+        angle = start + arc / radius
+        return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle), np.full(len(arc), height)], axis=1)
+
+    return Curve(2 * math.pi * radius, closed=True, at=at)
+
+
+def chain(vertices: ArrayLike, *, closed: bool = False, sides: int = 1) -> Curve:
+    """Straight pieces from vertex to vertex.
+
+    Parameters
+    ----------
+    vertices : (v, 3) float
+        In metres, v of at least 1; repeated ones add nothing.
+    closed : bool
+        Whether a last piece leads from the last vertex back to the first.
+    sides : int
+        As of `Curve`; v, where all pieces are equally long and the corners must be among the points.
+
+    Raises
+    ------
+    ValueError
+        Where the vertices are no coordinates, or the chain has no length.
+    """
+    corners = as_points(vertices, "polyline corner")
+    if closed:
+        corners = np.concatenate([corners, corners[:1]])
+    pieces = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    corners = corners[np.concatenate([[True], pieces > 0])]
+    reached = np.concatenate([[0.0], np.cumsum(pieces[pieces > 0])])
+    length = float(reached[-1])
+    if length == 0:
+        raise ValueError(f"a polyline all of whose corners lie at {corners[0].tolist()} m has no length")
+
+    def at(arc: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.stack([np.interp(arc, reached, corners[:, axis]) for axis in range(3)], axis=1)
+
+    return Curve(length, closed, at, sides)
+
+
+def even_spacing(curves: Sequence[Curve], count: int) -> float:
+    """The spacing in metres with which curves together take ``count`` points: an open one has both of its ends."""
+    return sum(curve.length for curve in curves) / (count - sum(not curve.closed for curve in curves))
+
+
+def sample_curves(curves: Sequence[Curve], spacing: float = SPACING) -> ControlPoints:
+    """Cut curves into control points by arc length.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        At least one.
+    spacing : float
+        Wanted arc length between neighbours, in metres.
+
+    Returns
+    -------
+    ControlPoints
+        Curve by curve, equally spaced along each.
+
+    Raises
+    ------
+    ValueError
+        Where the spacing is not positive, or so small that there are too many points.
+
+    Notes
+    -----
+    The spacing on a curve is the nearest to the wanted one that divides its length: the strength along a line should
+    not vary, so equal spacing goes before corners. A closed curve begins with a point at its start; an open one has
+    points at both ends, or a single one in its middle where it is shorter than half the spacing. A curve with sides
+    takes the same whole number of steps on each, corners included, unless the sides are shorter than half the spacing.
+
+    Where curves meet in a sample there is one point, not two: the second would add nothing but a singular system.
+    """
+    if not 0 < spacing < math.inf:
+        raise ValueError(f"spacing {spacing} m must be positive and finite")
+    steps = [_steps(curve, spacing) for curve in curves]
+    if (total := sum(count + (not curve.closed) for curve, count in zip(curves, steps, strict=True))) > MAX_POINTS:
+        raise ValueError(f"spacing {spacing} m makes {total:.3g} control points; at most {MAX_POINTS} are possible")
+    positions = np.concatenate(
+        [curve.at(_arc_lengths(curve, int(count))) for curve, count in zip(curves, steps, strict=True)]
+    )
+    return ControlPoints(_without_coincidences(positions, COINCIDENT * spacing))
+
+
+def _steps(curve: Curve, spacing: float) -> float:
+    """Steps between points: whole, but a float, because it may overflow to infinity."""
+    wanted = curve.length / spacing
+    return float(curve.sides * np.rint(wanted / curve.sides) or np.rint(wanted))
+
+
+def _arc_lengths(curve: Curve, steps: int) -> NDArray[np.float64]:
+    if curve.closed:
+        return curve.length * np.arange(max(1, steps)) / max(1, steps)
+    if steps == 0:
+        return np.array([curve.length / 2])
+    return curve.length * np.arange(steps + 1) / steps
+
+
+def _without_coincidences(positions: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+    """The positions without those that lie within ``distance`` of an earlier one."""
+    from scipy.spatial import cKDTree  # which takes 0.1 s to import
+
+    stays = np.ones(len(positions), dtype=np.bool_)
+    stays[cKDTree(positions).query_pairs(distance, output_type="ndarray")[:, 1]] = False
+    return positions[stays]

@@ -1,0 +1,96 @@
+"""The notation of the command line for things with parameters: ``name:parameter=value,…``.
+
+What has parameters is a dataclass: its fields are the parameters, and their annotations say how they are read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+from ...errors import InputFileError
+from ..geometry import FARTHEST
+
+__all__ = ["READERS", "check", "read_parameters", "written"]
+
+# unit of a parameter: how it is written, its name, and the largest value
+LENGTH = ("m", "metres", FARTHEST)
+_SPEED = ("m/s", "metres per second", 100.0)
+UNITS = {
+    "rotation": ("degrees", "degrees", 360.0),
+    "turn": ("degrees/s", "degrees per second", 36000.0),
+    "vx": _SPEED,
+    "vy": _SPEED,
+    "vz": _SPEED,
+    "scale": ("m", "metres for each unit of the file", FARTHEST),
+    "level": ("", "the volume's values", float("inf")),
+}
+
+
+def check(thing: Any, positive: tuple[str, ...] = ()) -> None:
+    """Raise `ValueError` if a float of a dataclass is larger than its unit allows, or not positive but must be."""
+    for field in dataclasses.fields(thing):
+        if field.type != "float":
+            continue
+        value = getattr(thing, field.name)
+        unit, _, largest = UNITS.get(field.name, LENGTH)
+        if not abs(value) <= largest or (field.name in positive and value <= 0):
+            rule = "positive and at most" if field.name in positive else "at most"
+            name = f"{type(thing).__name__.lower()} {field.name}"
+            raise ValueError(f"{name} {value} {unit} must be {rule} {largest:g} {unit}")
+
+
+def written(kind: type[Any]) -> str:
+    """The parameters of a dataclass with their defaults."""
+    return ",".join(f"{field.name}={_written(field.default)}" for field in dataclasses.fields(kind))
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return "/".join(":".join(f"{number:g}" for number in vertex) for vertex in value)
+    return str(value)
+
+
+def _read_bool(text: str) -> bool:
+    return {"yes": True, "no": False}[text]
+
+
+READERS: dict[Any, tuple[Callable[[str], Any], str]] = {
+    "float": (float, "a number of {unit}"),
+    "float | None": (float, "a number of {unit}"),
+    "int": (int, "a whole number"),
+    "bool": (_read_bool, "yes or no"),
+}
+"""How a parameter is read from text and what it must be, by its annotation."""
+
+
+def read_parameters(name: str, text: str, *kinds: type[Any]) -> dict[str, Any]:
+    """Read ``parameter=value,…`` for dataclasses, which have no parameter in common.
+
+    Raises
+    ------
+    ValueError
+        That names the unknown parameter of what is called ``name``, or the value that is of the wrong kind.
+    InputFileError, OSError
+        If a file that a value names cannot be read.
+    """
+    known = {field.name: field.type for kind in kinds for field in dataclasses.fields(kind)}
+    values: dict[str, Any] = {}
+    for item in filter(None, text.split(",")):
+        key, _, value = item.partition("=")
+        if key not in known:
+            raise ValueError(f"{name} has no parameter {key!r}; it has {', '.join(sorted(known))}")
+        if key in values:
+            raise ValueError(f"{name} {key} is given twice")
+        read, what = READERS[known[key]]
+        try:
+            values[key] = read(value)
+        except InputFileError:
+            raise
+        except (ValueError, KeyError):
+            _, unit, _ = UNITS.get(key, LENGTH)
+            raise ValueError(f"{name} {key} {value!r} is not {what.format(unit=unit)}") from None
+    return values

@@ -1,0 +1,97 @@
+"""Files of control points: CSV, JSON and plain text."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputFileError
+from ...storage import read_text
+from .points import ControlPoints
+
+__all__ = ["POINT_FILES", "read_points"]
+
+MOST_POINT_BYTES = 4_000_000
+"""A hundred thousand points, far more than any solver takes."""
+
+
+def read_points(path: Path) -> ControlPoints:
+    """Read control points from a CSV, JSON or plain text file, by the suffix of its name.
+
+    CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line without any number is taken for
+    names, and empty lines and those that begin with ``#`` are skipped.
+    Plain text (``.txt``, ``.xyz``): the same with white space between the numbers; what follows a ``#`` is skipped.
+    JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``, where the amplitudes are optional.
+
+    Raises
+    ------
+    InputFileError
+        Where the file is not readable as such; it says where.
+    OSError
+        Where it cannot be opened.
+    """
+    if path.suffix.lower() not in POINT_FILES:
+        raise InputFileError(f"{path}: control points are read from {' or '.join(POINT_FILES)} files")
+    text = read_text(path, MOST_POINT_BYTES)
+    try:
+        positions, amplitudes = POINT_FILES[path.suffix.lower()](text)
+        return ControlPoints(positions, amplitudes)
+    except (ValueError, TypeError, OverflowError, RecursionError, csv.Error) as error:
+        raise InputFileError(f"{path}: {error}") from error
+
+
+def _read_csv(text: str) -> tuple[list[list[float]], list[float] | None]:
+    return _read_table(csv.reader(text.splitlines()), ",")
+
+
+def _read_text(text: str) -> tuple[list[list[float]], list[float] | None]:
+    return _read_table((line.partition("#")[0].split() for line in text.splitlines()), " ")
+
+
+def _read_table(lines: Iterable[list[str]], separator: str) -> tuple[list[list[float]], list[float] | None]:
+    """Positions and, where there are four columns, amplitudes, from the cells of each line of a file."""
+    rows: list[list[float]] = []
+    names_may_come = True
+    for number, cells in enumerate(lines, start=1):
+        if not any(cell.strip() for cell in cells) or cells[0].lstrip().startswith("#"):
+            continue
+        numbers = [_number(cell) for cell in cells]
+        if names_may_come and len(cells) in (3, 4) and not any(value is not None for value in numbers):
+            names_may_come = False
+            continue
+        names_may_come = False
+        row = [value for value in numbers if value is not None]
+        if len(row) != len(cells) or len(row) not in (3, 4):
+            form = separator.join("xyz")
+            raise ValueError(
+                f"line {number}: {separator.join(cells)!r} is not {form} or {form}{separator}amplitude in numbers"
+            )
+        if rows and len(row) != len(rows[0]):
+            raise ValueError(f"line {number} has {len(row)} numbers, but the lines before it have {len(rows[0])}")
+        rows.append(row)
+    if not rows:
+        raise ValueError("there are no control points in it")
+    return [row[:3] for row in rows], [row[3] for row in rows] if len(rows[0]) == 4 else None
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _read_json(text: str) -> tuple[Any, Any]:
+    record = json.loads(text)
+    if not isinstance(record, dict) or "positions" not in record:
+        raise ValueError('it must be an object with "positions": [[x, y, z], …] and, if wanted, "amplitudes": […]')
+    if unknown := sorted(set(record) - {"positions", "amplitudes"}):
+        raise ValueError(f"unknown entry {unknown[0]!r}; known are positions and amplitudes")
+    return record["positions"], record.get("amplitudes")
+
+
+POINT_FILES = {".csv": _read_csv, ".json": _read_json, ".txt": _read_text, ".xyz": _read_text}
+"""Readers of control points by the suffix of a file's name."""

@@ -1,0 +1,113 @@
+"""Control points: where the field should be strong, and where it should be low."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..acoustics.array import TransducerArray
+from ..geometry import as_points, frozen
+
+__all__ = ["MAX_POINTS", "REACH", "ControlPoints", "check_reachable", "reachable"]
+
+MAX_POINTS = 4096
+"""Most control points that are solved for at once: far more than an array can serve, few enough for the memory."""
+
+REACH = 2.0
+"""Distance in metres beyond which a control point is taken for a mistake, such as millimetres given as metres. The
+paper's array works best from 0.15 to 0.5 m."""
+
+
+@dataclass(frozen=True, eq=False)
+class ControlPoints:
+    """Points and how strong the field should be at each, relative to the others.
+
+    Parameters
+    ----------
+    positions : (m, 3) float
+        In metres, in the array's coordinates.
+    amplitudes : (m,) float, optional
+        Relative pressure amplitudes, at least 0; a point of amplitude 0 is a null. All 1 by default. A solver meets the
+        ratios as nearly as the array can, misses counting in pascals; the drive limit decides the pressure.
+
+    Raises
+    ------
+    ValueError
+        Where a number is not finite, an amplitude is negative, all are zero, or lengths differ.
+    """
+
+    positions: NDArray[np.float64]
+    amplitudes: NDArray[np.float64]
+
+    def __init__(self, positions: ArrayLike, amplitudes: ArrayLike | None = None) -> None:
+        points = as_points(positions, "control point")
+        try:
+            values = np.ones(len(points)) if amplitudes is None else np.array(amplitudes, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"amplitudes must be numbers: {error}") from error
+        if values.shape != (len(points),):
+            raise ValueError(f"amplitudes have the shape {values.shape}, but there are {len(points)} control points")
+        if not (values.min() >= 0 and values.max() < math.inf):  # true also where one is not a number
+            bad = np.flatnonzero(~np.isfinite(values) | (values < 0))
+            raise ValueError(f"amplitude {values[bad[0]]} of control point {bad[0]} must be finite and not negative")
+        if not values.any():
+            raise ValueError("every control point has amplitude 0; at least one must be positive")
+        object.__setattr__(self, "positions", frozen(points))
+        object.__setattr__(self, "amplitudes", frozen(values))
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def part(self, of: NDArray[np.bool_]) -> ControlPoints:
+        """Those of a mask (m,), among which one is no null."""
+        return self.trusted(self.positions[of], self.amplitudes[of])
+
+    @classmethod
+    def trusted(cls, positions: NDArray[np.float64], amplitudes: NDArray[np.float64]) -> Self:
+        """Points whose values were checked before; the arrays are kept, read-only from now on.
+
+        For live use: the checks take as long as a quarter of a solution.
+        """
+        points = object.__new__(cls)
+        object.__setattr__(points, "positions", frozen(positions))
+        object.__setattr__(points, "amplitudes", frozen(amplitudes))
+        return points
+
+
+def check_reachable(array: TransducerArray, points: ControlPoints, where: str = "") -> None:
+    """Raise `ValueError`, naming the point after ``where``, that the array cannot reach."""
+    for problem, advice in _problems(array, points.positions):
+        if problem.any():
+            first = int(np.argmax(problem))
+            raise ValueError(f"{where}control point {first} at {points.positions[first].tolist()} m {advice}")
+
+
+def reachable(array: TransducerArray, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of (m, 3) points the array can reach: (m,), true for those that `check_reachable` lets pass."""
+    from ..acoustics.tables import surely_reachable  # numba takes half a second to import
+
+    if surely_reachable(array, positions, REACH):
+        return np.ones(len(positions), np.bool_)
+    return np.asarray(~np.any([problem for problem, _ in _problems(array, positions)], axis=0))
+
+
+def _problems(array: TransducerArray, positions: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], str]]:
+    """What speaks against points: which of them, and what to say."""
+    offset = positions[:, None, :] - array.positions[None, :, :]
+    in_front = (np.einsum("mnk,nk->mn", offset, array.normals) > 0)[:, array.able].any(axis=1)
+    nearest = np.linalg.norm(offset, axis=2).min(axis=1)
+    return [
+        (
+            ~in_front,
+            "is on the array or behind it, as far as that can sound; z must be positive in front of a flat array",
+        ),
+        (
+            nearest < array.transducer.nearest,
+            f"is closer to a transducer than {array.transducer.nearest} m, where its model ends",
+        ),
+        (nearest > REACH, f"is out of reach, more than {REACH:g} m away; coordinates are in metres"),
+    ]

@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire import Medium, Transducer, TransducerArray, pressure
+from phasewire.solver import MODELS, Aperture, residual, slice_field
+from phasewire.solver.acoustics.models import directivity
+from phasewire.solver.acoustics.propagation import arrivals, transfer_matrix
+from scipy.integrate import dblquad
+
+AIR = Medium()
+K = AIR.wavenumber
+RADIUS = 4.5e-3
+SINGLE = TransducerArray([[0, 0, 0]], [[0, 0, 1]])
+STRENGTH = SINGLE.transducer.strength
+
+
+def rayleigh_integral(at: np.ndarray) -> complex:
+    """Pressure of a baffled piston by quadrature of e^{ikr}/r over its disc, scaled to P₁·e^{ikr}/r far away."""
+
+    def integrand(angle: float, rho: float, part: str) -> float:
+        r = np.linalg.norm(at - [rho * np.cos(angle), rho * np.sin(angle), 0])
+        return float(getattr(np.exp(1j * K * r) / r * rho, part))
+
+    real, imag = (
+        dblquad(integrand, 0, RADIUS, 0, 2 * np.pi, args=(part,), epsabs=1e-12, epsrel=1e-6)[0]
+        for part in ("real", "imag")
+    )
+    return STRENGTH / (np.pi * RADIUS**2) * complex(real, imag)
+
+
+@pytest.mark.parametrize("z", [0.05, 0.1, 0.2, 0.5])
+def test_on_the_axis_it_approaches_the_closed_form_of_the_piston(z: float) -> None:
+    """|p| = (2/k)·2·P₁/a²·|sin(k/2·(√(z²+a²) − z))|; the far field differs by about (ka²/4z)²/6 and (a/2z)²."""
+    closed = 4 * STRENGTH / (K * RADIUS**2) * abs(np.sin(K / 2 * (np.hypot(z, RADIUS) - z)))
+    far = abs(transfer_matrix(SINGLE, [[0, 0, z]])[0, 0])
+    assert far == pytest.approx(closed, rel=2 * ((K * RADIUS**2 / 4 / z) ** 2 / 6 + (RADIUS / 2 / z) ** 2))
+
+
+@pytest.mark.parametrize("degrees", [0, 20, 45, 70])
+def test_off_the_axis_it_is_the_rayleigh_integral(degrees: float) -> None:
+    angle, distance = np.radians(degrees), 0.3
+    at = distance * np.array([np.sin(angle), 0, np.cos(angle)])
+    exact = rayleigh_integral(at)
+    # The phase differs by the disc's own curvature, k·a²/(4·r), 0.012 rad here; magnitudes by its square.
+    assert transfer_matrix(SINGLE, at[None])[0, 0] == pytest.approx(exact, rel=0.02)
+    assert abs(transfer_matrix(SINGLE, at[None])[0, 0]) == pytest.approx(abs(exact), rel=1e-3)
+
+
+def test_directivity_has_the_published_beam_widths() -> None:
+    """About 85° between the −6 dB directions and 59° between the −3 dB ones, the paper's "60°"."""
+    angles = np.radians(np.linspace(0, 90, 9001))
+    level = 20 * np.log10(directivity(np.sin(angles), RADIUS, AIR))
+    for decibels, full_angle in ((-6, 85), (-3, 59)):
+        half = np.degrees(angles[np.argmax(level < decibels)])
+        assert 2 * half == pytest.approx(full_angle, abs=1)
+
+
+def test_on_the_axis_strength_is_pressure_times_distance() -> None:
+    phase = np.exp(1j * K * 0.3)
+    assert transfer_matrix(SINGLE, [[0, 0, 0.3]])[0, 0] == pytest.approx(STRENGTH / 0.3 * phase)
+
+
+POINTS = st.lists(
+    st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(0.02, 0.6)), min_size=1, max_size=4
+).map(np.array)
+
+
+@given(POINTS, st.integers(0, 2**32 - 1))
+def test_pressure_is_the_sum_of_the_transducers(points: np.ndarray, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    array = TransducerArray.grid(4, 3)
+    drive = rng.normal(size=12) + 1j * rng.normal(size=12)
+    alone = sum(pressure(array, drive * (np.arange(12) == q), points) for q in range(12))
+    np.testing.assert_allclose(pressure(array, drive, points), alone, atol=1e-9)
+
+
+@given(POINTS)
+def test_turning_array_and_points_together_changes_nothing(points: np.ndarray) -> None:
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    array = TransducerArray.grid(4, 3)
+    turned = TransducerArray(array.positions @ turn.T, array.normals @ turn.T)
+    np.testing.assert_allclose(transfer_matrix(turned, points @ turn.T), transfer_matrix(array, points), rtol=1e-7)
+
+
+def test_a_long_list_of_points_is_the_same_as_its_parts(array: TransducerArray) -> None:
+    points = np.random.default_rng(2).uniform([-0.1, -0.1, 0.1], [0.1, 0.1, 0.3], size=(5000, 3))
+    drive = np.exp(1j * np.arange(320))
+    whole = pressure(array, drive, points)
+    np.testing.assert_allclose(whole[[0, 4095, 4096, 4999]], pressure(array, drive, points[[0, 4095, 4096, 4999]]))
+
+
+def test_a_bad_point_far_down_the_list_is_named_by_its_number(array: TransducerArray) -> None:
+    points = np.full((5000, 3), 0.2)
+    points[4321] = array.positions[7] + [0, 0, 1e-3]
+    with pytest.raises(ValueError, match=r"point 4321 at .* is 1.00 mm from transducer 7"):
+        pressure(array, np.ones(320), points)
+
+
+def test_nothing_sounds_behind_the_baffle() -> None:
+    assert transfer_matrix(SINGLE, [[0, 0, -0.2], [0.1, 0, 0]]).tolist() == [[0], [0]]
+
+
+@pytest.mark.parametrize("model", sorted(MODELS))
+@given(POINTS)
+def test_every_model_is_its_residual_on_a_spherical_wave(model: str, points: np.ndarray) -> None:
+    """Looked up to 1e-4 where the model is a Rayleigh integral."""
+    transducer = Transducer(model=model)
+    distance = np.linalg.norm(points, axis=1)
+    sine = np.hypot(points[:, 0], points[:, 1]) / distance
+    expected = STRENGTH * residual(transducer, sine, distance, AIR) * np.exp(1j * K * distance) / distance
+    found = transfer_matrix(TransducerArray([[0, 0, 0]], [[0, 0, 1]], transducer), points, AIR)[:, 0]
+    tolerance = 1e-12 if model in ("monopole", "piston") else 1e-4 * np.maximum(1, np.sqrt(distance / 0.3))
+    assert (np.abs(found - expected) <= tolerance * STRENGTH / distance).all()
+
+
+def test_a_slice_of_an_image_is_what_the_transfer_matrix_says_on_its_mean() -> None:
+    """The paper's way, slice by slice, and the table; on a ring of samples around the axis, at a few heights."""
+    aperture = Aperture.disc(RADIUS)
+    array = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(strength=1, model="rayleigh", aperture=aperture))
+    for z in (0.03, 0.1, 0.3):
+        axis, field = slice_field(aperture, z, 0.1, AIR)
+        row = len(axis) // 2
+        at = np.stack([axis[::20], np.full_like(axis[::20], axis[row]), np.full_like(axis[::20], z)], axis=1)
+        found = transfer_matrix(array, at, AIR)[:, 0]
+        np.testing.assert_allclose(found, field[row, ::20], atol=2e-4 / z)
+
+
+def test_absorption_takes_its_decibels_per_metre() -> None:
+    points = [[0, 0, 0.1], [0, 0, 0.6]]
+    loss = transfer_matrix(SINGLE, points, Medium(absorbing=True)) / transfer_matrix(SINGLE, points, AIR)
+    np.testing.assert_allclose(20 * np.log10(loss[:, 0].real), [-0.1 * 1.318, -0.6 * 1.318], rtol=1e-3)
+    np.testing.assert_allclose(loss.imag, 0, atol=1e-12)
+
+
+def test_a_transducer_the_other_way_round_is_its_negative() -> None:
+    turned = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(polarity=-1))
+    np.testing.assert_array_equal(transfer_matrix(turned, [[0, 0.1, 0.2]]), -transfer_matrix(SINGLE, [[0, 0.1, 0.2]]))
+
+
+def test_a_rayleigh_integral_keeps_two_radii_away() -> None:
+    array = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(model="rayleigh"))
+    transfer_matrix(array, [[0, 0, 9e-3]])
+    with pytest.raises(ValueError, match=r"is 8\.00 mm from transducer 0; the model 'rayleigh' needs .* 9\.00 mm"):
+        transfer_matrix(array, [[0, 0, 8e-3]])
+
+
+def test_a_louder_transducer_is_louder() -> None:
+    loud = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(strength=2 * STRENGTH))
+    np.testing.assert_allclose(transfer_matrix(loud, [[0, 0, 0.2]]), 2 * transfer_matrix(SINGLE, [[0, 0, 0.2]]))
+
+
+@pytest.mark.parametrize(
+    ("drive", "at", "message"),
+    [
+        (np.ones(319), [[0, 0, 0.2]], r"drive has the shape \(319,\), but the array has 320 transducers"),
+        (np.full(320, np.nan), [[0, 0, 0.2]], "drive of transducer 0 is .*nan"),
+        (np.ones(320), [[0, np.inf, 0.2]], "point 0 is .*inf.*; its coordinates must be finite"),
+        (np.ones(320), [[5.15e-3, 5.15e-3, 1e-3]], "point 0 at .* is 1.00 mm from transducer 170"),
+    ],
+)
+def test_bad_input_is_named(array: TransducerArray, drive: np.ndarray, at: list[list[float]], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        pressure(array, drive, at)
+
+
+@pytest.mark.parametrize("model", ["monopole", "piston", "rayleigh"])
+def test_sound_travels_back_as_it_came(model: str) -> None:
+    """Reciprocity: two transducers that look at each other hear each other alike, wherever they are."""
+    rng = np.random.default_rng(12)
+    transducer = Transducer(model=model)
+    places, normals = rng.uniform(-0.1, 0.1, (2, 3)), rng.normal(size=(2, 3))
+    places[1] += [0, 0, 0.3]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[0, 2], normals[1, 2] = abs(normals[0, 2]) + 2, -abs(normals[1, 2]) - 2
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    there, back = (
+        transfer_matrix(TransducerArray([places[i]], [normals[i]], transducer), [places[1 - i]])[0, 0] for i in (0, 1)
+    )
+    turned = transfer_matrix(TransducerArray([places[0]], [-normals[1]], transducer), [places[1]])[0, 0]
+    assert back == pytest.approx(turned)  # back from 1 with its normal is there from 0 with that normal reversed
+    if model == "monopole":
+        assert there == pytest.approx(back)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("far", [0.2, 6.0], ids=["compiled", "too far for that"])
+def test_arrivals_are_the_transfer_without_the_phase_of_the_way(model: str, far: float) -> None:
+    medium = Medium(absorbing=True)
+    array = TransducerArray.grid(4, 3, transducer=Transducer(model=model, polarity=-1)).calibrated(
+        np.linspace(0.5, 1, 12) * np.exp(1j * np.arange(12))
+    )
+    at = np.array([[0.03, 0.01, far], [-0.2, 0.1, far / 2], [0.01, 0, 0.05], [0, 0, -0.3]])
+    way = np.linalg.norm(at[:, None] - array.positions, axis=2)
+    expected = transfer_matrix(array, at, medium) * np.exp(-1j * medium.wavenumber * way)
+    found = arrivals(array, at, medium)
+    np.testing.assert_allclose(found, expected, atol=2e-5 * np.abs(expected).max())
+    with pytest.raises(ValueError, match=r"point 1 at .* mm from transducer 0"):
+        arrivals(array, [at[0], array.positions[0]], medium)

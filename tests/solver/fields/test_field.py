@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from phasewire import ControlPoints, Medium, Solution, TransducerArray, pressure, sample_plane, solve
+from phasewire.solver.fields.field import PlaneField, VolumeField, sample_cut, sample_volume
+from phasewire.solver.fields.grid import Grid
+
+
+def test_a_plane_holds_the_pressure_at_its_samples(sphere_solution: Solution) -> None:
+    array, drive = sphere_solution.array, sphere_solution.drive
+    plane = sample_plane(array, drive, 0.2, extent=0.1, step=0.01)
+    assert plane.pressure.shape == (plane.y.size, plane.x.size) == (11, 11)
+    for row, column in ((0, 0), (3, 8), (10, 5)):
+        expected = pressure(array, drive, [[plane.x[column], plane.y[row], 0.2]])[0]
+        assert plane.pressure[row, column] == pytest.approx(expected, abs=1e-5 * abs(plane.pressure).max())
+
+
+def test_the_step_is_kept_and_the_middle_is_sampled(array: TransducerArray) -> None:
+    plane = sample_plane(array, np.ones(320), 0.2, extent=0.05, step=0.02)
+    np.testing.assert_allclose(plane.x, [-0.02, 0, 0.02])
+    with pytest.raises(ValueError, match="read-only"):
+        plane.pressure[0, 0] = 0
+
+
+def test_the_strongest_sample_is_at_the_focus(array: TransducerArray) -> None:
+    focus = (0.02, -0.03)
+    plane = sample_plane(array, solve(array, ControlPoints([[*focus, 0.2]])).drive, 0.2, step=2e-3)
+    row, column = np.unravel_index(np.abs(plane.pressure).argmax(), plane.pressure.shape)
+    assert (plane.x[column], plane.y[row]) == (pytest.approx(focus[0], abs=2e-3), pytest.approx(focus[1], abs=2e-3))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"height": -0.1}, "height -0.1 m must be positive"),
+        ({"height": 0.2, "extent": np.inf}, "extent inf m"),
+        ({"height": 0.2, "step": 0}, "step 0 m"),
+        ({"height": 0.2, "step": 5e-324}, "makes more than"),
+        ({"height": 0.2, "extent": 1e200}, "makes more than"),
+        ({"height": 0.2, "extent": 1e-3, "step": 1e-3}, "too long for a plane of 0.001 m"),
+        ({"height": 1e300}, "coordinates are metres, at most 1000"),
+        ({"height": 0.2, "step": 1e-6}, "makes more than 4000000 samples"),
+    ],
+)
+def test_impossible_planes_are_named(array: TransducerArray, arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        sample_plane(array, np.ones(320), **arguments)
+
+
+def test_too_many_samples_for_a_large_array_are_refused() -> None:
+    large = TransducerArray.grid(100, 100, 1e-3)
+    with pytest.raises(ValueError, match="10000 transducers are too many"):
+        sample_plane(large, np.ones(10_000), 0.2, step=2e-4)
+
+
+SMALL = TransducerArray.grid(4, 3)
+DRIVE = np.exp(1j * np.arange(12) ** 2)
+GRIDS = {
+    "standing": Grid.along("xz", (0, 0.01, 0.1), [0.04, 0.1], 0.01),
+    "oblique": Grid((0, 0, 0.2), [[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]], (5, 3), 0.01),
+    "box": Grid.along("xyz", (0, 0, 0.2), [0.02, 0.04, 0.06], 0.01),
+}
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_any_grid_holds_the_pressure_at_its_samples(name: str) -> None:
+    grid, air = GRIDS[name], Medium(30)
+    field = (sample_volume if name == "box" else sample_cut)(SMALL, DRIVE, grid, air)
+    assert field.medium == air
+    for index in np.ndindex(grid.shape):
+        expected = pressure(SMALL, DRIVE, [grid.positions()[index]], air)[0]
+        assert field.pressure[index] == pytest.approx(expected, abs=1e-4 * np.abs(field.pressure).max())
+
+
+def test_a_horizontal_cut_is_the_plane() -> None:
+    plane = sample_plane(SMALL, DRIVE, 0.2, extent=0.05, step=0.01)
+    cut = sample_cut(SMALL, DRIVE, Grid.along("xy", (0, 0, 0.2), 0.05, 0.01))
+    np.testing.assert_array_equal(cut.pressure, plane.pressure)
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_the_strongest_sample_is_found(name: str) -> None:
+    field = (sample_volume if name == "box" else sample_cut)(SMALL, DRIVE, GRIDS[name])
+    strongest, where = field.strongest()
+    assert strongest == np.abs(field.pressure).max()
+    assert abs(pressure(SMALL, DRIVE, [where])[0]) == pytest.approx(strongest, rel=1e-4)
+
+
+def test_coordinates_of_space_are_there_where_they_mean_something() -> None:
+    field = sample_cut(SMALL, DRIVE, GRIDS["standing"])
+    np.testing.assert_allclose(field.x, [-0.02, -0.01, 0, 0.01, 0.02])
+    np.testing.assert_allclose(field.z[[0, -1]], [0.05, 0.15])
+    with pytest.raises(ValueError, match="no axis of this plane is along y"):
+        _ = field.y
+
+
+def test_a_grid_of_the_wrong_kind_is_refused() -> None:
+    with pytest.raises(ValueError, match="the grid is a box, with 3 axes; it must be a plane"):
+        sample_cut(SMALL, DRIVE, GRIDS["box"])
+    with pytest.raises(ValueError, match="the grid is a plane, with 2 axes; it must be a box"):
+        sample_volume(SMALL, DRIVE, GRIDS["standing"])
+    with pytest.raises(ValueError, match="it must be a plane"):
+        PlaneField(GRIDS["box"], np.zeros((7, 5, 3), complex), Medium())
+    with pytest.raises(ValueError, match=r"pressure has the shape \(3, 5, 7\), but the grid has \(7, 5, 3\)"):
+        VolumeField(GRIDS["box"], np.zeros((3, 5, 7), complex), Medium())
+
+
+def test_a_cut_through_the_array_names_the_transducer(array: TransducerArray) -> None:
+    with pytest.raises(ValueError, match=r"the model 'piston' needs at least 4\.50 mm"):
+        sample_cut(array, np.ones(320), Grid.along("xz", (0, 5.15e-3, 0.02), 0.04, 1e-3))

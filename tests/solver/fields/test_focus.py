@@ -1,0 +1,254 @@
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from phasewire import ControlPoints, Medium, TransducerArray, pressure, solve
+from phasewire.solver.acoustics.models import directivity
+from phasewire.solver.acoustics.propagation import transfer_matrix
+from phasewire.solver.fields import focus as module
+from phasewire.solver.fields.focus import GHOST, FocusReport, focus_report
+from phasewire.solver.fields.grid import Grid
+from scipy.special import j1
+
+AIR = Medium()
+ARRAY = TransducerArray.grid(10, 10)
+
+
+def lone(array: TransducerArray, at: tuple[float, float, float]) -> np.ndarray:
+    """The drive that focuses on one point, every transducer at full drive."""
+    return np.asarray(np.exp(-1j * np.angle(transfer_matrix(array, [at])[0])))
+
+
+def look(drive: np.ndarray, points: ControlPoints, array: TransducerArray = ARRAY) -> FocusReport:
+    """A report from a coarse plane, for speed."""
+    grid = Grid.along("xy", points.positions.mean(axis=0), 0.16, 2.1e-3)
+    return focus_report(array, drive, points, grid=grid)
+
+
+def test_a_square_array_s_focus_is_as_wide_as_the_sinc() -> None:
+    """Far away, |p| ∝ sinc(x·L/(λz)) with L = n·pitch, which is 1/2 at x = 0.60335·λz/L."""
+    array, z = TransducerArray.grid(16, 8, 5e-3), 0.6
+    report = look(lone(array, (0, 0, z)), ControlPoints([[0, 0, z]]), array)
+    along_x, along_y, _ = report.foci[0].width
+    assert along_x == pytest.approx(2 * 0.60335 * AIR.wavelength * z / (16 * 5e-3), rel=0.02)
+    assert along_y == pytest.approx(2 * 0.60335 * AIR.wavelength * z / (8 * 5e-3), rel=0.02)
+
+
+def test_a_round_array_s_focus_is_as_wide_as_airy_s() -> None:
+    """Far away, |p| ∝ 2·J₁(v)/v with v = k·R·x/z, which is 1/2 at v = 2.2151."""
+    assert 2 * j1(2.2151) / 2.2151 == pytest.approx(0.5, abs=1e-4)
+    square, radius, z = TransducerArray.grid(21, 21, 4e-3), 0.04, 0.5
+    inside = np.hypot(*square.positions[:, :2].T) < radius
+    array = TransducerArray(square.positions[inside], square.normals[inside])
+    same_area = np.sqrt(inside.sum() / np.pi) * 4e-3
+    report = look(lone(array, (0, 0, z)), ControlPoints([[0, 0, z]]), array)
+    expected = 2 * 2.2151 * z / (AIR.wavenumber * same_area)
+    assert report.foci[0].width[0] == pytest.approx(expected, rel=0.02)
+
+
+def test_along_the_beam_a_focus_is_as_long_as_the_pressure_says() -> None:
+    at = (0.0, 0.0, 0.12)
+    drive = lone(ARRAY, at)
+    width = look(drive, ControlPoints([at])).foci[0].width[2]
+    z = np.linspace(0.02, 0.5, 4801)
+    magnitude = np.abs(pressure(ARRAY, drive, np.stack([0 * z, 0 * z, z], axis=1)))
+    at_focus = np.abs(pressure(ARRAY, drive, [at]))[0]
+    above = z[magnitude >= at_focus / 2]
+    assert width == pytest.approx(above.max() - above.min(), abs=2e-4)
+
+
+def test_a_lone_focus_is_where_it_should_be_and_nothing_else_is() -> None:
+    at = (0.01, -0.02, 0.15)
+    report = look(lone(ARRAY, at), ControlPoints([at]))
+    (focus,) = report.foci
+    assert focus.pressure == pytest.approx(np.abs(pressure(ARRAY, lone(ARRAY, at), [at]))[0], rel=1e-4)
+    assert focus.pressure <= focus.peak < 1.02 * focus.pressure
+    assert np.hypot(*focus.offset[:2]) < 1.5e-3
+    assert focus.offset[2] == 0
+    assert (report.missing, report.ghosts, report.nulls, report.spread) == ((), (), (), 0)
+
+
+def test_the_strongest_lobe_of_a_square_array_is_the_sinc_s() -> None:
+    """Twelve in a row make sin(12u)/(12·sin(u)), nearly a sinc; pistons and distance take a bit more."""
+    array, z = TransducerArray.grid(12, 12, 5e-3), 0.5
+    report = focus_report(
+        array, lone(array, (0, 0, z)), ControlPoints([[0, 0, z]]), grid=Grid.along("xy", (0, 0, z), 0.28, 2.1e-3)
+    )
+    lobe = report.strongest_lobe
+    assert lobe is not None
+    beside = max(np.abs(lobe.position[:2]))
+    assert beside == pytest.approx(1.4303 * AIR.wavelength * z / 0.06, rel=0.02)
+    assert min(np.abs(lobe.position[:2])) < 1e-3
+    farther = np.hypot(beside, z)
+    less = directivity(beside / farther, array.transducer.radius, AIR) * z / farther
+    u = np.linspace(np.pi / 12, np.pi / 6, 1000)
+    first = np.abs(np.sin(12 * u) / (12 * np.sin(u))).max()
+    assert lobe.level == pytest.approx(20 * np.log10(first * less), abs=0.05)
+
+
+def test_a_focus_nobody_wanted_is_a_ghost() -> None:
+    wanted, unwanted = (-0.03, 0.0, 0.15), (0.03, 0.01, 0.15)
+    report = look(lone(ARRAY, wanted) + 0.7 * lone(ARRAY, unwanted), ControlPoints([wanted]))
+    assert len(report.ghosts) == 1
+    ghost = report.ghosts[0]
+    assert ghost == report.strongest_lobe
+    np.testing.assert_allclose(ghost.position, unwanted, atol=1.5e-3)
+    assert ghost.pressure == pytest.approx(0.7 * report.mean, rel=0.1)
+    assert ghost.level == pytest.approx(20 * np.log10(ghost.pressure / report.mean))
+    weaker = look(lone(ARRAY, wanted) + 0.35 * lone(ARRAY, unwanted), ControlPoints([wanted]))
+    assert weaker.ghosts == ()
+    assert weaker.strongest_lobe is not None
+    assert weaker.strongest_lobe.pressure < GHOST * weaker.mean
+
+
+def test_a_point_nobody_serves_is_missing() -> None:
+    points = ControlPoints([[-0.04, 0, 0.15], [0.04, 0, 0.15], [0, 0.05, 0.15]])
+    drive = lone(ARRAY, (-0.04, 0, 0.15)) + lone(ARRAY, (0.04, 0, 0.15))
+    report = look(drive, points)
+    assert [focus.index for focus in report.missing] == [2]
+    assert report.spread > 0.3
+
+
+def test_a_point_that_should_be_weak_is_not_missing() -> None:
+    points = ControlPoints([[-0.03, 0, 0.15], [0.03, 0, 0.15]], [1, 0.2])
+    report = look(solve(ARRAY, points).drive, points)
+    assert report.foci[1].pressure < 0.5 * report.mean
+    assert report.missing == ()
+    assert report.spread < 0.05
+
+
+def test_nulls_have_a_depth() -> None:
+    at, quiet = (0.0, 0.0, 0.15), (0.03, 0.0, 0.15)
+    drive = lone(ARRAY, at)
+    report = look(drive, ControlPoints([quiet, at], [0, 1]))
+    loud, low = np.abs(pressure(ARRAY, drive, [at, quiet]))
+    assert [focus.index for focus in report.foci] == [1]
+    (null,) = report.nulls
+    assert (null.index, null.position) == (0, quiet)
+    assert null.level == pytest.approx(20 * np.log10(low / loud), abs=0.05)
+
+
+def test_a_peak_belongs_to_its_point_only_within_the_neighbourhood() -> None:
+    """A stronger focus at the corner of the square around the neighbourhood is another one."""
+    at = np.array([0, 0, 0.15])
+    shape = module._neighbourhoods(ARRAY, at[None], AIR)[0]
+    corner = 0.95 / np.sqrt([shape[0, 0], shape[1, 1]])
+    drive = lone(ARRAY, (float(corner[0]), float(corner[1]), 0.15))
+    offset = np.array(look(drive, ControlPoints([at])).foci[0].offset)
+    assert offset @ shape @ offset <= 1
+    assert np.linalg.norm(offset) > 0.5 * np.linalg.norm(corner)
+
+
+def test_the_slope_of_something_outside_is_no_lobe() -> None:
+    drive = lone(ARRAY, (0, 0, 0.15)) + lone(ARRAY, (0.045, 0, 0.15))
+    grid = Grid.along("xy", (0, 0, 0.15), 0.08, 2e-3)  # ends 5 mm before the second focus
+    assert focus_report(ARRAY, drive, ControlPoints([[0, 0, 0.15]]), grid=grid).ghosts == ()
+
+
+def test_a_perfect_null_has_a_level_that_json_can_hold() -> None:
+    assert module._level(0.0, 1.0) == -200
+    assert module._level(0.1, 1.0) == pytest.approx(-20)
+
+
+def test_silence_has_no_foci_but_a_report() -> None:
+    points = ControlPoints([[0, 0, 0.15], [0.02, 0, 0.15], [0, 0.02, 0.15]], [1, 1, 0])
+    report = look(np.zeros(100), points)
+    assert len(report.missing) == 2
+    assert report.strongest_lobe is None
+    json.dumps(report.record(), allow_nan=False)
+
+
+def test_points_at_different_heights_are_looked_at_in_a_box() -> None:
+    points, array = ControlPoints([[-0.02, 0, 0.06], [0.02, 0, 0.09]]), TransducerArray.grid(4, 4)
+    report = focus_report(array, lone(array, (-0.02, 0, 0.06)), points)
+    # The points (40 mm along x, 30 mm along z) and the array (31 mm along y) and 20 mm on each side, in whole steps.
+    assert report.searched.startswith("a box of 79 × 69 × 69 mm around (0.0, 0.0, 75.0) mm")
+
+
+def test_a_ghost_at_another_height_is_found_in_a_box() -> None:
+    points, unwanted = ControlPoints([[-0.03, 0, 0.09], [-0.03, 0, 0.11]]), (0.03, 0.0, 0.1)
+    drive = lone(ARRAY, (-0.03, 0.0, 0.1)) + lone(ARRAY, unwanted)
+    report = focus_report(ARRAY, drive, points, grid=Grid.along("xyz", (0, 0, 0.1), [0.1, 0.04, 0.06], 2.1e-3))
+    assert len(report.ghosts) == 1
+    # Sound is strongest a little before the place where it is all in phase.
+    np.testing.assert_allclose(report.ghosts[0].position[:2], unwanted[:2], atol=3e-3)
+    assert 0.085 < report.ghosts[0].position[2] < 0.1
+
+
+def test_by_default_array_and_points_are_searched() -> None:
+    array = TransducerArray.grid(4, 3)
+    report = focus_report(array, lone(array, (0.05, 0, 0.1)), ControlPoints([[0.05, 0, 0.1]]))
+    # The array reaches from −15.45 to 15.45 mm along x, the point lies at 50 mm; 20 mm are added on both sides.
+    assert report.searched.startswith("a plane of 103 × 58 mm around (17.3, 0.0, 100.0) mm, every 1.72 mm")
+
+
+def test_the_record_is_json_and_the_summary_says_it() -> None:
+    points = ControlPoints([[-0.03, 0, 0.15], [0.03, 0, 0.15], [0, 0.03, 0.15]], [1, 1, 0])
+    report = look(lone(ARRAY, (-0.03, 0, 0.15)) + 0.7 * lone(ARRAY, (0, -0.04, 0.15)), points)
+    record = json.loads(json.dumps(report.record(), allow_nan=False))
+    assert record["missing"] == [1]
+    assert record["ghosts"][0]["pressure"] == report.ghosts[0].pressure
+    assert record["foci"][0]["width"] == list(report.foci[0].width)
+    summary = report.summary()
+    for words in ("2 foci:", "missing: 1\n", f"ghosts: {len(report.ghosts)} (", "1 nulls:"):
+        assert words in summary
+
+
+def test_widths_that_do_not_end_are_none() -> None:
+    array = TransducerArray.grid(2, 1)
+    report = look(np.ones(2), ControlPoints([[0, 0, 0.012]]), array)
+    assert report.foci[0].width[1] is None
+    assert "y unknown" in report.summary()
+
+
+def test_the_neighbourhood_is_that_of_the_half_pressure() -> None:
+    """To second order: within a tenth of the sinc's 0.60335·λz/L."""
+    array, z = TransducerArray.grid(16, 8, 5e-3), 0.3
+    shape = module._neighbourhoods(array, np.array([[0, 0, z]]), AIR)[0]
+    for axis, count in ((0, 16), (1, 8)):
+        assert 1 / np.sqrt(shape[axis, axis]) == pytest.approx(0.60335 * AIR.wavelength * z / (count * 5e-3), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"grid": Grid.along("xy", (0, 0, 0.15), 0.1, 3e-3)}, "a step of 0.003 m misses lobes; at most a quarter"),
+        ({"points": ControlPoints([[0, 0, -0.1]])}, "control point 0 at .* is on the array or behind it"),
+        ({"drive": np.ones(3)}, r"drive has the shape \(3,\)"),
+    ],
+)
+def test_what_cannot_be_looked_at_is_named(arguments: dict[str, Any], message: str) -> None:
+    plain: dict[str, Any] = {"array": ARRAY, "drive": np.ones(100), "points": ControlPoints([[0, 0, 0.15]])}
+    with pytest.raises(ValueError, match=message):
+        focus_report(**(plain | arguments))
+
+
+def test_points_far_apart_in_height_are_searched_slab_by_slab(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ghost is found wherever it lies, and only once, whatever the slabs."""
+    monkeypatch.setattr(module, "SEARCH_MARGIN", 0.005)
+    small = TransducerArray.grid(6, 6)
+    points = ControlPoints([[0, 0, 0.06], [0.004, 0, 0.11]])
+    drive = lone(small, (-0.02, 0.0, 0.085))  # strong in between, where nothing was asked for
+    whole = focus_report(small, drive, points)
+    monkeypatch.setattr(module, "MAX_SAMPLES", 15_000)
+    assert len(module._surroundings(small, points, AIR)) > 2
+    parts = focus_report(small, drive, points)
+    assert whole.ghosts
+    assert len(parts.ghosts) == len(whole.ghosts)
+    for one, other in zip(parts.ghosts, whole.ghosts, strict=True):
+        np.testing.assert_allclose(one.position, other.position, atol=1e-4)
+    assert parts.searched == whole.searched
+    monkeypatch.setattr(module, "MAX_SEARCHED", 1000)
+    with pytest.raises(ValueError, match="at most 1000 are searched: give a grid"):
+        focus_report(small, drive, points)
+
+
+def test_a_faint_point_is_a_null() -> None:
+    points = ControlPoints([[0, 0, 0.15], [0.03, 0, 0.15]], [1e300, 1e200])
+    report = look(lone(ARRAY, (0, 0, 0.15)), points)
+    assert [focus.index for focus in report.foci] == [0]
+    assert [null.index for null in report.nulls] == [1]
+    json.dumps(report.record(), allow_nan=False)

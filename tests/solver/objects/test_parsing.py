@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from phasewire import Mesh
+from phasewire.errors import InputFileError
+from phasewire.solver.contact.solids import SOLIDS
+from phasewire.solver.objects.parsing import MovingObject, object_help, parse_object
+
+from tests.solver.objects.test_mesh_files import binary_stl
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_the_paper_s_shapes_are_where_the_paper_has_them(name: str) -> None:
+    found = parse_object(name)
+    assert found.still
+    np.testing.assert_allclose(found.at(5).vertices, getattr(Mesh, name)().vertices, atol=1e-15)
+
+
+def test_parameters() -> None:
+    found = parse_object("pyramid:size=0.08,x=0.02,y=-0.01,z=0.2,rotation=30")
+    expected = Mesh.pyramid(0.08, (0.02, -0.01, 0.2)).rotated(30)
+    np.testing.assert_allclose(found.at(0).vertices, expected.vertices, atol=1e-15)
+
+
+def test_it_moves_and_turns() -> None:
+    found = parse_object("cube:x=0.01,vx=0.1,vz=-0.02,turn=90")
+    assert not found.still
+    np.testing.assert_allclose(found.at(0).vertices, Mesh.cube(centre=(0.01, 0, 0.17)).vertices, atol=1e-15)
+    expected = Mesh.cube(centre=(0.06, 0, 0.16)).rotated(45).vertices
+    np.testing.assert_allclose(found.at(0.5).vertices, expected, atol=1e-15)
+    assert found.at(0.5).solid is found.mesh.solid  # a moved object needs no new tree
+
+
+@given(seconds=st.floats(-1e6, 1e6))
+def test_it_never_leaves_the_world(seconds: float) -> None:
+    found = MovingObject(Mesh.cube(), (3, -2, 1), spin=10).at(seconds)
+    assert np.abs(found.vertices).max() <= 1001
+
+
+def test_a_file_is_put_where_it_is_wanted(tmp_path: Path) -> None:
+    path = tmp_path / "odd:na=me.stl"
+    path.write_bytes(binary_stl(Mesh.cube(80, (500, 500, 500))))
+    said: list[str] = []
+    found = parse_object(f"{path}:scale=0.001,z=0.2,rotation=45", said.append)
+    expected = Mesh.cube(0.08, (0, 0, 0.2)).rotated(45)
+    np.testing.assert_allclose(np.sort(found.mesh.vertices, axis=0), np.sort(expected.vertices, axis=0), atol=1e-6)
+    assert said[0] == f"reading {path}"
+    with pytest.raises(InputFileError, match=r"looks like millimetres: pass scale=0\.001"):
+        parse_object(str(path))
+
+
+def test_a_volume_is_put_where_it_is_wanted(tmp_path: Path) -> None:
+    distance = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(30.0)] * 3, indexing="ij")) - 14.5, axis=0)
+    np.save(tmp_path / "ball.npy", 10 - distance)
+    found = parse_object(f"{tmp_path}/ball.npy:level=0,spacing=0.004,x=0.1,step=1").mesh
+    np.testing.assert_allclose(np.linalg.norm(found.vertices - [0.1, 0, 0.17], axis=1), 0.04, atol=2e-4)
+
+
+def test_a_folder_is_a_dicom_series(tmp_path: Path) -> None:
+    for text in (f"{tmp_path}:level=0", f"{tmp_path}/:level=0"):
+        with pytest.raises(InputFileError, match="has 0 slices in DICOM files"):
+            parse_object(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "unknown object ''; known are cone, .* .stl, .obj, .ply, .glb files, and as volumes .npy"),
+        ("ball", "unknown object 'ball'"),
+        ("ball:size=1", "unknown object 'ball'"),
+        ("cup.3mf", "unknown object 'cup.3mf'"),
+        ("cube:radius=1", "cube has no parameter 'radius'; it has rotation, size, turn, vx"),
+        ("cube:size=a", "cube size 'a' is not a number of metres"),
+        ("cube:size", "cube size '' is not a number of metres"),
+        ("cube:size=0", "size 0.0 m must be positive"),
+        ("cube:x=nan", "place x nan m must be at most 1000 m"),
+        ("cube:vx=1e9", "place vx .* m/s must be at most 100 m/s"),
+        ("cube:turn=1e9", "place turn .* degrees/s must be at most 36000 degrees/s"),
+        ("cube:turn=x", "cube turn 'x' is not a number of degrees per second"),
+        ("cube:x=0,x=0", "cube x is given twice"),
+        ("cup.stl:size=0.1", "cup.stl has no parameter 'size'; it has rotation, scale"),
+        ("ct.nii", "ct.nii needs level=…, the value above which the object is"),
+        ("ct.nii.gz:level=high", "ct.nii.gz level 'high' is not a number of the volume's values"),
+        ("ct.npy:step=2.5", "ct.npy step '2.5' is not a whole number"),
+        ("ct.npy:scale=1", "ct.npy has no parameter 'scale'; it has level, rotation, spacing, step"),
+        ("cup.stl:scale=small", "cup.stl scale 'small' is not a number of metres for each unit"),
+    ],
+)
+def test_what_is_no_object_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        parse_object(text)
+
+
+def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"none\.stl"):
+        parse_object(str(tmp_path / "none.stl"))
+
+
+@pytest.mark.parametrize("values", [{"velocity": (0, math.nan, 0)}, {"velocity": (1, 2)}, {"spin": math.inf}])
+def test_what_is_no_motion_is_refused(values: Any) -> None:
+    with pytest.raises(ValueError, match=r"velocity|spin"):
+        MovingObject(Mesh.cube(), **values)
+
+
+def test_the_help_has_every_parameter() -> None:
+    assert "cone|sphere|pyramid|horizontal_prism|vertical_prism|cube:size=0.1\n" in object_help()
+    assert "all: x=0.0,y=0.0,z=0.17,rotation=0.0,vx=0.0,vy=0.0,vz=0.0,turn=0.0\n" in object_help()

@@ -1,0 +1,294 @@
+from __future__ import annotations
+
+import gzip
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import nibabel
+import numpy as np
+import pydicom
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from phasewire import Mesh
+from phasewire.errors import InputFileError
+from phasewire.solver.objects import volumes
+from phasewire.solver.objects.volumes import read_volume
+from pydicom.dataset import FileDataset, FileMetaDataset
+
+Nifti1Image: Any = nibabel.Nifti1Image  # which has no types
+RADIUS = 0.04
+CENTRE = np.array([0.045, 0.052, 0.05])
+
+
+def ball(shape: tuple[int, int, int], steps: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Values that fall with the distance from `CENTRE`, 0 at `RADIUS`, in millimetres."""
+    places = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1) * steps
+    values: NDArray[np.float32] = (1000 * (RADIUS - np.linalg.norm(places - CENTRE, axis=-1))).astype(np.float32)
+    return values
+
+
+STEPS = np.array([0.002, 0.0025, 0.003])
+BALL = ball((46, 42, 34), STEPS)
+
+
+def their_view(mesh: Mesh) -> Any:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+
+
+def is_the_ball(mesh: Mesh, centre: NDArray[np.float64] = CENTRE, rough: float = 1e-4) -> None:
+    shape = their_view(mesh)
+    assert mesh.repairs == ()
+    assert shape.is_watertight
+    assert shape.is_winding_consistent
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertices - centre, axis=1), RADIUS, atol=rough)
+    assert shape.volume == pytest.approx(4 / 3 * math.pi * RADIUS**3, rel=100 * rough)
+    assert shape.area == pytest.approx(4 * math.pi * RADIUS**2, rel=100 * rough)
+
+
+def nifti(path: Path, values: NDArray[Any], affine: NDArray[np.float64], unit: str | None = "mm") -> Path:
+    image = Nifti1Image(values, affine)
+    if unit is not None:
+        image.header.set_xyzt_units(unit)
+    nibabel.save(image, path)
+    return path
+
+
+def dicom(folder: Path, values: NDArray[np.int16], **changes: dict[int, Any]) -> Path:
+    """A series of slices along k, with the names of the files in no order; ``changes`` give a tag by the slice."""
+    folder.mkdir(exist_ok=True)
+    for k in range(values.shape[2]):
+        meta = FileMetaDataset()
+        meta.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian
+        meta.MediaStorageSOPClassUID = pydicom.uid.CTImageStorage
+        meta.MediaStorageSOPInstanceUID = pydicom.uid.generate_uid()
+        piece = FileDataset("", {}, file_meta=meta, preamble=bytes(128))
+        piece.SOPClassUID, piece.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
+        piece.SeriesInstanceUID = "1.2.3"
+        piece.Rows, piece.Columns = values.shape[1], values.shape[0]  # a row runs along i, a column along j
+        piece.PixelSpacing = [float(STEPS[1] * 1000), float(STEPS[0] * 1000)]
+        piece.ImageOrientationPatient = [1, 0, 0, 0, 1, 0]
+        piece.ImagePositionPatient = [0, 0, float(k * STEPS[2] * 1000)]
+        piece.SamplesPerPixel, piece.PhotometricInterpretation = 1, "MONOCHROME2"
+        piece.BitsAllocated = piece.BitsStored = 16
+        piece.HighBit, piece.PixelRepresentation = 15, 1
+        piece.RescaleSlope, piece.RescaleIntercept = 0.01, -20
+        piece.PixelData = np.ascontiguousarray(values[:, :, k].T).tobytes()
+        for tag, by_slice in changes.items():
+            if k in by_slice:
+                setattr(piece, tag, by_slice[k])
+        piece.save_as(folder / f"{(7 * k) % values.shape[2]:03d}.dcm", enforce_file_format=True)
+    return folder
+
+
+COUNTS: NDArray[np.int16] = np.round((np.maximum(BALL, -30) + 20) * 100).astype(np.int16)
+
+
+def test_an_array_and_its_spacing(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", ball((60, 60, 60), np.full(3, 0.0017)))
+    said: list[str] = []
+    is_the_ball(Mesh.from_volume(tmp_path / "a.npy", 0, spacing=0.0017, status=said.append))
+    assert said[:2] == [f"reading {tmp_path}/a.npy", f"{tmp_path}/a.npy: making a surface from 216000 values"]
+    np.savez_compressed(tmp_path / "a.npz", volume=BALL, spacing=STEPS)
+    is_the_ball(Mesh.from_volume(str(tmp_path / "a.npz"), 0))
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "A.NII"])
+@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("meter", 1.0), ("micron", 1e-6)])
+def test_nifti(name: str, unit: str, metres: float, tmp_path: Path) -> None:
+    affine = np.diag([*STEPS / metres, 1])
+    affine[:3, 3] = np.array([0.1, -0.2, 0.3]) / metres
+    mesh = Mesh.from_volume(nifti(tmp_path / name, BALL, affine, unit), 0)
+    is_the_ball(mesh, CENTRE + np.array([0.1, -0.2, 0.3]))
+
+
+def test_a_mirrored_and_turned_grid(tmp_path: Path) -> None:
+    affine = np.eye(4)
+    affine[:3, :3] = [[-STEPS[0] * 1000, 0, 0], [0, 0, STEPS[2] * 1000], [0, STEPS[1] * 1000, 0]]
+    for sign in (1, -1):
+        affine[2] *= sign
+        mesh = Mesh.from_volume(nifti(tmp_path / "a.nii", BALL, affine), 0)
+        is_the_ball(mesh, CENTRE[[0, 2, 1]] * [-1, 1, sign])
+
+
+def test_nifti_s_values_are_scaled(tmp_path: Path) -> None:
+    image = Nifti1Image(COUNTS, np.diag([*STEPS * 1000, 1]))
+    image.header.set_xyzt_units("mm")
+    image.header.set_slope_inter(0.01, -20)
+    nibabel.save(image, tmp_path / "a.nii")
+    is_the_ball(Mesh.from_volume(tmp_path / "a.nii", 0))
+
+
+def test_a_dicom_folder(tmp_path: Path) -> None:
+    folder = dicom(tmp_path / "series", COUNTS)
+    (folder / "notes.txt").write_text("of another kind")
+    (folder / "DICOMDIR").write_bytes(bytes(128) + b"DICM")
+    is_the_ball(Mesh.from_volume(folder, 0))
+    volume = read_volume(folder)
+    np.testing.assert_allclose(volume.values.transpose(2, 1, 0), np.maximum(BALL, -30), atol=0.0051)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"SeriesInstanceUID": {3: "1.2.4"}}, "its slices have 2 different series; keep those of one series"),
+        ({"PixelSpacing": {3: [1, 1]}}, "2 different distances of pixels"),
+        ({"ImageOrientationPatient": {0: [0, 1, 0, 1, 0, 0]}}, "2 different orientations"),
+        ({"ImagePositionPatient": {3: [0, 0, 0]}}, "two of its slices lie at the same place"),
+        ({"ImagePositionPatient": {33: [0, 0, 110]}}, "its slices are 3 mm apart, but 14 mm from 96 to 110 mm"),
+        ({"NumberOfFrames": {3: 2}}, "several frames"),
+        ({"ImagePositionPatient": {3: None}}, "ValueError|TypeError|inhomogeneous|NoneType"),
+        ({"PixelData": {3: b"12"}}, "pixel data"),
+        (
+            {"RescaleSlope": dict.fromkeys(range(34), 0)},
+            "level 0 must lie between its values",
+        ),
+    ],
+)
+def test_what_is_no_series_is_refused(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+    folder = dicom(tmp_path / "series", COUNTS, **changes)
+    with pytest.raises(InputFileError, match=rf"^{folder}.*({message})"):
+        Mesh.from_volume(folder, 0)
+
+
+def test_compressed_slices_are_refused_before_they_are_unpacked(tmp_path: Path) -> None:
+    folder = dicom(tmp_path / "series", COUNTS)
+    piece = pydicom.dcmread(folder / "000.dcm")
+    piece.file_meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
+    piece.save_as(folder / "000.dcm")
+    with pytest.raises(InputFileError, match=r"000.dcm is compressed \(1.2.840.10008.1.2.1.99\)"):
+        Mesh.from_volume(folder, 0)
+
+
+def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match="it has 0 slices in DICOM files; at least 2 are needed"):
+        Mesh.from_volume(tmp_path, 0)
+
+
+def test_it_is_closed_at_the_border(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", BALL[:20])
+    shape = their_view(Mesh.from_volume(tmp_path / "a.npy", 0, spacing=0.002))
+    assert shape.is_watertight
+    assert shape.volume > 0
+
+
+def test_a_larger_step_takes_means(tmp_path: Path) -> None:
+    path = nifti(tmp_path / "a.nii", BALL, np.diag([*STEPS * 1000, 1]))
+    fine, coarse = Mesh.from_volume(path, 0), Mesh.from_volume(path, 0, step=2)
+    is_the_ball(coarse, rough=6e-4)
+    assert len(coarse.faces) < 0.3 * len(fine.faces)
+
+
+def test_noise_is_refused_with_the_step_that_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(volumes, "MOST_FACES", 10_000)
+    path = nifti(tmp_path / "a.nii", BALL + np.random.default_rng(0).normal(0, 20, BALL.shape), np.diag([2, 2, 2, 1]))
+    with pytest.raises(InputFileError, match=r"faces; at most 10000 are possible: pass a larger step, such as \d"):
+        Mesh.from_volume(path, 0)
+
+
+@given(seed=st.integers(0, 2**32 - 1), level=st.sampled_from([0.5, 1.0, 1.5]))
+@settings(max_examples=25, deadline=None)
+def test_any_values_have_a_closed_surface(seed: int, level: float) -> None:
+    values = np.random.default_rng(seed).integers(0, 3, (6, 7, 5)).astype(np.float32)
+    volume = volumes.Volume(values, np.zeros(3), np.eye(3) * 0.01)
+    mesh = Mesh.of(*volume.surface(level)).repaired()
+    faces = mesh.faces
+    forward = np.where(faces < np.roll(faces, -1, axis=1), 1, -1)
+    assert not np.bincount(mesh.solid.face_edges.ravel(), weights=forward.ravel()).any()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"level": 0, "spacing": 0}, "spacing 0 m must be positive"),
+        ({"level": 0, "spacing": math.nan}, "spacing nan m must be positive"),
+        ({"level": 0, "step": 0}, "step 0 must be at least 1"),
+        ({"level": 0, "spacing": 0.002, "step": 30}, "a.npy: step 30 must be a whole number from 1 to 17"),
+        ({"level": 900, "spacing": 0.002}, "a.npy: level 900 must lie between its values, which go from -4"),
+        ({"level": math.nan, "spacing": 0.002}, "a.npy: level nan must lie between"),
+        ({"level": 0}, "a.npy does not say how far its values are apart: pass spacing"),
+        ({"level": 0, "spacing": 1e-9}, "a.npy: it is .* m large, too small to be felt"),
+        ({"level": 0, "spacing": 2}, "its surface at 0 is .* m large, .* with values 2 m apart; spacing is in"),
+    ],
+)
+def test_what_is_no_surface_is_refused(options: Any, message: str, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", BALL)
+    with pytest.raises(ValueError, match=message):
+        Mesh.from_volume(tmp_path / "a.npy", **options)
+
+
+HOSTILE: dict[str, tuple[str, Any, str]] = {
+    "a.npy of two dimensions": ("a.npy", np.zeros((3, 3)), "three dimensions"),
+    "a.npy that is thin": ("a.npy", np.zeros((3, 3, 1)), "at least 2 values"),
+    "a.npy of complex values": ("a.npy", np.zeros((3, 3, 3), complex), "no numbers of one kind"),
+    "a.npy that is not finite": ("a.npy", np.full((3, 3, 3), np.nan), "not finite"),
+    "a.npy beyond all bounds": ("a.npy", np.full((3, 3, 3), 1e300), "not finite"),
+    "a.nii of nothing": ("a.nii", b"", "no NIfTI header"),
+    "a.nii that is cut off": ("a.nii", (348).to_bytes(4, "little"), "NIfTI"),
+    "a.nii.gz of another kind": ("a.nii.gz", b"no archive", "cannot be unpacked"),
+    "a.nii.gz of nothing": ("a.nii.gz", gzip.compress(b""), "no NIfTI header"),
+    "a.png": ("a.png", b"", "volumes are read from .npy, .npz, .nii and .nii.gz files, and folders with DICOM slices"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_what_is_no_volume_is_refused_by_name(name: str, tmp_path: Path) -> None:
+    file, content, message = HOSTILE[name]
+    path = tmp_path / file
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        np.save(path, content)
+    with pytest.raises(InputFileError, match=rf"^{path}.*{message}"):
+        Mesh.from_volume(path, 0, spacing=0.001)
+
+
+def test_what_nibabel_dislikes_is_not_printed(tmp_path: Path) -> None:
+    whole = bytearray(nifti(tmp_path / "a.nii", BALL, np.eye(4)).read_bytes())
+    whole[70:72] = bytes(2)  # the type of the values
+    (tmp_path / "a.nii").write_bytes(whole)
+    code = f"import phasewire\ntry: phasewire.Mesh.from_volume({str(tmp_path / 'a.nii')!r}, 0)\n"
+    code += "except ValueError as error: print(error)"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert ended.stdout.endswith("NIfTI file: it is damaged (HeaderDataError: data code 0 not supported)\n")
+    assert ended.stderr == ""
+
+
+def test_claims_of_a_nifti_header(tmp_path: Path) -> None:
+    whole = bytearray(nifti(tmp_path / "a.nii", BALL, np.eye(4)).read_bytes())
+    whole[42:48] = (30000).to_bytes(2, "little") * 3
+    (tmp_path / "a.nii").write_bytes(whole)
+    with pytest.raises(InputFileError, match=r"it announces \(30000, 30000, 30000\) values"):
+        Mesh.from_volume(tmp_path / "a.nii", 0)
+
+
+def test_a_nifti_without_a_unit_is_asked_for_it(tmp_path: Path) -> None:
+    path = nifti(tmp_path / "a.nii", ball((60, 60, 60), np.full(3, 0.0017)), np.eye(4), None)
+    with pytest.raises(InputFileError, match="does not say its unit of length: pass spacing"):
+        Mesh.from_volume(path, 0)
+    is_the_ball(Mesh.from_volume(path, 0, spacing=0.0017))
+
+
+def test_a_small_archive_of_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(volumes, "MOST_BYTES", 10_000_000)
+    (tmp_path / "a.nii.gz").write_bytes(gzip.compress(bytes(10_000_001)))
+    with pytest.raises(InputFileError, match="unpacked it has more than 10000000 bytes"):
+        Mesh.from_volume(tmp_path / "a.nii.gz", 0)
+
+
+@pytest.mark.parametrize(
+    ("module", "package"), [("skimage", "scikit-image"), ("nibabel", "nibabel"), ("pydicom", "pydicom")]
+)
+def test_a_missing_library_is_named(module: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = (
+        dicom(tmp_path / "s", COUNTS) if module == "pydicom" else nifti(tmp_path / "a.nii", BALL, np.diag([2, 2, 2, 1]))
+    )
+    monkeypatch.setitem(sys.modules, module, None)
+    message = rf"{package} is needed for this, and is not installed: pip install 'phasewire\[volumes\]'"
+    with pytest.raises(InputFileError, match=message):
+        Mesh.from_volume(path, 0)

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from phasewire import ControlPoints, TransducerArray, solve
+from phasewire.solver.shapes.points import check_reachable, reachable
+
+
+def test_amplitudes_are_one_unless_given() -> None:
+    assert ControlPoints([[0, 0, 0.2], [0, 0, 0.3]]).amplitudes.tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("positions", "amplitudes", "message"),
+    [
+        ([[0, 0, np.nan]], None, "control point 0 is .*nan.*; its coordinates must be finite numbers"),
+        ([[0, 0, 0.2]] * 2, [1, -0.5], "amplitude -0.5 of control point 1 must be finite and not negative"),
+        ([[0, 0, 0.2]], [np.nan], "amplitude nan of control point 0"),
+        ([[0, 0, 0.2]], [1, 1], r"amplitudes have the shape \(2,\), but there are 1 control points"),
+        ([[0, 0, 0.2]], [0], "every control point has amplitude 0"),
+        ([], None, "m of at least 1"),
+        ([[0, 0]], None, r"shape \(m, 3\)"),
+    ],
+)
+def test_bad_points_are_named(positions: list[list[float]], amplitudes: list[float] | None, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ControlPoints(positions, amplitudes)
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ([0, 0, -0.2], "control point 1 at .* is on the array or behind it"),
+        ([0.05, 0, 0.0], "control point 1 at .* is on the array or behind it"),
+        (
+            [5.15e-3, 5.15e-3, 1e-3],
+            "control point 1 .* closer to a transducer than 0.0045 m, where its model ends",
+        ),
+        ([0, 0, 200.0], "control point 1 at .* is out of reach, more than 2 m away; coordinates are in metres"),
+        ([-30.0, 0, 0.2], "control point 1 at .* is out of reach"),
+    ],
+)
+def test_points_that_the_array_cannot_reach_are_named(array: TransducerArray, bad: list[float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        solve(array, ControlPoints([[0, 0, 0.2], bad]))
+
+
+@given(
+    positions=arrays(float, st.tuples(st.integers(1, 6), st.just(3)), elements=st.floats(-3, 3)),
+    tilted=st.booleans(),
+    dead=st.booleans(),
+)
+@settings(deadline=None)
+def test_a_point_is_reachable_if_it_passes_the_check(positions: np.ndarray, tilted: bool, dead: bool) -> None:
+    flat = TransducerArray.grid(4, 3)
+    normals = [[0.6, 0, 0.8]] * 6 + [[0, 0, 1]] * 6 if tilted else flat.normals
+    limits = np.ones(12)
+    limits[:5] = 0 if dead else 1
+    array = TransducerArray(flat.positions, normals, limits=limits)
+    positions[::2] /= 10
+    passed = []
+    for position in positions:
+        try:
+            check_reachable(array, ControlPoints([position]))
+            passed.append(True)
+        except ValueError:
+            passed.append(False)
+    assert reachable(array, positions).tolist() == passed
