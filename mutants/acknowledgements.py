@@ -44,15 +44,11 @@ def now_is_that_of_the_millisecond(patch: Patch) -> None:
     _tell_now_as(patch, lambda now: now - now % TICKS_PER_MS)
 
 
-@mutant("ACK-002", "VER-002")
-def acks_are_of_version_2(patch: Patch) -> None:
+@mutant("ACK-002", "VER-002", by=mangle_acks)
+def acks_are_of_version_2(record: bytearray) -> bytes:
     """Acknowledgements name version 2, the newest that their author thought of."""
-
-    def mangle(record: bytearray) -> bytes:
-        record[VERSION] = 2
-        return sealed_record(record)
-
-    mangle_acks(patch, mangle)
+    record[VERSION] = 2
+    return sealed_record(record)
 
 
 @mutant("ACK-002")
@@ -61,15 +57,11 @@ def ack_checksum_covers_27_bytes(patch: Patch) -> None:
     mangle_acks(patch, lambda record: record[:28] + zlib.crc32(record[:27]).to_bytes(4, "little"))
 
 
-@mutant("ACK-002")
-def reserved_byte_of_an_ack_is_not_cleared(patch: Patch) -> None:
+@mutant("ACK-002", by=mangle_acks)
+def reserved_byte_of_an_ack_is_not_cleared(record: bytearray) -> bytes:
     """The reserved byte of an acknowledgement is what the memory held before: the number's lowest byte."""
-
-    def mangle(record: bytearray) -> bytes:
-        record[RESERVED] = record[4]
-        return sealed_record(record)
-
-    mangle_acks(patch, mangle)
+    record[RESERVED] = record[4]
+    return sealed_record(record)
 
 
 @mutant("ACK-002", "BLK-024")

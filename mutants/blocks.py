@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from ..emulator.control import controller
@@ -75,105 +76,69 @@ def half_of_the_checksum_is_compared(original: Any, data: bytes) -> Any:
     return original(sealed if sealed[low_half] == data[low_half] else data)
 
 
-@mutant("BLK-002", "ACK-003")
-def half_of_the_magic_is_compared(patch: Patch) -> None:
+@mutant("BLK-002", "ACK-003", by=partial(forgive, kinds=range(256)))
+def half_of_the_magic_is_compared(block: bytearray) -> None:
     """A block whose second byte is wrong is taken: only the first byte of the magic is compared."""
-
-    def pardon(block: bytearray) -> None:
-        block[MAGIC_HIGH] = ord("W")
-
-    forgive(patch, range(256), pardon)
+    block[MAGIC_HIGH] = ord("W")
 
 
-@mutant("BLK-004", "ACK-003")
-def unknown_kinds_do_nothing(patch: Patch) -> None:
+@mutant("BLK-004", "ACK-003", by=partial(forgive, kinds=range(256)))
+def unknown_kinds_do_nothing(block: bytearray) -> None:
     """A block of an unknown kind is accepted and does nothing: the switch over the kinds has a default."""
-
-    def pardon(block: bytearray) -> None:
-        if not 0 < block[KIND] <= LAST_KIND:
-            block[KIND] = Kind.NO_OP
-            block[PERIOD:CHECKSUM_AT] = bytes(CHECKSUM_AT - PERIOD)
-            block[HEADER_BYTES:] = bytes(BLOCK_BYTES - HEADER_BYTES)
-
-    forgive(patch, range(256), pardon)
-
-
-@mutant("BLK-011")
-def second_reserved_byte_is_not_checked(patch: Patch) -> None:
-    """Byte 25 may be anything: the reserved field is compared as one byte where it has two."""
-
-    def pardon(block: bytearray) -> None:
-        block[RESERVED_HIGH] = 0
-
-    forgive(patch, tuple(Kind), pardon)
-
-
-@mutant("BLK-011")
-def payload_that_is_not_used_is_not_checked(patch: Patch) -> None:
-    """Kinds without a payload are accepted with one: nobody looks behind their header."""
-
-    def pardon(block: bytearray) -> None:
+    if not 0 < block[KIND] <= LAST_KIND:
+        block[KIND] = Kind.NO_OP
+        block[PERIOD:CHECKSUM_AT] = bytes(CHECKSUM_AT - PERIOD)
         block[HEADER_BYTES:] = bytes(BLOCK_BYTES - HEADER_BYTES)
 
-    forgive(patch, WITHOUT_PAYLOAD, pardon)
+
+@mutant("BLK-011", by=partial(forgive, kinds=tuple(Kind)))
+def second_reserved_byte_is_not_checked(block: bytearray) -> None:
+    """Byte 25 may be anything: the reserved field is compared as one byte where it has two."""
+    block[RESERVED_HIGH] = 0
 
 
-@mutant("BLK-011")
-def bytes_behind_the_items_are_not_checked(patch: Patch) -> None:
+@mutant("BLK-011", by=partial(forgive, kinds=WITHOUT_PAYLOAD))
+def payload_that_is_not_used_is_not_checked(block: bytearray) -> None:
+    """Kinds without a payload are accepted with one: nobody looks behind their header."""
+    block[HEADER_BYTES:] = bytes(BLOCK_BYTES - HEADER_BYTES)
+
+
+@mutant("BLK-011", by=partial(forgive, kinds=(Kind.ENTRIES, Kind.SAMPLES)))
+def bytes_behind_the_items_are_not_checked(block: bytearray) -> None:
     """ENTRIES and SAMPLES may have anything behind their items: only what is stored is looked at."""
-
-    def pardon(block: bytearray) -> None:
-        items = int.from_bytes(block[COUNT : COUNT + 2], "little")
-        behind = HEADER_BYTES + items * (ENTRY_BYTES if block[KIND] == Kind.ENTRIES else 1)
-        block[behind:] = bytes(max(BLOCK_BYTES - behind, 0))
-
-    forgive(patch, (Kind.ENTRIES, Kind.SAMPLES), pardon)
+    items = int.from_bytes(block[COUNT : COUNT + 2], "little")
+    behind = HEADER_BYTES + items * (ENTRY_BYTES if block[KIND] == Kind.ENTRIES else 1)
+    block[behind:] = bytes(max(BLOCK_BYTES - behind, 0))
 
 
-@mutant("BLK-011")
-def unattended_is_accepted_in_an_update(patch: Patch) -> None:
+@mutant("BLK-011", by=partial(forgive, kinds=(Kind.UPDATE,)))
+def unattended_is_accepted_in_an_update(block: bytearray) -> None:
     """An UPDATE may have the flag UNATTENDED: one mask of flags serves all kinds."""
-
-    def pardon(block: bytearray) -> None:
-        block[FLAGS] &= ~Flag.UNATTENDED
-
-    forgive(patch, (Kind.UPDATE,), pardon)
+    block[FLAGS] &= ~Flag.UNATTENDED
 
 
-@mutant("BLK-011")
-def hold_0_is_accepted(patch: Patch) -> None:
+@mutant("BLK-011", by=partial(forgive, kinds=(Kind.MODULATION,)))
+def hold_0_is_accepted(block: bytearray) -> None:
     """A MODULATION whose samples hold for no period is taken for one that holds them for one: a loop ends behind it."""
-
-    def pardon(block: bytearray) -> None:
-        if not any(block[HOLD : HOLD + 2]):
-            block[HOLD] = 1
-
-    forgive(patch, (Kind.MODULATION,), pardon)
+    if not any(block[HOLD : HOLD + 2]):
+        block[HOLD] = 1
 
 
-@mutant("BLK-011", "BLK-018")
-def action_0_is_accepted(patch: Patch) -> None:
+@mutant("BLK-011", "BLK-018", by=partial(forgive, kinds=(Kind.OUTPUT,)))
+def action_0_is_accepted(block: bytearray) -> None:
     """An OUTPUT without an action ends the modulation: actions are counted from 0."""
-
-    def pardon(block: bytearray) -> None:
-        if not block[ACTION]:
-            block[ACTION] = Action.END_MODULATION
-
-    forgive(patch, (Kind.OUTPUT,), pardon)
+    if not block[ACTION]:
+        block[ACTION] = Action.END_MODULATION
 
 
-@mutant("BLK-011", "BLK-014")
-def entries_may_end_one_behind_the_table(patch: Patch) -> None:
+@mutant("BLK-011", "BLK-014", by=partial(forgive, kinds=(Kind.ENTRIES,)))
+def entries_may_end_one_behind_the_table(block: bytearray) -> None:
     """ENTRIES may end one place behind the table, where the last of them is lost: `first + count` is off by one."""
-
-    def pardon(block: bytearray) -> None:
-        first, count = (int.from_bytes(block[at : at + 2], "little") for at in (FIRST, COUNT))
-        if first + count == SEQUENCE_ENTRIES + 1 and 2 <= count <= 120:
-            block[COUNT : COUNT + 2] = (count - 1).to_bytes(2, "little")
-            lost = HEADER_BYTES + (count - 1) * ENTRY_BYTES
-            block[lost : lost + ENTRY_BYTES] = bytes(ENTRY_BYTES)
-
-    forgive(patch, (Kind.ENTRIES,), pardon)
+    first, count = (int.from_bytes(block[at : at + 2], "little") for at in (FIRST, COUNT))
+    if first + count == SEQUENCE_ENTRIES + 1 and 2 <= count <= 120:
+        block[COUNT : COUNT + 2] = (count - 1).to_bytes(2, "little")
+        lost = HEADER_BYTES + (count - 1) * ENTRY_BYTES
+        block[lost : lost + ENTRY_BYTES] = bytes(ENTRY_BYTES)
 
 
 @mutant("BLK-011", "BLK-014")
@@ -214,7 +179,7 @@ def _read_pulses_as(patch: Patch, misread: Callable[[int], int]) -> None:
             pair = int.from_bytes(block[at : at + 3], "little")
             block[at : at + 3] = (misread(pair & 0xFFF) | misread(pair >> 12) << 12).to_bytes(3, "little")
 
-    forgive(patch, PULSES, pardon)
+    forgive(patch, pardon, PULSES)
 
 
 @mutant("PUL-001", "ACK-003")
@@ -350,12 +315,8 @@ def silence_overtakes_what_is_queued(original: Any, self: Any, body: Any, door: 
     return original(self, body, door)
 
 
-@mutant("BLK-018")
-def disabling_block_only_silences(patch: Patch) -> None:
+@mutant("BLK-018", by=misread_bodies)
+def disabling_block_only_silences(body: Any) -> Any:
     """An OUTPUT with the action DISABLE leaves the outputs enabled: it goes the way of SILENCE."""
-
-    def misread(body: Any) -> Any:
-        is_disable = isinstance(body, Output) and body.action is Action.DISABLE
-        return Output(Action.SILENCE, body.period) if is_disable else body
-
-    misread_bodies(patch, misread)
+    is_disable = isinstance(body, Output) and body.action is Action.DISABLE
+    return Output(Action.SILENCE, body.period) if is_disable else body

@@ -121,78 +121,66 @@ def case_does_not_matter(patch: Patch) -> None:
     _parse(patch, lambda original: lambda line: original(line.lower()))
 
 
-@mutant("CON-006")
-def command_is_judged_before_its_characters(patch: Patch) -> None:
+@mutant("CON-006", by=_parse)
+def command_is_judged_before_its_characters(original: Any) -> Any:
     """A line with an unknown command and a character that is not printable is COMMAND, where CHARACTER comes first."""
 
-    def around(original: Any) -> Any:
-        def parse(line: str) -> Any:
-            try:
-                return original(line)
-            except CommandError as error:
-                words = line.split()
-                if error.reason == ConsoleCode.CHARACTER and words and words[0] not in COMMANDS:
-                    raise CommandError("no such command", ConsoleCode.COMMAND) from None
-                raise
+    def parse(line: str) -> Any:
+        try:
+            return original(line)
+        except CommandError as error:
+            words = line.split()
+            if error.reason == ConsoleCode.CHARACTER and words and words[0] not in COMMANDS:
+                raise CommandError("no such command", ConsoleCode.COMMAND) from None
+            raise
 
-        return parse
-
-    _parse(patch, around)
+    return parse
 
 
-@mutant("CON-006", "CON-005")
-def ranges_are_not_judged(patch: Patch) -> None:
+@mutant("CON-006", "CON-005", by=_parse)
+def ranges_are_not_judged(original: Any) -> Any:
     """A number outside its range is handed on: the request refuses it, or the last transducer stands for it."""
 
-    def around(original: Any) -> Any:
-        def parse(line: str) -> Any:
-            try:
-                return original(line)
-            except CommandError as error:
-                if error.reason != ConsoleCode.RANGE:
-                    raise
-                name, number = line.split()
-                form = COMMANDS[name]
-                assert form.argument is not None
-                last = form.argument.values[-1]
-                return Command(name, int(number) if form.request in VALUES else min(int(number), last))
+    def parse(line: str) -> Any:
+        try:
+            return original(line)
+        except CommandError as error:
+            if error.reason != ConsoleCode.RANGE:
+                raise
+            name, number = line.split()
+            form = COMMANDS[name]
+            assert form.argument is not None
+            last = form.argument.values[-1]
+            return Command(name, int(number) if form.request in VALUES else min(int(number), last))
 
-        return parse
-
-    _parse(patch, around)
+    return parse
 
 
-@mutant("CON-006", "CON-001")
-def signs_before_numbers_are_taken(patch: Patch) -> None:
+@mutant("CON-006", "CON-001", by=_parse)
+def signs_before_numbers_are_taken(original: Any) -> Any:
     """A number may have a plus sign: it is read by a function that takes one."""
 
-    def around(original: Any) -> Any:
-        def parse(line: str) -> Any:
-            words = [word[1:] if word.startswith("+") and word[1:].isdecimal() else word for word in line.split()]
-            return original(" ".join(words) if "+" in line else line)
+    def parse(line: str) -> Any:
+        words = [word[1:] if word.startswith("+") and word[1:].isdecimal() else word for word in line.split()]
+        return original(" ".join(words) if "+" in line else line)
 
-        return parse
-
-    _parse(patch, around)
+    return parse
 
 
-@mutant("CON-006")
-def arguments_too_many_are_ignored(patch: Patch) -> None:
+@mutant("CON-006", by=_parse)
+def arguments_too_many_are_ignored(original: Any) -> Any:
     """What stands behind a command that takes no argument is ignored, instead of ARGUMENTS."""
 
-    def around(original: Any) -> Any:
-        def parse(line: str) -> Any:
-            try:
-                return original(line)
-            except CommandError as error:
-                name = (line.split() or [""])[0]
-                if error.reason == ConsoleCode.ARGUMENTS and COMMANDS[name].argument is None:
-                    return Command(name)
-                raise
+    def parse(line: str) -> Any:
+        try:
+            return original(line)
+        except CommandError as error:
+            name = (line.split() or [""])[0]
+            if error.reason == ConsoleCode.ARGUMENTS and COMMANDS[name].argument is None:
+                return Command(name)
+            raise
 
-        return parse
-
-    _parse(patch, around)
+    return parse
 
 
 # What is answered

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from ..emulator.door import Stall
@@ -36,10 +37,10 @@ def _lead(patch: Patch, steps: dict[tuple[DfuState, DfuEvent], DfuState]) -> Non
     patch.replace(dfu, "TRANSITIONS", TRANSITIONS | {pair: Step(state) for pair, state in steps.items()})
 
 
-def handle(patch: Patch, request: tuple[int, int], around: Callable[[Any], Any]) -> None:
-    """Put something in the place of what handles a request in DFU mode."""
+def handle(patch: Patch, replacement: Callable[..., bytes], request: tuple[int, int]) -> None:
+    """Put something in the place of what handles a request in DFU mode; it takes that first."""
     handlers = vars(dfu)["_HANDLERS"]
-    patch.replace(dfu, "_HANDLERS", {**handlers, request: around(handlers[request])})
+    patch.replace(dfu, "_HANDLERS", {**handlers, request: partial(replacement, handlers[request])})
 
 
 # The way there
@@ -126,47 +127,26 @@ def questions_are_answered_while_busy(patch: Patch) -> None:
     _lead(patch, {(state, DfuEvent.GETSTATE): state for state in BUSY})
 
 
-@mutant("DFU-009", "DFU-006")
-def download_of_nothing_is_taken_in_idle(patch: Patch) -> None:
+@mutant("DFU-009", "DFU-006", by=partial(handle, request=DOWNLOAD))
+def download_of_nothing_is_taken_in_idle(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
     """DNLOAD without data in dfuIDLE is acknowledged and does nothing."""
-
-    def around(original: Any) -> Any:
-        def download(self: Any, setup: Setup, data: bytes) -> Any:
-            return original(self, setup, data) if data or self.state is not DfuState.DFU_IDLE else b""
-
-        return download
-
-    handle(patch, DOWNLOAD, around)
+    return original(self, setup, data) if data or self.state is not DfuState.DFU_IDLE else b""
 
 
-@mutant("DFU-009")
-def numbers_of_blocks_are_not_checked(patch: Patch) -> None:
+@mutant("DFU-009", by=partial(handle, request=DOWNLOAD))
+def numbers_of_blocks_are_not_checked(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
     """Each DNLOAD is taken for the next block, whatever its number: the device counts by itself."""
-
-    def around(original: Any) -> Any:
-        def download(self: Any, setup: Setup, data: bytes) -> Any:
-            begins = self.state is DfuState.DFU_IDLE
-            number = 0 if begins or not data else self._received // DFU_TRANSFER_BYTES
-            return original(self, replace(setup, value=number), data)
-
-        return download
-
-    handle(patch, DOWNLOAD, around)
+    begins = self.state is DfuState.DFU_IDLE
+    number = 0 if begins or not data else self._received // DFU_TRANSFER_BYTES
+    return original(self, replace(setup, value=number), data)
 
 
-@mutant("DFU-009", "DFU-006")
-def download_goes_on_after_clrstatus(patch: Patch) -> None:
+@mutant("DFU-009", "DFU-006", by=partial(handle, request=DOWNLOAD))
+def download_goes_on_after_clrstatus(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
     """A download that an error has ended goes on with its next block after CLRSTATUS: the count of blocks is kept."""
-
-    def around(original: Any) -> Any:
-        def download(self: Any, setup: Setup, data: bytes) -> Any:
-            if self.state is DfuState.DFU_IDLE and data and 0 < self._received == setup.value * DFU_TRANSFER_BYTES:
-                self.state = DfuState.DNLOAD_IDLE
-            return original(self, setup, data)
-
-        return download
-
-    handle(patch, DOWNLOAD, around)
+    if self.state is DfuState.DFU_IDLE and data and 0 < self._received == setup.value * DFU_TRANSFER_BYTES:
+        self.state = DfuState.DNLOAD_IDLE
+    return original(self, setup, data)
 
 
 @mutant("DFU-009", wraps=(dfu, "check_block"))
@@ -178,19 +158,12 @@ def download_may_end_early(original: Any, number: int, length: int, received: in
 # Times and answers
 
 
-@mutant("DFU-008", "DFU-007")
-def poll_time_is_0(patch: Patch) -> None:
+@mutant("DFU-008", "DFU-007", by=partial(handle, request=(CLASS_REQUEST_TYPE_IN, DfuRequest.GETSTATUS)))
+def poll_time_is_0(original: Any, self: Any, setup: Setup, data: bytes) -> bytes:
     """GETSTATUS says that the host may ask again at once, although the device is busy."""
-
-    def around(original: Any) -> Any:
-        def get_status(self: Any, setup: Setup, data: bytes) -> bytes:
-            answer = bytearray(original(self, setup, data))
-            answer[POLL_AT] = bytes(3)
-            return bytes(answer)
-
-        return get_status
-
-    handle(patch, (CLASS_REQUEST_TYPE_IN, DfuRequest.GETSTATUS), around)
+    answer = bytearray(original(self, setup, data))
+    answer[POLL_AT] = bytes(3)
+    return bytes(answer)
 
 
 @mutant("DFU-008", wraps=(DfuMode, "_time_out"))
@@ -245,63 +218,35 @@ def images_for_others_are_reported_as_bad_files(original: Any, reason: Any) -> D
 # Upload
 
 
-@mutant("DFU-014")
-def upload_never_ends(patch: Patch) -> None:
+@mutant("DFU-014", by=partial(handle, request=UPLOAD))
+def upload_never_ends(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
     """UPLOAD answers whole blocks for ever: behind the image follows what else the flash holds, then FF."""
-
-    def around(original: Any) -> Any:
-        def upload(self: Any, setup: Setup, data: bytes) -> Any:
-            block = original(self, setup, data)
-            self.state = DfuState.UPLOAD_IDLE
-            return block.ljust(DFU_TRANSFER_BYTES, b"\xff")
-
-        return upload
-
-    handle(patch, UPLOAD, around)
+    block = original(self, setup, data)
+    self.state = DfuState.UPLOAD_IDLE
+    return block.ljust(DFU_TRANSFER_BYTES, b"\xff")
 
 
-@mutant("DFU-014")
-def upload_ends_with_a_full_block(patch: Patch) -> None:
+@mutant("DFU-014", by=partial(handle, request=UPLOAD))
+def upload_ends_with_a_full_block(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
     """An upload is over with the image's last byte: where its last block is full, no shorter one follows."""
-
-    def around(original: Any) -> Any:
-        def upload(self: Any, setup: Setup, data: bytes) -> Any:
-            block = original(self, setup, data)
-            if self._next_upload * DFU_TRANSFER_BYTES >= len(self._upload):
-                self.state = DfuState.DFU_IDLE
-            return block
-
-        return upload
-
-    handle(patch, UPLOAD, around)
+    block = original(self, setup, data)
+    if self._next_upload * DFU_TRANSFER_BYTES >= len(self._upload):
+        self.state = DfuState.DFU_IDLE
+    return block
 
 
-@mutant("DFU-014")
-def upload_takes_any_length(patch: Patch) -> None:
+@mutant("DFU-014", by=partial(handle, request=UPLOAD))
+def upload_takes_any_length(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
     """UPLOAD of fewer bytes than a block has is answered with so many of them, instead of ADDRESS."""
-
-    def around(original: Any) -> Any:
-        def upload(self: Any, setup: Setup, data: bytes) -> Any:
-            return original(self, replace(setup, length=DFU_TRANSFER_BYTES), data)
-
-        return upload
-
-    handle(patch, UPLOAD, around)
+    return original(self, replace(setup, length=DFU_TRANSFER_BYTES), data)
 
 
-@mutant("DFU-014")
-def upload_takes_any_number(patch: Patch) -> None:
+@mutant("DFU-014", by=partial(handle, request=UPLOAD))
+def upload_takes_any_number(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
     """UPLOAD answers whatever block it is asked for, also out of turn."""
-
-    def around(original: Any) -> Any:
-        def upload(self: Any, setup: Setup, data: bytes) -> Any:
-            if self.state is DfuState.UPLOAD_IDLE:
-                self._next_upload = setup.value
-            return original(self, setup, data)
-
-        return upload
-
-    handle(patch, UPLOAD, around)
+    if self.state is DfuState.UPLOAD_IDLE:
+        self._next_upload = setup.value
+    return original(self, setup, data)
 
 
 @mutant("DFU-016", "DFU-006", wraps=(Function, "suspend"))

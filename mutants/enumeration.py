@@ -42,39 +42,27 @@ def _with_interval(configuration: bytes, endpoint: bytes, interval: int) -> byte
 # Descriptors
 
 
-@mutant("USB-009")
-def blocks_endpoint_has_interval_0(patch: Patch) -> None:
+@mutant("USB-009", by=_describe)
+def blocks_endpoint_has_interval_0(found: Enumeration) -> Enumeration:
     """BInterval of 01 OUT is 0, which promises that it never answers NAK: 0 is taken for a field without a meaning."""
-
-    def change(found: Enumeration) -> Enumeration:
-        return replace(
-            found,
-            configuration=_with_interval(found.configuration, FIRST_OUT, 0),
-            other_speed=_with_interval(found.other_speed, FIRST_OUT, 0),
-        )
-
-    _describe(patch, change)
+    return replace(
+        found,
+        configuration=_with_interval(found.configuration, FIRST_OUT, 0),
+        other_speed=_with_interval(found.other_speed, FIRST_OUT, 0),
+    )
 
 
-@mutant("USB-010", url="emulator:?speed=full")
-def notifications_have_the_interval_of_high_speed(patch: Patch) -> None:
+@mutant("USB-010", by=_describe, url="emulator:?speed=full")
+def notifications_have_the_interval_of_high_speed(found: Enumeration) -> Enumeration:
     """At full speed 82 IN is asked every 9 frames, not every 32: bInterval is the exponent of high speed there too."""
-
-    def change(found: Enumeration) -> Enumeration:
-        return replace(found, configuration=_with_interval(found.configuration, NOTIFICATIONS, HIGH_SPEED.interval))
-
-    _describe(patch, change)
+    return replace(found, configuration=_with_interval(found.configuration, NOTIFICATIONS, HIGH_SPEED.interval))
 
 
-@mutant("USB-010")
-def other_speed_has_the_packets_of_this_one(patch: Patch) -> None:
+@mutant("USB-010", by=_describe)
+def other_speed_has_the_packets_of_this_one(found: Enumeration) -> Enumeration:
     """The configuration at the other speed is that of this one under another type: packets of 512 bytes at full."""
-
-    def change(found: Enumeration) -> Enumeration:
-        other = _with_byte(found.configuration, TYPE_AT, DescriptorType.OTHER_SPEED_CONFIGURATION)
-        return replace(found, other_speed=other)
-
-    _describe(patch, change)
+    other = _with_byte(found.configuration, TYPE_AT, DescriptorType.OTHER_SPEED_CONFIGURATION)
+    return replace(found, other_speed=other)
 
 
 @mutant("USB-010", "USB-006", wraps=(UsbDevice, "_descriptor"))
@@ -85,15 +73,11 @@ def qualifier_names_another_class(original: Any, self: UsbDevice, setup: Setup) 
     return found[:4] + bytes(3) + found[7:] if is_qualifier else found
 
 
-@mutant("USB-012", "USB-011")
-def ms_os_set_says_another_length(patch: Patch) -> None:
+@mutant("USB-012", "USB-011", by=_describe)
+def ms_os_set_says_another_length(found: Enumeration) -> Enumeration:
     """The header of the Microsoft OS 2.0 descriptor set says two bytes less than it has: a NUL was forgotten."""
-
-    def change(found: Enumeration) -> Enumeration:
-        said = (len(found.ms_os) - 2).to_bytes(2, "little")
-        return replace(found, ms_os=found.ms_os[:MS_OS_TOTAL_AT] + said + found.ms_os[MS_OS_TOTAL_AT + 2 :])
-
-    _describe(patch, change)
+    said = (len(found.ms_os) - 2).to_bytes(2, "little")
+    return replace(found, ms_os=found.ms_os[:MS_OS_TOTAL_AT] + said + found.ms_os[MS_OS_TOTAL_AT + 2 :])
 
 
 @mutant("USB-012")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
+from functools import partial
 from itertools import islice
 from types import SimpleNamespace
 from typing import Any
@@ -150,16 +151,13 @@ def older_versions_are_refused(patch: Patch) -> None:
         original(self, scheduler, flash, running, keys)
         self.version = flash.read(running.image_address, VERSION_AT.stop)[VERSION_AT]
 
-    def around(original: Any) -> Any:
-        def download(self: Any, setup: Any, data: bytes) -> Any:
-            begins = self.state is DfuState.DFU_IDLE and len(data) >= HEADER_BYTES
-            if begins and data[VERSION_AT] < self.version:
-                self._refuse(DfuStatus.FILE)
-            return original(self, setup, data)
+    def download(original: Any, self: Any, setup: Any, data: bytes) -> Any:
+        begins = self.state is DfuState.DFU_IDLE and len(data) >= HEADER_BYTES
+        if begins and data[VERSION_AT] < self.version:
+            self._refuse(DfuStatus.FILE)
+        return original(self, setup, data)
 
-        return download
-
-    handle(patch, DOWNLOAD, around)
+    handle(patch, download, DOWNLOAD)
 
 
 # Where it is written, and when
@@ -175,20 +173,17 @@ def upgrade_overwrites_the_bank_that_runs(
         self._bank = running
 
 
-@mutant("FWU-018", "DFU-010")
-def bank_is_erased_before_the_header_is_checked(patch: Patch) -> None:
+@mutant("FWU-018", "DFU-010", by=partial(handle, request=DOWNLOAD))
+def bank_is_erased_before_the_header_is_checked(original: Any) -> Any:
     """The first block erases the boot record of the bank before anybody has looked at its header."""
 
-    def around(original: Any) -> Any:
-        def download(self: Any, setup: Any, data: bytes) -> Any:
-            begins = self.state is DfuState.DFU_IDLE and data
-            if begins and self._flash.writable and not self._flash.busy:
-                self._flash.erase(self._bank.record_address)
-            return original(self, setup, data)
+    def download(self: Any, setup: Any, data: bytes) -> Any:
+        begins = self.state is DfuState.DFU_IDLE and data
+        if begins and self._flash.writable and not self._flash.busy:
+            self._flash.erase(self._bank.record_address)
+        return original(self, setup, data)
 
-        return download
-
-    handle(patch, DOWNLOAD, around)
+    return download
 
 
 @mutant("FWU-018")

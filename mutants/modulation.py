@@ -72,14 +72,10 @@ def sample_255_is_not_full(patch: Patch) -> None:
     _modulate_with(patch, lambda samples, hold: (samples.replace(b"\xff", b"\xfe"), hold))
 
 
-@mutant("PUL-006")
-def modulation_keeps_the_leading_edge(patch: Patch) -> None:
+@mutant("PUL-006", by=rasterise)
+def modulation_keeps_the_leading_edge(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
     """A modulated pulse ends sooner and begins where it did: its phase moves with its width."""
-
-    def levels(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
-        return (tick - ((phase - unmodulated) >> 1)) % TICKS_PER_PERIOD < width
-
-    rasterise(patch, levels)
+    return (tick - ((phase - unmodulated) >> 1)) % TICKS_PER_PERIOD < width
 
 
 # Which sample

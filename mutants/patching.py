@@ -1,7 +1,7 @@
 """Mutants: emulators that are broken in one way each, and how one is made in this process.
 
-A mutant is a function with the decorator `mutant`: either what stands in place of one function of the emulator, which
-the decorator names, or what changes classes and modules of the emulator through a `Patch`.
+A mutant is a function with the decorator `mutant`: either what stands in place of one function of the emulator or goes
+to a seam, which the decorator names, or what changes classes and modules of the emulator through a `Patch`.
 The emulator knows nothing of it. What is changed holds for every emulator of the process until it is undone, so that a
 run against a mutant belongs into a process of its own.
 """
@@ -112,6 +112,7 @@ MUTANTS: dict[str, Mutant] = {}
 def mutant(
     *clauses: str,
     wraps: tuple[Any, str] | None = None,
+    by: Callable[[Patch, Any], None] | None = None,
     also: Callable[[Patch], None] | None = None,
     url: str = EMULATOR,
 ) -> Callable[[Replacement], Replacement]:
@@ -122,8 +123,9 @@ def mutant(
     *clauses : str
         That it breaks.
     wraps : tuple of an owner and a name, optional
-        The function of the emulator that the mutant replaces, as `Patch.around` says. Without it the mutant takes a
-        `Patch`.
+        The function of the emulator that the mutant replaces, as `Patch.around` says.
+    by : callable, optional
+        Without ``wraps``: the seam that takes a `Patch` and the mutant. Without either the mutant takes a `Patch`.
     also : callable, optional
         With ``wraps``: what else the mutant changes.
     url : str
@@ -143,14 +145,18 @@ def mutant(
         for clause in clauses:
             resolve(clause)
 
-        def wrap(patch: Patch) -> None:
+        def change(patch: Patch) -> None:
             if wraps is not None:
                 patch.around(*wraps)(function)
+            elif by is not None:
+                by(patch, function)
+            else:
+                function(patch)
             if also is not None:
                 also(patch)
 
         group = function.__module__.rpartition(".")[2].replace("_", "-")
-        MUTANTS[name] = Mutant(name, group, clauses, sentence, wrap if wraps else function, url)
+        MUTANTS[name] = Mutant(name, group, clauses, sentence, change, url)
         return function
 
     return enter

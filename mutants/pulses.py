@@ -23,26 +23,18 @@ def odd_pairs_are_half_a_tick_late(patch: Patch) -> None:
     rasterise(patch, lambda phase, width, _, tick: (tick - ((phase - width + 1) >> 1)) % TICKS_PER_PERIOD < width)
 
 
-@mutant("PUL-004")
-def widest_pulse_has_24_ticks(patch: Patch) -> None:
+@mutant("PUL-004", by=rasterise)
+def widest_pulse_has_24_ticks(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
     """A pulse of 25 ticks lasts 24: a table by width ends one entry early."""
-
-    def levels(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
-        full = is_high(phase, width, unmodulated, tick)
-        return full & ~((width == MAX_WIDTH_TICKS) & ((tick - ((phase - width) >> 1)) % TICKS_PER_PERIOD == 24))
-
-    rasterise(patch, levels)
+    full = is_high(phase, width, unmodulated, tick)
+    return full & ~((width == MAX_WIDTH_TICKS) & ((tick - ((phase - width) >> 1)) % TICKS_PER_PERIOD == 24))
 
 
-@mutant("PUL-004")
-def pulse_ends_with_the_period(patch: Patch) -> None:
+@mutant("PUL-004", by=rasterise)
+def pulse_ends_with_the_period(phase: Any, width: Any, _: Any, tick: Any) -> Any:
     """A pulse that goes round the end of the period is cut off there: nobody carries it over to the beginning."""
-
-    def levels(phase: Any, width: Any, _: Any, tick: Any) -> Any:
-        begin = ((phase - width) >> 1) % TICKS_PER_PERIOD
-        return (begin <= tick) & (tick < begin + width)
-
-    rasterise(patch, levels)
+    begin = ((phase - width) >> 1) % TICKS_PER_PERIOD
+    return (begin <= tick) & (tick < begin + width)
 
 
 @mutant("PUL-004", "TIM-003")
@@ -108,23 +100,15 @@ def pulses_run_backwards(patch: Patch) -> None:
     rasterise(patch, lambda phase, width, _, tick: is_high(phase, width, _, TICKS_PER_PERIOD - 1 - tick))
 
 
-@mutant("PUL-004", "SAF-001")
-def one_output_is_inverted(patch: Patch) -> None:
+@mutant("PUL-004", "SAF-001", by=see_words)
+def one_output_is_inverted(words: Any, start: int, stop: int) -> Words:
     """Bit 17 of processor 4 is low where it should be high, and high all the while that it should be low."""
-
-    def change(words: Any, start: int, stop: int) -> Words:
-        inverted: Words = words(start, stop)
-        inverted[:, INVERTED_PROCESSOR] ^= np.uint32(1 << INVERTED_BIT)
-        return inverted
-
-    see_words(patch, change)
+    inverted: Words = words(start, stop)
+    inverted[:, INVERTED_PROCESSOR] ^= np.uint32(1 << INVERTED_BIT)
+    return inverted
 
 
-@mutant("PUL-004")
-def tick_0_repeats_the_last(patch: Patch) -> None:
+@mutant("PUL-004", by=rasterise)
+def tick_0_repeats_the_last(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
     """The first tick of a period is that of the one before: the port's word is written a tick late once a period."""
-
-    def levels(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
-        return is_high(phase, width, unmodulated, np.where(tick == 0, TICKS_PER_PERIOD - 1, tick))
-
-    rasterise(patch, levels)
+    return is_high(phase, width, unmodulated, np.where(tick == 0, TICKS_PER_PERIOD - 1, tick))

@@ -60,7 +60,7 @@ def sealed_block(block: bytes | bytearray) -> bytes:
     return bytes(sealed)
 
 
-def forgive(patch: Patch, kinds: Collection[int], pardon: Callable[[bytearray], None]) -> None:
+def forgive(patch: Patch, pardon: Callable[[bytearray], None], kinds: Collection[int]) -> None:
     """Judge undamaged blocks of some kinds as if something in them were other than it is; what pulses are read alike.
 
     Updates that are taken together fall back to one by one where one is not as it should be.

@@ -29,47 +29,35 @@ Periods = NDArray[np.int64]
 # How it plays
 
 
-@mutant("BLK-015")
-def sequence_plays_once_too_often(patch: Patch) -> None:
+@mutant("BLK-015", by=misread_bodies)
+def sequence_plays_once_too_often(body: Any) -> Any:
     """A sequence with repeats plays one time more: they are counted as repetitions of the first time."""
-
-    def misread(body: Any) -> Any:
-        counts = isinstance(body, Sequence) and body.repeats
-        return replace(body, repeats=min(body.repeats + 1, MOST_REPEATS)) if counts else body
-
-    misread_bodies(patch, misread)
+    counts = isinstance(body, Sequence) and body.repeats
+    return replace(body, repeats=min(body.repeats + 1, MOST_REPEATS)) if counts else body
 
 
 def _play_turns(patch: Patch, entries: Any) -> None:
     patch.replace(Turns, "entries", entries)
 
 
-@mutant("BLK-015")
-def loop_leaves_out_its_first_entry(patch: Patch) -> None:
+@mutant("BLK-015", by=_play_turns)
+def loop_leaves_out_its_first_entry(self: Turns, since: Periods) -> Periods:
     """From the second time on a sequence begins with its second entry: the loop goes back to the place behind it."""
-
-    def entries(self: Turns, since: Periods) -> Periods:
-        total, first = int(self.ends[-1]), int(self.ends[0])
-        if first == total:
-            return np.where((since < total * self.repeats) | (self.repeats == 0), 0, ENDED)
-        within = np.where(since < total, since, first + (since - total) % (total - first))
-        entry = np.searchsorted(self.ends, within, side="right")
-        return np.where((since < total * self.repeats) | (self.repeats == 0), entry, ENDED)
-
-    _play_turns(patch, entries)
+    total, first = int(self.ends[-1]), int(self.ends[0])
+    if first == total:
+        return np.where((since < total * self.repeats) | (self.repeats == 0), 0, ENDED)
+    within = np.where(since < total, since, first + (since - total) % (total - first))
+    entry = np.searchsorted(self.ends, within, side="right")
+    return np.where((since < total * self.repeats) | (self.repeats == 0), entry, ENDED)
 
 
-@mutant("BLK-015")
-def loop_has_a_silent_period(patch: Patch) -> None:
+@mutant("BLK-015", by=_play_turns)
+def loop_has_a_silent_period(self: Turns, since: Periods) -> Periods:
     """Between the last entry and the first a period is silent: the loop is noticed when its time has come."""
-
-    def entries(self: Turns, since: Periods) -> Periods:
-        total = int(self.ends[-1])
-        turn, within = np.divmod(since, total + 1)
-        entry = np.where(within == total, ENDED, np.searchsorted(self.ends, within, side="right"))
-        return np.where((turn < self.repeats) | (self.repeats == 0), entry, ENDED)
-
-    _play_turns(patch, entries)
+    total = int(self.ends[-1])
+    turn, within = np.divmod(since, total + 1)
+    entry = np.where(within == total, ENDED, np.searchsorted(self.ends, within, side="right"))
+    return np.where((turn < self.repeats) | (self.repeats == 0), entry, ENDED)
 
 
 @mutant("BLK-015", "BLK-014", wraps=(Reel, "run"))
@@ -107,14 +95,10 @@ def sequence_begins_with_the_table(patch: Patch) -> None:
     misread_bodies(patch, lambda body: replace(body, first=0) if isinstance(body, Sequence) else body)
 
 
-@mutant("BLK-015", "BLK-014")
-def sequence_counts_its_entries_in_a_byte(patch: Patch) -> None:
+@mutant("BLK-015", "BLK-014", by=misread_bodies)
+def sequence_counts_its_entries_in_a_byte(body: Any) -> Any:
     """Of a sequence of more than 256 entries those beyond a multiple of 256 play: their number is cut off."""
-
-    def misread(body: Any) -> Any:
-        return replace(body, count=(body.count - 1) % 256 + 1) if isinstance(body, Sequence) else body
-
-    misread_bodies(patch, misread)
+    return replace(body, count=(body.count - 1) % 256 + 1) if isinstance(body, Sequence) else body
 
 
 @mutant("BLK-018", "BLK-015", wraps=(controller.Controller, "_carry_out"))
@@ -178,16 +162,12 @@ def device_plays_on_behind_a_sequence(original: Any, self: Any, event: Event, *a
         original(self, event, *arguments, **more)
 
 
-@mutant("BLK-015", "BLK-012")
-def last_repeat_is_held(patch: Patch) -> None:
+@mutant("BLK-015", "BLK-012", by=_play_turns)
+def last_repeat_is_held(self: Turns, since: Periods) -> Periods:
     """Behind its last repeat a sequence leaves its last entry playing: only the count of turns stops."""
-
-    def entries(self: Turns, since: Periods) -> Periods:
-        turn, within = np.divmod(since, self.ends[-1])
-        entry = np.searchsorted(self.ends, within, side="right")
-        return np.where((turn < self.repeats) | (self.repeats == 0), entry, len(self.ends) - 1)
-
-    _play_turns(patch, entries)
+    turn, within = np.divmod(since, self.ends[-1])
+    entry = np.searchsorted(self.ends, within, side="right")
+    return np.where((turn < self.repeats) | (self.repeats == 0), entry, len(self.ends) - 1)
 
 
 # What is stored, and what is in use

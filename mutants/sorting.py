@@ -18,27 +18,19 @@ Channels = NDArray[np.int64]
 EVEN_BITS = np.uint32(0x55555555)
 
 
-@mutant("REQ-004", "BLK-006")
-def two_transducers_are_swapped(patch: Patch) -> None:
+@mutant("REQ-004", "BLK-006", by=sort_by)
+def two_transducers_are_swapped(channels: Channels) -> Channels:
     """Transducers 130 and 151 are exchanged where pulses are sorted and read back, but not in WIRING."""
-
-    def change(channels: Channels) -> Channels:
-        channels[[130, 151]] = channels[[151, 130]]
-        return channels
-
-    sort_by(patch, change)
+    channels[[130, 151]] = channels[[151, 130]]
+    return channels
 
 
-@mutant("REQ-004", "BLK-006")
-def processors_of_a_board_are_swapped(patch: Patch) -> None:
+@mutant("REQ-004", "BLK-006", by=sort_by)
+def processors_of_a_board_are_swapped(channels: Channels) -> Channels:
     """The two processors of board 4 get each other's pulses: its cable is turned, and WIRING does not know."""
-
-    def change(channels: Channels) -> Channels:
-        processor = channels // CHANNELS_PER_PROCESSOR
-        turned = np.where(processor // PROCESSORS_PER_BOARD == 4, processor ^ 1, processor)
-        return turned * CHANNELS_PER_PROCESSOR + channels % CHANNELS_PER_PROCESSOR
-
-    sort_by(patch, change)
+    processor = channels // CHANNELS_PER_PROCESSOR
+    turned = np.where(processor // PROCESSORS_PER_BOARD == 4, processor ^ 1, processor)
+    return turned * CHANNELS_PER_PROCESSOR + channels % CHANNELS_PER_PROCESSOR
 
 
 @mutant("BLK-006", "REQ-004")
@@ -47,31 +39,23 @@ def array_is_mirrored(patch: Patch) -> None:
     sort_by(patch, lambda channels: channels.reshape(ROWS, COLUMNS)[::-1].ravel())
 
 
-@mutant("REQ-004", "PUL-005")
-def one_pair_of_outputs_is_swapped(patch: Patch) -> None:
+@mutant("REQ-004", "PUL-005", by=see_words)
+def one_pair_of_outputs_is_swapped(words: Any, start: int, stop: int) -> Words:
     """Bits 6 and 7 of processor 5 play each other's pulses: two tracks of one board are crossed."""
-
-    def change(words: Any, start: int, stop: int) -> Words:
-        crossed: Words = words(start, stop)
-        port = crossed[:, 5]
-        pair = port >> np.uint32(6) & np.uint32(3)
-        turned = pair >> np.uint32(1) | (pair & np.uint32(1)) << np.uint32(1)
-        crossed[:, 5] = port & ~np.uint32(3 << 6) | turned << np.uint32(6)
-        return crossed
-
-    see_words(patch, change)
+    crossed: Words = words(start, stop)
+    port = crossed[:, 5]
+    pair = port >> np.uint32(6) & np.uint32(3)
+    turned = pair >> np.uint32(1) | (pair & np.uint32(1)) << np.uint32(1)
+    crossed[:, 5] = port & ~np.uint32(3 << 6) | turned << np.uint32(6)
+    return crossed
 
 
-@mutant("PUL-005", "BLK-006")
-def pairs_are_unpacked_the_wrong_way_round(patch: Patch) -> None:
+@mutant("PUL-005", "BLK-006", by=see_words)
+def pairs_are_unpacked_the_wrong_way_round(words: Any, start: int, stop: int) -> Words:
     """The two pulses of each three bytes are exchanged on all ports: the first is taken from the high half."""
-
-    def change(words: Any, start: int, stop: int) -> Words:
-        ports = words(start, stop)
-        swapped: Words = ports >> np.uint32(1) & EVEN_BITS | (ports & EVEN_BITS) << np.uint32(1)
-        return swapped
-
-    see_words(patch, change)
+    ports = words(start, stop)
+    swapped: Words = ports >> np.uint32(1) & EVEN_BITS | (ports & EVEN_BITS) << np.uint32(1)
+    return swapped
 
 
 @mutant("BLK-013", "BLK-006", wraps=(controller.Controller, "_store"))

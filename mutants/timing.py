@@ -68,33 +68,25 @@ def changes_begin_a_period_early(patch: Patch) -> None:
     _put_off(patch, lambda _: -1, lambda _: -1)
 
 
-@mutant("BLK-005", "BLK-006")
-def changes_begin_within_a_period(patch: Patch) -> None:
+@mutant("BLK-005", "BLK-006", by=see_words)
+def changes_begin_within_a_period(words: Any, start: int, stop: int) -> Words:
     """Outputs change to another update ten ticks into its period: the table is exchanged while the port plays it."""
-
-    def change(words: Any, start: int, stop: int) -> Words:
-        ticks = np.arange(start, stop)
-        earlier = words(start - TICKS_PER_PERIOD, stop)
-        before, now = earlier[:-TICKS_PER_PERIOD], earlier[TICKS_PER_PERIOD:]
-        mixed: Words = np.where((ticks % TICKS_PER_PERIOD < 10)[:, None], before, now)
-        return mixed
-
-    see_words(patch, change)
+    ticks = np.arange(start, stop)
+    earlier = words(start - TICKS_PER_PERIOD, stop)
+    before, now = earlier[:-TICKS_PER_PERIOD], earlier[TICKS_PER_PERIOD:]
+    mixed: Words = np.where((ticks % TICKS_PER_PERIOD < 10)[:, None], before, now)
+    return mixed
 
 
-@mutant("TIM-004", "TIM-002")
-def place_in_the_period_is_that_of_the_counter(patch: Patch) -> None:
+@mutant("TIM-004", "TIM-002", by=see_words)
+def place_in_the_period_is_that_of_the_counter(words: Any, start: int, stop: int) -> Words:
     """Outputs jump by 14 ticks each 32.768 ms: where in its table a port is follows from its counter of 16 bits."""
-
-    def change(words: Any, start: int, stop: int) -> Words:
-        first = start // TICKS_PER_PERIOD * TICKS_PER_PERIOD
-        last = -(-stop // TICKS_PER_PERIOD) * TICKS_PER_PERIOD
-        ticks = np.arange(start, stop)
-        played = ticks - ticks % TICKS_PER_PERIOD + ticks % COUNTER_TICKS % TICKS_PER_PERIOD
-        jumped: Words = words(first, last)[played - first]
-        return jumped
-
-    see_words(patch, change)
+    first = start // TICKS_PER_PERIOD * TICKS_PER_PERIOD
+    last = -(-stop // TICKS_PER_PERIOD) * TICKS_PER_PERIOD
+    ticks = np.arange(start, stop)
+    played = ticks - ticks % TICKS_PER_PERIOD + ticks % COUNTER_TICKS % TICKS_PER_PERIOD
+    jumped: Words = words(first, last)[played - first]
+    return jumped
 
 
 @mutant("TIM-002", wraps=(controller.Controller, "now_tick"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from ..emulator.control import agenda, controller
@@ -302,14 +303,10 @@ def horizon_counts_from_what_is_queued(patch: Patch) -> None:
     )
 
 
-@mutant("BLK-010")
-def horizon_is_judged_in_64_bits_of_ticks(patch: Patch) -> None:
+@mutant("BLK-010", by=_judge_horizon)
+def horizon_is_judged_in_64_bits_of_ticks(_: Any, period: int, arrived: int) -> bool:
     """A period near 2⁶⁴ / 50 is accepted: the horizon is judged in ticks, and the product wraps."""
-
-    def is_beyond(_: Any, period: int, arrived: int) -> bool:
-        return period * TICKS_PER_PERIOD % 2**64 > (arrived + HORIZON_PERIODS) * TICKS_PER_PERIOD
-
-    _judge_horizon(patch, is_beyond)
+    return period * TICKS_PER_PERIOD % 2**64 > (arrived + HORIZON_PERIODS) * TICKS_PER_PERIOD
 
 
 @mutant("BLK-023", wraps=(Controller, "_judge_content"), also=one_by_one, url="emulator:?link=2wire")
@@ -415,20 +412,17 @@ def watchdog_forgets_its_time_when_it_fires(original: Any, self: Any) -> None:
 # Firmware
 
 
-@mutant("DFU-009")
-def block_numbers_have_8_bits(patch: Patch) -> None:
+@mutant("DFU-009", by=partial(handle, request=DOWNLOAD))
+def block_numbers_have_8_bits(original: Any) -> Any:
     """Block 256 of a download is refused: after block 255 the device expects block 0."""
 
-    def around(original: Any) -> Any:
-        def download(self: Any, setup: Any, data: bytes) -> bytes:
-            if setup.value >= BYTE and data:
-                self._refuse(DfuStatus.ADDRESS)
-            result: bytes = original(self, setup, data)
-            return result
+    def download(self: Any, setup: Any, data: bytes) -> bytes:
+        if setup.value >= BYTE and data:
+            self._refuse(DfuStatus.ADDRESS)
+        result: bytes = original(self, setup, data)
+        return result
 
-        return download
-
-    handle(patch, DOWNLOAD, around)
+    return download
 
 
 @mutant("DFU-009", "DFU-011")
@@ -437,19 +431,16 @@ def block_256_is_written_over_block_0(patch: Patch) -> None:
     patch.wrap(DfuMode, "_write", lambda original: lambda self, number, data: original(self, number % BYTE, data))
 
 
-@mutant("DFU-014")
-def block_256_of_an_upload_is_block_0(patch: Patch) -> None:
+@mutant("DFU-014", by=partial(handle, request=UPLOAD))
+def block_256_of_an_upload_is_block_0(original: Any) -> Any:
     """Block 256 of an upload holds the bytes of block 0: the address follows from the low 8 bits of its number."""
 
-    def around(original: Any) -> Any:
-        def upload(self: Any, setup: Any, data: bytes) -> bytes:
-            block: bytes = original(self, setup, data)
-            at = setup.value % BYTE * DFU_TRANSFER_BYTES
-            return self._upload[at : at + len(block)] if setup.value >= BYTE else block
+    def upload(self: Any, setup: Any, data: bytes) -> bytes:
+        block: bytes = original(self, setup, data)
+        at = setup.value % BYTE * DFU_TRANSFER_BYTES
+        return self._upload[at : at + len(block)] if setup.value >= BYTE else block
 
-        return upload
-
-    handle(patch, UPLOAD, around)
+    return upload
 
 
 def _count_generations(patch: Patch, following: Callable[[int], int]) -> None:
