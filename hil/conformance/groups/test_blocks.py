@@ -17,6 +17,7 @@ from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     Wrong,
+    await_state,
     begin,
     far,
     features_of,
@@ -588,15 +589,6 @@ def test_the_first_reason_is_given_with_a_fault(bench: Bench, base: str) -> None
     provocation.check(base, (*ANY, *reasons), (Reason.FAULT, Reason.DISABLED))
     bench.levers.cause(HotBoard(board=2, celsius=30))
     bench.wait(0.03)
-
-
-def await_state(bench: Bench, state: State) -> None:
-    """Wait until the device is in a state."""
-    for _ in range(100):
-        if bench.status().state is state:
-            return
-        bench.wait(0.01)
-    raise AssertionError(f"the state stays {bench.status().state.name}, should be {state.name}")
 
 
 def restart(bench: Bench) -> None:

@@ -55,7 +55,7 @@ from phasewire.protocol.board import (
     TICK_HZ,
     TICKS_PER_PERIOD,
 )
-from phasewire.protocol.codes import SILENT_PERIODS, Action, Fault, Feature, Reason, Request, State
+from phasewire.protocol.codes import SILENT_PERIODS, SYNC_PERIODS, Action, Fault, Feature, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import ProcessorReport, ReadBack, Status
 
@@ -68,7 +68,6 @@ ROUND_SECONDS = 0.012
 ASKED_TICKS = 21 * TICKS_PER_MS // 2
 """Within which what a processor sees is known: a question every 10 ms, and 0.5 ms to the answer (clause CHN-016)."""
 DEAF_MS = 50
-SYNC_PERIODS = 4096
 NO_FAULTS = Fault(0)
 
 

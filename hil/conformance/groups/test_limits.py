@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
-from phasewire.hil.conformance.cases import Inconclusive, Need, case, expect
+from phasewire.hil.conformance.cases import Need, case, expect
 from phasewire.hil.conformance.tools.stage import soon
-from phasewire.hil.conformance.tools.steps import SILENT, begin, enable, heavy, let_stores_go, some
+from phasewire.hil.conformance.tools.steps import SILENT, begin, enable, heavy, let_stores_go, set_limit, some
 from phasewire.protocol.blocks import Entries, Entry, Sequence, Slot, Update
 from phasewire.protocol.board import CHANNELS
 from phasewire.protocol.codes import Fault, Feature, Reason, Request, State
@@ -48,7 +48,7 @@ NOTICED_SECONDS = 0.1
 @case("SAF-006", "REQ-010")
 def test_the_power_of_an_update_is_no_sum_of_widths(bench: Bench) -> None:
     """Of updates whose widths sum up alike wide pulses are refused with DRIVE and narrow ones taken: power counts."""
-    set_limit(bench)
+    set_limit(bench, LIMIT)
     begin(bench)
     for width in some(bench, POWERS):
         fits, equal = min(1000 * LIMIT // POWERS[width], CHANNELS), WIDEST * LIMIT // width
@@ -56,13 +56,6 @@ def test_the_power_of_an_update_is_no_sum_of_widths(bench: Bench) -> None:
         if equal * POWERS[width] > 1000 * LIMIT:
             reason = bench.send(many(equal, width)).reason
             expect(f"the reason for {equal} pulses of {width}, whose widths would fit", reason, Reason.DRIVE)
-
-
-def set_limit(bench: Bench) -> None:
-    """Limit the total drive; inconclusive where less is allowed."""
-    if bench.drive_limit < LIMIT:
-        raise Inconclusive(f"this needs a limit of {LIMIT} transducers; {bench.drive_limit} are allowed here")
-    bench.order(Request.LIMIT, LIMIT)
 
 
 def many(count: int, width: int) -> Update:
@@ -73,7 +66,7 @@ def many(count: int, width: int) -> Update:
 @case("SAF-006", "BLK-008", features=Feature.SEQUENCES | Feature.UNATTENDED)
 def test_one_slot_above_the_limit_refuses_its_sequence(bench: Bench) -> None:
     """A SEQUENCE whose last entry alone is above a lowered limit is refused, for now or later, attended or not."""
-    set_limit(bench)
+    set_limit(bench, LIMIT)
     for store in (Slot(0, SILENT), Slot(7, heavy(LIMIT)), Entries((*(Entry(0, 1),) * 119, Entry(7, 1)))):
         bench.must(store)
     bench.order(Request.LIMIT, LIMIT - 1)

@@ -10,9 +10,9 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage
+from phasewire.hil.conformance.tools.steps import check_refused
 from phasewire.hil.conformance.tools.watchdog import check_not_yet
 from phasewire.protocol.blocks import (
-    Body,
     Change,
     Entries,
     Entry,
@@ -47,17 +47,6 @@ def store(stage: Stage, samples: bytes, first: int = 0) -> None:
 def noise(bench: Bench, count: int) -> bytes:
     """Random samples."""
     return bench.random.randbytes(count)
-
-
-def refused(bench: Bench, body: Body, reason: Reason) -> None:
-    """Send a block that has to be refused."""
-    before = bench.status()
-    ack = bench.send(body)
-    expect(f"the reason for {type(body).__name__.upper()}", ack.reason, reason)
-    expect("the commit period", ack.commit_period, 0)
-    after = bench.status()
-    expect("the count of refused blocks", after.refused - before.refused, 1)
-    expect("the last refusal", after.last_refusal, reason)
 
 
 # What a modulation does
@@ -376,10 +365,10 @@ def test_what_modulates_is_not_overwritten(bench: Bench) -> None:
     stage.send(Modulation(500, 10, 2, begin))
     over = [Samples(samples[:1], 500), Samples(bytes(1), 509), Samples(bytes(2), 499), Samples(bytes(480), 509)]
     for body in over:
-        refused(bench, body, Reason.IN_USE)
+        check_refused(bench, body, Reason.IN_USE)
     bench.wait_until(begin + 2)
     for body in over:
-        refused(bench, body, Reason.IN_USE)
+        check_refused(bench, body, Reason.IN_USE)
     last = bench.period()
     stage.judge(begin - 2, begin + 50)
     stage.judge(last - 60, last)
@@ -423,7 +412,7 @@ def test_what_modulates_no_longer_may_be_overwritten(bench: Bench, end: Callable
     store(stage, noise(bench, 4), 7)
     stage.send_all([Update(bench.weak()), Modulation(7, 4, 1)])
     bench.wait_periods(SETTLED_PERIODS)
-    refused(bench, Samples(bytes(1), 10), Reason.IN_USE)
+    check_refused(bench, Samples(bytes(1), 10), Reason.IN_USE)
     end(stage)
     bench.wait_periods(2)
     stage.send(Samples(noise(bench, 4), 7))
@@ -437,7 +426,7 @@ def test_an_update_frees_no_sample(bench: Bench) -> None:
     stage.send_all([Update(bench.weak()), Modulation(0, 4, 1)])
     ack = stage.send(Update(bench.weak()))
     bench.wait_until(ack.commit_period + 2)
-    refused(bench, Samples(bytes(1), 3), Reason.IN_USE)
+    check_refused(bench, Samples(bytes(1), 3), Reason.IN_USE)
 
 
 @case("BLK-007", "BLK-016", "CHN-019", features=MODULATION, needs=CAPTURE)
@@ -501,14 +490,14 @@ def test_what_was_never_stored_does_not_modulate(bench: Bench) -> None:
     """After RESET samples are empty: a modulation is refused with EMPTY until all of its samples are stored."""
     bench.restart(lambda: bench.order(Request.RESET))
     stage = Stage(bench)
-    refused(bench, Modulation(0, 1, 1), Reason.EMPTY)
-    refused(bench, Modulation(0, BUFFER, 1), Reason.EMPTY)
+    check_refused(bench, Modulation(0, 1, 1), Reason.EMPTY)
+    check_refused(bench, Modulation(0, BUFFER, 1), Reason.EMPTY)
     store(stage, noise(bench, 3), 100)
-    refused(bench, Modulation(100, 4, 1), Reason.EMPTY)
-    refused(bench, Modulation(99, 4, 1), Reason.EMPTY)
-    refused(bench, Modulation(103, 1, 1), Reason.EMPTY)
+    check_refused(bench, Modulation(100, 4, 1), Reason.EMPTY)
+    check_refused(bench, Modulation(99, 4, 1), Reason.EMPTY)
+    check_refused(bench, Modulation(103, 1, 1), Reason.EMPTY)
     stage.send(Modulation(100, 3, 1))
     store(stage, noise(bench, 3), 104)
-    refused(bench, Modulation(100, 7, 1), Reason.EMPTY)
+    check_refused(bench, Modulation(100, 7, 1), Reason.EMPTY)
     store(stage, noise(bench, 1), 103)
     stage.send(Modulation(100, 7, 1))

@@ -13,7 +13,7 @@ from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect, unmet
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import forged
-from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, require
+from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, require, suspended
 from phasewire.protocol.blocks import Entries, Entry, Modulation, NoOp, Samples, Sequence, Slot, Update, pack
 from phasewire.protocol.board import CARRIER_HZ, PROCESSORS, TICK_HZ
 from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag
@@ -311,18 +311,6 @@ def test_the_console_is_as_at_first_after_a_restart(bench: Bench, restart: Resta
 
 
 # Suspend
-
-
-@contextmanager
-def suspended(bench: Bench) -> Iterator[None]:
-    """The bus is suspended for a while."""
-    bench.note("lever", "suspend")
-    bench.levers.suspend()
-    try:
-        yield
-    finally:
-        bench.levers.resume()
-        bench.note("lever", "resume")
 
 
 def play_unattended(bench: Bench, *, periods: int = 40, repeats: int = 0) -> tuple[Ack, Pulses]:

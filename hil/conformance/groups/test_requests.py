@@ -16,6 +16,7 @@ from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
     Wrong,
+    await_state,
     begin,
     check_same,
     far,
@@ -938,15 +939,6 @@ def test_faults_are_cleared_when_their_cause_is_gone(bench: Bench) -> None:
         expect(f"faults at {celsius} °C", status.faults, Fault(0) if cleared else Fault.TEMPERATURE)
         expect(f"the state at {celsius} °C", status.state, State.OFF if cleared else State.FAULT)
         expect("whether ENABLE is done", bench.try_order(Request.ENABLE), cleared)
-
-
-def await_state(bench: Bench, state: State) -> None:
-    """Wait until the device is in a state."""
-    for _ in range(100):
-        if bench.status().state is state:
-            return
-        bench.wait(0.01)
-    raise AssertionError(f"the state stays {bench.status().state.name}, should be {state.name}")
 
 
 @case("REQ-012", "REQ-001")

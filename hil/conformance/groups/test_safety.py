@@ -23,7 +23,7 @@ from phasewire.hil.conformance.tools.drives import power, widths_for
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import PLAYS, check_falls_silent, play, silent_from
 from phasewire.hil.conformance.tools.playing import start as start_playing
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, features_of, forge, require, some
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, features_of, forge, require, set_limit, some
 from phasewire.hil.conformance.tools.watchdog import (
     PERIODS_PER_MS,
     TICKS_PER_MS,
@@ -881,13 +881,6 @@ def pulses_of(bench: Bench, total: int, width: int) -> Pulses:
     used = (width, *widths_for(total - power(width)))
     widths[bench.random.sample(range(CHANNELS), len(used))] = used
     return Pulses([bench.random.randrange(100) for _ in range(CHANNELS)], widths)
-
-
-def set_limit(bench: Bench, transducers: int) -> None:
-    """Set the limit, inconclusive where it is above what this bench or the device allows."""
-    if transducers > bench.drive_limit:
-        raise Inconclusive(f"this needs a limit of {transducers} transducers; {bench.drive_limit} are allowed here")
-    bench.order(Request.LIMIT, transducers)
 
 
 @case("SAF-006", "REQ-010", features=Feature.SEQUENCES)

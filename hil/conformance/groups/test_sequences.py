@@ -10,8 +10,8 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
 from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, in_time, is_fast
-from phasewire.hil.conformance.tools.steps import require
-from phasewire.protocol.blocks import Body, Change, Entries, Entry, NoOp, Output, Sequence, Slot, Update
+from phasewire.hil.conformance.tools.steps import check_refused, require
+from phasewire.protocol.blocks import Change, Entries, Entry, NoOp, Output, Sequence, Slot, Update
 from phasewire.protocol.board import CHANNELS
 from phasewire.protocol.codes import SILENT_PERIODS, Action, Feature, Reason, Request, State, StatusFlag
 from phasewire.protocol.pulses import Pulses
@@ -317,17 +317,6 @@ def test_the_entry_that_plays_is_read_back(bench: Bench) -> None:
 # What may be stored while it plays
 
 
-def refused(bench: Bench, body: Body, reason: Reason) -> None:
-    """Send a block that has to be refused."""
-    before = bench.status()
-    ack = bench.send(body)
-    expect(f"the reason for {type(body).__name__.upper()}", ack.reason, reason)
-    expect("the commit period", ack.commit_period, 0)
-    after = bench.status()
-    expect("the count of refused blocks", after.refused - before.refused, 1)
-    expect("the last refusal", after.last_refusal, reason)
-
-
 @case("BLK-022", "BLK-008", outputs=("BLK-022", "BLK-008"), features=SEQUENCES)
 def test_what_a_sequence_plays_is_not_overwritten(bench: Bench) -> None:
     """Stores over an entry or a slot of a playing sequence are refused with IN_USE, the same bytes too; it plays on."""
@@ -338,13 +327,13 @@ def test_what_a_sequence_plays_is_not_overwritten(bench: Bench) -> None:
     ack = stage.send(Sequence(200, 3))
     bench.wait_until(ack.commit_period + 5)
     before = bench.period()
-    refused(bench, same, Reason.IN_USE)
-    refused(bench, Slot(70, bench.weak()), Reason.IN_USE)
-    refused(bench, Slot(72, bench.weak()), Reason.IN_USE)
-    refused(bench, Entries((Entry(71, 1),), 201), Reason.IN_USE)
-    refused(bench, Entries((Entry(73, 1),) * 2, 199), Reason.IN_USE)
-    refused(bench, Entries((Entry(73, 1),) * 2, 202), Reason.IN_USE)
-    refused(bench, Entries((Entry(73, 1),) * 120, 150), Reason.IN_USE)
+    check_refused(bench, same, Reason.IN_USE)
+    check_refused(bench, Slot(70, bench.weak()), Reason.IN_USE)
+    check_refused(bench, Slot(72, bench.weak()), Reason.IN_USE)
+    check_refused(bench, Entries((Entry(71, 1),), 201), Reason.IN_USE)
+    check_refused(bench, Entries((Entry(73, 1),) * 2, 199), Reason.IN_USE)
+    check_refused(bench, Entries((Entry(73, 1),) * 2, 202), Reason.IN_USE)
+    check_refused(bench, Entries((Entry(73, 1),) * 120, 150), Reason.IN_USE)
     bench.wait_periods(SETTLED_PERIODS)
     after = bench.period()
     stage.judge(after - min(after - before, 2000), after)
@@ -382,7 +371,7 @@ def test_what_will_play_is_not_overwritten(bench: Bench) -> None:
             Slot(1, bench.weak()),
             Entries((Entry(5, 1),), 10),
         ):
-            refused(bench, body, Reason.IN_USE)
+            check_refused(bench, body, Reason.IN_USE)
     stage.judge(period - 20, period + 20)
 
 
@@ -430,7 +419,7 @@ def test_what_has_ended_may_be_overwritten(bench: Bench, end: Callable[[Stage], 
     store(stage, [Entry(1, 3), Entry(2, 2)], 10)
     ack = stage.send(Sequence(10, 2))
     bench.wait_until(ack.commit_period + 1)
-    refused(bench, Slot(2, bench.weak()), Reason.IN_USE)
+    check_refused(bench, Slot(2, bench.weak()), Reason.IN_USE)
     end(stage)
     bench.wait_periods(2)
     stage.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(2, 2), Entry(1, 1)), 10)])
@@ -444,7 +433,7 @@ def test_what_two_sequences_share_stays_in_use(bench: Bench) -> None:
     stage.send(Sequence(0, 2))
     ack = stage.send(Sequence(2, 1, stage.soon()))
     bench.wait_until(ack.commit_period + 2)
-    refused(bench, Slot(1, bench.weak()), Reason.IN_USE)
+    check_refused(bench, Slot(1, bench.weak()), Reason.IN_USE)
     stage.send_all([Slot(2, bench.weak()), Entries((Entry(2, 1),) * 2)])
 
 
@@ -456,7 +445,7 @@ def test_what_is_about_to_end_is_still_in_use(bench: Bench) -> None:
     stage.send(Sequence(10, 2))
     period = stage.soon(3) + SETTLED_PERIODS
     stage.send(Update(bench.weak(), period))
-    refused(bench, Slot(2, bench.weak()), Reason.IN_USE)
+    check_refused(bench, Slot(2, bench.weak()), Reason.IN_USE)
     bench.wait_until(period + 1)
     stage.send(Slot(2, bench.weak()))
 
@@ -522,17 +511,17 @@ def test_what_was_never_stored_does_not_play(bench: Bench) -> None:
     """After RESET slots and entries are empty: a sequence is refused with EMPTY until all that it plays is stored."""
     bench.restart(lambda: bench.order(Request.RESET))
     stage = Stage(bench)
-    refused(bench, Sequence(0, 1), Reason.EMPTY)
-    refused(bench, Sequence(0, TABLE), Reason.EMPTY)
+    check_refused(bench, Sequence(0, 1), Reason.EMPTY)
+    check_refused(bench, Sequence(0, TABLE), Reason.EMPTY)
     stage.send(Entries((Entry(8, 1), Entry(9, 1)), 500))
-    refused(bench, Sequence(500, 2), Reason.EMPTY)
+    check_refused(bench, Sequence(500, 2), Reason.EMPTY)
     stage.send(Slot(8, bench.weak()))
-    refused(bench, Sequence(500, 2), Reason.EMPTY)
-    refused(bench, Sequence(501, 1), Reason.EMPTY)
-    refused(bench, Sequence(499, 2), Reason.EMPTY)
+    check_refused(bench, Sequence(500, 2), Reason.EMPTY)
+    check_refused(bench, Sequence(501, 1), Reason.EMPTY)
+    check_refused(bench, Sequence(499, 2), Reason.EMPTY)
     stage.send(Sequence(500, 1))
     stage.send(Slot(9, bench.weak()))
-    refused(bench, Sequence(500, 3), Reason.EMPTY)
-    refused(bench, Sequence(499, 3), Reason.EMPTY)
+    check_refused(bench, Sequence(500, 3), Reason.EMPTY)
+    check_refused(bench, Sequence(499, 3), Reason.EMPTY)
     stage.send(Sequence(500, 2))
     expect("missed commits", bench.status().missed_commits, 0)

@@ -16,7 +16,7 @@ from phasewire.hil.conformance.tools.dfu import DfuLine
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.playing import play, start, told
 from phasewire.hil.conformance.tools.stage import check_in_time, soon
-from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, let_stores_go, require
+from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, let_stores_go, require, suspended
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
@@ -295,16 +295,6 @@ def test_detach_leads_to_dfu_mode_and_a_bus_reset_back(bench: Bench, state: Stat
 
 
 # A bus that is suspended
-
-
-@contextmanager
-def suspended(bench: Bench) -> Iterator[None]:
-    """A bus that is suspended for a while."""
-    bench.levers.suspend()
-    try:
-        yield
-    finally:
-        bench.levers.resume()
 
 
 @pytest.mark.parametrize("state", REACHED, ids=name)

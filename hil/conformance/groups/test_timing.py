@@ -12,7 +12,7 @@ from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.tools.clocks import compare_clocks
 from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, check_in_time, is_fast, soon
-from phasewire.hil.conformance.tools.steps import SYNC_PERIODS, check_sync
+from phasewire.hil.conformance.tools.steps import check_sync
 from phasewire.protocol.blocks import (
     Change,
     Clock,
@@ -27,7 +27,7 @@ from phasewire.protocol.blocks import (
     Update,
 )
 from phasewire.protocol.board import CARRIER_HZ, TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import NOW, Action, Fault, Feature, Reason, Request, State
+from phasewire.protocol.codes import NOW, SYNC_PERIODS, Action, Fault, Feature, Reason, Request, State
 from phasewire.protocol.replies import Ack
 
 COUNTER_TICKS = 65_536

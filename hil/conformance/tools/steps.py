@@ -6,19 +6,20 @@ They speak to the device and judge nothing but what they say.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from collections.abc import Sequence as Many
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from ....protocol.blocks import Body, Entries, Modulation, NoOp, Output, Samples, Sequence, Slot, pack
 from ....protocol.board import CHANNELS, TICKS_PER_PERIOD
-from ....protocol.codes import AckFlag, Action, Feature, Reason, Request
+from ....protocol.codes import SYNC_PERIODS, AckFlag, Action, Feature, Reason, Request, State
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
 from ..bench import Bench
-from ..cases import NotApplicable, expect
+from ..cases import Inconclusive, NotApplicable, expect
 from .forge import forged
 from .stage import soon
 
@@ -26,9 +27,10 @@ __all__ = [
     "FAR_PERIODS",
     "LONG_MS",
     "SILENT",
-    "SYNC_PERIODS",
     "Wrong",
+    "await_state",
     "begin",
+    "check_refused",
     "check_same",
     "check_sync",
     "cut",
@@ -44,7 +46,9 @@ __all__ = [
     "raw_records",
     "refuse",
     "require",
+    "set_limit",
     "some",
+    "suspended",
     "vectors",
 ]
 
@@ -54,8 +58,6 @@ LONG_MS = 60_000
 """A watchdog time that no case outlasts: the longest that there is (clause REQ-009)."""
 FAR_PERIODS = 2_000_000
 """50 s: what names a period so far ahead stays in the queue as long as a case takes."""
-SYNC_PERIODS = 4096
-"""Clause CHN-026."""
 LATER_BLOCKS = 12
 """That a case can send before a period that it names."""
 FEW = 6
@@ -113,6 +115,45 @@ def begin(bench: Bench) -> None:
     """Enable the outputs, out of the watchdog's reach, and begin the numbering."""
     enable(bench)
     bench.must(NoOp())
+
+
+def await_state(bench: Bench, state: State) -> None:
+    """Wait until the device is in a state."""
+    for _ in range(100):
+        if bench.status().state is state:
+            return
+        bench.wait(0.01)
+    raise AssertionError(f"the state stays {bench.status().state.name}, should be {state.name}")
+
+
+@contextmanager
+def suspended(bench: Bench) -> Iterator[None]:
+    """The bus is suspended for a while."""
+    bench.note("lever", "suspend")
+    bench.levers.suspend()
+    try:
+        yield
+    finally:
+        bench.levers.resume()
+        bench.note("lever", "resume")
+
+
+def check_refused(bench: Bench, body: Body, reason: Reason) -> None:
+    """Send a block that has to be refused, and see that it is told and counted."""
+    before = bench.status()
+    ack = bench.send(body)
+    expect(f"the reason for {type(body).__name__.upper()}", ack.reason, reason)
+    expect("the commit period", ack.commit_period, 0)
+    after = bench.status()
+    expect("the count of refused blocks", after.refused - before.refused, 1)
+    expect("the last refusal", after.last_refusal, reason)
+
+
+def set_limit(bench: Bench, transducers: int) -> None:
+    """Set the limit, inconclusive where it is above what this bench or the device allows."""
+    if transducers > bench.drive_limit:
+        raise Inconclusive(f"this needs a limit of {transducers} transducers; {bench.drive_limit} are allowed here")
+    bench.order(Request.LIMIT, transducers)
 
 
 def far(bench: Bench) -> int:
