@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from phasewire import Emulator
 from phasewire.emulator.control.chain import Passing
@@ -22,6 +20,7 @@ from phasewire.protocol.codes import Action, ChannelEnd, Fault, Request, State
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
 
 from tests.emulator.hosts import FULL, HALF, PERIOD, Device, pulses
+from tests.from_spec import modulated_width
 
 
 @pytest.fixture(params=[False, True], ids=["folded", "unfolded"])
@@ -56,15 +55,7 @@ def test_stores_find_their_way_between_updates_at_the_rate_that_holds(unfolded: 
     updates = [1 + n % 25 for n in range(60)]
     assert heard(device, at, at + 60 * apart)[::apart] == updates
     begins = sequence.commit_period
-    assert heard(device, begins, begins + 7) == [
-        20,
-        modulated(21, 128),
-        20,
-        modulated(21, 128),
-        20,
-        modulated(21, 128),
-        20,
-    ]
+    assert heard(device, begins, begins + 7) == [20, modulated_width(21, 128)] * 3 + [20]
     assert (device.status().late, device.status().missed_commits) == (0, 0)
 
 
@@ -95,11 +86,6 @@ def test_a_sequence_waits_for_questions_between_its_stores_too() -> None:
     device.run_until((begins + 120) * PERIOD)
     words = device.emulator.capture().bits(begins * 50, (begins + 120) * 50)[:, 9] & 1
     assert words.reshape(-1, 50).sum(axis=1).tolist() == [9] * 120
-
-
-def modulated(width: int, sample: int) -> int:
-    """Clause PUL-006."""
-    return math.floor(50 / math.pi * math.asin(sample / 255 * math.sin(math.pi * width / 50)) + 0.5)
 
 
 # When changes take effect (BLK-005, BLK-007, BLK-012 and BLK-018)
