@@ -39,6 +39,7 @@ from ...protocol.board import (
     COLUMNS,
     CORE_HZ,
     CYCLES_PER_MS,
+    CYCLES_PER_PERIOD,
     CYCLES_PER_TICK,
     MAX_WIDTH_TICKS,
     PITCH_M,
@@ -524,7 +525,7 @@ class Controller:
         taken = 0
         while taken < len(packets):
             self.settle()
-            if not self._streams:
+            if not self._streams or self._agenda.room_at > deadline:
                 break
             more, began = self._stream_until_event(packets[taken:], began, deadline, door)
             taken += more
@@ -547,6 +548,9 @@ class Controller:
 
         upcoming = self._scheduler.next_time()
         end = deadline if upcoming is None else min(deadline, upcoming - 1)
+        packets = packets[
+            : QUEUE_BLOCKS + max(end - began, 0) // CYCLES_PER_PERIOD + 1
+        ]  # more do not find room by then
         updates, tail, cost = unpack_updates(packets), self._agenda.tail, self._agenda.update_cost
         named = -1 if self._last_named is None else self._last_named
         numbers = np.array(

@@ -141,7 +141,10 @@ class Station:
         return True
 
     def seconds_to_wait(self) -> float | None:
-        """How long nobody will have anything to do, in seconds of the clock; None if until somebody stirs."""
+        """How long nobody will have anything to do, in seconds of the clock; None if until somebody stirs.
+
+        It is less than 0 if somebody's turn is over already, because this program was held up.
+        """
         event = self.scheduler.next_time()
         turn = self._turn(event)
         if turn is None and event is None:
@@ -150,7 +153,7 @@ class Station:
             return IDLE_SECONDS if any(each.stuck for each in self.conversations) else None
         if turn is None:
             return IDLE_SECONDS
-        return min(max(0.0, self._power_up + turn / CORE_HZ - self._clock()), IDLE_SECONDS)
+        return min(self._power_up + turn / CORE_HZ - self._clock(), IDLE_SECONDS)
 
     @property
     def seconds_behind(self) -> float:

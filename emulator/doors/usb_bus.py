@@ -243,7 +243,7 @@ class UsbBus:
             self.last_word = now
             return now
         for endpoint, queue in self._queues.items():
-            ended = self._receive(queue[0]) if queue[0].is_in else self._stream(queue) or self._send(queue[0])
+            ended = self._receive_many(queue) if queue[0].is_in else self._stream(queue) or self._send(queue[0])
             if ended is not None:
                 if endpoint in self._queues:
                     self._queues[endpoint] = self._queues.pop(endpoint)  # behind the others: they take turns
@@ -310,15 +310,27 @@ class UsbBus:
                 self._end(transfer, Outcome.DONE)
         return self._scheduler.now
 
-    def _receive(self, transfer: Transfer) -> int | None:
+    def _receive_many(self, queue: deque[Transfer]) -> int | None:
+        """Receive what the device has, for as long as a stream the other way may take.
+
+        One packet for each stream would hold the streams back: it brings the acknowledgements of 16 blocks.
+        """
+        ended = None
+        for packets in range(STREAM_CYCLES // self._times.packet):
+            if not queue or not self._receive(queue[0]):
+                break
+            ended = self._scheduler.now + packets * self._times.packet
+        return ended
+
+    def _receive(self, transfer: Transfer) -> bool:
         answer = self._device.bulk_in(transfer.endpoint)
         if answer is Handshake.NAK:
-            return None
+            return False
         if isinstance(answer, bytes):
             self._take(transfer, answer, ends=len(answer) < self._size(transfer))
         else:
             self._end(transfer, Outcome.STALLED)
-        return self._scheduler.now
+        return True
 
     def _take(self, transfer: Transfer, data: bytes, ends: bool) -> None:
         if len(transfer.received) + len(data) > transfer.length:

@@ -25,17 +25,21 @@ SILENT = 0
 """Row of the silent pulses, which every reel begins with."""
 
 
+MORE = 4
+"""Of what is kept, times: as much comes before the next time that something is forgotten (`Emulator`)."""
+
+
 class Rows:
     """An array that grows at its end; what was read of it stays as it is."""
 
-    def __init__(self, width: tuple[int, ...], dtype: Any) -> None:
-        self._rows: NDArray[Any] = np.empty((16, *width), dtype)
+    def __init__(self, width: tuple[int, ...], dtype: Any, room: int = 16) -> None:
+        self._rows: NDArray[Any] = np.empty((room, *width), dtype)
         self.size = 0
 
     @classmethod
     def of(cls, rows: NDArray[Any]) -> Rows:
-        """Begin with some."""
-        grown = cls(rows.shape[1:], rows.dtype)
+        """Begin with some, with room for three times as many more."""
+        grown = cls(rows.shape[1:], rows.dtype, MORE * len(rows))
         grown.extend(rows)
         return grown
 
@@ -218,9 +222,12 @@ class Reel:
             return
         starts, refs, slices = self._starts.view()[stale:], self._refs.view()[stale:], self._slices.view()
         turns = [self._turns[-1 - ref] for ref in refs[refs < 0]]
-        kept = np.unique(np.concatenate([[SILENT], refs[refs >= 0], *(turn.rows for turn in turns)]))
-        renamed = refs.copy()
-        renamed[refs >= 0] = np.searchsorted(kept, refs[refs >= 0])
+        used = np.concatenate([refs[refs > SILENT], *(turn.rows for turn in turns)])
+        dropped = int(used.min(initial=self._slices.size)) - 1  # rows are in the order of the segments
+        self._turns = [turn._replace(rows=turn.rows - dropped) for turn in turns]
+        renamed = np.where(refs > SILENT, refs - dropped, refs)
         renamed[refs < 0] = -1 - np.arange(len(turns))
-        self._turns = [turn._replace(rows=np.searchsorted(kept, turn.rows)) for turn in turns]
-        self._starts, self._refs, self._slices = Rows.of(starts), Rows.of(renamed), Rows.of(slices[kept])
+        kept = Rows((SLICE_BYTES,), np.uint8, MORE * (self._slices.size - dropped))
+        kept.extend(slices[:1])
+        kept.extend(slices[dropped + 1 :])
+        self._starts, self._refs, self._slices = Rows.of(starts), Rows.of(renamed), kept

@@ -1,10 +1,10 @@
 """Frames to a device at a rate, each in its own carrier period.
 
 Frame k is due at period start + ⌊k · 40 000 / rate⌋ of the device's clock, and is sent a little earlier: the *look-
-ahead*. Frames that are there already go many in a transfer, as soon as half of the look-ahead is used up; those of a
-live source go one by one. What the device's queue cannot hold yet waits in the transfer, held back by NAK or by credit,
-but not for long. Where source or host come too late for a frame, that is an *underrun*: the rest of the stream is moved
-to a later start, so that frames keep their distance and their order.
+ahead*. Frames that are there already go many in a transfer, as soon as there are enough of them or half of the
+look-ahead is used up; those of a live source go one by one. What the device's queue cannot hold yet waits in the
+transfer, held back by NAK or by credit, but not for long. If source or host come too late for a frame, that is an
+*underrun*: the rest of the stream is moved to a later start, so that frames keep their distance and their order.
 """
 
 from __future__ import annotations
@@ -212,8 +212,9 @@ class Stream:
         self._least_lead = self._block_lead + on_the_way // 2
         self._look_ahead = self._asked + ROUND_TRIPS * on_the_way
         self._horizon = min(self._look_ahead, self._session.info.queue_blocks * self._spacing + turn)
+        together = min(self._horizon / 2, self._most_blocks * self._spacing) if self._source.ready else 0.0
         enough = min(self._least_lead + self._spacing, self._horizon)
-        self._refill = max(self._horizon / 2, enough) if self._source.ready else self._horizon
+        self._refill = max(self._horizon - together, enough)
 
     @property
     def report(self) -> StreamReport:

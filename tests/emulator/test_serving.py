@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import serial
 from phasewire.emulator.door import Handshake
+from phasewire.emulator.doors import serving
 from phasewire.emulator.doors.serving import Server
 from phasewire.emulator.doors.station import Pace, Station
 from phasewire.emulator.doors.uart import Uart
@@ -209,6 +210,76 @@ def test_who_waited_for_a_patient_device_has_waited_in_its_time_though_the_serve
         waited = time.monotonic() - began
         client.write(0x01, b"done?")
     assert times[1] - times[0] >= waited
+
+
+class Moment:
+    """A clock that is set by hand, for a station and for a loop that does nothing by itself."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def time(self) -> float:
+        return self.now
+
+    def call_later(self, _seconds: float, _action: Callable[[], None]) -> asyncio.TimerHandle:
+        return self  # type: ignore[return-value]  # only cancelled
+
+    def cancel(self) -> None: ...
+
+
+class Listener(StandInLine):
+    """It notes when it hears something, by the device's time; every millisecond it has a turn."""
+
+    pending, full, over, presses, stuck, last_word = 0, False, False, False, False, None
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        super().__init__()
+        self._scheduler = scheduler
+        self.heard_at: list[float] = []
+
+    def receive(self, data: bytes) -> None:
+        self.heard_at.append(self._scheduler.now / 400_000)
+
+    def next_time(self, event: int | None) -> int:
+        return (self._scheduler.now // 400_000 + 1) * 400_000
+
+    def run(self) -> None: ...
+    def take(self, room: int) -> bytes:
+        return b""
+
+    def hang_up(self) -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("asleep", "computing", "heard_at"),
+    [
+        pytest.param(0.0004, 0.0, 1.4, id="in time"),
+        pytest.param(0.012, 0.0, 1.0, id="the loop slept too long"),
+        pytest.param(0.0001, 0.012, 1.0, id="the model computed for too long"),
+    ],
+)
+def test_what_waited_while_the_server_was_held_up_is_heard_before_time_passes(
+    asleep: float, computing: float, heard_at: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bytes that were there at 1 ms of the device's time are for a queue that is empty at 1.8 ms."""
+    moment, scheduler = Moment(), Scheduler()
+    monkeypatch.setattr("asyncio.get_running_loop", lambda: moment)
+    station = Station(scheduler, Pace.WALL, moment.time)
+    listener = Listener(scheduler)
+    station.conversations.append(listener)
+    pulse = serving._Pulse("S-1", station)
+
+    def compute() -> None:
+        moment.now += computing
+
+    scheduler.at(400_000, compute)
+    moment.now += 0.001
+    pulse.beat()
+    assert scheduler.now == pytest.approx(400_000, abs=1)
+    moment.now += asleep
+    pulse.hear(listener, b"blocks")
+    assert listener.heard_at == [pytest.approx(heard_at, abs=0.01)]
+    assert scheduler.now / 400e6 == pytest.approx(moment.now - 100, abs=1e-6), "then the time that was missed passes"
 
 
 def test_a_model_that_is_slow_is_computed_on_without_being_asked() -> None:

@@ -164,6 +164,21 @@ def test_transfers_of_an_endpoint_keep_their_order_and_endpoints_take_turns() ->
     assert [transfer for transfer, _ in bench.ended] == [first, console, second]
 
 
+@pytest.mark.parametrize("streams", [0, 10**6])
+def test_what_the_device_has_to_say_keeps_up_with_what_it_takes(streams: int) -> None:
+    """Acknowledgements of 16 blocks fill a packet; if each waited for a stream, a device could hold no more of them."""
+    bench = Bench()
+    bench.device.streams = (bench.scheduler, streams)
+    bench.device.give(0x81, *(bytes([number]) * 512 for number in range(20)), b"")
+    bench.out(bytes(512 * 400))
+    answers = [bench.into(2048) for _ in range(6)]
+    assert bench.run() == (400 + 21) * PACKET
+    assert b"".join(bytes(each.received[::512]) for each in answers) == bytes(range(20))
+    ended = [transfer for transfer, _ in bench.ended]
+    assert ended[-1].length == 512 * 400
+    assert ended[:-1] == answers
+
+
 def test_what_is_answered_with_nak_waits_until_something_happens_in_the_device() -> None:
     bench = Bench()
     bench.device.room = 1
