@@ -10,6 +10,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...protocol.board import TICK_HZ, TICKS_PER_PERIOD
 
@@ -18,6 +19,9 @@ __all__ = ["DeviceClock", "Reading"]
 READINGS = 64
 LEAST_SPAN_SECONDS = 1.0
 """Between the first and the last reading before a drift is believed: half a millisecond over it is 500 ppm."""
+LEAST_PAUSE_SECONDS = 1e-3
+"""A device that is behind by less may only drift."""
+MOST_REFITS = 4
 FINEST_SECONDS = 1e-6
 """A reading is never believed more closely than this."""
 
@@ -52,6 +56,12 @@ class DeviceClock:
     uncertainty : float
         By how much the moment of the last reading may be wrong, in seconds, wherever within the readings the device
         looked at its clock.
+
+    Notes
+    -----
+    A device that a busy computer emulates is held up at times, and catches up. A reading from such a pause says less
+    than the others agree on, by more than they can be wrong; it is left out, or the slope would lead away from the
+    device's time long after the pause. A device that is slow at every reading is believed.
     """
 
     def __init__(self) -> None:
@@ -65,18 +75,34 @@ class DeviceClock:
         moments = np.array([each.middle for each in self._readings])
         ticks = np.array([each.tick - reading.tick for each in self._readings], np.float64)
         uncertainties = np.array([each.uncertainty for each in self._readings])
+        agreed = np.ones(len(moments), np.bool_)
+        for _ in range(MOST_REFITS):
+            self._fit(moments[agreed], ticks[agreed], uncertainties[agreed], moments[-1])
+            ahead = (moments - self._moment) * self._slope + self._tick - ticks
+            held_up = ahead / TICK_HZ > uncertainties + self.uncertainty + LEAST_PAUSE_SECONDS
+            if not (agreed & held_up).any() or (agreed & ~held_up).sum() <= len(moments) / 2:
+                break
+            agreed &= ~held_up
+        self._tick += reading.tick
+        self.drift_ppm = (self._slope / TICK_HZ - 1) * 1e6
+
+    def _fit(
+        self,
+        moments: NDArray[np.float64],
+        ticks: NDArray[np.float64],
+        uncertainties: NDArray[np.float64],
+        last: float,
+    ) -> None:
+        """Lay a line through readings, of which closer ones weigh more; say how wrong it may be at the last moment."""
         weights = uncertainties**-2
         weights /= weights.sum()
-        slope = float(TICK_HZ)
-        moment, tick = weights @ moments, weights @ ticks
-        shares = weights  # of each reading in the estimate at the last one
+        self._slope, self._moment, self._tick = float(TICK_HZ), float(weights @ moments), float(weights @ ticks)
+        shares = weights  # of each reading in the estimate at the last moment
         if moments[-1] - moments[0] >= LEAST_SPAN_SECONDS:
-            away = moments - moment
+            away = moments - self._moment
             slopes = weights * away / np.sum(weights * away**2)
-            slope = float(slopes @ ticks)
-            shares = weights + slopes * away[-1]
-        self._slope, self._moment, self._tick = slope, float(moment), float(tick) + reading.tick
-        self.drift_ppm = (slope / TICK_HZ - 1) * 1e6
+            self._slope = float(slopes @ ticks)
+            shares = weights + slopes * (last - self._moment)
         self.uncertainty = float(np.abs(shares) @ uncertainties)
 
     @property

@@ -42,6 +42,8 @@ ASTRAY_PPM, MOST_ASTRAY = 500_000, 8
 """A clock that seems to run at half the host's rate or less, or half as fast again, in so many readings one after the
 other, 2 s, is none that frames could be timed by. A device that is only held up catches up sooner."""
 PROGRESS_SECONDS = 0.1
+MOST_LATE_SHARE = 0.01
+"""Of the frames; one pause of a computer is no reason to choose another rate."""
 COUNTS = (
     "sent",
     "accepted",
@@ -125,6 +127,17 @@ class StreamReport:
     drift_ppm: float = 0.0
     uncertainty: float = 0.0
 
+    @property
+    def played_rate(self) -> float:
+        """Frames per second that began, by the device's clock; 0 before the second."""
+        span = self.last_period - self.first_period
+        return (self.accepted - 1) * CARRIER_HZ / span if span else 0.0
+
+    @property
+    def holds(self) -> bool:
+        """Whether the rate holds: of a hundred frames at most one was late or moved the rest."""
+        return self.late + self.underruns <= MOST_LATE_SHARE * self.accepted
+
     def __str__(self) -> str:
         """One line for people."""
         parts = [f"{self.accepted} frames at {self.rate:g}/s", f"{self.late} late", f"{self.underruns} underruns"]
@@ -138,6 +151,8 @@ class StreamReport:
             parts.append(f"{self.reconnects} reconnects")
         if self.least_lead_periods is not None:
             parts.append(f"least lead {self.least_lead_periods / CARRIER_HZ * 1e3:.2f} ms")
+        if not self.holds:
+            parts.append(f"the rate does not hold: {self.played_rate:.0f}/s played, choose a lower one")
         return ", ".join([*parts, f"clock {self.drift_ppm:+.1f} ppm"])
 
 
@@ -186,7 +201,9 @@ class Stream:
         self._block_lead = LEAST_LEAD_PERIODS + ceil(1 / blocks_per_period)
         self._most_blocks = max(1, int(min(MOST_BLOCKS, TURN_PERIODS * blocks_per_period)))
         self._asked = max(ceil(look_ahead * CARRIER_HZ), 2 * self._block_lead)
-        self._plan(0)
+        self._on_the_way = self._held_up = 0
+        """Periods that an answer takes on a line that carries blocks by itself, and by which frames were late there."""
+        self._plan()
         self._posted = deque[tuple[int, Parcel]]()
         """Number of the last frame of each parcel, and the parcel."""
         self._next = 0
@@ -202,15 +219,16 @@ class Stream:
         self._first = self._last = 0
         self._least = NEVER
 
-    def _plan(self, on_the_way: int) -> None:
-        """Say how early frames are sent, where an answer takes so many periods on a line that carries blocks by itself.
+    def _plan(self) -> None:
+        """Say how early frames are sent.
 
-        Such a line needs as much more look-ahead: half of it until a block has come, the rest for what delays it.
+        A line that carries blocks by itself needs more look-ahead, by some times what an answer takes: half of it until
+        a block has come, the rest for what delays it. Frames that were late all the same go as much earlier afterwards.
         """
         posts = self._session.line().posts
         turn = POSTED_PERIODS if posts and self._source.ready else TURN_PERIODS
-        self._least_lead = self._block_lead + on_the_way // 2
-        self._look_ahead = self._asked + ROUND_TRIPS * on_the_way
+        self._least_lead = self._block_lead + self._on_the_way // 2
+        self._look_ahead = self._asked + ROUND_TRIPS * self._on_the_way + self._held_up
         self._horizon = min(self._look_ahead, self._session.info.queue_blocks * self._spacing + turn)
         together = min(self._horizon / 2, self._most_blocks * self._spacing) if self._source.ready else 0.0
         enough = min(self._least_lead + self._spacing, self._horizon)
@@ -287,7 +305,8 @@ class Stream:
             after = keeper.monotonic()
         self._clock.add(Reading(before, after, status.now))
         if self._session.line().posts:
-            self._plan(ceil(self._clock.longest * CARRIER_HZ))
+            self._on_the_way = ceil(self._clock.longest * CARRIER_HZ)
+            self._plan()
         self._read_at = after
         self._astray = self._astray + 1 if abs(self._clock.drift_ppm) > ASTRAY_PPM else 0
         if self._astray > MOST_ASTRAY:
@@ -391,13 +410,16 @@ class Stream:
         """Move what follows where the device is behind with the frame of an acknowledgement.
 
         Frames that are in flight are late by as much. A device that takes a frame no more often than one is due would
-        be behind for ever.
+        be behind for ever. What has held it up once may do so again, so frames go earlier from now on.
         """
         behind = int(ack["commit_period"]) - self._due(index)
         if self._session.line().posts and ack["flags"] & AckFlag.LATE and behind > 0:
             self._start += (moved := behind + self._session.info.queue_blocks)
             self._counts["underruns"] += 1
             self._counts["moved_periods"] += moved
+            spread = self._horizon - self._refill  # some frames go earlier than others by as much
+            self._held_up = min(self._held_up + behind + ceil(spread), POSTED_PERIODS)
+            self._plan()
 
     def _account(self, acks: NDArray[np.void]) -> None:
         if not len(acks):

@@ -127,3 +127,24 @@ def test_after_a_minute_frames_land_on_their_period(drift_ppm: float, takes: flo
         clock.add(reading(3.0, drift_ppm, 0.25 * n, takes * (1 + float(rng.exponential(0.2))), float(rng.random())))
     assert abs(error(clock, 3.0, drift_ppm, 60.0)) < takes / 4
     assert clock.drift_ppm == pytest.approx(drift_ppm, abs=1e6 * takes / 16)
+
+
+@pytest.mark.parametrize("pauses", [{20}, {4}, {39}, {20, 21, 22}, {8, 20, 32}])
+def test_a_device_that_is_held_up_at_a_few_readings_and_catches_up_misleads_nobody(pauses: set[int]) -> None:
+    """By 8 ms, as one that is emulated on a busy computer: frames would come late for as long as that is believed."""
+    rng = np.random.default_rng(3)
+    clock = DeviceClock()
+    for n in range(40):
+        taken = reading(3.0, 50, 0.25 * n, 1e-3, float(rng.random()))
+        clock.add(taken._replace(tick=taken.tick - 16_000 * (n in pauses)))
+        if n >= 3:
+            assert abs(error(clock, 3.0, 50, 0.25 * n + 5e-4)) < 2e-3
+    assert abs(error(clock, 3.0, 50, 10.0)) < 1e-3
+    assert clock.drift_ppm == pytest.approx(50, abs=100)
+
+
+def test_a_device_that_is_slow_all_the_time_is_believed() -> None:
+    clock = DeviceClock()
+    for n in range(40):
+        clock.add(reading(3.0, -200_000, 0.25 * n, 1e-3, 0.5))
+    assert clock.drift_ppm == pytest.approx(-200_000, abs=100)

@@ -44,6 +44,8 @@ from phasewire.protocol.quantise import PulseFrames
 from phasewire.protocol.replies import Status
 from phasewire.protocol.timing import TWO_WIRE
 
+from tests.host.bus_line import BusLine
+
 MS = 40
 """Carrier periods."""
 
@@ -662,3 +664,35 @@ def test_a_line_that_says_of_no_rate_that_it_is_too_much(monkeypatch: pytest.Mon
     monkeypatch.setattr(UsbTransport, "most_blocks_per_second", float("inf"))
     with open_device("emulator:") as device:
         assert device.stream(frames(50), 1000).accepted == 50
+
+
+def test_a_line_that_carries_blocks_by_itself_plays_a_frame_in_every_period() -> None:
+    with Emulator() as emulator, Device(BusLine(emulator)) as device:
+        report = device.stream(frames(4000), 40_000)
+        assert (report.accepted, report.late, report.underruns, report.holds) == (4000, 0, 0, True)
+        assert report.played_rate == 40_000
+
+
+def test_frames_go_on_in_their_periods_after_a_pause_on_their_way() -> None:
+    """A device that takes a frame no more often than one is due would be late for ever, if nothing moved."""
+    wanted = frames(5000)
+    with Emulator() as emulator, Device(line := BusLine(emulator)) as device:
+        line.pauses = [(line.time.monotonic() + 0.05, line.time.monotonic() + 0.08)]
+        report = device.stream(wanted, 40_000)
+        emulator.run(5)
+        last = report.last_period
+        assert [played(emulator, last - back) == frame(wanted, 4999 - back) for back in range(1500)] == [True] * 1500
+    assert (report.accepted, report.underruns) == (5000, 1)
+    assert 0 < report.late < 1200, "those that were on their way, of 3000 and more that were still to come"
+    assert report.last_period - report.first_period == 4999 + report.moved_periods
+    assert not report.holds
+    assert "the rate does not hold: " in str(report)
+
+
+def test_a_pause_of_which_one_was_survived_late_is_no_harm_the_second_time() -> None:
+    """The look-ahead is 10 ms at first."""
+    with Emulator() as emulator, Device(line := BusLine(emulator)) as device:
+        begun = line.time.monotonic()
+        line.pauses = [(begun + at, begun + at + 0.012) for at in (0.05, 0.1, 0.15)]
+        report = device.stream(frames(8000), 40_000)
+    assert (report.accepted, report.underruns) == (8000, 1)
