@@ -5,6 +5,9 @@ is told apart. First 40 000 fresh frames a second from arrays, one for each carr
 Then frames that are solved live, 32 points each, a thousand a second by the wall clock: the time from the moment at
 which the points are there to that at which their block is handed to the bus.
 
+At last streams over loopback TCP to an emulated device in a process of its own, which keeps the wall clock's time: 10 s
+at each of three rates, the frames that came late, and what a block costs either process.
+
 What other programs take from this machine shows beside it: each frame is followed by a loop that does nothing but spin
 for about as long, and by the wall clock its distribution is what the same core would make of anything. Processor time
 does not count what others took.
@@ -15,6 +18,8 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,6 +36,9 @@ from phasewire.protocol.board import CARRIER_HZ, CHANNELS
 from phasewire.solver import Solution
 from told_apart import told_apart
 
+sys.path.append(str(Path(__file__).resolve().parent / "peers"))
+from usbip_line import by_usbip
+
 ROUNDS = 3
 POINTS = 32
 METHODS = ("tikhonov", "wgs")
@@ -41,6 +49,9 @@ STEP_METRES = 1e-4
 """By which each point moves from frame to frame: 0.1 m/s at a thousand frames a second."""
 GOAL_SECONDS = 1e-3
 """In which 999 of 1000 frames should be on their way."""
+AFAR_RATES = (1_000, 10_000, CARRIER_HZ)
+AFAR_WATCHDOG_SECONDS = 2.0
+"""The watchdog's 0.1 s may pass while this busy machine compiles."""
 QUANTILES = {"median": 0.5, "90 %": 0.9, "99 %": 0.99, "99.9 %": 0.999, "worst": 1.0}
 
 
@@ -210,6 +221,28 @@ def live(method: str, wait: str, seconds: float) -> dict[str, Any]:
     }
 
 
+def processor_seconds(process: int) -> float:
+    """Processor time of another process."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def from_afar(seconds: float) -> list[dict[str, Any]]:
+    """Stream at each rate for so long to a device in another process."""
+    rows = []
+    with by_usbip() as (device, process):
+        device.set_watchdog(AFAR_WATCHDOG_SECONDS)
+        device.stream(fresh_pulses(WARM_UP_FRAMES), LIVE_RATE)
+        for rate in AFAR_RATES:
+            frames = fresh_pulses(round(rate * seconds))
+            host, server = process_time(), processor_seconds(process)
+            report = device.stream(frames, rate)
+            host, server = process_time() - host, processor_seconds(process) - server
+            costs = {"host": host / report.sent, "server": server / report.sent}
+            rows.append({"rate": rate, "seconds": seconds, **costs, "report": asdict(report)})
+    return rows
+
+
 def stolen() -> NDArray[np.float64]:
     """Processor time of this machine: in all, and what its hypervisor gave to others; nothing where that is unknown."""
     try:
@@ -251,6 +284,17 @@ def print_live(rows: list[dict[str, Any]]) -> None:
         )
 
 
+def print_afar(rows: list[dict[str, Any]]) -> None:
+    print("\nOver loopback TCP, by USB/IP, to a device in another process")
+    print(f"{'':16}{'s':>6}{'frames':>10}{'late':>8}{'underruns':>11}{'host, µs/block':>16}{'server, µs/block':>18}")
+    for row in rows:
+        report = row["report"]
+        print(
+            f"{row['rate']:>14,}/s{row['seconds']:>6g}{report['accepted']:>10,}{report['late']:>8,}"
+            f"{report['underruns']:>11,}{row['host'] * 1e6:>16.1f}{row['server'] * 1e6:>18.1f}"
+        )
+
+
 def main() -> None:
     """Measure, print, and write the figures on request."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -258,6 +302,7 @@ def main() -> None:
     parser.add_argument(
         "--live", type=float, default=60.0, help="seconds with each method of the solver, for each way to wait"
     )
+    parser.add_argument("--afar", type=float, default=10.0, help="seconds at each rate over loopback TCP")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     arguments = parser.parse_args()
     before = stolen()
@@ -265,11 +310,13 @@ def main() -> None:
     print_arrays(arrays)
     lively = [live(method, wait, arguments.live) for method in METHODS for wait in WAITS]
     print_live(lively)
+    afar = from_afar(arguments.afar)
+    print_afar(afar)
     total, steal = stolen() - before
     share = steal / total if total else 0.0
     print(f"\nThe hypervisor gave {share:.1%} of this machine's time to others.")
     if arguments.json:
-        figures = {"arrays": arrays, "live": lively, "stolen": share}
+        figures = {"arrays": arrays, "live": lively, "afar": afar, "stolen": share}
         arguments.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
 

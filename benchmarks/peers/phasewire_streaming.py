@@ -6,16 +6,13 @@ highest rate that the specification reckons with, and USB/IP.
 
 from __future__ import annotations
 
-import json
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from itertools import cycle
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any
 
 import numpy as np
 from phasewire import Pulses
@@ -25,7 +22,7 @@ from phasewire.protocol import PulseFrames
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS
 from phasewire.protocol.framing import UART_BITS_PER_BYTE
 from throughput import Entry, Streamed, Task, Way, main
-from usbip_line import UsbIpLine
+from usbip_line import by_usbip, served
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from told_apart import Bus, told_apart
@@ -33,7 +30,6 @@ from told_apart import Bus, told_apart
 PHASES, WIDTHS = 100, 26
 BAUD = 12_000_000
 LINE_RATE = BAUD // UART_BITS_PER_BYTE // BLOCK_FRAME_BYTES
-END_SECONDS = 10.0
 WATCHDOG_SECONDS = 60.0
 """A busy machine is no failure."""
 
@@ -41,38 +37,13 @@ Sender = Callable[[Device, float], int]
 
 
 @contextmanager
-def served(*doors: str) -> Iterator[dict[str, Any]]:
-    """A device that is emulated by a process of its own, and what that says of it and its doors."""
-    command = [sys.executable, "-m", "phasewire", "emulate", *doors, "--json=-"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
-        assert process.stdout is not None
-        try:
-            yield json.loads(process.stdout.readline())
-        finally:
-            process.terminate()
-            try:
-                process.wait(END_SECONDS)
-            except subprocess.TimeoutExpired:
-                process.kill()
-
-
-@contextmanager
 def by_uart() -> Iterator[Device]:
     """Such a device, by its UART over TCP."""
     with (
-        served("--serial=tcp", f"--baud={BAUD}") as found,
+        served("--serial=tcp", f"--baud={BAUD}") as (found, _),
         open_device(f"{found['devices'][0]['serial_line']}?baud={BAUD}") as device,
     ):
         yield device
-
-
-@contextmanager
-def by_usbip() -> Iterator[Device]:
-    """Such a device, by USB/IP."""
-    with served("--usbip", "--port=0") as found:
-        line = UsbIpLine(found["usbip"]["port"], found["devices"][0]["bus_id"])
-        with Device(line) as device:
-            yield device
 
 
 def measured(sender: Sender, device: Device, seconds: float, bus: Bus | None = None) -> Streamed:
@@ -86,9 +57,15 @@ def measured(sender: Sender, device: Device, seconds: float, bus: Bus | None = N
     return Streamed(updates, wall, processor, None if bus is None else processor - bus.seconds)
 
 
-def send_apart(opened: Callable[[], AbstractContextManager[Device]], sender: Sender, seconds: float) -> Streamed:
-    """Send to a device in another process."""
-    with opened() as device:
+def send_by_uart(sender: Sender, seconds: float) -> Streamed:
+    """Send to a device in another process, by its UART."""
+    with by_uart() as device:
+        return measured(sender, device, seconds)
+
+
+def send_by_usbip(sender: Sender, seconds: float) -> Streamed:
+    """Send to a device in another process, by USB/IP."""
+    with by_usbip() as (device, _):
         return measured(sender, device, seconds)
 
 
@@ -123,10 +100,10 @@ def enter(task: Task) -> Entry:
     return Entry(
         CHANNELS,
         [
-            Way("UART over TCP: show, one after the other", True, partial(send_apart, by_uart, show)),
-            Way("UART over TCP: stream", True, partial(send_apart, by_uart, partial(stream, LINE_RATE))),
-            Way("USB/IP: show, one after the other", True, partial(send_apart, by_usbip, show)),
-            Way("USB/IP: stream", True, partial(send_apart, by_usbip, full)),
+            Way("UART over TCP: show, one after the other", True, partial(send_by_uart, show)),
+            Way("UART over TCP: stream", True, partial(send_by_uart, partial(stream, LINE_RATE))),
+            Way("USB/IP: show, one after the other", True, partial(send_by_usbip, show)),
+            Way("USB/IP: stream", True, partial(send_by_usbip, full)),
             Way("pyusb: show, one after the other", False, partial(send_here, show)),
             Way("pyusb: stream", False, partial(send_here, full)),
         ],

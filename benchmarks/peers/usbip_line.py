@@ -7,13 +7,20 @@ those of the Linux kernel's Documentation/usb/usbip_protocol.rst.
 
 from __future__ import annotations
 
+import json
 import select
 import socket
 import struct
+import subprocess
+import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import count
+from typing import Any
 
 from phasewire.host.lines.transport import Timekeeper
+from phasewire.host.playing.device import Device
 from phasewire.protocol.codes import BLOCK_BYTES, REQUEST_TYPE_IN, REQUEST_TYPE_OUT, Request, StandardRequest
 from phasewire.protocol.enumeration import CONFIGURATION_VALUE, ENDPOINT_IN, ENDPOINT_OUT
 from phasewire.protocol.requests import DIRECTION_IN, Setup
@@ -23,11 +30,38 @@ REQUEST, REPLY_HEAD, DEVICE = struct.Struct(">HHI32s"), struct.Struct(">HHI"), s
 COMMAND, ANSWER = struct.Struct(">9Ii8s"), struct.Struct(">5IiI20x")
 READ_BYTES = 4 * BLOCK_BYTES
 NO_SETUP = bytes(8)
+END_SECONDS = 10.0
 MOST_OUT, MOST_IN = 8, 4
 """Transfers on their way at a time."""
 WINDOWS = 4
 """How many times as many blocks may be unanswered as the device can acknowledge: NAK holds the rest back."""
 PATIENCE_SECONDS = 10.0
+
+
+@contextmanager
+def served(*doors: str) -> Iterator[tuple[dict[str, Any], int]]:
+    """A device that is emulated by a process of its own: what that says of it and its doors, and the process's id."""
+    command = [sys.executable, "-m", "phasewire", "emulate", *doors, "--json=-"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield json.loads(process.stdout.readline()), process.pid
+        finally:
+            process.terminate()
+            try:
+                process.wait(END_SECONDS)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+@contextmanager
+def by_usbip() -> Iterator[tuple[Device, int]]:
+    """Such a device, by USB/IP, and the id of its process."""
+    with (
+        served("--usbip", "--port=0") as (found, process),
+        Device(UsbIpLine(found["usbip"]["port"], found["devices"][0]["bus_id"])) as device,
+    ):
+        yield device, process
 
 
 class UsbIpLine:

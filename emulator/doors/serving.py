@@ -38,6 +38,10 @@ LOOK_SECONDS = 0.05
 
 CHUNK_BYTES = 1 << 16
 
+MOST_AT_ONCE = 1 << 20
+"""Bytes that are taken from a client together. A stream has 20 ms of blocks on their way, and time that was missed in a
+pause passes as soon as bytes were heard: all of them must be among these."""
+
 
 class _Link(Protocol):
     """A client at its door."""
@@ -90,7 +94,7 @@ class _Pulse:
             self._next.cancel()
 
 
-class _Connection(asyncio.Protocol):
+class _Connection(asyncio.BufferedProtocol):
     """A client on a socket: what every TCP door has in common."""
 
     conversation: Conversation
@@ -101,6 +105,7 @@ class _Connection(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
         self._writable = True
         self._who = ""
+        self._buffer = memoryview(bytearray(MOST_AT_ONCE))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A client has come."""
@@ -111,8 +116,13 @@ class _Connection(asyncio.Protocol):
         if self._pulse:
             self._meet(self._pulse)
 
-    def data_received(self, data: bytes) -> None:
+    def get_buffer(self, _hint: int) -> memoryview:
+        """Where bytes are to go."""
+        return self._buffer
+
+    def buffer_updated(self, count: int) -> None:
         """Bytes have come."""
+        data = bytes(self._buffer[:count])
         if self._pulse:
             self._pulse.hear(self.conversation, data)
         else:
@@ -172,9 +182,9 @@ class _UsbIpConnection(_Connection):
         self.conversation = self._session = session
         self._pulses = pulses
 
-    def data_received(self, data: bytes) -> None:
+    def buffer_updated(self, count: int) -> None:
         """Bytes have come; perhaps they ask for a device."""
-        super().data_received(data)
+        super().buffer_updated(count)
         if not self._pulse and self._session.station:
             pulse = self._pulses[self._session.station]
             self._meet(pulse)
@@ -423,7 +433,7 @@ class Server:
         if not self._ended.done():
             self._ended.set_result(None)
 
-    async def _listen(self, meet: Callable[[], asyncio.Protocol], host: str, port: int) -> int:
+    async def _listen(self, meet: Callable[[], asyncio.BaseProtocol], host: str, port: int) -> int:
         try:
             listener = await asyncio.get_running_loop().create_server(meet, host, port)
         except OSError as error:

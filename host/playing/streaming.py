@@ -62,7 +62,8 @@ DAMAGED = [int(reason) for reason in DAMAGE]
 TURN_PERIODS = 200
 """5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
 POSTED_PERIODS = 800
-"""20 ms, for which frames may wait for room that the line carries by itself, so that the host need not."""
+"""20 ms, by which frames that are there already go early on a line that carries blocks by itself, at the least; as long
+they may wait for room, so that the host need not."""
 ROUND_TRIPS = 3
 """By which the look-ahead is longer on such a line: what takes one by custom takes a few now and then."""
 MOST_BLOCKS = 128
@@ -225,10 +226,10 @@ class Stream:
         A line that carries blocks by itself needs more look-ahead, by some times what an answer takes: half of it until
         a block has come, the rest for what delays it. Frames that were late all the same go as much earlier afterwards.
         """
-        posts = self._session.line().posts
-        turn = POSTED_PERIODS if posts and self._source.ready else TURN_PERIODS
+        early = self._session.line().posts and self._source.ready
+        turn, asked = (POSTED_PERIODS, max(self._asked, POSTED_PERIODS)) if early else (TURN_PERIODS, self._asked)
         self._least_lead = self._block_lead + self._on_the_way // 2
-        self._look_ahead = self._asked + ROUND_TRIPS * self._on_the_way + self._held_up
+        self._look_ahead = asked + ROUND_TRIPS * self._on_the_way + self._held_up
         self._horizon = min(self._look_ahead, self._session.info.queue_blocks * self._spacing + turn)
         together = min(self._horizon / 2, self._most_blocks * self._spacing) if self._source.ready else 0.0
         enough = min(self._least_lead + self._spacing, self._horizon)
@@ -417,7 +418,7 @@ class Stream:
             self._start += (moved := behind + self._session.info.queue_blocks)
             self._counts["underruns"] += 1
             self._counts["moved_periods"] += moved
-            spread = self._horizon - self._refill  # some frames go earlier than others by as much
+            spread = max(self._horizon - self._refill, self._spacing)  # by as much some frames go earlier than others
             self._held_up = min(self._held_up + behind + ceil(spread), POSTED_PERIODS)
             self._plan()
 
