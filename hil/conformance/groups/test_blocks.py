@@ -48,6 +48,7 @@ from phasewire.protocol.blocks import (
     pack,
     unpack,
 )
+from phasewire.protocol.board import CHANNELS
 from phasewire.protocol.codes import Action, Feature, Kind, Reason, Request, State
 
 VALID: dict[Kind, Body] = {
@@ -362,7 +363,7 @@ def test_a_field_at_the_end_of_its_range_is_accepted(bench: Bench, kind: Kind) -
         (ack,) = bench.send_raw(forged(block, payload[: size * fields.get("count", 0)], **fields))
         expect(f"the reason for {kind.name} with {described(fields)}", ack.reason, Reason.ACCEPTED)
         if kind in CHANGES:
-            now = ack.now // 50
+            now = ack.now_period
             assert ack.commit_period > now, f"commit_period {ack.commit_period} should be after {now}"
         else:
             expect("commit_period of what is no change", ack.commit_period, 0)
@@ -409,7 +410,9 @@ def test_a_reserved_pulse_is_refused(bench: Bench, kind: Kind) -> None:
     reserved += [(bench.random.choice([0, 99]), width) for width in range(26, 32)]
     wrong = []
     for number, (phase, width) in enumerate([*reserved, (127, 31), (100, 0), (100, 0), (0, 26), (0, 26)]):
-        place = places[number] if number < len(places) else bench.random.choice([*places, bench.random.randrange(320)])
+        place = (
+            places[number] if number < len(places) else bench.random.choice([*places, bench.random.randrange(CHANNELS)])
+        )
         payload = packed([(0, 0)] * place + [(phase, width)])
         block = forge(bench, VALID[kind], payload)
         wrong.append(Wrong(f"pulse {place} with phase {phase} and width {width}", block, Reason.PULSE))
@@ -420,7 +423,7 @@ def test_a_reserved_pulse_is_refused(bench: Bench, kind: Kind) -> None:
 def test_every_phase_and_every_width_is_accepted(bench: Bench) -> None:
     """All phases from 0 to 99 and all widths from 0 to 25 are accepted, play where they stand, and are read back."""
     begin(bench)
-    pulses = [(number % 100, number if number < 26 else 0) for number in range(320)]
+    pulses = [(number % 100, number if number < 26 else 0) for number in range(CHANNELS)]
     bench.random.shuffle(pulses)
     payload = packed(pulses)
     (ack,) = bench.send_raw(forge(bench, VALID[Kind.UPDATE], payload))

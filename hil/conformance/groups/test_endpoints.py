@@ -457,7 +457,7 @@ def play_and_queue(bench: Bench) -> tuple[Ack, Ack]:
     without_watchdog(bench)
     bench.enable()
     first = bench.must(Update(bench.weak()))
-    second = bench.must(Update(bench.weak(), first.now // 50 + 16_000 * bench.slowness))
+    second = bench.must(Update(bench.weak(), first.now_period + 16_000 * bench.slowness))
     bench.wait_until(first.commit_period)
     expect("the state before", bench.status().state, State.PLAYING)
     return first, second

@@ -44,8 +44,18 @@ from phasewire.protocol.blocks import (
     Update,
     pack,
 )
-from phasewire.protocol.board import TICK_HZ
-from phasewire.protocol.codes import Action, Fault, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.board import TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.codes import (
+    SERIAL_DATA_BYTES,
+    SYNC_PERIODS,
+    Action,
+    Fault,
+    Feature,
+    Reason,
+    Request,
+    State,
+    StatusFlag,
+)
 from phasewire.protocol.requests import Setup
 
 IN, OUT = 0xC1, 0x41
@@ -97,7 +107,7 @@ def test_an_answer_is_as_long_as_was_asked_for(bench: Bench, request_number: int
         expect("PULSES without READ_BACK", ask(bench, request_number, 496), None)
         return
     size = SIZES[request_number]
-    most = 640 if bench.line.kind == "serial" else 4096
+    most = SERIAL_DATA_BYTES if bench.line.kind == "serial" else 4096
     for length in sorted({0, 1, 2, 15, 16, size // 2, size - 1, size, min(size + 1, most), most}):
         answer = ask(bench, request_number, length)
         assert answer is not None, f"a length of {length} is answered with STALL"
@@ -596,9 +606,10 @@ def test_the_clock_tells_ticks_and_sync_pulses(bench: Bench) -> None:
         data = bench.ask(Request.CLOCK)
         now, period, pulses, reserved = struct.unpack("<QQII", data)
         assert now > last, f"now is {now} after {last}, should be later"
-        expect("sync_period", period, now // 50 // 4096 * 4096)
-        counted = now // 50 // 4096 + 1
-        assert pulses >= counted, f"sync_pulses is {pulses} in period {now // 50}, should be {counted} at least"
+        current = now // TICKS_PER_PERIOD
+        expect("sync_period", period, current - current % SYNC_PERIODS)
+        counted = current // SYNC_PERIODS + 1
+        assert pulses >= counted, f"sync_pulses is {pulses} in period {current}, should be {counted} at least"
         earlier.add(pulses - counted)
         expect("the reserved bytes", reserved, 0)
         last = now

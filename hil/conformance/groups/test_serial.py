@@ -31,7 +31,18 @@ from phasewire.hil.conformance.tools.frames import console_frame, frame, request
 from phasewire.hil.conformance.tools.steps import LONG_MS, enable
 from phasewire.protocol.blocks import NoOp, Update, pack
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import (
+    SERIAL_DATA_BYTES,
+    AckFlag,
+    Fault,
+    Feature,
+    FrameKind,
+    Outcome,
+    Reason,
+    Request,
+    State,
+    StatusFlag,
+)
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import ANSWER_BYTES, Ack, ClockReading, Status, records
 from phasewire.protocol.requests import ConsoleRequest, Setup
@@ -39,7 +50,7 @@ from phasewire.protocol.requests import ConsoleRequest, Setup
 VENDOR_IN, VENDOR_OUT = 0xC1, 0x41
 BLOCK, RECORD, REQUEST, REPLY, CONSOLE = FrameKind
 DONE, STALL = Outcome
-MOST_DATA = 640
+MOST_DATA = SERIAL_DATA_BYTES
 MOST_FRAME_BYTES = 658
 ASK_CLOCK = Setup(VENDOR_IN, Request.CLOCK, 0, 0, 24)
 ENABLE = Setup(VENDOR_OUT, Request.ENABLE, 0, 0, 0)

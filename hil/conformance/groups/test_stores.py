@@ -263,12 +263,12 @@ def free_from(bench: Bench, body: Body, period: int) -> None:
     """Send a store again and again: refused with IN_USE before a period, and accepted from it on."""
     refused = 0
     while (ack := bench.send(body)).reason is Reason.IN_USE:
-        now = ack.now // 50
+        now = ack.now_period
         assert now < period, f"a store is refused with IN_USE in period {now}, should be free from {period} on"
         refused += 1
         bench.wait_periods(min(max((period - now) // 2, 1), 1000))
     expect("the reason", ack.reason, Reason.ACCEPTED)
-    assert ack.now // 50 >= period, f"a store is accepted in period {ack.now // 50}, should be IN_USE until {period}"
+    assert ack.now_period >= period, f"a store is accepted in period {ack.now_period}, should be IN_USE until {period}"
     if not refused:
         raise TooSlow("the line was too slow to send a store before what played had ended")
 
