@@ -134,6 +134,29 @@ def test_outputs_never_stay_on_unwatched(name: str, what: str) -> None:
 # Messages that are damaged on their way
 
 
+def test_a_message_for_nobody_blocks_the_chain() -> None:
+    """Node 0003 without its first token is 0301, which is below everybody (clauses CHN-021, CHN-023 and CHN-025)."""
+    bench = playing()
+    bench.emulator.inject(faults.LostToken(message="slice", processor=3, token=0))
+    bench.send(Update(HALF))
+    bench.wait_ms(2)
+    assert (bench.status().state, bench.status().faults) == (State.FAULT, CHAIN_BROKEN)
+    assert bench.loud_now() == [25] * 10
+    with pytest.raises(Stall, match="does not say what it plays"):
+        bench.emulator.usb.control(Setup(0xC1, Request.PULSES, 0, 0, 496))
+    bench.wait_ms(DEAF_MS)
+    assert bench.loud_now() == [0] * 10
+    bench.order(Request.CLEAR_FAULTS)
+    assert bench.status().faults == CHAIN_BROKEN
+    with pytest.raises(Stall):
+        bench.order(Request.ENABLE)
+    restart(bench)
+    assert bench.status().faults == Fault(0)
+    bench.order(Request.ENABLE)
+    bench.play("update")
+    assert bench.loud_now() == [25] * 10
+
+
 def restart(bench: Bench) -> None:
     """RESET, until the device is configured again."""
     bench.order(Request.RESET)

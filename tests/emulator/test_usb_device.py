@@ -23,6 +23,13 @@ def stalls(bench: Bench, setup: Setup, data: bytes = b"") -> bool:
     return False
 
 
+@pytest.mark.parametrize("setup", [Setup(0x00, 5, 128, 0, 0), Setup(0x00, 9, 1, 0, 3)], ids=["address 128", "data"])
+def test_a_standard_request_with_what_it_does_not_take_stalls(setup: Setup) -> None:
+    bench = configured()
+    assert stalls(bench, setup)
+    assert (bench.usb.attached, bench.usb.configuration) == (True, 1)
+
+
 # Standard requests
 
 
