@@ -30,7 +30,7 @@ SHARED = "/run/guest"
 BOOT_SECONDS = 180.0
 ANSWER_SECONDS = 60.0
 """How much longer than its command the guest may take to answer."""
-LIFE_SECONDS = 3600
+LIFE_SECONDS = 7200
 """After which QEMU is ended whatever happens."""
 MOST_FILE_BYTES = 64 << 20
 """The longest file that QEMU may write, its logs and what the guest shares included; after that it is ended."""

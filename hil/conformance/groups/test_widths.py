@@ -13,7 +13,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.tools.drives import widths_for
-from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, soon
+from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, in_time, soon
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
@@ -435,7 +435,8 @@ def test_what_is_beyond_the_horizon_is_refused_however_it_is_counted(bench: Benc
     for name, count in PER_PERIOD.items():
         beyond |= {f"{bits} bits of {name}": -(-(2**bits) // count) for bits in (63, 64) if count > 1}
     wrong = {what: forge(bench, CHANGES[kind](near + ahead)) for what, ahead in beyond.items()}
-    refuse(bench, some(bench, [Wrong(f"near in {what}", block, Reason.HORIZON) for what, block in wrong.items()]))
+    with in_time(bench, near):
+        refuse(bench, some(bench, [Wrong(f"near in {what}", block, Reason.HORIZON) for what, block in wrong.items()]))
 
 
 @case("BLK-023")
