@@ -28,7 +28,7 @@ from ..protocol.board import CARRIER_HZ
 from ..protocol.plain import plain
 from ..protocol.replies import Info
 from ..solver import TransducerArray, two_sided
-from ..solver.methods.options import METHODS
+from ..solver.methods.methods import METHODS
 from ..solver.shapes.point_files import POINT_FILES
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json

@@ -27,7 +27,8 @@ from ..solver.fields.files import load_solution, save_field, save_solution
 from ..solver.fields.focus import focus_report
 from ..solver.fields.grid import Grid
 from ..solver.fields.quantities import QUANTITIES
-from ..solver.methods.options import METHODS, Options, Output
+from ..solver.methods.methods import METHODS, options_of
+from ..solver.methods.options import Output
 from ..solver.methods.solve import Solution, Solver
 from ..solver.pictures.picture import OIL, save_field_picture
 from ..solver.pictures.vti import save_vti
@@ -81,8 +82,12 @@ def files_in(source: str) -> list[Path]:
 def method_help() -> str:
     """A few lines per method: what it does, and its options with their defaults."""
     lines = []
-    for name, method in METHODS.items():
-        defaults = Options.of(name)
+    for name in METHODS:
+        try:
+            method, defaults = METHODS[name], options_of(name)
+        except ValueError as error:  # another package's, which must not take the help away
+            lines.append(f"{name}: {error}")
+            continue
         values = ((key, getattr(defaults, key)) for key in ("output", *method.options))
         listed = ", ".join(key if value is None else f"{key}={value}" for key, value in values)
         lines.append(f"{name}: {method.summary}")
@@ -190,7 +195,7 @@ def solve_command(
     array = TransducerArray.grid(columns, rows, pitch, part)
     medium = Medium(temperature) if humidity is None else Medium(temperature, absorbing=True, humidity=humidity)
     options = read_settings(settings or [])
-    Options.of(method, options)  # names those that no method has, which may be names of other things
+    options_of(method, options)  # names those that no method has, which may be names of other things
     solver = Solver(array, method, medium=medium, **options)
     with error_console().status("solving; the first time on a machine, compiling takes some seconds"):
         solver.solve(points)

@@ -33,8 +33,9 @@ from .fields.quantities import (
     relative_level,
     sound_pressure_level,
 )
+from .methods.methods import METHODS, Method, Problem
 from .methods.modulation import Modulation, intensity_component
-from .methods.options import METHODS, Options
+from .methods.options import Options
 from .methods.solve import Solution, Solver, solve, solve_frames
 from .methods.split import Split, split
 from .methods.two_sided import Gain, TwoSided, TwoSidedSolver, two_sided
@@ -64,6 +65,7 @@ __all__ = [
     "Lobe",
     "Medium",
     "Mesh",
+    "Method",
     "Modulation",
     "Null",
     "Oil",
@@ -72,6 +74,7 @@ __all__ = [
     "PlanePropagator",
     "Polygon",
     "Polyline",
+    "Problem",
     "ResidualTable",
     "Resonator",
     "Rings",

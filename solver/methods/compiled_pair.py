@@ -16,7 +16,7 @@ from ..compiled.simd import LANES
 from ..geometry import frozen
 from ..shapes.points import REACH, ControlPoints, check_reachable
 from . import paired_kernels
-from .engine import HEADROOM32, NUDGE32, OUTPUTS, RELAXATION32
+from .engine import HEADROOM32, NUDGE32, OUTPUTS, RELAXATION32, kernels_of
 from .options import Options
 from .paired import Pair
 from .reference import cold_start
@@ -39,7 +39,7 @@ class CompiledPair:
         self._gamma, self._mu = np.float32(options.gamma), np.float32(options.mu)
         self._phase_steps, self._power = options.phase_steps, options.phases == "power"
         self._output = OUTPUTS[options.policy]
-        self._steps = options.steps if method == "wgs" else 0
+        self._steps = options.steps if kernels_of(method).corrected else 0
         self._kept_ids, self._kept = np.empty((2, 0), np.int64), np.empty((2, 2, 0), np.float32)
         self._counts = np.zeros(2, np.int64)
         self._split: Split | None = None

@@ -19,14 +19,23 @@ from ..acoustics.tables import Tables, aligned, can_reach, tables_of
 from ..compiled import kernels
 from ..compiled.simd import LANES
 from ..shapes.points import REACH, ControlPoints, check_reachable
+from .methods import METHODS, Kernels
 from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options
-from .reference import cold_start, drive_each
+from .reference import cold_start
+from .reference_engine import drive_each
 
 __all__ = ["CompiledEngine", "solves_at_once"]
 
 OUTPUTS = {"solved": kernels.SOLVED, "phase": kernels.PHASE, "limited": kernels.LIMITED}
 NO_IDS = np.empty(0, np.int64)
 HEADROOM32, RELAXATION32, NUDGE32 = np.float32(HEADROOM), np.float32(RELAXATION), np.float32(NUDGE)
+
+
+def kernels_of(method: str) -> Kernels:
+    """The kernels of a method that has some."""
+    found = METHODS[method].kernels
+    assert found is not None
+    return found
 
 
 def is_modelled(tables: Tables) -> bool:
@@ -37,7 +46,8 @@ def is_modelled(tables: Tables) -> bool:
 
 def solves_at_once(tables: Tables, method: str, options: Options) -> bool:
     """Whether one kernel takes points to drives: without a clock, and if the directivity is a polynomial."""
-    timeless = method in ("tikhonov", "wgs") and options.phase_seconds is None
+    uses = kernels_of(method)
+    timeless = uses.weighed and not uses.polished and options.phase_seconds is None
     return timeless and len(tables.wave) == 1 and is_modelled(tables)
 
 
@@ -51,13 +61,13 @@ class CompiledEngine:
     medium : Medium
         The air.
     method : str
-        A compiled one of `METHODS`.
+        One of `METHODS` that has kernels.
     options : Options
         With an output policy.
     """
 
     def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
-        self._array, self._medium, self._method, self._options = array, medium, method, options
+        self._array, self._medium, self._uses, self._options = array, medium, kernels_of(method), options
         self._tables = tables_of(array, medium)
         self._modelled = is_modelled(self._tables)
         self._at_once = solves_at_once(self._tables, method, options)
@@ -68,7 +78,7 @@ class CompiledEngine:
         self._gamma, self._mu = np.float32(options.gamma), np.float32(options.mu)
         self._output = OUTPUTS[options.policy]
         self._power = options.phases == "power"
-        self._steps = options.steps if method in ("wgs", "polish") else 0
+        self._steps = options.steps if self._uses.corrected else 0
 
     def forget(self) -> None:
         """Begin the next update's phases anew."""
@@ -87,19 +97,18 @@ class CompiledEngine:
         self._model(points)
         drive = np.empty(len(self._array), dtype=np.complex64)
         elements, work = self._tables.elements, self._work
-        if self._method == "multiplex":
+        if not self._uses.weighed:
             kernels.sum_foci(elements, m, self._output, HEADROOM32, work, drive)
             return drive
         self._find_phases(m, ids)
         kernels.finish(elements, m, self._u, self._mu, self._output, HEADROOM32, RELAXATION32, self._steps, work, drive)
-        if self._method == "polish":
+        if self._uses.polished:
             kernels.polish(m, self._columns, self._options.levels, self._options.sweeps, LEAST_GAIN, work, drive)
         return drive
 
     def level(self, points: ControlPoints, drive: NDArray[np.complex64]) -> float:
         """What `Engine.level` is, from the transfer matrix that `drive` has left in the work space."""
-        weighed = self._method != "multiplex"
-        relative = kernels.level(len(points), self._columns, weighed, self._work, drive)
+        relative = kernels.level(len(points), self._columns, self._uses.weighed, self._work, drive)
         return relative * self._tables.strength / float(points.amplitudes.max())
 
     def drive_frames(self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[Any]) -> None:

@@ -1,22 +1,18 @@
-"""What a solver can be told: methods by name, and their options, checked once."""
+"""The options of the methods, checked once, and the numbers that the methods hold to."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 __all__ = [
     "HEADROOM",
     "LEAST_GAIN",
     "LEAST_MU",
-    "METHODS",
     "NUDGE",
     "PHASE_LEVELS",
     "RELAXATION",
-    "Method",
     "Options",
     "Output",
     "Phases",
@@ -45,46 +41,6 @@ PHASE_LEVELS = 100
 
 MAX_MU = 1e6  # beyond, the points hardly matter
 MAX_STEPS = 100_000
-
-
-@dataclass(frozen=True)
-class Method:
-    """A way to find drives.
-
-    Parameters
-    ----------
-    summary : str
-        What it does.
-    output : {"solved", "phase", "limited"}
-        Its output policy unless told otherwise.
-    options : tuple of str
-        Fields of `Options` that it heeds, ``output`` aside.
-    compiled : bool
-        Whether float32 kernels exist for it.
-    """
-
-    summary: str
-    output: Output
-    options: tuple[str, ...]
-    compiled: bool = True
-
-
-_PHASES = ("phases", "phase_steps", "phase_seconds")
-_TIKHONOV = (*_PHASES, "gamma", "mu")
-
-METHODS: dict[str, Method] = {
-    "wgs": Method("tikhonov, then weighted Gerchberg–Saxton steps; recommended", "limited", (*_TIKHONOV, "steps")),
-    "polish": Method(
-        "wgs, then a coordinate descent over phases in steps", "limited", (*_TIKHONOV, "steps", "sweeps", "levels")
-    ),
-    "tikhonov": Method("weighted Tikhonov regularisation, (10)–(11)", "solved", _TIKHONOV),
-    "min_norm": Method("minimum norm or least squares, (6)–(8)", "solved", _PHASES, compiled=False),
-    "multiplex": Method("linear multiplexing, (12): phases of the summed single foci", "phase", ()),
-    "paper": Method(
-        "the paper to the letter: power method, μ = 1, full power", "phase", ("phase_steps", "gamma"), False
-    ),
-}
-"""Methods by name."""
 
 
 @dataclass(frozen=True)
@@ -149,27 +105,9 @@ class Options:
             if not (whole and least <= int(value) <= MAX_STEPS):
                 raise ValueError(f"{name} {value} must be a whole number from {least} to {MAX_STEPS}")
 
-    @classmethod
-    def of(cls, method: str, values: Mapping[str, Any] | None = None) -> Options:
-        """Options of a method, with its own output policy where none is named.
-
-        Raises
-        ------
-        ValueError
-            Where the method is unknown, does not heed an option, or a value is out of range.
-        """
-        if not isinstance(method, str) or method not in METHODS:
-            raise ValueError(f"unknown method {method!r}; known are {', '.join(METHODS)}")
-        heeded = ("output", *METHODS[method].options)
-        values = dict(values or {})
-        if foreign := sorted(set(values) - set(heeded)):
-            raise ValueError(f"{method} has no option {foreign[0]!r}; it has {', '.join(heeded)}")
-        options = cls(**values)
-        return dataclasses.replace(options, output=options.output or METHODS[method].output)
-
     @property
     def policy(self) -> Output:
-        """The output policy of options that `of` made."""
+        """The output policy of options that `methods.options_of` made."""
         assert self.output is not None
         return self.output
 

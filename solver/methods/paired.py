@@ -13,7 +13,7 @@ from ..acoustics.propagation import Precision
 from ..geometry import frozen
 from ..shapes.points import ControlPoints
 from .options import Options
-from .reference import Engine
+from .reference_engine import Engine
 from .solve import engine_for, has_kernels
 from .split import Split, split
 

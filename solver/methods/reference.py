@@ -7,28 +7,17 @@ phases of the control points; drives are (n,) complex, of any scale until `limit
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from time import perf_counter
-from typing import Any, Protocol
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..acoustics.array import TransducerArray
-from ..acoustics.medium import Medium
-from ..acoustics.propagation import transfer_matrix
-from ..shapes.points import ControlPoints, check_reachable
-from .options import HEADROOM, LEAST_GAIN, NUDGE, RELAXATION, Options, Output, Phases
+from .options import HEADROOM, LEAST_GAIN, RELAXATION, Output, Phases
 
 __all__ = [
-    "Engine",
-    "ReferenceEngine",
     "Regularised",
     "augmented",
     "cold_start",
     "correct",
-    "drive_each",
     "limit_drive",
     "min_norm",
     "misfit",
@@ -241,132 +230,3 @@ def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps:
                     level[q] += step
                     break
     return np.asarray(chosen)
-
-
-class Engine(Protocol):
-    """What finds drives, with the phases of the last frame."""
-
-    def forget(self) -> None:
-        """Begin the next update's phases anew."""
-
-    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> NDArray[Any]:
-        """Drives (n,) complex for control points; ``ids`` as for `Solver.solve`."""
-
-    def level(self, points: ControlPoints, drive: NDArray[Any]) -> float:
-        """|p| at the points per wanted amplitude, in pascals, as the least squares have it.
-
-        The drive is what `drive` has given for these points just now.
-        """
-
-    def drive_frames(
-        self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
-    ) -> None:
-        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n)."""
-
-
-def drive_each(
-    engine: Engine, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
-) -> None:
-    """Let an engine solve every ``stride``-th frame from ``first`` on, from scratch each; an error names the frame."""
-    for index in range(first, len(frames), stride):
-        engine.forget()
-        try:
-            drives[index] = engine.drive(frames[index])
-        except ValueError as error:
-            raise ValueError(f"frame {index}: {error}") from error
-    engine.forget()
-
-
-class ReferenceEngine:
-    """One update at a time in complex128, with the phases of the last one.
-
-    Parameters are those of `engine.CompiledEngine`; any method will do.
-    """
-
-    def __init__(self, array: TransducerArray, medium: Medium, method: str, options: Options) -> None:
-        self._array, self._medium, self._method, self._options = array, medium, method, options
-        self._limits = np.where(array.able, array.limits, 0.0)
-        self.forget()
-
-    def forget(self) -> None:
-        """Begin the next update's phases anew."""
-        self._ids, self._u = np.empty(0, np.int64), np.empty(0, np.complex128)
-
-    def drive(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> Complex:
-        """Drives (n,) for control points; ``ids`` as for `Solver.solve`.
-
-        Raises
-        ------
-        ValueError
-            Where a point cannot be reached, or the system is singular.
-        """
-        check_reachable(self._array, points)
-        transfer = transfer_matrix(self._array, points.positions, self._medium) * (self._limits > 0)
-        wanted = points.amplitudes / points.amplitudes.max()
-        if self._method in ("tikhonov", "wgs", "polish"):
-            return self._regularised(transfer, wanted, ids)
-        if self._method == "multiplex":
-            drive = multiplex(transfer, wanted)
-        else:
-            phases = self._phases(transfer @ transfer.conj().T, wanted, ids)
-            if self._method == "paper":
-                drive = augmented(transfer, wanted, phases, self._options.gamma)
-            else:
-                drive = min_norm(transfer, wanted, phases)
-        return limit_drive(drive, self._limits, self._options.policy)
-
-    def level(self, points: ControlPoints, drive: Complex) -> float:
-        """|p| at the points per wanted amplitude, in pascals; see `Engine.level`."""
-        reached = np.abs(transfer_matrix(self._array, points.positions, self._medium) @ drive)
-        return float(points.amplitudes @ reached / (points.amplitudes @ points.amplitudes))
-
-    def drive_frames(
-        self, frames: Sequence[ControlPoints], first: int, stride: int, drives: NDArray[np.complex64]
-    ) -> None:
-        """Solve every ``stride``-th frame from ``first`` on, from scratch each, into drives (frames, n)."""
-        drive_each(self, frames, first, stride, drives)
-
-    def _regularised(self, transfer: Complex, wanted: Real, ids: NDArray[np.int64] | None) -> Complex:
-        options = self._options
-        try:
-            system = Regularised(transfer, wanted, options.gamma, options.mu)
-        except np.linalg.LinAlgError as error:
-            raise ValueError(f"mu {options.mu} is too small for points as close together as these") from error
-        phases = self._phases(system.gram, wanted, ids)
-        steps = 0 if self._method == "tikhonov" else options.steps
-        drive = correct(system, transfer, wanted, phases, self._limits, self._options.policy, steps)
-        if self._method == "polish":
-            drive = polish(transfer, wanted, drive, options.levels, options.sweeps)
-        return drive
-
-    def _phases(self, gram: Complex, wanted: Real, ids: NDArray[np.int64] | None) -> Complex:
-        """Unit-modulus phases, begun where the same points of the last frame ended."""
-        options, m = self._options, len(wanted)
-        method: Phases = "power" if self._method == "paper" else options.phases
-        if ids is None:
-            ids = np.arange(m, dtype=np.int64)
-            if len(self._ids) != m:
-                self.forget()
-        u = self._start(ids)
-        if options.phase_seconds is None:
-            u = phase_iteration(gram, wanted, u, options.phase_steps, method)
-        else:
-            end = perf_counter() + options.phase_seconds
-            for _ in range(options.phase_steps):
-                if perf_counter() >= end:
-                    break
-                u = phase_iteration(gram, wanted, u, 1, method)
-        self._ids, self._u = ids, u
-        return unit(u)
-
-    def _start(self, ids: NDArray[np.int64]) -> Complex:
-        """Phases to begin with: of mean square 1 at points of the last frame, cold ones at others."""
-        cold = cold_start(len(ids))
-        place = {each: number for number, each in enumerate(self._ids.tolist())}
-        known = np.array([each in place for each in ids.tolist()])
-        if not known.any():
-            return cold
-        carried = self._u[[place[each] for each in ids[known].tolist()]]
-        u = cold.copy()
-        u[known] = carried * np.sqrt(len(carried)) / np.linalg.norm(carried)
-        return np.asarray(u + NUDGE * cold)

@@ -15,8 +15,9 @@ from ..acoustics.medium import Medium
 from ..acoustics.propagation import Precision
 from ..geometry import frozen
 from ..shapes.points import MAX_POINTS, ControlPoints
-from .options import LEAST_MU, METHODS, Options
-from .reference import Engine, ReferenceEngine
+from .methods import METHODS, options_of
+from .options import LEAST_MU, Options
+from .reference_engine import Engine, ReferenceEngine
 
 __all__ = ["Solution", "Solver", "solve", "solve_frames"]
 
@@ -91,7 +92,7 @@ class Solver:
         if precision not in get_args(Precision):
             raise ValueError(f"precision {precision!r} must be one of {', '.join(get_args(Precision))}")
         self.array, self.method, self.medium = array, method, medium or Medium()
-        self.options = Options.of(method, options)
+        self.options = options_of(method, options)
         self._engine = engine_for(self.array, self.medium, method, self.options, precision)
 
     def solve(self, points: ControlPoints | ArrayLike, ids: NDArray[np.int64] | None = None) -> Solution:
@@ -171,7 +172,7 @@ def solve_frames(
     ValueError
         As `Solver` and `Solver.solve`, naming the frame; or where there is less than one worker.
     """
-    frames, settings, air = list(frames), Options.of(method, options), medium or Medium()
+    frames, settings, air = list(frames), options_of(method, options), medium or Medium()
     if workers < 1:
         raise ValueError(f"workers {workers} must be at least 1")
     drives = np.empty((len(frames), len(array)), dtype=np.complex64)
@@ -195,12 +196,13 @@ def checked_ids(points: ControlPoints, ids: NDArray[np.int64] | None) -> NDArray
 
 def check_size(array: TransducerArray, points: ControlPoints, method: str, where: str = "") -> None:
     """Raise `ValueError` where a problem would fill the memory."""
-    pairs = len(array) * (len(points) + (len(array) if method == "paper" else 0))
+    squared = METHODS[method].squared
+    pairs = len(array) * (len(points) + (len(array) if squared else 0))
     if len(points) > MAX_POINTS or pairs > MAX_PAIRS:
-        squared = ", of which the paper's system has n·(m + n)" if method == "paper" else ""
+        which = f", of which the system of {method} has n·(m + n)" if squared else ""
         raise ValueError(
             f"{where}{len(points)} control points with {len(array)} transducers are too many; at most {MAX_POINTS} "
-            f"points are possible, and at most {MAX_PAIRS} pairs{squared}"
+            f"points are possible, and at most {MAX_PAIRS} pairs{which}"
         )
 
 
@@ -215,4 +217,4 @@ def engine_for(array: TransducerArray, medium: Medium, method: str, options: Opt
 
 def has_kernels(method: str, options: Options, precision: Precision) -> bool:
     """Whether compiled kernels solve by a method with these options."""
-    return precision == "single" and METHODS[method].compiled and options.mu >= LEAST_MU
+    return precision == "single" and METHODS[method].kernels is not None and options.mu >= LEAST_MU

@@ -19,8 +19,8 @@ from ..acoustics.medium import Medium
 from ..acoustics.propagation import Precision, pressure
 from ..geometry import frozen
 from ..shapes.points import ControlPoints
+from .methods import options_of
 from .modulation import FREQUENCY, Modulation, check_frequency
-from .options import Options
 from .paired import Pair, pair_engine
 from .solve import Solution, check_size, checked_ids, solve
 from .split import Split
@@ -179,7 +179,7 @@ class TwoSidedSolver:
         self._array, self._method, self._medium = array, method, medium or Medium()
         check_frequency(frequency, 2, self._medium.frequency)
         self._frequency, self._options = frequency, MappingProxyType(options)
-        self._engine = pair_engine(array, self._medium, method, Options.of(method, options), precision)
+        self._engine = pair_engine(array, self._medium, method, options_of(method, options), precision)
         self._count, self._first_id = 0, 0
 
     def solve(self, points: ControlPoints, ids: NDArray[np.int64] | None = None) -> TwoSided:

@@ -14,12 +14,12 @@ from phasewire import ControlPoints, Medium, Solver, Transducer, TransducerArray
 from phasewire.solver.acoustics import tables
 from phasewire.solver.compiled import kernels
 from phasewire.solver.methods.engine import CompiledEngine
-from phasewire.solver.methods.options import METHODS, Options
+from phasewire.solver.methods.methods import METHODS, options_of
 from phasewire.solver.methods.reference import misfit
 
 from tests.strategies import arrays_and_points
 
-COMPILED = [name for name, method in METHODS.items() if method.compiled]
+COMPILED = [name for name, method in METHODS.items() if method.kernels is not None]
 FEW = settings(max_examples=25)
 
 
@@ -202,9 +202,9 @@ def test_what_is_too_far_for_single_precision_is_computed_in_double(array: Trans
 
 def test_a_large_array_is_within_reach_of_the_kernels() -> None:
     """Of 64 × 64 transducers, 66 cm wide; the path by NumPy would be thirty times as slow."""
-    assert CompiledEngine(TransducerArray.grid(64, 64), Medium(), "wgs", Options.of("wgs"))._modelled
+    assert CompiledEngine(TransducerArray.grid(64, 64), Medium(), "wgs", options_of("wgs"))._modelled
     wide = TransducerArray.joined([TransducerArray.grid(), TransducerArray.grid().moved(np.eye(3), [20, 0, 0])])
-    assert not CompiledEngine(wide, Medium(), "wgs", Options.of("wgs"))._modelled
+    assert not CompiledEngine(wide, Medium(), "wgs", options_of("wgs"))._modelled
 
 
 def test_samples_among_facing_panels_are_checked_one_by_one_and_fast() -> None:

@@ -3,15 +3,15 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from phasewire.solver.methods.options import METHODS, Options
+from phasewire.solver.methods.methods import METHODS, options_of
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_has_the_options_that_it_names(method: str) -> None:
-    defaults = Options.of(method)
+    defaults = options_of(method)
     assert defaults.output == METHODS[method].output
     values = {name: getattr(defaults, name) for name in METHODS[method].options}
-    assert Options.of(method, values | {"output": "solved"}).output == "solved"
+    assert options_of(method, values | {"output": "solved"}).output == "solved"
 
 
 @pytest.mark.parametrize(
@@ -44,4 +44,4 @@ def test_every_method_has_the_options_that_it_names(method: str) -> None:
 )
 def test_bad_options_are_named(method: str, options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Options.of(method, options)
+        options_of(method, options)

@@ -9,7 +9,7 @@ from phasewire import ControlPoints, Medium, TransducerArray, pressure
 from phasewire.solver import Solver, TwoSidedSolver
 from phasewire.solver.acoustics.propagation import Precision
 from phasewire.solver.methods.compiled_pair import CompiledPair
-from phasewire.solver.methods.options import Options
+from phasewire.solver.methods.methods import options_of
 from phasewire.solver.methods.paired import EnginePair, pair_engine
 from phasewire.solver.methods.solve import engine_for
 
@@ -18,7 +18,7 @@ ARRAY = TransducerArray.grid()
 
 def pairs(method: str) -> tuple[CompiledPair, EnginePair]:
     """The one call, and the same engines step by step."""
-    options = Options.of(method)
+    options = options_of(method)
     one = pair_engine(ARRAY, Medium(), method, options)
     assert isinstance(one, CompiledPair)
     first, second = (engine_for(ARRAY, Medium(), method, options, "single") for _ in range(2))

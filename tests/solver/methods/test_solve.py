@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from phasewire import ControlPoints, Medium, Solver, Sphere, TransducerArray, pressure, solve
 from phasewire.solver import METHODS, Star, solve_frames
 from phasewire.solver.acoustics.propagation import transfer_matrix
-from phasewire.solver.methods.options import Options
+from phasewire.solver.methods.methods import options_of
 from phasewire.solver.methods.solve import engine_for
 
 from tests.strategies import arrays_and_points
@@ -50,7 +50,7 @@ def test_how_loud_it_came_out_is_the_least_squares_of_the_field(
     array, points = problem
     wanted = points.amplitudes / 2  # the largest is not 1
     halved = ControlPoints(points.positions, wanted)
-    engine = engine_for(array, Medium(), method, Options.of(method), "single")
+    engine = engine_for(array, Medium(), method, options_of(method), "single")
     drive = engine.drive(halved)
     reached = np.abs(pressure(array, drive, points.positions))
     assert engine.level(halved, drive) == pytest.approx(wanted @ reached / (wanted @ wanted), rel=2e-3, abs=1e-6)
