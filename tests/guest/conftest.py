@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import signal
@@ -11,6 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 from phasewire.hil.guest import BOUND, NEWEST, SERVER, Done, Guest, fetch_kernel, missing_programs
 
@@ -60,6 +62,15 @@ def guest(request: pytest.FixtureRequest) -> Iterator[Guest]:
         pytest.skip(f"no kernel can be had: {error}")
     with Guest(kernel) as machine:
         yield machine
+
+
+def pulses(guest: Guest, name: str, widths: Sequence[int]) -> str:
+    """A file of frames in which all transducers play pulses of a width; of one frame as `show` takes it."""
+    width = np.repeat(np.asarray(widths, np.uint8)[:, None], 320, axis=1)
+    width = width[0] if len(widths) == 1 else width
+    file = io.BytesIO()
+    np.savez(file, width=width, phase=width % 2)
+    return guest.share(name, file.getvalue())
 
 
 class Bench:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from phasewire.hil.guest import Guest
 
-from .conftest import EMULATE, Bench
+from .conftest import EMULATE, Bench, pulses
 
 pytestmark = pytest.mark.guest
 
@@ -48,15 +45,6 @@ def device(bench: Bench, tmp_path: Path) -> Witnessed:
     device = Witnessed(bench, tmp_path / "did.json")
     device.run("watchdog", "5")
     return device
-
-
-def pulses(guest: Guest, name: str, widths: Sequence[int]) -> str:
-    """A file of frames in which all transducers play pulses of a width; of one frame as `show` takes it."""
-    width = np.repeat(np.asarray(widths, np.uint8)[:, None], 320, axis=1)
-    width = width[0] if len(widths) == 1 else width
-    file = io.BytesIO()
-    np.savez(file, width=width, phase=width % 2)
-    return guest.share(name, file.getvalue())
 
 
 def drive(width: int) -> float:

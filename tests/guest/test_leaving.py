@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import signal
 
@@ -10,7 +11,7 @@ from phasewire.hil.guest import Done
 
 from tests.host.upgrades import FILE
 
-from .conftest import PATIENCE, Bench
+from .conftest import PATIENCE, Bench, pulses
 
 pytestmark = pytest.mark.guest
 
@@ -39,6 +40,48 @@ for _ in range(400):
     if (device / "power/runtime_status").read_text() == "suspended\\n": sys.exit()
     time.sleep(0.05)
 sys.exit("the device is not suspended")
+"""
+DEVICE = "$(dirname $(grep -l 1209 /sys/bus/usb/devices/*/idVendor))"
+INTERRUPTIONS = {
+    "reset": f"usbreset 1209:$(cat {DEVICE}/idProduct)",
+    "not authorised": f"cd {DEVICE}; echo 0 > authorized; sleep 0.2; echo 1 > authorized",
+}
+SAYS = """
+import re, serial, sys, time
+for _ in range(20):
+    try:
+        with serial.Serial("/dev/ttyACM0", timeout=5) as port:
+            port.write(b"\\r\\nstatus\\r\\n")
+            said = port.read_until(b"drive_limit: 320").decode()
+        if re.search("{what}", said): sys.exit()
+    except OSError as error: said = str(error)
+    time.sleep(3)
+sys.exit("the console does not say {what}: " + said)
+"""
+"""Asks by the console, for a program that opens the array turns its outputs off; seldom, for it is a sign of life."""
+RESETS = """
+import random, subprocess, sys, threading, time, usb.core
+seed = {seed}
+draw, over = random.Random(seed), threading.Event()
+
+def use(kind):
+    while not over.is_set():
+        try:
+            device = usb.core.find(idVendor=0x1209, idProduct=1)
+            while not over.is_set():
+                if kind: device.ctrl_transfer(0x80, 6, 0x0100, 0, 18)
+                else: device.read(0x81, 512, 500)
+        except (usb.core.USBError, AttributeError, ValueError): pass  # it is being reset
+
+users = [threading.Thread(target=use, args=(kind,)) for kind in (0, 1)]
+for user in users: user.start()
+for _ in range({count}):
+    time.sleep(draw.random() * 0.3)
+    subprocess.run(["usbreset", "1209:0001"], check=True, timeout=30, stdout=subprocess.DEVNULL)
+over.set()
+for user in users:
+    user.join(30)
+    if user.is_alive(): sys.exit(f"a transfer does not end, with seed {{seed}}")
 """
 DETACHES = """
 import pathlib, random, sys, time, threading, usb.core
@@ -115,6 +158,52 @@ def test_a_device_that_leaves_is_told_of_and_the_kernel_goes_on(bench: Bench, wh
     assert is_told(done), done
     bench.serve()
     bench.attach()
+    assert "EMU-0001" in bench.check("phasewire", "info", "--device", "usb:")
+
+
+@pytest.mark.parametrize(
+    "how", ["reset", *(pytest.param(each, marks=pytest.mark.guest_slow) for each in ("not authorised", "killed"))]
+)
+def test_a_stream_that_is_cut_off_leaves_silent_outputs_and_a_device_that_answers(bench: Bench, how: str) -> None:
+    bench.attach("--loop")
+    bench.check("phasewire", "watchdog", "2", "--device", "usb:")
+    stream = ("phasewire", "stream", pulses(bench.guest, "long.npz", [10] * 5000), "--rate", "50", "--modulation", "0")
+    program = bench.guest.start(*stream, "--device", "usb:", seconds=2 * PATIENCE)
+    bench.python(SAYS.format(what="accepted: [1-9][0-9]"), seconds=2 * PATIENCE)
+    interrupt(bench, program, how)
+    bench.python(SAYS.format(what="state: OFF"), seconds=2 * PATIENCE)
+    told = json.loads(bench.check("phasewire", "info", "--device", "usb:", "--json", "-"))["status"]
+    assert (told["state"], told["faults"]) == ("OFF", [])
+
+
+@pytest.mark.guest_slow
+@pytest.mark.parametrize("how", ["killed", "reset"])
+def test_an_upgrade_that_is_cut_off_can_be_done_again(bench: Bench, how: str) -> None:
+    bench.attach("--loop")
+    flash = ("phasewire", "flash", bench.guest.share("new.dfu", FILE), "--device", "usb:")
+    program = bench.guest.start(*flash, seconds=PATIENCE)
+    bench.check("sh", "-c", f"until grep -q 0002 {DEVICE}/idProduct; do sleep 0.1; done; sleep {random.random()}")
+    interrupt(bench, program, how, ready=True)
+    assert "2.3.4" in bench.check(*flash, seconds=240)
+    assert "EMU-0001" in bench.check("phasewire", "info", "--device", "usb:")
+
+
+def interrupt(bench: Bench, program: int, how: str, ready: bool = False) -> None:
+    """Do something to a program or to its device; it must end and say why if it can, or perhaps was ready before."""
+    if how == "killed":
+        bench.guest.signal(program, signal.SIGKILL)
+        assert bench.guest.wait(program).code == -signal.SIGKILL
+    else:
+        bench.check("sh", "-c", INTERRUPTIONS[how])
+        done = bench.guest.wait(program)
+        assert is_told(done) or (ready and not done.code), done
+
+
+@pytest.mark.guest_slow
+def test_resets_in_the_middle_of_requests_leave_a_device_that_answers(bench: Bench) -> None:
+    bench.attach("--loop")
+    seed = random.randrange(1 << 32)
+    bench.python(RESETS.format(seed=seed, count=20), seconds=240)
     assert "EMU-0001" in bench.check("phasewire", "info", "--device", "usb:")
 
 
