@@ -24,6 +24,8 @@ __all__ = ["BOUND", "SERVER", "Done", "Guest", "GuestError"]
 
 SERVER = ("10.0.2.100", PORT)
 """Where the guest finds the USB/IP server of `Guest.serve`."""
+REDIRECTED = "redirected"
+"""What QEMU calls the device of `Guest.plug`, and its connection."""
 
 SHARED = "/run/guest"
 """Where the guest finds the folder that it may write to."""
@@ -121,6 +123,18 @@ class Guest:
         (self._folder / "work" / name).write_bytes(data)
         return f"{SHARED}/{name}"
 
+    def plug(self, port: int) -> None:
+        """Plug a device into the guest's EHCI host controller that a TCP port of this computer offers by usbredir."""
+        server = {"type": "inet", "data": {"host": "127.0.0.1", "port": str(port)}}
+        backend = {"type": "socket", "data": {"addr": server, "server": False}}
+        self._tell("chardev-add", id=REDIRECTED, backend=backend)
+        self._tell("device_add", driver="usb-redir", id=REDIRECTED, bus="ehci.0", chardev=REDIRECTED)
+
+    def unplug(self) -> None:
+        """Unplug the device of `plug`."""
+        self._tell("device_del", id=REDIRECTED)
+        self._tell("chardev-remove", id=REDIRECTED)
+
     def run(self, *command: str, seconds: float = 60.0) -> Done:
         """Run a command in the guest, and wait until it has ended; it is interrupted after so many seconds.
 
@@ -192,6 +206,7 @@ class Guest:
             "-device", "virtio-serial-pci", "-chardev", f"socket,id=agent,path={self._folder}/agent",
             "-device", "virtserialport,chardev=agent",
             "-netdev", network, "-device", "virtio-net-pci,netdev=net,romfile=",
+            "-device", "usb-ehci,id=ehci", "-qmp", f"unix:{self._folder}/monitor,server=on,wait=off",
         ]  # fmt: skip
         errors = (self._folder / "errors").open("wb")
         self._qemu = subprocess.Popen(
@@ -219,6 +234,19 @@ class Guest:
                 env=environment | settings, cwd=self._folder, capture_output=True, timeout=WARM_UP_SECONDS, check=True,
             )  # fmt: skip
         return settings
+
+    def _tell(self, command: str, **arguments: Any) -> None:
+        """Have QEMU itself carry out a command, in its machine protocol (docs/interop/qmp-spec)."""
+        with socket.socket(socket.AF_UNIX) as line, line.makefile("rw") as file:
+            line.settimeout(ANSWER_SECONDS)
+            line.connect(str(self._folder / "monitor"))
+            for request in ({"execute": "qmp_capabilities"}, {"execute": command, "arguments": arguments}):
+                file.write(json.dumps(request) + "\n")
+                file.flush()
+                answers = (json.loads(text) for text in file)
+                answer = next((each for each in answers if each.keys() & {"return", "error"}), {})
+                if "return" not in answer:
+                    raise GuestError(f"QEMU refuses {request}: {answer}")
 
     def _ask(self, request: dict[str, Any]) -> None:
         self._line.sendall(json.dumps(request).encode() + b"\n")

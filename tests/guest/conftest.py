@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,12 +83,18 @@ class Bench:
         The guest.
     folder : Path
         For files of the server.
+
+    Attributes
+    ----------
+    offer : dict
+        What the server wrote of its doors.
     """
 
     def __init__(self, guest: Guest, folder: Path) -> None:
         self.guest, self._folder = guest, folder
         self._loops: list[int] = []
         self._server: subprocess.Popen[bytes] | None = None
+        self.offer: dict[str, Any] = {}
 
     def serve(self, *options: str, program: Sequence[str] = EMULATE) -> None:
         """Begin a fresh server instead of the one before, to which the guest's connections lead.
@@ -110,7 +117,8 @@ class Bench:
             assert self._server.poll() is None, said.read_text()
             assert time.monotonic() < end
             time.sleep(0.02)
-        self.guest.serve(json.loads(where.read_text())["usbip"]["port"])
+        self.offer = json.loads(where.read_text())
+        self.guest.serve(self.offer["usbip"]["port"])
         self.guest.run("dmesg", "--clear")
 
     def stop(self, how: signal.Signals = signal.SIGTERM) -> None:
