@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -133,7 +134,6 @@ class Guest:
     def unplug(self) -> None:
         """Unplug the device of `plug`."""
         self._tell("device_del", id=REDIRECTED)
-        self._tell("chardev-remove", id=REDIRECTED)
 
     def run(self, *command: str, seconds: float = 60.0) -> Done:
         """Run a command in the guest, and wait until it has ended; it is interrupted after so many seconds.
@@ -243,7 +243,7 @@ class Guest:
             for request in ({"execute": "qmp_capabilities"}, {"execute": command, "arguments": arguments}):
                 file.write(json.dumps(request) + "\n")
                 file.flush()
-                answers = (json.loads(text) for text in file)
+                answers: Iterator[dict[str, Any]] = (json.loads(text) for text in file)
                 answer = next((each for each in answers if each.keys() & {"return", "error"}), {})
                 if "return" not in answer:
                     raise GuestError(f"QEMU refuses {request}: {answer}")

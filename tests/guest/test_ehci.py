@@ -40,6 +40,7 @@ for _ in range(5):
 @pytest.fixture
 def plugged(bench: Bench, tmp_path: Path) -> Iterator[Bench]:
     """A fresh device, plugged into the host controller of the guest."""
+    bench.check("modprobe", "ehci-pci")
     bench.serve("--usbredir", "--flash", str(tmp_path / "flash"))
     (device,) = bench.offer["devices"]
     bench.guest.plug(device["usbredir_port"])
