@@ -207,6 +207,7 @@ def test_resets_in_the_middle_of_requests_leave_a_device_that_answers(bench: Ben
     assert "EMU-0001" in bench.check("phasewire", "info", "--device", "usb:")
 
 
+@pytest.mark.guest_slow  # test_ehci.py has a host controller that suspends its port too
 def test_a_device_that_was_suspended_is_resumed_and_answers(bench: Bench) -> None:
     """The host controller keeps the suspension to itself; the device sees a bus on which nobody speaks."""
     bench.attach()
