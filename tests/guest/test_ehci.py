@@ -15,7 +15,7 @@ from phasewire.hil.guest import Guest
 from tests.host.upgrades import FILE
 
 from .conftest import PRESENT, Bench
-from .test_leaving import SUSPEND
+from .test_leaving import OPENED, STREAM, SUSPEND, is_told
 
 pytestmark = pytest.mark.guest
 
@@ -84,4 +84,16 @@ def test_it_comes_back_by_itself_with_new_firmware(plugged: Bench, guest: Guest)
     assert "2.3.4" in plugged.check("phasewire", "flash", image, *ON, seconds=240)
     assert re.search(r"firmware +│ +2\.3\.4", plugged.check("phasewire", "info", *ON))
     plugged.check("phasewire", "reset", *ON)
+    assert "EMU-0001" in plugged.check("phasewire", "info", *ON)
+
+
+@pytest.mark.guest_slow
+def test_it_is_pulled_in_mid_stream(plugged: Bench) -> None:
+    program = plugged.guest.start("phasewire", *STREAM, *ON)
+    plugged.python(OPENED)
+    plugged.guest.unplug()
+    done = plugged.guest.wait(program)
+    assert is_told(done), done
+    plugged.guest.plug(plugged.offer["devices"][0]["usbredir_port"])
+    plugged.python(PRESENT.format(count=1))
     assert "EMU-0001" in plugged.check("phasewire", "info", *ON)
