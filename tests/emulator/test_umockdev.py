@@ -11,12 +11,13 @@ import signal
 import socket
 import sys
 from collections.abc import Callable, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from phasewire import Emulator
-from phasewire.emulator.door import Stall
+from phasewire.emulator.door import Handshake, Stall
 from phasewire.emulator.doors import umockdev
 from phasewire.emulator.doors.umockdev import MockUsb, PollFile, run_under_mock
 from phasewire.errors import DeviceNotFoundError
@@ -175,11 +176,19 @@ while time.monotonic() < end:
 
 
 @needs("lsusb")
-def test_a_device_is_unplugged_and_plugged_in_again(run: Runner) -> None:
+def test_a_device_is_unplugged_and_plugged_in_again(run: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the libusb of the system, which lsusb needs, too: that of libusb-package does not hear of what comes."""
     machine = Emulator(serial="AGAIN")
-    machine.scheduler.at(1 * SECOND, machine.usb.unplug)
-    machine.scheduler.at(1 * SECOND + SECOND // 4, machine.usb.plug)
+    bulk_in, reads = machine.usb.bulk_in, count()
+
+    def read(endpoint: int) -> Handshake | bytes:
+        """When the program reads first, however long it took to start, the cable is pulled soon."""
+        if next(reads) == 0:
+            machine.scheduler.at(machine.scheduler.now + SECOND // 10, machine.usb.unplug)
+            machine.scheduler.at(machine.scheduler.now + SECOND // 2, machine.usb.plug)
+        return bulk_in(endpoint)
+
+    monkeypatch.setattr(machine.usb, "bulk_in", read)
     code, out, err = run(sys.executable, "-c", UNPLUGGED, machines=[machine])
     assert (code, err) == (0, "")
     assert out.split() == ["2", "19", "19", "3", "AGAIN"]  # 19 is ENODEV
