@@ -85,8 +85,10 @@ class _Pulse:
         loop = asyncio.get_running_loop()
         wait = self.station.seconds_to_wait()
         self._turn = inf if wait is None else loop.time() + wait
-        if wait is not None or not reached:
-            self._next = loop.call_later(max(wait, 0.0) if wait is not None and reached else 0.0, self.beat)
+        if not reached:
+            wait = 0.0
+        if wait is not None:
+            self._next = loop.call_later(max(wait, 0.0), self.beat)
 
     def rest(self) -> None:
         """Do not come back by oneself."""
