@@ -1,6 +1,6 @@
 """phasewire: mid-air haptics on an ultrasonic phased array, from shape to skin.
 
-The way of one update::
+The path of one update::
 
     Sphere().sample()      ControlPoints   where it should be felt
     solve(array, points)   Solution.drive  what each of 320 transducers should emit
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
         focus_report,
         parse_shape,
         pressure,
+        read_mesh,
+        read_volume_mesh,
         sample_plane,
         solve,
         touch,
@@ -66,6 +68,8 @@ __all__ = [
     "open_hands",
     "parse_shape",
     "pressure",
+    "read_mesh",
+    "read_volume_mesh",
     "sample_plane",
     "solve",
     "touch",
@@ -96,6 +100,8 @@ _HOMES = {
     "open_hands": "host",
     "parse_shape": "solver",
     "pressure": "solver",
+    "read_mesh": "solver",
+    "read_volume_mesh": "solver",
     "sample_plane": "solver",
     "solve": "solver",
     "touch": "solver",
@@ -105,7 +111,7 @@ _MODULES = ("emulator", "errors", "hil", "host", "protocol", "solver")
 
 
 def __getattr__(name: str) -> Any:
-    """Load what a name stands for when it is first used, so that a program loads the rooms that it needs alone."""
+    """Load the module of a name at its first use, so that a program loads only the rooms that it needs."""
     if name in _MODULES:
         return import_module(f".{name}", __name__)
     if name not in _HOMES:

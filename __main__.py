@@ -1,4 +1,4 @@
-"""The program ``phasewire``: it takes charge of signals, and only then loads the command line."""
+"""The program ``phasewire``: it installs signal handlers, and only then loads the command line."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Parameters
     ----------
     arguments : sequence of str, optional
-        What stands after the program's name; None for what it was started with.
+        The words after the program's name; None for those with which the program was started.
     """
     try:
         with unwinding(last=arguments is None):
             with loading():
                 from .cli.commands import run
             run(sys.argv[1:] if arguments is None else arguments)
-    except KeyboardInterrupt:  # also one that came before anything heeded it
+    except KeyboardInterrupt:  # also a signal that came before its handler was installed
         sys.exit(SIGNALLED + SIGINT)
 
 

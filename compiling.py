@@ -1,11 +1,12 @@
-"""How compiled kernels are compiled: by numba, which keeps the result on disk if it can.
+"""Compiles kernels with numba, which keeps the result on disk if it can.
 
-This module stands at the bottom. It takes as long to import as numba does, so only modules of kernels may import it.
+This module stands at the bottom. Importing it imports numba, which is slow, so only modules of kernels may import it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from enum import EnumType
 from hashlib import sha256
 from types import CodeType, FunctionType
 from typing import Any, TypeVar, cast
@@ -19,23 +20,23 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def kernel(function: Function, **options: Any) -> Function:
-    """A function as numba compiles it at its first call, without the interpreter's lock.
+    """A function that numba compiles at its first call, without the interpreter's lock.
 
     Parameters
     ----------
     function : callable
-        Of plain numbers and arrays.
+        A function of plain numbers and arrays.
     **options
         Further options of ``numba.njit``.
 
     Notes
     -----
-    numba takes a compiled kernel from the disk if the kernel's own file is as old and as long as it was. Parts and
-    constants of other files are compiled into it too, so what they are is added to what numba compares.
+    numba reuses a compiled kernel from the disk if the kernel's own file has the same time and size. Parts and
+    constants of other files are compiled into it too, so their contents are added to numba's comparison.
     """
     try:
         compiled = njit(cache=True, nogil=True, **options)(function)
-    except RuntimeError:  # there is no folder that numba's cache could be written to
+    except RuntimeError:  # no folder is writable for numba's cache
         return cast(Function, njit(nogil=True, **options)(function))
     file = compiled._cache._cache_file  # numba has no public name for it
     file._source_stamp = (*file._source_stamp, _fingerprint(function))
@@ -43,12 +44,12 @@ def kernel(function: Function, **options: Any) -> Function:
 
 
 def part(function: Function) -> Function:
-    """A function for kernels, compiled with them. It is not cached alone."""
+    """A function for kernels, compiled with them. It has no cache of its own."""
     return cast(Function, njit(function))
 
 
 def _fingerprint(function: Callable[..., Any]) -> str:
-    """Changes with the code and the constants of a function and of all that it calls in this package."""
+    """Changes with the code and constants of a function and of all its callees in this package, enums included."""
     digest, waiting, seen = sha256(), [function], set()
     while waiting:
         one = waiting.pop()
@@ -56,7 +57,8 @@ def _fingerprint(function: Callable[..., Any]) -> str:
             continue
         seen.add(id(one))
         for code in _codes(one.__code__):
-            digest.update(code.co_code + repr([c for c in code.co_consts if not isinstance(c, CodeType)]).encode())
+            constants = [c for c in code.co_consts if not isinstance(c, CodeType)]
+            digest.update(code.co_code + repr((constants, code.co_names)).encode())
             cells = {} if one.__closure__ is None else zip(one.__code__.co_freevars, one.__closure__, strict=True)
             known = one.__globals__ | {name: cell.cell_contents for name, cell in dict(cells).items()}
             for name in (*code.co_names, *code.co_freevars):
@@ -67,11 +69,16 @@ def _fingerprint(function: Callable[..., Any]) -> str:
                     digest.update(value.tobytes())
                 elif isinstance(value, (int, float, complex, tuple, str, np.generic)):
                     digest.update(f"{name}={value!r}".encode())
+                elif isinstance(value, EnumType):
+                    members: dict[str, Any] = dict(value.__members__)
+                    digest.update(repr({key: member.value for key, member in members.items()}).encode())
+                elif fields := getattr(value, "_fields", ()):  # of a NamedTuple
+                    digest.update(repr(fields).encode())
     return digest.hexdigest()
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """A code, and those of the functions inside it."""
+    """A code object, and those of the functions inside it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -79,5 +86,5 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _python(value: object) -> object:
-    """The function behind what numba has made of it: a compiled one or an intrinsic."""
+    """The Python function of a numba object: of a compiled one or an intrinsic."""
     return getattr(value, "py_func", getattr(value, "_defn", value))

@@ -10,6 +10,7 @@
     ├── CommandError          a line that is no console command     "limit 400"
     ├── ChainError            bytes that are no valid message       a slice that ends too early
     ├── ImageError            bytes that are no valid firmware      a flipped bit, a signature that is wrong
+    ├── BenchError            what is around a device under test    a relay's program that ends with an error
     └── DeviceError           anything between a URL and the boards
         ├── DeviceNotFoundError   nothing answers to this URL       no such scheme, nothing plugged in
         ├── DeviceAccessError     it is there, but not for us       no permission, open elsewhere
@@ -20,13 +21,14 @@
         └── DeviceLostError       it went away                      unplugged in mid-stream
 
 ``InputFileError``, ``BlockError``, ``ReplyError``, ``FrameError``, ``CommandError``, ``ChainError`` and ``ImageError``
-are also ``ValueError``: they speak of a value, wherever it came from.
+are also ``ValueError``, because they concern a value.
 This module stands below every other one and may import none of them.
 """
 
 from __future__ import annotations
 
 __all__ = [
+    "BenchError",
     "BlockError",
     "ChainError",
     "CommandError",
@@ -58,7 +60,7 @@ class InputFileError(PhasewireError, ValueError):
 
 
 class _Refusal(PhasewireError):
-    """Something was refused for a reason that has a code.
+    """Something was refused with a reason code.
 
     Attributes
     ----------
@@ -98,7 +100,7 @@ class ChainError(PhasewireError, ValueError):
     Attributes
     ----------
     clause : str
-        The clause of the specification that they break.
+        The clause of the specification that is broken.
     """
 
     def __init__(self, message: str, clause: str) -> None:
@@ -106,12 +108,16 @@ class ChainError(PhasewireError, ValueError):
         self.clause = clause
 
 
+class BenchError(PhasewireError):
+    """What is around a device under test failed: a lever that moves its power or its cable."""
+
+
 class DeviceError(PhasewireError):
     """Something between a device's URL and its boards went wrong."""
 
 
 class DeviceNotFoundError(DeviceError):
-    """Nothing answers to this URL."""
+    """No device answers to this URL."""
 
 
 class DeviceAccessError(DeviceError):
@@ -127,7 +133,7 @@ class DeviceRefusedError(_Refusal, DeviceError):
 
 
 class DeviceStalledError(DeviceError):
-    """The device answered STALL: it does not know the request, or not now, or its endpoint is halted."""
+    """The device answered STALL: it does not know the request, or not in this state, or its endpoint is halted."""
 
 
 class DeviceTimeoutError(DeviceError):

@@ -1,4 +1,4 @@
-"""Writing pictures: the format is the file's suffix, and a file is written whole or not at all."""
+"""Writing pictures: the file's suffix gives the format, and a file is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -22,6 +22,6 @@ def check_picture_path(path: Path) -> None:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the path's suffix, whole or not at all."""
+    """Write a figure in the format of the path's suffix, completely or not at all."""
     with replacing(path) as part:
         figure.savefig(part, format=path.suffix[1:].lower(), dpi=120)

@@ -1,6 +1,6 @@
-"""Ctrl-C, SIGTERM and a closed terminal: how they end the program, so that a device is left silent and nothing is said.
+"""Ctrl-C, SIGTERM and a closed terminal: how they end the program quietly and leave a device silent.
 
-It imports next to nothing, for it takes charge before whatever takes long to load.
+It imports almost nothing, because it must be ready before slow modules load.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from typing import Any
 __all__ = ["SIGNALLED", "loading", "postponing", "unwinding"]
 
 SIGNALLED = 128
-"""An exit code is this and the signal's number, as shells have it: 130 is Ctrl-C."""
+"""An exit code is this plus the signal's number, as in shells: 130 is Ctrl-C."""
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 AGAIN_SECONDS = 0.01
-"""After this a signal that was lost in a callback comes again; the callback is over then."""
+"""A signal that was lost in a callback is repeated after this time, when the callback has ended."""
 Handler = Callable[[int, FrameType | None], None]
 
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """Let a signal end the program at once while modules load, when nothing is open that it could leave behind.
+    """Let a signal end the program at once while modules load, when nothing is open yet.
 
-    An exception would do worse: many imports catch it, or lose it in a callback of the interpreter.
+    An exception would be worse: many imports catch it, or lose it in a callback of the interpreter.
     """
     with _handled(lambda number, _frame: os._exit(SIGNALLED + number), last=False):
         yield
@@ -37,14 +37,14 @@ def loading() -> Iterator[None]:
 def unwinding(*, last: bool) -> Iterator[None]:
     """Let Ctrl-C, SIGTERM and a closed terminal unwind the program, so that it leaves a device silent.
 
-    Only the first of them does: those that follow find it turning outputs off, which they must not interrupt and which
-    ends in bounded time. An exception in a callback of the interpreter, such as ``__del__``, is lost: then the signal
-    comes again. What was ignored when the program began, as under nohup, stays so.
+    Only the first signal does so: later ones find it turning outputs off, which must not be interrupted and ends in
+    bounded time. An exception in a callback of the interpreter, such as ``__del__``, is lost: then the signal is
+    repeated. Signals that were ignored when the program began, as under nohup, stay ignored.
 
     Parameters
     ----------
     last : bool
-        Whether the program ends after this, so that nothing is left that a signal could interrupt.
+        Whether the program ends after this, so that no signal can interrupt anything more.
     """
     heard: int | None = None
 
@@ -80,7 +80,7 @@ def unwinding(*, last: bool) -> Iterator[None]:
 
 @contextmanager
 def postponing() -> Iterator[None]:
-    """Let a signal wait until the block ends, which must be short: what it writes is not cut off."""
+    """Delay signals until the block ends, which must be short: its output is not cut off."""
     waiting: list[int] = []
     with _handled(lambda number, _frame: waiting.append(number), last=False):
         yield
@@ -90,10 +90,10 @@ def postponing() -> Iterator[None]:
 
 @contextmanager
 def _handled(handler: Handler, *, last: bool) -> Iterator[None]:
-    """Have a handler for the signals that end a program; afterwards what was there before, or at the last nothing."""
+    """Install a handler for the signals that end a program; afterwards restore the earlier one, or at the end none."""
     before = {}
     for name in ENDING:
-        number = getattr(signal, name, None)  # not every system has them all
+        number = getattr(signal, name, None)  # some systems lack some of them
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:
             before[number] = signal.signal(number, handler)
     try:

@@ -1,4 +1,4 @@
-"""Files: read up to a bound; written whole or not at all, and over no file that is needed."""
+"""Files: read up to a bound; written completely or not at all, and never over a needed file."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ MOST_TOML_BYTES = 2**18
 MOST_TOML_LINE = 1024
 """Bytes. The time that tomllib takes for a key grows with the square of its dots."""
 MOST_TOML_DEPTH = 16
-_BLAMELESS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a write, of which the system names no file
+_BLAMELESS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # errors of a write that name no file
 
 
 def read_file(path: Path, most_bytes: int) -> bytes:
-    """What is in a file, a pipe or a device, if it is no more than it may be.
+    """The contents of a file, a pipe or a device, up to a bound.
 
     Parameters
     ----------
     path : Path
-        What to read.
+        The file to read.
     most_bytes : int
-        How much it may hold; not much more is read.
+        The greatest allowed size; not much more is read.
 
     Raises
     ------
     InputFileError
-        If there is more in it.
+        If it is larger.
     OSError
         If it cannot be read.
     """
@@ -64,7 +64,7 @@ def read_text(path: Path, most_bytes: int) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """What a TOML file holds; errors as `read_file`, and if it is no TOML, or nested too deeply."""
+    """The contents of a TOML file; errors as `read_file`, and if it is no TOML, or nested too deeply."""
     data = read_file(path, MOST_TOML_BYTES)
     for number, line in enumerate(data.splitlines(), start=1):
         if len(line) > MOST_TOML_LINE:
@@ -92,7 +92,7 @@ def _too_deep(path: Path) -> InputFileError:
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """Open a plain file, of which any part can be read; a pipe is refused at once, and not waited for.
+    """Open a plain file, any part of which can be read; a pipe is refused at once.
 
     Raises
     ------
@@ -108,11 +108,11 @@ def open_plain(path: Path) -> BinaryIO:
     os.close(handle)
     if stat.S_ISDIR(kind):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    raise InputFileError(f"{path} is no plain file, as it must be; copy what it gives to one")
+    raise InputFileError(f"{path} must be a plain file; copy its contents to one")
 
 
 class _InPieces(FileIO):
-    """A file that gives no more at once than `MOST_AT_ONCE`, whatever sizes an archive in it claims."""
+    """A file that returns at most `MOST_AT_ONCE` at once, whatever sizes an archive in it claims."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is not None and size > MOST_AT_ONCE:
@@ -122,14 +122,14 @@ class _InPieces(FileIO):
 
 @contextmanager
 def open_zip(path: Path, otherwise: str) -> Iterator[ZipFile]:
-    """Open a zip archive, whose members are to be read in pieces of a stated size: their own sizes are mere claims.
+    """Open a zip archive, whose members must be read in pieces of a stated size: their own sizes are only claims.
 
     Parameters
     ----------
     path : Path
         A plain file.
     otherwise : str
-        What it is if it cannot be read, for the error.
+        Its description in the error if it cannot be read.
 
     Raises
     ------
@@ -147,15 +147,15 @@ def open_zip(path: Path, otherwise: str) -> Iterator[ZipFile]:
     except InputFileError:
         raise
     except OSError as error:
-        if error.errno != errno.EINVAL:  # which a seek to a place before the file's beginning gives
+        if error.errno != errno.EINVAL:  # raised by a seek to a place before the file's beginning
             raise
-        raise InputFileError(f"{path} is {otherwise}: it names a place that is not in it") from error
+        raise InputFileError(f"{path} is {otherwise}: it refers to a place that is not in it") from error
     except (BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, OverflowError, ValueError) as error:
         raise InputFileError(f"{path} is {otherwise}: {error}") from error
 
 
 def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] = ()) -> None:
-    """Check before any work that its results can be written and will overwrite nothing that it needs.
+    """Check before any work that its results can be written and will not overwrite a needed file.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] =
     Raises
     ------
     ValueError
-        If an output is an input, or stands twice.
+        If an output is an input, or occurs twice.
     OSError
         If it is a folder, or its folder does not exist or cannot be written.
     """
@@ -192,15 +192,15 @@ def check_outputs(outputs: Iterable[Path | str | None], inputs: Iterable[Path] =
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path that takes the place of ``path`` if the block succeeds.
+    """Yield a temporary path that replaces ``path`` if the block succeeds.
 
-    What was written is on the disk before it takes that place, so that a crash at any moment leaves the old file or the
-    new one. A link is followed, and what is no plain file, such as a pipe, is written to as it is.
+    The data are on the disk before the replacement, so that a crash at any moment leaves the old file or the new one. A
+    link is followed, and anything but a plain file, such as a pipe, is written directly.
 
     Raises
     ------
     OSError
-        If the folder cannot be written, or the disk is full; it names ``path``, and what stood there is untouched.
+        If the folder cannot be written, or the disk is full; it names ``path``, whose old contents are unchanged.
     """
     if path.exists() and not path.is_file():
         yield path
@@ -209,7 +209,8 @@ def replacing(path: Path) -> Iterator[Path]:
     mode = stat.S_IMODE(real.stat().st_mode) if real.exists() else None
     part = real.parent / f".phasewire-{secrets.token_hex(8)}"
     try:
-        # Of a new file's mode the system takes off the umask; who may not read the old one cannot read this either.
+        # The system removes the umask from a new file's mode; whoever may not read the old file cannot read this
+        # either.
         os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else 0o600))
         yield part
         if mode is not None:

@@ -1,4 +1,4 @@
-"""How fast the emulator is, in seconds of the device's time per second, and what an hour of it weighs.
+"""How fast the emulator is, in seconds of the device's time per second, and how much memory an hour of it takes.
 
 ``make bench`` runs it after the other benchmarks, on one thread: medians, all from one run. What a device plays is kept
 as segments; *expanded* means that every bit of all ten ports was written out as well, and *drives* that each period of
@@ -23,7 +23,7 @@ from medians import median
 from phasewire import Capture, Emulator, Pulses
 from phasewire.emulator.cluster import Cluster
 from phasewire.emulator.doors.backend import EmulatorBackend
-from phasewire.protocol import Block, Entries, Entry, Sequence, Slot, Update, pack, pack_updates
+from phasewire.protocol import Block, Entries, Entry, PlaySequence, Slot, Update, pack, pack_updates
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import BLOCK_BYTES, REQUEST_TYPE_OUT, Reason, Request
 from phasewire.protocol.enumeration import ENDPOINT_IN, ENDPOINT_OUT
@@ -37,7 +37,7 @@ WATCHDOG_MS = 60_000
 HOUR_SECONDS = 3600
 CHAINS, CHAINS_UPDATES = (1, 8, 64), 1024
 FROM_MB = 2**20 if sys.platform == "darwin" else 2**10
-"""In what `resource` counts memory."""
+"""The unit in which `resource` counts memory."""
 
 
 class Line:
@@ -60,7 +60,7 @@ class Line:
         return answer
 
     def send(self, *blocks: Block) -> None:
-        """Send blocks, all of which must be accepted, and let the last of them take effect."""
+        """Send blocks, which must all be accepted, and let the last of them take effect."""
         acks = [ack for ack in records(self.write(b"".join(map(pack, blocks)))) if isinstance(ack, Ack)]
         if refused := [ack for ack in acks if ack.reason is not Reason.ACCEPTED]:
             raise RuntimeError(f"refused: {refused[0]}")
@@ -104,7 +104,7 @@ class Fresh:
 
     @property
     def capture(self) -> Capture:
-        """What was played so far."""
+        """The recording so far."""
         return self._line.emulator.capture()
 
 
@@ -115,7 +115,7 @@ def two_sided() -> Line:
         Block(Slot(0, some_pulses(1)), 0, restart=True),
         Block(Slot(1, some_pulses(2)), 1),
         Block(Entries((Entry(0, 100), Entry(1, 100))), 2),
-        Block(Sequence(0, 2, unattended=True), 3),
+        Block(PlaySequence(0, 2, unattended=True), 3),
     )
     return line
 

@@ -2,7 +2,7 @@
 
 ``make bench`` runs it after the other benchmarks: a few tables of medians, all from one run on one thread unless it
 says otherwise. Compare rows with each other and with the floor, which is the same arithmetic at the speed of a loop of
-multiply-adds that this run measures; absolute times belong to the machine. It may not be read as a promise.
+multiply-adds that this run measures; absolute times belong to the machine and promise nothing.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def double() -> Iterator[dict[str, Any]]:
 
 
 def cores() -> Iterator[dict[str, Any]]:
-    """Updates per second of frames that are solved from scratch each, on one core and on two."""
+    """Updates per second of frames, each solved from scratch, on one core and on two."""
     frames = [cloud(32, seed) for seed in range(FRAMES)]
     array = TransducerArray.grid()
     for method in ("tikhonov", "wgs"):

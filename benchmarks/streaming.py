@@ -8,8 +8,8 @@ which the points are there to that at which their block is handed to the bus.
 At last streams over loopback TCP to an emulated device in a process of its own, which keeps the wall clock's time: 10 s
 at each of three rates, the frames that came late, and what a block costs either process.
 
-What other programs take from this machine shows beside it: each frame is followed by a loop that does nothing but spin
-for about as long, and by the wall clock its distribution is what the same core would make of anything. Processor time
+The share of other programs is measured beside it: after each frame a loop spins for about as long, and the distribution
+of its wall time shows what the same core makes of any work of that length. Processor time
 does not count what others took.
 """
 
@@ -109,7 +109,7 @@ def spin(turns: int) -> None:
 
 
 def spin_turns() -> int:
-    """How many turns take `SPIN_SECONDS` where nobody disturbs."""
+    """How many turns take `SPIN_SECONDS` on a quiet machine."""
     turns, fastest = 1000, float("inf")
     for _ in range(100):
         begun = perf_counter()
@@ -120,7 +120,7 @@ def spin_turns() -> int:
 
 @contextmanager
 def collections() -> Iterator[list[float]]:
-    """The pauses that the garbage collector makes meanwhile, in seconds of processor time."""
+    """The pauses of the garbage collector in a block of code, in seconds of processor time."""
     pauses: list[float] = []
     begun = 0.0
 
@@ -171,7 +171,7 @@ class Live:
         self.floor = np.zeros((frames, 2))
 
     def frames(self) -> Iterator[Solution]:
-        """One frame after the other, each at its time by the wall clock, or at once where that is over."""
+        """One frame after the other, each at its time by the wall clock, or at once if that has passed."""
         due = perf_counter()
         for number in range(len(self.begins)):
             self.floor[number] = _passed(self._turns)
@@ -244,7 +244,7 @@ def from_afar(seconds: float) -> list[dict[str, Any]]:
 
 
 def stolen() -> NDArray[np.float64]:
-    """Processor time of this machine: in all, and what its hypervisor gave to others; nothing where that is unknown."""
+    """Processor time of this machine: in all, and what its hypervisor gave to others; zeros if that is unknown."""
     try:
         first = Path("/proc/stat").read_text(encoding="ascii").partition("\n")[0]
     except OSError:

@@ -1,7 +1,7 @@
 """A device in this process whose emulator is told apart from its host.
 
-What the emulator does it does in calls of the bus and while time passes, so the processor time of these is its; what
-else the process spends is the host's: streaming, session, transport, pyusb.
+The emulator works in calls of the bus and while time passes, so the processor time of these is the emulator's. The rest
+of the process's time is the host's: streaming, session, transport, pyusb.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["Bus", "told_apart"]
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
 
-HISTORY_PERIODS = 4000  # nobody looks at what the outputs did
+HISTORY_PERIODS = 4000  # no benchmark reads what the outputs did
 
 
 class Bus:

@@ -1,12 +1,12 @@
 """How soon a hand's pose is on its way to the device, a thousand times a second, and whether memory stays flat.
 
 ``python benchmarks/touch.py`` takes seconds; ``--minutes 10`` is the soak. A hand sweeps through the paper's cube and
-through a sphere of 81 920 faces; the loop is the whole one, with pyusb, but for the bus: a null bus takes each block
-and acknowledges it at once, by the wall clock. So what is measured is the host's part alone.
+through a sphere of 81 920 faces; the loop is the whole one, with pyusb; only the bus is a null bus, which takes each
+block and acknowledges it at once, by the wall clock. So the host's part alone is measured.
 
 The latency is from the time stamp of a hand to the moment at which pyusb hands its block to the bus. Time stamps are
-those at which frames are due, so that it has in it how late the computer wakes up. Processor time begins when the frame
-is handed to the loop, and does not count what other programs took.
+those at which frames are due, so that the latency includes how late the computer wakes up. Processor time begins when
+the frame is handed to the loop, and does not count what other programs took.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ GOALS = {"median_seconds": 0.5e-3, "p99_seconds": 1e-3}
 
 
 class NullBus:
-    """What stands in the place of the bus behind pyusb: it plays nothing and answers at once.
+    """The stand-in for the bus under pyusb: it plays nothing and answers at once.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Timed(PlacedHands):
 
 @contextmanager
 def null_bus() -> Iterator[tuple[Device, NullBus]]:
-    """A device whose line is pyusb, and whose bus is none."""
+    """A device whose transport is pyusb over a null bus."""
     with ExitStack() as stack:
         device = stack.enter_context(open_device(stack.enter_context(Emulator()).url))
         bus = NullBus(device.status())
@@ -126,7 +126,7 @@ def null_bus() -> Iterator[tuple[Device, NullBus]]:
 
 
 def resident_bytes() -> int:
-    """Memory of this process that is there."""
+    """Resident memory of this process."""
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_BYTES
 
 

@@ -1,5 +1,5 @@
 """The command line.
 
-Each command, or each few that belong together, has a module. `commands` lists them and loads each when it is asked for.
-This room stands on top: it alone knows typer, and no other room knows it.
+Each command, or small group of commands, has a module. `commands` lists them and loads each when it is needed. This
+room stands on top: only it knows typer, and no other room imports it.
 """

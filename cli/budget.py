@@ -1,4 +1,4 @@
-"""The command that says what the hardware can carry: ``budget``."""
+"""The command that computes the capacity of the hardware: ``budget``."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ BLOCKS = {
     Kind.ENTRIES.name: (ENTRIES_PER_BLOCK, Memory.ENTRIES),
     Kind.SAMPLES.name: (SAMPLES_PER_BLOCK, Memory.SAMPLES),
 }
-"""What a full block of each kind stores: a number of items of a memory."""
+"""The items of each memory that a full block of each kind stores."""
 
 
 @commands.command(epilog="Example: phasewire budget --link 2wire --picture budget.png")
@@ -60,7 +60,7 @@ def budget(
         int, typer.Option("--token-delay", metavar="N", help="Core cycles added after each token of a link.")
     ] = FIVE_WIRE.token_delay,
     hop_ns: Annotated[
-        float, typer.Option("--hop-ns", metavar="X", help="Delay of a switch in ns, which no document gives.")
+        float, typer.Option("--hop-ns", metavar="X", help="Delay of a switch in ns, which no document states.")
     ] = HOP_CYCLES * 1000 / CYCLES_PER_MICROSECOND,
     baud: Annotated[
         int | None, typer.Option("--baud", metavar="N", help="Blocks come by a serial line of N baud instead of USB.")
@@ -70,10 +70,10 @@ def budget(
         Path | None, typer.Option("--picture", metavar="FILE", help="Also draw the time line: .png, .svg or .pdf.")
     ] = None,
 ) -> None:
-    """Say how long an update takes from the host to the outputs, how many go through, and what holds them up.
+    """Show how long an update takes from the host to the outputs, the highest rate, and the bottleneck.
 
-    Times are those of the hardware's documents where these give any, and estimates of firmware and switches where they
-    do not; the emulator keeps the same times.
+    Times are those of the hardware's documents if these state any, and otherwise estimates of firmware and switches;
+    the emulator uses the same times.
     """
     if picture is not None:
         check_picture_path(picture)
@@ -97,7 +97,7 @@ def budget(
 
 
 def _unit(found: Budget) -> tuple[str, int]:
-    """The unit in which a time line is told, and its core cycles."""
+    """The unit of a time line, and its core cycles."""
     slow = found.worst_cycles >= CORE_HZ // 100
     return ("ms", CORE_HZ // 1000) if slow else ("µs", CYCLES_PER_MICROSECOND)
 
@@ -110,7 +110,7 @@ def _table(*headers: str) -> Table:
 
 
 def _bar(begins: int, ends: int, whole: int, mark: str) -> str:
-    """A stretch of a time line in characters; at least one, however short."""
+    """A span of a time line in characters; at least one, however short."""
     first = min(begins * BAR // whole, BAR - 1)
     return " " * first + mark * max(1, -(-ends * BAR // whole) - first)
 
@@ -142,9 +142,9 @@ def _print_rates(out: Console, found: Budget) -> None:
     every = "every period" if found.periods_per_update == 1 else f"every {found.periods_per_update:,} periods"
     rate = float(found.updates_per_second)
     out.print(f"Bottleneck: {found.bottleneck.name}.")
-    out.print(f"Rate that holds: {rate:,.6g} updates/s, one {every}.", style="bold")
+    out.print(f"Sustained rate: {rate:,.6g} updates/s, one {every}.", style="bold")
     out.print(
-        f"\nBeside them the chain carries {found.spare_loads:,} loads of {LOAD_BYTES} bytes between two updates:\n"
+        f"\nBesides them the chain carries {found.spare_loads:,} loads of {LOAD_BYTES} bytes between two updates:\n"
     )
     table = _table("block", "items", "loads", "takes", "")
     for name, (items, memory) in BLOCKS.items():
@@ -168,8 +168,8 @@ def _print_threads(out: Console, found: Budget) -> None:
 
 
 def draw_budget(found: Budget) -> Figure:
-    """The time line of an update where it just misses a boundary, and how many updates each stage lets through."""
-    from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
+    """The time line of an update that just misses a boundary, and the highest rate of each stage."""
+    from matplotlib.figure import Figure  # importing matplotlib takes as long as everything else together
 
     figure = Figure(figsize=(11.5, 4.2), layout="constrained")
     when, often = figure.subplots(1, 2, sharey=True, width_ratios=[2, 1])
@@ -202,7 +202,7 @@ def draw_budget(found: Budget) -> Figure:
     often.bar_label(bars, [f"{rate:.3g}" for rate in rates], padding=3)
     often.axvline(float(found.updates_per_second) / 1000, color="k", linestyle="--", linewidth=1)
     often.set(
-        title="At most; dashed: what holds",
+        title="At most; dashed: sustained",
         xlabel="thousand updates per second",
         xlim=(0, 1.25 * max(rates)),
         ylim=when.get_ylim(),

@@ -1,6 +1,6 @@
-"""The command line: all commands under one name, and what becomes of errors.
+"""The command line: all commands under one name, and the messages of errors.
 
-A command's module is loaded when the command is asked for: `HOMES` says where each is, and what it is for.
+A command's module is loaded when the command is needed: `HOMES` lists the modules, and the purpose of each command.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ __all__ = ["app", "command_line", "run"]
 
 FAILED, WRONG_USE, NO_DEVICE, DEVICE_FAILED = 1, 2, 3, 4
 TRACED = ("demo",)
-"""Commands that talk to a device without being told which."""
+"""Commands that need a device but take no option for it."""
 
 
 class Home(NamedTuple):
-    """Where a command is.
+    """The module of a command.
 
     Parameters
     ----------
     module : str
-        In this room; what it calls ``commands`` has the command, or is it if it is a group.
+        A module of this room; its name ``commands`` is a group that has the command, or is the command.
     help : str
         The first sentence of the command's own help.
     """
@@ -43,7 +43,7 @@ class Home(NamedTuple):
 
 
 HOMES = {
-    "demo": Home("demo", "Show the whole way: a sphere on a palm, five emulated boards, pressure."),
+    "demo": Home("demo", "Show the whole path: a sphere on a palm, five emulated boards, pressure."),
     "touch": Home(
         "touch",
         "Let hands touch objects: what they feel is played on a device, live, and its outputs are off at the end.",
@@ -54,9 +54,9 @@ HOMES = {
     ),
     "budget": Home(
         "budget",
-        "Say how long an update takes from the host to the outputs, how many go through, and what holds them up.",
+        "Show how long an update takes from the host to the outputs, the highest rate, and the bottleneck.",
     ),
-    "decode": Home("decode", "Explain recorded traffic, and say which clause of the specification it breaks."),
+    "decode": Home("decode", "Explain recorded traffic, and name the clauses of the specification that it breaks."),
     "vectors": Home(
         "vectors",
         "Write golden vectors of the protocol to standard output, as JSON: bytes, what they mean, and what is refused.",
@@ -65,12 +65,12 @@ HOMES = {
     "field": Home("solving", "Compute the field of a solved file over a plane or a box, as a picture or as numbers."),
     "focus": Home(
         "solving",
-        "Report what became of a solved file's control points: strength, place and sharpness, missing ones and ghosts.",
+        "Report the result of a solved file's control points: strength, place and sharpness, missing ones and ghosts.",
     ),
     "reproduce": Home("reproduce", "Compute a figure of the paper again."),
     "stop": Home("device", "Turn all outputs of a device off."),
-    "info": Home("device", "Say what a device is and what it is doing."),
-    "read-back": Home("device", "Ask the processors what they play, and show it as the grid of transducers."),
+    "info": Home("device", "Show a device's description and its state."),
+    "read-back": Home("device", "Read back what the processors play, and show it as the grid of transducers."),
     "identify": Home("device", "Let the light on a board blink for five seconds."),
     "reset": Home("device", "Restart a device as at power-up, and wait until it is back."),
     "watchdog": Home(
@@ -79,9 +79,9 @@ HOMES = {
     ),
     "limit": Home(
         "device",
-        "Turn a device's outputs off, and have it refuse whatever asks for more power, until it restarts.",
+        "Turn a device's outputs off, and set its drive limit, until it restarts.",
     ),
-    "clear-faults": Home("device", "Clear the faults of a device whose cause is gone, and say which are left."),
+    "clear-faults": Home("device", "Clear the faults of a device whose cause is gone, and list the others."),
     "show": Home("playing", "Play one frame on a device, and leave its outputs off."),
     "stream": Home("playing", "Play frames one after the other at a rate, and leave the outputs off."),
     "play": Home("playing", "Play a shape by two-sided modulation, which the device does from its memory."),
@@ -92,31 +92,31 @@ HOMES = {
     "devices": Home("discovery", "List the devices that can be found, on USB and on serial lines."),
     "doctor": Home(
         "discovery",
-        "Look for what is wrong with this computer and a device, and say what to do about it.",
+        "Check this computer and a device for problems, and suggest remedies.",
     ),
     "tracker": Home(
         "tracker",
-        "Say which sources of hands there are and which can be used, or watch one and say what is wrong with it.",
+        "List the sources of hands and which can be used, or watch one and check it.",
     ),
-    "flash": Home("flash", "Give a device new firmware, whole or not at all, and see that it runs."),
+    "flash": Home("flash", "Give a device new firmware, completely or not at all, and check that it runs."),
     "emulate": Home("emulate", "Serve emulated devices to other programs, until Ctrl-C."),
     "attach": Home(
         "attach",
         "Attach a device of a USB/IP server, such as `phasewire emulate`, to this Linux computer.",
     ),
-    "config": Home("settings", "Show what options are if the command line does not say, and where that comes from."),
+    "config": Home("settings", "Show the values of options that the command line does not set, and their sources."),
     "firmware": Home("firmware", "Build, inspect, sign and verify firmware images."),
 }
 """Each command and each group of commands, in the order in which ``--help`` lists them."""
 
 
 class Commands(Mapping[str, TyperCommand | TyperGroup]):
-    """The commands as click knows them, each loaded when it is asked for.
+    """The commands for click, each loaded when it is needed.
 
     Parameters
     ----------
     verbose : click.Parameter
-        Given to those that talk to a device, as the whole has it.
+        The option ``--verbose``, which commands that use a device also take.
     """
 
     def __init__(self, verbose: Any) -> None:
@@ -145,7 +145,7 @@ class CommandLine(TyperGroup):
     """All commands. They end quietly if the program that reads their output ends."""
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
-        """Read the command line, and print what it asks for by ``--help`` and its like."""
+        """Read the command line, and print the output of ``--help`` and similar options."""
         with _heard():
             return super().make_context(*arguments, **options)
 
@@ -198,7 +198,7 @@ def common(
             callback=_trace,
             expose_value=False,
             show_default=False,
-            help="Say on standard error what is sent to a device and what it answers; -vv says each block and record.",
+            help="Print on standard error what is sent to a device and what it answers; -vv shows blocks and records.",
         ),
     ] = 0,
     _version: Annotated[
@@ -208,8 +208,8 @@ def common(
 ) -> None:
     """Mid-air haptics on an ultrasonic phased array: from a shape to the skin.
 
-    Exit codes: 0 all is well, 1 what was checked failed, 2 wrong use or unusable input, 3 no such device or tracker, 4
-    the device or tracker refused or failed, 130 Ctrl-C.
+    Exit codes: 0 success, 1 a check failed, 2 wrong use or unusable input, 3 no such device or tracker, 4 the device or
+    tracker refused or failed, 130 Ctrl-C.
     """
     with loading():
         from .settings import defaults_from_file
@@ -218,7 +218,7 @@ def common(
 
 
 def command_line() -> TyperGroup:
-    """All commands as click knows them; those that talk to a device take ``--verbose`` too, as the whole does."""
+    """All commands for click; those that use a device take ``--verbose`` too, as the whole does."""
     root = typer.main.get_command(app)
     assert isinstance(root, TyperGroup)
     verbose = next(option for option in root.params if "--verbose" in option.opts)
@@ -227,7 +227,7 @@ def command_line() -> TyperGroup:
 
 
 def exit_code(error: Exception) -> int:
-    """The exit code that stands for an error."""
+    """The exit code of an error."""
     if isinstance(error, (DeviceNotFoundError, TrackerNotFoundError)):
         return NO_DEVICE
     if isinstance(error, (DeviceError, TrackerError)):
@@ -238,7 +238,7 @@ def exit_code(error: Exception) -> int:
 
 
 def message(error: Exception) -> str:
-    """What an error says to people."""
+    """The message of an error."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return str(error)
@@ -251,7 +251,7 @@ def _heard() -> Iterator[None]:
         yield
     except BrokenPipeError:
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        for stream in (sys.stdout, sys.stderr):  # what they still hold must not fail again at the very end
+        for stream in (sys.stdout, sys.stderr):  # their remaining output must not fail again at the very end
             os.dup2(nowhere, stream.fileno())
         sys.exit(SIGNALLED + signal.SIGPIPE)
 
@@ -260,7 +260,7 @@ def run(arguments: Sequence[str]) -> None:
     """Run the command line and exit."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that lacks a sign shows a question mark
+            stream.reconfigure(errors="replace")  # a terminal that lacks a character shows a question mark
     with _heard():
         try:
             command_line()(args=arguments, prog_name="phasewire")
@@ -273,7 +273,7 @@ def run(arguments: Sequence[str]) -> None:
 
 
 def _complain(what: str) -> None:
-    """Say on standard error why the program ends."""
+    """Print on standard error why the program ends."""
     from .console import error_console
 
     error_console().print(f"phasewire: {what}", style="red")

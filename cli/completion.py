@@ -1,6 +1,6 @@
-"""What a shell offers for the URL of a device or of a source of hands.
+"""A shell's completions for the URL of a device or of a source of hands.
 
-It is asked while somebody types: nothing here may take long, write anything, or fail.
+They run while somebody types: no function here may be slow, write anything, or fail.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from ..host.lines.opening import SCHEMES, entries
 __all__ = ["device_urls", "hand_urls"]
 
 HANDS = "phasewire.hands"
-"""The group of entry points, whose module takes long to load."""
+"""The entry-point group of transports, whose own module is slow to load."""
 
 
 def device_urls(incomplete: str) -> list[tuple[str, str]]:

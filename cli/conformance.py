@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,7 +29,7 @@ from .options import DeviceOption, given, note_where_fresh
 
 if TYPE_CHECKING:
     from ..hil.conformance.plugin import Watcher
-    from ..hil.conformance.running import Options
+    from ..hil.conformance.running import RunOptions
     from ..mutants.patching import Mutant
 
 __all__ = ["commands"]
@@ -41,7 +42,7 @@ commands = typer.Typer(rich_markup_mode=None)
 
 
 def _check_mutants_are_here() -> None:
-    """Raise ValueError if the mutants are not here: the wheel leaves them out."""
+    """Raise ValueError if the mutants are missing: the wheel leaves them out."""
     if find_spec("phasewire.mutants") is None:
         raise ValueError(
             "mutants are not installed with phasewire: they stand in its repository, in the folder mutants, and "
@@ -50,7 +51,7 @@ def _check_mutants_are_here() -> None:
 
 
 def _offered_mutants(incomplete: str) -> list[str]:
-    """What a shell offers for a mutant."""
+    """A shell's completions for a mutant."""
     if find_spec("phasewire.mutants") is None:
         return []
     from ..mutants.catalogue import MUTANTS
@@ -66,10 +67,22 @@ def conformance(
         str | None,
         typer.Option(
             "--capture",
-            metavar="emulator|sigrok:FILE|none",
+            metavar="emulator|sigrok:FILE|SCHEME:…|none",
             help="What the outputs are seen by: the emulator, a logic analyser's recording of the run, of which the "
-            "profile says where each probe sits, or nothing. By default the emulator, where it runs in this process.",
+            "profile says where each probe sits, what another package offers, or nothing. By default the emulator if "
+            "it runs in this process.",
             autocompletion=among((EMULATOR, SIGROK, NONE)),
+        ),
+    ] = None,
+    levers: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--levers",
+            metavar="emulator|command:…|SCHEME:…",
+            help="What can be done to the device: 'command:power=PROGRAM {}' runs a program that switches its power, "
+            "with on or off for {}, and command:cable= one that switches the voltage of its cable; or what another "
+            "package offers; may be given again. By default all that the emulator can if it runs in this process.",
+            autocompletion=among((EMULATOR, "command:power=", "command:cable=")),
         ),
     ] = None,
     allow: Annotated[
@@ -77,13 +90,13 @@ def conformance(
         typer.Option(
             "--allow",
             metavar="|".join(Risk),
-            help="What may be risked: writing firmware, restarting the device, driving many transducers hard; may "
-            "be given again. By default nothing, and all where the device is emulated in this process.",
+            help="A risk that is allowed: writing firmware, restarting the device, driving many transducers hard; may "
+            "be given again. By default none, and all if the device is emulated in this process.",
         ),
     ] = None,
     profile: Annotated[
         Path | None,
-        typer.Option("--profile", metavar="FILE", help="What is declared of the device, in TOML."),
+        typer.Option("--profile", metavar="FILE", help="The declaration of the device, in TOML."),
     ] = None,
     known_failures: Annotated[
         Path | None,
@@ -94,7 +107,7 @@ def conformance(
         typer.Option(
             "--only",
             metavar="TEXT",
-            help="Run the cases alone whose group, name, clause or chapter begins so; may be given again.",
+            help="Run only the cases whose group, name, clause or chapter begins so; may be given again.",
         ),
     ] = None,
     mutant: Annotated[
@@ -102,7 +115,7 @@ def conformance(
         typer.Option(
             "--mutant",
             metavar="NAME",
-            help="Judge this emulated device, which is broken on purpose, to see what the suite makes of it.",
+            help="Judge this emulated device, which is broken on purpose, to see the suite's verdict.",
             autocompletion=_offered_mutants,
         ),
     ] = None,
@@ -110,7 +123,7 @@ def conformance(
         bool,
         typer.Option(
             "--mutants",
-            help="Judge every such device, each in a process of its own, and say which of them get away.",
+            help="Judge every such device, each in a process of its own, and list those that are not caught.",
         ),
     ] = False,
     jobs: Annotated[
@@ -121,19 +134,19 @@ def conformance(
     ] = None,
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="Fail too where something could not be judged, or should be done otherwise."),
+        typer.Option("--strict", help="Fail too if something could not be judged, or breaks a SHOULD."),
     ] = False,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of everything random.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of all random numbers.")] = 1,
     stop_after: Annotated[
-        int | None, typer.Option("--stop-after", metavar="N", min=1, help="End the run when so many cases broke.")
+        int | None, typer.Option("--stop-after", metavar="N", min=1, help="End the run after so many cases broke.")
     ] = None,
     thorough: Annotated[
         bool,
-        typer.Option("--thorough", help="With --mutants: judge each by all cases, even when two have caught it."),
+        typer.Option("--thorough", help="With --mutants: judge each by all cases, even after two have caught it."),
     ] = False,
     table: Annotated[
         Path | None,
-        typer.Option("--table", metavar="FILE", help="With --mutants: also write what became of them as Markdown."),
+        typer.Option("--table", metavar="FILE", help="With --mutants: also write the results as Markdown."),
     ] = None,
     list_cases: Annotated[
         bool,
@@ -149,11 +162,11 @@ def conformance(
 ) -> None:
     """Judge a device by the specification: what it does, what it answers and, if they can be seen, its outputs.
 
-    Each case shows some clauses. It passes, fails, warns where the device does not do what it should, is inconclusive
-    where it cannot be judged here, or is not applicable. What is inconclusive is never counted as a pass.
+    Each case shows some clauses. It passes, fails, warns if the device breaks a SHOULD, is inconclusive if it cannot be
+    judged here, or is not applicable. An inconclusive case never counts as a pass.
 
-    The exit code is 0 if nothing broke, which says nothing of what was inconclusive, and 1 if something did. A run that
-    Ctrl-C or SIGTERM ends writes its reports all the same, with what was judged so far, and its code is 130 or 143.
+    The exit code is 0 if nothing broke, whatever was inconclusive, and 1 if something did. A run that Ctrl-C or SIGTERM
+    ends still writes its reports, with the results up to then, and its code is 130 or 143.
     """
     if mutants:
         _judge_mutants(context, jobs, table, json_target, thorough=thorough)
@@ -161,8 +174,8 @@ def conformance(
     for name, chosen in (("--jobs", jobs), ("--thorough", thorough), ("--table", table)):
         if chosen:
             raise ValueError(f"{name} goes with --mutants")
-    recording = [Path(capture.removeprefix(SIGROK))] if capture is not None and _is_recording(capture) else []
-    inputs = [path for path in (profile, known_failures, *recording) if path is not None]
+    recording = (capture or "").partition(":")[2]
+    inputs = [path for path in (profile, known_failures, Path(recording) if recording else None) if path is not None]
     check_outputs([html, junit_xml, json_target], inputs)
     if list_cases:
         _list(json_target, [name for name, target in (("--html", html), ("--junit", junit_xml)) if target is not None])
@@ -172,13 +185,14 @@ def conformance(
         raise ValueError("--mutant brings a device of its own; leave out one of --device and --mutant")
     broken = None if mutant is None else _mutant(mutant)
 
-    with loading():  # pytest and whatever the cases need
+    with loading():  # pytest and the modules of the cases
         from ..hil.conformance.reports.terminal import LiveLine, print_run
-        from ..hil.conformance.running import Options, run_conformance
+        from ..hil.conformance.running import RunOptions, run_conformance
 
-    options = Options(
+    options = RunOptions(
         url,
         capture,
+        tuple(levers or ()),
         frozenset(allow) if allow else None,
         Profile() if profile is None else read_profile(profile),
         {} if known_failures is None else read_known_failures(known_failures),
@@ -204,18 +218,9 @@ def conformance(
         raise typer.Exit(1)
 
 
-def _is_recording(capture: str) -> bool:
-    """Whether outputs are seen by a recording; `ValueError` where the text names no way to see them."""
-    if capture in (EMULATOR, NONE):
-        return False
-    if not capture.startswith(SIGROK) or capture == SIGROK:
-        raise ValueError(f"--capture {capture!r}: it must be {EMULATOR}, {SIGROK}FILE or {NONE}")
-    return True
-
-
 def _strictly(run: Run) -> Run:
-    """The run, which is in trouble where something could not be judged, or should be done otherwise."""
-    counts = ((Verdict.INCONCLUSIVE, "could not be judged"), (Verdict.WARN, "should do otherwise"))
+    """The run, with trouble if something could not be judged, or breaks a SHOULD."""
+    counts = ((Verdict.INCONCLUSIVE, "could not be judged"), (Verdict.WARN, "warned"))
     told = tuple(f"--strict: {run.count(verdict)} {words}" for verdict, words in counts if run.count(verdict))
     return replace(run, trouble=(*run.trouble, *told))
 
@@ -225,14 +230,15 @@ def _mutant(name: str) -> Mutant:
     from ..mutants.catalogue import MUTANTS
 
     if name not in MUTANTS:
-        raise ValueError(f"there is no mutant {name!r}; there are {', '.join(MUTANTS)}")
+        near = get_close_matches(name, MUTANTS, n=3, cutoff=0.0)
+        raise ValueError(f"there is no mutant {name!r}; the nearest are {', '.join(near)}; docs/mutants.md lists all")
     return MUTANTS[name]
 
 
 def _judge_mutants(
     context: typer.Context, jobs: int | None, table: Path | None, json_target: str | None, *, thorough: bool
 ) -> None:
-    """Run the suite against all mutants; exit code 1 where it does not catch one."""
+    """Run the suite against all mutants; exit code 1 if it does not catch one."""
     others = [name for name in context.params if name not in OF_MUTANTS and given(context, name)]
     if others:
         raise ValueError(
@@ -256,7 +262,7 @@ def _judge_mutants(
         raise typer.Exit(1)
 
 
-def _run_mutant(broken: Mutant, options: Options, watcher: Watcher, judged: Callable[[], object]) -> Run:
+def _run_mutant(broken: Mutant, options: RunOptions, watcher: Watcher, judged: Callable[[], object]) -> Run:
     """The run of a mutant, whose reports say that it is one."""
     from ..hil.conformance.running import run_conformance
     from ..mutants.patching import applied
@@ -278,7 +284,7 @@ def _list(json_target: str | None, meaningless: list[str]) -> None:
 
 
 def _write(run: Run, html: Path | None, junit_xml: Path | None, json_target: str | None) -> None:
-    """Write the reports that are asked for."""
+    """Write the requested reports."""
     if html is not None or json_target is not None:
         matrix = Matrix.of(run.claims)
         if html is not None:

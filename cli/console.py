@@ -1,6 +1,6 @@
-"""How commands speak: results on standard output, everything else on standard error, JSON on request.
+"""Output of commands: results on standard output, everything else on standard error, JSON on request.
 
-And how a shell completes what is written to them.
+It also holds the shell completion of options.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class _Console(Console):
 
 
 def _console(on_standard_error: bool) -> Console:
-    # Texts hold the names of files, in which [red] and :key: mean nothing.
+    # Texts contain names of files, in which [red] and :key: are not markup.
     return _Console(stderr=on_standard_error, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
@@ -56,7 +56,7 @@ def write_json(target: str | None, record: dict[str, Any]) -> None:
 
 
 def among(names: Iterable[str]) -> Callable[[str], list[str]]:
-    """What a shell offers for an option that is one of these."""
+    """A shell's completions for an option with fixed values."""
     known = tuple(names)
 
     def complete(incomplete: str) -> list[str]:

@@ -23,7 +23,7 @@ from ..hil.usbmon import UsbAddress
 from ..protocol.board import COLUMNS
 from ..protocol.describe import (
     Description,
-    Finding,
+    Violation,
     describe_block,
     describe_frame,
     describe_image,
@@ -66,7 +66,7 @@ def decode(
     only_invalid: Annotated[bool, typer.Option("--only-invalid", help="Show only what is invalid.")] = False,
     json_target: JsonOption = None,
 ) -> None:
-    """Explain recorded traffic, and say which clause of the specification it breaks.
+    """Explain recorded traffic, and name the clauses of the specification that it breaks.
 
     Reads captures of Linux's usbmon (pcap, pcapng), plain blocks and records, hex text and dumps,
     serial lines, firmware images, and messages of the chain.
@@ -97,7 +97,7 @@ def decode(
 
 
 class Totals:
-    """How many pieces of each kind there were, and how many were invalid."""
+    """The number of pieces of each kind, and of invalid ones."""
 
     def __init__(self) -> None:
         self.kinds: Counter[str] = Counter()
@@ -110,7 +110,7 @@ class Totals:
 
     @property
     def all_valid(self) -> bool:
-        """Whether nothing invalid was among them."""
+        """Whether all pieces were valid."""
         return self.invalid == 0
 
     @property
@@ -125,13 +125,13 @@ def _plural(kind: str) -> str:
 
 
 def explain(piece: Piece) -> Description:
-    """Say what a piece of traffic is, and what is wrong with it or with how it was recorded."""
+    """Describe a piece of traffic, and what is wrong with it or with its recording."""
     description = _described(piece)
     if piece.missing:
-        finding = Finding("", "", f"{piece.missing} of its bytes were not recorded")
+        finding = Violation("", "", f"{piece.missing} of its bytes were not recorded")
         return replace(description, findings=(finding,))
     if piece.problem:
-        return replace(description, findings=(*description.findings, Finding("", "", piece.problem)))
+        return replace(description, findings=(*description.findings, Violation("", "", piece.problem)))
     return description
 
 
@@ -201,7 +201,7 @@ def _record(piece: Piece, description: Description, list_pulses: bool) -> dict[s
 
 @contextmanager
 def _report(target: str | None, name: str, totals: Totals) -> Iterator[Callable[[dict[str, Any]], None]]:
-    """Write records as JSON, as they come; the whole appears where it is wanted when the last one has."""
+    """Write records as JSON, as they come; the complete file replaces its target after the last one."""
     if target is None:
         yield lambda _: None
     elif target == "-":

@@ -1,4 +1,4 @@
-"""The command that proves all at once: ``demo``."""
+"""The command that shows the whole path: ``demo``."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def demo(
     ] = Path("demo.png"),
     json_target: JsonOption = None,
 ) -> None:
-    """Show the whole way: a sphere on a palm, five emulated boards, pressure.
+    """Show the whole path: a sphere on a palm, five emulated boards, pressure.
 
     A sphere of 10 cm, centred 17 cm above the array, is cut by a palm at 20 cm. The circle that the palm feels is
     sampled every 15 mm, solved, quantised to pulses, packed, sent through pyusb to an emulated device, sorted, carried
     over the chain, played as 320 square waves, captured bit by bit, and propagated back to the palm.
 
-    The exit code is 0 if what was rebuilt is what was intended, up to quantisation, and 1 if it is not.
+    The exit code is 0 if the rebuilt drive is the intended one, up to quantisation, and 1 if it is not.
     """
     check_picture_path(picture)
     check_outputs([picture, json_target])
@@ -86,7 +86,7 @@ def demo(
             f"{field.pressure.size} samples on the palm, at most {strongest:.0f} Pa (peak, linear model)",
         )
         status.update("drawing")
-        verdict = "PASS: what was intended is what came back" if run.passed else "FAIL: something else came back"
+        verdict = "PASS: the rebuilt drive is the intended one" if run.passed else "FAIL: something else came back"
         save_end_to_end_picture(picture, run, field, f"phasewire demo: a sphere of 10 cm on a palm at 20 cm. {verdict}")
         told("picture", str(picture))
 
@@ -100,7 +100,7 @@ def demo(
 
 
 def _tell_events(progress: Console, emulator: Emulator, run: EndToEnd) -> None:
-    """Say when what happened inside the device, until the outputs began to play."""
+    """Print the times of events inside the device, until the outputs began to play."""
     moments = sorted({tick / TICK_HZ for tick in run.latch_ticks})
     first = emulator.events[0].time
     lines = [(event.time, f"controller {event.what}") for event in emulator.events if event.where == "controller"]
@@ -119,12 +119,12 @@ def _print_differences(out: Console, run: EndToEnd) -> None:
     table = Table("largest error", _number_column("rebuilt"), _number_column("quantisation alone"), "unit")
     for row in run.differences():
         table.add_row(row["what"], f"{row['rebuilt']:.4f}", f"{row['quantisation']:.4f}", row["unit"])
-    out.print("\nWhat the boards emitted against what was intended, and how much of it quantisation alone explains:")
+    out.print("\nWhat the boards emitted against what was intended, and how much of the difference is quantisation:")
     out.print(table)
 
 
 def _print_checks(out: Console, run: EndToEnd) -> None:
-    out.print("What must hold:")
+    out.print("Requirements:")
     table = Table("check", _number_column("measured"), _number_column("at most"), "unit", "")
     for check in run.checks():
         mark = Text("pass", "green") if check.passed else Text("FAIL", "red")

@@ -1,4 +1,4 @@
-"""Commands that ask a device one thing or tell it one: ``stop``, ``info``, ``reset`` and their like."""
+"""Commands that make one request to a device: ``stop``, ``info``, ``reset`` and others."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WATCHDOG_MS, DRIVE_LIMITS = VALUES[Request.WATCHDOG], VALUES[Request.LIMIT]
 
 
 def _tell(json_target: str | None, command: str, name: str, said: str, status: Status) -> None:
-    """The result of a command that tells a device one thing."""
+    """The result of a command that makes one request."""
     console_for(json_target).print(f"{name}{said}")
     record = {"format": f"phasewire-{command}-1", "device": name, "status": plain(status)}
     write_json(json_target, record)
@@ -51,7 +51,7 @@ def _versions(what: Info) -> str:
 
 @commands.command(epilog="Example: phasewire info --json -")
 def info(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
-    """Say what a device is and what it is doing."""
+    """Show a device's description and its state."""
     check_outputs([json_target])
     with open_device(device, observe=True) as opened:
         what, status = opened.info, opened.status()
@@ -89,10 +89,10 @@ def read_back(
     device: DeviceOption = DEFAULT_URL,
     json_target: JsonOption = None,
 ) -> None:
-    """Ask the processors what they play, and show it as the grid of transducers.
+    """Read back what the processors play, and show it as the grid of transducers.
 
-    Of each transducer it shows the phase, 0 to 99, and the width, 0 to 25; a dot is a silent one. While another program
-    uses the device over USB, ask over its serial line.
+    It shows the phase, 0 to 99, and the width, 0 to 25, of each transducer; a dot is a silent one. While another
+    program uses the device over USB, use its serial line.
     """
     check_outputs([json_target])
     with open_device(device, observe=True) as opened:
@@ -104,7 +104,7 @@ def read_back(
     else:
         since = f"since carrier period {found.since_period}"
         if found.mixed:
-            since = "what its processors did not begin together: entries of a period or two, or a missed commit"
+            since = "updates that its processors did not begin together: entries of a period or two, or a missed commit"
         out.print(f"{opened.name} plays {since}:")
         cells = [
             f"{phase:>2}/{width:<2}" if width else "  .  "
@@ -183,13 +183,13 @@ def limit(
             metavar="TRANSDUCERS",
             min=DRIVE_LIMITS[0],
             max=DRIVE_LIMITS[-1],
-            help="Most power that it may be asked for, in fully driven transducers.",
+            help="The greatest allowed drive, in fully driven transducers.",
         ),
     ],
     device: DeviceOption = DEFAULT_URL,
     json_target: JsonOption = None,
 ) -> None:
-    """Turn a device's outputs off, and have it refuse whatever asks for more power, until it restarts."""
+    """Turn a device's outputs off, and set its drive limit, until it restarts."""
     check_outputs([json_target])
     note_where_fresh(device)
     with open_device(device) as opened:
@@ -200,7 +200,7 @@ def limit(
 
 @commands.command(name="clear-faults", epilog="Example: phasewire clear-faults --device usb:")
 def clear_faults(device: DeviceOption = DEFAULT_URL, json_target: JsonOption = None) -> None:
-    """Clear the faults of a device whose cause is gone, and say which are left."""
+    """Clear the faults of a device whose cause is gone, and list the others."""
     check_outputs([json_target])
     note_where_fresh(device)
     with open_device(device, observe=True) as opened:

@@ -1,4 +1,4 @@
-"""Commands that find devices and what is wrong with them: ``devices`` and ``doctor``."""
+"""Commands that find devices and problems with them: ``devices`` and ``doctor``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..errors import DeviceNotFoundError
 from ..host.finding.computer_checks import udev_rule
 from ..host.finding.discovery import search
 from ..host.finding.doctor import CHECKS, FOUND, examine
-from ..host.finding.findings import Verdict
+from ..host.finding.findings import CheckVerdict
 from ..host.lines.opening import URL_VARIABLE
 from ..storage import check_outputs
 from .completion import device_urls
@@ -30,7 +30,7 @@ CHECK_FAILED, NO_DEVICE = 1, 3
 def devices(json_target: JsonOption = None) -> None:
     """List the devices that can be found, on USB and on serial lines.
 
-    Exit code 3 where there are none. An emulated device needs no finding: emulator: always works.
+    Exit code 3 if there are none. The URL emulator: always works, and is not listed.
     """
     check_outputs([json_target])
     found, failures = search()
@@ -81,10 +81,10 @@ def doctor(
     ] = False,
     json_target: JsonOption = None,
 ) -> None:
-    """Look for what is wrong with this computer and a device, and say what to do about it.
+    """Check this computer and a device for problems, and suggest remedies.
 
-    It stops what the device plays, tries patterns that make no sound, and leaves the outputs off. Exit code 1 where a
-    check failed, 3 where there is no device.
+    It stops what the device plays, tries silent patterns, and leaves the outputs off. Exit code 1 if a check failed, 3
+    if there is no device.
     """
     check_outputs([json_target])
     if udev:
@@ -96,7 +96,7 @@ def doctor(
         tell(finding, CHECKS, json_target)
     console_for(json_target).print(count(findings))
     write_json(json_target, {"format": "phasewire-doctor-1"} | as_record(findings))
-    if any(finding.name == FOUND and finding.verdict is Verdict.FAIL for finding in findings):
+    if any(finding.name == FOUND and finding.verdict is CheckVerdict.FAIL for finding in findings):
         raise typer.Exit(NO_DEVICE)
     if failed(findings):
         raise typer.Exit(CHECK_FAILED)

@@ -1,4 +1,4 @@
-"""The command that gives emulated devices to other programs: ``emulate``."""
+"""The command that offers emulated devices to other programs: ``emulate``."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ __all__ = ["commands"]
 commands = typer.Typer(rich_markup_mode=None)
 
 BUS = 1
-MOST_DEVICES = 127  # of one bus (USB 2.0, 8.3.2.1)
+MOST_DEVICES = 127  # on one bus (USB 2.0, 8.3.2.1)
 PACES = {pace.value: pace for pace in Pace}
 PTY, TCP = "pty", "tcp"
 STATUS_SECONDS = 0.5
-HISTORY_PERIODS = 4_000  # nobody looks at what the outputs did, and a device may be served for days
+HISTORY_PERIODS = 4_000  # the outputs are not examined, and a device may be served for days
 
 Choice = TypeVar("Choice")
 
 
 @dataclass
 class Stand:
-    """An emulated device and where others find it."""
+    """An emulated device and its addresses."""
 
     emulator: Emulator
     station: Station
@@ -63,7 +63,7 @@ class Stand:
     usbredir_port: int | None = None
 
     def record(self) -> dict[str, Any]:
-        """What scripts need to know of it."""
+        """The record for scripts."""
         return {
             "serial": self.emulator.serial,
             "bus_id": self.bus_id,
@@ -74,7 +74,7 @@ class Stand:
 
 @dataclass(frozen=True)
 class Wishes:
-    """Which doors are to be opened."""
+    """The doors to open."""
 
     usbip: bool
     usbredir: bool
@@ -90,7 +90,7 @@ class Wishes:
 @commands.command(epilog="Example: phasewire emulate --serial pty --seconds 60")
 def emulate(
     usbip: Annotated[
-        bool, typer.Option("--usbip", help="Offer the devices by USB/IP; so it is too where no door is asked for.")
+        bool, typer.Option("--usbip", help="Offer the devices by USB/IP; the default if no door is requested.")
     ] = False,
     usbredir: Annotated[
         bool, typer.Option("--usbredir", help="Offer each device to a QEMU by usbredir, on a TCP port of its own.")
@@ -117,8 +117,8 @@ def emulate(
     pace: Annotated[
         str,
         typer.Option(
-            help="What makes the devices' time pass: wall, the clock on the wall, or fast, what they are asked to do, "
-            "and that as fast as it can be computed, so that a slow host trips no watchdog. Streams need wall.",
+            help="What makes the devices' time pass: wall, the wall clock, or fast, only the requests that they get, "
+            "as fast as they can be computed, so that a slow host trips no watchdog. Streams need wall.",
             autocompletion=among(PACES),
         ),
     ] = Pace.WALL.value,
@@ -128,14 +128,14 @@ def emulate(
     host: Annotated[
         str,
         typer.Option(
-            help="Address to listen on. At another than 127.0.0.1 whoever reaches this computer can use the devices: "
-            "neither USB/IP nor a serial line asks who comes, or hides what is said."
+            help="Address to listen on. With another than 127.0.0.1 whoever reaches this computer can use the devices: "
+            "neither USB/IP nor a serial line authenticates or encrypts."
         ),
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port of USB/IP; 0 is any that is free.")] = PORT,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port of USB/IP; 0 for any free one.")] = PORT,
     serial_port: Annotated[
         int,
-        typer.Option(min=0, max=65535, help="TCP port of the first device's UART; 0 is any that is free, for each."),
+        typer.Option(min=0, max=65535, help="TCP port of the first device's UART; 0 for any free one, for each."),
     ] = 0,
     baud: Annotated[int, typer.Option(help="Of the UARTs, in bits per second.")] = BAUD,
     shared_sync: Annotated[
@@ -144,13 +144,13 @@ def emulate(
     scenario: Annotated[
         Path | None,
         typer.Option(
-            help="TOML file of what goes wrong with each device, and when.", exists=True, dir_okay=False, readable=True
+            help="TOML file with faults of each device and their times.", exists=True, dir_okay=False, readable=True
         ),
     ] = None,
     flash: Annotated[
         Path | None,
         typer.Option(
-            help="File that is the device's flash: read at the beginning if it is there, written at each step of an "
+            help="File that is the device's flash: read at the start if it exists, written at each step of an "
             "upgrade and at the end.",
             dir_okay=False,
         ),
@@ -160,7 +160,7 @@ def emulate(
         typer.Option(
             "--umockdev",
             metavar="COMMAND",
-            help='Run a program, such as "lsusb -v", that sees these devices on USB and nothing else, by umockdev.',
+            help='Run a program, such as "lsusb -v", that sees only these devices on USB, by umockdev.',
         ),
     ] = None,
     exported: Annotated[
@@ -168,7 +168,7 @@ def emulate(
         typer.Option(
             "--export",
             metavar="FILE",
-            help="At the end write what the first device's outputs did last, 0.1 s at least, to FILE.vcd or FILE.sr.",
+            help="At the end write the last 0.1 s or more of the first device's outputs to FILE.vcd or FILE.sr.",
         ),
     ] = None,
     timeline: Annotated[
@@ -180,13 +180,13 @@ def emulate(
         typer.Option(
             "--json",
             metavar="FILE",
-            help="Say where the devices are as JSON in FILE, once they are there; - is a line on standard output.",
+            help="Write the addresses of the devices as JSON to FILE, once they exist; - is a line on standard output.",
         ),
     ] = None,
 ) -> None:
     """Serve emulated devices to other programs, until Ctrl-C.
 
-    By USB/IP a Linux machine attaches them as real USB devices, with its own drivers: usb: and any program that speaks
+    By USB/IP a Linux machine attaches them as real USB devices, with its own drivers: usb: and any program that uses
     USB find them there. A serial line carries the console and frames.
     """
     check_outputs([json_target, exported, timeline, flash])
@@ -233,7 +233,7 @@ def emulate(
             )
             stands = [Stand(emulator, _station(emulator, wanted_pace)) for emulator in emulators]
             with suppress(KeyboardInterrupt), asyncio.Runner(loop_factory=precise_loop) as runner:
-                runner.run(_serve(stands, wishes))  # Ctrl-C comes here where the loop cannot be told of signals
+                runner.run(_serve(stands, wishes))  # Ctrl-C comes here if the loop cannot handle signals
             code = 0
             console_for(json_target).print("Ended; the devices are gone.")
         if exported:
@@ -264,7 +264,7 @@ def _draw_way(path: Path, link: Link) -> None:
 
 
 def _serial_numbers(count: int | None, given: Sequence[str]) -> Sequence[str | None]:
-    """A serial number for each device, or None where one is to be made up."""
+    """A serial number for each device, or None for a random one."""
     if not given:
         return [None] * (count or 1)
     if count not in (None, len(given)):
@@ -286,10 +286,10 @@ def _station(emulator: Emulator, pace: Pace) -> Station:
 
 
 async def _serve(stands: Sequence[Stand], wishes: Wishes) -> None:
-    """Open the doors, say where they are, and serve."""
+    """Open the doors, print the addresses, and serve."""
     messages = error_console()
     stations = {stand.emulator.serial: stand.station for stand in stands}
-    gc.freeze()  # what is loaded stays; to look through it again and again would hold the devices' time up
+    gc.freeze()  # what is loaded stays; collecting it again and again would delay the devices' time
     async with Server(stations, messages.print) as server:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -328,16 +328,16 @@ def _in_url(host: str) -> str:
 
 
 def _announce(stands: Sequence[Stand], wishes: Wishes, usbip_port: int | None) -> None:
-    """Say where the devices are, and what to type."""
+    """Print the addresses of the devices, and the commands to type."""
     out = console_for(wishes.json_target)
     if usbip_port is not None:
         where = f"{_in_url(wishes.host)}:{usbip_port}"
-        out.print(f"By USB/IP on {wishes.host}, port {usbip_port}. On the Linux machine that shall have them, as root:")
+        out.print(f"By USB/IP on {wishes.host}, port {usbip_port}. On the Linux machine that attaches them, as root:")
         out.print("  modprobe vhci-hcd")
         for stand in stands:
             out.print(f"  phasewire attach {where} {stand.bus_id} --loop    # {stand.emulator.serial}")
     if wishes.usbredir:
-        out.print(f"By usbredir on {wishes.host}. A QEMU has a device by:")
+        out.print(f"By usbredir on {wishes.host}. Options of a QEMU that uses a device:")
         for stand in stands:
             out.print(
                 f"  -device usb-ehci -chardev socket,id=usb,host={wishes.host},port={stand.usbredir_port} "
@@ -351,7 +351,7 @@ def _announce(stands: Sequence[Stand], wishes: Wishes, usbip_port: int | None) -
             )
     if not _is_loopback(wishes.host) and (wishes.usbip or wishes.usbredir or wishes.serial == TCP):
         error_console().print(
-            f"warning: whoever reaches {wishes.host} can use these devices, and read what is said", style="yellow"
+            f"warning: whoever reaches {wishes.host} can use these devices, and read their traffic", style="yellow"
         )
     record = {
         "format": "phasewire-emulate-1",
@@ -373,7 +373,7 @@ def _is_loopback(host: str) -> bool:
 
 @contextmanager
 def _status_line(console: Console, stands: Sequence[Stand]) -> Iterator[None]:
-    """Keep a line up to date that says how the devices are, where there is a terminal for it."""
+    """Show the state of the devices on one line, if there is a terminal for it."""
     if not console.is_terminal:
         yield
         return

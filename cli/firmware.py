@@ -42,7 +42,7 @@ commands = typer.Typer(
     rich_markup_mode=None,
     no_args_is_help=True,
     help="Build, inspect, sign and verify firmware images.",
-    epilog=f"A key to sign with: {MAKE_PRIVATE_KEY}. What others verify with: {MAKE_PUBLIC_KEY}.",
+    epilog=f"A key to sign with: {MAKE_PRIVATE_KEY}. The key to verify with: {MAKE_PUBLIC_KEY}.",
 )
 
 ANY, ANY_ID = "any", 0xFFFF
@@ -50,7 +50,7 @@ ANY, ANY_ID = "any", 0xFFFF
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A firmware image, with its DFU suffix.")]
 OutputOption = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The .dfu file to write.")]
 KEY_HELP = f"PEM file of the private key, not encrypted. Make one by: {MAKE_PRIVATE_KEY}."
-PUBLIC_KEY_HELP = f"PEM file of a public key that is trusted; may be given again. Make one by: {MAKE_PUBLIC_KEY}."
+PUBLIC_KEY_HELP = f"PEM file of a trusted public key; may be given again. Make one by: {MAKE_PUBLIC_KEY}."
 
 
 @commands.command(
@@ -61,20 +61,20 @@ def build(
     firmware_version: Annotated[str, typer.Option(metavar="X.Y.Z", help="Version of the firmware, up to 99.9.9.")],
     output: OutputOption,
     processors: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The program of all ten processors, where they are alike.")
+        Path | None, typer.Option(metavar="FILE", help="The program of all ten processors, if they are alike.")
     ] = None,
     processor: Annotated[
         list[str] | None,
-        typer.Option(metavar="N=FILE", help="The program of processor N, 0 to 9; ten of these where they differ."),
+        typer.Option(metavar="N=FILE", help="The program of processor N, 0 to 9; ten of these if they differ."),
     ] = None,
     hardware: Annotated[
-        str, typer.Option(metavar="NAME", help=f"What it is for: {', '.join(kind.name for kind in Hardware)}.")
+        str, typer.Option(metavar="NAME", help=f"The target hardware: {', '.join(kind.name for kind in Hardware)}.")
     ] = Hardware.FIVE_BOARDS.name,
     usb_id: Annotated[
         str,
         typer.Option(
             metavar="VENDOR:PRODUCT",
-            help="Of the devices that take the file, in hexadecimal; any:any where all do.",
+            help="USB id of the devices that take the file, in hexadecimal; any:any for all.",
         ),
     ] = f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}",
     key: Annotated[Path | None, typer.Option(metavar="PRIVATE.pem", help=f"Sign the image at once. {KEY_HELP}")] = None,
@@ -82,7 +82,7 @@ def build(
 ) -> None:
     """Put the programs of controller and processors into one image, which phasewire flash and dfu-util take.
 
-    A program has 1 to 65536 bytes, as a processor's memory; nothing in it is looked at.
+    A program has 1 to 65536 bytes, the size of a processor's memory; its contents are not checked.
     """
     programs = _programs(processors, processor or [])
     inputs = [controller, *programs.values(), *([key] if key else [])]
@@ -103,7 +103,7 @@ def inspect(
     ] = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Say what a firmware image holds, what it is for, and who signed it."""
+    """Show what a firmware image contains, its target hardware, and who signed it."""
     check_outputs([json_target], [file, *(key or [])])
     image, suffix = read_image(file)
     verdict = judge(image, read_public_keys(key or []))
@@ -135,7 +135,7 @@ def sign_file(
     output: OutputOption,
     json_target: JsonOption = None,
 ) -> None:
-    """Sign a firmware image; a signature that it has is replaced, and nothing else."""
+    """Sign a firmware image; an old signature is replaced, and nothing else changes."""
     check_outputs([output, json_target], [file, key])
     image, suffix = read_image(file)
     _write(output, sign(image, _private_key(key)), suffix, json_target)
@@ -147,7 +147,7 @@ def verify(
     key: Annotated[list[Path], typer.Option(metavar="PUBLIC.pem", help=PUBLIC_KEY_HELP)],
     json_target: JsonOption = None,
 ) -> None:
-    """Check that a firmware image is whole and signed with a key that is trusted.
+    """Check that a firmware image is undamaged and signed with a trusted key.
 
     The exit code is 0 if it is and 1 if it is not.
     """
@@ -161,14 +161,14 @@ def verify(
         raise typer.Exit(1)
 
 
-# What options say
+# Values of options
 
 
 def _programs(processors: Path | None, each: Sequence[str]) -> dict[Target, Path]:
     """The files of the processors' programs, in the order of clause FWU-007."""
     if (processors is None) == (not each):
         raise ValueError(
-            f"the processors' programs are named once: --processors FILE, or --processor N=FILE {PROCESSORS} times"
+            f"name the processors' programs once: --processors FILE, or --processor N=FILE {PROCESSORS} times"
         )
     if processors is not None:
         return {Target.ALL_PROCESSORS: processors}
@@ -217,7 +217,7 @@ def _id_text(number: int) -> str:
 
 
 def _private_key(path: Path) -> Ed25519PrivateKey:
-    """A key to sign with; say so if others can use it too."""
+    """A key to sign with; warns if others can read it too."""
     key = read_private_key(path)
     if problem := exposure(path):
         error_console().print(f"warning: {problem}", style="yellow")

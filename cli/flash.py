@@ -20,14 +20,14 @@ from .console import JsonOption, console_for, error_console, write_json
 from .options import DeviceOption, given, note_where_fresh
 
 if TYPE_CHECKING:
-    from ..host.firmware.flashing import OnProgress, Stage
+    from ..host.firmware.flashing import FlashStage, OnProgress
 
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
 FOR_IMAGES = ("keys", "allow_downgrade", "allow_other_protocol")
-"""Parameters that mean something only where there is an image to send."""
+"""Parameters that need an image."""
 
 
 @commands.command(epilog="Example: phasewire flash firmware.dfu --device usb:")
@@ -61,21 +61,19 @@ def flash(
     ] = False,
     allow_other_protocol: Annotated[
         bool,
-        typer.Option("--allow-other-protocol", help="Send an image that speaks a protocol unknown to this program."),
+        typer.Option("--allow-other-protocol", help="Send an image whose protocol this program does not know."),
     ] = False,
     list_devices: Annotated[bool, typer.Option("--list", help="List devices, with mode, firmware and bank.")] = False,
-    revert: Annotated[
-        bool, typer.Option("--revert", help="Have the device go back to the image that it was made with.")
-    ] = False,
+    revert: Annotated[bool, typer.Option("--revert", help="Have the device return to its factory image.")] = False,
     json_target: JsonOption = None,
 ) -> None:
-    """Give a device new firmware, whole or not at all, and see that it runs.
+    """Give a device new firmware, completely or not at all, and check that it runs.
 
-    Goes over USB, by DFU. The device is silent from the beginning, and its outputs are off in the end. Whatever goes
-    wrong, also Ctrl-C, it boots what it ran before, or the new image if that was whole; then begin again.
+    It uses USB and DFU. The device is silent from the beginning, and its outputs are off in the end. After any error,
+    and after Ctrl-C, it boots its old firmware, or the new image if that was complete; then run the command again.
     """
     if (image is not None) + list_devices + revert != 1:
-        raise ValueError("what to do? Give one of IMAGE, --list and --revert")
+        raise ValueError("which action? Give one of IMAGE, --list and --revert")
     if image is None and any(given(context, option) for option in FOR_IMAGES):
         raise ValueError("--key, --allow-downgrade and --allow-other-protocol have no effect without IMAGE")
     check_outputs([json_target], inputs=[image] if image else [])
@@ -129,11 +127,11 @@ def _flash(
 
 @contextmanager
 def _progress(console: Console) -> Iterator[OnProgress]:
-    """Show how far it is: as a bar on a terminal, elsewhere as a line for each stage."""
+    """Show the progress: as a bar on a terminal, elsewhere as a line for each stage."""
     if not console.is_terminal:
-        last: list[Stage] = []
+        last: list[FlashStage] = []
 
-        def say(stage: Stage, _done: int, _total: int) -> None:
+        def say(stage: FlashStage, _done: int, _total: int) -> None:
             if last[-1:] != [stage]:
                 last.append(stage)
                 console.print(stage.value)
@@ -144,9 +142,9 @@ def _progress(console: Console) -> Iterator[OnProgress]:
 
     columns = TextColumn("{task.description}"), BarColumn(bar_width=24), DownloadColumn(), TimeRemainingColumn()
     with Progress(*columns, console=console, transient=True) as bar:
-        tasks: dict[Stage, TaskID] = {}
+        tasks: dict[FlashStage, TaskID] = {}
 
-        def move(stage: Stage, done: int, total: int) -> None:
+        def move(stage: FlashStage, done: int, total: int) -> None:
             if stage not in tasks:
                 for earlier in tasks.values():
                     bar.remove_task(earlier)

@@ -1,4 +1,4 @@
-"""Options that commands which talk to a device have in common, and what is said where one means nothing."""
+"""Options that several commands with a device share, and the messages for unsuitable ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 MOST_SECONDS = 1e9
-"""Thirty years: so long may something take that is not to take for ever."""
+"""Thirty years: the longest duration that an option can state."""
 
 
 DeviceOption = Annotated[
@@ -49,7 +49,7 @@ CalibrationOption = Annotated[
     typer.Option(
         "--calibration",
         metavar="FILE",
-        help="A .csv file of what each transducer really does; drives are corrected for it.",
+        help="A .csv file of each transducer's real emission; drives are corrected for it.",
     ),
 ]
 
@@ -58,7 +58,7 @@ PoseOption = Annotated[
     typer.Option(
         "--pose",
         metavar="FILE",
-        help="A .toml file that says where the tracker is (docs/hands.md).",
+        help="A .toml file with the tracker's position (docs/hands.md).",
     ),
 ]
 
@@ -73,23 +73,23 @@ def load_calibration(path: Path | None) -> Calibration | None:
 
 
 def given(context: typer.Context, option: str) -> bool:
-    """Whether an option stands on the command line. What a file of defaults says is for many commands, and may idle."""
+    """Whether an option is on the command line. Defaults in a file apply to many commands, and may be unused here."""
     source = context.get_parameter_source(option)
     return source is not None and source.name == "COMMANDLINE"
 
 
 def is_fresh(url: str) -> bool:
-    """Whether a URL means an emulated device that comes and goes with this process."""
+    """Whether a URL means an emulated device that only exists during this process."""
     return url.partition("?")[0] == DEFAULT_URL
 
 
 def command_for(command: str, url: str) -> str:
-    """A command as somebody would type it for this device."""
+    """A command line for this device, to be typed."""
     return f"`phasewire {command} --device {shlex.quote(url)}`"
 
 
 def note_where_fresh(url: str) -> None:
-    """Say that no device that was there before, or will be afterwards, has been spoken to, where that is so."""
+    """Warn that the command used a fresh emulated device instead of a real one, if it did."""
     if is_fresh(url):
         error_console().print(
             f"note: {url} is a fresh emulated device, which is gone when this command ends. For another give --device, "

@@ -1,4 +1,4 @@
-"""Commands that make a device play for a time, and record what would be played.
+"""Commands that make a device play for a time, or record a stream.
 
 ``show``, ``stream``, ``play``, ``record``.
 """
@@ -44,7 +44,7 @@ from .options import (
     load_calibration,
     note_where_fresh,
 )
-from .solving import files_in, read_source, shapes_and_files
+from .points import files_in, read_source, shapes_and_files
 from .sources import ARCHIVE, Source, check_options, differences, frames_of, open_file, open_source
 
 __all__ = ["commands"]
@@ -54,7 +54,7 @@ commands = typer.Typer(rich_markup_mode=None)
 BACK = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
 RATE = 1000.0
 SECONDS = 1.0
-"""How long something plays that has no end, where nobody says."""
+"""How long endless content plays by default."""
 TACTILE_HZ = 200.0
 MOST_TURNS = CARRIER_HZ / 2
 
@@ -81,13 +81,13 @@ DurationOption = Annotated[
         "--seconds",
         min=0,
         max=MOST_SECONDS,
-        help=f"How long at most, in s; by default to the end of the frames, or {SECONDS:g} s where they have none.",
+        help=f"How long at most, in s; by default to the end of the frames, or {SECONDS:g} s if they have none.",
     ),
 ]
 MethodOption = Annotated[
     str,
     typer.Option(
-        help=f"How points are solved: {', '.join(METHODS)} (see `phasewire solve --help`).",
+        help=f"The solving method for points: {', '.join(METHODS)} (see `phasewire solve --help`).",
         autocompletion=among(METHODS),
     ),
 ]
@@ -108,7 +108,7 @@ def array_of(what: Info) -> TransducerArray:
 
 
 def warn_of_differences(name: str, source: Source, what: Info) -> None:
-    """Say in which ways a device is not what the frames were made for."""
+    """Warn of the differences between a device and the one for which frames were made."""
     for difference in differences(source, what):
         error_console().print(f"warning: {name} was made for something else: {difference}", style="yellow")
 
@@ -121,14 +121,14 @@ def frames_in(source: Source, seconds: float | None, rate: float) -> int | None:
 
 
 class Meter:
-    """One line that shows how a stream is doing, on a terminal; nothing elsewhere but its end."""
+    """One line that shows the state of a stream, on a terminal; elsewhere only the last."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self.last: StreamReport | None = None
 
     def __call__(self, report: StreamReport) -> None:
-        """Show a report in the place of the one before."""
+        """Replace the report on the line."""
         self.last = report
         if self._console.is_terminal:
             self._console.control(BACK)
@@ -158,8 +158,8 @@ def show(
     """Play one frame on a device, and leave its outputs off.
 
     It is not modulated, so skin hardly feels it: `phasewire stream FILE` plays it modulated at 200 Hz. While it plays,
-    the device hears regular signs of life; should this program die, the device's watchdog turns the outputs off. Of an
-    emulated device the time passes as fast as this computer allows.
+    the device gets regular signs of life; if this program dies, the device's watchdog turns the outputs off. The time
+    of an emulated device passes as fast as this computer allows.
     """
     check_outputs([json_target], inputs=[file])
     with open_file(file) as source:
@@ -211,10 +211,10 @@ def stream(
     """Play frames one after the other at a rate, and leave the outputs off.
 
     Points are solved live, frame by frame; --spin moves them. Standard input has a line of JSON for each frame:
-    {"positions": [[x, y, z], ...], "amplitudes": [...]}, in m, the amplitudes optional. Its lines must come at
-    the rate: each late one is an underrun, and where none comes for the watchdog's time, 0.1 s at power-up, the device
-    turns its outputs off and the command ends with code 4. The time of an emulated device passes with what is sent to
-    it, as fast as this computer allows.
+    {"positions": [[x, y, z], ...], "amplitudes": [...]}, in m, the amplitudes optional. Its lines must come at the
+    rate: each late one is an underrun, and without a line for the watchdog's time, 0.1 s at power-up, the device turns
+    its outputs off and the command ends with code 4. The time of an emulated device passes with the data that are sent
+    to it, as fast as this computer allows.
     """
     check_outputs([json_target], inputs=files_in(source))
     envelope = sine(modulation) if modulation else None
@@ -267,7 +267,7 @@ def play(
         bool, typer.Option("--unattended", help="Leave the device playing when this command ends.")
     ] = False,
     modulation: Annotated[
-        float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points take turns.")
+        float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points alternate.")
     ] = TACTILE_HZ,
     method: MethodOption = "wgs",
     calibration: CalibrationOption = None,
@@ -275,9 +275,9 @@ def play(
 ) -> None:
     """Play a shape by two-sided modulation, which the device does from its memory.
 
-    The points are split in two halves that take turns, so that the array never rests (the paper's section 3.4). Two
-    frames are stored; nothing more need be sent. With --unattended the device goes on by itself, also unplugged from
-    this computer where it has power of its own, until `phasewire stop`.
+    The points are split in two halves that alternate, so that the array never rests (the paper's section 3.4). Two
+    frames are stored; no more data are needed. With --unattended the device goes on by itself until `phasewire stop`,
+    even unplugged from this computer if it has power of its own.
     """
     check_outputs([json_target], inputs=files_in(source))
     if unattended and (given(context, "forever") or given(context, "seconds")):
@@ -307,7 +307,7 @@ def play(
     if not unattended:
         said = "Stopped; the outputs are off."
     elif is_fresh(device):
-        said = "It would play on, but it is gone with this command."
+        said = "It would play on, but it ends with this command."
     else:
         said = f"It plays on until {stop}."
     console_for(json_target).print(said)
@@ -337,8 +337,8 @@ def record_command(
 ) -> None:
     """Write the frames of a stream to a file, from which `phasewire stream` plays them later, bit for bit.
 
-    Points are solved for 20 × 16 transducers, 10.3 mm apart, and air of 20 °C. What was solved or recorded before keeps
-    its array and its air, and a recording its rate and its calibration.
+    Points are solved for 20 × 16 transducers, 10.3 mm apart, and air of 20 °C. Solved or recorded frames keep their
+    array and their air, and a recording its rate and its calibration.
     """
     check_outputs([output, json_target], inputs=files_in(source))
     if output.suffix.lower() != SUFFIX:
@@ -364,7 +364,7 @@ def record_command(
 
 @contextmanager
 def leaving_on(device: Device) -> Iterator[Device]:
-    """A device that is left playing where all went well."""
+    """A device that keeps playing after success."""
     try:
         yield device
     except BaseException:

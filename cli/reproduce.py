@@ -43,7 +43,7 @@ Result = TypeVar("Result")
 
 
 def _compute(what: str, output: Path, json_target: str | None, compute: Callable[[], Result]) -> Result:
-    """Check the outputs, then compute, with a sign of life."""
+    """Check the outputs, then compute, with a sign of progress."""
     check_picture_path(output)
     check_outputs([output, json_target])
     with error_console().status(what):
@@ -53,7 +53,7 @@ def _compute(what: str, output: Path, json_target: str | None, compute: Callable
 def _finish(
     output: Path, figure: Figure, json_target: str | None, record: dict[str, Any], table: Table, claims: list[str]
 ) -> None:
-    """Write picture, table, what became of the paper's claims, and the record."""
+    """Write the picture, the table, the verdicts on the paper's claims, and the record."""
     save_figure(figure, output)
     out = console_for(json_target)
     out.print(table)
@@ -104,7 +104,7 @@ def figure6(
 
 
 def figure_6_claims(panels: list[Rendering]) -> list[str]:
-    """What the paper says of Figure 6, and whether it came out."""
+    """The paper's claims about Figure 6, and the verdicts."""
 
     def total(letter: str, key: str) -> int:
         return sum(int(panel.record()[key]) for panel in panels if panel.technique == letter)
@@ -130,7 +130,7 @@ def figure_6_claims(panels: list[Rendering]) -> list[str]:
 def figure7(output: OutputOption = Path("figure7.png"), json_target: JsonOption = None) -> None:
     """Time of an update against the number of control points, from 1 to 512, by every technique.
 
-    Measured on this machine, whatever else it is doing; the paper used a GeForce GTX 780 Ti.
+    Times are measured on this machine, under its present load; the paper used a GeForce GTX 780 Ti.
     """
     timings = _compute("timing; this takes some ten seconds", output, json_target, reproduce_figure_7)
     counts = sorted({timing.points for timing in timings})
@@ -151,7 +151,7 @@ def _short(microseconds: float) -> str:
 
 
 def figure_7_claims(timings: list[Timing]) -> list[str]:
-    """What the paper says of Figure 7, and whether it came out."""
+    """The paper's claims about Figure 7, and the verdicts."""
     seconds = {(timing.technique, timing.points): timing.seconds for timing in timings}
     most = max(timing.points for timing in timings)
     ratios = {count: seconds["wgs two-sided", count] / seconds["wgs", count] for count in (min(32, most), most)}
@@ -170,8 +170,8 @@ def figure_7_claims(timings: list[Timing]) -> list[str]:
 @commands.command(name="range", epilog="Example: phasewire reproduce range --output range.pdf")
 def range_command(output: OutputOption = Path("range.png"), json_target: JsonOption = None) -> None:
     """Strength and sharpness from 5 to 60 cm above the array."""
-    found = _compute("looking from 5 to 60 cm", output, json_target, reproduce_range)
-    table = _table("height / cm", "focus / Pa", "across / mm", "along / mm", "ring / Pa", "beside the ring / dB")
+    found = _compute("computing from 5 to 60 cm", output, json_target, reproduce_range)
+    table = _table("height / cm", "focus / Pa", "across / mm", "along / mm", "ring / Pa", "next to the ring / dB")
     for at in found:
         sizes = ("–" if size is None else f"{size * 1e3:.1f}" for size in (at.width, at.depth))
         table.add_row(f"{at.height * 100:.1f}", f"{at.focus:.0f}", *sizes, f"{at.ring:.0f}", f"{at.contrast:.1f}")
@@ -181,7 +181,7 @@ def range_command(output: OutputOption = Path("range.png"), json_target: JsonOpt
 
 
 def range_claims(found: list[AtHeight]) -> list[str]:
-    """What the paper says of the range, and whether it came out."""
+    """The paper's claims about the range, and the verdicts."""
     strongest = max(found, key=lambda at: at.focus)
     inside = [at for at in found if 0.15 <= at.height <= 0.50]
     near, far = inside[0], inside[-1]
@@ -194,12 +194,12 @@ def range_claims(found: list[AtHeight]) -> list[str]:
         f"best between 15 and 50 cm: {_verdict(best)} for strength, which is largest at {strongest.height * 100:.1f} "
         f"cm ({strongest.focus:.0f} Pa); within that range a focus goes from {near.focus:.0f} to {far.focus:.0f} Pa "
         f"and its width from {_mm(near.width)} to {_mm(far.width)}. A linear model knows neither saturation, which "
-        "takes most near the array, nor what little is felt",
+        "takes most near the array, nor the threshold of touch",
     ]
 
 
 def _mm(length: float | None) -> str:
-    return "more than can be seen" if length is None else f"{length * 1e3:.1f} mm"
+    return "beyond the computed range" if length is None else f"{length * 1e3:.1f} mm"
 
 
 @commands.command(epilog="Example: phasewire reproduce figure4 --output figure4.svg")

@@ -1,8 +1,8 @@
-"""Defaults of options from a file of the user's, and the command that shows them: ``config``.
+"""Defaults of options from a user's file, and the command that shows them: ``config``.
 
 The file is TOML. A key at its top is an option of every command that has it, a table holds those of one command:
-``device = "usb:"``, ``[show]``, ``seconds = 5``. What stands on the command line comes first, then the environment,
-then the file, then what is built in. This module knows commands only as the command line shows them, and none by name.
+``device = "usb:"``, ``[show]``, ``seconds = 5``. The command line comes first, then the environment, then the file,
+then the built-in value. This module takes all commands from the command line itself, and knows none by name.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ __all__ = ["CONFIG_VARIABLE", "commands", "config_path", "defaults_from_file", "
 CONFIG_VARIABLE = "PHASEWIRE_CONFIG"
 FORMAT = "phasewire-config-1"
 _WIDTH = 100
-_SOURCES = {"DEFAULT_MAP": "file", "ENVIRONMENT": "environment"}  # click's names, and what people call them
+_SOURCES = {"DEFAULT_MAP": "file", "ENVIRONMENT": "environment"}  # click's names, and the usual ones
 
 commands = typer.Typer(rich_markup_mode=None)
 
 
 class Default(NamedTuple):
-    """What an option is if the command line does not say.
+    """The value of an option that the command line does not set.
 
     Parameters
     ----------
     command : str
-        The command's name, with those of the groups that it is in.
+        The command's name, with those of its groups.
     option : str
         The option's name, which is its key in the file.
     value : object
-        What it is; None if it is nothing.
+        Its value; None if it has none.
     source : str
-        Where that comes from: ``built-in``, ``file`` or ``environment``.
+        Its source: ``built-in``, ``file`` or ``environment``.
     """
 
     command: str
@@ -55,7 +55,7 @@ class Default(NamedTuple):
 
 
 def config_path() -> Path:
-    """Where the file is: `CONFIG_VARIABLE`, else the place that the system has for such files."""
+    """The path of the file: `CONFIG_VARIABLE`, else the system's place for such files."""
     if named := os.environ.get(CONFIG_VARIABLE):
         return Path(named)
     from platformdirs import user_config_path
@@ -64,7 +64,7 @@ def config_path() -> Path:
 
 
 def defaults_from_file(context: typer.Context) -> dict[str, Any]:
-    """Read the file and hold it against the commands.
+    """Read the file and check it against the commands.
 
     Parameters
     ----------
@@ -74,15 +74,14 @@ def defaults_from_file(context: typer.Context) -> dict[str, Any]:
     Returns
     -------
     dict
-        What click calls a default map: options, and maps of their own for commands.
+        A default map for click: options, and maps of their own for commands.
 
     Raises
     ------
     InputFileError
-        If the file is no TOML, names a command or an option that there is not, or gives an option a value that it
-        cannot have.
+        If the file is no TOML, names an unknown command or option, or gives an option an invalid value.
     OSError
-        If it cannot be read, or `CONFIG_VARIABLE` names one that is not there.
+        If it cannot be read, or `CONFIG_VARIABLE` names a missing file.
     """
     path = config_path()
     may_be_missing = CONFIG_VARIABLE not in os.environ or context.invoked_subcommand == config.__name__
@@ -121,13 +120,13 @@ def _named(context: typer.Context) -> Iterator[tuple[str, TyperOption]]:
 
 
 class _Reader:
-    """Holds tables against commands."""
+    """Checks tables against commands."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     def group(self, context: typer.Context, table: Mapping[str, Any], shared: Mapping[str, Any]) -> dict[str, Any]:
-        """The default map of a group from its table, and from options that are shared with what is outside."""
+        """The default map of a group from its table, and from the options of outer tables."""
         assert isinstance(context.command, TyperGroup)
         known, where = context.command.commands, _table(context)
         own = {key: value for key, value in table.items() if not isinstance(value, dict)}
@@ -137,7 +136,7 @@ class _Reader:
                 raise self._error(where, key, value, f"there is no command {key}{_near(key, known)}")
             if key in own and key in known:
                 right = ".".join(filter(None, (where, key)))
-                raise self._error(where, key, value, f"{key} is a command: its options stand in [{right}]")
+                raise self._error(where, key, value, f"{key} is a command: its options belong in [{right}]")
             if key in own and key not in there:
                 raise self._error(where, key, value, f"no command has an option --{key}{_near(key, there)}")
         found = {}
@@ -182,7 +181,7 @@ def _check(context: typer.Context, option: TyperOption, value: Any) -> None:
 
 
 def _name(context: typer.Context) -> str:
-    """The name of a command, with those of the groups that it is in."""
+    """The name of a command, with those of its groups."""
     return context.command_path.partition(" ")[2]
 
 
@@ -197,7 +196,7 @@ def _near(name: str, known: Iterable[str]) -> str:
 
 
 def _toml(value: Any) -> str:
-    """A value as TOML writes it."""
+    """A value in TOML notation."""
     match value:
         case bool():
             return str(value).lower()
@@ -209,7 +208,7 @@ def _toml(value: Any) -> str:
 
 
 def effective_defaults(context: typer.Context) -> list[Default]:
-    """What every option of every command is if the command line does not say.
+    """The value of every option of every command that the command line does not set.
 
     Parameters
     ----------
@@ -220,29 +219,29 @@ def effective_defaults(context: typer.Context) -> list[Default]:
     for each in each_command(context):
         for key, option in _named(each):
             value, source = option.consume_value(each, {})
-            value = None if value == () else value  # an option that may stand several times, and does not
+            value = None if value == () else value  # an option that may be repeated, and is not set
             found.append(Default(_name(each), key, value, _SOURCES.get(source.name, "built-in")))
     return found
 
 
 def example(context: typer.Context) -> str:
-    """A file in which every option stands with what is built in, as comments.
+    """A file with every option and its built-in value, as comments.
 
     Parameters
     ----------
     context : typer.Context
-        That of the command line as a whole; its default map is not heeded.
+        That of the command line as a whole; its default map is ignored.
     """
     own = {_table(each): {key: _entry(key, option) for key, option in _named(each)} for each in each_command(context)}
     alike: dict[str, Counter[str]] = defaultdict(Counter)
     for entries in own.values():
         for key, entry in entries.items():
             alike[key][entry] += 1
-    # What most commands with such an option take alike; a key of which that is not so would mislead at the top.
+    # Values that most commands with such an option share; a key with differing defaults would mislead at the top.
     most = {key: counted.most_common(1)[0] for key, counted in alike.items()}
     shared = {key: entry for key, (entry, count) in most.items() if 1 < count > alike[key].total() / 2}
     parts = [
-        "# Defaults of phasewire's options. A line takes effect without its #; prose keeps its.\n"
+        "# Defaults of phasewire's options. Remove the # of a line to make it effective, but not that of prose.\n"
         "# The command line comes first, then environment variables, then this file.\n",
         "# Options that several commands share:\n" + "".join(shared.values()),
     ]
@@ -254,7 +253,7 @@ def example(context: typer.Context) -> str:
 
 
 def _entry(key: str, option: TyperOption) -> str:
-    """Lines about one option: its help, and what is built in, if that is anything."""
+    """Lines about one option: its help, and its built-in value, if any."""
     prose = textwrap.wrap(
         option.help or "", _WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
     )
@@ -266,14 +265,14 @@ def _entry(key: str, option: TyperOption) -> str:
 def config(
     context: typer.Context,
     init: Annotated[
-        bool, typer.Option("--init", help="Write an example, in which all is a comment, if there is no file yet.")
+        bool, typer.Option("--init", help="Write an example, with all lines commented out, if there is no file yet.")
     ] = False,
     json_target: JsonOption = None,
 ) -> None:
-    """Show what options are if the command line does not say, and where that comes from.
+    """Show the values of options that the command line does not set, and their sources.
 
-    Defaults stand in a TOML file, whose place is $PHASEWIRE_CONFIG or what the system has for such files: keys at its
-    top for all commands that have such an option, and a table for each command, as in [solve] and method = "polish".
+    Defaults stand in a TOML file, at $PHASEWIRE_CONFIG or the system's place for such files: keys at its top for all
+    commands that have such an option, and a table for each command, as in [solve] and method = "polish".
     """
     root, path = cast("typer.Context", context.find_root()), config_path()
     check_outputs([json_target])
@@ -283,7 +282,7 @@ def config(
             path.parent.mkdir(parents=True)
         with path.open("x", encoding="utf-8") as file:
             file.write(example(root))
-        out.print(f"Written to {path}; remove the # before what shall take effect.")
+        out.print(f"Written to {path}; remove the # of the lines that should take effect.")
     elif path.exists():
         out.print(f"Defaults of options from {path}:")
     else:

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any, get_args
@@ -33,59 +33,30 @@ from ..solver.methods.solve import Solution, Solver
 from ..solver.pictures.picture import OIL, save_field_picture
 from ..solver.pictures.vti import save_vti
 from ..solver.shapes.curves import SPACING
-from ..solver.shapes.point_files import POINT_FILES, read_points
-from ..solver.shapes.points import REACH, ControlPoints
-from ..solver.shapes.shapes import SHAPES, parse_shape, shape_help
+from ..solver.shapes.point_files import POINT_FILES
+from ..solver.shapes.points import REACH
+from ..solver.shapes.shapes import shape_help
 from ..storage import check_outputs
 from .console import JsonOption, among, console_for, error_console, write_json
+from .points import files_in, read_source, shapes_and_files
 
 __all__ = ["commands"]
 
 commands = typer.Typer(rich_markup_mode=None)
 
-PLANES = {"xy": "xy", "xz": "xz", "yz": "yz", "box": "xyz"}  # by name, the axes along which each extends
-CLEARANCE = 0.01  # metres above the array, nearer to which a standing plane does not begin
+PLANES = {"xy": "xy", "xz": "xz", "yz": "yz", "box": "xyz"}  # by name, the axes of each
+CLEARANCE = 0.01  # the least distance in metres of a standing plane from the array
 NUMBERS, VTK = ".npz", ".vti"
 DRAWN = (*QUANTITIES, OIL)
 
 
-def read_source(source: str, spacing: float | None = None) -> ControlPoints:
-    """Control points from a shape's notation or from a file of points."""
-    if source.partition(":")[0] in SHAPES:
-        return parse_shape(source).sample(spacing)
-    if Path(source).suffix.lower() in POINT_FILES:
-        return read_points(Path(source))
-    raise ValueError(
-        f"{source!r} is neither a shape ({', '.join(sorted(SHAPES))}) nor a file of points ({', '.join(POINT_FILES)})"
-    )
-
-
-def shapes_and_files(suffixes: Iterable[str]) -> Callable[[str], list[str]]:
-    """What a shell offers for a source: shapes, and files that are here; it knows its way to others."""
-    wanted = tuple(suffixes)
-
-    def complete(incomplete: str) -> list[str]:
-        files = sorted(path.name for path in Path().iterdir() if path.suffix.lower() in wanted)
-        return [name for name in (*SHAPES, *files) if name.startswith(incomplete)]
-
-    return complete
-
-
-def files_in(source: str) -> list[Path]:
-    """Every file that a source may be, or may name as a parameter of a shape."""
-    return [
-        Path(source),
-        *(Path(item.partition("=")[2]) for item in source.partition(":")[2].split(",") if "=" in item),
-    ]
-
-
 def method_help() -> str:
-    """A few lines per method: what it does, and its options with their defaults."""
+    """A few lines per method: its purpose, and its options with their defaults."""
     lines = []
     for name in METHODS:
         try:
             method, defaults = METHODS[name], options_of(name)
-        except ValueError as error:  # another package's, which must not take the help away
+        except ValueError as error:  # another package's, which must not break the help
             lines.append(f"{name}: {error}")
             continue
         values = ((key, getattr(defaults, key)) for key in ("output", *method.options))
@@ -101,7 +72,7 @@ def read_settings(settings: Sequence[str]) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        Where a text has no ``=``, or a name is set twice.
+        If a text has no ``=``, or a name is set twice.
     """
     values: dict[str, Any] = {}
     for text in settings:
@@ -133,7 +104,7 @@ are in metres, rotations in degrees; the vertices of a polyline can also be the 
 
 A .csv file has a line x,y,z or x,y,z,amplitude for each point; a .txt or .xyz file has spaces instead of commas.
 A .json file is {{"positions": [[x, y, z], ...], "amplitudes": [...]}}. Coordinates are in metres from the middle of the
-array, z up; amplitudes are relative, 0 makes a null.
+array, z up; amplitudes are relative, 0 asks for a null.
 
 The methods and their options:
 
@@ -171,16 +142,16 @@ def solve_command(
     transducer: Annotated[
         str,
         typer.Option(
-            help=f"Which transducer, by its published strength: {', '.join(TRANSDUCERS)}.",
+            help=f"The transducer, by its published strength: {', '.join(TRANSDUCERS)}.",
             autocompletion=among(TRANSDUCERS),
         ),
     ] = "MA40S4S",
     model: Annotated[
         str, typer.Option(help=f"Model of the transducer: {', '.join(MODELS)}.", autocompletion=among(MODELS))
     ] = "piston",
-    temperature: Annotated[float, typer.Option(help="Of the air, in °C.")] = 20.0,
+    temperature: Annotated[float, typer.Option(help="Temperature of the air, in °C.")] = 20.0,
     humidity: Annotated[
-        float | None, typer.Option(help="Of air that absorbs, in %; by default nothing is absorbed.")
+        float | None, typer.Option(help="Humidity of air that absorbs, in %; by default nothing is absorbed.")
     ] = None,
     json_target: JsonOption = None,
 ) -> None:
@@ -195,7 +166,7 @@ def solve_command(
     array = TransducerArray.grid(columns, rows, pitch, part)
     medium = Medium(temperature) if humidity is None else Medium(temperature, absorbing=True, humidity=humidity)
     options = read_settings(settings or [])
-    options_of(method, options)  # names those that no method has, which may be names of other things
+    options_of(method, options)  # names options of no method, which may be names of other things
     solver = Solver(array, method, medium=medium, **options)
     with error_console().status("solving; the first time on a machine, compiling takes some seconds"):
         solver.solve(points)
@@ -224,22 +195,22 @@ def solve_command(
 
 
 def field_grid(solution: Solution, plane: str, at: float | None, extent: float, step: float) -> Grid:
-    """The grid that the options of ``field`` ask for.
+    """The grid for the options of ``field``.
 
-    Planes and boxes are centred above the array, those that have a height on the points' mean height; but they begin no
+    Planes and boxes are centred above the array, those with a height on the points' mean height; but they begin no
     lower than `CLEARANCE` above the array.
     """
     if plane not in PLANES:
         raise ValueError(f"unknown plane {plane!r}; known are {', '.join(PLANES)}")
     axes = PLANES[plane]
     centre = np.array([0.0, 0.0, solution.points.positions[:, 2].mean()])
-    if "z" in axes and extent < REACH:  # Grid names an extent that makes no sense
+    if "z" in axes and extent < REACH:  # Grid raises for an invalid extent
         lowest = solution.array.positions[:, 2].max() + CLEARANCE
         centre[2] = max(centre[2], lowest + extent / 2)
     if at is not None:
         across = "".join(set("xyz") - set(axes))
         if not across:
-            raise ValueError(f"--at {at} has no meaning for a box; it is where a plane lies")
+            raise ValueError(f"--at {at} has no meaning for a box; it is the place of a plane")
         if across == "z":
             return Grid.horizontal(at, extent, step)
         centre["xyz".index(across)] = at
@@ -247,7 +218,7 @@ def field_grid(solution: Solution, plane: str, at: float | None, extent: float, 
 
 
 def check_field_output(output: Path, plane: str, quantity: str) -> None:
-    """Raise `ValueError` where a field of this kind cannot be written to a file of this name."""
+    """Raise `ValueError` if a field of this kind cannot be written to a file of this name."""
     suffix = output.suffix.lower()
     if suffix not in (NUMBERS, VTK):
         if suffix not in FORMATS:
@@ -280,7 +251,7 @@ def field(
         typer.Option(
             "--at",
             "--height",
-            help="Where the plane crosses the axis that it is square to, in m: the height of xy, by default the mean "
+            help="Where the plane crosses the axis perpendicular to it, in m: the height of xy, by default the mean "
             "of the points; y of xz and x of yz, by default 0.",
         ),
     ] = None,
@@ -289,7 +260,7 @@ def field(
         float | None, typer.Option(help="Distance between samples, in m; 1 mm by default, of a box 2 mm.")
     ] = None,
     quantity: Annotated[
-        str, typer.Option(help=f"What a picture shows: {', '.join(DRAWN)}.", autocompletion=among(DRAWN))
+        str, typer.Option(help=f"The quantity of a picture: {', '.join(DRAWN)}.", autocompletion=among(DRAWN))
     ] = DRAWN[0],
     json_target: JsonOption = None,
 ) -> None:
@@ -298,8 +269,8 @@ def field(
     An .npz file holds the complex peak pressure in Pa and the grid; its entry "units" says more. A .vti file is for
     ParaView: amplitude, real and imaginary part of the pressure, intensity and radiation pressure.
 
-    Intensity and radiation pressure take the wave for a plane one, with full reflection. The oil is that of the paper's
-    Figure 6: its surface as radiation pressure pushes it down, lit from the side.
+    Intensity and radiation pressure assume a plane wave with full reflection. The oil is that of the paper's Figure 6:
+    its surface under radiation pressure, lit from the side.
     """
     check_field_output(output, plane, quantity)
     check_outputs([output, json_target], inputs=[file])
@@ -342,14 +313,14 @@ def focus(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A solved file.")],
     json_target: JsonOption = None,
 ) -> None:
-    """Report what became of a solved file's control points: strength, place and sharpness, missing ones and ghosts.
+    """Report the result of a solved file's control points: strength, place and sharpness, missing ones and ghosts.
 
-    A point is missing where it has at most half its share of the mean pressure; a ghost is a local maximum away from
-    all points that has more than half the mean. The widths are those at half the pressure along x, y and z.
+    A point is missing if it has at most half its share of the mean pressure; a ghost is a local maximum away from all
+    points with more than half the mean. The widths are those at half the pressure along x, y and z.
     """
     check_outputs([json_target], inputs=[file])
     solution = load_solution(file)
-    with error_console().status("looking at the foci"):
+    with error_console().status("examining the foci"):
         report = focus_report(solution.array, solution.drive, solution.points, solution.medium)
     out = console_for(json_target)
     headers = ("point", "x, y, z / mm", "|p| / Pa", "off / mm", "−6 dB / mm")

@@ -1,4 +1,4 @@
-"""What a command plays: points, or a file of frames, read in one way for all commands, with what it was made for.
+"""What a command plays: points, or a file of frames, with the conditions for which it was made.
 
 ====================  =====================================================================================
 a shape, or points    solved live, frame by frame; they may turn
@@ -34,7 +34,7 @@ from ..solver import ControlPoints, Medium, Solution, Solver, TransducerArray
 from ..solver.fields.files import read_arrays, solution_in
 from .console import error_console
 from .options import given
-from .solving import read_source
+from .points import read_source
 
 __all__ = [
     "ARCHIVE",
@@ -53,13 +53,13 @@ ARCHIVE = ".npz"
 HEEDED: dict[str, tuple[tuple[type, ...], str]] = {
     "spin": ((ControlPoints,), "only a shape or a file of points can turn"),
     "method": ((ControlPoints, Iterator), "only points are solved for"),
-    "calibration": ((ControlPoints, Iterator, Solution, np.ndarray), "it holds pulses, which are played as they are"),
+    "calibration": ((ControlPoints, Iterator, Solution, np.ndarray), "it holds pulses, which are played unchanged"),
 }
-"""Options that only some kinds of content heed, and why others do not."""
+"""Options that only some kinds of content use, and why others do not."""
 
 
 class Source(NamedTuple):
-    """What is to be played, and for what it was made, as far as that is known."""
+    """Content to play, and the conditions for which it was made, as far as they are known."""
 
     content: ControlPoints | Iterator[ControlPoints] | Pulses | Solution | PulseFrames | NDArray[Any] | Recording
     """Points, or points frame by frame; one frame; or many: pulses, drives (k, n), a recording."""
@@ -68,27 +68,27 @@ class Source(NamedTuple):
     array: TransducerArray | None = None
     medium: Medium | None = None
     calibration: Calibration | None = None
-    """What has been applied already."""
+    """The calibration that was already applied."""
 
     @property
     def still(self) -> Pulses | Solution | None:
-        """The only frame, where it is one."""
+        """The only frame, if there is only one."""
         return self.content if isinstance(self.content, Pulses | Solution) else None
 
     @property
     def holds_drives(self) -> bool:
-        """Whether drives come of it, which a calibration corrects, and not pulses."""
+        """Whether the frames are drives, which a calibration corrects, and not pulses."""
         return not isinstance(self.content, Pulses | PulseFrames | Recording)
 
     @property
     def ends(self) -> bool:
-        """Whether it comes to an end by itself."""
+        """Whether it ends by itself."""
         return not isinstance(self.content, ControlPoints | Pulses | Solution)
 
 
 @contextmanager
 def open_source(source: str) -> Iterator[Source]:
-    """What a shape's notation, the name of a file or `STANDARD_INPUT` stands for; errors as `open_file`."""
+    """The content of a shape's notation, of a file or of `STANDARD_INPUT`; errors as `open_file`."""
     if source == STANDARD_INPUT:
         yield Source(spoken(iter(lambda: sys.stdin.readline(MOST_LINE + 1), "")))
     elif Path(source).suffix.lower() in (ARCHIVE, SUFFIX):
@@ -100,14 +100,14 @@ def open_source(source: str) -> Iterator[Source]:
 
 @contextmanager
 def open_file(path: Path) -> Iterator[Source]:
-    """What a file of frames holds.
+    """The content of a file of frames.
 
     Raises
     ------
     InputFileError
-        Where it is truncated, corrupted, or holds none.
+        If it is truncated, corrupted, or holds none.
     OSError
-        Where it cannot be opened.
+        If it cannot be opened.
     """
     if path.suffix.lower() == SUFFIX:
         with Recording.open(path) as recording:
@@ -138,7 +138,7 @@ def _in_archive(arrays: dict[str, NDArray[Any]], path: Path) -> Source:
 
 
 def _pulses(phase: NDArray[Any], width: NDArray[Any]) -> Pulses | PulseFrames:
-    """One frame or many, as the shape of the arrays says."""
+    """One frame or many, according to the shape of the arrays."""
     if phase.ndim == 1:
         return Pulses(phase, width)
     tables = PulseFrames(phase, width)
@@ -163,7 +163,7 @@ def spoken(lines: Iterable[str]) -> Iterator[ControlPoints]:
     Raises
     ------
     InputFileError
-        Where a line is something else; it is named.
+        If a line is anything else; it is named.
     """
     for number, line in enumerate(lines, start=1):
         if not line.strip():
@@ -202,14 +202,14 @@ def frames_of(source: Source, array: TransducerArray, method: str, spin: float, 
 
 
 def check_options(context: typer.Context, name: str, source: Source) -> None:
-    """Raise `ValueError` where an option of the command line has no effect on what a source of this name holds."""
+    """Raise `ValueError` if an option of the command line has no effect on the content of a source of this name."""
     for option, (kinds, why) in HEEDED.items():
         if given(context, option) and not isinstance(source.content, kinds):
             raise ValueError(f"--{option} has no effect on {name}: {why}")
 
 
 def differences(source: Source, what: Info) -> list[str]:
-    """In which ways a device differs from that for which a source was made, so that the field will be another."""
+    """The differences between a device and that for which a source was made, because they change the field."""
     found = []
     own = TransducerArray.grid(what.columns, what.rows, what.pitch).positions
     made_for = None if source.array is None else source.array.positions

@@ -1,4 +1,4 @@
-"""How commands show findings."""
+"""Output of findings by commands."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
-from ..host.finding.findings import Finding, Verdict
+from ..host.finding.findings import CheckVerdict, Finding
 from .console import console_for
 
 __all__ = ["as_record", "count", "failed", "tell"]
 
-STYLES = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "red", Verdict.SKIPPED: "dim"}
-MARK = max(map(len, Verdict)) + 2
+STYLES = {CheckVerdict.OK: "green", CheckVerdict.WARN: "yellow", CheckVerdict.FAIL: "red", CheckVerdict.SKIPPED: "dim"}
+MARK = max(map(len, CheckVerdict)) + 2
 
 
 def tell(finding: Finding, names: Iterable[str], json_target: str | None) -> None:
-    """Show a finding, in line with those of all checks that have these names."""
+    """Print a finding, aligned with those of all checks that have these names."""
     label = max(map(len, names)) + 2
     console = console_for(json_target)
     console.print(finding.verdict.value.ljust(MARK), style=STYLES[finding.verdict], end="")
@@ -26,18 +26,18 @@ def tell(finding: Finding, names: Iterable[str], json_target: str | None) -> Non
 
 
 def count(findings: Iterable[Finding]) -> str:
-    """How many of each verdict there are."""
+    """The number of each verdict."""
     verdicts = Counter(finding.verdict for finding in findings)
-    return ", ".join(f"{verdicts[verdict]} {verdict.value}" for verdict in Verdict)
+    return ", ".join(f"{verdicts[verdict]} {verdict.value}" for verdict in CheckVerdict)
 
 
 def failed(findings: Iterable[Finding]) -> bool:
     """Whether a check failed."""
-    return any(finding.verdict is Verdict.FAIL for finding in findings)
+    return any(finding.verdict is CheckVerdict.FAIL for finding in findings)
 
 
 def as_record(findings: list[Finding]) -> dict[str, Any]:
-    """Findings and what they come to, as JSON has them."""
+    """Findings and their counts as JSON."""
     return {
         "verdict": "fail" if failed(findings) else "ok",
         "findings": [finding._asdict() for finding in findings],

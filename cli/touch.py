@@ -50,21 +50,21 @@ HANDS = "gesture:sweep"
 
 
 class _Meter:
-    """One line that shows how it goes, on a terminal; nothing elsewhere."""
+    """One line that shows the progress, on a terminal; elsewhere none."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self.last = TouchReport()
 
     def __call__(self, report: TouchReport) -> None:
-        """Show a report in the place of the one before."""
+        """Replace the report on the line."""
         self.last = report
         if self._console.is_terminal:
             self._console.control(BACK)
             self._console.print(str(report)[: self._console.width - 1], end="")
 
     def end(self) -> None:
-        """Leave the line empty."""
+        """Clear the line."""
         if self._console.is_terminal:
             self._console.control(BACK)
 
@@ -77,7 +77,7 @@ class _Best:
         self._points = 0.0
 
     def __call__(self, moment: TouchMoment) -> None:
-        """Look at the next moment."""
+        """Consider the next moment."""
         if moment.fields is None or moment.touch.points is None:
             return
         points = float(moment.fading.levels.sum())
@@ -118,8 +118,8 @@ def touch(
         typer.Option(
             "--hand",
             metavar="URL",
-            help="Where hands come from: gesture:approach|sweep|grasp|tap, recording:FILE, leap:, video:FILE or "
-            "camera:N; `phasewire tracker` says which are ready.",
+            help="The source of hands: gesture:approach|sweep|grasp|tap, recording:FILE, leap:, video:FILE or "
+            "camera:N; `phasewire tracker` lists which are ready.",
         ),
     ] = HANDS,
     device: DeviceOption = DEFAULT_URL,
@@ -137,10 +137,10 @@ def touch(
         int, typer.Option(min=1, max=MAX_POINTS, help="Control points at most; edges and corners keep theirs.")
     ] = MOST_POINTS,
     method: Annotated[
-        str, typer.Option(help=f"How fields are solved: {', '.join(METHODS)}.", autocompletion=among(METHODS))
+        str, typer.Option(help=f"The solving method: {', '.join(METHODS)}.", autocompletion=among(METHODS))
     ] = "wgs",
     frequency: Annotated[
-        float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points take turns.")
+        float, typer.Option(metavar="HZ", help="Frequency at which the halves of the points alternate.")
     ] = FREQUENCY,
     rate: Annotated[
         float | None, typer.Option(min=1e-3, help="Frames of hands per second at most; by default all that come.")
@@ -149,7 +149,7 @@ def touch(
         float, typer.Option(min=0, max=MOST_RAMP_SECONDS, metavar="S", help="How long a point fades in and out, in s.")
     ] = RAMP_SECONDS,
     predict: Annotated[
-        bool, typer.Option("--predict/--no-predict", help="Whether hands are moved ahead by their velocity.")
+        bool, typer.Option("--predict/--no-predict", help="Whether to extrapolate hands by their velocity.")
     ] = True,
     pose: PoseOption = None,
     calibration: CalibrationOption = None,
@@ -170,13 +170,13 @@ def touch(
         typer.Option(
             "--timeline",
             metavar="FILE",
-            help="Where to draw the way of that moment, from the hand's time stamp to the first tick of its field, "
+            help="Where to draw the latency of that moment, from the hand's time stamp to the first tick of its field, "
             "measured on this computer with an emulated device: .png, .svg or .pdf.",
         ),
     ] = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Let hands touch objects, and play what they feel; the help above says more."""
+    """Let hands touch objects, and play what they feel; the help above has the details."""
     check_outputs(
         [picture, timeline, recording, None if recording is None else log_path(recording), json_target],
         [*files_of(hand), *filter(None, (pose, calibration))],
@@ -260,21 +260,21 @@ def touch(
 def _final(device: Device, failure: BaseException | None) -> Status | None:
     """The device's state at the end; None if it was lost."""
     if isinstance(failure, DeviceError) and not isinstance(failure, DeviceRefusedError):
-        return None  # to ask it once more would only take time
+        return None  # asking it again would only take time
     with suppress(DeviceError):
         return device.status()
     return None
 
 
 def _placed_at(things: Sequence[MovingObject], begin: float) -> Sequence[Mesh] | Callable[[float], Sequence[Mesh]]:
-    """Objects as the loop takes them: as they are, or by the moment if one of them moves."""
+    """Objects for the loop: fixed ones, or functions of time if one of them moves."""
     if all(thing.still for thing in things):
         return [thing.mesh for thing in things]
     return lambda moment: [thing.at(moment - begin) for thing in things]
 
 
 def _each(seen: Sequence[Callable[[TouchMoment], None]]) -> Callable[[TouchMoment], None] | None:
-    """One function for several that want to see each moment."""
+    """One function for several that observe each moment."""
     if len(seen) < 2:
         return seen[0] if seen else None
 
@@ -286,7 +286,7 @@ def _each(seen: Sequence[Callable[[TouchMoment], None]]) -> Callable[[TouchMomen
 
 
 def _tell(out: Console, report: TouchReport) -> None:
-    """Say what became of the hands."""
+    """Report on the hands."""
     out.print(f"{report}.")
     if report.latency.count:
         stages = ", ".join(f"{name} {stage.median_seconds * 1e3:.2f}" for name, stage in report.stages.items())
@@ -313,7 +313,7 @@ def _draw(array: TransducerArray, frequency: float, path: Path, moment: TouchMom
 
 
 def _draw_way(toucher: Toucher, method: str, path: Path, moment: TouchMoment) -> None:
-    """Draw where the time goes from the hands of a moment to the first tick of their field."""
+    """Draw the latency from the hands of a moment to the first tick of their field."""
     with loading():
         from ..hil.touch_latency import draw_touch_latency, measure_touch_latency
 

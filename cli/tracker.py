@@ -1,4 +1,4 @@
-"""The command that finds sources of hands and what is wrong with them: ``tracker``."""
+"""The command that finds sources of hands and problems with them: ``tracker``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def tracker(
         typer.Argument(
             metavar="[SOURCE]",
             help="A source of hands, such as leap:, camera:0?model=FILE, recording:FILE or gesture:grasp; without one, "
-            "the command says which there are.",
+            "the command lists all sources.",
             show_default=False,
             autocompletion=hand_urls,
         ),
@@ -49,7 +49,7 @@ def tracker(
     ] = 3.0,
     pose: Annotated[
         Path | None,
-        typer.Option("--pose", metavar="FILE", help="A .toml file that says where the tracker is; see docs/hands.md."),
+        typer.Option("--pose", metavar="FILE", help="A .toml file with the tracker's position; see docs/hands.md."),
     ] = None,
     record: Annotated[
         Path | None,
@@ -57,10 +57,10 @@ def tracker(
     ] = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Say which sources of hands there are and which can be used, or watch one and say what is wrong with it.
+    """List the sources of hands and which can be used, or watch one and check it.
 
-    It looks at the rate of frames, those that are missing, their delay, the hands' number, size and place. Exit code 1
-    if a check failed, 3 if there is no such source, 4 if it was lost.
+    It checks the rate of frames, missing ones, their delay, and the number, size and place of hands. Exit code 1 if a
+    check failed, 3 if there is no such source, 4 if it was lost.
     """
     inputs = [] if source is None else files_of(source)
     check_outputs([json_target, record], inputs if pose is None else [*inputs, pose])
@@ -85,7 +85,7 @@ def tracker(
 
 
 def _list_sources(json_target: str | None) -> None:
-    """Say which sources there are, and whether each could be opened."""
+    """List the sources, and whether each could be opened."""
     known = schemes()
     table = Table()
     for column in ("source", "what", "usable", "found"):
@@ -96,7 +96,7 @@ def _list_sources(json_target: str | None) -> None:
             scheme, ready = known[name], known[name].probe()
             listed = {"form": scheme.form, "help": scheme.help, "ready": ready.ready, "says": ready.says}
         else:
-            listed = {"form": f"{name}:", "help": "", "ready": False, "says": "it cannot be loaded; install it anew"}
+            listed = {"form": f"{name}:", "help": "", "ready": False, "says": "it cannot be loaded; install it again"}
         table.add_row(str(listed["form"]), str(listed["help"]), "yes" if listed["ready"] else "no", str(listed["says"]))
         sources.append({"scheme": name} | listed)
     console_for(json_target).print(table)
@@ -104,7 +104,7 @@ def _list_sources(json_target: str | None) -> None:
 
 
 def _watch(url: str, seconds: float, pose: Pose | None, record: Path | None) -> Watched:
-    """Watch a source as touch would have its hands, and record them."""
+    """Watch a source with the same processing as touch, and record its hands."""
     with PlacedHands(open_hands(url), pose) as source:
         if record is None:
             return watch(source, seconds)
@@ -113,7 +113,7 @@ def _watch(url: str, seconds: float, pose: Pose | None, record: Path | None) -> 
 
 
 def _measured(watched: Watched) -> dict[str, Any]:
-    """What was measured, as JSON has it; null if nothing could be."""
+    """The measurements as JSON; null without any."""
     return {
         "seconds": watched.seconds,
         "live": watched.live,

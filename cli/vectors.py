@@ -23,7 +23,7 @@ def vectors(
 ) -> None:
     """Write golden vectors of the protocol to standard output, as JSON: bytes, what they mean, and what is refused.
 
-    They are for whoever builds firmware or a host from the specification; this is protocol/vectors.json.
+    They are for authors of firmware or of a host; this is protocol/vectors.json.
     """
     from ..protocol.vectors import text  # makes keys and pulses while it is imported
 

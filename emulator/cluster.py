@@ -23,7 +23,7 @@ MOST_DEVICES = 64
 
 
 class Cluster:
-    """Emulated devices on one sync line. As a context manager all of them are plugged in.
+    """Emulated devices on one sync line. As a context manager all of them are open.
 
     Parameters
     ----------

@@ -27,4 +27,4 @@ class Door(Protocol):
         """Take the acknowledgement of a block that came by this door, 32 bytes."""
 
     def notify(self, record: bytes) -> None:
-        """Take a status record that nobody asked for, in the place of an older one that waits (clause ACK-006)."""
+        """Take an unsolicited status record, in place of an older one that waits (clause ACK-006)."""

@@ -23,7 +23,7 @@ from ..protocol.board import (
     PROCESSORS_PER_BOARD,
     TICKS_PER_PERIOD,
 )
-from ..protocol.chain import Identity as ChainIdentity
+from ..protocol.chain import Identity
 from ..protocol.codes import Fault
 from ..protocol.enumeration import HIGH_SPEED, Speed
 from ..protocol.ranges import whole
@@ -32,12 +32,13 @@ from ..protocol.wiring import Wiring
 from .boards.processor import Processor
 from .boards.sync import SyncLine
 from .control.chain import Chain, Numbering, Tamper
-from .control.controller import Controller, Identification
+from .control.controller import Controller
+from .control.requests import Identification
 from .faults import InjectedFault
 from .faults.injector import Injector
 from .firmware.dfu import DfuMode
 from .firmware.flash import Flash
-from .firmware.loader import Boot, Identity, boot, confirm, give_up_upgrades, load_cycles, make_flash
+from .firmware.loader import Boot, DeviceIdentity, boot, confirm, give_up_upgrades, load_cycles, make_flash
 from .interfaces.serial_line import SerialLine
 from .interfaces.usb_device import UsbDevice
 from .ports.capture import Capture
@@ -45,7 +46,7 @@ from .ports.clock import BoardClock, Timebase
 from .scheduler import NEVER, Branch, Scheduler
 from .trace import Tracer
 
-__all__ = ["Emulator", "Event", "plugged"]
+__all__ = ["Emulator", "Event", "open_emulator", "open_emulators"]
 
 LOG_EVENTS = 10_000
 PAST_CAPTURES = 16
@@ -53,13 +54,18 @@ SYNC_WAIT_CYCLES = 5 * CORE_HZ
 """How long a device waits for the first pulse on a line that it listens to (clause CHN-026)."""
 MOST_CYCLES_PER_SYMBOL = 255  # a byte of INFO, clause REQ-002
 
-_plugged: dict[str, Emulator] = {}
+_open_emulators: dict[str, Emulator] = {}
 _serials = count(1)
 
 
-def plugged() -> list[Emulator]:
-    """The emulators plugged in to this process, as devices on a bus."""
-    return list(_plugged.values())
+def open_emulators() -> list[Emulator]:
+    """The emulators that are open in this process, as devices on a bus."""
+    return list(_open_emulators.values())
+
+
+def open_emulator(serial: str) -> Emulator | None:
+    """The emulator of a serial number that is open in this process, if there is one."""
+    return _open_emulators.get(serial)
 
 
 class Event(NamedTuple):
@@ -72,7 +78,7 @@ class Event(NamedTuple):
 
 
 class Emulator:
-    """One emulated device. As a context manager it is plugged in and answers to its `url`.
+    """One emulated device. As a context manager it is open and answers to its `url`.
 
     Parameters
     ----------
@@ -137,9 +143,9 @@ class Emulator:
                 )
         if flash is None:
             made_up = f"EMU-{next(_serials):04d}" if serial is None else serial
-            flash = make_flash(Identity(made_up, table or wiring or Wiring.strips()))
+            flash = make_flash(DeviceIdentity(made_up, table or wiring or Wiring.strips()))
         self.flash = flash
-        self._identity = Identity.read(flash)
+        self._identity = DeviceIdentity.read(flash)
         self.serial = self._identity.serial
         self._wiring = wiring or self._identity.wiring
         self._link = link
@@ -147,7 +153,7 @@ class Emulator:
         self._history_periods = None if history_periods is None else whole("history_periods", history_periods, 1, NEVER)
         self._first_period = 0
         self._pulses_fail = False
-        self.unplugged = False
+        self.closed = False
         self.scheduler = Scheduler()
         self.sync = SyncLine() if sync is None else sync
         """The sync line that this device drives, or listens to."""
@@ -261,7 +267,7 @@ class Emulator:
             self.tracer,
         )
 
-    def _begin(self, booted: Boot, identities: list[ChainIdentity]) -> None:
+    def _begin(self, booted: Boot, identities: list[Identity]) -> None:
         """The chain has been numbered: period 0 begins with the next tick."""
         assert self._life is not None
         self._pulses_fail = False
@@ -288,7 +294,7 @@ class Emulator:
             for processor in self.processors:
                 processor.sync_connected = False
 
-    def _come_up(self, booted: Boot, identities: list[ChainIdentity], time: Timebase) -> None:
+    def _come_up(self, booted: Boot, identities: list[Identity], time: Timebase) -> None:
         """Period 0 begins; the device answers from now on (clause TIM-002)."""
         assert self._life is not None
         self.tracer.begin_anew(time.origin)
@@ -328,7 +334,9 @@ class Emulator:
         self.running.settle()
         self._first_period = self._time.period(self.scheduler.now) - self._history_periods
         for processor in self.processors:
-            processor.reel.forget(processor.clock.own_tick(self._first_period * TICKS_PER_PERIOD) // TICKS_PER_PERIOD)
+            processor.history.forget(
+                processor.clock.own_tick(self._first_period * TICKS_PER_PERIOD) // TICKS_PER_PERIOD
+            )
         self._plan_to_forget()
 
     def _enter_dfu(self) -> DfuMode:
@@ -341,20 +349,20 @@ class Emulator:
 
     @property
     def url(self) -> str:
-        """The URL by which a host finds it while it is plugged in."""
+        """The URL by which a host finds it while it is open."""
         return f"emulator:{self.serial}"
 
     def __enter__(self) -> Self:
-        if self.unplugged:
-            raise ValueError("an emulator that was unplugged has lost its power; make a new one")
-        if self.serial in _plugged:
-            raise ValueError(f"an emulator with the serial number {self.serial!r} is already plugged in")
-        _plugged[self.serial] = self
+        if self.closed:
+            raise ValueError("this emulator is closed; make a new one")
+        if self.serial in _open_emulators:
+            raise ValueError(f"an emulator with the serial number {self.serial!r} is already open")
+        _open_emulators[self.serial] = self
         return self
 
     def __exit__(self, *exception: object) -> None:
-        del _plugged[self.serial]
-        self.unplugged = True
+        del _open_emulators[self.serial]
+        self.closed = True
         self.usb.unplug()
 
     def _logger(self, where: str) -> Callable[[str], None]:

@@ -1,4 +1,4 @@
-"""A panel for eyes that are busy: a finger taps one of five buttons in mid-air, and feels which.
+"""A panel that needs no eyes: a finger taps one of five buttons in mid-air, and feels which one.
 
 Run it with ``.venv/bin/python examples/button_panel.py``. It draws the field of the deepest moment, ``panel.png``.
 """

@@ -1,4 +1,4 @@
-"""A surgeon's hand in a CT scan feels where the tumour begins, and how wide it is.
+"""A surgeon's hand in a CT scan feels the edge of a tumour, and its width.
 
 Run it with ``.venv/bin/python examples/ct_volume.py``; it needs the extra ``volumes``. The scan is made here: noisy
 tissue in air, and in it a tumour of 50 mm that takes up more contrast agent. The hand goes down into it.
@@ -16,7 +16,7 @@ edges = RADIUS_M - VOXEL_M, RADIUS_M + VOXEL_M, BODY_M - VOXEL_M, BODY_M + VOXEL
 volume = np.interp(np.linalg.norm(places - CENTRE_M, axis=-1), edges, (TUMOUR, TISSUE, TISSUE, AIR))
 np.save("scan.npy", volume + np.random.default_rng(1).normal(0, NOISE, SHAPE))  # or NIfTI, or a folder of DICOM slices
 
-tumour = pw.Mesh.from_volume("scan.npy", (TISSUE + TUMOUR) / 2, spacing=VOXEL_M).moved(CORNER_M)
+tumour = pw.read_volume_mesh("scan.npy", (TISSUE + TUMOUR) / 2, spacing=VOXEL_M).moved(CORNER_M)
 array = pw.TransducerArray.grid()
 for height in np.arange(0.205, 0.165, -0.005):
     touch = pw.touch(pw.Hand.flat([0, 0, height]), tumour)

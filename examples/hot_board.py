@@ -1,4 +1,4 @@
-"""What a program sees when a board fails: the device silences itself, says why, and plays again when it may.
+"""What a program sees when a board fails: the outputs go off, the device says why, and plays again when it may.
 
 Run it with ``.venv/bin/python examples/hot_board.py``. Faults need an emulated device.
 """

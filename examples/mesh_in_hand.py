@@ -13,7 +13,7 @@ from phasewire.solver.pictures.picture import save_field_picture
 trimesh.creation.torus(major_radius=30, minor_radius=12).apply_translation([0, 0, 170]).export("ring.stl")  # in mm
 np.save("hand.npy", pw.Hand.flat([0, 0, 0.17]).landmarks)  # 21 landmarks as MediaPipe has them, in m
 
-ring = pw.Mesh.load("ring.stl", scale=1e-3)
+ring = pw.read_mesh("ring.stl", scale=1e-3)
 touch = pw.touch(pw.Hand(np.load("hand.npy"), side="right"), ring)
 assert touch.points is not None  # they meet
 solution = pw.solve(pw.TransducerArray.grid(), touch.points)

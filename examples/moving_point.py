@@ -14,7 +14,7 @@ RATE, SECONDS, TURNS_PER_SECOND, RADIUS_M = 1000, 1.0, 5, 0.02
 
 
 def solutions() -> Iterator[pw.Solution]:
-    """Solve each frame when it is needed; the solver begins where the frame before ended."""
+    """Solve each frame when it is needed; the solver begins with the phases of the frame before."""
     solver = pw.Solver(pw.TransducerArray.grid(), "tikhonov")
     for frame in range(round(RATE * SECONDS)):
         angle = 2 * math.pi * TURNS_PER_SECOND * frame / RATE

@@ -1,4 +1,4 @@
-"""How fast a focus comes: the pressure that rises at a point after an update, from the bits that the outputs played.
+"""How fast a focus rises: the pressure at a point after an update, from the bits that the outputs played.
 
 Run it with ``.venv/bin/python examples/ring_up.py``; the device is emulated. It draws ``ring_up.png``.
 """

@@ -1,8 +1,8 @@
 """How to prove that it works: checks that stand outside both ends and compare them.
 
-This room may know everybody. It holds the conformance suite (`conformance`), by which any device is judged; the
-end-to-end check, from the intended drive to the square waves that a device really plays and the pressure that they
-make; and the way of any captured bits back into the air.
+This room may import every other one. It holds the conformance suite (`conformance`), which judges any device; the
+end-to-end check, which compares the intended drive with the square waves that a device plays and with their pressure;
+and the reconstruction of sound from captured bits.
 """
 
 from __future__ import annotations

@@ -1,16 +1,15 @@
-"""Back into the air: the pressure that captured bits make, as it comes and goes.
+"""Sound from captured bits: the pressure over time that the outputs make.
 
-There are two ways from bits to pressure, and they agree. `Playback.signal` follows every edge: bits, amplifier,
-resonance, the way through the air; it is for milliseconds, or for few points. `Playback.phasors` and
-`Playback.intensity_component` take the fundamental of each carrier period and what the resonance makes of it; they are
-for seconds, and for many points. When the drive has not changed for long, both are the solver's phasor model,
-`solver.pressure`.
+There are two ways from bits to pressure, and they agree. `Playback.signal` follows every edge through amplifier,
+resonance and air; it is for milliseconds, or for few points. `Playback.phasors` and `Playback.intensity_component` take
+the fundamental of each carrier period and the response of the resonance; they are for seconds, and for many points.
+While the drive is constant, both equal the solver's phasor model, `solver.pressure`.
 
-Both are linear: real air saturates at the pressures of a strong focus. A transducer is the same in all directions and
-at all frequencies as it is at 40 kHz, apart from its resonance. Pressure is peak in Pa, time factor e^{-iωt}.
+Both are linear, while real air saturates at the pressures of a strong focus. Apart from its resonance, a transducer is
+the same in all directions and at all frequencies as at 40 kHz. Pressure is peak in Pa, time factor e^{-iωt}.
 
-Nothing is interpolated. Sound takes a fraction of a tick, or of a period, to arrive, and the state of a resonance that
-is driven by a constant is known at any time (`OnePole.between`).
+Nothing is interpolated: sound may take a fraction of a tick, or of a period, to arrive, but the state of a resonance
+under a constant drive is known at any time (`OnePole.between`).
 """
 
 from __future__ import annotations
@@ -32,19 +31,19 @@ from ..solver import Medium, TransducerArray
 from ..solver.acoustics.propagation import arrivals
 from ..solver.acoustics.resonator import OnePole, Resonator
 from ..solver.geometry import as_points
-from .ringing import Bank, words_of
+from .ringing import ResonatorBank, words_of
 
 __all__ = ["Outputs", "Playback", "component", "rms"]
 
-SETTLED = 37  # time constants after which double precision can tell nothing of what was before
+SETTLED = 37  # time constants after which double precision holds no trace of the past
 TICKS_AT_A_TIME = 2048
 PERIODS_AT_A_TIME = 4096
 POINTS_AT_A_TIME = 64
-NEGLIGIBLE = 1e-6  # of the strongest combination of drives
+NEGLIGIBLE = 1e-6  # relative to the strongest combination of drives
 
 
 class Outputs(Protocol):
-    """What is needed of a capture."""
+    """The part of a capture that is needed here."""
 
     @property
     def wiring(self) -> Wiring:
@@ -67,14 +66,14 @@ class Outputs(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """A capture, played into the air.
+    """The sound of a capture.
 
     Parameters
     ----------
     capture : Capture
-        What the outputs did. Before its tick 0 there was silence.
+        The outputs. Before tick 0 they are silent.
     array : TransducerArray
-        Of 320 transducers, with their resonance; by default that of the boards.
+        320 transducers with their resonance; by default those of the boards.
     medium : Medium
         The air, at the boards' 40 kHz.
     amplifier : Amplifier
@@ -83,7 +82,7 @@ class Playback:
     Raises
     ------
     ValueError
-        Where the array has another number of transducers, or the medium another frequency.
+        If the array has another number of transducers, or the medium another frequency.
     """
 
     capture: Outputs
@@ -92,7 +91,7 @@ class Playback:
     amplifier: Amplifier = field(default_factory=Amplifier)
 
     def __post_init__(self) -> None:
-        """Check that all fits the boards."""
+        """Check that all parts fit the boards."""
         if len(self.array) != CHANNELS:
             raise ValueError(f"an array of {len(self.array)} transducers does not fit boards with {CHANNELS} outputs")
         if self.medium.frequency != CARRIER_HZ:
@@ -123,7 +122,7 @@ class Playback:
         Raises
         ------
         ValueError
-            Where the stretch was not captured, or as `transfer_matrix`.
+            If the ticks were not captured, or as in `transfer_matrix`.
         """
         start, stop = _stretch("ticks", start, stop, self.capture.end_tick)
         points, resonance = as_points(at, "point"), self.resonator.sampled(1 / TICK_HZ)
@@ -132,9 +131,9 @@ class Playback:
         lag -= nearest
         first = (start - farthest) // TICKS_PER_PERIOD
         settling = math.ceil(SETTLED * self.resonator.time_constant * CARRIER_HZ)
-        bank = Bank(self.capture, self.amplifier, resonance, max(first - settling, min(first, 0)))
+        bank = ResonatorBank(self.capture, self.amplifier, resonance, max(first - settling, min(first, 0)))
         bank.skip_until(first)
-        # What a period emits begins to arrive `nearest` ticks after it: periods of sound are cut there.
+        # The sound of a period begins to arrive `nearest` ticks after it: periods of sound are cut there.
         early = (start - nearest) % TICKS_PER_PERIOD
         begin = (start - nearest) // TICKS_PER_PERIOD
         periods = -(-(early + stop - start) // TICKS_PER_PERIOD)
@@ -145,7 +144,7 @@ class Playback:
         return sound.reshape(len(points), -1)[:, early : early + stop - start]
 
     def voltages(self, start: int, stop: int) -> NDArray[np.float32]:
-        """What the amplifiers put on the transducers.
+        """The voltage of the amplifiers on the transducers.
 
         Parameters
         ----------
@@ -160,7 +159,7 @@ class Playback:
         Raises
         ------
         ValueError
-            Where the stretch was not captured.
+            If the ticks were not captured.
         """
         from ..solver.compiled.time_kernels import write_drives
 
@@ -192,12 +191,12 @@ class Playback:
         Raises
         ------
         ValueError
-            Where the periods were not captured, or as `transfer_matrix`.
+            If the periods were not captured, or as in `transfer_matrix`.
 
         Notes
         -----
-        That a pulse has a place within its period, and that of a change some turns against the carrier, is left out:
-        together a few per cent of the change while it happens, and nothing of what it ends with.
+        The place of a pulse within its period is neglected, and so is the phase that a change gains against the
+        carrier: together a few per cent of the change while it happens, and nothing of its final value.
         """
         points = as_points(at, "point")
         first, last = self._periods(first, last)
@@ -212,7 +211,7 @@ class Playback:
         Parameters
         ----------
         at : (k, 3) float
-            Points, in metres; any number of them, for nothing is kept over time.
+            Points, in metres; any number of them, because nothing is kept over time.
         frequency : float
             In hertz; 0 is the mean.
         first, last : int
@@ -226,7 +225,7 @@ class Playback:
         Raises
         ------
         ValueError
-            Where the periods are no whole number of cycles or were not captured, or as `transfer_matrix`.
+            If the periods are no whole number of cycles or were not captured, or as in `transfer_matrix`.
         """
         points = as_points(at, "point")
         first, last = self._periods(first, last)
@@ -241,7 +240,7 @@ class Playback:
         return _stretch("periods", first, last, self.capture.end_tick // TICKS_PER_PERIOD)
 
     def _lags(self, points: NDArray[np.float64]) -> range:
-        """Periods ago, none less and none more, of which something is heard at some points."""
+        """The greatest and the least age, in periods, of what some points hear."""
         others = self.array.positions
         gap = np.maximum(points.min(axis=0) - others.max(axis=0), others.min(axis=0) - points.max(axis=0))
         reach = np.maximum(points.max(axis=0) - others.min(axis=0), others.max(axis=0) - points.min(axis=0))
@@ -249,7 +248,7 @@ class Playback:
         return range(max(math.ceil(near) - 2, 0), math.ceil(far) + 2)
 
     def _arrivals(self, points: NDArray[np.float64]) -> NDArray[np.complex64]:
-        """What arrives of each transducer's drive but for the phase of its way, (k, n)."""
+        """The response of each point to each transducer's drive, without the phase of the path, (k, n)."""
         found = arrivals(self.array, points, self.medium)
         found[:, list(self.capture.open_transducers)] = 0
         return found
@@ -259,7 +258,7 @@ class Playback:
     ) -> tuple[NDArray[np.int64], NDArray[np.complex64], NDArray[np.complex64]]:
         """For each point and channel, (k, 320): lags in ticks, and the weights of the state then and of the next.
 
-        A phase that is neither the way's nor a sign, as a near field or a calibrated response has it, is taken for a
+        A phase that is neither the path's nor a sign, as in a near field or a calibrated response, is treated as a
         delay.
         """
         from ..solver.compiled.time_kernels import place_waves
@@ -286,8 +285,8 @@ class Playback:
     ) -> Iterator[tuple[slice, slice, NDArray[np.complex64]]]:
         """Blocks of phasors: which points, which periods since the first, and the phasors.
 
-        The phasor at point i is Σ_q A_iq·z_q a delay ago. Transducers share what they do over time, but for a few
-        complex factors: z = envelopes @ fields. So it is a sum over envelopes and whole periods of delay.
+        The phasor at point i is Σ_q A_iq·z_q a delay ago. Apart from a few complex factors the transducers share their
+        course over time: z = envelopes @ fields. So it is a sum over envelopes and whole periods of delay.
         """
         if first == last:
             return
@@ -315,7 +314,7 @@ class Playback:
     def _envelopes(
         self, resonance: OnePole, first: int, last: int
     ) -> tuple[NDArray[np.complex64], NDArray[np.complex128]]:
-        """Envelopes at the beginning of some periods, (r, last - first), and fields, (r, n), that they are factors of.
+        """Envelopes at the beginning of some periods, (r, last - first), and the fields that they multiply, (r, n).
 
         A modulated field needs one or two of them, whatever the number of transducers.
         """
@@ -329,13 +328,13 @@ class Playback:
         silent = np.zeros((max(-begin, 0), len(fields)))
         drive = np.concatenate([silent, weights[played]])
         rate = (1 - resonance.decay) * resonance.gain * self.amplifier.gain
-        # The state at the beginning of a period is what the drives before it have made.
+        # The state at the beginning of a period is the result of the drives before it.
         rung = scipy.signal.lfilter([0, rate], [1, -resonance.decay], drive, axis=0)
         return np.ascontiguousarray(rung[first - begin :].T, dtype=np.complex64), fields
 
 
 def rms(signal: ArrayLike) -> NDArray[np.float64]:
-    """Root of the mean square over the last axis, (..., t) to (...); over whole carrier periods a sound's rms."""
+    """Root of the mean square over the last axis, (..., t) to (...); over whole carrier periods the rms of a sound."""
     return np.asarray(np.sqrt(np.mean(np.square(np.asarray(signal, dtype=np.float64)), axis=-1)))
 
 
@@ -359,14 +358,14 @@ def component(series: ArrayLike, frequency: float, rate: float) -> NDArray[np.fl
     Raises
     ------
     ValueError
-        Where there is no whole number of cycles, or the frequency is not below half the rate.
+        If there is no whole number of cycles, or the frequency is not below half the rate.
     """
     values = np.asarray(series, dtype=np.float64)
     return np.asarray(np.abs(values @ _turns(frequency, rate, values.shape[-1])))
 
 
 def _turns(frequency: float, rate: float, samples: int) -> NDArray[np.complex128]:
-    """What a series is multiplied by, and summed, to give the amplitude at a frequency."""
+    """The factors whose weighted sum with a series is the amplitude at a frequency."""
     cycles = samples * frequency / rate
     if not 0 <= frequency < rate / 2:
         raise ValueError(f"frequency {frequency} Hz must be at least 0 and below half the rate of {rate:g} Hz")
@@ -385,7 +384,7 @@ def _stretch(unit: str, start: int, stop: int, end: int) -> tuple[int, int]:
 
 
 def _factors(rows: NDArray[np.complex128]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Matrices (f, r) and (r, n), with r as small as it may be, whose product is (f, n) rows, but for `NEGLIGIBLE`."""
+    """Matrices (f, r) and (r, n), with the least r, whose product equals (f, n) rows except for `NEGLIGIBLE`."""
     if len(rows) < rows.shape[1]:
         powers, basis = np.linalg.eigh(rows @ rows.conj().T)
         basis = basis[:, powers > NEGLIGIBLE**2 * powers[-1]]

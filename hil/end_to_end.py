@@ -1,7 +1,7 @@
-"""The end-to-end check: a solution goes to an emulated device, and what its outputs play is held against it.
+"""The end-to-end check: a solution goes to an emulated device, and the played outputs are compared with it.
 
-The judge takes from the emulator only the captured bits and how the transducers are wired. What the bits emit comes
-from their edges, and which pulse would have been best from trying every pulse in the closed form (2/π)·sin(πw/50).
+The judge takes from the emulator only the captured bits and the wiring. The emitted drive follows from the edges of the
+bits, and the best possible pulse from trying every pulse in the closed form (2/π)·sin(πw/50).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from ..solver import PlaneField, Solution, pressure, sample_plane, transfer_matr
 __all__ = ["Check", "EndToEnd", "emission", "nearest_emission", "run_end_to_end"]
 
 PERIODS_WATCHED = 4
-NUMERICAL = 1e-9  # of full drive: double precision over the whole way leaves less than a millionth of this bound
+NUMERICAL = 1e-9  # of full drive: double precision over the whole path loses less than a millionth of this bound
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that must hold: a measured value and the most it may be."""
+    """A requirement: a measured value and its upper bound."""
 
     name: str
     value: float
@@ -44,22 +44,22 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether it holds."""
+        """Whether it is met."""
         return self.value <= self.limit
 
 
 @dataclass(frozen=True, eq=False)
 class EndToEnd:
-    """What was intended, what was played, and what the difference is.
+    """What was intended, what was played, and the difference.
 
     Parameters
     ----------
     solution : Solution
         The intended drive and its control points.
     ack : Ack
-        What the device answered.
+        The device's answer.
     capture : Capture
-        What its outputs did.
+        Its outputs.
     """
 
     solution: Solution
@@ -79,7 +79,7 @@ class EndToEnd:
 
     @cached_property
     def nearest(self) -> NDArray[np.complex128]:
-        """The best that any pulses could have done, (n,) complex: what quantisation alone explains."""
+        """The best result of any pulses, (n,) complex: what quantisation alone explains."""
         return nearest_emission(self.solution.drive)
 
     def field(self, height: float) -> PlaneField:
@@ -115,7 +115,7 @@ class EndToEnd:
         ]
 
     def checks(self) -> list[Check]:
-        """Everything that must hold; the verdict is good if all of it does."""
+        """All requirements; the verdict is good if all are met."""
         intended, rebuilt = self.solution.drive, self.rebuilt
         boundary = self.ack.commit_period * TICKS_PER_PERIOD
         before = self.capture.bits(max(0, boundary - TICKS_PER_PERIOD), boundary)
@@ -140,7 +140,7 @@ class EndToEnd:
                 NUMERICAL,
                 "of full drive",
             ),
-            # Where every drive is right the pressure must be within this, however the errors of quantisation add up.
+            # If every drive is right the pressure must be within this, however the errors of quantisation add up.
             Check(
                 "pressure error, worst point",
                 float(error[worst] * percent),
@@ -171,7 +171,7 @@ class EndToEnd:
 
 
 def emission(bits: NDArray[np.uint32], wiring: Wiring) -> NDArray[np.complex128]:
-    """What one carrier period of bits emits, from the edges of its square waves.
+    """The drive emitted by one carrier period of bits, from the edges of its square waves.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def emission(bits: NDArray[np.uint32], wiring: Wiring) -> NDArray[np.complex128]
 
 
 def nearest_emission(drive: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """For each drive the nearest that a pulse of whole ticks can emit, by trying all of them.
+    """For each drive the nearest one that a pulse of whole ticks can emit, by trying all of them.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def nearest_emission(drive: NDArray[np.complex128]) -> NDArray[np.complex128]:
     -------
     (n,) complex
         Emitted drives: sin(πw/50)·e^{2πi·c/100} for a pulse of w ticks centred at half tick c. A pulse that begins and
-        ends on ticks has c even where w is even, and odd where w is odd.
+        ends on ticks has c even if w is even, and odd if w is odd.
     """
     width, centre = np.meshgrid(np.arange(MAX_WIDTH_TICKS + 1), np.arange(HALF_TICKS_PER_PERIOD), indexing="ij")
     possible = (centre - width) % 2 == 0
@@ -226,9 +226,9 @@ def run_end_to_end(solution: Solution, emulator: Emulator) -> EndToEnd:
     Raises
     ------
     ValueError
-        Where the solution has another number of drives than the device has transducers.
+        If the solution has another number of drives than the device has transducers.
     DeviceError
-        Where the way to the device fails.
+        If the device cannot be reached.
     """
     pulses = Pulses.from_drive(solution.drive)
     with open_device(emulator.url) as device:

@@ -1,9 +1,9 @@
-"""Captures in pcap and pcapng files, as packets, so that their size does not matter.
+"""Captures in pcap and pcapng files, packet by packet, so that their size does not matter.
 
-The records of the files are dpkt's. Its readers are not used: they give every packet the link type of the first
-interface, hide the byte order, which usbmon's header shares, and believe every length. (python-pcapng, the other
-candidate, knows interfaces, but decodes every option and fails on valid ones, takes six times as long, and reads no
-classic pcap.)
+dpkt defines the records of the files. Its readers are not used: they give every packet the link type of the first
+interface, hide the byte order, which usbmon's header shares, and trust every length. (python-pcapng, the alternative,
+knows interfaces, but decodes every option and fails on valid ones, takes six times as long, and does not read classic
+pcap.)
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from ..errors import InputFileError
 __all__ = ["MAGICS", "Packet", "packets"]
 
 LARGEST_PACKET_BYTES = 2**25
-"""A longer one is a corrupt length: a URB carries some 16 MiB at most."""
+"""A longer packet has a corrupt length: a URB carries at most some 16 MiB."""
 
 
 class Packet(NamedTuple):
-    """A packet, with what its file says of it."""
+    """A packet, with its file's metadata."""
 
     number: int  # from 1, as Wireshark counts
     link: int
@@ -33,7 +33,7 @@ class Packet(NamedTuple):
 
 
 class _Source:
-    """A stream from which wholes are taken, and no corrupt length is."""
+    """A stream that returns only complete parts, and refuses a corrupt length."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
@@ -68,7 +68,7 @@ _BLOCKS = {
 _RECORDS = {struct.pack(">I", magic): record for magic, record in pcap.MAGIC_TO_PKT_HDR.items()}
 
 MAGICS = (_SECTION, *_RECORDS)
-"""How the files begin that `packets` reads."""
+"""The first bytes of the files that `packets` reads."""
 
 
 def packets(stream: BinaryIO, name: str) -> Iterator[Packet]:
@@ -77,7 +77,7 @@ def packets(stream: BinaryIO, name: str) -> Iterator[Packet]:
     Raises
     ------
     InputFileError
-        Where the file is corrupt; packets before that are given.
+        If the file is corrupt; packets before that are given.
     """
     source, number = _Source(stream), 1
     try:
@@ -117,7 +117,7 @@ def _pcapng_packets(magic: bytes, source: _Source) -> Iterator[tuple[int, str, b
             if kind == _INTERFACE:
                 interfaces.append(block.linktype)
             elif block.iface_id >= len(interfaces) or block.caplen > size - block.__hdr_len__:
-                raise ValueError(f"it claims {block.caplen} bytes of interface {block.iface_id}, which are not there")
+                raise ValueError(f"it claims {block.caplen} bytes of interface {block.iface_id}, which does not exist")
             else:
                 yield interfaces[block.iface_id], order, block.pkt_data
         head = source.take_or_end(8)

@@ -1,4 +1,4 @@
-"""The picture of an end-to-end run: the field that arrived, the array as driven, and the square waves between."""
+"""The picture of an end-to-end run: the emitted field, the array as driven, and the square waves between."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def draw_waves(axes: Axes, run: EndToEnd) -> None:
 
 def save_end_to_end_picture(path: Path, run: EndToEnd, field: PlaneField, headline: str) -> None:
     """Write the picture in the format of the path's suffix."""
-    from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
+    from matplotlib.figure import Figure  # importing matplotlib takes as long as everything else together
 
     figure = Figure(figsize=(13, 9.5), layout="constrained")
     axes = figure.subplot_mosaic([["field", "array"], ["waves", "waves"]], height_ratios=[1.35, 1])

@@ -1,4 +1,4 @@
-"""Recordings of traffic: files and standard input, in formats told apart by their content, read piece by piece."""
+"""Recordings of traffic: files and standard input; the content tells the format, and they are read piece by piece."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ __all__ = ["FORMATS", "open_recording", "read_recording"]
 
 FORMATS = {
     "blocks": "blocks and records, one after the other",
-    "hex": "text of hex digits, or a dump by xxd or hexdump -C, of what is one of the others",
+    "hex": "text of hex digits, or a dump by xxd or hexdump -C, of one of the others",
     "pcap": "a pcap or pcapng capture by Linux's usbmon",
     "serial": "one direction of a serial line",
     "firmware": "a firmware image",
     "chain": "one message between controller and processors",
 }
-"""Formats of recordings, and what is in them."""
+"""Formats of recordings, and their contents."""
 
 WHOLES = {"firmware": Traffic.FIRMWARE, "chain": Traffic.MESSAGE}
 """Formats that hold one piece."""
 
 MOST_PIPED_BYTES = 2**32
-"""Of a pipe, which is copied to the disk."""
+"""Limit for a pipe, which is copied to the disk."""
 
 HEAD_BYTES = 4096
-"""How much of a recording is looked at to tell its format."""
+"""How much of a recording is read to tell its format."""
 
 
 @contextmanager
@@ -45,7 +45,7 @@ def open_recording(source: str) -> Iterator[BinaryIO]:
     Raises
     ------
     OSError
-        Where it cannot be opened.
+        If it cannot be opened.
     """
     if source == "-":
         with _seekable(sys.stdin.buffer) as stream:
@@ -57,7 +57,7 @@ def open_recording(source: str) -> Iterator[BinaryIO]:
 
 @contextmanager
 def _seekable(stream: BinaryIO) -> Iterator[BinaryIO]:
-    """The stream itself, or a copy on disk of what comes through a pipe."""
+    """The stream itself, or a copy on disk if it is a pipe."""
     if stream.seekable():
         yield stream
         return
@@ -80,7 +80,7 @@ def read_recording(
     stream : binary file
         The recording; it must be able to seek.
     name : str
-        What errors call it.
+        Its name in errors.
     form : str
         One of `FORMATS`, or ``auto`` to judge by the content.
     address : UsbAddress or None
@@ -89,9 +89,9 @@ def read_recording(
     Raises
     ------
     ValueError
-        Where there is no such format, or the format has no addresses.
+        If there is no such format, or the format has no addresses.
     InputFileError
-        Where the recording is empty or cannot be read as such; pieces before that are given.
+        If the recording is empty or cannot be read as such; pieces before that are given.
     """
     if form not in ("auto", *FORMATS):
         raise ValueError(f"unknown format {form!r}; known are auto, {', '.join(FORMATS)}")
@@ -112,7 +112,7 @@ def read_recording(
 
 
 def _form_of(head: bytes, name: str) -> str:
-    """The format of a recording, judged by how it begins."""
+    """The format of a recording, judged by its beginning."""
     from .packets import MAGICS  # dpkt takes a tenth of the command line's time to import
 
     if head.startswith(MAGICS):
@@ -126,4 +126,4 @@ def _form_of(head: bytes, name: str) -> str:
     if any(is_frame(part) for part in head.split(DELIMITER)):
         return "serial"
     known = "; ".join(f"{form}: {what}" for form, what in FORMATS.items())
-    raise InputFileError(f"{name} begins like no recording that is known; its format can be stated ({known})")
+    raise InputFileError(f"{name} begins like no known recording; its format can be stated ({known})")

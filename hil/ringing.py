@@ -1,11 +1,11 @@
-"""What the resonators of all channels do while bits drive them, a stretch of carrier periods at a time.
+"""The response of all channels' resonators to bits, an interval of carrier periods at a time.
 
-Outputs repeat themselves: a field that holds, a sequence, a modulation plays the same few periods again and again. Then
-the states of all resonators over a period are sums of a few waveforms, each times a number per period, and whatever is
-linear in them need be computed for the waveforms only. Where nothing repeats, the states come as they are.
+Outputs repeat: a constant field, a sequence or a modulation plays the same few periods again and again. Then the states
+of all resonators over a period are sums of a few waveforms, each times a number per period, and any linear quantity
+need only be computed for the waveforms. If nothing repeats, the states are computed directly.
 
-A resonance forgets slowly, so that no two periods begin alike. But its state is what the bits of the period make of
-rest, and what was there before, which rings down the same way whatever is played (`OnePole`).
+A resonance decays slowly, so that no two periods begin alike. But its state is the sum of the response of a resonator
+at rest to the period's bits, and of the earlier state, which decays in the same way whatever is played (`OnePole`).
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from ..emulator.ports.amplifier import FULL_DRIVE_V, Amplifier
 from ..protocol.board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
 from ..solver.acoustics.resonator import OnePole
 
-__all__ = ["Bank", "Bits", "Emission", "words_of"]
+__all__ = ["Bits", "Emission", "ResonatorBank", "words_of"]
 
 NEGLIGIBLE = 1e-5
-"""Of the strongest waveform: weaker ones are left out. In single precision the sum cannot tell."""
+"""Relative to the strongest waveform: weaker ones are left out. In single precision the sum is the same."""
 PERIODS_AT_A_TIME = 1000
 ALIKE, MOST_TABLES = 4, 64
-"""Waveforms are shared where a table plays in so many periods on average, and there are no more tables."""
+"""Waveforms are shared if a table plays in so many periods on average, and there are no more tables than this."""
 FEW_PERIODS = 40
-"""Whose states fit a cache."""
+"""The number of periods whose states fit a cache."""
 POINTS_AT_A_TIME = 64
 
 
 class Bits(Protocol):
-    """What is needed of a capture."""
+    """The part of a capture that is needed here."""
 
     @property
     def end_tick(self) -> int:
@@ -52,8 +52,8 @@ class Emission(NamedTuple):
     states: NDArray[np.complex64]
     """Waveforms, (r, 320, t + 1) by channel: at the beginning of each tick, and at the end of the last."""
     shares: NDArray[np.float32] | None
-    """How much of each waveform, of 50 ticks, there is in each period, (p, r). None where there is one waveform, which
-    is the states from beginning to end."""
+    """How much of each waveform, of 50 ticks, there is in each period, (p, r). None if there is one waveform, which
+    holds the states from beginning to end."""
 
     def arrive(
         self,
@@ -64,26 +64,26 @@ class Emission(NamedTuple):
         here: NDArray[np.complex64],
         following: NDArray[np.complex64],
     ) -> int:
-        """Add up what some points hear of it.
+        """Add up the sound at some points.
 
         Parameters
         ----------
         sound : (k, p, 50) float32
-            Written, period by period: at each tick what arrives, as far as it lies within.
+            Written, period by period: at each tick the arriving sound, within the array's range.
         at : int
             Period of `sound` in which the emission begins to arrive; it may lie before the first.
         fresh : int
-            Period from which on nothing has been written to `sound` yet.
+            Period from which `sound` has not been written yet.
         lag, here, following : (k, 320)
-            After how many ticks from there, not negative, and how strongly; see `solver.time_kernels.place_waves`.
+            The delay in ticks from there, not negative, and the weights; see `solver.time_kernels.place_waves`.
 
         Returns
         -------
         int
-            The period from which on still nothing has been written.
+            The period from which `sound` is still not written.
         """
         from ..solver.compiled.simd import LANES
-        from ..solver.compiled.time_kernels import POINTS_AT_ONCE, sum_bursts  # numba takes half a second to import
+        from ..solver.compiled.time_kernels import POINTS_AT_ONCE, sum_bursts  # importing numba takes half a second
 
         waveforms, steps = len(self.states), self.states.shape[2] - 1
         filled = -(-steps // LANES) * LANES
@@ -119,8 +119,8 @@ def _windows(shares: NDArray[np.float32], span: int) -> NDArray[np.float32]:
     return np.ascontiguousarray(windows).reshape(len(windows), -1)
 
 
-class Bank:
-    """The resonators of all channels, from the beginning of a period on, before which they are at rest.
+class ResonatorBank:
+    """The resonators of all channels from the beginning of a period, before which they are at rest.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class Bank:
             self._ring(min(FEW_PERIODS, period - self.period))
 
     def emit_until(self, period: int) -> Iterator[Emission]:
-        """Let time pass until a period begins; what the resonators do meanwhile, piece by piece."""
+        """Let time pass until a period begins; yields the response of the resonators, piece by piece."""
         while self.period < period:
             count = min(PERIODS_AT_A_TIME, period - self.period)
             played, tables = _different(self._words(count))
@@ -173,7 +173,7 @@ class Bank:
         driven, left = self._rung(tables, np.zeros(CHANNELS, np.complex128))
         falling = self._resonance.decay ** np.arange(TICKS_PER_PERIOD + 1)
         chosen = np.eye(len(tables))[played]
-        # How much of what each table has left, and of what there was, is there when each period begins, and the next.
+        # How much of each table's effect, and of the initial state, there is when each period begins, and the next.
         kept = scipy.signal.lfilter([0, 1], [1, -falling[-1]], np.pad(chosen, ((0, 1), (0, 0))), axis=0)
         kept = np.concatenate([kept, falling[-1] ** np.arange(len(played) + 1)[:, None]], axis=1)
         left = np.concatenate([left, self._state[None]])
@@ -186,7 +186,7 @@ class Bank:
     def _rung(
         self, words: NDArray[np.uint32], state: NDArray[np.complex128]
     ) -> tuple[NDArray[np.complex64], NDArray[np.complex128]]:
-        """Waveforms, (m, 320, t + 1), and the states that they end with, (m, 320), of words, (m, t + 1, 10)."""
+        """Waveforms, (m, 320, t + 1), and their final states, (m, 320), of words, (m, t + 1, 10)."""
         from ..solver.compiled.time_kernels import ring
 
         states = np.empty((len(words), CHANNELS, words.shape[1]), dtype=np.complex64)
@@ -207,7 +207,7 @@ def words_of(capture: Bits, start: int, stop: int) -> NDArray[np.uint32]:
 
 
 def _different(words: NDArray[np.uint32]) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
-    """Which table each period plays, (p,), and the tables, (m, 51, 10); of words with those of the tick before."""
+    """The table of each period, (p,), and the tables, (m, 51, 10); of words with those of the tick before."""
     periods = np.lib.stride_tricks.sliding_window_view(words, TICKS_PER_PERIOD + 1, axis=0)[::TICKS_PER_PERIOD]
     index: dict[bytes, int] = {}
     played = [index.setdefault(period.T.tobytes(), len(index)) for period in periods]
@@ -218,7 +218,7 @@ def _different(words: NDArray[np.uint32]) -> tuple[NDArray[np.intp], NDArray[np.
 def _few(
     shares: NDArray[np.float64], waveforms: NDArray[np.complex128]
 ) -> tuple[NDArray[np.float32], NDArray[np.complex64]]:
-    """As few waveforms as may be, (r, ...), with shares (p, r) of them, for the sums of others but for `NEGLIGIBLE`."""
+    """The fewest waveforms, (r, ...), with shares (p, r), whose sums give the others except for `NEGLIGIBLE`."""
     flat = np.ascontiguousarray(waveforms).reshape(len(waveforms), -1).view(np.float64)
     powers, mixtures = np.linalg.eigh(flat @ flat.T)
     there = powers > (NEGLIGIBLE / 100) ** 2 * powers[-1]

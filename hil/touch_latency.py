@@ -1,7 +1,7 @@
-"""Where the time goes from the time stamp of a hand to the first tick of its field.
+"""The latency from the time stamp of a hand to the first tick of its field, by stage.
 
-The host's stages are measured by the wall clock: they are this computer's. What follows is the emulated device's, by
-its own clock: its time stands still while the host works, so both are put one after the other.
+The host's stages are measured by this computer's wall clock. The emulated device's stages are measured by its own
+clock, which stands still while the host works, so both are put one after the other.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 __all__ = ["STAGES", "TouchLatency", "draw_touch_latency", "measure_touch_latency"]
 
 STAGES = ("cut", "solve", "quantise", "send")
-"""Of the host: hands to control points; points to two drives; drives to pulses; a block, until the bus carries it."""
+"""Stages of the host: hands to control points; points to two drives; drives to pulses; a block to the bus."""
 
 NAMES = ("hand to control points", "two fields are solved", "drives to pulses", "block to the bus")
 
 POSES = 300
 WARM_UP_POSES = 20
-SWAY = 2e-3  # metres by which the hands move to and fro, so that no pose is solved already
+SWAY = 2e-3  # metres by which the hands move to and fro, so that no pose was solved before
 SWAY_POSES = 50  # to and fro
 POSE_SECONDS = 1e-3
 COLOURS = {"host": "#E69F00", "USB": "#0072B2", "device": "#009E73"}  # of Okabe and Ito
@@ -52,8 +52,8 @@ DEVICE_ROWS = (
 """Rows of the picture: name, place, and the kinds of spans."""
 
 
-class Row(NamedTuple):
-    """One stage of the way, in seconds since the time stamp."""
+class LatencyStage(NamedTuple):
+    """One stage of the path, in seconds since the time stamp."""
 
     name: str
     where: str
@@ -63,14 +63,14 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TouchLatency:
-    """The way of hands to the outputs.
+    """The path from hands to the outputs.
 
     Parameters
     ----------
     host : (k, 4) float
-        Seconds that each of `STAGES` took, for each of k poses.
+        Seconds of each of `STAGES`, for each of k poses.
     device : tuple of Span
-        What was busy in the device for the last pose, with 0 when the bus began to carry its block.
+        The busy spans of the device for the last pose, with 0 when the bus began to carry its block.
     points : int
         Control points of the last pose.
     """
@@ -89,18 +89,18 @@ class TouchLatency:
         """Seconds from the time stamp to the first tick, for each pose, (k,)."""
         return np.asarray(self.host.sum(axis=1) + self.first_tick)
 
-    def rows(self) -> list[Row]:
-        """The way, stage by stage: the host's medians, then the device's, from the first begin of any to the last end.
+    def rows(self) -> list[LatencyStage]:
+        """The path, stage by stage: the host's medians, then the device's, from the first begin of any to the last end.
 
-        Stages of the device overlap: each processor goes on as soon as it has its part.
+        Stages of the device overlap: each processor continues as soon as it has its part.
         """
         ends = np.cumsum(np.median(self.host, axis=0)).tolist()
         begins = [0.0, *ends[:-1]]
-        rows = [Row(name, "host", *times) for name, *times in zip(NAMES, begins, ends, strict=True)]
+        rows = [LatencyStage(name, "host", *times) for name, *times in zip(NAMES, begins, ends, strict=True)]
         for name, where, kinds in DEVICE_ROWS:
             spans = [span for span in self.device if span.kind in kinds]
             first, last = min(span.begins for span in spans), max(span.ends for span in spans)
-            rows.append(Row(name, where, ends[-1] + first / CORE_HZ, ends[-1] + last / CORE_HZ))
+            rows.append(LatencyStage(name, where, ends[-1] + first / CORE_HZ, ends[-1] + last / CORE_HZ))
         return rows
 
     def record(self) -> dict[str, Any]:
@@ -118,18 +118,18 @@ class TouchLatency:
 def measure_touch_latency(
     hands: Sequence[Hand], objects: Sequence[Mesh], toucher: Toucher, *, method: str = "wgs", poses: int = POSES
 ) -> TouchLatency:
-    """Let hands that touch objects move a little, and follow each pose to the outputs of a fresh emulated device.
+    """Move hands that touch objects a little, and follow each pose to the outputs of a fresh emulated device.
 
     Parameters
     ----------
     hands, objects : sequence of Hand, of Mesh
-        What touches what.
+        The hands and the objects that they touch.
     toucher : Toucher
-        Finds the points; what it knows of earlier frames is forgotten.
+        Finds the points; its state of earlier frames is reset.
     method : str
-        By which fields are solved.
+        The solving method.
     poses : int
-        How many are measured, at least 1.
+        The number of measured poses, at least 1.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _follow(
     frames = quantise(drives)
     pulses = Pulses(frames.phase[half], frames.width[half])
     marks.append(perf_counter())
-    # The device's time goes on when the bus begins to carry the block.
+    # The device's time advances when the bus begins to carry the block.
     emulator.scheduler.at(emulator.scheduler.now + 1, lambda: marks.append(perf_counter()))
     device.show(pulses)
     return np.diff(marks).tolist(), len(touch.points)
@@ -187,7 +187,7 @@ def _follow(
 
 def draw_touch_latency(latency: TouchLatency) -> Figure:
     """The time line from the time stamp to the outputs: the median of the host's stages, then those of the device."""
-    from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
+    from matplotlib.figure import Figure  # importing matplotlib takes as long as everything else together
 
     rows = latency.rows()
     end = rows[-1].ends * MICROSECONDS

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["outline", "plane_of", "save_touch_picture"]
 
 MM = 1e3
-ELEVATION, AZIMUTH = 24.0, -62.0  # degrees, where the scene is seen from
+ELEVATION, AZIMUTH = 24.0, -62.0  # degrees, the direction of view
 SHARP = np.cos(np.radians(25.0))  # faces that meet at a larger angle make an edge that is drawn
 MARGIN = 0.03  # metres around the control points on the plane of the field
 SMALLEST = 0.12  # metres, side of that plane
@@ -32,7 +32,7 @@ CLEARANCE = 0.02  # metres between that plane and the array
 STEP = 1e-3  # metres
 IN_PLANE = 10e-3  # metres from the plane at which a thing is drawn in it
 
-# From the palette of Okabe and Ito, which people with any colour vision tell apart; markers differ as well.
+# From the palette of Okabe and Ito, which people with any colour vision can tell apart; markers differ as well.
 OBJECT, HAND, ARC = "#555555", "#E69F00", "#0072B2"
 HALVES = (("first", "#D55E00", "o"), ("second", "#009E73", "^"))
 
@@ -46,22 +46,22 @@ def save_touch_picture(
     array: TransducerArray,
     source: str,
 ) -> None:
-    """Draw what touches what, and the field that comes of it.
+    """Draw what touches what, and the resulting field.
 
     Parameters
     ----------
     path : Path
-        Where to write; its suffix is the format.
+        The file; its suffix is the format.
     hands, objects : sequence of Hand, of Mesh
-        What was there.
+        The scene.
     touch : Touch
-        Where they meet.
+        Their contact.
     emitted : Modulation
         What the device plays: its drives rebuilt from bits or from pulses that were read back.
     array : TransducerArray
-        That plays it.
+        The array that plays it.
     source : str
-        What the drives were rebuilt from, for the caption.
+        The source of the drives, for the caption.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def save_touch_picture(
     if touch.points is None:
         raise ValueError("no hand touches an object: there is no field to draw")
     from matplotlib import rc_context
-    from matplotlib.figure import Figure  # matplotlib takes as long to import as everything else together
+    from matplotlib.figure import Figure  # importing matplotlib takes as long as everything else together
 
     at = touch.points.positions
     halves = np.abs([pressure(array, drive, at) for drive in emitted.weights @ emitted.drives])
@@ -80,7 +80,7 @@ def save_touch_picture(
     figure = Figure(figsize=(14, 7.4), layout="constrained")
     sides = figure.add_gridspec(1, 2, width_ratios=[1, 1.08])
     left, right = figure.add_subfigure(sides[0]), figure.add_subfigure(sides[1])
-    with rc_context({"grid.color": "0.88"}):  # three-dimensional axes take it when they are made
+    with rc_context({"grid.color": "0.88"}):  # three-dimensional axes need it when they are made
         space: Axes3D = left.add_subplot(projection="3d")
     _draw_scene(space, hands, objects, touch, louder, array, grid)
     axes = right.subplots()
@@ -114,8 +114,8 @@ def plane_of(points: NDArray[np.float64], floor: float) -> Grid:
     _, extents, directions = np.linalg.svd(points - mean, full_matrices=True)
     spread = np.zeros(3)
     spread[: len(extents)] = extents
-    flat = directions[spread < 1e-6]  # directions in which the points do not vary at all, to a micrometre
-    normal = directions[2] if len(flat) < 2 else flat.T @ flat[:, 2]  # z, as far as it lies in these
+    flat = directions[spread < 1e-6]  # directions in which the points vary less than a micrometre
+    normal = directions[2] if len(flat) < 2 else flat.T @ flat[:, 2]  # the part of z in these
     if np.linalg.norm(normal) < 1e-9:
         normal = flat[0]
     normal = normal / np.linalg.norm(normal) * (1 if normal[2] >= 0 else -1)
@@ -145,12 +145,12 @@ def outline(mesh: Mesh, towards: NDArray[np.float64]) -> tuple[NDArray[np.float6
     mesh : Mesh
         Of any number of faces.
     towards : (3,) float
-        Direction to who looks.
+        Direction to the viewer.
 
     Returns
     -------
     seen, hidden : (k, 2, 3) float
-        Lines in metres; hidden are those of which both faces look away.
+        Lines in metres; hidden ones have both faces turned away.
     """
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

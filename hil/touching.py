@@ -1,8 +1,8 @@
-"""The end-to-end check of touch: what the outputs play over one period of the modulation, held against the intent.
+"""The end-to-end check of touch: the outputs over one period of the modulation, compared with the intent.
 
-Two drives take turns, and skin feels how the intensity changes at 200 Hz. So the judge rebuilds the drive of every
-carrier period from the captured bits, and demodulates the intensity at the control points by itself. As in
-`end_to_end`, it takes from the emulator only the bits and the wiring.
+Two drives alternate, and skin feels the change of the intensity at 200 Hz. So the judge rebuilds the drive of every
+carrier period from the captured bits, and demodulates the intensity at the control points itself. As in `end_to_end`,
+it takes from the emulator only the bits and the wiring.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ __all__ = ["TouchRun", "as_emitted", "run_touch"]
 
 @dataclass(frozen=True, eq=False)
 class TouchRun:
-    """What was intended, what was played, and what the difference is.
+    """What was intended, what was played, and the difference.
 
     Parameters
     ----------
     intended : TwoSided
         Both drives, before they become pulses, and the control points.
     ack : Ack
-        What the device answered to the sequence of both.
+        The device's answer to the sequence of both.
     capture : Capture
-        What its outputs did.
+        Its outputs.
     """
 
     intended: TwoSided
@@ -89,7 +89,7 @@ class TouchRun:
         return np.asarray(2 * np.abs(turns @ np.abs(self.pressures(drives)) ** 2) / k * np.sinc(1 / k))
 
     def checks(self) -> list[Check]:
-        """Everything that must hold; the verdict is good if all of it does."""
+        """All requirements; the verdict is good if all are met."""
         boundary = self.ack.commit_period * TICKS_PER_PERIOD
         began = [next((tick for tick in latches if tick >= boundary), 0) for latches in self.capture.latches]
         before = self.capture.bits(max(0, boundary - TICKS_PER_PERIOD), boundary)
@@ -134,21 +134,21 @@ def run_touch(intended: TwoSided, emulator: Emulator) -> TouchRun:
     Raises
     ------
     ValueError
-        If the drives are not as many as the device has transducers.
+        If the number of drives differs from that of the device's transducers.
     DeviceError
-        If the way to the device fails.
+        If the device cannot be reached.
     """
     drives, steps = intended.modulation.slots()
     return TouchRun(intended, *_played(drives, steps, emulator))
 
 
 def as_emitted(halves: Sequence[Pulses], frequency: float) -> Modulation:
-    """What an emulated device emits that plays two frames in turn, rebuilt from the bits of its outputs.
+    """The drives that an emulated device emits for two alternating frames, rebuilt from the bits of its outputs.
 
     Parameters
     ----------
     halves : sequence of Pulses
-        Two frames, as they were sent to a device.
+        Two frames, as sent to a device.
     frequency : float
         Of the modulation, in hertz.
     """

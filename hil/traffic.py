@@ -1,7 +1,7 @@
 """Recorded traffic in pieces: a block, a record, a control request or a stretch of a serial line, one at a time.
 
-Every reader of a recording ends here, and everything that explains traffic begins here. The readers of plain bytes and
-of hex text are in this module; `usbmon` reads captures of a USB bus.
+Every reader of a recording yields these pieces, and everything that explains traffic takes them. The readers of plain
+bytes and of hex text are in this module; `usbmon` reads captures of a USB bus.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from ..protocol.framing import DELIMITER
 from ..protocol.replies import Ack, Status
 
 __all__ = [
-    "Direction",
     "LineCutter",
     "Piece",
     "Traffic",
+    "TransferDirection",
     "cut",
     "hex_bytes",
     "is_hex",
@@ -34,25 +34,25 @@ __all__ = [
 ]
 
 RECORD_SIZES = {ACK_MAGIC: Ack.BYTES, STATUS_MAGIC: Status.BYTES}
-"""Sizes of the records on bulk IN, by how they begin."""
+"""Sizes of the records on bulk IN, by their first bytes."""
 
 LONGEST_FRAME_BYTES = 4096
-"""Where more than this stands on a serial line without a zero, it is cut: it is noise."""
+"""A longer part of a serial line without a zero is cut: it is noise."""
 
 LARGEST_TEXT_BYTES = 64_000_000
-"""How much hex text is read at once, and how many bytes it may stand for."""
+"""How much hex text is read at once, and the greatest number of its bytes."""
 
 LARGEST_WHOLE_BYTES = IMAGE_MAX_BYTES + SUFFIX_BYTES
-"""The largest piece that there is: the file of a firmware image."""
+"""The largest piece: the file of a firmware image."""
 
 SERIAL_CHUNK_BYTES = 65536
 _CONSOLE_FRAME = framing.encode(framing.CONSOLE_FRAME)
 
-Direction = Literal["out", "in"]
+TransferDirection = Literal["out", "in"]
 
 
 class Traffic(StrEnum):
-    """What kind of traffic a piece is."""
+    """The kind of traffic of a piece."""
 
     BLOCK = "block"
     RECORD = "record"
@@ -66,7 +66,7 @@ class Traffic(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One piece of traffic, as it was recorded.
+    """One piece of traffic, as recorded.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ class Piece:
     traffic : Traffic
         What kind of traffic it is.
     direction : "out", "in" or None
-        From the host, to the host, or not known.
+        From the host, to the host, or unknown.
     data : bytes
-        What travelled, as far as it was recorded; the data stage of a control request.
+        The recorded bytes; for a control request its data stage.
     time : float or None
         Seconds since the recording began.
     setup : bytes
@@ -85,14 +85,14 @@ class Piece:
     missing : int
         Bytes at the end that travelled but were not recorded.
     stalled : bool
-        Whether the device answered STALL, as it does to a request that it does not know.
+        Whether the device answered STALL, as it does to an unknown request.
     problem : str
-        What went wrong on the way; empty if nothing did.
+        What went wrong on the way; empty if all went well.
     """
 
     where: str
     traffic: Traffic
-    direction: Direction | None
+    direction: TransferDirection | None
     data: bytes
     time: float | None = None
     setup: bytes = b""
@@ -102,21 +102,21 @@ class Piece:
 
 
 def cut(traffic: Traffic, data: bytes, travelled: int) -> Iterator[tuple[int, bytes, int]]:
-    """Cut what one transfer carried into blocks or records.
+    """Cut the data of one transfer into blocks or records.
 
     Parameters
     ----------
     traffic : Traffic
         `Traffic.BLOCK` or `Traffic.RECORD`.
     data : bytes
-        What was recorded of the transfer, from its beginning.
+        The recorded data of the transfer, from its beginning.
     travelled : int
-        How many bytes it had.
+        The true number of its bytes.
 
     Yields
     ------
     int, bytes, int
-        Where in the transfer the piece begins, the piece, and how many bytes of it were not recorded.
+        The offset of the piece in the transfer, the piece, and how many of its bytes were not recorded.
     """
     at = 0
     while at < len(data):
@@ -130,7 +130,7 @@ def cut(traffic: Traffic, data: bytes, travelled: int) -> Iterator[tuple[int, by
 
 
 def read_bytes(stream: BinaryIO) -> Iterator[Piece]:
-    """Read blocks and records that stand one after the other, told apart by how they begin."""
+    """Read blocks and records that stand one after the other, told apart by their first bytes."""
     offset, held = 0, b""
     while held := held + stream.read(BLOCK_BYTES - len(held)):
         if (begin := held[:2]) in RECORD_SIZES:
@@ -143,9 +143,9 @@ def read_bytes(stream: BinaryIO) -> Iterator[Piece]:
 
 
 class LineCutter:
-    """Cuts one direction of a serial line into frames and the console's text, however it arrives (clause SER-010).
+    """Cuts one direction of a serial line into frames and console text, however its bytes arrive (clause SER-010).
 
-    Frames are cut out as they stand, without the zero that ends them, and are not judged.
+    Frames are returned as they stand, without the zero that ends them, and are not judged.
     """
 
     def __init__(self) -> None:
@@ -154,10 +154,10 @@ class LineCutter:
         self._in_console = True
 
     def feed(self, data: bytes) -> Iterator[tuple[int, Traffic, bytes]]:
-        """Take what arrived next; yield offset, kind and bytes of all that is complete by then."""
+        """Take the next data; yields offset, kind and bytes of everything that is then complete."""
         *ended, self._held = (self._held + data).split(DELIMITER)
         for part in ended:
-            # What was recorded from the middle of a line begins with a frame, not with text.
+            # A recording from the middle of a line begins with a frame, not with text.
             traffic = Traffic.TEXT if self._in_console and not is_frame(part) else Traffic.FRAME
             self._in_console = traffic is Traffic.FRAME and part + DELIMITER == _CONSOLE_FRAME
             if part:
@@ -167,7 +167,7 @@ class LineCutter:
             yield from self.rest()
 
     def rest(self) -> Iterator[tuple[int, Traffic, bytes]]:
-        """Yield what is left at the end of the line, or is too much to be a frame."""
+        """Yield what is left at the end of the line, or is too long for a frame."""
         if self._held:
             yield self._offset, Traffic.TEXT if self._in_console else Traffic.FRAME, self._held
         self._offset += len(self._held)
@@ -189,7 +189,7 @@ def read_whole(stream: BinaryIO, name: str, traffic: Traffic) -> Iterator[Piece]
     Raises
     ------
     InputFileError
-        Where it is larger than any of these.
+        If it is larger than any of these.
     """
     data = stream.read(LARGEST_WHOLE_BYTES + 1)
     if len(data) > LARGEST_WHOLE_BYTES:
@@ -223,14 +223,14 @@ def is_hex(head: str) -> bool:
 def hex_bytes(text: str) -> bytes:
     """Read bytes from hex text.
 
-    Understood are pairs of hex digits, with ``0x``, commas and white space wherever they please, comments from ``#`` to
-    the end of the line, and ``00 × 480`` on a line of its own for so many zeros; and the dumps of ``xxd`` and
-    ``hexdump -C`` from offset 0 on, whose lines state the offset.
+    It accepts pairs of hex digits, with ``0x``, commas and white space anywhere, comments from ``#`` to the end of the
+    line, and ``00 × 480`` on a line of its own for so many zeros; and the dumps of ``xxd`` and ``hexdump -C`` from
+    offset 0, whose lines state the offset.
 
     Raises
     ------
     ValueError
-        Where it is something else; it names the line.
+        If it is anything else; it names the line.
     """
     lines = list(_content_lines(text))
     if lines and _DUMP_BEGINS.match(lines[0][1]):
@@ -267,12 +267,12 @@ def _content_lines(text: str) -> Iterator[tuple[int, str]]:
 def _dumped_bytes(lines: Iterable[tuple[int, str]]) -> bytes:
     data, last, repeats = bytearray(), b"", False
     for number, line in lines:
-        if line == "*":  # lines like the last one were left out
+        if line == "*":  # lines equal to the last one were left out
             repeats = True
             continue
         match = _XXD_LINE.fullmatch(line) or _HEXDUMP_LINE.fullmatch(line)
         if match is None:
-            raise ValueError(f"line {number}: {_short(line)} is no line of a hex dump, as those before it are")
+            raise ValueError(f"line {number}: {_short(line)} is no line of a hex dump, unlike those before it")
         offset = int(match[1], 16)
         if repeats and last and len(data) < offset <= LARGEST_TEXT_BYTES:
             data += (last * ((offset - len(data)) // len(last) + 1))[: offset - len(data)]
@@ -293,7 +293,7 @@ def read_text(stream: BinaryIO, name: str) -> bytes:
     Raises
     ------
     InputFileError
-        Where it is no hex text, or more than is read at once.
+        If it is no hex text, or more than is read at once.
     """
     text = stream.read(LARGEST_TEXT_BYTES + 1)
     if len(text) > LARGEST_TEXT_BYTES:

@@ -1,6 +1,6 @@
-"""Captures of a USB bus: what Linux's usbmon saw, from a pcap or pcapng file, as pieces of traffic.
+"""Captures of a USB bus by Linux's usbmon, from a pcap or pcapng file, as pieces of traffic.
 
-A capture is read in steps, each a generator over the one before, so that its size does not matter: packets from the
+A capture is read in steps, each a generator over the previous one, so that its size does not matter: packets from the
 container, events from packets, transfers from a submission and its completion, pieces from transfers.
 """
 
@@ -27,12 +27,12 @@ from ..protocol.enumeration import (
     VENDOR_ID,
 )
 from ..protocol.requests import DIRECTION_IN
-from .traffic import RECORD_SIZES, Direction, LineCutter, Piece, Traffic, cut
+from .traffic import RECORD_SIZES, LineCutter, Piece, Traffic, TransferDirection, cut
 
 __all__ = ["UsbAddress", "read_usbmon"]
 
 MOST_PENDING = 4096
-"""Submissions that wait for their completion at once; in a corrupt capture they might all wait."""
+"""The greatest number of submissions without a completion; in a corrupt capture all might lack one."""
 
 HEADER_BYTES = {189: 48, 220: 64}
 """Size of usbmon's header by link type: LINKTYPE_USB_LINUX and LINKTYPE_USB_LINUX_MMAPPED."""
@@ -54,37 +54,37 @@ STATUSES = {
     -32: "the endpoint is halted",
     -62: "no answer",
     -71: "no answer, or a bit error on the bus",
-    -75: "the device sent more than was asked for",
+    -75: "the device sent more than requested",
     -84: "no answer, or a CRC error on the bus",
     -104: "cancelled by the host",
     -108: "the device is gone",
     -110: "no answer in time",
 }
-"""What an error number of Linux means for a transfer."""
+"""The meaning of Linux's error numbers for a transfer."""
 
 
 class UsbAddress(NamedTuple):
-    """Where a device sits: the number of its bus, and its own on that bus."""
+    """The address of a device: the number of its bus, and its own on that bus."""
 
     bus: int
     device: int
 
     @classmethod
     def parse(cls, text: str) -> UsbAddress:
-        """Read an address such as ``1.5``; raise `ValueError` where it is none."""
+        """Read an address such as ``1.5``; raises `ValueError` if it is none."""
         bus, _, device = text.partition(".")
         if not all(part.isascii() and part.isdigit() for part in (bus, device)):
             raise ValueError(f"USB address {text!r} should be the numbers of a bus and a device, such as 1.5")
         return cls(int(bus), int(device))
 
     def __str__(self) -> str:
-        """As people write it."""
+        """In the notation for people."""
         return f"{self.bus}.{self.device}"
 
 
 @cache
 def _header(order: str) -> Construct:
-    """Header of an event of usbmon, as far as every capture has it (the kernel's Documentation/usb/usbmon.rst)."""
+    """Header of an event of usbmon, the part that every capture has (the kernel's Documentation/usb/usbmon.rst)."""
     return Struct(
         "urb" / FormatField(order, "Q"),
         "event" / Bytes(1),
@@ -104,7 +104,7 @@ def _header(order: str) -> Construct:
 
 
 class _Event(NamedTuple):
-    """A submission ("S"), its completion ("C") or the refusal of it ("E")."""
+    """A submission ("S"), its completion ("C") or its refusal ("E")."""
 
     packet: int
     kind: bytes
@@ -120,7 +120,7 @@ class _Event(NamedTuple):
 
 
 def _events(stream: BinaryIO, name: str) -> Iterator[_Event]:
-    """Every event of a capture; packets of other interfaces are none."""
+    """Every event of a capture; packets of other interfaces are skipped."""
     from .packets import packets  # dpkt takes a tenth of the command line's time to import
 
     stream.seek(0)
@@ -154,22 +154,22 @@ class _Transfer(NamedTuple):
 
     submitted: _Event | None
     completed: _Event | None
-    lost: bool = False  # whether the completion should be there, and is not
+    lost: bool = False  # whether the completion is missing
 
 
 @dataclass
 class _Place:
-    """A place in the line of transfers; it has no outcome while the transfer is under way."""
+    """A place in the queue of transfers; it has no outcome while the transfer is under way."""
 
     outcome: _Transfer | None = None
-    left: bool = False  # whether the line has become too long to wait for the outcome
+    left: bool = False  # whether the queue has become too long to wait for the outcome
 
 
 def _transfers(events: Iterable[_Event]) -> Iterator[_Transfer]:
     """Pair submissions with completions, in causal order.
 
-    The device may act on what it receives from the submission on, and what it sends is complete at the completion; so
-    an OUT transfer comes where it was submitted, and an IN transfer where it was completed. The kernel often reports
+    The device may act on received data from the submission on, and its own data are complete at the completion; so an
+    OUT transfer has the place of its submission, and an IN transfer that of its completion. The kernel often reports
     the completion of a block after that of its acknowledgement.
     """
     pending: dict[tuple[int, int], tuple[_Event, _Place]] = {}
@@ -205,7 +205,7 @@ def _transfers(events: Iterable[_Event]) -> Iterator[_Transfer]:
 
 
 class _Survey(NamedTuple):
-    """What a first look at a capture finds: when it begins, who is in it, and whom of them to follow."""
+    """The result of a first look at a capture: its start, its devices, and which of them to follow."""
 
     start: int
     seen: set[UsbAddress]
@@ -213,7 +213,7 @@ class _Survey(NamedTuple):
 
 
 def _survey(events: Iterable[_Event], address: UsbAddress | None) -> _Survey:
-    """Look through a capture, as far as it is whole."""
+    """Look through a capture, up to any damage."""
     start, seen, followed = 0, set[UsbAddress](), set[UsbAddress]()
     try:
         for event in events:
@@ -223,7 +223,7 @@ def _survey(events: Iterable[_Event], address: UsbAddress | None) -> _Survey:
                 followed.add(event.address)
     except InputFileError:
         if not followed:
-            raise  # otherwise there is something to read before it breaks off
+            raise  # otherwise there is something to read before the damage
     return _Survey(start, seen, followed)
 
 
@@ -239,23 +239,23 @@ def _is_an_array(event: _Event) -> bool:
 def read_usbmon(stream: BinaryIO, name: str, address: UsbAddress | None = None) -> Iterator[Piece]:
     """Read the traffic of an array from a capture.
 
-    Pieces come in causal order, so that an acknowledgement follows its block: what the host sends has the place and the
-    time of its transfer's submission, what the device sends those of the completion.
+    Pieces come in causal order, so that an acknowledgement follows its block: the host's data have the place and the
+    time of their transfer's submission, the device's data those of the completion.
 
     Parameters
     ----------
     stream : binary file
         The capture. It is read twice, so it must be able to seek.
     name : str
-        What errors call it.
+        Its name in errors.
     address : UsbAddress or None
-        The device to follow; None follows every address at which a device descriptor says that it is ours, or at which
-        blocks or records travel: a device has another address whenever it has been away.
+        The device to follow; None follows every address with a device descriptor of ours, or with blocks or records: a
+        device has another address each time it returns.
 
     Raises
     ------
     InputFileError
-        Where the capture is corrupt, or has no such device.
+        If the capture is corrupt, or has no such device.
     """
     start, seen, followed = _survey(_events(stream, name), address)
     if not seen:
@@ -275,7 +275,7 @@ def read_usbmon(stream: BinaryIO, name: str, address: UsbAddress | None = None) 
 
 
 def _pieces(transfer: _Transfer, start: int, lines: Mapping[int, LineCutter]) -> Iterator[Piece]:
-    """The pieces that one transfer carried, and what went wrong with it."""
+    """The pieces of one transfer, and what went wrong with it."""
     submitted, completed, _ = transfer
     event = completed or submitted
     assert event is not None
@@ -305,12 +305,12 @@ def _pieces(transfer: _Transfer, start: int, lines: Mapping[int, LineCutter]) ->
         yield Piece(where, traffic, direction, b"", time, problem=problem)
 
 
-def _direction(endpoint: int) -> Direction:
+def _direction(endpoint: int) -> TransferDirection:
     return "in" if endpoint & DIRECTION_IN else "out"
 
 
 def _problem(transfer: _Transfer) -> str:
-    """What went wrong with a transfer, in words; empty if nothing did."""
+    """What went wrong with a transfer, in words; empty if all went well."""
     submitted, completed, lost = transfer
     if completed is None:
         return "its completion was not recorded" if lost else ""

@@ -1,7 +1,7 @@
-"""Broken emulators, by which the suite shows what it is worth: it must catch every one of them.
+"""Broken emulators. They show the worth of the conformance suite, which must catch every one.
 
-The files are named after what is broken; `patching` says how, `catalogue` has them all, `running` runs the suite
-against each in a process of its own, and `reports` tells what came of it. The wheel leaves this room out.
+Each file is named after what is broken in it. `patching` says how a mutant is made, `catalogue` lists all, `running`
+runs the suite against each in its own process, and `reports` prints the results. The wheel leaves this room out.
 """
 
 from __future__ import annotations

@@ -8,10 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 from ..emulator.control import controller
+from ..emulator.control.controller import Controller
+from ..emulator.control.execution import Execution
+from ..emulator.control.state_machine import StateMachine
 from ..emulator.door import Door
 from ..emulator.interfaces.serial_line import SerialLine
 from ..emulator.interfaces.usb_functions import ArrayFunction
-from ..protocol.blocks import Output, Sequence, Update
+from ..protocol.blocks import Output, PlaySequence, Update
 from ..protocol.board import CYCLES_PER_MS, TICKS_PER_PERIOD
 from ..protocol.codes import Action, Kind, State
 from ..protocol.replies import ENABLED, Ack, ClockReading
@@ -40,13 +43,13 @@ def now_is_in_periods(patch: Patch) -> None:
 
 @mutant("ACK-002")
 def now_is_that_of_the_millisecond(patch: Patch) -> None:
-    """The field `now` stands still for a millisecond: it is taken from a timer that interrupts so often."""
+    """The field `now` stands still for a millisecond at a time: it is copied from a timer interrupt at 1 kHz."""
     _tell_now_as(patch, lambda now: now - now % TICKS_PER_MS)
 
 
 @mutant("ACK-002", "VER-002", by=mangle_acks)
 def acks_are_of_version_2(record: bytearray) -> bytes:
-    """Acknowledgements name version 2, the newest that their author thought of."""
+    """Acknowledgements name version 2: the author wrote the newest version."""
     record[VERSION] = 2
     return sealed_record(record)
 
@@ -59,28 +62,28 @@ def ack_checksum_covers_27_bytes(patch: Patch) -> None:
 
 @mutant("ACK-002", by=mangle_acks)
 def reserved_byte_of_an_ack_is_not_cleared(record: bytearray) -> bytes:
-    """The reserved byte of an acknowledgement is what the memory held before: the number's lowest byte."""
+    """The reserved byte of an acknowledgement holds old memory: the lowest byte of the number."""
     record[RESERVED] = record[4]
     return sealed_record(record)
 
 
 @mutant("ACK-002", "BLK-024")
 def free_is_counted_before_the_change(patch: Patch) -> None:
-    """The acknowledgement of a change says one free place too many: it is counted before the change has its own."""
+    """The acknowledgement of a change reports one free place too many: it counts before the change takes its place."""
     taken: list[bool] = [False]
 
-    @patch.around(controller.Controller, "_carry_out")
+    @patch.around(Execution, "carry_out")
     def carry_out(original: Any, self: Any, body: Any, door: Any) -> Any:
         change = original(self, body, door)
         taken[0] = change is not None
         return change
 
-    @patch.around(controller.Controller, "accept")
+    @patch.around(Controller, "accept")
     def accept(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
         taken[0] = False
         original(self, packet, door, *rest)
 
-    @patch.around(controller.Controller, "_ack")
+    @patch.around(Controller, "_ack")
     def ack(original: Any, self: Any, *arguments: Any) -> Ack:
         said: Ack = original(self, *arguments)
         return replace(said, free=said.free + taken[0])
@@ -90,15 +93,15 @@ def free_is_counted_before_the_change(patch: Patch) -> None:
 
 @mutant("ACK-002")
 def state_is_that_after_the_change(patch: Patch) -> None:
-    """The state in an acknowledgement is the one that the change will lead to, not that of when it was judged."""
+    """The acknowledgement holds the state after the change takes effect, not that in which the block was judged."""
     leads_to: list[State | None] = [None]
 
-    @patch.around(controller.Controller, "_carry_out")
+    @patch.around(Execution, "carry_out")
     def carry_out(original: Any, self: Any, body: Any, door: Any) -> Any:
         leads_to[0] = _state_after(body)
         return original(self, body, door)
 
-    @patch.around(controller.Controller, "_ack")
+    @patch.around(Controller, "_ack")
     def ack(original: Any, self: Any, *arguments: Any) -> Ack:
         said: Ack = original(self, *arguments)
         state, leads_to[0] = leads_to[0], None
@@ -111,7 +114,7 @@ def _state_after(body: Any) -> State | None:
     match body:
         case Update():
             return State.PLAYING
-        case Sequence():
+        case PlaySequence():
             return State.UNATTENDED if body.unattended else State.PLAYING
         case Output(action=Action.SILENCE):
             return State.READY
@@ -125,12 +128,12 @@ def refused_change_says_the_period_that_it_named(patch: Patch) -> None:
     """The acknowledgement of a refused block repeats its period: the field is filled in before the judgement."""
     named = [0]
 
-    @patch.around(controller.Controller, "accept")
+    @patch.around(Controller, "accept")
     def accept(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
         named[0] = int.from_bytes(packet[8:16], "little")
         original(self, packet, door, *rest)
 
-    @patch.around(controller.Controller, "_ack")
+    @patch.around(Controller, "_ack")
     def ack(original: Any, self: Any, *arguments: Any) -> Ack:
         said: Ack = original(self, *arguments)
         return replace(said, commit_period=named[0]) if said.reason else said
@@ -138,16 +141,16 @@ def refused_change_says_the_period_that_it_named(patch: Patch) -> None:
 
 @mutant("ACK-002", "BLK-005")
 def late_change_says_the_period_that_it_named(patch: Patch) -> None:
-    """The acknowledgement of a late change has the flag, and the period that it named instead of the one it gets."""
+    """The acknowledgement of a late change has the flag, but names the requested period instead of the actual one."""
     named = [0]
 
-    @patch.around(controller.Controller, "_carry_out")
+    @patch.around(Execution, "carry_out")
     def carry_out(original: Any, self: Any, body: Any, door: Any) -> Any:
         change = original(self, body, door)
         named[0] = getattr(body, "period", 0)
         return change
 
-    @patch.around(controller.Controller, "_ack")
+    @patch.around(Controller, "_ack")
     def ack(original: Any, self: Any, *arguments: Any) -> Ack:
         said: Ack = original(self, *arguments)
         return replace(said, commit_period=named[0]) if said.late else said
@@ -157,24 +160,24 @@ def late_change_says_the_period_that_it_named(patch: Patch) -> None:
 
 @mutant("BLK-019", "ACK-002")
 def clock_says_no_period(patch: Patch) -> None:
-    """The acknowledgement of a CLOCK says period 0: it is filled in for changes alone."""
+    """The acknowledgement of a CLOCK names period 0: only changes fill the field in."""
     patch.replace(controller, "Clock", type("NoBody", (), {}))
 
 
-@mutant("BLK-019", "ACK-002", wraps=(controller.Controller, "accept"))
+@mutant("BLK-019", "ACK-002", wraps=(Controller, "accept"))
 def clock_says_its_own_period(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
-    """The acknowledgement of a CLOCK says the period in which it arrived, not that of the last sync pulse."""
-    own = self.time.period(self._now)
-    vars(self)["clock"] = lambda: ClockReading(self.now_tick, own, 0)
+    """The acknowledgement of a CLOCK names the period of its arrival, not that of the last sync pulse."""
+    own = self.time.period(self._dispatch.now)
+    vars(self._requests)["clock"] = lambda: ClockReading(self._dispatch.now_tick, own, 0)
     try:
         original(self, packet, door, *rest)
     finally:
-        del vars(self)["clock"]
+        del vars(self._requests)["clock"]
 
 
 @mutant("ACK-001", wraps=(ArrayFunction, "acknowledge"))
 def refusals_overtake(original: Any, self: Any, record: bytes) -> None:
-    """On USB a refusal is sent before the acknowledgements that wait: it comes from the thread that receives."""
+    """On USB a refusal overtakes the acknowledgements that wait: the receiving thread sends it."""
     if record[REASON]:
         self._records.appendleft(record)
     else:
@@ -182,7 +185,7 @@ def refusals_overtake(original: Any, self: Any, record: bytes) -> None:
 
 
 class _Mute:
-    """A door that lets no acknowledgement out."""
+    """A door that sends no acknowledgement."""
 
     def __init__(self, door: Any) -> None:
         self.notify = door.notify
@@ -191,16 +194,16 @@ class _Mute:
         """Drop it."""
 
 
-@mutant("ACK-001", wraps=(controller.Controller, "accept"))
+@mutant("ACK-001", wraps=(Controller, "accept"))
 def no_ops_are_not_acknowledged(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
-    """A NO_OP gets no acknowledgement: nothing was done, so that nothing seems to need one."""
+    """A NO_OP gets no acknowledgement: the device did nothing, so it confirms nothing."""
     is_no_op = len(packet) > KIND and packet[KIND] == Kind.NO_OP
     original(self, packet, _Mute(door) if is_no_op else door, *rest)
 
 
 @mutant("ACK-005")
 def lone_ack_waits_for_company(patch: Patch) -> None:
-    """On USB a single record waits up to 50 ms for another one: packets were to be filled."""
+    """On USB a single record waits up to 50 ms for another one: the firmware tries to fill packets."""
 
     @patch.around(ArrayFunction, "acknowledge")
     def acknowledge(original: Any, self: Any, record: bytes) -> None:
@@ -220,7 +223,7 @@ def lone_ack_waits_for_company(patch: Patch) -> None:
 
 @mutant("ACK-005", "USB-019", wraps=(ArrayFunction, "_take_records"), url="emulator:?speed=full")
 def records_are_cut_at_the_end_of_a_packet(original: Any, self: Any, room: int) -> bytes:
-    """On USB a status record is split over two packets where it does not fit: bytes are sent as from a stream."""
+    """On USB a status record that does not fit is split over two packets: the endpoint is treated as a byte stream."""
     packet: bytes = original(self, room)
     if self._records and len(packet) < room:
         cut, whole = room - len(packet), self._records.popleft()
@@ -233,62 +236,62 @@ def records_are_cut_at_the_end_of_a_packet(original: Any, self: Any, room: int) 
 
 @mutant("ACK-006", wraps=(ArrayFunction, "notify"))
 def unasked_status_overtakes(original: Any, self: Any, record: bytes) -> None:
-    """On USB a status record of the device's own accord is sent before the acknowledgements that wait."""
+    """On USB an unsolicited status record overtakes the acknowledgements that wait."""
     original(self, record)
     self._records.rotate(1)
 
 
 @mutant("ACK-006", wraps=(ArrayFunction, "notify"))
 def unasked_statuses_pile_up(original: Any, self: Any, record: bytes) -> None:
-    """On USB each change of the state leaves a status record of its own, however many wait already."""
+    """On USB each change of state queues a status record of its own, although older ones still wait."""
     self._unasked = b""
     original(self, record)
 
 
 def _speak_later(patch: Patch, milliseconds: int, hears: Callable[[Door, Door | None], bool]) -> None:
-    """Let a record that nobody asked for go to some doors later, given each and the one that changed the state."""
+    """Delay unsolicited records at some doors. The function is given each door and the one that changed the state."""
 
-    @patch.around(controller.Controller, "_speak")
-    def speak(_: Any, self: Any, besides: Door | None = None) -> None:
-        status = self.status().encode()
+    @patch.around(StateMachine, "send_status")
+    def send_status(_: Any, self: Any, except_to: Door | None = None) -> None:
+        status = self._status().encode()
 
         def tell(later: bool) -> None:
             for door in self._doors:
-                if later is hears(door, besides) and (later or door is not besides):
+                if later is hears(door, except_to) and (later or door is not except_to):
                     door.notify(status)
 
         tell(False)
-        self._scheduler.at(self._now + milliseconds * CYCLES_PER_MS, lambda: tell(True))
+        self._dispatch.scheduler.at(self._dispatch.now + milliseconds * CYCLES_PER_MS, lambda: tell(True))
 
 
 @mutant("ACK-006")
 def what_nobody_asked_for_is_told_50_ms_late(patch: Patch) -> None:
-    """Status records of the device's own accord come 50 ms late: a task of low priority sends them."""
-    _speak_later(patch, 50, lambda door, besides: door is not besides)
+    """Unsolicited status records come 50 ms late: a task of low priority sends them."""
+    _speak_later(patch, 50, lambda door, except_to: door is not except_to)
 
 
 @mutant("ACK-006", "SER-016")
 def the_door_that_changed_the_state_is_told_too(patch: Patch) -> None:
-    """What came through a door is told unasked at that door as well, 15 ms later: every door polls the state."""
-    _speak_later(patch, 15, lambda door, besides: door is besides)
+    """A door gets a status record 15 ms after a change that came through itself: every door polls the state."""
+    _speak_later(patch, 15, lambda door, except_to: door is except_to)
 
 
 @mutant("ACK-006", "STA-002")
 def serial_lines_are_told_nothing_unasked(patch: Patch) -> None:
-    """Status records of the device's own accord go out over USB alone: serial lines were an afterthought."""
+    """Unsolicited status records go out over USB alone: serial lines were an afterthought."""
     patch.replace(SerialLine, "notify", lambda _self, _record: None)
 
 
 def _keep_quiet(patch: Patch, handler: str) -> None:
-    """Let other doors be told nothing of what a block does when it takes effect."""
+    """Keep other doors from learning what a block does when it takes effect."""
 
-    @patch.around(controller.Controller, handler)
+    @patch.around(Execution, handler)
     def take_effect(original: Any, self: Any, *arguments: Any) -> None:
-        vars(self)["_speak"] = lambda *_, **_besides: None
+        vars(self._machine)["send_status"] = lambda *_, **_except: None
         try:
             original(self, *arguments)
         finally:
-            del vars(self)["_speak"]
+            del vars(self._machine)["send_status"]
 
 
 @mutant("ACK-006", "SER-016", "BLK-018")
@@ -299,7 +302,7 @@ def other_doors_are_not_told_of_a_block_that_disables(patch: Patch) -> None:
 
 @mutant("ACK-006", "SER-016", "BLK-018")
 def other_doors_are_not_told_of_a_block_that_silences(patch: Patch) -> None:
-    """After an OUTPUT block with SILENCE the other doors get no status record, and believe that it plays."""
+    """After an OUTPUT block with SILENCE the other doors get no status record and still believe that it plays."""
     _keep_quiet(patch, "_fall_silent")
 
 
@@ -309,20 +312,20 @@ def other_doors_are_not_told_of_sequences(patch: Patch) -> None:
     _keep_quiet(patch, "_begin_sequence")
 
 
-@mutant("ACK-006", wraps=(controller.Controller, "_happen"))
+@mutant("ACK-006", wraps=(StateMachine, "happen"))
 def states_are_told_only_when_asked_for(original: Any, self: Any, *arguments: Any, **more: Any) -> None:
-    """No status record comes when the state changes, be it by the watchdog: faults alone are told unasked."""
-    vars(self)["_speak"] = lambda *_, **_besides: None
+    """No status record comes when the state changes, not even for the watchdog: only faults send one."""
+    vars(self)["send_status"] = lambda *_, **_except: None
     try:
         original(self, *arguments, **more)
     finally:
-        vars(self).pop("_speak", None)
+        vars(self).pop("send_status", None)
 
 
-@mutant("STA-001", "ACK-002", wraps=(controller.Controller, "_fall_silent"))
+@mutant("STA-001", "ACK-002", wraps=(Execution, "_fall_silent"))
 def silence_counts_as_playing(original: Any, self: Any, door: Any, period: int) -> None:
-    """Behind a SILENCE the device says PLAYING: the state is left as it was until the outputs are disabled."""
-    state = self._state
+    """After a SILENCE the device reports PLAYING: the state stays until the outputs are disabled."""
+    state = self._device.state
     original(self, door, period)
     if state in ENABLED:
-        self._state = state
+        self._device.state = state

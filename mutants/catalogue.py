@@ -1,4 +1,4 @@
-"""All mutants: importing this fills `MUTANTS`."""
+"""All mutants: importing this module fills `MUTANTS`."""
 
 from __future__ import annotations
 

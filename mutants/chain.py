@@ -1,19 +1,20 @@
-"""A broken chain: messages, the watch over the processors, and what becomes of faults (chapters CHN and SAF)."""
+"""A broken chain: messages, supervision of the processors, and the handling of faults (chapters CHN and SAF)."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from ..emulator.boards import processor
-from ..emulator.control import controller
+from ..emulator.control import admission, known_faults
 from ..emulator.control.chain import Chain
+from ..emulator.control.known_faults import KnownFaults
 from ..emulator.control.supervisor import Supervisor
 from ..protocol.chain import MEMORIES, ROUTE, Commit, Load
 from ..protocol.codes import Fault
-from ..protocol.states import Event
+from ..protocol.states import StateEvent
 from .patching import Patch, mutant
 
-Controller, Processor = controller.Controller, processor.Processor
+Processor = processor.Processor
 NO_FAULTS = Fault(0)
 
 
@@ -31,19 +32,19 @@ def damaged_messages_are_not_counted(original: Any, self: Any, tokens: bytes) ->
 
 @mutant("CHN-004", "CHN-016", wraps=(Processor, "_miss"))
 def missed_commits_are_kept_quiet(_: Any, self: Any, what: Any) -> Any:
-    """A processor plays on after a commit that it had to leave, and neither counts it nor says so."""
+    """A processor skips a commit and plays on, as it must, but neither counts nor reports the miss."""
     return self._log(f"misses {what}")
 
 
 @mutant("CHN-011", "CHN-004")
 def damaged_slices_are_played(patch: Patch) -> None:
-    """A commit plays whatever slice is in the mailbox: nobody computes its checksum."""
+    """A commit plays any slice in the mailbox: the checksum is never computed."""
     patch.replace(Commit, "guards", lambda *_: True)
 
 
 @mutant("CHN-012", "CHN-010", wraps=(Processor, "receive"))
 def damaged_loads_are_stored(original: Any, self: Any, tokens: bytes) -> Any:
-    """A load whose CRC-32 is wrong is stored and counted as damaged all the same: it is checked afterwards."""
+    """A load with a wrong CRC-32 is counted as damaged and stored all the same: the check comes after the copy."""
     damaged = self.damaged_messages
     answer = original(self, tokens)
     if self.damaged_messages > damaged and len(tokens) == Load.TOKENS:
@@ -54,43 +55,43 @@ def damaged_loads_are_stored(original: Any, self: Any, tokens: bytes) -> Any:
     return answer
 
 
-# The watch over the processors
+# Supervision of the processors
 
 
 @mutant("CHN-017", wraps=(Supervisor, "_ask"))
 def silent_processors_are_not_noticed(original: Any, self: Any, number: int) -> None:
-    """A processor that answers no question is asked again and again, and never given up: nothing counts the misses."""
+    """A processor that answers no question is asked again and again and never given up: misses are not counted."""
     self._unanswered[number] = 0
     original(self, number)
 
 
 @mutant("CHN-021", "CHN-017")
 def broken_chain_is_not_noticed(patch: Patch) -> None:
-    """The controller waits for ever for room on the first link where a processor is dead: the time-out is missing."""
+    """If a processor is dead the controller waits for ever for room on the first link: the time-out is missing."""
     patch.replace(Chain, "_break", lambda *_: None)
 
 
 @mutant("CHN-018", "SAF-007")
 def lone_processors_play_on(patch: Patch) -> None:
-    """A processor that nobody asks anything any more goes on playing: it has no time-out of its own."""
+    """A processor that is not asked any more goes on playing: it has no time-out of its own."""
     patch.replace(Processor, "_check_hearing", lambda *_: None)
 
 
 @mutant("CHN-030", "SAF-004")
 def missed_silence_is_not_sent_again(patch: Patch) -> None:
-    """A processor that missed the commit of the silence is left playing: a miss is counted and no more."""
-    patch.replace(Controller, "_heed_miss", lambda *_: None)
+    """A processor that misses the commit of the silence keeps playing: the miss is counted, but has no other effect."""
+    patch.replace(KnownFaults, "_heed_miss", lambda *_: None)
 
 
 @mutant("CHN-027", "SAF-008")
 def sync_may_be_off_by_100_ticks(patch: Patch) -> None:
-    """The sync pulse may be two periods off before SYNC is said: the tolerance was widened while debugging."""
+    """SYNC appears only when the sync pulse is off by two periods: the tolerance was widened for debugging."""
     patch.replace(processor, "SYNC_TOLERANCE_TICKS", 100)
 
 
 @mutant("CHN-027", "SAF-008", wraps=(Processor, "feel_pulse"))
 def missing_sync_pulses_are_not_noticed(original: Any, self: Any, tick: Any) -> Any:
-    """A sync line without pulses is no fault: pulses are judged when they come, and none comes."""
+    """A sync line without pulses raises no fault: each pulse is judged when it comes, and a missing one never comes."""
     return original(self, tick) if self.sync_connected else None
 
 
@@ -99,38 +100,38 @@ def missing_sync_pulses_are_not_noticed(original: Any, self: Any, tick: Any) -> 
 
 @mutant("SAF-008", "REQ-011", wraps=(Supervisor, "_heed"))
 def faults_go_with_their_cause(original: Any, self: Any, report: Any) -> None:
-    """A fault is gone, and the state OFF, as soon as the reports say that its cause is: nothing latches it."""
+    """A fault and the state OFF vanish as soon as the reports show no cause: faults are not latched."""
     original(self, report)
     self._on_fault.__self__._clear_faults()
 
 
-@mutant("REQ-011", "SAF-007", wraps=(Controller, "_clear_faults"))
+@mutant("REQ-011", "SAF-007", wraps=(KnownFaults, "clear"))
 def clear_faults_clears_what_persists(_: Any, self: Any) -> None:
-    """CLEAR_FAULTS clears every fault until the next report, and the state with it: it does not look at the causes."""
+    """CLEAR_FAULTS clears every fault, and the state, until the next report: it does not check the causes."""
     cleared, self.faults = self.faults, NO_FAULTS
-    self._supervisor.forget(cleared)
-    self._happen(Event.CLEAR, self._now)
+    self.supervisor.forget(cleared)
+    self._machine.happen(StateEvent.CLEAR, self._dispatch.now)
     if cleared:
-        self._speak()
+        self._machine.send_status()
 
 
 @mutant("SAF-008")
 def overrun_is_never_said(patch: Patch) -> None:
-    """A processor that is too slow to rasterise says nothing of it."""
+    """A processor that is too slow to rasterise does not report it."""
     patch.replace(Processor, "_overrun", lambda *_: None)
 
 
-@mutant("ACK-006", "SAF-008", wraps=(Controller, "raise_fault"))
+@mutant("ACK-006", "SAF-008", wraps=(KnownFaults, "appear"))
 def faults_are_told_only_when_asked_for(original: Any, self: Any, fault: Fault, what: str) -> None:
-    """No status record comes of the device's own accord when a fault appears."""
-    doors, self._doors = self._doors, []
+    """A new fault sends no unsolicited status record."""
+    doors, self._machine._doors = self._machine._doors, []
     original(self, fault, what)
-    self._doors = doors
+    self._machine._doors = doors
 
 
 @mutant("SAF-007")
 def processors_wait_for_the_controller_to_silence_them(patch: Patch) -> None:
-    """A processor with a fault of its own plays on until the controller has learnt of it, up to 10 ms later."""
+    """A processor with a fault of its own plays on until the controller learns of it, up to 10 ms later."""
 
     @patch.around(Processor, "_raise")
     def enter(_: Any, self: Any, fault: Fault, what: str) -> None:
@@ -142,23 +143,24 @@ def processors_wait_for_the_controller_to_silence_them(patch: Patch) -> None:
 
 @mutant("SAF-007", "STA-003")
 def faults_leave_the_state_as_it_is(patch: Patch) -> None:
-    """A silencing fault is reported and the processor silences itself, but the device is not in FAULT and goes on."""
-    patch.replace(controller, "SILENCING_FAULTS", NO_FAULTS)
+    """A silencing fault is reported and silences its own processor, but the device plays on and is not in FAULT."""
+    for module in (admission, known_faults):
+        patch.replace(module, "SILENCING_FAULTS", NO_FAULTS)
 
 
 @mutant("SAF-008")
 def supply_of_24_volts_is_no_fault(patch: Patch) -> None:
-    """The supply may have 24 V: its upper limit is that of the regulator."""
+    """The supply may have up to 24 V: the limit is that of the regulator."""
     patch.replace(processor, "SUPPLY_RANGE_MV", range(12_000, 24_001))
 
 
 @mutant("SAF-008")
 def supply_of_17_volts_is_a_fault(patch: Patch) -> None:
-    """The supply is called wrong above 16 V, though it may have 18: resistors of another tolerance were assumed."""
+    """The supply fault appears above 16 V instead of 18 V: resistors of another tolerance were assumed."""
     patch.replace(processor, "SUPPLY_RANGE_MV", range(12_000, 16_001))
 
 
 @mutant("SAF-008")
 def boards_may_be_hotter(patch: Patch) -> None:
-    """TEMPERATURE appears above 95 °C only."""
+    """TEMPERATURE appears only above 95 °C."""
     patch.replace(processor, "TEMPERATURE_LIMIT_C", 95)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..emulator.control import controller
+from ..emulator.control.controller import Controller
 from ..emulator.interfaces import console
 from ..emulator.interfaces.serial_line import SerialLine
 from ..errors import CommandError
@@ -21,7 +22,7 @@ SHOWN_ERASED = b"\b \b"
 
 
 def _parse(patch: Patch, around: Any) -> None:
-    """Let the device read a line in another way."""
+    """Change how the device reads a line."""
     patch.wrap(console, "parse_command", around)
 
 
@@ -29,7 +30,7 @@ def _parse(patch: Patch, around: Any) -> None:
 
 
 class _Longer(LineEditor):
-    """A line editor that takes a character more."""
+    """A line editor that takes one character more."""
 
     def _type(self, byte: int) -> bytes:
         if len(self._line) == MAX_LINE_CHARACTERS and byte in range(0x20, 0x7F):
@@ -45,7 +46,7 @@ class _Longer(LineEditor):
 
 @mutant("CON-001", "CON-003", "CON-006")
 def lines_may_have_81_characters(patch: Patch) -> None:
-    """A line of 81 characters is taken: the buffer has 82 bytes, and the comparison is off by one."""
+    """A line of 81 characters is accepted: the buffer has 82 bytes, and the comparison is off by one."""
 
     def around(original: Any) -> Any:
         return lambda line: original(line if len(line) != MAX_LINE_CHARACTERS + 1 else line.strip())
@@ -55,7 +56,7 @@ def lines_may_have_81_characters(patch: Patch) -> None:
 
 
 class _Eager(LineEditor):
-    """A line editor that takes something back where there is nothing."""
+    """A line editor that answers a deletion even if the line is empty."""
 
     def _type(self, byte: int) -> bytes:
         return SHOWN_ERASED if byte in ERASING and not self._line else super()._type(byte)
@@ -63,12 +64,12 @@ class _Eager(LineEditor):
 
 @mutant("CON-003")
 def backspace_moves_at_an_empty_line(patch: Patch) -> None:
-    """Backspace sends 08 20 08 also where nothing was typed, and so wipes out the prompt."""
+    """Backspace sends 08 20 08 even if the line is empty, and so wipes out the prompt."""
     patch.replace(console, "LineEditor", _Eager)
 
 
 class _TwoEnds(LineEditor):
-    """A line editor to which CR and LF are two ends."""
+    """A line editor that takes CR and LF for two ends of line."""
 
     def feed(self, data: bytes) -> tuple[list[str], bytes]:
         self._after_return = False
@@ -77,12 +78,12 @@ class _TwoEnds(LineEditor):
 
 @mutant("CON-003")
 def cr_lf_ends_two_lines(patch: Patch) -> None:
-    """CR LF ends a line and an empty one behind it, which has a prompt of its own."""
+    """CR LF ends a line and an empty line after it, which gets a prompt of its own."""
     patch.replace(console, "LineEditor", _TwoEnds)
 
 
 class _Literal(LineEditor):
-    """A line editor to which DEL is a character."""
+    """A line editor that takes DEL for a character."""
 
     def _type(self, byte: int) -> bytes:
         if byte == ERASING[1]:
@@ -93,13 +94,13 @@ class _Literal(LineEditor):
 
 @mutant("CON-003")
 def del_takes_nothing_back(patch: Patch) -> None:
-    """DEL (7F) is a character that is not printable, where it should take one back as 08 does."""
+    """DEL (7F) counts as a character that is not printable; it should delete one, as 08 does."""
     patch.replace(console, "LineEditor", _Literal)
 
 
 @mutant("CON-003", wraps=(console.Console, "_carry_out"))
 def echo_0_is_not_heeded(original: Any, self: Any, command: Command) -> Any:
-    """`echo 0` is answered with ok, and what is typed is sent back all the same."""
+    """`echo 0` is answered with ok, but typed characters still come back."""
     answer = original(self, command)
     self._editor.echo = True
     return answer
@@ -107,12 +108,12 @@ def echo_0_is_not_heeded(original: Any, self: Any, command: Command) -> Any:
 
 @mutant("CON-002", wraps=(SerialLine, "open"))
 def console_greets(original: Any, self: Any) -> None:
-    """When DTR is set the console sends a prompt, though nobody has typed anything."""
+    """When DTR is set the console sends a prompt before anything was typed."""
     original(self)
     self._say(PROMPT.encode("ascii"))
 
 
-# What is judged
+# Judgement
 
 
 @mutant("CON-001")
@@ -123,7 +124,7 @@ def case_does_not_matter(patch: Patch) -> None:
 
 @mutant("CON-006", by=_parse)
 def command_is_judged_before_its_characters(original: Any) -> Any:
-    """A line with an unknown command and a character that is not printable is COMMAND, where CHARACTER comes first."""
+    """An unknown command with an unprintable character gives COMMAND; CHARACTER should come first."""
 
     def parse(line: str) -> Any:
         try:
@@ -139,7 +140,7 @@ def command_is_judged_before_its_characters(original: Any) -> Any:
 
 @mutant("CON-006", "CON-005", by=_parse)
 def ranges_are_not_judged(original: Any) -> Any:
-    """A number outside its range is handed on: the request refuses it, or the last transducer stands for it."""
+    """A number outside its range is passed on: the request refuses it, or the last transducer is used."""
 
     def parse(line: str) -> Any:
         try:
@@ -158,7 +159,7 @@ def ranges_are_not_judged(original: Any) -> Any:
 
 @mutant("CON-006", "CON-001", by=_parse)
 def signs_before_numbers_are_taken(original: Any) -> Any:
-    """A number may have a plus sign: it is read by a function that takes one."""
+    """A number may have a plus sign: the library function that reads it allows one."""
 
     def parse(line: str) -> Any:
         words = [word[1:] if word.startswith("+") and word[1:].isdecimal() else word for word in line.split()]
@@ -169,7 +170,7 @@ def signs_before_numbers_are_taken(original: Any) -> Any:
 
 @mutant("CON-006", by=_parse)
 def arguments_too_many_are_ignored(original: Any) -> Any:
-    """What stands behind a command that takes no argument is ignored, instead of ARGUMENTS."""
+    """Text after a command without arguments is ignored; ARGUMENTS should be the answer."""
 
     def parse(line: str) -> Any:
         try:
@@ -183,33 +184,33 @@ def arguments_too_many_are_ignored(original: Any) -> Any:
     return parse
 
 
-# What is answered
+# Answers
 
 
 @mutant("CON-002", wraps=(console.Console, "_answer"))
 def ok_is_missing_after_clear(original: Any, self: Any, line: str) -> Any:
-    """`clear` is carried out and answered with the prompt alone."""
+    """`clear` is carried out and answered with only the prompt."""
     text, then = original(self, line)
     return (text.removesuffix(OK) if line.split() == ["clear"] else text), then
 
 
 @mutant("CON-007", wraps=(console, "answer_fields"))
 def keys_of_status_are_sorted(original: Any, command: Command, data: bytes) -> Any:
-    """`status` answers its keys in alphabetical order, not in that of the record."""
+    """`status` answers its keys in alphabetical order, not in the order of the record."""
     found = original(command, data)
     return sorted(found) if command.name == "status" else found
 
 
 @mutant("CON-007", wraps=(words, "_word"))
 def no_bits_are_said_as_0(original: Any, value: object) -> Any:
-    """A set of bits of which none is set is said as 0 instead of none."""
+    """An empty set of bits reads 0 instead of none."""
     found = original(value)
     return "0" if found == "none" else found
 
 
 @mutant("CON-007")
 def bytes_are_said_in_capitals(patch: Patch) -> None:
-    """Bytes are said in capital hexadecimal digits, as its author's library writes them."""
+    """Bytes are printed in capital hexadecimal digits: the library does so."""
     patch.wrap(
         words, "_word", lambda original: lambda said: said.hex().upper() if type(said) is bytes else original(said)
     )
@@ -217,25 +218,25 @@ def bytes_are_said_in_capitals(patch: Patch) -> None:
 
 @mutant("CON-003", "SER-010", wraps=(console.Console, "begin_line"))
 def echo_is_on_again_after_frames(original: Any, self: Any) -> Any:
-    """A line has echo on when it comes back from frames, also where `echo 0` was given: its editor is a new one."""
+    """When a line returns from frames echo is on again, even after `echo 0`: its editor is new."""
     self._editor.echo = True
     return original(self)
 
 
 @mutant("CON-005", "CON-007")
 def help_forgets_a_command(patch: Patch) -> None:
-    """`help` does not list the last command, which was added later."""
+    """`help` omits the last command, which was added later."""
     patch.wrap(console, "help_fields", lambda original: lambda: original()[:-1])
 
 
 @mutant("CON-007", wraps=(console, "answer_fields"))
 def later_of_info_is_told(original: Any, command: Command, data: bytes) -> Any:
-    """`info` tells the bytes of later versions too."""
+    """`info` also prints the bytes that belong to later versions."""
     found = original(command, data)
     return [*found, ("later", data[48:].hex())] if command.name == "info" else found
 
 
-# What is carried out
+# Effects
 
 
 @mutant("CON-008")
@@ -244,17 +245,17 @@ def test_drives_a_width_of_3(patch: Patch) -> None:
     patch.replace(controller, "TEST_WIDTH_TICKS", 3)
 
 
-@mutant("CON-008", wraps=(controller.Controller, "test_transducer"))
+@mutant("CON-008", wraps=(Controller, "test_transducer"))
 def test_is_not_counted(original: Any, self: Any, transducer: int, door: Any) -> None:
-    """`test` is not counted among the accepted blocks."""
-    accepted = self._accepted
+    """The blocks of `test` are not counted as accepted."""
+    accepted = self._device.accepted
     original(self, transducer, door)
-    self._accepted = accepted
+    self._device.accepted = accepted
 
 
 @mutant("CON-004", "STA-005", wraps=(console.Console, "_ask"))
 def stop_is_refused_in_fault(original: Any, self: Any, command: Command) -> Any:
-    """`stop` is refused while a fault is not cleared, though there is nothing wrong in stopping twice."""
+    """While a fault is not cleared `stop` is refused, although stopping twice does no harm."""
     if command.name == "stop" and self._controller.state is State.FAULT:
         raise CommandError("there is a fault", ConsoleCode.REFUSED)
     return original(self, command)
@@ -262,8 +263,8 @@ def stop_is_refused_in_fault(original: Any, self: Any, command: Command) -> Any:
 
 @mutant("CON-004", "SAF-003", wraps=(console.Console, "_ask"))
 def commands_are_no_signs_of_life(original: Any, self: Any, command: Command) -> Any:
-    """`status` and `faults` do not feed the watchdog, as the request does for which they stand."""
-    watchdog = self._controller._watchdog
+    """`status` and `faults` do not feed the watchdog, although the request STATUS does."""
+    watchdog = self._controller._machine.watchdog
     fed = watchdog._fed
     answer = original(self, command)
     if command.name in ("status", "faults"):

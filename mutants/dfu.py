@@ -11,7 +11,7 @@ from ..emulator.door import Stall
 from ..emulator.firmware import dfu
 from ..emulator.firmware.dfu import DfuMode
 from ..emulator.firmware.flash import CYCLES_PER_MS
-from ..emulator.interfaces.usb_functions import DETACH_CYCLES, DfuModeFunction, DfuRunTimeFunction, Function
+from ..emulator.interfaces.usb_functions import DETACH_CYCLES, DfuModeFunction, DfuRunTimeFunction, UsbFunction
 from ..protocol.codes import (
     CLASS_REQUEST_TYPE_IN,
     CLASS_REQUEST_TYPE_OUT,
@@ -33,12 +33,12 @@ BUSY = (DfuState.DNBUSY, DfuState.MANIFEST)
 
 
 def _lead(patch: Patch, steps: dict[tuple[DfuState, DfuEvent], DfuState]) -> None:
-    """Let events lead elsewhere, without STALL."""
+    """Let events lead to other states, without STALL."""
     patch.replace(dfu, "TRANSITIONS", TRANSITIONS | {pair: Step(state) for pair, state in steps.items()})
 
 
 def handle(patch: Patch, replacement: Callable[..., bytes], request: tuple[int, int]) -> None:
-    """Put something in the place of what handles a request in DFU mode; it takes that first."""
+    """Put a handler before the one for requests in DFU mode; it takes that one first."""
     handlers = vars(dfu)["_HANDLERS"]
     patch.replace(dfu, "_HANDLERS", {**handlers, request: partial(replacement, handlers[request])})
 
@@ -48,7 +48,7 @@ def handle(patch: Patch, replacement: Callable[..., bytes], request: tuple[int, 
 
 @mutant("DFU-002", "USB-024", wraps=(DfuRunTimeFunction, "detach"))
 def detach_does_not_silence(_: Any, self: Any, _door: Any) -> None:
-    """DETACH leaves the outputs as they are until the device has left the bus, and beyond."""
+    """DETACH leaves the outputs on until the device has left the bus, and longer."""
     self._detaching = True
     self._state = DfuState.APP_DETACH
     self._scheduler.at(self._scheduler.now + DETACH_CYCLES, self._leave)
@@ -56,7 +56,7 @@ def detach_does_not_silence(_: Any, self: Any, _door: Any) -> None:
 
 @mutant("DFU-006", "DFU-002")
 def refused_request_calls_off_a_detach(patch: Patch) -> None:
-    """Whatever is refused between DETACH and leaving the bus calls the DETACH off, and the device stays."""
+    """A refused request between DETACH and leaving the bus cancels the DETACH, and the device stays."""
 
     @patch.around(DfuRunTimeFunction, "detach")
     def of_detach(original: Any, self: Any, door: Any) -> None:
@@ -75,7 +75,7 @@ def refused_request_calls_off_a_detach(patch: Patch) -> None:
 
 @mutant("DFU-002")
 def detach_waits_for_a_bus_reset(patch: Patch) -> None:
-    """After DETACH the device waits for the host to reset the bus, though it says that it leaves by itself."""
+    """After DETACH the device waits for a bus reset, although it says that it detaches by itself."""
 
     @patch.around(DfuRunTimeFunction, "__init__")
     def of_init(original: Any, self: Any, scheduler: Any, controller: Any, door: Any, leave: Any) -> None:
@@ -90,7 +90,7 @@ def detach_waits_for_a_bus_reset(patch: Patch) -> None:
 
 @mutant("DFU-015", "DFU-016", wraps=(DfuMode, "bus_reset"))
 def reset_of_enumeration_boots(original: Any, self: Any, _configured: Any) -> Any:
-    """Every bus reset in DFU mode boots the device, also those by which a host begins to enumerate it."""
+    """Every bus reset in DFU mode boots the device, even those with which a host begins enumeration."""
     return original(self, True)
 
 
@@ -99,7 +99,7 @@ def reset_of_enumeration_boots(original: Any, self: Any, _configured: Any) -> An
 
 @mutant("DFU-006")
 def clrstatus_is_taken_in_every_quiet_state(patch: Patch) -> None:
-    """CLRSTATUS leads to dfuIDLE from any state that waits for the host, not from dfuERROR alone."""
+    """CLRSTATUS leads to dfuIDLE from any state that waits for the host, not only from dfuERROR."""
     _lead(patch, {(state, DfuEvent.CLRSTATUS): DfuState.DFU_IDLE for state in QUIET})
 
 
@@ -117,13 +117,13 @@ def abort_clears_an_error(patch: Patch) -> None:
 
 @mutant("DFU-006")
 def detach_is_taken_in_dfu_mode(patch: Patch) -> None:
-    """DETACH in DFU mode is acknowledged, and changes nothing."""
+    """DETACH in DFU mode is acknowledged and changes nothing."""
     _lead(patch, {(DfuState.DFU_IDLE, DfuEvent.DETACH): DfuState.DFU_IDLE})
 
 
 @mutant("DFU-006")
 def questions_are_answered_while_busy(patch: Patch) -> None:
-    """GETSTATE and GETSTATUS are answered while the device is busy, where DFU 1.1 wants STALL and dfuERROR."""
+    """GETSTATE and GETSTATUS are answered while the device is busy; DFU 1.1 wants STALL and dfuERROR."""
     _lead(patch, {(state, DfuEvent.GETSTATE): state for state in BUSY})
 
 
@@ -135,7 +135,7 @@ def download_of_nothing_is_taken_in_idle(original: Any, self: Any, setup: Setup,
 
 @mutant("DFU-009", by=partial(handle, request=DOWNLOAD))
 def numbers_of_blocks_are_not_checked(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
-    """Each DNLOAD is taken for the next block, whatever its number: the device counts by itself."""
+    """Each DNLOAD counts as the next block, whatever its number: the device counts by itself."""
     begins = self.state is DfuState.DFU_IDLE
     number = 0 if begins or not data else self._received // DFU_TRANSFER_BYTES
     return original(self, replace(setup, value=number), data)
@@ -143,7 +143,7 @@ def numbers_of_blocks_are_not_checked(original: Any, self: Any, setup: Setup, da
 
 @mutant("DFU-009", "DFU-006", by=partial(handle, request=DOWNLOAD))
 def download_goes_on_after_clrstatus(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
-    """A download that an error has ended goes on with its next block after CLRSTATUS: the count of blocks is kept."""
+    """After an error and CLRSTATUS a download goes on with its next block: the block count is kept."""
     if self.state is DfuState.DFU_IDLE and data and 0 < self._received == setup.value * DFU_TRANSFER_BYTES:
         self.state = DfuState.DNLOAD_IDLE
     return original(self, setup, data)
@@ -151,7 +151,7 @@ def download_goes_on_after_clrstatus(original: Any, self: Any, setup: Setup, dat
 
 @mutant("DFU-009", wraps=(dfu, "check_block"))
 def download_may_end_early(original: Any, number: int, length: int, received: int, total: int) -> DfuStatus:
-    """DNLOAD without data ends the download before the last block too, and the image is judged as it is."""
+    """DNLOAD without data ends a download before its last block, and the incomplete image is judged."""
     return original(number, length, received, total) if length else DfuStatus.OK
 
 
@@ -160,7 +160,7 @@ def download_may_end_early(original: Any, number: int, length: int, received: in
 
 @mutant("DFU-008", "DFU-007", by=partial(handle, request=(CLASS_REQUEST_TYPE_IN, DfuRequest.GETSTATUS)))
 def poll_time_is_0(original: Any, self: Any, setup: Setup, data: bytes) -> bytes:
-    """GETSTATUS says that the host may ask again at once, although the device is busy."""
+    """GETSTATUS allows the host to ask again at once, although the device is busy."""
     answer = bytearray(original(self, setup, data))
     answer[POLL_AT] = bytes(3)
     return bytes(answer)
@@ -168,7 +168,7 @@ def poll_time_is_0(original: Any, self: Any, setup: Setup, data: bytes) -> bytes
 
 @mutant("DFU-008", wraps=(DfuMode, "_time_out"))
 def busy_state_ends_late(original: Any, self: Any) -> None:
-    """The device leaves its busy state 20 ms after the time that it named: it looks at the flash that often."""
+    """The device leaves its busy state 20 ms after the time that it named: it polls the flash every 20 ms."""
     if self._scheduler.now == self._polled_at:
         self._polled_at += 20 * CYCLES_PER_MS
         self._scheduler.at(self._polled_at, lambda: original(self))
@@ -178,7 +178,7 @@ def busy_state_ends_late(original: Any, self: Any) -> None:
 def later_errors_replace_the_first(
     original: Any, self: Any, state: DfuState, status: DfuStatus = DfuStatus.OK, string: int = 0
 ) -> None:
-    """In dfuERROR the status is that of the last request that was refused, not of what went wrong first."""
+    """In dfuERROR the status is that of the last refused request, not of the first failure."""
     original(self, state, status, string)
     if state is DfuState.ERROR and status is not DfuStatus.OK:
         self._status, self._string = status, string
@@ -186,7 +186,7 @@ def later_errors_replace_the_first(
 
 @mutant("DFU-011", "DFU-013", wraps=(DfuMode, "_fail"))
 def errors_of_manifestation_are_swallowed(original: Any, self: Any, status: DfuStatus, string: int) -> None:
-    """An image that turns out to be bad at manifestation leads to dfuIDLE with OK; it does not boot, and no more."""
+    """A bad image at manifestation leads to dfuIDLE with OK; it does not boot, but no error is reported."""
     if self.state in (DfuState.MANIFEST, DfuState.MANIFEST_SYNC):
         self.stop()
     else:
@@ -195,7 +195,7 @@ def errors_of_manifestation_are_swallowed(original: Any, self: Any, status: DfuS
 
 @mutant("DFU-013", wraps=(DfuMode, "_fail"))
 def errors_while_busy_are_swallowed(original: Any, self: Any, status: DfuStatus, string: int) -> None:
-    """A failure of the flash that is found while the device is busy with a block is forgotten, and the block lost."""
+    """A flash failure during the busy time of a block is forgotten, and the block is lost."""
     if self.state is DfuState.DNBUSY:
         self.stop()
     else:
@@ -204,7 +204,7 @@ def errors_while_busy_are_swallowed(original: Any, self: Any, status: DfuStatus,
 
 @mutant("DFU-012")
 def refused_images_have_no_string(patch: Patch) -> None:
-    """GETSTATUS names no string that says why an image was refused."""
+    """GETSTATUS names no string with the reason why an image was refused."""
     patch.replace(dfu, "reason_string", lambda _: 0)
 
 
@@ -220,7 +220,7 @@ def images_for_others_are_reported_as_bad_files(original: Any, reason: Any) -> D
 
 @mutant("DFU-014", by=partial(handle, request=UPLOAD))
 def upload_never_ends(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
-    """UPLOAD answers whole blocks for ever: behind the image follows what else the flash holds, then FF."""
+    """UPLOAD answers whole blocks for ever: after the image comes the rest of the flash, then FF."""
     block = original(self, setup, data)
     self.state = DfuState.UPLOAD_IDLE
     return block.ljust(DFU_TRANSFER_BYTES, b"\xff")
@@ -228,7 +228,7 @@ def upload_never_ends(original: Any, self: Any, setup: Setup, data: bytes) -> An
 
 @mutant("DFU-014", by=partial(handle, request=UPLOAD))
 def upload_ends_with_a_full_block(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
-    """An upload is over with the image's last byte: where its last block is full, no shorter one follows."""
+    """An upload ends with the image's last byte: if the last block is full, no short one follows."""
     block = original(self, setup, data)
     if self._next_upload * DFU_TRANSFER_BYTES >= len(self._upload):
         self.state = DfuState.DFU_IDLE
@@ -237,21 +237,21 @@ def upload_ends_with_a_full_block(original: Any, self: Any, setup: Setup, data: 
 
 @mutant("DFU-014", by=partial(handle, request=UPLOAD))
 def upload_takes_any_length(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
-    """UPLOAD of fewer bytes than a block has is answered with so many of them, instead of ADDRESS."""
+    """UPLOAD of fewer bytes than a block is answered with that many bytes instead of ADDRESS."""
     return original(self, replace(setup, length=DFU_TRANSFER_BYTES), data)
 
 
 @mutant("DFU-014", by=partial(handle, request=UPLOAD))
 def upload_takes_any_number(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
-    """UPLOAD answers whatever block it is asked for, also out of turn."""
+    """UPLOAD answers any block number, even out of order."""
     if self.state is DfuState.UPLOAD_IDLE:
         self._next_upload = setup.value
     return original(self, setup, data)
 
 
-@mutant("DFU-016", "DFU-006", wraps=(Function, "suspend"))
+@mutant("DFU-016", "DFU-006", wraps=(UsbFunction, "suspend"))
 def suspend_gives_up_a_download(original: Any, self: Any) -> None:
-    """In DFU mode suspend ends a download, as it ends what plays at run time: the device is back in dfuIDLE."""
+    """In DFU mode suspend ends a download, as it ends playing at run time: the device returns to dfuIDLE."""
     original(self)
     upgrade = self._upgrade if isinstance(self, DfuModeFunction) else None
     if isinstance(upgrade, DfuMode) and upgrade.state is DfuState.DNLOAD_IDLE:

@@ -1,11 +1,11 @@
-"""Broken endpoints: packets and blocks, halts, sessions, and how the interfaces disturb each other (chapter USB)."""
+"""Broken endpoints: packets, blocks, halts, sessions, and interfaces that disturb each other (chapter USB)."""
 
 from __future__ import annotations
 
 from collections import deque
 from typing import Any
 
-from ..emulator.control import controller
+from ..emulator.control.state_machine import StateMachine
 from ..emulator.door import Handshake, Stall
 from ..emulator.interfaces import usb_functions
 from ..emulator.interfaces.serial_line import SerialLine
@@ -18,7 +18,6 @@ from ..protocol.requests import Setup
 from .patching import Patch, mutant
 
 FULL_SPEED = "emulator:?speed=full"
-Controller = controller.Controller
 
 
 # Halts
@@ -26,7 +25,7 @@ Controller = controller.Controller
 
 @mutant("USB-015", "USB-014", wraps=(UsbDevice, "_clear_halt"))
 def halts_do_not_end(original: Any, self: Any, setup: Setup) -> bytes:
-    """CLEAR_FEATURE is acknowledged and the endpoint stays halted: only the toggle is set back."""
+    """CLEAR_FEATURE is acknowledged but the endpoint stays halted: only the toggle is reset."""
     halted = set(self._halted)
     original(self, setup)
     self._halted |= halted
@@ -35,7 +34,7 @@ def halts_do_not_end(original: Any, self: Any, setup: Setup) -> bytes:
 
 @mutant("USB-015", "USB-014", wraps=(UsbDevice, "_running"))
 def halts_have_no_effect(original: Any, self: Any, endpoint: int) -> Any:
-    """SET_FEATURE of ENDPOINT_HALT is acknowledged and the endpoint goes on, though GET_STATUS says 1."""
+    """SET_FEATURE of ENDPOINT_HALT is acknowledged but the endpoint goes on, although GET_STATUS answers 1."""
     halted, self._halted = self._halted, set()
     pipe = original(self, endpoint)
     self._halted = halted
@@ -44,13 +43,13 @@ def halts_have_no_effect(original: Any, self: Any, endpoint: int) -> Any:
 
 @mutant("USB-014", "USB-015", wraps=(UsbDevice, "_endpoint_status"))
 def halts_are_not_told(original: Any, self: UsbDevice, setup: Setup) -> bytes:
-    """GET_STATUS of an endpoint says 0 whether it is halted or not."""
+    """GET_STATUS of an endpoint answers 0, halted or not."""
     return bytes(len(original(self, setup)))
 
 
 @mutant("USB-015", wraps=(UsbDevice, "_halt"))
 def halt_drops_waiting_records(original: Any, self: Any, setup: Setup) -> bytes:
-    """Records that wait are gone once a host has halted 81 IN: the endpoint's buffer is emptied."""
+    """Records that wait are lost when a host halts 81 IN: the endpoint's buffer is emptied."""
     original(self, setup)
     if setup.index == ENDPOINT_IN:
         _drop_records(self._pipe(setup).function)
@@ -59,7 +58,7 @@ def halt_drops_waiting_records(original: Any, self: Any, setup: Setup) -> bytes:
 
 @mutant("USB-015", "USB-026", wraps=(ArrayFunction, "clear_halt"))
 def clear_feature_drops_waiting_records(original: Any, self: Any, endpoint: int) -> None:
-    """CLEAR_FEATURE of 81 IN drops the records that wait, as it does with a part of a block on 01 OUT."""
+    """CLEAR_FEATURE of 81 IN drops the records that wait, as it drops a partial block on 01 OUT."""
     original(self, endpoint)
     if endpoint == ENDPOINT_IN:
         _drop_records(self)
@@ -71,7 +70,7 @@ def _drop_records(function: Any) -> None:
 
 
 def halt_on(patch: Patch, reason: Reason) -> None:
-    """Let 01 OUT halt itself on a block that is refused for a reason."""
+    """Let 01 OUT halt itself when a block is refused for a given reason."""
 
     @patch.around(UsbDevice, "bulk_out")
     def bulk_out(original: Any, self: Any, endpoint: int, packet: bytes) -> Handshake:
@@ -89,7 +88,7 @@ def halt_on(patch: Patch, reason: Reason) -> None:
 
 @mutant("USB-015", "USB-017")
 def short_blocks_halt_the_endpoint(patch: Patch) -> None:
-    """01 OUT halts itself when a block ends before its 512th byte."""
+    """01 OUT halts itself if a block ends before its 512th byte."""
     halt_on(patch, Reason.LENGTH)
 
 
@@ -98,7 +97,7 @@ def short_blocks_halt_the_endpoint(patch: Patch) -> None:
 
 @mutant("USB-019", wraps=(usb_functions._Packets, "next"))
 def full_packets_are_not_followed_by_an_empty_one(original: Any, self: Any) -> Any:
-    """Where the last packet of those that wait is full, no empty one ends the transfer, and the host waits on."""
+    """If the last packet of the waiting records is full, no empty one ends the transfer, and the host keeps waiting."""
     packet = original(self)
     self._goes_on = False
     return packet
@@ -106,7 +105,7 @@ def full_packets_are_not_followed_by_an_empty_one(original: Any, self: Any) -> A
 
 @mutant("USB-018", wraps=(ArrayFunction, "_take"))
 def empty_packets_are_answered(original: Any, self: Any, packet: bytes) -> Any:
-    """An empty packet while no block has begun is refused like a short block, and answered."""
+    """An empty packet outside a block is refused like a short block, and answered."""
     if packet or self._part or not self._has_room:
         return original(self, packet)
     self._controller.accept(b"", self)
@@ -115,7 +114,7 @@ def empty_packets_are_answered(original: Any, self: Any, packet: bytes) -> Any:
 
 @mutant("USB-017")
 def short_packets_shift_what_follows(patch: Patch) -> None:
-    """Bytes are gathered until there are 512, whatever the packets: after a short one every block is another."""
+    """Bytes are gathered up to 512 across short packets: after a short one every block is misaligned."""
 
     @patch.around(ArrayFunction, "_take")
     def of_packet(_: Any, self: Any, packet: bytes) -> Handshake:
@@ -135,13 +134,13 @@ def short_packets_shift_what_follows(patch: Patch) -> None:
 
 @mutant("USB-015", "USB-026", url=FULL_SPEED)
 def part_of_a_block_outlives_clear_feature(patch: Patch) -> None:
-    """CLEAR_FEATURE of 01 OUT keeps the part of a block that has arrived, and the next one is appended to it."""
+    """CLEAR_FEATURE of 01 OUT keeps a partial block, and the next block is appended to it."""
     patch.replace(ArrayFunction, "clear_halt", lambda *_: None)
 
 
 @mutant("USB-026", wraps=(ArrayFunction, "_begin_anew"), url=FULL_SPEED)
 def part_of_a_block_outlives_the_session(original: Any, self: Any) -> None:
-    """A bus reset, SET_CONFIGURATION and SET_INTERFACE keep the part of a block that has arrived."""
+    """A bus reset, SET_CONFIGURATION and SET_INTERFACE keep a partial block."""
     part = self._part
     original(self)
     self._part = part
@@ -149,7 +148,7 @@ def part_of_a_block_outlives_the_session(original: Any, self: Any) -> None:
 
 @mutant("USB-017", wraps=(ArrayFunction, "_take"), url=FULL_SPEED)
 def short_packet_ends_no_block_at_full_speed(_: Any, self: Any, packet: bytes) -> Handshake:
-    """At full speed a short packet within a block is taken for a whole one, and only the 512th byte ends the block."""
+    """At full speed a short packet within a block counts as a whole one: only the 512th byte ends the block."""
     if not self._has_room:
         return Handshake.NAK
     self._part += packet
@@ -164,7 +163,7 @@ def short_packet_ends_no_block_at_full_speed(_: Any, self: Any, packet: bytes) -
 
 @mutant("USB-016", "STA-002", wraps=(UsbDevice, "_set_interface"))
 def set_interface_does_nothing(_: Any, self: Any, setup: Setup) -> bytes:
-    """SET_INTERFACE is acknowledged and changes nothing: there is only one setting."""
+    """SET_INTERFACE is acknowledged and changes nothing, because there is only one setting."""
     self._function(setup)
     if setup.value:
         raise Stall("there is one setting")
@@ -179,12 +178,12 @@ def records_outlive_the_session(original: Any, self: Any) -> None:
     self._records, self._unasked = records, unasked
 
 
-@mutant("USB-026", "REQ-009", "REQ-010", wraps=(Controller, "new_session"))
+@mutant("USB-026", "REQ-009", "REQ-010", wraps=(StateMachine, "new_session"))
 def settings_end_with_the_session(original: Any, self: Any, door: Any) -> None:
-    """SET_CONFIGURATION sets the watchdog time and the drive limit back to those at power-up."""
+    """SET_CONFIGURATION resets the watchdog time and the drive limit to their values at power-up."""
     original(self, door)
-    self._watchdog.set_time(WATCHDOG_MS)
-    self._drive_limit = CHANNELS
+    self.watchdog.set_time(WATCHDOG_MS)
+    self._device.drive_limit = CHANNELS
 
 
 # The console's endpoints
@@ -192,7 +191,7 @@ def settings_end_with_the_session(original: Any, self: Any, door: Any) -> None:
 
 @mutant("USB-025")
 def unread_console_holds_up_blocks(patch: Patch) -> None:
-    """While a packet of the console waits that nobody reads, 01 OUT answers NAK: all endpoints share a buffer."""
+    """While a console packet is not read, 01 OUT answers NAK: all endpoints share one buffer."""
 
     def waits(device: Any) -> bool:
         console = device._functions.get(CONSOLE_INTERFACE)
@@ -215,7 +214,7 @@ def console_speaks_without_dtr(patch: Patch) -> None:
 
 @mutant("USB-023", wraps=(ConsoleFunction, "request"))
 def line_coding_is_not_kept(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
-    """SET_LINE_CODING is acknowledged, and GET_LINE_CODING answers 115 200 baud as before."""
+    """SET_LINE_CODING is acknowledged, but GET_LINE_CODING still answers 115 200 baud."""
     kept = self._line_coding
     answer = original(self, setup, data)
     self._line_coding = kept
@@ -224,7 +223,7 @@ def line_coding_is_not_kept(original: Any, self: Any, setup: Setup, data: bytes)
 
 @mutant("USB-026", "USB-023", wraps=(ConsoleFunction, "configure"))
 def line_coding_outlives_the_session(original: Any, self: Any, configuration: int) -> None:
-    """The line coding is what the host before has set, after a bus reset and SET_CONFIGURATION too."""
+    """The line coding of the previous host survives a bus reset and SET_CONFIGURATION."""
     kept = self._line_coding
     original(self, configuration)
     self._line_coding = kept
@@ -232,13 +231,13 @@ def line_coding_outlives_the_session(original: Any, self: Any, configuration: in
 
 @mutant("USB-026", "SER-010")
 def frames_outlive_the_session(patch: Patch) -> None:
-    """After SET_CONFIGURATION the CDC line still carries frames where it did before, and DTR counts as set."""
+    """After SET_CONFIGURATION the CDC line still carries frames if it did before, and DTR still counts as set."""
     patch.replace(ConsoleFunction, "configure", lambda *_: None)
 
 
 @mutant("USB-023", "USB-004", wraps=(ConsoleFunction, "request"))
 def breaks_are_acknowledged_on_cdc(original: Any, self: Any, setup: Setup, data: bytes) -> Any:
-    """SEND_BREAK and whatever else the class knows is acknowledged on interface 1, instead of STALL."""
+    """SEND_BREAK and other requests of the class are acknowledged on interface 1 instead of STALL."""
     try:
         return original(self, setup, data)
     except Stall:

@@ -1,4 +1,4 @@
-"""Broken firmware images in flash: what is judged, where it is written, and what boots (chapter FWU)."""
+"""Broken handling of firmware images in flash: judging, writing and booting (chapter FWU)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MARKED = bytes(4)
 
 
 def _start_bad_images(patch: Patch) -> None:
-    """Let the loader start what its record names, as SHA-256 alone decides, also where the image itself is bad."""
+    """Let the loader start the image of its record if SHA-256 is right, even if the image itself is bad."""
 
     @patch.around(loader, "_whole_image")
     def whole_image(original: Any, flash: Flash, bank: Bank) -> Image | None:
@@ -45,7 +45,7 @@ def _start_bad_images(patch: Patch) -> None:
 
 
 def _read_loosely(stored: bytes) -> Image | None:
-    """What can be read of an image whose header is sound, None of another."""
+    """The parsed image if its header is sound, else None."""
     try:
         header = ImageHeader.decode(_for_this_hardware(stored))
     except ImageError:
@@ -58,7 +58,7 @@ def _read_loosely(stored: bytes) -> Image | None:
 
 
 def _for_this_hardware(image: bytes) -> bytes:
-    """The same image for this hardware, with the checksum of header and table that goes with it."""
+    """The same image, marked for this hardware, with a matching checksum of header and table."""
     if len(image) < HEADER_BYTES:
         return image
     changed = bytearray(image)
@@ -72,7 +72,7 @@ def _for_this_hardware(image: bytes) -> bytes:
 
 @mutant("FWU-005", "FWU-015")
 def hardware_of_images_is_not_checked(patch: Patch) -> None:
-    """An image for other hardware is taken, and boots."""
+    """An image for other hardware is accepted, and boots."""
     patch.replace(dfu, "ImageHeader", SimpleNamespace(decode=lambda data: ImageHeader.decode(_for_this_hardware(data))))
     patch.replace(dfu, "Image", SimpleNamespace(decode=lambda data: Image.decode(_for_this_hardware(data))))
     _start_bad_images(patch)
@@ -80,27 +80,27 @@ def hardware_of_images_is_not_checked(patch: Patch) -> None:
 
 @mutant("FWU-010", "DFU-011", wraps=(DfuMode, "_judge"), also=_start_bad_images)
 def digests_of_images_are_not_checked(original: Any, self: Any, stored: bytes) -> ImageReason:
-    """An image is taken whose segments have another CRC-32 or SHA-256 than its table says."""
+    """An image is accepted although CRC-32 or SHA-256 of its segments differ from its table."""
     reason: ImageReason = original(self, stored)
     return ImageReason.ACCEPTED if reason is ImageReason.HASH else reason
 
 
 @mutant("FWU-009", "FWU-015", wraps=(DfuMode, "_judge"), also=_start_bad_images)
 def padding_of_images_is_not_checked(original: Any, self: Any, stored: bytes) -> ImageReason:
-    """An image is taken whose bytes between the segments are not 0."""
+    """An image with bytes other than 0 between the segments is accepted."""
     reason: ImageReason = original(self, stored)
     return ImageReason.ACCEPTED if reason is ImageReason.PADDING else reason
 
 
 @mutant("FWU-011", "FWU-015", wraps=(DfuMode, "_judge"), also=_start_bad_images)
 def signature_without_a_key_is_taken(original: Any, self: Any, stored: bytes) -> ImageReason:
-    """An unsigned image is taken whose signature is not zero: nobody looks at it where there is no key."""
+    """An unsigned image with a signature other than 0 is accepted: without a key the field is not checked."""
     reason: ImageReason = original(self, stored)
     return ImageReason.ACCEPTED if reason is ImageReason.SIGNATURE and not self._keys else reason
 
 
 def _trust_more(patch: Patch, trusted: Trust) -> None:
-    """Let a device with keys take images that none of them has signed."""
+    """Let a device with keys accept images that none of them signed."""
 
     def judged(image: Image, keys: Any) -> Trust:
         found = trust(image, keys)
@@ -111,19 +111,19 @@ def _trust_more(patch: Patch, trusted: Trust) -> None:
 
 @mutant("FWU-012", "FWU-015")
 def unsigned_images_are_taken_in_spite_of_keys(patch: Patch) -> None:
-    """A device with keys takes images that are not signed: only where there is a signature is it looked at."""
+    """A device with keys accepts unsigned images: only a signature that is there is checked."""
     _trust_more(patch, Trust.UNSIGNED)
 
 
 @mutant("FWU-012", "FWU-015")
 def images_by_unknown_keys_are_taken(patch: Patch) -> None:
-    """A device with keys takes images by a key that it does not know: what cannot be checked is let through."""
+    """A device with keys accepts images signed with an unknown key: what it cannot check, it accepts."""
     _trust_more(patch, Trust.UNKNOWN_KEY)
 
 
 @mutant("FWU-012", "FWU-011")
 def name_of_the_key_is_enough(patch: Patch) -> None:
-    """A device with keys takes images that name one of them, whatever their signature is: it is not verified."""
+    """A device with keys accepts any image that names one of them: the signature itself is not verified."""
 
     def judged(image: Image, keys: Any) -> Trust:
         try:
@@ -138,13 +138,13 @@ def name_of_the_key_is_enough(patch: Patch) -> None:
 def keys_are_lost_with_the_first_upgrade(
     original: Any, self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any
 ) -> None:
-    """Only the factory's image looks at the keys: what runs from another bank takes any valid image."""
+    """Only the factory image checks keys: firmware in another bank accepts any valid image."""
     original(self, scheduler, flash, running, keys if running is Bank.FACTORY else ())
 
 
 @mutant("FWU-013")
 def older_versions_are_refused(patch: Patch) -> None:
-    """An image that is older than what runs is refused: nobody should want to go back."""
+    """An image older than the running one is refused: a downgrade was thought useless."""
 
     @patch.around(DfuMode, "__init__")
     def of_init(original: Any, self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any) -> None:
@@ -160,14 +160,14 @@ def older_versions_are_refused(patch: Patch) -> None:
     handle(patch, download, DOWNLOAD)
 
 
-# Where it is written, and when
+# Where and when it is written
 
 
 @mutant("FWU-018", wraps=(DfuMode, "__init__"))
 def upgrade_overwrites_the_bank_that_runs(
     original: Any, self: Any, scheduler: Any, flash: Flash, running: Bank, keys: Any
 ) -> None:
-    """An upgrade goes to the bank that runs, where that is not the factory's: there is one place for upgrades."""
+    """An upgrade overwrites the running bank unless that is the factory bank: there is one place for upgrades."""
     original(self, scheduler, flash, running, keys)
     if running is not Bank.FACTORY:
         self._bank = running
@@ -175,7 +175,7 @@ def upgrade_overwrites_the_bank_that_runs(
 
 @mutant("FWU-018", "DFU-010", by=partial(handle, request=DOWNLOAD))
 def bank_is_erased_before_the_header_is_checked(original: Any) -> Any:
-    """The first block erases the boot record of the bank before anybody has looked at its header."""
+    """The first block erases the bank's boot record before its header is judged."""
 
     def download(self: Any, setup: Any, data: bytes) -> Any:
         begins = self.state is DfuState.DFU_IDLE and data
@@ -188,7 +188,7 @@ def bank_is_erased_before_the_header_is_checked(original: Any) -> Any:
 
 @mutant("FWU-018")
 def record_is_erased_at_the_end(patch: Patch) -> None:
-    """The boot record of the bank stays until the new one is written, over an image that is half another."""
+    """The old boot record stays in the bank until the new one is written, while the image is half overwritten."""
 
     def of_empty(_: Any) -> Any:
         return lambda _self: iter(())
@@ -205,7 +205,7 @@ def record_is_erased_at_the_end(patch: Patch) -> None:
 
 @mutant("FWU-018", "DFU-010", wraps=(DfuMode, "_manifest"), also=_start_bad_images)
 def record_is_written_before_the_image_is_checked(original: Any, self: Any) -> Iterator[Any]:
-    """Manifestation writes the boot record first and checks the image behind it, so that a bad one has a record too."""
+    """Manifestation writes the boot record before it checks the image, so that a bad image has a record too."""
     stored = self._flash.read(self._bank.image_address, self._total)
     record = BootRecord.of(stored, loader.read_record(self._flash, idle_bank(self._bank))).encode()[:-8]
     yield from self._program(self._bank.record_address, record)
@@ -214,7 +214,7 @@ def record_is_written_before_the_image_is_checked(original: Any, self: Any) -> I
 
 @mutant("FWU-018", wraps=(DfuMode, "_empty_bank"))
 def records_that_may_not_boot_are_erased_as_they_are(_: Any, self: Any) -> Any:
-    """A record that may not boot is erased without zeros over it, so that a power cut can bring its image back."""
+    """A void record is erased without zeros over it first, so that a power cut can revive its image."""
     return self._erase(self._bank.record_address)
 
 
@@ -223,20 +223,20 @@ def records_that_may_not_boot_are_erased_as_they_are(_: Any, self: Any) -> Any:
 
 @mutant("FWU-020")
 def new_images_are_never_confirmed(patch: Patch) -> None:
-    """New firmware is started and never confirmed, so that the device goes back to the old one at its second boot."""
+    """New firmware starts and is never confirmed, so that the second boot returns to the old firmware."""
     patch.replace(machine, "confirm", lambda *_: None)
 
 
 @mutant("FWU-020", wraps=(machine.Emulator, "_come_up"))
 def new_images_are_confirmed_at_once(original: Any, self: Any, booted: Any, identities: Any, time: Any) -> None:
-    """New firmware is confirmed as soon as it runs, before a host has spoken to it: a bad one boots for ever."""
+    """New firmware is confirmed as soon as it runs, before a host reaches it: a bad one boots for ever."""
     original(self, booted, identities, time)
     loader.confirm(self.flash, booted.bank)
 
 
 @mutant("FWU-020", wraps=(UsbDevice, "reset"))
 def bus_reset_confirms_images(original: Any, self: Any) -> None:
-    """New firmware is confirmed by a bus reset, before a host has configured it: that proves a cable only."""
+    """New firmware is confirmed by a bus reset, before a host configures it: a reset only proves a cable."""
     original(self)
     if self._dfu is not None:
         self._dfu._controller.host_arrived()
@@ -244,7 +244,7 @@ def bus_reset_confirms_images(original: Any, self: Any) -> None:
 
 @mutant("FWU-020", wraps=(UsbDevice, "_descriptor"))
 def descriptors_confirm_images(original: Any, self: Any, setup: Any) -> bytes:
-    """New firmware is confirmed when a host reads its descriptors: that is the code that was there for sure."""
+    """New firmware is confirmed when a host reads its descriptors, which the loader could answer as well."""
     if self._dfu is not None:
         self._dfu._controller.host_arrived()
     found: bytes = original(self, setup)
@@ -253,7 +253,7 @@ def descriptors_confirm_images(original: Any, self: Any, setup: Any) -> bytes:
 
 @mutant("FWU-020", wraps=(loader, "boot_order"))
 def images_that_never_came_up_boot_again(original: Any, *records: Any) -> Any:
-    """The loader starts an image again that it has started before and that never came up."""
+    """The loader starts an image a second time although it was started before and never confirmed."""
     return original(*(record[: -len(MARKED)] + MARKED for record in records))
 
 
@@ -265,18 +265,18 @@ def bank_a_always_comes_first(original: Any, *records: Any) -> Any:
 
 @mutant("FWU-019", "SAF-008", wraps=(machine, "boot"))
 def bad_images_are_passed_over_in_silence(original: Any, flash: Any) -> Any:
-    """Where the newest image does not boot the one before does, and no fault FLASH says so."""
+    """If the newest image does not boot, the previous one does, but no fault FLASH reports it."""
     return original(flash)._replace(faults=Fault(0))
 
 
 @mutant("FWU-022", "REQ-014", wraps=(machine, "give_up_upgrades"))
 def revert_leaves_the_newer_image(original: Any, flash: Flash) -> Iterator[int]:
-    """REVERT gives up the older of two upgrades alone, and the newer boots again."""
+    """REVERT voids only the older of two upgrades, and the newer one boots again."""
     yield from islice(original(flash), 1)
 
 
 @mutant("FWU-022", wraps=(loader, "_whole_image"))
 def revert_does_not_look_at_the_factory_image(original: Any, flash: Flash, bank: Bank) -> Image | None:
-    """REVERT gives up the upgrades also where the factory's image is bad, which then runs as it is."""
+    """REVERT voids the upgrades even if the factory image is bad, which then runs as it is."""
     found: Image | None = original(flash, bank)
     return loader.FACTORY_IMAGE if bank is Bank.FACTORY else found

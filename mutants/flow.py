@@ -1,10 +1,15 @@
-"""Broken flow: places in the queue, NAK, the rate of a stream, and what gets lost where much waits (chapter BLK)."""
+"""Broken flow control: places in the queue, NAK, the rate of a stream, and losses under load (chapter BLK)."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ..emulator.control import agenda, controller
+from ..emulator.control import agenda, dispatch, requests
+from ..emulator.control.admission import Admission
+from ..emulator.control.controller import Controller
+from ..emulator.control.dispatch import Dispatch
+from ..emulator.control.execution import Execution
+from ..emulator.control.requests import Requests
 from ..emulator.door import Handshake
 from ..emulator.interfaces.serial_line import SerialLine
 from ..emulator.interfaces.usb_functions import ArrayFunction
@@ -20,57 +25,57 @@ KIND = 3
 
 
 def _count_free_as(patch: Patch, counted: Any) -> None:
-    patch.wrap(controller.Controller, "_free", lambda original: lambda self: max(counted(self, original(self)), 0))
+    patch.wrap(Dispatch, "free", lambda original: lambda self: max(counted(self, original(self)), 0))
 
 
 @mutant("BLK-024", "REQ-002")
 def queue_is_one_smaller_than_info_says(patch: Patch) -> None:
-    """One change fewer than INFO says can be queued: a ring buffer keeps one place empty to tell full from empty."""
+    """The queue holds one change fewer than INFO says: a ring buffer keeps one place empty."""
     patch.replace(agenda, "QUEUE_BLOCKS", agenda.QUEUE_BLOCKS - 1)
     _count_free_as(patch, lambda _, free: free - 1)
 
 
 @mutant("BLK-009", "BLK-008")
 def full_queue_overwrites_its_oldest(patch: Patch) -> None:
-    """A block is never answered with NAK: where the queue is full, the oldest change in it gives way unheard."""
+    """A block never gets NAK: if the queue is full, its oldest change is dropped silently."""
 
     def can_accept(_: Any) -> Any:
-        return lambda self: self._loading.blocks < controller.STORES
+        return lambda self: self.loading.blocks < dispatch.STORES
 
-    @patch.around(controller.Controller, "_plan")
+    @patch.around(Dispatch, "plan")
     def plan(original: Any, self: Any, *arguments: Any, **more: Any) -> Any:
-        if self._agenda.room_at > self._now:
-            oldest = next((change for change in self._agenda if change.start > self._now), None)
+        if self.agenda.room_at > self.now:
+            oldest = next((change for change in self.agenda if change.start > self.now), None)
             if oldest is not None:
                 oldest.packed, oldest.programs, oldest.effect = None, (), None
         return original(self, *arguments, **more)
 
-    patch.wrap(controller.Controller, "can_accept", can_accept)
+    patch.wrap(Dispatch, "has_room", can_accept)
     one_by_one(patch)
 
 
 @mutant("BLK-009", "BLK-008")
 def full_queue_drops_what_comes(patch: Patch) -> None:
-    """A change for which there is no room is acknowledged and dropped, where NAK should hold it back."""
+    """A change without room is acknowledged and dropped; NAK should hold it back."""
 
     def can_accept(_: Any) -> Any:
-        return lambda self: self._loading.blocks < controller.STORES
+        return lambda self: self.loading.blocks < dispatch.STORES
 
-    @patch.around(controller.Controller, "_plan")
+    @patch.around(Dispatch, "plan")
     def plan(original: Any, self: Any, *arguments: Any, **more: Any) -> Any:
-        is_full = self._agenda.room_at > self._now
+        is_full = self.agenda.room_at > self.now
         change = original(self, *arguments, **more)
         if is_full:
             change.packed, change.programs, change.effect = None, (), None
         return change
 
-    patch.wrap(controller.Controller, "can_accept", can_accept)
+    patch.wrap(Dispatch, "has_room", can_accept)
     one_by_one(patch)
 
 
 @mutant("BLK-009")
 def blocks_that_need_no_place_pass_a_full_queue(patch: Patch) -> None:
-    """While the queue is full CLOCK and NO_OP are taken all the same: the kind is looked at before NAK is sent."""
+    """While the queue is full CLOCK and NO_OP are accepted: the kind is checked before NAK is sent."""
 
     @patch.around(ArrayFunction, "_take")
     def take(original: Any, self: Any, packet: bytes) -> Any:
@@ -92,31 +97,31 @@ def blocks_that_need_no_place_pass_a_full_queue(patch: Patch) -> None:
 
 @mutant("BLK-024")
 def stores_take_places_in_the_queue(patch: Patch) -> None:
-    """A store takes a place until it has gone onto the chain: one queue serves stores and changes."""
-    _count_free_as(patch, lambda self, free: free - self._loading.blocks)
+    """A store occupies a place until it is on the chain: stores and changes share one queue."""
+    _count_free_as(patch, lambda self, free: free - self.loading.blocks)
 
-    @patch.around(controller.Controller, "can_accept")
+    @patch.around(Dispatch, "has_room")
     def can_accept(original: Any, self: Any) -> bool:
-        queued = self._agenda.queued(self._now) + self._loading.blocks
-        return bool(original(self)) and queued < controller.QUEUE_BLOCKS
+        queued = self.agenda.queued(self.now) + self.loading.blocks
+        return bool(original(self)) and queued < agenda.QUEUE_BLOCKS
 
 
 @mutant("BLK-024")
 def clock_and_no_op_need_a_free_place(patch: Patch) -> None:
-    """The acknowledgements of CLOCK and NO_OP say one free place too few: whatever is judged has one."""
+    """The acknowledgements of CLOCK and NO_OP report one free place too few: every block under judgement holds one."""
 
-    @patch.around(controller.Controller, "accept")
+    @patch.around(Controller, "accept")
     def accept(original: Any, self: Any, packet: bytes, door: Any, *rest: Any) -> None:
-        vars(self)["kind"] = packet[KIND] if len(packet) > KIND else 0
+        vars(self._dispatch)["kind"] = packet[KIND] if len(packet) > KIND else 0
         original(self, packet, door, *rest)
-        del vars(self)["kind"]
+        del vars(self._dispatch)["kind"]
 
     _count_free_as(patch, lambda self, free: free - (vars(self).get("kind") in (Kind.CLOCK, Kind.NO_OP)))
 
 
 @mutant("BLK-024", "SAF-004", wraps=(agenda.Agenda, "drop_queued"))
 def places_come_back_after_the_period_alone(original: Any, self: Any, now: int) -> None:
-    """DISABLE drops what is queued, and its places stay taken for up to 100 ms: they come back one by one."""
+    """DISABLE drops the queue, but its places stay taken for up to 100 ms: they return one by one."""
     taken = self.recent.copy()
     original(self, now)
     self.recent[:] = taken.clip(max=now + 4000 * CYCLES_PER_PERIOD)
@@ -124,96 +129,96 @@ def places_come_back_after_the_period_alone(original: Any, self: Any, now: int) 
 
 @mutant("BLK-023", url="emulator:?link=2wire")
 def rate_is_never_refused(patch: Patch) -> None:
-    """Updates that name periods closer than the chain can carry are accepted, and come late one by one."""
+    """Updates for periods that are too close for the chain are accepted and become late."""
     _judge_rates(patch, lambda _update, _last: None)
 
 
-@mutant("BLK-023", wraps=(controller.Controller, "_enable"), url="emulator:?link=2wire")
+@mutant("BLK-023", wraps=(Requests, "_enable"), url="emulator:?link=2wire")
 def rate_is_refused_across_enable(original: Any, self: Any, door: Any) -> None:
-    """The last named period is remembered when the outputs are enabled again: an update close behind it is refused."""
-    last = self._last_named
+    """The last named period survives ENABLE: an update shortly after it is refused."""
+    last = self._device.last_named
     original(self, door)
-    self._last_named = last
+    self._device.last_named = last
 
 
 @mutant("BLK-023", url="emulator:?link=2wire")
 def rate_is_refused_for_earlier_periods_too(patch: Patch) -> None:
-    """An update for the same period as the last is refused with RATE, where it should be late."""
+    """An update for the same period as the last is refused with RATE; it should be late."""
     _judge_rates(patch, lambda update, last: last - 1 if update.period == last else last)
     one_by_one(patch)
 
 
 def _judge_rates(patch: Patch, taken_for_last: Any) -> None:
-    """Judge updates as if another period had been named last."""
+    """Judge updates as if the last one had named another period."""
 
-    @patch.around(controller.Controller, "_judge_content")
-    def judge(original: Any, self: Any, body: Any) -> None:
-        last = self._last_named
-        if isinstance(body, Update) and last is not None:
-            self._last_named = taken_for_last(body, last)
+    @patch.around(Admission, "_judge_numbers")
+    def judge(original: Any, self: Any, block: Any, arrived: int) -> None:
+        last = self._device.last_named
+        if isinstance(block.body, Update) and last is not None:
+            self._device.last_named = taken_for_last(block.body, last)
         try:
-            original(self, body)
+            original(self, block, arrived)
         finally:
-            self._last_named = last
+            self._device.last_named = last
 
 
 @mutant("ACK-001", "REQ-002", wraps=(ArrayFunction, "acknowledge"))
 def records_behind_the_sixteenth_are_dropped(original: Any, self: Any, record: bytes) -> None:
-    """On USB no more than 16 records wait, though INFO says more, and blocks are taken all the same."""
+    """On USB only 16 records may wait, although INFO says more, and blocks are still accepted."""
     if len(self._records) < RECORDS_KEPT:
         original(self, record)
 
 
 @mutant("ACK-001")
 def nothing_waits_for_room_for_records(patch: Patch) -> None:
-    """On USB blocks are taken while as many records wait as there is room for, and the newest take no more of it."""
+    """On USB blocks are accepted while the record buffer is full, and the newest records are lost."""
 
     @patch.around(ArrayFunction, "acknowledge")
     def acknowledge(original: Any, self: Any, record: bytes) -> None:
-        if len(self._records) < controller.RECORDS:
+        if len(self._records) < requests.QUEUE_RECORDS:
             original(self, record)
 
-    patch.wrap(ArrayFunction, "_room_for_records", lambda _: lambda _self: controller.RECORDS)
+    patch.wrap(ArrayFunction, "_room_for_records", lambda _: lambda _self: requests.QUEUE_RECORDS)
 
 
 @mutant("BLK-024")
 def places_leak(patch: Patch) -> None:
-    """Every hundredth change never gives its place back, up to eight of them: one way out of the queue forgets it."""
+    """Every hundredth change never returns its place, up to eight in all: one exit path forgets it."""
 
     def leaked(self: Any) -> int:
         return int(min(vars(self).get("planned", 0) // LEAK_EVERY, LEAK_AT_MOST))
 
-    @patch.around(controller.Controller, "_plan")
+    @patch.around(Dispatch, "plan")
     def plan(original: Any, self: Any, *arguments: Any, **more: Any) -> Any:
         vars(self)["planned"] = vars(self).get("planned", 0) + 1
         return original(self, *arguments, **more)
 
-    @patch.around(controller.Controller, "can_accept")
+    @patch.around(Dispatch, "has_room")
     def can_accept(original: Any, self: Any) -> bool:
-        room = controller.QUEUE_BLOCKS - leaked(self)
-        return bool(original(self)) and self._agenda.queued(self._now) < room
+        room = agenda.QUEUE_BLOCKS - leaked(self)
+        return bool(original(self)) and self.agenda.queued(self.now) < room
 
-    @patch.around(controller.Controller, "await_room")
+    @patch.around(Dispatch, "await_room")
     def await_room(original: Any, self: Any, waiter: Any) -> None:
         original(self, waiter)
-        for start in self._agenda.recent.tolist():
-            if start > self._now:
-                self._scheduler.at(start, self._announce_room)
+        for start in self.agenda.recent.tolist():
+            if start > self.now:
+                self.scheduler.at(start, self.announce_room)
 
     _count_free_as(patch, lambda self, free: free - leaked(self))
     one_by_one(patch)
 
 
-@mutant("BLK-024", "BLK-013", wraps=(controller.Controller, "_store"))
+@mutant("BLK-024", "BLK-013", wraps=(Execution, "_store"))
 def stores_in_a_hurry_are_lost(original: Any, self: Any, body: Any) -> None:
-    """A store that comes while four wait is acknowledged, and never reaches the processors: they share a buffer."""
-    if self._loading.blocks < STORES_KEPT:
+    """A store that arrives while four wait is acknowledged and lost: they share a buffer."""
+    if self._dispatch.loading.blocks < STORES_KEPT:
         original(self, body)
     else:
-        self._stores.keep(body)
+        self._dispatch.stores.keep(body)
 
 
 @mutant("BLK-007")
 def programs_do_not_wait_for_stores(patch: Patch) -> None:
-    """A SEQUENCE or a MODULATION begins although stores before it wait: it plays what was there before them."""
+    """A SEQUENCE or MODULATION begins although stores before it still wait: it plays the old contents."""
     patch.replace(agenda.Agenda, "loads_gone", lambda _self, begin, _loads: begin)

@@ -1,4 +1,4 @@
-"""What goes wrong after a while: counters, numbers, clocks, and what leaks."""
+"""Defects that appear after a while: counters, numbers, clocks and leaks."""
 
 from __future__ import annotations
 
@@ -6,23 +6,27 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from ..emulator.control import controller
+from ..emulator.control import batches
+from ..emulator.control.admission import Admission
+from ..emulator.control.controller import Controller
+from ..emulator.control.device_state import DeviceState
+from ..emulator.control.dispatch import Dispatch
+from ..emulator.control.requests import Requests
 from ..emulator.doors.device_time import DeviceTime
 from ..protocol.board import CORE_HZ
 from .patching import Patch, mutant
 from .robustness import leak_a_place, leak_places
 
-Controller = controller.Controller
 FAST = 1.002
 LOW_HALF = 0xFFFF
 
 
 @mutant("REQ-003")
 def counters_stop_at_255(patch: Patch) -> None:
-    """The counts of accepted, refused, late and lost blocks stop at 255: they are kept in a byte that saturates."""
+    """The counts of accepted, refused, late and lost blocks stop at 255: a saturating byte holds each."""
     names = ("accepted", "refused", "late", "lost")
 
-    @patch.around(Controller, "status")
+    @patch.around(Requests, "status")
     def status(original: Any, self: Any) -> Any:
         found = original(self)
         return replace(found, **{name: min(getattr(found, name), 255) for name in names})
@@ -30,27 +34,27 @@ def counters_stop_at_255(patch: Patch) -> None:
 
 @mutant("NUM-001", "NUM-003")
 def numbers_count_on_in_16_bits(patch: Patch) -> None:
-    """The number of the last block counts on in its low 16 bits alone, so that each 65 536th block shows a gap."""
+    """Only the low 16 bits of the last block's number count up, so that every 65 536th block shows a gap."""
 
     def kept(before: int | None, number: int) -> int:
         return number if before is None else before & ~LOW_HALF | number & LOW_HALF
 
-    @patch.around(Controller, "_count")
+    @patch.around(DeviceState, "count")
     def of_count(original: Any, self: Any, block: Any) -> Any:
-        before = None if block.restart else self._last_sequence
+        before = None if block.restart else self.last_sequence
         gap = original(self, block)
-        self._last_sequence = kept(before, self._last_sequence)
+        self.last_sequence = kept(before, self.last_sequence)
         return gap
 
-    def of_stream(_: Any) -> Any:
+    def of_take(_: Any) -> Any:
         return lambda _self, _packets, began, *_rest: (0, began)
 
-    patch.wrap(Controller, "stream", of_stream)
+    patch.wrap(Controller, "take", of_take)
 
 
 @mutant("TIM-001")
 def clock_is_2000_ppm_fast(patch: Patch) -> None:
-    """Everything in the device is 2000 ppm fast by the clocks of the world: its oscillator runs without its crystal."""
+    """The whole device runs 2000 ppm fast: its oscillator has lost the crystal."""
 
     def monotonic(self: Any) -> float:
         return float(self._scheduler.now / CORE_HZ / FAST)
@@ -62,20 +66,20 @@ def clock_is_2000_ppm_fast(patch: Patch) -> None:
     patch.replace(DeviceTime, "sleep", sleep)
 
 
-@mutant("BLK-024", "NUM-004", wraps=(Controller, "_count"), also=leak_places)
-def restart_takes_a_place_for_ever(original: Any, self: Any, block: Any) -> Any:
-    """Each block with the flag RESTART leaves the queue with a place less: the old state is not given back."""
+@mutant("BLK-024", "NUM-004", wraps=(Admission, "judge"), also=leak_places)
+def restart_takes_a_place_for_ever(original: Any, self: Any, block: Any, arrived: int) -> None:
+    """Each block with the flag RESTART costs the queue a place: the old state is not freed."""
+    original(self, block, arrived)
     if block.restart:
-        leak_a_place(self)
-    return original(self, block)
+        leak_a_place(self._dispatch)
 
 
 @mutant("TIM-002")
 def ticks_wrap_at_32_bits(patch: Patch) -> None:
-    """The tick in acknowledgements, STATUS and CLOCK wraps after 36 minutes: its upper half is left out."""
+    """The tick in acknowledgements, STATUS and CLOCK wraps after 36 minutes: the upper half is left out."""
 
     def of_acks(original: Any) -> Any:
         return lambda sequence, period, now, *rest: original(sequence, period, now % 2**32, *rest)
 
-    patch.wrap(Controller, "now_tick", lambda original: lambda self: original(self) % 2**32)
-    patch.wrap(controller, "encode_acks", of_acks)
+    patch.wrap(Dispatch, "now_tick", lambda original: lambda self: original(self) % 2**32)
+    patch.wrap(batches, "encode_acks", of_acks)

@@ -1,4 +1,4 @@
-"""Broken modulations: which width a sample leaves, which sample a period has, and what ends it (PUL-006, BLK-017)."""
+"""Broken modulations: the width that a sample gives, the sample of a period, and the end (PUL-006, BLK-017)."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..emulator.control import controller
+from ..emulator.control.dispatch import Dispatch
+from ..emulator.control.execution import Execution
 from ..emulator.ports import capture
-from ..emulator.ports.reel import FULL, UNMODULATED, Reel, Segments
+from ..emulator.ports.history import FULL, UNMODULATED, History, Segments
 from ..protocol.blocks import Output
 from ..protocol.board import MAX_WIDTH_TICKS, TICKS_PER_PERIOD
 from ..protocol.codes import Action
@@ -20,7 +21,7 @@ Widths = NDArray[np.float64]
 
 
 def _widths(patch: Patch, formula: Any) -> None:
-    """Give pulses other widths under a modulation; one that has none is left as it is."""
+    """Change the widths of modulated pulses; pulses without a modulation stay as they are."""
     sample, width = np.ogrid[: FULL + 1, : MAX_WIDTH_TICKS + 1]
     table = np.asarray(formula(sample, width)).astype(np.uint8)
     table[FULL] = np.arange(MAX_WIDTH_TICKS + 1)
@@ -28,7 +29,7 @@ def _widths(patch: Patch, formula: Any) -> None:
 
 
 def _exact(sample: Any, width: Any) -> Any:
-    """The width in ticks that has s/255 of the amplitude (clause PUL-006), not rounded."""
+    """The unrounded width in ticks of s/255 of the amplitude (clause PUL-006)."""
     sine = np.minimum(sample / FULL * np.sin(np.pi * width / TICKS_PER_PERIOD), 1.0)
     return TICKS_PER_PERIOD / np.pi * np.arcsin(sine)
 
@@ -38,43 +39,43 @@ def _exact(sample: Any, width: Any) -> Any:
 
 @mutant("PUL-006")
 def widths_are_truncated(patch: Patch) -> None:
-    """A modulated width is cut off to whole ticks, not rounded to the nearest."""
+    """A modulated width is truncated to whole ticks instead of rounded."""
     _widths(patch, lambda sample, width: np.floor(_exact(sample, width) + 1e-9))
 
 
 @mutant("PUL-006")
 def widths_are_linear(patch: Patch) -> None:
-    """A modulated width is s/255 of the width, as if the amplitude were proportional to it."""
+    """A modulated width is s/255 of the width, as if the amplitude were proportional to the width."""
     _widths(patch, lambda sample, width: np.floor(sample * width / FULL + 0.5))
 
 
 @mutant("PUL-006")
 def widths_follow_the_widest(patch: Patch) -> None:
-    """A modulated width is that of the widest pulse in proportion: one table over the samples serves all widths."""
+    """A modulated width is computed from the widest pulse in proportion: one table of samples serves all widths."""
     _widths(patch, lambda sample, width: np.floor(_exact(sample, MAX_WIDTH_TICKS) * width / MAX_WIDTH_TICKS + 0.5))
 
 
 @mutant("PUL-006")
 def sample_0_is_not_silent(patch: Patch) -> None:
-    """A pulse keeps one tick at least under every sample: a width of 0 was to be avoided."""
+    """A pulse keeps at least one tick under every sample: the author wanted no width of 0."""
     _widths(patch, lambda sample, width: np.maximum(np.floor(_exact(sample, width) + 0.5), width > 0))
 
 
 @mutant("PUL-006")
 def one_modulated_width_is_off(patch: Patch) -> None:
-    """A pulse of 17 ticks under sample 200 gets a tick too few: single precision is rounded on the way."""
+    """A pulse of 17 ticks under sample 200 gets one tick too few: single precision rounds on the way."""
     _widths(patch, lambda sample, width: np.floor(_exact(sample, width) + 0.5) - ((sample == 200) & (width == 17)))
 
 
 @mutant("PUL-006", "BLK-017")
 def sample_255_is_not_full(patch: Patch) -> None:
-    """Sample 255 narrows a pulse as 254 does: it is divided by 256."""
+    """Sample 255 narrows a pulse as 254 does: the division is by 256."""
     _modulate_with(patch, lambda samples, hold: (samples.replace(b"\xff", b"\xfe"), hold))
 
 
 @mutant("PUL-006", by=rasterise)
 def modulation_keeps_the_leading_edge(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
-    """A modulated pulse ends sooner and begins where it did: its phase moves with its width."""
+    """A modulated pulse keeps its beginning and ends sooner: its phase moves with its width."""
     return (tick - ((phase - unmodulated) >> 1)) % TICKS_PER_PERIOD < width
 
 
@@ -82,22 +83,22 @@ def modulation_keeps_the_leading_edge(phase: Any, width: Any, unmodulated: Any, 
 
 
 def _modulate_with(patch: Patch, change: Any) -> None:
-    """Let modulations have other samples and another hold."""
+    """Give modulations other samples and another hold."""
 
-    @patch.around(Reel, "modulate")
+    @patch.around(History, "modulate")
     def modulate(original: Any, self: Any, period: int, samples: bytes, hold: int) -> None:
         original(self, period, *(change(samples, hold) if samples else (samples, hold)))
 
 
 @mutant("BLK-017")
 def samples_hold_a_period_longer(patch: Patch) -> None:
-    """Each sample holds for one period more than it should: the count goes down to 0, and 0 counts too."""
+    """Each sample holds for one period too many: the counter goes down to 0, and 0 counts too."""
     _modulate_with(patch, lambda samples, hold: (samples, hold + 1))
 
 
 @mutant("BLK-017")
 def hold_is_a_byte(patch: Patch) -> None:
-    """Samples that hold for more than 255 periods hold for that modulo 256: the upper byte gets lost."""
+    """Holds of more than 255 periods are taken modulo 256: the upper byte gets lost."""
     _modulate_with(patch, lambda samples, hold: (samples, hold % 256 or hold))
 
 
@@ -109,14 +110,14 @@ def loop_repeats_its_last_sample(patch: Patch) -> None:
 
 @mutant("BLK-017")
 def loop_leaves_out_its_last_sample(patch: Patch) -> None:
-    """A loop of several samples begins again before the last of them."""
+    """A loop of several samples skips the last one."""
     _modulate_with(patch, lambda samples, hold: (samples[:-1] or samples, hold))
 
 
 def _at_each_update(patch: Patch, overlay: Any) -> None:
-    """Let another modulation begin wherever an update does, if there is one."""
+    """Begin a running modulation again whenever an update begins."""
 
-    @patch.around(Reel, "play")
+    @patch.around(History, "play")
     def play(original: Any, self: Any, periods: Any, slices: Any) -> None:
         original(self, periods, slices)
         if self._overlays:
@@ -125,19 +126,19 @@ def _at_each_update(patch: Patch, overlay: Any) -> None:
 
 @mutant("BLK-017", "BLK-012")
 def modulation_begins_again_at_each_update(patch: Patch) -> None:
-    """An UPDATE sets the modulation back to its first sample: both share one counter of periods."""
+    """An UPDATE restarts the modulation at its first sample: both share one period counter."""
     _at_each_update(patch, lambda overlay: overlay)
 
 
 @mutant("BLK-012", "BLK-017")
 def update_ends_the_modulation(patch: Patch) -> None:
-    """An UPDATE plays unmodulated, though STATUS still names the modulation: its table is made without a sample."""
+    """An UPDATE plays unmodulated, although STATUS still names the modulation: its table is built without a sample."""
     _at_each_update(patch, lambda _: UNMODULATED)
 
 
 @mutant("BLK-017", "BLK-012", wraps=(Segments, "rows"))
 def sequences_are_not_modulated(original: Any, self: Segments, first: int, last: int) -> Any:
-    """A modulation lies over updates alone: the tables of a sequence were made beforehand."""
+    """A modulation affects only updates: the tables of a sequence were built beforehand."""
     refs, samples = original(self, first, last)
     segment = np.searchsorted(self.starts, np.arange(first, last), side="right") - 1
     samples[self.refs[segment] < 0] = FULL
@@ -146,14 +147,14 @@ def sequences_are_not_modulated(original: Any, self: Segments, first: int, last:
 
 @mutant("BLK-017", "TIM-003", wraps=(capture.Capture, "_rows"))
 def half_of_the_processors_are_a_sample_ahead(original: Any, self: Any, first: int, last: int) -> Any:
-    """Each sample begins a period early on every second processor: the second of a board makes its tables ahead."""
+    """Each sample begins a period early on every second processor: it builds its tables ahead."""
     rows, samples = original(self, first, last)
     ahead = original(self, first + 1, last + 1)[1]
     samples[1::2] = ahead[1::2]
     return rows, samples
 
 
-# What ends it
+# Endings
 
 
 def _read_outputs_as(patch: Patch, action: Action, other: Action) -> None:
@@ -165,28 +166,28 @@ def _read_outputs_as(patch: Patch, action: Action, other: Action) -> None:
 
 @mutant("BLK-018")
 def end_of_the_modulation_silences(patch: Patch) -> None:
-    """END_MODULATION silences what plays, too: it goes the way of SILENCE."""
+    """END_MODULATION also silences what plays: it takes the path of SILENCE."""
     _read_outputs_as(patch, Action.END_MODULATION, Action.SILENCE)
 
 
-@mutant("BLK-018", wraps=(controller.Controller, "_carry_out"))
+@mutant("BLK-018", wraps=(Execution, "carry_out"))
 def silence_leaves_the_modulation(original: Any, self: Any, body: Any, door: Any) -> Any:
-    """A SILENCE ends what plays and no modulation, which lies over the next update again."""
+    """A SILENCE ends what plays but not the modulation, which then affects the next update."""
     if not (isinstance(body, Output) and body.action is Action.SILENCE):
         return original(self, body, door)
-    tail, self._agenda.tail = self._agenda.tail, self._agenda.tail._replace(modulated=False)
+    tail, self._dispatch.agenda.tail = self._dispatch.agenda.tail, self._dispatch.agenda.tail._replace(modulated=False)
     change = original(self, body, door)
-    self._agenda.tail = change.tail = change.tail._replace(modulated=tail.modulated)
+    self._dispatch.agenda.tail = change.tail = change.tail._replace(modulated=tail.modulated)
     return change
 
 
 @mutant("SAF-004", "BLK-017")
 def modulation_survives_disable(patch: Patch) -> None:
-    """DISABLE leaves the modulation on the processors, where it lies over what plays next: only pulses are silenced."""
-    patch.wrap(controller.Controller, "_send_silence", lambda original: lambda self, _: original(self, ()))
+    """DISABLE leaves the modulation on the processors, which affects what plays next: only pulses are silenced."""
+    patch.wrap(Dispatch, "send_silence", lambda original: lambda self, _: original(self, ()))
 
 
 @mutant("REQ-003")
 def modulation_is_not_in_the_status(patch: Patch) -> None:
     """STATUS never has the flag MODULATION."""
-    patch.wrap(controller.Controller, "_begin_modulation", lambda _: lambda _self, _period: None)
+    patch.wrap(Execution, "_begin_modulation", lambda _: lambda _self, _period: None)

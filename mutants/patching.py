@@ -1,9 +1,9 @@
-"""Mutants: emulators that are broken in one way each, and how one is made in this process.
+"""Mutants: emulators that are broken in one way each, and how to make one in this process.
 
-A mutant is a function with the decorator `mutant`: either what stands in place of one function of the emulator or goes
-to a seam, which the decorator names, or what changes classes and modules of the emulator through a `Patch`.
-The emulator knows nothing of it. What is changed holds for every emulator of the process until it is undone, so that a
-run against a mutant belongs into a process of its own.
+A mutant is a function with the decorator `mutant`. Either it replaces one function of the emulator, or it goes to a
+seam that the decorator names, or it changes classes and modules of the emulator through a `Patch`.
+The emulator does not know about mutants. A change affects every emulator of the process until it is undone, so a run
+against a mutant needs a process of its own.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Replacement = TypeVar("Replacement", bound=Callable[..., Any])
 
 
 class Patch:
-    """Changes that can be taken back."""
+    """Changes that can be undone."""
 
     def __init__(self) -> None:
         self._before: list[tuple[Any, str, Any]] = []
@@ -35,7 +35,7 @@ class Patch:
         Raises
         ------
         AttributeError
-            Where it is not there, so that no mutant misses what it is to break.
+            If the owner has no such attribute, so that no mutant misses its target.
         """
         before = inspect.getattr_static(owner, name)
         if name not in vars(owner):
@@ -44,9 +44,9 @@ class Patch:
         setattr(owner, name, value)
 
     def wrap(self, owner: Any, name: str, around: Callable[[Any], Any]) -> None:
-        """Put something in the place of a function, which may call it; ``around`` takes the function and gives that.
+        """Wrap a function: ``around`` takes the original and returns the replacement, which may call it.
 
-        Of a static or class method it takes the function beneath, and of a property its getter.
+        For a static or class method the original is the function beneath, for a property its getter.
         """
         before = inspect.getattr_static(owner, name)
         match before:
@@ -58,7 +58,7 @@ class Patch:
                 self.replace(owner, name, around(before))
 
     def around(self, owner: Any, name: str) -> Callable[[Replacement], Replacement]:
-        """Decorate what stands in place of a function: it takes that function, then the arguments of a call."""
+        """Decorate the replacement of a function: it takes the original, then the arguments of a call."""
 
         def put(replacement: Replacement) -> Replacement:
             self.wrap(owner, name, lambda original: lambda *given, **named: replacement(original, *given, **named))
@@ -67,7 +67,7 @@ class Patch:
         return put
 
     def undo(self) -> None:
-        """Take everything back."""
+        """Undo everything."""
         for owner, name, value in reversed(self._before):
             setattr(owner, name, value)
         self._before.clear()
@@ -75,21 +75,21 @@ class Patch:
 
 @dataclass(frozen=True)
 class Mutant:
-    """A way to be broken.
+    """One way in which an emulator is broken.
 
     Parameters
     ----------
     name : str
     group : str
-        The file that it stands in.
+        The file that defines it.
     clauses : tuple of str
-        That it breaks.
+        The clauses that it breaks.
     sentence : str
-        What it does wrong, and how a firmware author might come to it.
+        What it does wrong, and how a firmware author might have made the mistake.
     apply : callable
         Breaks the emulator.
     url : str
-        Of a device that shows it.
+        A device that shows it.
     """
 
     name: str
@@ -101,7 +101,7 @@ class Mutant:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """By which the cases are known that should catch it: its clauses, and its group."""
+        """What selects the cases that should catch it: its clauses and its group."""
         return (*self.clauses, self.group)
 
 
@@ -116,25 +116,25 @@ def mutant(
     also: Callable[[Patch], None] | None = None,
     url: str = EMULATOR,
 ) -> Callable[[Replacement], Replacement]:
-    """Make a function a mutant, with its name in dashes and its docstring as the sentence.
+    """Make a function a mutant. Its name with dashes is the mutant's name, its docstring the sentence.
 
     Parameters
     ----------
     *clauses : str
-        That it breaks.
+        The clauses that it breaks.
     wraps : tuple of an owner and a name, optional
-        The function of the emulator that the mutant replaces, as `Patch.around` says.
+        The function of the emulator that the mutant replaces, as in `Patch.around`.
     by : callable, optional
-        Without ``wraps``: the seam that takes a `Patch` and the mutant. Without either the mutant takes a `Patch`.
+        Without ``wraps``: the seam that takes a `Patch` and the mutant. Without either, the mutant takes a `Patch`.
     also : callable, optional
         With ``wraps``: what else the mutant changes.
     url : str
-        Of a device that shows it.
+        A device that shows it.
 
     Raises
     ------
     ValueError
-        If a clause is unknown, there is no docstring, or there is one of this name.
+        If a clause is unknown, the docstring is missing, or the name is taken.
     """
 
     def enter(function: Replacement) -> Replacement:
@@ -164,7 +164,7 @@ def mutant(
 
 @contextmanager
 def applied(chosen: Mutant) -> Iterator[None]:
-    """Break the emulators of this process as long as the context lasts."""
+    """Break the emulators of this process while the context lasts."""
     patch = Patch()
     try:
         chosen.apply(patch)

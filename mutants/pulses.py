@@ -1,6 +1,6 @@
-"""Broken rasterisers: from phase and width to the ticks at which an output is high (chapter PUL).
+"""Broken rasterisers: from phase and width to the ticks in which an output is high (chapter PUL).
 
-What a processor says that it plays is right in all of them.
+In all of them, what a processor reports as playing is right.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ INVERTED_PROCESSOR, INVERTED_BIT = 4, 17
 
 @mutant("PUL-004")
 def odd_pairs_are_half_a_tick_late(patch: Patch) -> None:
-    """Where phase and width differ in parity the pulse begins half a tick late instead of early: it is rounded up."""
+    """If phase and width differ in parity the pulse begins half a tick late instead of early: it is rounded up."""
     rasterise(patch, lambda phase, width, _, tick: (tick - ((phase - width + 1) >> 1)) % TICKS_PER_PERIOD < width)
 
 
 @mutant("PUL-004", by=rasterise)
 def widest_pulse_has_24_ticks(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
-    """A pulse of 25 ticks lasts 24: a table by width ends one entry early."""
+    """A pulse of 25 ticks lasts 24: a table of widths ends one entry early."""
     full = is_high(phase, width, unmodulated, tick)
     return full & ~((width == MAX_WIDTH_TICKS) & ((tick - ((phase - width) >> 1)) % TICKS_PER_PERIOD == 24))
 
 
 @mutant("PUL-004", by=rasterise)
 def pulse_ends_with_the_period(phase: Any, width: Any, _: Any, tick: Any) -> Any:
-    """A pulse that goes round the end of the period is cut off there: nobody carries it over to the beginning."""
+    """A pulse that wraps around the end of the period is cut off there: its rest is not carried to the beginning."""
     begin = ((phase - width) >> 1) % TICKS_PER_PERIOD
     return (begin <= tick) & (tick < begin + width)
 
 
 @mutant("PUL-004", "TIM-003")
 def pulse_ends_in_the_next_period(patch: Patch) -> None:
-    """What goes round the end of the period is high in the period that follows, whatever plays there by then."""
+    """The rest of a pulse that wraps is high in the following period, even if other pulses play by then."""
 
     def whole(phase: Any, width: Any, _: Any, tick: Any) -> Any:
         begin = ((phase - width) >> 1) % TICKS_PER_PERIOD
@@ -66,25 +66,25 @@ def pulse_ends_in_the_next_period(patch: Patch) -> None:
 
 @mutant("PUL-001", "PUL-004")
 def phase_99_is_taken_for_0(patch: Patch) -> None:
-    """The last phase plays as the first: phases are taken modulo 99."""
+    """The last phase plays as phase 0: phases are taken modulo 99."""
     rasterise(patch, lambda phase, width, *rest: is_high(phase % 99, width, *rest))
 
 
 @mutant("PUL-002")
 def width_0_plays_a_tick(patch: Patch) -> None:
-    """A pulse of width 0 with a phase plays one tick: only where all its 12 bits are 0 is it passed over."""
+    """A pulse of width 0 with a phase plays one tick: only a pulse whose 12 bits are all 0 is skipped."""
     rasterise(patch, lambda phase, width, *rest: is_high(phase, np.where((width == 0) & (phase > 0), 1, width), *rest))
 
 
 @mutant("PUL-001", "PUL-004")
 def phase_is_that_of_the_leading_edge(patch: Patch) -> None:
-    """A pulse begins where its phase says, which is where its centre should be."""
+    """A pulse begins at its phase; its centre should be there."""
     rasterise(patch, lambda phase, width, _, tick: (tick - (phase >> 1)) % TICKS_PER_PERIOD < width)
 
 
 @mutant("PUL-001", "PUL-004")
 def phase_is_in_whole_ticks(patch: Patch) -> None:
-    """The lowest bit of the phase is dropped before anything else: a pulse can only sit at every other place."""
+    """The lowest bit of the phase is dropped first: a pulse can only start at every other position."""
     rasterise(patch, lambda phase, width, *rest: is_high(phase & ~1, width, *rest))
 
 
@@ -102,7 +102,7 @@ def pulses_run_backwards(patch: Patch) -> None:
 
 @mutant("PUL-004", "SAF-001", by=see_words)
 def one_output_is_inverted(words: Any, start: int, stop: int) -> Words:
-    """Bit 17 of processor 4 is low where it should be high, and high all the while that it should be low."""
+    """Bit 17 of processor 4 is low when it should be high, and high when it should be low."""
     inverted: Words = words(start, stop)
     inverted[:, INVERTED_PROCESSOR] ^= np.uint32(1 << INVERTED_BIT)
     return inverted
@@ -110,5 +110,5 @@ def one_output_is_inverted(words: Any, start: int, stop: int) -> Words:
 
 @mutant("PUL-004", by=rasterise)
 def tick_0_repeats_the_last(phase: Any, width: Any, unmodulated: Any, tick: Any) -> Any:
-    """The first tick of a period is that of the one before: the port's word is written a tick late once a period."""
+    """The first tick of a period repeats the last one of the period before: the port's word is written a tick late."""
     return is_high(phase, width, unmodulated, np.where(tick == 0, TICKS_PER_PERIOD - 1, tick))

@@ -1,4 +1,4 @@
-"""What came of the mutants: while they run, as a table, and as a record that programs read."""
+"""Results of the mutants: progress while they run, a table, and a JSON record."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from ..hil.conformance.reports.markup import legible
-from ..hil.conformance.reports.terminal import Line
+from ..hil.conformance.reports.terminal import StatusLine
 from .running import Fate, MutantResult, MutantWatcher
 
 __all__ = ["FORMAT", "MutantLine", "markdown", "print_mutants", "record"]
@@ -26,14 +26,14 @@ STYLES = {
     Fate.CAUGHT: "green",
 }
 MOST_CASES = 2
-"""Cases that the table names of a mutant; the record has all of them."""
+"""How many cases the table names for a mutant; the record has all."""
 
 
-class MutantLine(Line, MutantWatcher):
-    """Tells of mutants while they run: on a terminal those that do, and everywhere those that were not caught."""
+class MutantLine(StatusLine, MutantWatcher):
+    """Prints progress: on a terminal the mutants that run, and everywhere those that were not caught."""
 
     def goes_on(self, mutants: Sequence[str], ended: int, of: int) -> None:
-        """These mutants run now, and so many of all have ended."""
+        """These mutants run now, and ``ended`` of all have ended."""
         self._show(", ".join(mutants), ended, of)
 
     def ended(self, result: MutantResult) -> None:
@@ -43,7 +43,7 @@ class MutantLine(Line, MutantWatcher):
 
 
 def print_mutants(out: Console, results: Sequence[MutantResult]) -> None:
-    """Say what came of all mutants, group by group, and sum up."""
+    """Print the results of all mutants, group by group, and a summary."""
     out.print(_table(results))
     missed = [result for result in results if not result.fate.is_catch]
     for result in missed:
@@ -54,7 +54,7 @@ def print_mutants(out: Console, results: Sequence[MutantResult]) -> None:
 
 
 def _headed(result: MutantResult) -> Text:
-    """What became of a mutant, its name, and why."""
+    """The fate of a mutant, its name, and the reason."""
     why = f": {legible(' '.join(result.why.split()))}" if result.why else ""
     name = f"{result.mutant.group}/{result.mutant.name}"
     return Text.assemble((result.fate.value, STYLES[result.fate]), "  ", (name, "bold"), why)
@@ -89,14 +89,14 @@ def _counts(results: Sequence[MutantResult]) -> dict[str, int]:
 
 
 def markdown(results: Sequence[MutantResult]) -> str:
-    """The mutants as a document: for each group a table of what each does wrong, and the first cases that caught it."""
+    """The mutants as a document: for each group a table of the mistakes and the first cases that caught them."""
     lines = [
         "# Mutants",
         "",
         "Emulators that are broken in one way each, and the cases of the conformance suite that caught them:",
         f"{_verdict(results)}. Cases that show a mutant's clauses and those of its group are",
-        "tried first, and others only where none of these has caught it; *alone* is the only one of these that has.",
-        "`phasewire conformance --mutants --table FILE` writes this anew, `--mutant NAME` shows one's whole report.",
+        "tried first, and others only if none of these has caught it; *alone* marks the only one of these that has.",
+        "`phasewire conformance --mutants --table FILE` writes this file, `--mutant NAME` shows the report of one.",
     ]
     for group, members in _by_group(results).items():
         lines += ["", f"## {group}", "", "| mutant | what it does wrong | clauses | caught by |", "|---|---|---|---|"]
@@ -120,7 +120,7 @@ def _verdict(results: Sequence[MutantResult]) -> str:
 
 
 def record(results: Sequence[MutantResult]) -> dict[str, Any]:
-    """All that came of the mutants, as JSON takes it; the order of the keys is always the same."""
+    """All results as JSON; the order of the keys is always the same."""
     return {
         "format": FORMAT,
         "passed": all(result.fate.is_catch for result in results),

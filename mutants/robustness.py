@@ -1,11 +1,12 @@
-"""What nonsense does to a broken device: it must leave everything as it is."""
+"""Broken robustness: effects of nonsense, which must leave everything unchanged."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ..emulator.control import controller
-from ..emulator.control.agenda import Agenda
+from ..emulator.control.agenda import QUEUE_BLOCKS, Agenda
+from ..emulator.control.controller import Controller
+from ..emulator.control.requests import Requests
 from ..emulator.interfaces import console
 from ..protocol.codes import Reason, Request
 from ..protocol.console import LineEditor
@@ -13,49 +14,48 @@ from ..protocol.requests import Setup
 from .endpoints import halt_on
 from .patching import Patch, mutant
 
-Controller = controller.Controller
 LEAST_PLACES = 1
 
 
 def leak_places(patch: Patch) -> None:
-    """Let places of the queue that were taken out of it count as taken for ever."""
+    """Let places that were taken from the queue count as taken for ever."""
 
     def around(original: Any) -> Any:
-        return lambda self, now: original(self, now) + controller.QUEUE_BLOCKS - self.recent.size
+        return lambda self, now: original(self, now) + QUEUE_BLOCKS - self.recent.size
 
     patch.wrap(Agenda, "queued", around)
 
 
-def leak_a_place(device: Any) -> None:
-    """Take a place out of the queue of a controller, unless it is the last."""
-    if device._agenda.recent.size > LEAST_PLACES:
-        device._agenda.recent = device._agenda.recent[1:]
+def leak_a_place(dispatch: Any) -> None:
+    """Take a place from the queue, unless it is the last."""
+    if dispatch.agenda.recent.size > LEAST_PLACES:
+        dispatch.agenda.recent = dispatch.agenda.recent[1:]
 
 
 @mutant("BLK-003", "BLK-008", "BLK-024", wraps=(Controller, "accept"), also=leak_places)
 def each_block_of_ones_takes_a_place_for_ever(original: Any, self: Any, packet: bytes, *given: Any) -> None:
-    """A block of 512 bytes FF is refused, and the place that it was read into never comes back."""
+    """A block of 512 bytes FF is refused, and the place that it occupied never returns."""
     if packet and not packet.strip(b"\xff"):
-        leak_a_place(self)
+        leak_a_place(self._dispatch)
     original(self, packet, *given)
 
 
 @mutant("USB-015", "BLK-002")
 def blocks_with_another_magic_halt_the_endpoint(patch: Patch) -> None:
-    """01 OUT halts itself when a block has another magic: the driver treats it as a protocol error."""
+    """01 OUT halts itself if a block has another magic: the driver treats it as a protocol error."""
     halt_on(patch, Reason.MAGIC)
 
 
-@mutant("REQ-001", "USB-004", wraps=(Controller, "request"))
+@mutant("REQ-001", "USB-004", wraps=(Requests, "request"))
 def unknown_requests_restart_the_device(original: Any, self: Any, setup: Setup, data: bytes, door: Any) -> Any:
-    """An unknown vendor request is answered with STALL, and restarts the device: an assertion ends in a trap."""
+    """An unknown vendor request is answered with STALL and restarts the device: an assertion ends in a trap."""
     if setup.request not in set(Request):
         self._depart(self._restart)
     return original(self, setup, data, door)
 
 
 class _Deaf(LineEditor):
-    """A line editor that hears nothing more once too much was typed into one line."""
+    """A line editor that goes deaf after a line that is too long."""
 
     MOST_BYTES = 256
 
@@ -74,12 +74,12 @@ class _Deaf(LineEditor):
 
 @mutant("CON-003", "CON-009")
 def long_lines_deafen_the_console(patch: Patch) -> None:
-    """After 256 bytes without an end of line the console hears nothing more: an index runs behind its buffer."""
+    """After 256 bytes without an end of line the console goes deaf: an index runs past its buffer."""
     patch.replace(console, "LineEditor", _Deaf)
 
 
 @mutant("ACK-001", "BLK-001", wraps=(Controller, "accept"))
 def blocks_of_one_byte_are_not_acknowledged(original: Any, self: Any, packet: bytes, *given: Any) -> None:
-    """A packet of fewer bytes than the number of a block needs is dropped without an acknowledgement."""
+    """A packet that is too short for a block's number is dropped without an acknowledgement."""
     if len(packet) >= 8:
         original(self, packet, *given)

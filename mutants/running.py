@@ -1,6 +1,6 @@
-"""Running the suite against mutants, each in a process of its own, and what came of them.
+"""Run the suite against mutants, each in a process of its own, and judge the results.
 
-A mutant changes the emulator of a whole process, and may crash it or hang. That is no catch: a case has to fail.
+A mutant changes the emulator of a whole process, and may crash or hang it. Neither is a catch: a case must fail.
 """
 
 from __future__ import annotations
@@ -31,40 +31,40 @@ MOST_JOBS = 4
 DEFAULT_JOBS = min(os.cpu_count() or 1, MOST_JOBS)
 WARM = "phasewire.mutants.warm"
 ENOUGH = 2
-"""Cases that break, after which it is known that a mutant is caught by more than one."""
+"""After so many broken cases it is known that more than one catches the mutant."""
 
 
 class Fate(StrEnum):
-    """What became of a mutant."""
+    """The fate of a mutant."""
 
     SURVIVED = "survived"
     CRASHED = "crashed"
-    """The run did not come to its end, or was not in order."""
+    """The run crashed, or had trouble of its own."""
     HUNG = "hung"
     ONE_CASE = "one case"
-    """Caught, by a single case."""
+    """Caught by a single case."""
     CAUGHT = "caught"
 
     @property
     def is_catch(self) -> bool:
-        """Whether a case has shown what is wrong."""
+        """Whether a case has shown the defect."""
         return self in (Fate.CAUGHT, Fate.ONE_CASE)
 
 
 @dataclass(frozen=True)
 class MutantResult:
-    """What came of one mutant.
+    """The result of one mutant.
 
     Parameters
     ----------
     mutant : Mutant
     fate : Fate
     cases : tuple of str
-        Those that broke.
+        The cases that broke.
     why : str
-        How the run crashed or hung; empty where it did not.
+        How the run crashed or hung; empty if it did not.
     seconds : float
-        How long it took by the wall clock.
+        Duration by the wall clock.
     """
 
     mutant: Mutant
@@ -75,42 +75,42 @@ class MutantResult:
 
 
 class MutantWatcher:
-    """Told how it goes on; this one does nothing."""
+    """Receives the progress; this one does nothing."""
 
     def goes_on(self, mutants: Sequence[str], ended: int, of: int) -> None:
-        """These mutants run now, and so many of all have ended."""
+        """These mutants run now, and ``ended`` of all have ended."""
 
     def ended(self, result: MutantResult) -> None:
         """A mutant has ended."""
 
 
 def judge_alone(name: str, enough: int | None, out: Path) -> None:
-    """Judge a mutant of the catalogue in a process that nothing else will use.
+    """Judge a mutant of the catalogue in a process that is used for nothing else.
 
-    Those cases come first that show its clauses, and its group; the others only where none of these has caught it.
+    Cases of its clauses and its group run first; the others run only if none of these catches it.
 
     Parameters
     ----------
     name : str
     enough : int or None
-        After so many cases that caught it, it ends; None for all cases, whoever caught it.
+        The run ends after so many cases caught the mutant; None runs all cases.
     out : path
-        Where to write what came of it, as JSON.
+        The file for the result, as JSON.
     """
-    from ..hil.conformance.running import Options, run_conformance
+    from ..hil.conformance.running import RunOptions, run_conformance
     from .catalogue import MUTANTS
 
     mutant = MUTANTS[name]
     with applied(mutant):
-        run = run_conformance(Options(mutant.url, only=mutant.names if enough else (), enough=enough, again=False))
-        if enough and run.passed:  # nobody of those who should have caught it
-            run = run_conformance(Options(mutant.url, enough=1, again=False))
+        run = run_conformance(RunOptions(mutant.url, only=mutant.names if enough else (), enough=enough, again=False))
+        if enough and run.passed:  # none of the cases that should have caught it
+            run = run_conformance(RunOptions(mutant.url, enough=1, again=False))
     cases = list(dict.fromkeys(result.whole for result in run.results if result.breaks))
     out.write_text(json.dumps({"cases": cases, "trouble": run.trouble}), encoding="utf-8")
 
 
 Judgement = Callable[[str, int | None, Path], None]
-"""Judges a mutant by its name until so many cases broke, and writes what came of it to a file; see `judge_alone`."""
+"""Judges a mutant by its name until so many cases broke, and writes the result to a file; see `judge_alone`."""
 
 
 def run_mutants(
@@ -130,20 +130,20 @@ def run_mutants(
         How many run at a time.
     watcher : MutantWatcher
     thorough : bool
-        Whether all cases are run, even when more than one has caught it.
+        Whether all cases run, even after more than one has caught it.
     judge : callable
-        What runs in each process; see `judge_alone`.
+        The function that runs in each process; see `judge_alone`.
 
     Returns
     -------
     list of MutantResult
-        In the order of the mutants. Whatever ends this before has ended the processes too.
+        In the order of the mutants. The processes end with this function, even after an exception.
     """
     waiting, running, results = deque(chosen), list[_Attempt](), dict[str, MutantResult]()
     with TemporaryDirectory() as folder, _ended_at_last(running):
         while waiting or running:
             while waiting and len(running) < jobs:
-                with postponing():  # until the process is known, which is ended then
+                with postponing():  # until the process is in `running`, which ends it in any case
                     running.append(_Attempt(waiting.popleft(), Path(folder), None if thorough else ENOUGH, judge))
                 watcher.goes_on([attempt.mutant.name for attempt in running], len(results), len(chosen))
             time.sleep(LOOK_SECONDS)
@@ -156,7 +156,7 @@ def run_mutants(
 
 @contextmanager
 def _ended_at_last(attempts: list[_Attempt]) -> Iterator[None]:
-    """Leave no process behind, whatever happens."""
+    """End all processes in any case."""
     try:
         yield
     finally:
@@ -182,25 +182,25 @@ class _Attempt:
 
     @property
     def is_over(self) -> bool:
-        """Whether it has come to its end, or has had its time."""
+        """Whether it has ended or has exceeded its time."""
         return not self._process.is_alive() or self._seconds > TIME_OUT_SECONDS
 
     def result(self) -> MutantResult:
-        """What came of it; it is ended."""
+        """Its result; this ends the process."""
         code, seconds = self._process.exitcode, self._seconds
         self.end()
         found = judged(code, _text(self._out), _text(self._errors))
         return MutantResult(self.mutant, *found, seconds)
 
     def end(self) -> None:
-        """End it, wherever it is."""
+        """End the process, whatever it does."""
         self._process.kill()
         self._process.join()
 
 
 @cache
 def _context() -> ForkServerContext | SpawnContext:
-    """How processes begin: where the system can, as copies of one that has loaded all that they need."""
+    """How processes begin: if the system can do so, as forks of one that has loaded all modules that they need."""
     if "forkserver" not in get_all_start_methods():
         return get_context("spawn")
     context = get_context("forkserver")
@@ -209,7 +209,7 @@ def _context() -> ForkServerContext | SpawnContext:
 
 
 def _apart(judge: Judgement, name: str, enough: int | None, out: Path, errors: Path) -> None:
-    """Judge in this process, which says on a file what goes wrong, and which no key of the terminal reaches."""
+    """Judge in this process. Its output goes to a file, and keys of the terminal do not reach it."""
     if hasattr(os, "setsid"):
         os.setsid()
     with errors.open("wb") as file:
@@ -222,35 +222,33 @@ def _text(path: Path) -> str:
     return path.read_text("utf-8", "replace") if path.exists() else ""
 
 
-class Found(NamedTuple):
-    """What a run of a mutant tells of it."""
+class MutantFinding(NamedTuple):
+    """The judgement of a mutant, from the end of its process."""
 
     fate: Fate
     cases: tuple[str, ...] = ()
     why: str = ""
 
 
-def judged(code: int | None, out: str, errors: str) -> Found:
-    """What a process tells of its mutant.
+def judged(code: int | None, out: str, errors: str) -> MutantFinding:
+    """Judge a mutant by the end of its process.
 
     Parameters
     ----------
     code : int or None
-        Exit code; None where it did not end in time.
+        Exit code; None if it did not end in time.
     out : str
-        What `judge_alone` has written; empty where it did not come so far.
+        What `judge_alone` has written; empty if it wrote nothing.
     errors : str
-        What else it said.
+        Its other output.
     """
     last = errors.strip().rpartition("\n")[2]
     if code is None:
-        return Found(
-            Fate.HUNG, why=f"not over after {TIME_OUT_SECONDS:g} s; the last that it said: {last or 'nothing'}"
-        )
+        return MutantFinding(Fate.HUNG, why=f"not over after {TIME_OUT_SECONDS:g} s; last output: {last or 'none'}")
     if code or not out:
-        return Found(Fate.CRASHED, why=f"exit code {code}: {last or 'without a word'}")
+        return MutantFinding(Fate.CRASHED, why=f"exit code {code}: {last or 'no output'}")
     record = json.loads(out)
     cases = tuple(record["cases"])
     if record["trouble"]:
-        return Found(Fate.CRASHED, cases, "; ".join(record["trouble"]))
-    return Found((Fate.SURVIVED, Fate.ONE_CASE, Fate.CAUGHT)[min(len(cases), 2)], cases)
+        return MutantFinding(Fate.CRASHED, cases, "; ".join(record["trouble"]))
+    return MutantFinding((Fate.SURVIVED, Fate.ONE_CASE, Fate.CAUGHT)[min(len(cases), 2)], cases)

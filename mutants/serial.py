@@ -8,7 +8,7 @@ from typing import Any
 
 from cobs import cobs
 
-from ..emulator.control import controller
+from ..emulator.control.dispatch import Dispatch
 from ..emulator.interfaces import serial_line
 from ..emulator.interfaces.console import Console
 from ..emulator.interfaces.serial_line import SerialLine
@@ -18,7 +18,7 @@ from ..protocol import framing
 from ..protocol.board import CYCLES_PER_MS
 from ..protocol.codes import REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, FrameKind, Outcome
 from ..protocol.console import PROMPT
-from ..protocol.framing import DELIMITER, MAX_FRAME_BYTES, Frame, FrameReader, Line, SerialReply
+from ..protocol.framing import DELIMITER, MAX_FRAME_BYTES, FrameReader, LineReader, SerialFrame, SerialReply
 from ..protocol.requests import DIRECTION_IN
 from .patching import Patch, mutant
 
@@ -26,20 +26,20 @@ OVER_UART = "emulator:?door=serial"
 CHECKSUM_BYTES = 4
 LENGTH_AT = slice(8, 10)
 REQUEST_HEAD_BYTES = 10
-"""Of a request with its kind before it."""
+"""The fields of a request after its kind."""
 
 
-@mutant("SER-011", "ACK-006", wraps=(controller.Controller, "_announce_room"))
+@mutant("SER-011", "ACK-006", wraps=(Dispatch, "announce_room"))
 def a_block_that_waits_is_judged_after_the_event_is_told(original: Any, self: Any) -> Any:
-    """What waits for room is judged a millisecond later, by another task: the record of what made room comes first."""
-    return self._scheduler.at(self._now + CYCLES_PER_MS, lambda: original(self))
+    """A block that waits for room is judged a millisecond later, in another task: the record goes first."""
+    return self.scheduler.at(self.now + CYCLES_PER_MS, lambda: original(self))
 
 
 # Frames
 
 
-class _OtherLine(Line):
-    """What the device receives, read by another reader."""
+class _OtherLine(LineReader):
+    """The parser of received bytes, replaced by another one."""
 
     def __init__(self, reader: type[FrameReader]) -> None:
         super().__init__()
@@ -47,21 +47,21 @@ class _OtherLine(Line):
 
 
 def _read_by(patch: Patch, reader: type[FrameReader]) -> None:
-    """Let the device read frames in another way; what hosts read is as it was."""
-    patch.replace(serial_line, "Line", lambda: _OtherLine(reader))
+    """Change how the device parses frames; hosts parse as before."""
+    patch.replace(serial_line, "LineReader", lambda: _OtherLine(reader))
 
 
 class _Forgiving(FrameReader):
-    """A reader that takes some damaged frames for others."""
+    """A parser that accepts some damaged frames."""
 
     def pardon(self, data: bytes) -> bytes:
-        """The frame that is read instead of a damaged one, with its zero; `DecodeError` where there is none."""
+        """The frame to use for a damaged one, with its zero; raises `DecodeError` if there is none."""
         raise NotImplementedError
 
-    def _finish(self) -> Frame | FrameError:
+    def _finish(self) -> SerialFrame | FrameError:
         data = bytes(self._begun) + DELIMITER
         found = super()._finish()
-        if isinstance(found, Frame):
+        if isinstance(found, SerialFrame):
             return found
         try:
             return framing.decode(self.pardon(data))
@@ -70,7 +70,7 @@ class _Forgiving(FrameReader):
 
 
 def _sealed(content: bytes) -> bytes:
-    """A frame of a kind and a body, as it should be."""
+    """A valid frame of a kind and a body."""
     checksum = zlib.crc32(content).to_bytes(CHECKSUM_BYTES, "little")
     return bytes(cobs.encode(content + checksum)) + DELIMITER
 
@@ -82,7 +82,7 @@ class _NoChecksum(_Forgiving):
 
 @mutant("SER-006", "SER-002")
 def checksum_of_frames_is_ignored(patch: Patch) -> None:
-    """A frame is taken whatever its CRC-32: it is computed, and compared with itself."""
+    """A frame is accepted with any CRC-32: it is computed, and compared with itself."""
     _read_by(patch, _NoChecksum)
 
 
@@ -93,7 +93,7 @@ class _AnyForm(_Forgiving):
 
 @mutant("SER-003")
 def empty_group_at_the_end_of_a_frame_is_taken(patch: Patch) -> None:
-    """A frame is taken whose COBS ends with a group of no bytes behind a full one, as many libraries decode it."""
+    """A frame is accepted if its COBS ends with an empty group after a full one, as many libraries decode it."""
     _read_by(patch, _AnyForm)
 
 
@@ -102,7 +102,7 @@ class _AnyLength(_Forgiving):
         content = bytearray(cobs.decode(data[:-1]))[:-CHECKSUM_BYTES]
         stated = cobs.decode(data[:-1])[-CHECKSUM_BYTES:]
         if content[0] != FrameKind.REQUEST or zlib.crc32(content).to_bytes(CHECKSUM_BYTES, "little") != stated:
-            raise FrameError("it is damaged otherwise")
+            raise FrameError("it is damaged in another way")
         content[LENGTH_AT] = SERIAL_DATA_BYTES.to_bytes(2, "little")
         return _sealed(bytes(content[: REQUEST_HEAD_BYTES + SERIAL_DATA_BYTES]))
 
@@ -112,7 +112,7 @@ class _AnyLength(_Forgiving):
 
 @mutant("SER-006", "SER-005")
 def requests_of_any_length_are_answered(patch: Patch) -> None:
-    """A request for more than 640 bytes, or with more, is answered, also in a frame that is longer than the longest."""
+    """A request for more than 640 bytes, or with more, is answered, even in a frame above the greatest length."""
     _read_by(patch, _AnyLength)
 
 
@@ -125,12 +125,12 @@ class _Starting(FrameReader):
 
 @mutant("SER-005", "SER-006")
 def long_frames_begin_anew_when_the_buffer_is_full(patch: Patch) -> None:
-    """Of a frame that is too long the part behind the first 657 bytes is read as a frame: the buffer was emptied."""
+    """The rest of a frame that is too long, after its first 657 bytes, is parsed as a frame: the buffer was emptied."""
     _read_by(patch, _Starting)
 
 
 class _Quiet(FrameReader):
-    def feed(self, data: bytes) -> list[Frame | FrameError]:
+    def feed(self, data: bytes) -> list[SerialFrame | FrameError]:
         return [event for event in super().feed(data) if "at most" not in str(event)]
 
 
@@ -141,9 +141,9 @@ def long_frames_are_not_counted(patch: Patch) -> None:
 
 
 class _CountsNothing(FrameReader):
-    def feed(self, data: bytes) -> list[Frame | FrameError]:
+    def feed(self, data: bytes) -> list[SerialFrame | FrameError]:
         *ends, rest = data.split(DELIMITER)
-        found: list[Frame | FrameError] = []
+        found: list[SerialFrame | FrameError] = []
         for end in ends:
             self._collect(end)
             found.append(self._finish() if self._begun else FrameError("nothing"))
@@ -153,20 +153,20 @@ class _CountsNothing(FrameReader):
 
 @mutant("SER-005", "SER-006")
 def two_zeros_count_as_a_damaged_frame(patch: Patch) -> None:
-    """Nothing between two zeros is counted as a damaged frame: it is too short for kind and checksum."""
+    """The empty string between two zeros counts as a damaged frame: it is too short for kind and checksum."""
     _read_by(patch, _CountsNothing)
 
 
 @mutant("SER-006", "REQ-003", wraps=(SerialLine, "_handle"))
 def damaged_frames_are_not_counted(original: Any, self: Any, event: Any) -> Any:
-    """Damaged frames are dropped, and STATUS counts none."""
+    """Damaged frames are dropped, but STATUS counts none."""
     return None if isinstance(event, FrameError) else original(self, event)
 
 
 @mutant("SER-006", wraps=(SerialLine, "_handle"))
 def frames_that_go_the_other_way_are_not_counted(original: Any, self: Any, event: Any) -> None:
     """RECORD and REPLY, which only the device sends, are dropped without being counted."""
-    backwards = isinstance(event, Frame) and event.kind in (FrameKind.RECORD, FrameKind.REPLY)
+    backwards = isinstance(event, SerialFrame) and event.kind in (FrameKind.RECORD, FrameKind.REPLY)
     if not backwards:
         original(self, event)
 
@@ -181,8 +181,8 @@ def replies_have_tag_0(original: Any, self: Any, reply: Any) -> Any:
 
 
 @mutant("SER-009", "SER-013", wraps=(serial_line._Outbox, "answer"))
-def replies_overtake_what_waits(original: Any, self: Any, frame: Frame) -> None:
-    """A REPLY is sent before the answers that wait, so that two of them come in the wrong order."""
+def replies_overtake_what_waits(original: Any, self: Any, frame: SerialFrame) -> None:
+    """A REPLY overtakes the answers that wait, so that two answers come in the wrong order."""
     original(self, frame)
     if frame.kind is FrameKind.REPLY:
         self._frames.rotate(1)
@@ -190,7 +190,7 @@ def replies_overtake_what_waits(original: Any, self: Any, frame: Frame) -> None:
 
 @mutant("SER-009", "SER-012")
 def same_request_again_is_answered_from_memory(patch: Patch) -> None:
-    """A request that is the same as the one before, tag and all, gets the same REPLY again and has no effect."""
+    """A request equal to the previous one, tag included, gets the same REPLY again and has no effect."""
     last: dict[Any, Any] = {}
 
     @patch.around(SerialLine, "_answer")
@@ -214,7 +214,7 @@ def same_request_again_is_answered_from_memory(patch: Patch) -> None:
 
 @mutant("SER-006", "REQ-001", wraps=(SerialLine, "_requested"))
 def requests_of_any_type_are_carried_out(original: Any, self: Any, request: Any) -> Any:
-    """A request is carried out whoever it is addressed to: of its type only the direction is looked at."""
+    """A request is carried out for any recipient: only the direction in its type is checked."""
     return original(self, replace(request, request_type=request.request_type & DIRECTION_IN | REQUEST_TYPE_OUT))
 
 
@@ -223,7 +223,7 @@ def requests_of_any_type_are_carried_out(original: Any, self: Any, request: Any)
 
 @mutant("SER-011", wraps=(SerialLine, "_admit"))
 def second_waiting_block_replaces_the_first(original: Any, self: Any, block: bytes) -> None:
-    """A block that arrives while another waits for room takes its place, and the first is never answered."""
+    """A block that arrives while another waits for room replaces it, and the first one is never answered."""
     if self._waiting:
         self._waiting.block = block
     else:
@@ -232,29 +232,29 @@ def second_waiting_block_replaces_the_first(original: Any, self: Any, block: byt
 
 @mutant("SER-011", wraps=(SerialLine, "_admit"))
 def second_waiting_block_is_dropped_uncounted(original: Any, self: Any, block: Any) -> Any:
-    """A block that arrives while another waits for room is dropped, and STATUS does not count it."""
+    """A block that arrives while another waits for room is dropped, but STATUS does not count it."""
     return None if self._waiting else original(self, block)
 
 
 @mutant("SER-011", wraps=(SerialLine, "_admit"))
 def blocks_do_not_wait_for_room(original: Any, self: Any, block: bytes) -> None:
-    """A block for which the queue has no room is dropped and counted: there is no place in which it could wait."""
+    """A block without room in the queue is dropped and counted: it has no place to wait."""
     if self._controller.can_accept:
         original(self, block)
     else:
-        self._controller.dropped_frames += 1
+        self._controller.drop_frames(1)
 
 
 @mutant("SER-011", "SAF-003", wraps=(SerialLine, "_admit"))
 def waiting_blocks_are_signs_of_life(original: Any, self: Any, block: bytes) -> None:
-    """A block feeds the watchdog when it arrives, also where it has to wait for room."""
-    self._controller._watchdog.feed()
+    """A block feeds the watchdog on arrival, even if it then waits for room."""
+    self._controller._machine.watchdog.feed()
     original(self, block)
 
 
 @mutant("SER-010", "SER-011")
 def hang_up_forgets_the_block_that_waits(patch: Patch) -> None:
-    """A block that waits for room when its host hangs up is never judged: the line's memory is cleared, all of it."""
+    """A block that waits for room when its host hangs up is never judged: the line's memory is cleared completely."""
 
     @patch.around(SerialLine, "hang_up")
     def of_hang_up(original: Any, self: Any) -> None:
@@ -269,7 +269,7 @@ def hang_up_forgets_the_block_that_waits(patch: Patch) -> None:
 
 @mutant("SER-010", "SER-011")
 def hang_up_leaves_the_waiting_place_taken(patch: Patch) -> None:
-    """A block that waits when its host hangs up is never judged and keeps its place: no later block may wait."""
+    """A block that waits when its host hangs up is never judged but keeps its place: no later block may wait."""
     left: list[Any] = []
 
     @patch.around(SerialLine, "hang_up")
@@ -288,15 +288,15 @@ def hang_up_leaves_the_waiting_place_taken(patch: Patch) -> None:
 
 @mutant("SER-010", wraps=(SerialLine, "_leave_frames"))
 def console_frames_are_not_answered(_: Any, self: Any) -> None:
-    """The device goes back to text on CONSOLE without a CONSOLE of its own."""
+    """The device returns to text after CONSOLE without sending a CONSOLE of its own."""
     self._drop_answers()
     self._among_frames = False
 
 
 @mutant("SER-010", wraps=(SerialLine, "_handle"))
 def way_into_frames_is_not_answered(original: Any, self: Any, event: Any) -> None:
-    """The device goes over to frames on 00 without a 00 of its own, so that text and frames run into each other."""
-    if event is framing.Mode.FRAMES:
+    """The device changes to frames on 00 without sending a 00 of its own, so that text and frames run together."""
+    if event is framing.LineMode.FRAMES:
         self._among_frames = True
     else:
         original(self, event)
@@ -304,43 +304,43 @@ def way_into_frames_is_not_answered(original: Any, self: Any, event: Any) -> Non
 
 @mutant("SER-010", wraps=(SerialLine, "hang_up"), url=OVER_UART)
 def breaks_are_ignored(original: Any, self: Any) -> Any:
-    """A break on the UART changes nothing: it is counted as a framing error."""
+    """A break on the UART changes nothing: it counts as a framing error."""
     return original(self) if self._needs_dtr else None
 
 
 @mutant("SER-010", wraps=(ConsoleFunction, "_set_dtr"))
 def dtr_low_is_ignored(original: Any, self: Any, dtr: Any) -> Any:
-    """DTR going low changes nothing: only its rise is looked at."""
+    """A fall of DTR changes nothing: only its rise is noticed."""
     return original(self, dtr) if dtr else None
 
 
 @mutant("SER-010")
 def unfinished_text_is_kept_over_frames(patch: Patch) -> None:
-    """What was typed of a line before frames is still there behind them, and the next line is appended to it."""
+    """A half-typed line survives a change to frames and back, and the next line is appended to it."""
     patch.replace(Console, "begin_line", lambda _: PROMPT.encode("ascii"))
 
 
 @mutant("SER-010")
 def answers_follow_into_the_console(patch: Patch) -> None:
-    """Answers that were not sent when the line goes back to text are sent among the text."""
+    """Answers that wait when the line returns to text are sent into the text."""
     patch.replace(SerialLine, "_drop_answers", lambda *_: None)
 
 
 @mutant("SER-010", "USB-023", wraps=(SerialLine, "take"))
 def frames_need_dtr(original: Any, self: Any, room: int) -> bytes:
-    """On CDC-ACM the device sends no frames while DTR is low, as it does with text."""
+    """On CDC-ACM the device sends no frames while DTR is low, as is right for text only."""
     return original(self, room) if self._sends_text else b""
 
 
 @mutant("SER-010", wraps=(SerialLine, "notify"))
 def records_are_sent_among_text(_: Any, self: Any, record: bytes) -> None:
-    """Status records of the device's own accord are sent on the line also while it carries text."""
-    self._outbox.notify(Frame(FrameKind.RECORD, record))
+    """Unsolicited status records are sent even while the line carries text."""
+    self._outbox.notify(SerialFrame(FrameKind.RECORD, record))
     self._on_output()
 
 
 @mutant("SER-010", "REQ-013", wraps=(SerialLine, "_answer_restart"))
 def reset_is_not_followed_by_console(_: Any, self: Any, request: Any) -> None:
-    """RESET is answered by a REPLY and not by CONSOLE behind it."""
+    """RESET is answered by a REPLY without a CONSOLE after it."""
     self._reply(SerialReply(request.tag, Outcome.DONE))
     self._departure = lambda: self._controller.request(request.setup, b"", self)

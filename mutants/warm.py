@@ -1,4 +1,4 @@
-"""Loaded once by the process of which those that judge mutants are copies: all that they need, the cases included."""
+"""Loads all modules that judging a mutant needs, cases included, once; the judging processes are forks of this one."""
 
 from __future__ import annotations
 

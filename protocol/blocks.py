@@ -42,17 +42,17 @@ from .pulses import Pulses
 from .ranges import whole
 
 __all__ = [
+    "AmplitudeModulation",
     "Block",
     "Body",
     "Change",
     "Clock",
     "Entries",
     "Entry",
-    "Modulation",
     "NoOp",
     "Output",
+    "PlaySequence",
     "Samples",
-    "Sequence",
     "Slot",
     "Update",
     "checksum",
@@ -190,7 +190,7 @@ class Entries:
 
 
 @dataclass(frozen=True)
-class Sequence:
+class PlaySequence:
     """Play steps of the table one after the other, again and again (clause BLK-015).
 
     Parameters
@@ -260,7 +260,7 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class Modulation:
+class AmplitudeModulation:
     """Let amplitudes of the buffer, in a loop, modulate whatever plays (clause BLK-017).
 
     Parameters
@@ -332,7 +332,7 @@ class NoOp:
         return _Fields(), b""
 
 
-Change = Update | Sequence | Modulation | Output
+Change = Update | PlaySequence | AmplitudeModulation | Output
 """What takes effect at a period (clause BLK-005)."""
 
 Body = Change | Slot | Entries | Samples | Clock | NoOp
@@ -503,11 +503,11 @@ def _read_entries(fields: _Fields, payload: bytes) -> Entries:
     return Entries(tuple(Entry(*item) for item in items), fields.first)
 
 
-def _read_sequence(fields: _Fields, payload: bytes) -> Sequence:
+def _read_sequence(fields: _Fields, payload: bytes) -> PlaySequence:
     unattended = fields.flags & Flag.UNATTENDED
     _check_unused(replace(fields, flags=fields.flags - unattended), "period", "first", "count", "repeats")
     _items(payload, 0)
-    return Sequence(fields.first, fields.count, fields.period, fields.repeats, bool(unattended))
+    return PlaySequence(fields.first, fields.count, fields.period, fields.repeats, bool(unattended))
 
 
 def _read_samples(fields: _Fields, payload: bytes) -> Samples:
@@ -516,10 +516,10 @@ def _read_samples(fields: _Fields, payload: bytes) -> Samples:
     return Samples(_items(payload, fields.count), fields.first)
 
 
-def _read_modulation(fields: _Fields, payload: bytes) -> Modulation:
+def _read_modulation(fields: _Fields, payload: bytes) -> AmplitudeModulation:
     _check_unused(fields, "period", "first", "count", "hold")
     _items(payload, 0)
-    return Modulation(fields.first, fields.count, fields.hold, fields.period)
+    return AmplitudeModulation(fields.first, fields.count, fields.hold, fields.period)
 
 
 def _read_output(fields: _Fields, payload: bytes) -> Output:

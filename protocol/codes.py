@@ -374,7 +374,7 @@ class Hardware(IntEnum):
 
 
 class Target(IntEnum):
-    """Who runs a segment of an image (clause FWU-007)."""
+    """The processor that runs a segment of an image (clause FWU-007)."""
 
     PROCESSOR_0 = 0
     PROCESSOR_1 = 1

@@ -26,7 +26,7 @@ __all__ = [
     "CdcUnion",
     "Configuration",
     "Descriptor",
-    "Device",
+    "DeviceDescriptor",
     "DeviceQualifier",
     "DfuFunctional",
     "Endpoint",
@@ -63,6 +63,11 @@ class Descriptor:
         """Check that it can be encoded."""
         self.encode()
 
+    @classmethod
+    def label(cls) -> str:
+        """Its kind, as reports name it."""
+        return cls.__name__.removesuffix("Descriptor")
+
     def encode(self) -> bytes:
         """Encode with its length and type."""
         return build(self.LAYOUT, vars(self), self)
@@ -79,11 +84,11 @@ class Descriptor:
         try:
             return Sequence(cls.LAYOUT, Terminated).parse(data)[0]
         except ConstructError as error:
-            raise ReplyError(f"{data.hex()} is no {cls.__name__} descriptor: {error}") from error
+            raise ReplyError(f"{data.hex()} is no {cls.label()} descriptor: {error}") from error
 
 
 @dataclass(frozen=True)
-class Device(Descriptor):
+class DeviceDescriptor(Descriptor):
     """What the device is (USB 2.0, 9.6.1)."""
 
     LAYOUT = layout.DEVICE
@@ -383,7 +388,7 @@ def _walk(data: bytes, head: int, kinds: Mapping[bytes, type[Descriptor]]) -> tu
 _STANDARD = {
     _signature(kind): kind
     for kind in (
-        Device,
+        DeviceDescriptor,
         Configuration,
         String,
         Interface,

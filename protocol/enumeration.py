@@ -29,7 +29,7 @@ from .descriptors import (
     CdcUnion,
     Configuration,
     Descriptor,
-    Device,
+    DeviceDescriptor,
     DeviceQualifier,
     DfuFunctional,
     Endpoint,
@@ -141,7 +141,7 @@ class Enumeration:
 
     Parameters
     ----------
-    device : Device
+    device : DeviceDescriptor
         The device descriptor.
     configuration : bytes
         The only configuration.
@@ -153,7 +153,7 @@ class Enumeration:
         The strings by their index.
     """
 
-    device: Device
+    device: DeviceDescriptor
     configuration: bytes
     other_speed: bytes
     ms_os: bytes
@@ -258,11 +258,11 @@ def _other(speed: Speed) -> Speed:
     return FULL_SPEED if speed == HIGH_SPEED else HIGH_SPEED
 
 
-def _device(device_class: tuple[int, int, int], product: int, release: tuple[int, int, int]) -> Device:
+def _device(device_class: tuple[int, int, int], product: int, release: tuple[int, int, int]) -> DeviceDescriptor:
     version = Version(*release)
     if not version.valid:
         raise ValueError(f"firmware version {version} does not fit bcdDevice: at most 99.9.9")
-    return Device(
+    return DeviceDescriptor(
         _USB_2_0_WITH_BOS,
         *device_class,
         _CONTROL_PACKET_BYTES,

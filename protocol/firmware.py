@@ -87,7 +87,7 @@ class Signature(NamedTuple):
     value: bytes
 
 
-class Entry(NamedTuple):
+class SegmentEntry(NamedTuple):
     """One line of the segment table."""
 
     target: int
@@ -106,7 +106,7 @@ class ImageHeader(NamedTuple):
     protocol: int
     total: int
     key_id: bytes
-    entries: tuple[Entry, ...]
+    entries: tuple[SegmentEntry, ...]
 
     @classmethod
     def decode(cls, data: bytes) -> ImageHeader:
@@ -130,7 +130,7 @@ class ImageHeader(NamedTuple):
         if checksum != computed:
             _refuse(ImageReason.CHECKSUM, f"{checksum:08x} should be {computed:08x}")
         entries = tuple(
-            Entry(*ENTRY.unpack_from(data, at))
+            SegmentEntry(*ENTRY.unpack_from(data, at))
             for at in range(IMAGE_HEADER_BYTES, _first_offset(count), IMAGE_ENTRY_BYTES)
         )
         if any(reserved) or any(any(entry.reserved) for entry in entries):

@@ -1,8 +1,8 @@
 """Frames on a serial line: how blocks, records and requests travel where there is no USB (SPEC.md, chapter SER).
 
 `encode` and `decode` turn one frame into bytes and back. `FrameReader` finds the frames in a stream that arrives in any
-pieces, and `Line` tells them from the text of the console, which shares the line. Nothing here reads or writes: bytes
-come in as arguments, what they mean goes out as values.
+pieces, and `LineReader` tells them from the text of the console, which shares the line. Nothing here reads or writes:
+bytes come in as arguments, what they mean goes out as values.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ __all__ = [
     "DELIMITER",
     "MAX_FRAME_BYTES",
     "UART_BITS_PER_BYTE",
-    "Frame",
     "FrameReader",
-    "Line",
     "LineEvent",
-    "Mode",
+    "LineMode",
+    "LineReader",
+    "SerialFrame",
     "SerialReply",
     "SerialRequest",
     "decode",
@@ -182,7 +182,7 @@ def _known(kind: int) -> FrameKind:
 
 
 @dataclass(frozen=True)
-class Frame:
+class SerialFrame:
     """One frame: its type and a body that obeys the layout of that type (clause SER-004).
 
     Whether a block or a record is valid in itself is not judged here.
@@ -201,7 +201,7 @@ class Frame:
         _CHECKS[_known(self.kind)](self.body)
 
 
-CONSOLE_FRAME = Frame(FrameKind.CONSOLE)
+CONSOLE_FRAME = SerialFrame(FrameKind.CONSOLE)
 
 
 def frame_bytes(body_bytes: int) -> int:
@@ -216,13 +216,13 @@ def frame_bytes(body_bytes: int) -> int:
 MAX_FRAME_BYTES = frame_bytes(REQUEST_HEAD_BYTES + SERIAL_DATA_BYTES)
 
 
-def encode(frame: Frame) -> bytes:
+def encode(frame: SerialFrame) -> bytes:
     """Encode a frame as it stands on the line, with the zero that ends it."""
     content = bytes([frame.kind]) + frame.body
     return bytes(cobs.encode(content + CHECKSUM.pack(zlib.crc32(content)))) + DELIMITER
 
 
-def decode(data: bytes) -> Frame:
+def decode(data: bytes) -> SerialFrame:
     """Decode one frame with the zero that ends it.
 
     Raises
@@ -245,7 +245,7 @@ def decode(data: bytes) -> Frame:
     computed = zlib.crc32(content)
     if checksum != computed:
         raise FrameError(f"a frame of {len(data)} bytes has CRC-32 {checksum:08x}; it should be {computed:08x}")
-    frame = Frame(_known(content[0]), content[KIND_BYTES:])
+    frame = SerialFrame(_known(content[0]), content[KIND_BYTES:])
     # COBS has two forms if the last group is a full one; two streams of bytes must not mean the same.
     if encode(frame) != data:
         raise FrameError(f"a frame of {len(data)} bytes is not in its shortest COBS form")
@@ -261,7 +261,7 @@ class FrameReader:
     def __init__(self) -> None:
         self._begun = bytearray()
 
-    def feed(self, data: bytes) -> list[Frame | FrameError]:
+    def feed(self, data: bytes) -> list[SerialFrame | FrameError]:
         """Take the next bytes; return the frames that they complete and why others were dropped, in order.
 
         Zeros in a row have nothing between them that could be dropped.
@@ -285,7 +285,7 @@ class FrameReader:
         # A full buffer has no room for the ending zero, so `decode` finds the frame too long whatever followed.
         self._begun += data[: MAX_FRAME_BYTES - len(self._begun)]
 
-    def _finish(self) -> Frame | FrameError:
+    def _finish(self) -> SerialFrame | FrameError:
         data = bytes(self._begun) + DELIMITER
         self._begun.clear()
         try:
@@ -294,17 +294,17 @@ class FrameReader:
             return error
 
 
-class Mode(Enum):
+class LineMode(Enum):
     """What the bytes on a line are."""
 
     CONSOLE = "console"
     FRAMES = "frames"
 
 
-LineEvent = bytes | Frame | FrameError | Mode
+LineEvent = bytes | SerialFrame | FrameError | LineMode
 
 
-class Line:
+class LineReader:
     """One direction of a line that console and frames share (clause SER-010).
 
     Both ends use it for what they receive. Every line starts with the console.
@@ -312,7 +312,7 @@ class Line:
 
     def __init__(self) -> None:
         self._reader = FrameReader()
-        self.mode = Mode.CONSOLE
+        self.mode = LineMode.CONSOLE
 
     def feed(self, data: bytes) -> list[LineEvent]:
         """Take the next bytes; return in order text, frames, why others were dropped, and the modes that began.
@@ -322,23 +322,23 @@ class Line:
         events: list[LineEvent] = []
         *ended, rest = data.split(DELIMITER)
         for piece in [*(end + DELIMITER for end in ended), rest]:
-            if self.mode is Mode.FRAMES:
+            if self.mode is LineMode.FRAMES:
                 events += self._frames(piece)
                 continue
             text = piece.removesuffix(DELIMITER)
             events += [text] if text else []
-            events += self._begin(Mode.FRAMES) if piece != text else []
+            events += self._begin(LineMode.FRAMES) if piece != text else []
         return events
 
     def hang_up(self) -> list[LineEvent]:
         """Return to the console after a break, or when DTR went low; a frame that had begun is dropped."""
-        return [*self._reader.cut(), *self._begin(Mode.CONSOLE)]
+        return [*self._reader.cut(), *self._begin(LineMode.CONSOLE)]
 
     def _frames(self, piece: bytes) -> list[LineEvent]:
         """What the reader finds; a piece ends with its first zero, so nothing follows a CONSOLE frame in it."""
         found = self._reader.feed(piece)
-        return [*self._begin(Mode.CONSOLE)] if found == [CONSOLE_FRAME] else [*found]
+        return [*self._begin(LineMode.CONSOLE)] if found == [CONSOLE_FRAME] else [*found]
 
-    def _begin(self, mode: Mode) -> list[Mode]:
+    def _begin(self, mode: LineMode) -> list[LineMode]:
         self.mode = mode
         return [mode]

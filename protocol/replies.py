@@ -19,6 +19,7 @@ from .blocks import pack_pulses
 from .board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
 from .codes import (
     ACK_MAGIC,
+    PAYLOAD_BYTES,
     PROTOCOL_VERSION,
     RECORD_BYTES,
     STATUS_MAGIC,
@@ -148,7 +149,7 @@ def _is_ack(record: bytes | bytearray | memoryview) -> bool:
 
 
 def decode_acks(packets: bytes | bytearray | memoryview) -> NDArray[np.void]:
-    """Decode what came on bulk IN, where it is acknowledgements only: the fast twin of `records`.
+    """Decode bytes from bulk IN that are only acknowledgements: the fast twin of `records`.
 
     Parameters
     ----------
@@ -164,12 +165,12 @@ def decode_acks(packets: bytes | bytearray | memoryview) -> NDArray[np.void]:
     Raises
     ------
     ReplyError
-        If something else is among them, be it a status, or one is cut off or breaks the layout.
+        If a record of another kind, such as a status, is among them, or one is truncated or breaks the layout.
     """
     if len(packets) == RECORD_BYTES and _is_ack(packets):  # the usual one is not worth arrays
         return np.frombuffer(packets, _ACK_RECORDS)["ack"]
     if len(packets) % RECORD_BYTES:
-        raise ReplyError(f"acknowledgements have {RECORD_BYTES} bytes each; {len(packets)} bytes are not some of them")
+        raise ReplyError(f"{len(packets)} bytes are no whole number of acknowledgements of {RECORD_BYTES} bytes")
     octets = np.frombuffer(packets, np.uint8).reshape(-1, RECORD_BYTES)
     sound = _POSSIBLE_OCTETS[_OCTET_ROWS + octets].all(axis=1)
     sound &= np.fromiter(map(crc32, octets), np.uint32, len(octets)) == _SEALED_CRC
@@ -187,7 +188,7 @@ class Ack:
     reason : Reason
         `Reason.ACCEPTED`, or why the block was refused.
     sequence : int
-        Sequence number of the block, or what there is of it.
+        Sequence number of the block, as far as it was received.
     commit_period : int
         Carrier period at which the block takes effect; for a clock block that of the last pulse on the sync line; else
         0.
@@ -510,7 +511,7 @@ class ReadBack:
     read_period: int
     pulses: Pulses
 
-    BYTES: ClassVar = 496
+    BYTES: ClassVar = 16 + PAYLOAD_BYTES
     MIXED: ClassVar = 2**64 - 1
 
     @property

@@ -8,10 +8,10 @@ from types import MappingProxyType
 
 from .codes import State
 
-__all__ = ["TRANSITIONS", "Event", "after"]
+__all__ = ["TRANSITIONS", "StateEvent", "after"]
 
 
-class Event(Enum):
+class StateEvent(Enum):
     """What can happen to a device (clause STA-002)."""
 
     ENABLE = "the ENABLE request"
@@ -30,40 +30,40 @@ class Event(Enum):
 
 
 _ENABLED = {
-    Event.DISABLE: State.OFF,
-    Event.PLAY: State.PLAYING,
-    Event.PLAY_UNATTENDED: State.UNATTENDED,
-    Event.END: State.READY,
-    Event.FAULT: State.FAULT,
-    Event.BUS_RESET: State.OFF,
-    Event.DETACH: State.DFU,
+    StateEvent.DISABLE: State.OFF,
+    StateEvent.PLAY: State.PLAYING,
+    StateEvent.PLAY_UNATTENDED: State.UNATTENDED,
+    StateEvent.END: State.READY,
+    StateEvent.FAULT: State.FAULT,
+    StateEvent.BUS_RESET: State.OFF,
+    StateEvent.DETACH: State.DFU,
 }
-_ATTENDED = _ENABLED | {Event.WATCHDOG: State.OFF, Event.SUSPEND: State.SUSPENDED}
-_CHANGES: dict[State, dict[Event, State]] = {
+_ATTENDED = _ENABLED | {StateEvent.WATCHDOG: State.OFF, StateEvent.SUSPEND: State.SUSPENDED}
+_CHANGES: dict[State, dict[StateEvent, State]] = {
     State.OFF: {
-        Event.ENABLE: State.READY,
-        Event.FAULT: State.FAULT,
-        Event.SUSPEND: State.SUSPENDED,
-        Event.DETACH: State.DFU,
+        StateEvent.ENABLE: State.READY,
+        StateEvent.FAULT: State.FAULT,
+        StateEvent.SUSPEND: State.SUSPENDED,
+        StateEvent.DETACH: State.DFU,
     },
     State.READY: _ATTENDED,
     State.PLAYING: _ATTENDED,
     State.UNATTENDED: _ENABLED,
-    State.FAULT: {Event.CLEAR: State.OFF, Event.DETACH: State.DFU},
-    State.SUSPENDED: {Event.RESUME: State.OFF, Event.BUS_RESET: State.OFF, Event.FAULT: State.FAULT},
+    State.FAULT: {StateEvent.CLEAR: State.OFF, StateEvent.DETACH: State.DFU},
+    State.SUSPENDED: {StateEvent.RESUME: State.OFF, StateEvent.BUS_RESET: State.OFF, StateEvent.FAULT: State.FAULT},
     State.DFU: {},
 }
 
-TRANSITIONS: Mapping[tuple[State, Event], State] = MappingProxyType(
+TRANSITIONS: Mapping[tuple[State, StateEvent], State] = MappingProxyType(
     {
-        (state, event): State.OFF if event is Event.RESTART else _CHANGES[state].get(event, state)
+        (state, event): State.OFF if event is StateEvent.RESTART else _CHANGES[state].get(event, state)
         for state in State
-        for event in Event
+        for event in StateEvent
     }
 )
 """The state that follows, for every state and every event; if nothing happens it is the same."""
 
 
-def after(state: State, event: Event) -> State:
+def after(state: State, event: StateEvent) -> State:
     """The state in which an event leaves a device (clause STA-003)."""
     return TRANSITIONS[state, event]

@@ -39,6 +39,8 @@ from .methods.options import Options
 from .methods.solve import Solution, Solver, solve, solve_frames
 from .methods.split import Split, split
 from .methods.two_sided import Gain, TwoSided, TwoSidedSolver, two_sided
+from .objects.mesh_files import read_mesh
+from .objects.volumes import read_volume_mesh
 from .pictures.picture import save_field_picture
 from .pictures.vti import save_vti
 from .shapes.point_files import read_points
@@ -101,7 +103,9 @@ __all__ = [
     "parse_shape",
     "pressure",
     "radiation_pressure",
+    "read_mesh",
     "read_points",
+    "read_volume_mesh",
     "relative_level",
     "residual",
     "sample_cut",

@@ -1,4 +1,4 @@
-"""Arrays from NumPy's files, NPZ and NPY, from anywhere: no memory is taken for what a header merely claims."""
+"""Arrays from NumPy's files, NPZ and NPY; a header that claims more than the file holds takes no memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..storage import open_plain, open_zip
 __all__ = ["MOST_BYTES", "read_array", "read_arrays"]
 
 MOST_BYTES = 500_000_000
-"""That the arrays of a file may have together."""
+"""The arrays of a file may have so many together."""
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
@@ -51,7 +51,7 @@ def read_array(path: Path) -> NDArray[Any]:
 
 
 def _read(path: Path, stream: IO[bytes], size: int) -> NDArray[Any]:
-    """An array of which the file holds as many bytes as its header says."""
+    """An array; the file must hold as many bytes as its header says."""
     try:
         version = npy.read_magic(stream)
         if version not in _HEADERS:

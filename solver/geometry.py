@@ -21,7 +21,8 @@ def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[
     Raises
     ------
     ValueError
-        That says ``what`` a row is, or ``many`` of them if that is not ``what`` with an s, and names the first bad one.
+        The message names the first bad row. ``what`` is the name of a row; ``many``, the name of several, is by default
+        ``what`` with an s.
     """
     many = many or f"{what}s"
     try:
@@ -32,7 +33,7 @@ def as_points(values: ArrayLike, what: str, many: str | None = None) -> NDArray[
         raise ValueError(f"{many} must be (m, 3) numbers: {error}") from error
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise ValueError(f"{many} must have the shape (m, 3) with m of at least 1, not {points.shape}")
-    if points.max() <= FARTHEST and points.min() >= -FARTHEST:  # false where one is not a number
+    if points.max() <= FARTHEST and points.min() >= -FARTHEST:  # false if one is not a number
         return points
     if (bad := np.flatnonzero(~np.isfinite(points).all(axis=1))).size:
         raise ValueError(f"{what} {bad[0]} is {points[bad[0]].tolist()}; its coordinates must be finite numbers")

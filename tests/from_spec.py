@@ -1,12 +1,13 @@
 """The protocol as its specification words it: an oracle that shares no code with the implementation.
 
-Everything here was written from SPEC.md alone, in small literal functions that name their clauses. Numbers are plain
-integers, records are dictionaries under the field names of the specification's layouts, and what has to be refused
-raises `Refused`. Slowness does not matter.
+Everything here was written from SPEC.md alone, in small literal functions that name their clauses; layouts, codes and
+transitions are read from its tables. Numbers are plain integers, records are dictionaries under the field names of the
+specification's layouts, and what has to be refused raises `Refused`. Slowness does not matter.
 """
 
 import hashlib
 import math
+import re
 import struct
 import zlib
 from collections.abc import Sequence
@@ -14,6 +15,8 @@ from typing import Any
 
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+from tests.specification import SPEC, codes, layout_rows, table
 
 Pulse = tuple[int, int]
 """Phase in half ticks, width in ticks (PUL-001)."""
@@ -24,9 +27,19 @@ Fields = dict[str, Any]
 Layout = tuple[tuple[str, int, int, str], ...]
 """Name, offset, bytes and kind of each field: u unsigned, s signed, b bytes as they are."""
 
+KINDS = {"temperature_c": "s", "drift": "s"} | dict.fromkeys(
+    ("magic", "payload", "pulses", "data", "firmware", "unique_id", "later", "key_id", "digest", "signature"), "b"
+)
+"""The kinds of the fields that are not unsigned numbers."""
+
+
+def layout_of(name: str) -> Layout:
+    """A layout that the specification prints."""
+    return tuple((field, offset, size, KINDS.get(field, "u")) for offset, size, field in layout_rows(name))
+
 
 class Refused(ValueError):
-    """What the specification refuses; `reason` is the number in its table, 0 where there is no table."""
+    """What the specification refuses; `reason` is the number in its table, 0 if there is no table."""
 
     def __init__(self, why: str, reason: int = 0) -> None:
         super().__init__(why)
@@ -129,22 +142,7 @@ ACCEPTED, LENGTH, CHECKSUM, MAGIC, VERSION, KIND, FIELD, PULSE = range(8)
 UPDATE, SLOT, ENTRIES, SEQUENCE, SAMPLES, MODULATION, OUTPUT, CLOCK, NO_OP = range(1, 10)
 RESTART, UNATTENDED = 1, 2
 
-BLOCK: Layout = (
-    ("magic", 0, 2, "b"),
-    ("version", 2, 1, "u"),
-    ("kind", 3, 1, "u"),
-    ("sequence", 4, 4, "u"),
-    ("period", 8, 8, "u"),
-    ("first", 16, 2, "u"),
-    ("count", 18, 2, "u"),
-    ("hold", 20, 2, "u"),
-    ("repeats", 22, 2, "u"),
-    ("reserved", 24, 2, "u"),
-    ("flags", 26, 1, "u"),
-    ("action", 27, 1, "u"),
-    ("checksum", 28, 4, "u"),
-    ("payload", 32, 480, "b"),
-)
+BLOCK = layout_of("BLOCK")
 """The header and the payload (BLK-002)."""
 
 
@@ -282,93 +280,8 @@ def missing(accepted: int, last: int) -> int:
 
 # Chapter ACK, REQ
 
-ACK: Layout = (
-    ("magic", 0, 2, "b"),
-    ("version", 2, 1, "u"),
-    ("reason", 3, 1, "u"),
-    ("sequence", 4, 4, "u"),
-    ("commit_period", 8, 8, "u"),
-    ("now", 16, 8, "u"),
-    ("flags", 24, 1, "u"),
-    ("free", 25, 1, "u"),
-    ("state", 26, 1, "u"),
-    ("reserved", 27, 1, "u"),
-    ("checksum", 28, 4, "u"),
-)
-"""An acknowledgement (ACK-002)."""
-
-STATUS: Layout = (
-    ("magic", 0, 2, "b"),
-    ("version", 2, 1, "u"),
-    ("state", 3, 1, "u"),
-    ("faults", 4, 2, "u"),
-    ("last_refusal", 6, 1, "u"),
-    ("flags", 7, 1, "u"),
-    ("now", 8, 8, "u"),
-    ("since_period", 16, 8, "u"),
-    ("accepted", 24, 4, "u"),
-    ("refused", 28, 4, "u"),
-    ("late", 32, 4, "u"),
-    ("lost", 36, 4, "u"),
-    ("missed_commits", 40, 4, "u"),
-    ("damaged_messages", 44, 4, "u"),
-    ("free", 48, 1, "u"),
-    ("temperature_c", 49, 1, "s"),
-    ("watchdog_ms", 50, 2, "u"),
-    ("drive_limit", 52, 2, "u"),
-    ("dropped_frames", 54, 4, "u"),
-    ("reserved", 58, 2, "u"),
-    ("checksum", 60, 4, "u"),
-)
-"""A status record (REQ-003)."""
-
-INFO: Layout = (
-    ("oldest_version", 0, 1, "u"),
-    ("newest_version", 1, 1, "u"),
-    ("hardware", 2, 2, "u"),
-    ("firmware", 4, 3, "b"),
-    ("boards", 7, 1, "u"),
-    ("unique_id", 8, 8, "b"),
-    ("carrier_hz", 16, 4, "u"),
-    ("features", 20, 2, "u"),
-    ("channels", 22, 2, "u"),
-    ("columns", 24, 1, "u"),
-    ("rows", 25, 1, "u"),
-    ("pitch_um", 26, 2, "u"),
-    ("processors_per_board", 28, 1, "u"),
-    ("ticks_per_period", 29, 1, "u"),
-    ("max_width_ticks", 30, 1, "u"),
-    ("link_wires", 31, 1, "u"),
-    ("cycles_per_symbol", 32, 1, "u"),
-    ("queue_blocks", 33, 1, "u"),
-    ("periods_per_update", 34, 2, "u"),
-    ("queue_records", 36, 2, "u"),
-    ("slots", 38, 2, "u"),
-    ("sequence_entries", 40, 2, "u"),
-    ("modulation_samples", 42, 2, "u"),
-    ("drive_limit", 44, 2, "u"),
-    ("watchdog_ms", 46, 2, "u"),
-)
-"""What INFO answers; the last 16 of its 64 bytes are ignored (REQ-002)."""
-
-CLOCK_READING: Layout = (
-    ("now", 0, 8, "u"),
-    ("sync_period", 8, 8, "u"),
-    ("sync_pulses", 16, 4, "u"),
-    ("reserved", 20, 4, "u"),
-)
-"""What CLOCK answers (REQ-006)."""
-
-PROCESSOR_REPORT: Layout = (
-    ("faults", 0, 2, "u"),
-    ("temperature_c", 2, 1, "s"),
-    ("bank", 3, 1, "u"),
-    ("missed_commits", 4, 4, "u"),
-    ("damaged_messages", 8, 4, "u"),
-    ("firmware", 12, 3, "b"),
-    ("reserved", 15, 1, "u"),
-)
-"""Sixteen of the bytes that PROCESSORS answers (REQ-008)."""
+ACK, STATUS, INFO = layout_of("ACK"), layout_of("STATUS"), layout_of("INFO")  # ACK-002, REQ-003, REQ-002
+CLOCK_READING, PROCESSOR_REPORT = layout_of("CLOCK"), layout_of("PROCESSOR_REPORT")  # REQ-006, REQ-008
 
 
 def read_record(data: bytes, layout: Layout, magic: bytes, size: int) -> Fields:
@@ -474,47 +387,19 @@ def read_processors(data: bytes) -> list[Fields]:
 
 # Chapter STA
 
-STATES = ("OFF", "READY", "PLAYING", "UNATTENDED", "FAULT", "SUSPENDED", "DFU")
-EVENTS = (
-    "ENABLE",
-    "DISABLE",
-    "PLAY",
-    "PLAY_UNATTENDED",
-    "END",
-    "WATCHDOG",
-    "FAULT",
-    "CLEAR",
-    "BUS_RESET",
-    "SUSPEND",
-    "RESUME",
-    "DETACH",
-    "RESTART",
-)
-TRANSITIONS: tuple[tuple[tuple[str, ...], tuple[str, ...], str], ...] = (
-    (("OFF",), ("ENABLE",), "READY"),
-    (("READY",), ("PLAY",), "PLAYING"),
-    (("READY", "PLAYING"), ("PLAY_UNATTENDED",), "UNATTENDED"),
-    (("UNATTENDED",), ("PLAY",), "PLAYING"),
-    (("PLAYING", "UNATTENDED"), ("END",), "READY"),
-    (("READY", "PLAYING", "UNATTENDED"), ("DISABLE",), "OFF"),
-    (("READY", "PLAYING"), ("WATCHDOG",), "OFF"),
-    (("READY", "PLAYING", "UNATTENDED"), ("BUS_RESET",), "OFF"),
-    (("OFF", "READY", "PLAYING"), ("SUSPEND",), "SUSPENDED"),
-    (("SUSPENDED",), ("RESUME", "BUS_RESET"), "OFF"),
-    (("OFF", "READY", "PLAYING", "UNATTENDED", "SUSPENDED"), ("FAULT",), "FAULT"),
-    (("FAULT",), ("CLEAR",), "OFF"),
-    (("OFF", "READY", "PLAYING", "UNATTENDED", "FAULT"), ("DETACH",), "DFU"),
-    (STATES, ("RESTART",), "OFF"),
-)
-"""The rows of the table of STA-003."""
+STATES = tuple(codes("State"))
+EVENTS = tuple(row[0].strip("`") for row in table("table: Event"))
+TRANSITIONS = {
+    (state, event.strip("`")): following.strip("`")
+    for before, event, following, _ in table("table: transitions")
+    for state in before.replace("`", "").split(", ")
+} | {(state, "RESTART"): "OFF" for state in STATES}
+"""The rows of the table of STA-003, and what it says of RESTART."""
 
 
 def after(state: str, event: str) -> str:
-    """The state behind an event: these transitions and no others (STA-003)."""
-    for states, events, target in TRANSITIONS:
-        if state in states and event in events:
-            return target
-    return state
+    """The state after an event: these transitions and no others (STA-003)."""
+    return TRANSITIONS.get((state, event), state)
 
 
 # Chapter CHN
@@ -522,45 +407,14 @@ def after(state: str, event: str) -> str:
 CONTROLLER_NODE, UNNUMBERED_NODE, END_TOKEN = 0x00FF, 0xFFFF, 1
 SLOTS_MEMORY, ENTRIES_MEMORY, SAMPLES_MEMORY = 1, 2, 3
 
-MESSAGES: dict[str, tuple[int, int, Layout]] = {
-    "SLICE": (1, 52, (("pulses", 3, 48, "b"),)),
-    "COMMIT": (2, 16, (("period", 3, 8, "u"), ("checksum", 11, 4, "u"))),
-    "LOAD": (3, 60, (("memory", 3, 1, "u"), ("first", 4, 2, "u"), ("count", 6, 1, "u"), ("data", 7, 48, "b"))),
-    "PROGRAM": (
-        4,
-        25,
-        (
-            ("memory", 3, 1, "u"),
-            ("first", 4, 2, "u"),
-            ("count", 6, 2, "u"),
-            ("hold", 8, 2, "u"),
-            ("repeats", 10, 2, "u"),
-            ("period", 12, 8, "u"),
-        ),
-    ),
-    "COLLECT": (5, 9, (("answer", 3, 1, "u"),)),
-    "NUMBER": (6, 9, (("number", 3, 1, "u"),)),
-    "REPORT": (
-        7,
-        28,
-        (
-            ("processor", 3, 1, "u"),
-            ("temperature_c", 4, 1, "s"),
-            ("faults", 5, 2, "u"),
-            ("firmware", 7, 3, "b"),
-            ("drift", 10, 1, "s"),
-            ("carried_out", 11, 4, "u"),
-            ("missed_commits", 15, 4, "u"),
-            ("damaged_messages", 19, 4, "u"),
-        ),
-    ),
-    "PLAYING": (8, 65, (("processor", 3, 1, "u"), ("period", 4, 8, "u"), ("pulses", 12, 48, "b"))),
-    "IDENTITY": (
-        9,
-        21,
-        (("processor", 3, 1, "u"), ("last", 4, 1, "u"), ("firmware", 5, 3, "b"), ("unique_id", 8, 8, "b")),
-    ),
-}
+
+def message_layout(name: str) -> tuple[int, Layout]:
+    """How many tokens a message has, and its fields between route header and checksum."""
+    *fields, end = layout_of(name)
+    return end[1] + 1, tuple(field for field in fields[2:] if field[0] != "checksum" or name == "COMMIT")
+
+
+MESSAGES = {name: (end, *message_layout(name)) for name, end in codes("ChannelEnd").items()}
 """Channel end, tokens and the fields between route header and checksum (CHN-009, CHN-011, CHN-012, CHN-014, 16, 22)."""
 
 
@@ -659,20 +513,6 @@ def commit_checksum(slice_pulses: bytes, period: int) -> int:
     return crc(slice_pulses + period.to_bytes(8, "little"))
 
 
-def next_hop(own: int, node: int) -> str:
-    """Where a processor's switch sends a message: by the highest bit that differs (CHN-025)."""
-    if own == node:
-        return "here"
-    if own == UNNUMBERED_NODE:
-        return "up"
-    bit = (own ^ node).bit_length() - 1
-    if bit >= 8:
-        return "down"
-    if bit >= 4:
-        return "up"
-    return "up" if own >> bit & 1 else "down"
-
-
 # Chapter SER
 
 BLOCK_FRAME, RECORD_FRAME, REQUEST_FRAME, REPLY_FRAME, CONSOLE_FRAME = range(1, 6)
@@ -681,7 +521,7 @@ TO_HOST = (RECORD_FRAME, REPLY_FRAME, CONSOLE_FRAME)
 
 
 def cobs_encode(content: bytes) -> bytes:
-    """Cut behind each zero, groups of 254, nothing behind a last full group (SER-003)."""
+    """Cut after each zero, groups of 254, nothing after a last full group (SER-003)."""
     pieces = content.split(b"\x00")
     encoded = b""
     for place, piece in enumerate(pieces):
@@ -696,7 +536,7 @@ def cobs_encode(content: bytes) -> bytes:
 
 
 def cobs_decode(encoded: bytes) -> bytes:
-    """The content, or refused where it is not what `cobs_encode` would have sent (SER-003)."""
+    """The content; refused if `cobs_encode` would have sent something else (SER-003)."""
     if not encoded or 0 in encoded:
         raise Refused("no COBS")
     content = b""
@@ -707,7 +547,7 @@ def cobs_decode(encoded: bytes) -> bytes:
             raise Refused("cut short")
         content += group
         if length == 0xFF and encoded == b"\x01":
-            raise Refused("an empty group behind a full one")
+            raise Refused("an empty group after a full one")
         if encoded and length != 0xFF:
             content += b"\x00"
     return content
@@ -716,7 +556,7 @@ def cobs_decode(encoded: bytes) -> bytes:
 def body_allowed(kind: int, body: bytes) -> bool:
     """Whether a body has the size and the layout of its type (SER-004, SER-006 to SER-008).
 
-    Assumed: whether a record is valid in itself is judged behind the frame, as SER-006 says of a block.
+    Assumed: whether a record is valid in itself is judged after the frame, as SER-006 says of a block.
     """
     if kind == BLOCK_FRAME:
         return len(body) == 512
@@ -730,7 +570,7 @@ def body_allowed(kind: int, body: bytes) -> bool:
 
 
 def request_allowed(body: bytes) -> bool:
-    """Tag, SETUP packet, and as many bytes as `length` says where bit 7 of the type is 0 (SER-007)."""
+    """Tag, SETUP packet, and as many bytes as `length` says if bit 7 of the type is 0 (SER-007)."""
     if len(body) < 9:
         return False
     length = number(body, 7, 2)
@@ -803,14 +643,7 @@ def read_line(stream: bytes, directions: Sequence[int]) -> list[tuple[str, bytes
     return found
 
 
-SERIAL_REQUEST: Layout = (
-    ("tag", 0, 1, "u"),
-    ("request_type", 1, 1, "u"),
-    ("request", 2, 1, "u"),
-    ("value", 3, 2, "u"),
-    ("index", 5, 2, "u"),
-    ("length", 7, 2, "u"),
-)
+SERIAL_REQUEST = layout_of("SERIAL_REQUEST")
 """The body of a REQUEST before its data (SER-007)."""
 
 
@@ -830,26 +663,9 @@ def read_reply(body: bytes) -> Fields:
 
 # Chapter CON
 
-COMMANDS: dict[str, tuple[int, int] | None] = {
-    "help": None,
-    "version": None,
-    "info": None,
-    "status": None,
-    "faults": None,
-    "clock": None,
-    "boards": None,
-    "pulses": (0, 319),
-    "identify": (0, 4),
-    "enable": None,
-    "stop": None,
-    "test": (0, 319),
-    "watchdog": (10, 60000),
-    "limit": (0, 320),
-    "clear": None,
-    "reset": None,
-    "dfu": None,
-    "frames": None,
-    "echo": (0, 1),
+COMMANDS = {
+    name.strip("`"): (int(ends[0]), int(ends[1])) if (ends := re.findall(r"\d+", argument)) else None
+    for name, argument, *_ in table("commands")
 }
 """The commands, each with the range of its argument, if it takes one (CON-005)."""
 
@@ -880,16 +696,16 @@ def typed(data: bytes, echo: bool = True) -> tuple[list[bytes], bytes]:
     Assumed: a character that was not shown takes nothing back from the screen.
     """
     lines: list[bytes] = []
-    shown, line, behind_cr = b"", b"", False
+    shown, line, after_cr = b"", b"", False
     for character in (bytes([value]) for value in data):
         if character in (b"\r", b"\n"):
-            if not (character == b"\n" and behind_cr):
+            if not (character == b"\n" and after_cr):
                 lines.append(line)
                 line = b""
                 shown += b"\r\n" if echo else b""
-            behind_cr = character == b"\r"
+            after_cr = character == b"\r"
             continue
-        behind_cr = False
+        after_cr = False
         if character in (b"\x08", b"\x7f", b"\x03", b"\x15"):
             whole = character in (b"\x03", b"\x15")
             kept = b"" if whole else line[:-1]
@@ -907,54 +723,13 @@ def typed(data: bytes, echo: bool = True) -> tuple[list[bytes], bytes]:
 
 # Chapter FWU
 
-IMAGE_HEADER: Layout = (
-    ("magic", 0, 4, "b"),
-    ("version", 4, 1, "u"),
-    ("segments", 5, 1, "u"),
-    ("hardware", 6, 2, "u"),
-    ("major", 8, 1, "u"),
-    ("minor", 9, 1, "u"),
-    ("patch", 10, 1, "u"),
-    ("protocol", 11, 1, "u"),
-    ("total", 12, 4, "u"),
-    ("key_id", 16, 8, "b"),
-    ("reserved", 24, 4, "u"),
-    ("checksum", 28, 4, "u"),
-)
-"""The header of an image (FWU-002)."""
-
-SEGMENT_ENTRY: Layout = (
-    ("target", 0, 1, "u"),
-    ("reserved", 1, 3, "u"),
-    ("offset", 4, 4, "u"),
-    ("size", 8, 4, "u"),
-    ("checksum", 12, 4, "u"),
-    ("digest", 16, 32, "b"),
-)
-"""One entry of the segment table (FWU-006)."""
-
-IMAGE_REASONS = (
-    "ACCEPTED",
-    "SUFFIX",
-    "LENGTH",
-    "MAGIC",
-    "VERSION",
-    "CHECKSUM",
-    "RESERVED",
-    "HARDWARE",
-    "TARGETS",
-    "SIZE",
-    "OFFSET",
-    "TOTAL",
-    "PADDING",
-    "HASH",
-    "SIGNATURE",
-)
+IMAGE_HEADER, SEGMENT_ENTRY = layout_of("IMAGE_HEADER"), layout_of("SEGMENT_ENTRY")  # FWU-002, FWU-006
+IMAGE_REASONS = tuple(codes("ImageReason"))
 """The reasons in the order in which an image is checked (FWU-015)."""
 
 
 def multiple_of_4(value: int) -> int:
-    """The next multiple of 4, the value itself where it is one (FWU-009)."""
+    """The next multiple of 4, the value itself if it is one (FWU-009)."""
     return (value + 3) // 4 * 4
 
 
@@ -1049,20 +824,12 @@ def judge_file(file: bytes, keys: Sequence[bytes] = ()) -> int:
     return judge_image(image, keys)
 
 
-BOOT_RECORD: Layout = (
-    ("magic", 0, 4, "b"),
-    ("generation", 4, 4, "u"),
-    ("size", 8, 4, "u"),
-    ("digest", 12, 32, "b"),
-    ("checksum", 44, 4, "u"),
-    ("started", 48, 4, "u"),
-    ("confirmed", 52, 4, "u"),
-)
+BOOT_RECORD = layout_of("BOOT_RECORD")
 """The record at the beginning of a bank (FWU-017)."""
 
 
 def read_boot_record(data: bytes) -> Fields | None:
-    """The record, or None where the bank is empty; a mark counts as soon as one bit is 0 (FWU-017, FWU-020)."""
+    """The record, or None if the bank is empty; a mark counts as soon as one bit is 0 (FWU-017, FWU-020)."""
     record = take(data[:56], BOOT_RECORD)
     if len(data) < 56 or record["magic"] != b"PWBR" or not 1 <= record["size"] <= 721520:
         return None
@@ -1089,7 +856,7 @@ def newer(generation_g: int, generation_h: int) -> bool:
 
 
 def banks_to_try(bank_a: Fields | None, bank_b: Fields | None) -> list[str]:
-    """A and B where they may boot, the newer first, A where neither is; the factory image last (FWU-019)."""
+    """A and B if they may boot, the newer first, A if neither is newer; the factory image last (FWU-019)."""
     order = []
     if bank_a is not None and may_boot(bank_a):
         order.append("A")
@@ -1102,57 +869,14 @@ def banks_to_try(bank_a: Fields | None, bank_b: Fields | None) -> list[str]:
 
 # Chapter DFU
 
-DFU_STATES = (
-    "APP_IDLE",
-    "APP_DETACH",
-    "DFU_IDLE",
-    "DNLOAD_SYNC",
-    "DNBUSY",
-    "DNLOAD_IDLE",
-    "MANIFEST_SYNC",
-    "MANIFEST",
-    "MANIFEST_WAIT_RESET",
-    "UPLOAD_IDLE",
-    "ERROR",
-)
-DFU_REQUESTS = (
-    "DETACH",
-    "DNLOAD",
-    "DNLOAD_END",
-    "UPLOAD",
-    "UPLOAD_END",
-    "GETSTATUS",
-    "GETSTATUS_BUSY",
-    "CLRSTATUS",
-    "GETSTATE",
-    "ABORT",
-)
+DFU_STATES = tuple(codes("DfuState"))
 DFU_HAPPENINGS = ("REATTACHED", "POLL_TIMEOUT", "FAILURE", "BUS_RESET")
 
-DFU_DRAWN: dict[tuple[str, str], str] = {
-    ("DFU_IDLE", "ABORT"): "DFU_IDLE",
-    ("DFU_IDLE", "DNLOAD"): "DNLOAD_SYNC",
-    ("DNLOAD_SYNC", "GETSTATUS_BUSY"): "DNBUSY",
-    ("DNBUSY", "POLL_TIMEOUT"): "DNLOAD_SYNC",
-    ("DNLOAD_SYNC", "GETSTATUS"): "DNLOAD_IDLE",
-    ("DNLOAD_IDLE", "DNLOAD"): "DNLOAD_SYNC",
-    ("DNLOAD_IDLE", "ABORT"): "DFU_IDLE",
-    ("DNLOAD_IDLE", "DNLOAD_END"): "MANIFEST_SYNC",
-    ("MANIFEST_SYNC", "GETSTATUS_BUSY"): "MANIFEST",
-    ("MANIFEST", "POLL_TIMEOUT"): "MANIFEST_SYNC",
-    ("MANIFEST_SYNC", "GETSTATUS"): "DFU_IDLE",
-    ("DFU_IDLE", "UPLOAD"): "UPLOAD_IDLE",
-    ("DFU_IDLE", "UPLOAD_END"): "UPLOAD_IDLE",
-    ("UPLOAD_IDLE", "UPLOAD"): "UPLOAD_IDLE",
-    ("UPLOAD_IDLE", "UPLOAD_END"): "DFU_IDLE",
-    ("UPLOAD_IDLE", "ABORT"): "DFU_IDLE",
-    ("APP_IDLE", "DETACH"): "APP_DETACH",
-    ("APP_DETACH", "REATTACHED"): "DFU_IDLE",
-    ("APP_DETACH", "BUS_RESET"): "DFU_IDLE",
-    ("ERROR", "CLRSTATUS"): "DFU_IDLE",
-    ("ERROR", "BUS_RESET"): "APP_IDLE",
-    **{(state, "FAILURE"): "ERROR" for state in DFU_STATES[2:10]},
-    **{(state, "BUS_RESET"): "APP_IDLE" for state in DFU_STATES[2:10]},
+DFU_WORKING = set(DFU_STATES) - {"APP_IDLE", "APP_DETACH", "ERROR"}
+DFU_DRAWN = {
+    (state, event): following
+    for before, following, event in re.findall(r"(\w+) --> (\w+): (\w+)", SPEC.split("**DFU-006**")[1].split("```")[1])
+    for state in (DFU_WORKING if before == "WORKING" else {before})
 }
 """The arrows of DFU-006, those of the state WORKING for each state in it."""
 

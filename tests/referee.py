@@ -50,7 +50,7 @@ def boundary_after(cycle: int) -> int:
 
 
 def replaces(later: Change, change: Change) -> bool:
-    """Whether a change takes the place of what another lets play, be it pulses or a modulation (BLK-012)."""
+    """Whether a change takes the place of what another lets play, pulses or a modulation (BLK-012)."""
     return later.samples is not None if change.steps is None else later.steps is not None
 
 
@@ -412,7 +412,7 @@ class Referee:
         self.fired = True
 
     def poll(self, cycle: int, records: Sequence[bytes]) -> None:
-        """Records that nobody asked for have come up to now (ACK-006)."""
+        """Unsolicited records have come up to now (ACK-006)."""
         for record in records:
             self.status(spec.read_status(record)["now"] * TICK, record, asked=False)
         self.advance(cycle)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from phasewire.compiling import kernel
+from phasewire.compiling import _fingerprint, kernel
 
 
 def twice(x: int) -> int:
@@ -23,6 +23,56 @@ def test_without_a_place_for_the_cache_it_is_compiled_all_the_same() -> None:
     there: dict[str, Any] = {}
     exec(compile("def thrice(x):\n    return 3 * x\n", "<nowhere>", "exec"), there)
     assert kernel(there["thrice"])(14) == 42
+
+
+PIECES = """
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from phasewire.compiling import part
+
+FACTOR = 2
+
+
+class Reason(IntEnum):
+    GOOD = 3
+
+
+class Pair(NamedTuple):
+    x: float
+    y: float
+
+
+@part
+def add(x):
+    pair = Pair(x, np.floor(x))
+    return pair.x + 1
+"""
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("FACTOR = 2", "FACTOR = 5"),
+        ("GOOD = 3", "GOOD = 4"),
+        ("+ 1", "+ 4"),
+        ("np.floor", "np.ceil"),
+        ("x: float\n    y: float", "y: float\n    x: float"),
+    ],
+    ids=["constant", "enum", "code", "name", "fields"],
+)
+def test_what_a_kernel_is_compiled_from_is_compared(change: tuple[str, str]) -> None:
+    """Whatever a kernel takes from another file changes its fingerprint; without a change it stays as it is."""
+
+    def fingerprint(source: str) -> str:
+        there: dict[str, Any] = {"__name__": "pieces"}
+        exec(source + "\n\ndef whole(x):\n    return FACTOR * add(x) + Reason.GOOD\n", there)
+        return _fingerprint(there["whole"])
+
+    assert PIECES.count(change[0]) == 1
+    assert fingerprint(PIECES) == fingerprint(PIECES)
+    assert fingerprint(PIECES.replace(*change)) != fingerprint(PIECES)
 
 
 @pytest.mark.slow

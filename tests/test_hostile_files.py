@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire import ControlPoints, Mesh, TransducerArray, solve
+from phasewire import ControlPoints, TransducerArray, read_mesh, read_volume_mesh, solve
 from phasewire.cli.sources import spoken
 from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.scenario import read_scenario
@@ -56,14 +56,14 @@ READERS: dict[str, Callable[[Path], object]] = {
     "private.pem": read_private_key,
     "public.pem": lambda path: read_public_keys([path]),
     "flash.bin": Flash.load,
-    "cup.stl": Mesh.load,
-    "cup.obj": Mesh.load,
-    "cup.ply": Mesh.load,
-    "cup.glb": Mesh.load,
-    "ct.npy": lambda path: Mesh.from_volume(path, 0, spacing=0.001),
-    "ct.npz": lambda path: Mesh.from_volume(path, 0, spacing=0.001),
-    "ct.nii": lambda path: Mesh.from_volume(path, 0),
-    "ct.nii.gz": lambda path: Mesh.from_volume(path, 0),
+    "cup.stl": read_mesh,
+    "cup.obj": read_mesh,
+    "cup.ply": read_mesh,
+    "cup.glb": read_mesh,
+    "ct.npy": lambda path: read_volume_mesh(path, 0, spacing=0.001),
+    "ct.npz": lambda path: read_volume_mesh(path, 0, spacing=0.001),
+    "ct.nii": lambda path: read_volume_mesh(path, 0),
+    "ct.nii.gz": lambda path: read_volume_mesh(path, 0),
 }
 
 
@@ -116,7 +116,7 @@ def test_a_folder(name: str, tmp_path: Path) -> None:
 )
 def test_a_pipe_that_nobody_fills(name: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / name)
-    refused(name, tmp_path / name, "is no plain file")
+    refused(name, tmp_path / name, "must be a plain file")
 
 
 # Text

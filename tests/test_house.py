@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from phasewire import Medium, TransducerArray
 from phasewire.protocol import board
 from phasewire.solver.methods.options import PHASE_LEVELS
+
+ROOT = Path(__file__).parents[1]
 
 
 def test_the_solver_s_default_array_is_the_board_s() -> None:
@@ -37,3 +41,13 @@ def test_importing_the_package_imports_nothing_slow() -> None:
     code = f"import sys, phasewire, phasewire.cli.commands; print([name for name in {slow} if name in sys.modules])"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert ended.stdout.strip() == "[]"
+
+
+def test_a_public_class_name_has_one_meaning() -> None:
+    homes: dict[str, set[str]] = {}
+    for room in ("protocol", "solver", "host", "emulator", "hil", "cli", "mutants"):
+        for path in (ROOT / room).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    homes.setdefault(node.name, set()).add(f"{path.relative_to(ROOT)}:{node.lineno}")
+    assert {name: places for name, places in homes.items() if len(places) > 1} == {}

@@ -33,7 +33,7 @@ def position(devices: Geometry) -> NDArray[np.float64]:
 
 
 class Stage:
-    """Two devices, one above the other, of which as many transducers are used as the task has.
+    """Two devices, one above the other; as many of their transducers are used as the task has.
 
     Those nearest to the line between the devices are used, and the origin is put in their middle.
     """
@@ -135,7 +135,7 @@ def enter(task: Task) -> Entry:
             f"{Autd3.DEVICE_HEIGHT - Autd3.GRID_Y * Autd3.PITCH_MM:.1f} mm between the devices, by its mask.",
             "A call takes a list of foci to phases and intensities of 8 bits each: the native function that computes "
             "the pattern, with transfer matrix and quantisation, without device or link. Its model is that of point "
-            "sources, its default, but for `directive`, where it is told of its own transducer's directivity.",
+            "sources, its default; for `directive` it uses its own transducer's directivity.",
             "The wanted pressure at a point is its equal share of the power, and its default constraint clips what "
             "exceeds full drive; `normalised` scales the strongest transducer to full drive instead.",
             "Greedy finds other drives in each call.",

@@ -1,6 +1,6 @@
 """autd3 streaming to its emulator by UDP on loopback. It runs in the environment of ``autd3.txt``.
 
-``autd3_streaming.py`` without a task is that emulator alone: it says where it listens, and ends with its input.
+``autd3_streaming.py`` without a task is that emulator alone: it prints its address, and ends with its input.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ STEPS = 256  # of a phase and of an intensity
 AT_ONCE = 32
 """Sends that wait for their acknowledgements; its client lets 7 of them be on their way at a time."""
 PATIENCE = Duration.from_secs(1)
-"""For acknowledgements, which it gives up after 10 ms else: a busy machine is no failure."""
+"""For acknowledgements; its default of 10 ms would fail on a busy machine."""
 END_SECONDS = 5.0
 
 Sender = Callable[["Session", float], Awaitable[int]]
@@ -63,7 +63,7 @@ async def send(session: Session, end: float, first: int = 0) -> int:
 
 
 async def send_streaming(session: Session, end: float) -> int:
-    """Send without waiting for acknowledgements, but for the last one; the client holds back what is too much."""
+    """Send without waiting for any acknowledgement but the last; the client limits the sends that are on their way."""
     patterns, sent = session.patterns(), 0
     while sent == 0 or perf_counter() < end:
         acknowledged = await session.client.send_streaming(next(patterns))
@@ -79,14 +79,14 @@ async def send_at_once(session: Session, end: float) -> int:
 
 @contextmanager
 def emulator_here() -> Iterator[Any]:
-    """An emulator in this process, which runs on threads of its own; where it listens."""
+    """An emulator in this process, which runs on threads of its own; its address."""
     emulator = UdpEmulator(1)  # it listens as long as this name is there
     yield emulator.option().iface
 
 
 @contextmanager
 def emulator_apart() -> Iterator[Any]:
-    """An emulator in a process of its own; where it listens."""
+    """An emulator in a process of its own; its address."""
     pipe = subprocess.PIPE
     with subprocess.Popen([sys.executable, __file__], stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdin is not None
@@ -102,7 +102,7 @@ def emulator_apart() -> Iterator[Any]:
 
 
 def be_emulator() -> None:
-    """Say where an emulator listens, and be it until the input ends."""
+    """Print an emulator's address, and run it until the input ends."""
     with emulator_here() as listens:
         print(repr(listens).partition('"')[2].partition('"')[0], flush=True)
         sys.stdin.read()

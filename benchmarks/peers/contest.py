@@ -1,7 +1,7 @@
 """What every contestant's script shares: reading the task, timing, writing the results.
 
-It runs in each peer's own environment, so it may import the standard library and NumPy only, and never phasewire: what
-a drive is worth is not for a contestant to say, but for the judge in ``run.py``.
+It runs in each peer's own environment, so it may import the standard library and NumPy only, and never phasewire: the
+score of a drive is not a contestant's to compute, but the judge's in ``run.py``.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Task:
     Parameters
     ----------
     array : (n, 3) float
-        Where the transducers should be; all look along z.
+        Places of the transducers; all look along z.
     problems : dict of (m, 3) float
         Control points by the problem's name; all want the same pressure.
     plane : (rows, columns, 3) float
@@ -73,7 +73,7 @@ class Contestant:
     Parameters
     ----------
     name, iterations : str
-        What the table shows; the iterations with ``*`` where they are the package's default.
+        What the table shows; the iterations with ``*`` if they are the package's default.
     prepare : callable
         Takes control points (m, 3) in metres, puts them into the package's own type and returns the call to be timed.
     drive : callable
@@ -133,7 +133,7 @@ def measure(
 
 
 def attempt(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """The work's result, or its error in words: what one contestant cannot do must not stop the others."""
+    """The work's result, or its error in words: a contestant that fails must not stop the others."""
     try:
         return work()
     except Exception as error:  # whatever a foreign package raises

@@ -1,6 +1,6 @@
 """Peers in environments of their own: making these, and running a contestant's script in one, on one thread.
 
-What a script imports cannot meet what another one does, nor this process's own paths.
+So the imports of a script meet neither those of another one nor this process's own paths.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def last_line(text: str) -> str:
 
 
 def command(arguments: list[str], seconds: float, **variables: str) -> str:
-    """Run a program without this process's Python paths and return its output; `UnavailableError` where it fails."""
+    """Run a program without this process's Python paths and return its output; `UnavailableError` if it fails."""
     inherited = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL_ENV"))}
     try:
         done = subprocess.run(
@@ -73,7 +73,7 @@ def command(arguments: list[str], seconds: float, **variables: str) -> str:
 
 
 def environment(name: str) -> str:
-    """The peer's Python, in an environment that is made anew where the pinned versions have changed."""
+    """The peer's Python, in an environment that is made anew if the pinned versions have changed."""
     requirements = HERE / f"{name}.txt"
     folder = ENVIRONMENTS / name
     python, ready = folder / "bin" / "python", folder / "ready"

@@ -1,6 +1,6 @@
 """phasewire's own emulator, through the doors that a host uses: blocks over pyusb, and what the outputs played.
 
-It may not reach behind the public interfaces: it measures what a user gets.
+It may use public interfaces only: it measures what a user gets.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from emulation import Entry, Scene, main
 from phasewire import Capture, Emulator, Pulses, TransducerArray
 from phasewire.hil.air import Playback
 from phasewire.host.lines.opening import open_transport
-from phasewire.protocol import Block, Entries, Modulation, Samples, Sequence, Slot, pack
+from phasewire.protocol import AmplitudeModulation, Block, Entries, PlaySequence, Samples, Slot, pack
 from phasewire.protocol.blocks import Entry as Step
 from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import AMPLITUDES, Reason, Request
@@ -40,8 +40,8 @@ def enter(scene: Scene) -> Entry:
         Block(Slot(0, field), 0, restart=True),
         Block(Entries((Step(0, 1000),)), 1),
         Block(Samples(samples), 2),
-        Block(Modulation(0, scene.samples, hold), 3),
-        Block(Sequence(0, 1, unattended=True), 4),
+        Block(AmplitudeModulation(0, scene.samples, hold), 3),
+        Block(PlaySequence(0, 1, unattended=True), 4),
     ]
     axis = np.linspace(-scene.side / 2, scene.side / 2, scene.points)
     x, y = np.meshgrid(axis, axis)

@@ -1,6 +1,6 @@
 """phasewire's own entry: every method it offers, through its public interface and with its defaults.
 
-It may not reach behind that interface: it measures what a user gets.
+It may use nothing but that interface: it measures what a user gets.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from phasewire.solver import METHODS, Options
 
 
 def solver(array: phasewire.TransducerArray, method: str) -> Callable[[phasewire.ControlPoints], phasewire.Solution]:
-    """What solves one set of control points after another on this array, remembering nothing of the last set."""
+    """A function that solves one set of control points after another on this array, each from scratch."""
     kept = phasewire.Solver(array, method)
 
     def solve(points: phasewire.ControlPoints) -> phasewire.Solution:

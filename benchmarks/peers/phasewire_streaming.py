@@ -111,8 +111,8 @@ def enter(task: Task) -> Entry:
             "Pulses come from NumPy arrays of phases and widths. Its emulator puts every change on the outputs' time "
             "line, in the device's time.",
             f"The UART has {BAUD / 1e6:g} Mbaud, in the emulator's time too, so that it carries at most {LINE_RATE:,} "
-            f"updates per second, whatever the computer; by USB/IP a device takes {CARRIER_HZ:,}. USB/IP is spoken by "
-            "the benchmark, where a kernel would do it.",
+            f"updates per second, whatever the computer; by USB/IP a device takes {CARRIER_HZ:,}. The benchmark speaks "
+            "USB/IP itself, which is usually a kernel's work.",
             "In one process everything is done by one thread; the host's time is what is spent outside the calls of "
             "the bus, and the rate of the host alone is one over that.",
         ],

@@ -1,4 +1,4 @@
-"""phasewire beside what one would otherwise pick for multi-focus ultrasonic holograms: time, uniformity, fields.
+"""phasewire beside other packages for multi-focus ultrasonic holograms: time, uniformity, fields.
 
 ``make bench-peers``. Each peer runs in a process and an environment of its own, ``.peers/<name>``, made once from the
 pinned versions in ``<name>.txt``; its script ``<name>_peer.py`` times its calls and returns its drives. This driver
@@ -168,14 +168,14 @@ def compete(task: Task, peers: list[str]) -> dict[str, dict[str, Any]]:
 
 
 def milliseconds(case: dict[str, Any]) -> str:
-    """Median and half the interquartile range of a case's times; ``~`` where the machine was busy."""
+    """Median and half the interquartile range of a case's times; ``~`` if the machine was busy."""
     times = case["times"]
     mark = "~" if times["cpu_share"] < QUIET else ""
     return f"{mark}{short(times['median'])} ±{short((times['high'] - times['low']) / 2)}"
 
 
 def short(seconds: float) -> str:
-    """Milliseconds, with three digits after the point only where there are none before it."""
+    """Milliseconds, with three digits after the point only if there are none before it."""
     return f"{seconds * 1e3:.3f}" if seconds < 1e-3 else f"{seconds * 1e3:.2f}"
 
 
@@ -196,7 +196,7 @@ SECTIONS: dict[str, Callable[[dict[str, Any]], str]] = {
 
 
 def named(entered: dict[str, Any], title: str) -> str:
-    """The name of a contestant or of its field, with the array where that is another contestant's."""
+    """The name of a contestant or of its field, with the array if that is another contestant's."""
     return str(entered["name"]) + title.removeprefix(title.partition(" ")[0])
 
 
@@ -278,7 +278,7 @@ def print_remarks(records: dict[str, dict[str, Any]], about: dict[str, Any]) -> 
     """The small print."""
     print("\nremarks")
     print(
-        f"  steps: iterations, * where they are the package's default; {SAME_ITERATIONS} is phasewire's own count. One "
+        f"  steps: iterations, * if they are the package's default; {SAME_ITERATIONS} is phasewire's own count. One "
         "thread each (a processor time over wall time above 1 would betray a second one, below 1 a busy machine)."
     )
     print("  phase only: the same phases with every transducer that sounds at full drive.")

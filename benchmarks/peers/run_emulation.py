@@ -1,8 +1,8 @@
-"""phasewire's emulator beside those of autd3: a recording, and what can be had of it, up to sound in the air.
+"""phasewire's emulator beside those of autd3: a recording, and the results from it, up to sound in the air.
 
 ``make bench-peers``. One scene: a focus above the middle of one device, modulated by a sine of 200 Hz, and a square of
 points around it. Each emulator plays it on one thread in an environment of its own, ``<name>_emulation.py``, for the
-same stretch of time in each row, which is short where it takes minutes per second; the table scales it to a second.
+same stretch of time in each row, a short one if a second takes minutes; the table scales it to a second.
 This driver may not import a peer.
 """
 
@@ -56,7 +56,7 @@ def per_second(record: dict[str, Any], scene: Scene, row: str) -> float | None:
 
 
 def shown(seconds: float | None, record: dict[str, Any], row: str) -> str:
-    """A time, with three digits; ~ where the machine was busy."""
+    """A time, with three digits; ~ if the machine was busy."""
     if seconds is None:
         return "-" if "unavailable" in record else "failed"
     mark = "~" if record["rows"][row]["times"]["cpu_share"] < QUIET else ""
@@ -64,7 +64,7 @@ def shown(seconds: float | None, record: dict[str, Any], row: str) -> str:
 
 
 def print_table(records: dict[str, dict[str, Any]], scene: Scene) -> None:
-    """A row for each thing that can be had, a column for each emulator, and how many times as fast ours is."""
+    """A row for each result, a column for each emulator, and how many times as fast ours is."""
     peers = [name for name in records if name != OURS]
     headers = ["of", *records, *(f"{name}/{OURS}" for name in peers)]
 

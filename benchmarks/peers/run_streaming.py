@@ -47,7 +47,7 @@ class Row:
 
     @property
     def mark(self) -> str:
-        """~ where the rounds disagree, as they do on a busy machine."""
+        """~ if the rounds disagree, as they do on a busy machine."""
         return "~" if min(self.rates) < QUIET * max(self.rates) else ""
 
 

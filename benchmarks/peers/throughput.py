@@ -62,7 +62,7 @@ class Streamed:
     processor : float
         Processor time of the sending process meanwhile, of all threads.
     host : float, optional
-        The part of it that was not the emulator's, where that is in the same process and can be told apart.
+        The part of it that was not the emulator's, if that is in the same process and can be told apart.
     """
 
     updates: int

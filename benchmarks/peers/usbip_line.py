@@ -1,4 +1,4 @@
-"""A line to a device that a USB/IP server offers: what a kernel does between a program and such a device, at its least.
+"""A line to a device that a USB/IP server offers: the least that a kernel does between a program and such a device.
 
 It makes phasewire's own emulator in another process reachable by USB without a kernel's help, so that both contestants
 can stream through a socket. As a host controller does, it has some transfers on their way at a time. The layouts are
@@ -40,7 +40,7 @@ PATIENCE_SECONDS = 10.0
 
 @contextmanager
 def served(*doors: str) -> Iterator[tuple[dict[str, Any], int]]:
-    """A device that is emulated by a process of its own: what that says of it and its doors, and the process's id."""
+    """A device emulated by a process of its own: what it prints of the device and its doors, and the process's id."""
     command = [sys.executable, "-m", "phasewire", "emulate", *doors, "--json=-"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         assert process.stdout is not None
@@ -102,7 +102,7 @@ class UsbIpLine:
             self._submit(ENDPOINT_IN, room=READ_BYTES)
 
     def _received(self, size: int) -> bytes:
-        """So many bytes, which are waited for."""
+        """Wait for so many bytes."""
         while len(self._came) < size:
             self._listen(PATIENCE_SECONDS)
         data = bytes(self._came[:size])
@@ -110,7 +110,7 @@ class UsbIpLine:
         return data
 
     def _listen(self, seconds: float) -> None:
-        """Take in what has come, or comes in time."""
+        """Read what has arrived, or arrives in time."""
         if select.select([self._socket], [], [], seconds)[0]:
             data = self._socket.recv(1 << 17)
             if not data:
@@ -126,7 +126,7 @@ class UsbIpLine:
         self._socket.sendall(head + data)
 
     def _take(self, seconds: float) -> None:
-        """Take in what has come, or comes in time, and see which transfers have ended."""
+        """Read what has arrived, or arrives in time, and note which transfers have ended."""
         self._listen(seconds)
         while len(self._came) >= ANSWER.size:
             _, number, *_, status, actual = ANSWER.unpack_from(self._came)
@@ -182,7 +182,7 @@ class UsbIpLine:
         return records
 
     def take_back(self) -> int:
-        """Nothing: what was sent stays sent."""
+        """Do nothing: what was sent stays sent."""
         return 0
 
     def ask(self, request: Request, size: int) -> bytes:
@@ -194,7 +194,7 @@ class UsbIpLine:
         self._control(0, Setup(REQUEST_TYPE_OUT, request, value, 0, 0))
 
     def reopen(self, _seconds: float) -> None:
-        """It does not come back."""
+        """Raise: such a line does not come back."""
         raise ConnectionError(f"{self.name} is gone")
 
     def close(self) -> None:

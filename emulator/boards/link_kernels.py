@@ -32,7 +32,7 @@ def carry(
     Parameters
     ----------
     path : (m,) int64
-        The places that it passes: links, and then one that is none.
+        The places that it passes: links, and at the end one that is no link.
     header : int
         Tokens at its beginning that the last switch takes off.
     tokens, at : int

@@ -35,7 +35,7 @@ from ...protocol.timing import HOP_CYCLES, Link
 from ..scheduler import NEVER
 from .switches import Direction
 
-__all__ = ["BUFFER_TOKENS", "CREDIT_CYCLES", "Links", "Passage", "Span"]
+__all__ = ["BUFFER_TOKENS", "CREDIT_CYCLES", "LinkSpan", "Links", "Passage"]
 
 BUFFER_TOKENS = 8  # clause CHN-020
 CREDIT_CYCLES = 8  # not published; a token of the fastest link is assumed. Up to 16 these links keep their full rate
@@ -50,7 +50,7 @@ class Passage(NamedTuple):
     """How a message passes. Core cycles; None: never, as something holds it up for good."""
 
     processor: int
-    """Whose channel end gets it, of a message that goes down; who sends it, of one that goes up."""
+    """The processor that receives a message on its way down, or sends one on its way up."""
     begins: int | None
     """When its first token begins to leave the sender."""
     leaves: int | None
@@ -59,7 +59,7 @@ class Passage(NamedTuple):
     """When the receiver has taken its last one."""
 
 
-class Span(NamedTuple):
+class LinkSpan(NamedTuple):
     """When a message occupied a link, from its first token to its last. Core cycles; None: never."""
 
     link: int
@@ -169,7 +169,7 @@ class Links:
         """Cycle from which on the controller may begin the next message; None: never."""
         return self._down.free_at
 
-    def spans(self, direction: Direction) -> list[Span]:
+    def spans(self, direction: Direction) -> list[LinkSpan]:
         """Which links the last message in a direction occupied, and when, in the order of its way."""
         return (self._down if direction is Direction.DOWN else self._up).spans
 
@@ -296,9 +296,9 @@ class _Wires:
         self._stuck[place] = True
 
     @property
-    def spans(self) -> list[Span]:
+    def spans(self) -> list[LinkSpan]:
         """Of the last message."""
-        return [Span(link, _cycle(begins), _cycle(ends)) for link, begins, ends in self._times()]
+        return [LinkSpan(link, _cycle(begins), _cycle(ends)) for link, begins, ends in self._times()]
 
     def carry(self, processor: int, tokens: int, at: int, *, reached: bool, opens: bool) -> Passage:
         links = self._ways[processor].links

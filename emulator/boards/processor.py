@@ -1,6 +1,6 @@
 """One driver processor: mailbox, memories, rasteriser, and a 32-bit port that plays tables of 50 words.
 
-It takes whole messages from the chain and answers some; what its port plays is kept in a `Reel`. It knows nothing of
+It takes whole messages from the chain and answers some; what its port plays is kept in a `History`. It knows nothing of
 links, of the controller or of other processors.
 """
 
@@ -49,7 +49,7 @@ from ...protocol.codes import (
 from ...protocol.timing import MODULATE_CYCLES, RASTERISE_CYCLES
 from ..ports.capture import Forced, Track
 from ..ports.clock import COUNTER_TICKS, BoardClock, Timebase
-from ..ports.reel import Reel
+from ..ports.history import History
 from ..scheduler import Scheduler
 from ..trace import Tracer
 
@@ -117,7 +117,7 @@ class Processor:
         self._log = log
         self._tracer = tracer
         self._scope = f"board{place // PROCESSORS_PER_BOARD}.processor{place % PROCESSORS_PER_BOARD}"
-        self.reel = Reel()
+        self.history = History()
         self.forced: list[Forced] = []
         self.number: int | None = None
         self.temperature_c = AMBIENT_C
@@ -216,12 +216,12 @@ class Processor:
     def slow_down(self, slowness: int) -> None:
         """From now on everything takes so many times as long as its budget; 1 is as it should be."""
         self.slowness = slowness
-        if self.reel.runs or self._modulated:
+        if self.history.runs or self._modulated:
             self._lag()
 
     def track(self) -> Track:
         """What its port did so far."""
-        return Track(self.reel.segments(), self.clock, tuple(self.forced))
+        return Track(self.history.segments(), self.clock, tuple(self.forced))
 
     # Messages
 
@@ -350,7 +350,7 @@ class Processor:
     def play(self, periods: NDArray[np.int64], slices: NDArray[np.uint8]) -> None:
         """Play slices, (n, 48), each from its period on, (n,)."""
         self.carried_out += len(periods)
-        self.reel.play(periods, np.zeros_like(slices) if self._silenced else slices)
+        self.history.play(periods, np.zeros_like(slices) if self._silenced else slices)
 
     def load(self, memory: Memory, first: int, data: bytes) -> None:
         """Keep items of a memory (clause CHN-012)."""
@@ -367,7 +367,7 @@ class Processor:
         if program.memory is Memory.SAMPLES:
             self._modulated = bool(items)
         if items and (lag := self._lag()):
-            # Its first table comes late, and so does every step; what is entered into the reel meanwhile comes before.
+            # Its first table comes late, and so does every step; what the history takes meanwhile comes before.
             self._late[program.memory] = program
             self._at_boundary(program.period + lag, lambda: self._begin_late(program, items, lag))
         else:
@@ -382,18 +382,18 @@ class Processor:
     def _enter(self, program: Program, period: int, items: bytes) -> None:
         """Begin a program, or stop it if there are no items."""
         if program.memory is Memory.SAMPLES:
-            self.reel.modulate(period, items, program.hold)
+            self.history.modulate(period, items, program.hold)
         elif items:
             slots, periods = np.frombuffer(items, "<u2").astype(np.int64).reshape(-1, 2).T
             used, entries = np.unique(slots, return_inverse=True)
             pulses = self._memories[Memory.SLOTS]
             packed = [bytes(pulses[slot * SLICE_BYTES : (slot + 1) * SLICE_BYTES]) for slot in used]
             if periods.any():
-                self.reel.run(period, packed, entries, periods, program.repeats)
+                self.history.run(period, packed, entries, periods, program.repeats)
             else:  # entries that were never stored; a controller never lets it come to this
-                self.reel.silence(period)
-        elif self.reel.runs:
-            self.reel.silence(period)
+                self.history.silence(period)
+        elif self.history.runs:
+            self.history.silence(period)
 
     def _lag(self) -> int:
         """Periods by which every step of a sequence or a modulation comes late; more than 0 is an overrun."""
@@ -407,7 +407,7 @@ class Processor:
 
     def playing(self, period: int) -> Playing:
         """What it plays in a period, before modulation."""
-        since, packed = self.reel.segments().at(period)
+        since, packed = self.history.segments().at(period)
         return Playing(self.place, since, packed)
 
     # Silence
@@ -441,8 +441,8 @@ class Processor:
         self._late.clear()
         if self._time is not None:
             period = max(self._time.first_boundary(self._scheduler.now), 0)
-            self.reel.silence(period)
-            self.reel.modulate(period, b"", 0)
+            self.history.silence(period)
+            self.history.modulate(period, b"", 0)
             self._modulated = False
 
     def listen(self, since: int) -> None:

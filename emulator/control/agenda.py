@@ -26,9 +26,9 @@ from ...protocol.timing import (
     update_cycles,
 )
 from ..ports.clock import Timebase
-from .planning import Cost, plan
+from .planning import Cost, is_late, plan
 
-__all__ = ["QUEUE_BLOCKS", "Agenda", "Change", "Stream", "Tail"]
+__all__ = ["QUEUE_BLOCKS", "Agenda", "Change", "Effect", "Tail", "UpdateBatch"]
 
 Effect = Callable[[int], None]
 """Takes the period at which it happens."""
@@ -44,7 +44,7 @@ class Tail(NamedTuple):
     period: int = 0
     """At which the last change takes effect."""
     table: int = 0
-    """At which the last table begins that a processor is sent."""
+    """Of the last change with pulses: until then no other table has room in the processors (clause CHN-007)."""
     programs: tuple[int, int] = (0, 0)
     """At which the last program takes effect, of the sequence and of the modulation."""
     modulated: bool = False
@@ -72,10 +72,12 @@ class Change:
 
     is_update: bool = False
     """Whether it is an UPDATE, and no other change."""
+    late: bool = False
+    """Whether it takes effect after the period that it names, as its acknowledgement says (clause BLK-005)."""
 
 
 @dataclass(eq=False)
-class Stream:
+class UpdateBatch:
     """Updates that were accepted one after another, planned together; those before `next` have taken effect."""
 
     starts: NDArray[np.int64]
@@ -117,7 +119,7 @@ class Agenda:
     def __init__(self, time: Timebase, link: Link) -> None:
         self._time = time
         self._link = link
-        self._changes: deque[Change | Stream] = deque()
+        self._changes: deque[Change | UpdateBatch] = deque()
         self._settled = Tail(sent=time.origin)
         self.tail = self._settled
         self.recent = np.full(QUEUE_BLOCKS, time.origin, np.int64)
@@ -126,7 +128,7 @@ class Agenda:
     def __len__(self) -> int:
         return len(self._changes)
 
-    def __iter__(self) -> Iterator[Change | Stream]:
+    def __iter__(self) -> Iterator[Change | UpdateBatch]:
         return iter(self._changes)
 
     def queued(self, now: int) -> int:
@@ -200,19 +202,21 @@ class Agenda:
             ),
             modulated,
         )
-        change = Change(start, period, packed, programs, effect, self.tail, folded, is_update)
+        change = Change(
+            start, period, packed, programs, effect, self.tail, folded, is_update, is_late(requested, period)
+        )
         self._changes.append(change)
         if asked:
             self.recent = np.append(self.recent[1:], start)
         return change
 
-    def add_stream(self, stream: Stream) -> None:
-        """Take updates that were planned by `planning.plan_stream`, which has written `recent`."""
-        self.tail = stream.tail
-        self._changes.append(stream)
+    def add_batch(self, batch: UpdateBatch) -> None:
+        """Take updates that were planned by `batch_kernels.plan_updates`, which has written `recent`."""
+        self.tail = batch.tail
+        self._changes.append(batch)
 
-    def due(self, now: int) -> Iterator[Change | tuple[Stream, int]]:
-        """What has taken effect meanwhile, in order: changes, and of streams how many more updates."""
+    def due(self, now: int) -> Iterator[Change | tuple[UpdateBatch, int]]:
+        """What has taken effect meanwhile, in order: changes, and of batches how many more updates."""
         while self._changes:
             first = self._changes[0]
             if isinstance(first, Change):
@@ -234,7 +238,7 @@ class Agenda:
 
     def drop_queued(self, now: int) -> None:
         """Forget what has not gone onto the chain."""
-        kept: deque[Change | Stream] = deque()
+        kept: deque[Change | UpdateBatch] = deque()
         self.tail = self._settled
         for item in self._changes:
             if isinstance(item, Change):
@@ -259,7 +263,7 @@ class Agenda:
     @property
     def only_updates(self) -> bool:
         """Whether nothing but updates is planned."""
-        return all(isinstance(item, Stream) or item.is_update for item in self._changes)
+        return all(isinstance(item, UpdateBatch) or item.is_update for item in self._changes)
 
     @property
     def first_period(self) -> int:
@@ -272,7 +276,7 @@ class Agenda:
     def unfold(self, now: int) -> list[Change]:
         """Take apart what has not gone onto the chain; these changes, which are folded no more."""
         queued: list[Change] = []
-        changes: deque[Change | Stream] = deque()
+        changes: deque[Change | UpdateBatch] = deque()
         for item in self._changes:
             if isinstance(item, Change):
                 if item.start > now:
@@ -313,7 +317,7 @@ class Agenda:
         return Collect.TOKENS * self._link.cycles_per_token
 
     def gap(self, begin: int, cycles: int) -> int:
-        """From when on, not before a core cycle, something fits that is no change and holds up none."""
+        """The earliest core cycle, from a given one on, at which a message that delays no change can begin."""
         for start, sent in self._busy():
             if sent > begin and start < begin + cycles:
                 begin = sent

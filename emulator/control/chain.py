@@ -36,7 +36,7 @@ from ..boards.processor import Processor
 from ..boards.switches import Direction, destination
 from ..scheduler import NEVER, Scheduler
 from ..trace import Tracer
-from .agenda import Change, Stream
+from .agenda import Change, UpdateBatch
 
 __all__ = ["Chain", "Numbering", "Passing", "Tamper"]
 
@@ -102,9 +102,9 @@ class Chain:
 
     # Folded
 
-    def apply(self, item: Change | Stream, begun: int = 0) -> None:
-        """Let a change take effect on all processors; of a stream the updates from `begun` up to its `next`."""
-        if isinstance(item, Stream):
+    def apply(self, item: Change | UpdateBatch, begun: int = 0) -> None:
+        """Let a change take effect on all processors; of a batch the updates from `begun` up to its `next`."""
+        if isinstance(item, UpdateBatch):
             part = slice(begun, item.next)
             for processor in self.processors:
                 at = processor.place * SLICE_BYTES

@@ -1,15 +1,16 @@
-"""When a change can go onto the chain and when it takes effect: integer arithmetic, in core cycles.
+"""Planning: the arithmetic that gives one change its time on the chain and the period at which it takes effect.
 
-The same function, compiled, plans streams of updates (`streams`).
+The functions know nothing but their arguments, integers in core cycles or periods. `Agenda` keeps what they planned,
+and `Dispatch` has it sent. The same functions, compiled, plan many updates (`batch_kernels`).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...protocol.board import CYCLES_PER_PERIOD
 
-__all__ = ["Cost", "plan"]
+__all__ = ["Cost", "is_late", "plan"]
 
 
 class Cost(NamedTuple):
@@ -20,7 +21,7 @@ class Cost(NamedTuple):
     forward: int
     """From its first token to the last processor that is ready with it."""
     lead: int
-    """From its first token to the first that must not come while an earlier one waits."""
+    """From its first token to its first commit, which must not come while an earlier commit waits for its period."""
 
 
 def plan(
@@ -56,3 +57,8 @@ def plan(
     reached = -((origin - start - forward) // CYCLES_PER_PERIOD)
     taken = max(reached, requested, period + 1)
     return max(start, origin + (taken - 1) * CYCLES_PER_PERIOD - forward), taken
+
+
+def is_late(requested: Any, period: Any) -> Any:
+    """Whether a change takes effect after the period that it names, 0 for none (clause BLK-005); also of arrays."""
+    return (requested > 0) & (requested < period)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...errors import BlockError
-from ...protocol.blocks import Entries, Modulation, Samples, Sequence, Slot
+from ...protocol.blocks import AmplitudeModulation, Entries, PlaySequence, Samples, Slot
 from ...protocol.codes import MODULATION_SAMPLES, SEQUENCE_ENTRIES, SLOTS, Reason
 
 __all__ = ["Store", "Stores", "Use"]
@@ -64,7 +64,7 @@ class Stores:
         if taken:
             raise BlockError(f"{body.KIND.name} would overwrite what plays or is queued", Reason.IN_USE)
 
-    def check_power(self, body: Sequence, limit: int) -> None:
+    def check_power(self, body: PlaySequence, limit: int) -> None:
         """Refuse a sequence that would play a slot above a total drive, in thousandths (clause SAF-006)."""
         entries = self._entries[body.first : body.first + body.count]
         for slot in {entry[0] for entry in entries if entry is not None}:
@@ -72,10 +72,10 @@ class Stores:
             if power is not None and power > limit:
                 raise BlockError(f"slot {slot} has a total drive of {power} thousandths, above {limit}", Reason.DRIVE)
 
-    def check_there(self, body: Sequence | Modulation) -> None:
+    def check_there(self, body: PlaySequence | AmplitudeModulation) -> None:
         """Refuse to play what was never stored (clause BLK-021)."""
         places = range(body.first, body.first + body.count)
-        if isinstance(body, Modulation):
+        if isinstance(body, AmplitudeModulation):
             if not all(self._samples[place] for place in places):
                 raise BlockError("a sample of the modulation was never stored", Reason.EMPTY)
             return
@@ -85,16 +85,16 @@ class Stores:
                 missing = f"entry {place}" if entry is None else f"slot {entry[0]}"
                 raise BlockError(f"{missing} was never stored", Reason.EMPTY)
 
-    def duration(self, body: Sequence) -> int | None:
+    def duration(self, body: PlaySequence) -> int | None:
         """Periods that a sequence plays, None for without end."""
         entries = self._entries[body.first : body.first + body.count]
         return body.repeats * sum(entry[1] for entry in entries if entry is not None) or None
 
-    def use(self, body: Sequence | Modulation, period: int) -> Use:
+    def use(self, body: PlaySequence | AmplitudeModulation, period: int) -> Use:
         """From now on, in a period, what this plays is in use."""
         self._drop_ended(period)
         places, none = range(body.first, body.first + body.count), range(0)
-        if isinstance(body, Modulation):
+        if isinstance(body, AmplitudeModulation):
             use = Use(frozenset(), none, places)
         else:
             entries = self._entries[body.first : body.first + body.count]

@@ -1,4 +1,6 @@
-"""The controller's watch over the processors: questions, the sync line, and what they say of themselves.
+"""Supervisor: asks each processor in turn how it is, and finds faults in what it answers or leaves unanswered.
+
+`KnownFaults` decides what a fault means to the device; `Chain` carries the questions and answers.
 
 On a folded chain every question would be answered as before, so none is asked; what the processors report is read off
 them. On an unfolded chain questions and answers are messages, and pulses of the sync line are events.
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 from ...errors import ChainError
 from ...protocol.board import CYCLES_PER_MS, PROCESSORS, TICKS_PER_PERIOD
@@ -18,13 +21,30 @@ from ..ports.clock import Timebase
 from ..scheduler import Scheduler
 from .chain import Chain
 
-__all__ = ["BROKEN", "QUESTION_CYCLES", "Supervisor"]
+__all__ = ["BROKEN", "QUESTION_CYCLES", "ChainSchedule", "Supervisor"]
 
 BROKEN = Fault.CHAIN | Fault.PROCESSOR
 """What a chain that carries nothing any more means (clause CHN-021)."""
 LEFT_ALONE_CYCLES = (DEAF_MS + 1) * CYCLES_PER_MS
 QUESTION_CYCLES = COLLECT_MS * CYCLES_PER_MS // PROCESSORS
 """One processor after the other is asked, a millisecond apart (clause CHN-017)."""
+
+
+class ChainSchedule(Protocol):
+    """What else goes onto the chain, as far as questions must make way for it."""
+
+    @property
+    def commits_due(self) -> int:
+        """How many commits must have taken effect, or been missed, at each processor."""
+
+    def question_time(self) -> int:
+        """From which core cycle on a question does not hold up a change."""
+
+    def reading_time(self) -> int:
+        """From which core cycle on a question what a processor plays holds up neither a change nor a load."""
+
+    def settle(self) -> None:
+        """Let what is planned up to now have taken effect."""
 
 
 class Supervisor:
@@ -36,6 +56,8 @@ class Supervisor:
     time : Timebase
     chain : Chain
         Numbered; its answers are heard here from now on.
+    schedule : ChainSchedule
+        What else goes onto the chain.
     identities : sequence of Identity
         What the processors answered when they were numbered.
     bank : Bank
@@ -44,14 +66,6 @@ class Supervisor:
         Takes faults that appear.
     on_miss : callable
         Takes the number of a processor that missed a commit, or never got it.
-    may_ask : callable
-        Says from which core cycle on a question does not hold up a change.
-    commits_due : callable
-        Says how many commits must have taken effect, or been missed, at each processor.
-    may_read : callable
-        Says from which core cycle on a question what a processor plays holds up neither a change nor a load.
-    settle : callable
-        Lets what is planned up to now have taken effect.
     """
 
     def __init__(
@@ -59,25 +73,20 @@ class Supervisor:
         scheduler: Scheduler,
         time: Timebase,
         chain: Chain,
+        schedule: ChainSchedule,
         identities: Sequence[Identity],
         bank: Bank,
+        *,
         on_fault: Callable[[Fault, str], None],
         on_miss: Callable[[int], None],
-        may_ask: Callable[[], int],
-        commits_due: Callable[[], int],
-        may_read: Callable[[], int],
-        settle: Callable[[], None],
     ) -> None:
         self._scheduler = scheduler
         self._time = time
         self._chain = chain
+        self._schedule = schedule
         self._bank = bank
         self._on_fault = on_fault
         self._on_miss = on_miss
-        self._may_ask = may_ask
-        self._commits_due = commits_due
-        self._may_read = may_read
-        self._settle = settle
         self.complete = len(identities) == PROCESSORS
         self._reports = [self._asked(number) for number in range(len(identities))]
         self._latched = [Fault(report.faults) for report in self._reports] + [Fault(0)] * PROCESSORS
@@ -170,18 +179,18 @@ class Supervisor:
         number = (now - self._time.origin) // QUESTION_CYCLES % PROCESSORS
         self._scheduler.at(now + QUESTION_CYCLES, self._ask_next)
         if number < len(self._reports) and not self._chain.broken:
-            self._scheduler.at(max(now, self._may_ask()), lambda: self._ask(number))
+            self._scheduler.at(max(now, self._schedule.question_time()), lambda: self._ask(number))
 
     def _ask(self, number: int) -> None:
         if self._chain.broken or self._scheduler.now < self._left_alone.get(number, 0):
             return
-        if (later := self._may_ask()) > self._scheduler.now:
+        if (later := self._schedule.question_time()) > self._scheduler.now:
             self._scheduler.at(later, lambda: self._ask(number))
             return
         if self._unanswered[number] == COLLECTIONS_MISSED:
             self._on_fault(Fault.PROCESSOR, f"processor {number} does not answer")
         self._unanswered[number] = min(self._unanswered[number] + 1, COLLECTIONS_MISSED)
-        self._due_when_asked[number] = self._commits_due()
+        self._due_when_asked[number] = self._schedule.commits_due
         self._chain.pass_down(Collect(number, ChannelEnd.REPORT))
 
     def _hear(self, tokens: bytes) -> None:
@@ -237,7 +246,7 @@ class Supervisor:
         deadline = self._scheduler.now + timeout_cycles
         read = self._scheduler.now
         for number in range(len(self._reports)):
-            while self._scheduler.now < (later := min(self._may_read(), deadline)):
+            while self._scheduler.now < (later := min(self._schedule.reading_time(), deadline)):
                 self._scheduler.run_until(later)
             if self._scheduler.now >= deadline:
                 break  # the chain is broken
@@ -254,7 +263,7 @@ class Supervisor:
         asked, answered = self._chain.reading_cycles
         begun = self._scheduler.now
         self._scheduler.run_until(begun + asked)
-        self._settle()
+        self._schedule.settle()
         period = self._time.period(self._scheduler.now)
         found = [processor.playing(period) for processor in self._chain.processors[: len(self._reports)]]
         self._scheduler.run_until(begun + answered)

@@ -1,4 +1,4 @@
-"""The watchdog: it bites when for some time the host has given no sign of life (clause SAF-003)."""
+"""The watchdog: it fires if the host gives no sign of life for the watchdog time (clause SAF-003)."""
 
 from __future__ import annotations
 
@@ -18,26 +18,30 @@ class Watchdog:
     ----------
     scheduler : Scheduler
     settle : callable
-        Lets what is planned up to now have taken effect, by which the watchdog may come to rest.
-    bite : callable
-        What happens without a sign of life.
+        Lets what is planned up to now take effect, which may stop the watchdog.
+    on_fire : callable
+        Is called when it fires.
     """
 
-    def __init__(self, scheduler: Scheduler, settle: Callable[[], None], bite: Callable[[], None]) -> None:
+    def __init__(self, scheduler: Scheduler, settle: Callable[[], None], on_fire: Callable[[], None]) -> None:
         self._scheduler = scheduler
         self._settle = settle
-        self._bite = bite
+        self._on_fire = on_fire
         self.milliseconds = WATCHDOG_MS
         self._fed = scheduler.now
         self._watching = False
         self._armed = 0  # the last time that it was set; earlier ones count no more
 
     def feed(self) -> None:
-        """The host is alive."""
+        """Restart the time: a sign of life has arrived.
+
+        Called for each accepted block (`execution`, `batches`), for STATUS and for ENABLE while enabled (`requests`);
+        never for a refused block.
+        """
         self._fed = self._scheduler.now
 
     def watch(self, since: int) -> None:
-        """Begin, with the time counted from a core cycle, however long ago the last sign of life was."""
+        """Begin to watch, with the time counted from a core cycle instead of from the last sign of life."""
         self._fed = since
         self._watching = True
         self._arm()
@@ -67,4 +71,4 @@ class Watchdog:
         if self._scheduler.now < self._due:
             self._arm()
         else:
-            self._bite()
+            self._on_fire()

@@ -1,4 +1,4 @@
-"""The ways in for other programs: pyusb in process, USB/IP, usbfs under umockdev, pseudo-terminals and TCP.
+"""The doors for other programs: pyusb in process, USB/IP, usbfs under umockdev, pseudo-terminals and TCP.
 
-Each lets time pass and carries transfers or bytes; none knows what they mean.
+Each lets time pass and carries transfers or bytes without knowing their meaning.
 """

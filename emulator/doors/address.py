@@ -1,4 +1,4 @@
-"""What an ``emulator:`` URL asks for: a device plugged in to this process, or a fresh one, and its door."""
+"""The contents of an ``emulator:`` URL: a device plugged in to this process, or a fresh one, and its door."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..machine import Emulator
 from ..scenario import read_scenario
 from .uart import MOST_BAUD
 
-__all__ = ["SPEEDS", "Address"]
+__all__ = ["SPEEDS", "EmulatorUrl"]
 
 SPEEDS = {"high": HIGH_SPEED, "full": FULL_SPEED}
 USB, SERIAL = "usb", "serial"
@@ -30,19 +30,19 @@ Choice = TypeVar("Choice")
 
 
 @dataclass(frozen=True)
-class Address:
-    """An ``emulator:`` URL, taken apart.
+class EmulatorUrl:
+    """A parsed ``emulator:`` URL.
 
     Parameters
     ----------
     serial : str
         Serial number of a device that is plugged in; empty for a fresh one.
     link, speed : Link, Speed
-        Of a fresh one.
+        For a fresh one.
     faults : Path or None
-        Scenario file of what goes wrong with a fresh one.
+        Fault scenario for a fresh one.
     baud : int
-        Of its UART, in bits per second.
+        The rate of its UART, in bits per second.
     """
 
     serial: str
@@ -53,16 +53,16 @@ class Address:
 
     @classmethod
     def parse(cls, url: str) -> Self:
-        """Take a URL apart.
+        """Parse a URL.
 
-        ``emulator:`` is a fresh emulator for whoever asks, with options ``?link=5wire`` or ``2wire``, ``speed=high``
+        ``emulator:`` is a fresh emulator for the caller, with options ``?link=5wire`` or ``2wire``, ``speed=high``
         or ``full`` and ``faults=FILE``, a scenario; ``emulator:SERIAL`` is one that this process has plugged in. Both
         have ``door=usb`` or ``serial``, and the latter ``baud=RATE``. Options are joined by ``&``.
 
         Raises
         ------
         DeviceNotFoundError
-            Where an option is unknown, or does not go with the others.
+            If an option is unknown, or does not go with the others.
         """
         serial, _, query = url.partition(":")[2].partition("?")
         options = dict(parse_qsl(query, keep_blank_values=True))
@@ -94,7 +94,7 @@ class Address:
         Raises
         ------
         InputFileError
-            Where the scenario cannot be read, or what is in it cannot happen.
+            If the scenario cannot be read, or contains something impossible.
         """
         emulator = Emulator(link=self.link, speed=self.speed, flash=flash)
         if self.faults is None:

@@ -1,12 +1,12 @@
 """A pyusb backend whose bus holds emulators, so that the real host driver and pyusb run unchanged.
 
-It behaves as libusb on Linux does: its errors have libusb's numbers, transfers are cut into packets of the endpoint's
+It behaves like libusb on Linux: its errors have libusb's numbers, transfers are cut into packets of the endpoint's
 size, a device that left the bus and came back is another one, and an interface is claimed by one handle at a time.
 
-Each transfer takes the time it would take on a bus at best: bulk packets follow each other as closely as USB allows,
-and a control transfer takes a frame, or a microframe at high speed. A NAK lets the device's time pass until it can
-answer, or the transfer's time-out is over. Besides in transfers, time passes with a look at a bus where nothing is new,
-and for a host that waits by the device's time (`EmulatorBackend.time_of`).
+Each transfer takes the least time that it would take on a bus: bulk packets follow each other as closely as USB allows,
+and a control transfer takes a frame, or a microframe at high speed. After a NAK the device's time passes until it can
+answer, or the transfer times out. Time also passes with each look at a bus without news, and for a host that waits by
+the device's time (`EmulatorBackend.time_of`).
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from ...protocol.requests import Setup
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, MICROFRAME_CYCLES, PACKET_CYCLES
 from ..door import Handshake, Stall
 from ..interfaces.usb_device import UsbDevice
-from ..machine import Emulator, plugged
-from .address import Address
+from ..machine import Emulator, open_emulators
+from .address import EmulatorUrl
 from .device_time import DeviceTime
 
 __all__ = ["EmulatorBackend", "open_backend"]
 
 RESET_CYCLES = CORE_HZ // 20  # 50 ms, USB 2.0, 7.1.7.5
 FRAME_CYCLES = CYCLES_PER_MS
-FOREVER_MS = 10**9  # eleven days: a time-out of 0 is none
+FOREVER_MS = 10**9  # eleven days: a time-out of 0 means none
 
 LOOK_CYCLES = CORE_HZ // 100
-"""Passes with a look at the bus where nothing has come since the last: who waits for a device sees it come."""
+"""Time that passes with each look at a bus without news, so that a waiting host sees a device arrive."""
 
 _PACKET_CYCLES: dict[Speed, int] = {FULL_SPEED: FULL_SPEED_PACKET_CYCLES, HIGH_SPEED: PACKET_CYCLES}
 _CONTROL_CYCLES: dict[Speed, int] = {FULL_SPEED: FRAME_CYCLES, HIGH_SPEED: MICROFRAME_CYCLES}
@@ -55,28 +55,28 @@ _ENDPOINT_HALT = 0
 
 
 def open_backend(url: str) -> EmulatorBackend:
-    """The bus for an ``emulator:`` URL (`Address.parse`): with a fresh emulator, or with all that are plugged in.
+    """The bus for an ``emulator:`` URL (`EmulatorUrl.parse`): with a fresh emulator, or with all that are plugged in.
 
     Raises
     ------
     DeviceNotFoundError
-        Where the URL is wrong.
+        If the URL is wrong.
     InputFileError
-        Where its scenario cannot be used.
+        If its scenario cannot be used.
     """
-    address = Address.parse(url)
-    return EmulatorBackend(plugged() if address.serial else [address.make()])
+    address = EmulatorUrl.parse(url)
+    return EmulatorBackend(open_emulators() if address.serial else [address.make()])
 
 
 class Port:
-    """What the host's kernel knows of a device, whichever backend of this process looks at it.
+    """The host kernel's state of a device, shared by all backends of this process.
 
     Attributes
     ----------
     generation : int
-        Attachment of the device that was enumerated last, 0 before the first.
+        The last enumerated attachment of the device, 0 before the first.
     claims : dict of int to int
-        For each interface that is claimed, the number of the handle.
+        For each claimed interface, the number of the handle.
     """
 
     _of: ClassVar[WeakKeyDictionary[UsbDevice, Port]] = WeakKeyDictionary()
@@ -87,15 +87,15 @@ class Port:
 
     @classmethod
     def of(cls, device: UsbDevice) -> Port:
-        """The port that a device is plugged in to."""
+        """The port into which a device is plugged."""
         return cls._of.setdefault(device, cls())
 
     def has_news(self, device: UsbDevice) -> bool:
-        """Whether the device has come to the bus since it was enumerated last."""
+        """Whether the device has come to the bus since its last enumeration."""
         return device.attached and device.generation != self.generation
 
     def enumerate(self, device: UsbDevice) -> None:
-        """Note that the device has come, and reset it where it was there before, for it may have been in use then."""
+        """Note that the device has come; reset it if it was there before, because it may have been in use."""
         came_back = self.generation > 0
         self.generation = device.generation
         self.claims.clear()
@@ -104,7 +104,7 @@ class Port:
 
 
 class Attachment:
-    """A device from the time that it comes to the bus until it leaves; what pyusb calls a device.
+    """A device from its arrival on the bus until it leaves; pyusb calls this a device.
 
     Parameters
     ----------
@@ -124,12 +124,12 @@ class Attachment:
 
     @property
     def there(self) -> bool:
-        """Whether the device has not left the bus since."""
+        """Whether the device is still on the bus."""
         return self.usb.attached and self.usb.generation == self.generation
 
     @cached_property
     def tree(self) -> list[SimpleNamespace]:
-        """Configuration, interfaces and endpoints as pyusb wants them, each with the bytes of what else follows it."""
+        """Configuration, interfaces and endpoints in pyusb's form, each with the bytes of the descriptors after it."""
         tree: list[SimpleNamespace] = []
         for descriptor in descriptors(self.enumeration.configuration):
             if isinstance(descriptor, Configuration | Interface | Endpoint):
@@ -148,7 +148,7 @@ class Attachment:
 
 
 class Handle:
-    """An opened device, as one program holds it."""
+    """An opened device, as held by one program."""
 
     _numbers = count(1)
 
@@ -158,12 +158,12 @@ class Handle:
         self.check_there()
 
     def check_there(self) -> None:
-        """Raise `USBError` (no such device) where the device has left the bus."""
+        """Raise `USBError` (no such device) if the device has left the bus."""
         if not self.attachment.there:
             raise USBError("No such device (it may have been disconnected)", None, errno.ENODEV)
 
     def claim(self, interface: int) -> None:
-        """Hold an interface; raise `USBError` where another handle does (busy), or it is not there (not found)."""
+        """Claim an interface; raises `USBError` if another handle holds it (busy), or it does not exist (not found)."""
         self.check_there()
         claims = self.attachment.port.claims
         if interface in claims:
@@ -174,26 +174,26 @@ class Handle:
         claims[interface] = self.number
 
     def release(self, interface: int) -> None:
-        """Give an interface back; raise `USBError` (not found) where it is not held."""
+        """Release an interface; raises `USBError` (not found) if it is not held."""
         self.check_there()
         if self.attachment.port.claims.get(interface) != self.number:
             raise USBError("Entity not found", None, errno.ENOENT)
         del self.attachment.port.claims[interface]
 
     def close(self) -> None:
-        """Give all interfaces back."""
+        """Release all interfaces."""
         claims = self.attachment.port.claims
         for interface in [interface for interface, holder in claims.items() if holder == self.number]:
             del claims[interface]
 
     def spend(self, cycles: int, began: int | None = None) -> None:
-        """Let time pass, from now or from a core cycle before, for a device that the bus reaches all the time.
+        """Let time pass, from now or an earlier core cycle, for a device that stays reachable.
 
         Raises
         ------
         USBError
-            Where the device has left the bus, or the bus is suspended; Linux lets nobody submit a transfer then, which
-            libusb calls an I/O error.
+            If the device has left the bus, or the bus is suspended; Linux then refuses all transfers, which libusb
+            calls an I/O error.
         """
         self.check_awake()
         scheduler = self.attachment.scheduler
@@ -201,26 +201,26 @@ class Handle:
         self.check_awake()
 
     def check_awake(self) -> None:
-        """Raise `USBError` where a transfer cannot reach the device."""
+        """Raise `USBError` if a transfer cannot reach the device."""
         self.check_there()
         if self.attachment.usb.suspended:
             raise USBError("Input/Output Error", None, errno.EIO)
 
     def deadline(self, timeout_ms: int) -> int:
-        """Core cycle at which a time-out is over."""
+        """The core cycle at which a time-out ends."""
         return self.attachment.scheduler.now + (timeout_ms or FOREVER_MS) * FRAME_CYCLES
 
     def insist(
         self, deadline: int, endpoint: int, transact: Callable[[], bytes | Handshake], began: int | None = None
     ) -> bytes:
-        """Repeat a bulk transaction, begun now or before, until the answer is no NAK; the packet that came, if any did.
+        """Repeat a bulk transaction, begun now or before, until the answer is not NAK; returns the packet, if any.
 
         Raises
         ------
         USBTimeoutError
-            Where the time-out is over before.
+            If the time-out ends before.
         USBError
-            Where the endpoint is halted, or the device out of reach.
+            If the endpoint is halted, or the device out of reach.
         """
         scheduler = self.attachment.scheduler
         self.spend(_PACKET_CYCLES[self.attachment.usb.speed], began)
@@ -277,36 +277,36 @@ class EmulatorBackend(usb.backend.IBackend):
         return SimpleNamespace(**vars(endpoint), bRefresh=0, bSynchAddress=0)
 
     def open_device(self, dev: Attachment) -> Handle:
-        """A handle of one's own."""
+        """A new handle."""
         return Handle(dev)
 
     def close_device(self, dev_handle: Handle) -> None:
-        """Let go of the device, which lives on."""
+        """Release the device, which lives on."""
         dev_handle.close()
 
     def set_configuration(self, dev_handle: Handle, config_value: int) -> None:
-        """Choose a configuration, which Linux lets nobody do while an interface is claimed, by whomever."""
+        """Select a configuration, which Linux refuses while any program has claimed an interface."""
         dev_handle.check_there()
         if dev_handle.attachment.port.claims:
             raise USBError("Resource busy", None, errno.EBUSY)
         self._order(dev_handle, _SET_CONFIGURATION, config_value, 0)
 
     def get_configuration(self, dev_handle: Handle) -> int:
-        """The configuration chosen, 0 for none."""
+        """The selected configuration, 0 for none."""
         dev_handle.check_there()
         return dev_handle.attachment.usb.configuration
 
     def set_interface_altsetting(self, dev_handle: Handle, intf: int, altsetting: int) -> None:
-        """Choose a setting of an interface."""
+        """Select a setting of an interface."""
         dev_handle.claim(intf)
         self._order(dev_handle, _SET_INTERFACE, altsetting, intf)
 
     def claim_interface(self, dev_handle: Handle, intf: int) -> None:
-        """Hold the interface, so that nobody else can."""
+        """Claim the interface for this handle alone."""
         dev_handle.claim(intf)
 
     def release_interface(self, dev_handle: Handle, intf: int) -> None:
-        """Give the interface back."""
+        """Release the interface."""
         dev_handle.release(intf)
 
     def is_kernel_driver_active(self, dev_handle: Handle, intf: int) -> bool:
@@ -314,7 +314,7 @@ class EmulatorBackend(usb.backend.IBackend):
         return False
 
     def bulk_write(self, dev_handle: Handle, ep: int, intf: int, data: Any, timeout: int) -> int:
-        """Send data in packets, or an empty one; the number of bytes that the device took, in time."""
+        """Send data in packets, or an empty one; returns the number of bytes that the device took in time."""
         dev_handle.claim(intf)
         device = dev_handle.attachment.usb
         deadline = dev_handle.deadline(timeout)
@@ -338,7 +338,7 @@ class EmulatorBackend(usb.backend.IBackend):
                 return sent
 
     def bulk_read(self, dev_handle: Handle, ep: int, intf: int, buff: Any, timeout: int) -> int:
-        """Receive packets until the buffer is full or a packet is not; the number of bytes received, in time."""
+        """Receive packets until the buffer is full or a packet is short; returns the number of bytes received."""
         dev_handle.claim(intf)
         device = dev_handle.attachment.usb
         deadline = dev_handle.deadline(timeout)
@@ -357,7 +357,7 @@ class EmulatorBackend(usb.backend.IBackend):
             if received == room or len(packet) < device.speed.bulk_bytes:
                 return received
 
-    intr_read = bulk_read  # a packet of an interrupt endpoint is shorter than one of a bulk endpoint can be
+    intr_read = bulk_read  # a packet of an interrupt endpoint is shorter than the limit of a bulk endpoint
 
     def ctrl_transfer(
         self,
@@ -369,7 +369,7 @@ class EmulatorBackend(usb.backend.IBackend):
         data: Any,
         timeout: int,
     ) -> int:
-        """Carry out a control transfer; the number of bytes transferred."""
+        """Carry out a control transfer; returns the number of bytes transferred."""
         device = dev_handle.attachment.usb
         dev_handle.spend(_CONTROL_CYCLES[device.speed])
         setup = Setup(bmRequestType, bRequest, wValue, wIndex, len(data))
@@ -388,7 +388,7 @@ class EmulatorBackend(usb.backend.IBackend):
         Raises
         ------
         USBError
-            Not found, where the device is not what it was any more: it has to be looked for anew.
+            Not found, if the device came back as another one: it must be found again.
         """
         dev_handle.check_there()
         attachment = dev_handle.attachment
@@ -415,6 +415,6 @@ def _stalled(what: str) -> NoReturn:
 
 
 def _parsed(descriptor: Descriptor) -> SimpleNamespace:
-    """A descriptor as pyusb wants it."""
+    """A descriptor in pyusb's form."""
     size, kind = descriptor.encode()[:2]
     return SimpleNamespace(bLength=size, bDescriptorType=kind, **vars(descriptor), extra_descriptors=array("B"))

@@ -1,6 +1,6 @@
 """An emulated device's time, for a host in the same process that waits by it.
 
-Nothing makes it pass by itself: it stands still between two transfers, unless somebody waits for it to pass.
+It does not pass by itself: between two transfers it stands still, unless a caller waits.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ __all__ = ["DeviceTime"]
 
 
 class DeviceTime:
-    """A clock and a way to wait, as Python's module `time` is, in seconds of a device.
+    """A clock and a way to wait, like Python's module `time`, in seconds of a device.
 
     Parameters
     ----------
     scheduler : Scheduler
         The device's time.
     pass_until : callable, optional
-        Lets time pass until a core cycle, for a door that has something to do meanwhile.
+        Lets time pass until a core cycle, for a door with other work meanwhile.
     """
 
     def __init__(self, scheduler: Scheduler, pass_until: Callable[[int], None] | None = None) -> None:
@@ -34,7 +34,7 @@ class DeviceTime:
         return self._scheduler.now / CORE_HZ
 
     def sleep(self, seconds: float, /) -> None:
-        """Let time pass; raise `ValueError` where it would go back."""
+        """Let time pass; raises `ValueError` if it would go back."""
         if seconds < 0:
             raise ValueError(f"{seconds} seconds cannot pass; at least 0")
         self._pass_until(self._scheduler.now + math.ceil(seconds * CORE_HZ))

@@ -1,8 +1,8 @@
 """An emulated device's UART as a port of pyserial, in this process and in the device's time.
 
-Each byte takes its time by the baud rate. Time passes while somebody reads, or waits by `EmulatedPort.time`, and while
-a write waits for room. What the device says while the port is closed is lost, and a device without power, in DFU mode
-or just starting says nothing, as on a real line. One may have the port open at a time.
+Each byte takes its time by the baud rate. Time passes while a caller reads, or waits by `EmulatedPort.time`, and while
+a write waits for room. The device's output while the port is closed is lost, and a device without power, in DFU mode or
+just starting sends nothing, as on a real line. One caller at a time may have the port open.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from ...errors import DeviceNotFoundError
 from ...protocol.board import CORE_HZ
 from ..interfaces.serial_line import SerialLine
 from ..interfaces.usb_device import PRODUCT
-from ..machine import Emulator, plugged
+from ..machine import Emulator, open_emulator, open_emulators
 from ..scheduler import NEVER
-from .address import Address
+from .address import EmulatorUrl
 from .device_time import DeviceTime
 from .uart import Uart
 
@@ -29,43 +29,43 @@ __all__ = ["EmulatedPort", "port_for_url"]
 
 
 def port_for_url(url: str) -> EmulatedPort:
-    """The UART for an ``emulator:`` URL (`Address.parse`), not yet opened.
+    """The UART for an ``emulator:`` URL (`EmulatorUrl.parse`), not yet opened.
 
     Raises
     ------
     DeviceNotFoundError
-        Where the URL is wrong, or nothing of this serial number is plugged in.
+        If the URL is wrong, or no device of this serial number is plugged in.
     InputFileError
-        Where its scenario cannot be used.
+        If its scenario cannot be used.
     """
-    address = Address.parse(url)
+    address = EmulatorUrl.parse(url)
     if not address.serial:
         return EmulatedPort(address.make(), address.baud)
-    there = {emulator.serial: emulator for emulator in plugged()}
-    if address.serial not in there:
-        names = f"there are {', '.join(map(repr, there))}" if there else "nothing is plugged in"
-        raise DeviceNotFoundError(f"no device at {url!r}: {names}")
-    return EmulatedPort(there[address.serial], address.baud)
+    emulator = open_emulator(address.serial)
+    if emulator is None:
+        there = ", ".join(repr(each.serial) for each in open_emulators())
+        raise DeviceNotFoundError(f"no device at {url!r}: {f'there are {there}' if there else 'nothing is plugged in'}")
+    return EmulatedPort(emulator, address.baud)
 
 
 class EmulatedPort(SerialBase):
-    """The UART of an emulated device. It is made closed, and may be opened more than once.
+    """The UART of an emulated device. It is created closed, and may be opened more than once.
 
-    Closing it is nothing that the device could notice; as from a real UART it has heard by then what was written.
+    The device does not notice when it is closed; as with a real UART it has by then received what was written.
 
     Parameters
     ----------
     emulator : Emulator
         The device.
     baud : int
-        Of both ends, in bits per second; the host's end cannot be set to another.
+        The rate of both ends, in bits per second; the host's end cannot use another.
 
     Attributes
     ----------
     time : DeviceTime
-        By which a host must wait, for the wall clock says nothing here.
+        The clock by which a host must wait; the wall clock does not apply.
     product, serial_number : str
-        Of the device, as pyserial names them for ports on USB.
+        The device's, under pyserial's names for ports on USB.
     """
 
     _in_use: ClassVar[WeakSet[Emulator]] = WeakSet()
@@ -79,7 +79,7 @@ class EmulatedPort(SerialBase):
         self._uart = Uart(lambda: self._line, emulator.scheduler, baud)
         self.time = DeviceTime(emulator.scheduler, self._pass_until)
 
-    # What pyserial asks of a port
+    # The interface that pyserial requires
 
     def open(self) -> None:
         """Open the port.
@@ -87,7 +87,7 @@ class EmulatedPort(SerialBase):
         Raises
         ------
         SerialException
-            Where it is in use.
+            If it is in use.
         """
         if self._emulator in self._in_use:
             raise SerialException(errno.EBUSY, f"port {self.port} is in use")
@@ -98,7 +98,7 @@ class EmulatedPort(SerialBase):
         self.reset_input_buffer()
 
     def close(self) -> None:
-        """Close the port, once what was written has gone over the line."""
+        """Close the port after all written data have gone over the line."""
         if self.is_open:
             self.flush()
             self.is_open = False
@@ -106,12 +106,12 @@ class EmulatedPort(SerialBase):
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that have come and were not read."""
+        """Received bytes that were not read."""
         self._check_open()
         return self._uart.pending
 
     def read(self, size: int = 1) -> bytes:
-        """Wait for so many bytes, or until the time-out is over; give those that have come."""
+        """Wait for so many bytes, or until the time-out; returns those that have come."""
         self._check_open()
         self._pass_until(self._deadline(self.timeout), lambda: self._uart.pending >= size)
         return self._uart.take(size)
@@ -122,7 +122,7 @@ class EmulatedPort(SerialBase):
         Raises
         ------
         SerialTimeoutException
-            Where there is no room for them before the time-out is over.
+            If there is no room for them before the time-out ends.
         """
         self._check_open()
         self._pass_until(self._deadline(self.write_timeout), lambda: not self._uart.full)
@@ -132,12 +132,12 @@ class EmulatedPort(SerialBase):
         return len(data)
 
     def flush(self) -> None:
-        """Wait until all that was written has gone over the line."""
+        """Wait until all written data have gone over the line."""
         self._check_open()
         self._pass_until(NEVER, lambda: not self._uart.presses)
 
     def reset_input_buffer(self) -> None:
-        """Forget what has come."""
+        """Drop the received data."""
         self._uart.take(self._uart.pending)
 
     def send_break(self, duration: float = 0.25) -> None:
@@ -165,8 +165,8 @@ class EmulatedPort(SerialBase):
 
     @property
     def _line(self) -> SerialLine | None:
-        """The device's end, if anything there can hear or speak."""
-        return None if self._emulator.unplugged else self._emulator.line
+        """The device's end, if the device can receive or send."""
+        return None if self._emulator.closed else self._emulator.line
 
     def _check_open(self) -> None:
         if not self.is_open:
@@ -176,7 +176,7 @@ class EmulatedPort(SerialBase):
         return NEVER if seconds is None else self._emulator.scheduler.now + math.ceil(seconds * CORE_HZ)
 
     def _pass_until(self, cycle: int, enough: Callable[[], bool] = lambda: False) -> None:
-        """Let time pass until a core cycle, or until there is enough of something, or nothing will ever happen."""
+        """Let time pass until a core cycle, until there is enough data, or until no event will ever come."""
         scheduler = self._emulator.scheduler
         self._uart.run()
         while not enough() and scheduler.now < cycle:

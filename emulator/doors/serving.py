@@ -1,8 +1,9 @@
-"""Doors of emulated devices in the world: sockets and pseudo-terminals, and the loop that serves them all.
+"""Doors of emulated devices to other programs: sockets and pseudo-terminals, and the loop that serves them all.
 
-One loop and one thread, for a model of a device knows no threads. Whatever arrives, the device's time is first moved on
-to the moment, then come the bytes, then everyone's turn. Nothing that a client sends ends the server: at worst that
-client is left. An error of the model does end it, for that is a fault of this program, which ought to be seen.
+There is one loop and one thread, because a model of a device is not thread-safe. When data arrive, the device's time
+first advances to the present, then the data are handled, then everyone gets a turn. No input of a client ends the
+server: at worst that client is dropped. An error of the model does end it, because it is a defect of this program and
+must be seen.
 """
 
 from __future__ import annotations
@@ -25,36 +26,36 @@ from .usbredir import UsbRedirSession
 __all__ = ["Server", "precise_loop"]
 
 SLICE_SECONDS = 0.01
-"""How long a model computes before clients and signals are heard again."""
+"""The longest computation of a model before clients and signals are served again."""
 
 PATIENT_SECONDS = 1.0
-"""How long a patient device's time is moved on to the moment before its clients are heard."""
+"""The longest computation for a patient device before its clients are served."""
 
 HELD_UP_SECONDS = 0.0003
-"""After the time of its turn a loop has not only slept a little long."""
+"""A turn later than this was not caused by an inexact sleep alone."""
 
 LOOK_SECONDS = 0.05
-"""How often a pseudo-terminal is looked at, whether a program has opened it."""
+"""How often a pseudo-terminal is checked for a program that has opened it."""
 
 CHUNK_BYTES = 1 << 16
 
 MOST_AT_ONCE = 1 << 20
-"""Bytes that are taken from a client together. A stream has 20 ms of blocks on their way, and time that was missed in a
-pause passes as soon as bytes were heard: all of them must be among these."""
+"""The greatest number of bytes read from a client at once. A stream has 20 ms of blocks under way, and after a pause
+the missed time passes as soon as bytes were read: this must include all of them."""
 
 
 class _Link(Protocol):
     """A client at its door."""
 
     def flush(self) -> None:
-        """Give the client what waits for it."""
+        """Send the client its pending data."""
 
     def close(self) -> None:
-        """Leave the client at once."""
+        """Drop the client at once."""
 
 
 class _Pulse:
-    """The place of one station in the loop: its next turn, and its clients."""
+    """The loop's view of one station: its next turn, and its clients."""
 
     def __init__(self, name: str, station: Station) -> None:
         self.name = name
@@ -64,10 +65,10 @@ class _Pulse:
         self._turn = inf
 
     def hear(self, conversation: Conversation, data: bytes) -> None:
-        """Hand bytes to a conversation, now; or, if the loop comes too late for its turn, at the time of that turn.
+        """Pass bytes to a conversation, now; or, if the loop is too late for its turn, at the time of that turn.
 
-        Bytes may have waited for as long as the loop was held up, and a device's queue is empty after 0.8 ms. For a
-        patient device time passes first.
+        Bytes may have waited as long as the loop was delayed, and a device's queue is empty after 0.8 ms. For a patient
+        device time passes first.
         """
         if self.station.patient():
             self.station.pass_time(PATIENT_SECONDS)
@@ -77,7 +78,7 @@ class _Pulse:
         self.beat()
 
     def beat(self) -> None:
-        """Let time pass, give clients what waits for them, and see when to come back."""
+        """Let time pass, send clients their pending data, and set the next turn."""
         self.rest()
         reached = self.station.pass_time(SLICE_SECONDS)
         for link in tuple(self.links):
@@ -91,7 +92,7 @@ class _Pulse:
             self._next = loop.call_later(max(wait, 0.0), self.beat)
 
     def rest(self) -> None:
-        """Do not come back by oneself."""
+        """Set no further turn."""
         if self._next:
             self._next.cancel()
 
@@ -110,7 +111,7 @@ class _Connection(asyncio.BufferedProtocol):
         self._buffer = memoryview(bytearray(MOST_AT_ONCE))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """A client has come."""
+        """Accept a client."""
         self._transport = cast("asyncio.Transport", transport)
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self._who = "{}:{}".format(*transport.get_extra_info("peername"))
@@ -119,11 +120,11 @@ class _Connection(asyncio.BufferedProtocol):
             self._meet(self._pulse)
 
     def get_buffer(self, _hint: int) -> memoryview:
-        """Where bytes are to go."""
+        """The buffer for the next bytes."""
         return self._buffer
 
     def buffer_updated(self, count: int) -> None:
-        """Bytes have come."""
+        """Handle received bytes."""
         data = bytes(self._buffer[:count])
         if self._pulse:
             self._pulse.hear(self.conversation, data)
@@ -132,7 +133,7 @@ class _Connection(asyncio.BufferedProtocol):
             self.flush()
 
     def connection_lost(self, _error: Exception | None) -> None:
-        """The client has gone, or was left."""
+        """The client has gone, or was dropped."""
         self.conversation.hang_up()
         self._server.links.remove(self)
         if self._pulse:
@@ -141,7 +142,7 @@ class _Connection(asyncio.BufferedProtocol):
             self._server.tell(f"{self._pulse.name}: {self._who} has gone")
 
     def pause_writing(self) -> None:
-        """The client does not keep up."""
+        """The client reads too slowly."""
         self._writable = False
 
     def resume_writing(self) -> None:
@@ -153,7 +154,7 @@ class _Connection(asyncio.BufferedProtocol):
             self.flush()
 
     def flush(self) -> None:
-        """Give the client what waits for it."""
+        """Send the client its pending data."""
         assert self._transport
         while self._writable and self.conversation.pending:
             self._transport.write(self.conversation.take(CHUNK_BYTES))
@@ -165,7 +166,7 @@ class _Connection(asyncio.BufferedProtocol):
             self._transport.resume_reading()
 
     def close(self) -> None:
-        """Leave the client at once."""
+        """Drop the client at once."""
         assert self._transport
         self.conversation.hang_up()
         self._transport.abort()
@@ -177,7 +178,7 @@ class _Connection(asyncio.BufferedProtocol):
 
 
 class _UsbIpConnection(_Connection):
-    """A client of USB/IP, which says which device it wants."""
+    """A client of USB/IP, which names the device that it wants."""
 
     def __init__(self, server: Server, session: UsbIpSession, pulses: Mapping[Station, _Pulse]) -> None:
         super().__init__(server, None)
@@ -185,7 +186,7 @@ class _UsbIpConnection(_Connection):
         self._pulses = pulses
 
     def buffer_updated(self, count: int) -> None:
-        """Bytes have come; perhaps they ask for a device."""
+        """Handle received bytes; they may request a device."""
         super().buffer_updated(count)
         if not self._pulse and self._session.station:
             pulse = self._pulses[self._session.station]
@@ -193,14 +194,14 @@ class _UsbIpConnection(_Connection):
             pulse.beat()
 
     def connection_lost(self, _error: Exception | None) -> None:
-        """The client has gone, or was left."""
+        """The client has gone, or was dropped."""
         if self._session.end:
-            self._server.tell(f"{self._who} was left: {self._session.end}")
+            self._server.tell(f"{self._who} was dropped: {self._session.end}")
         super().connection_lost(_error)
 
 
 class _UsbRedirConnection(_Connection):
-    """A host of a device by usbredir; one has it at a time."""
+    """A host of a device by usbredir; only one at a time has it."""
 
     def __init__(self, server: Server, exported: Exported, pulse: _Pulse) -> None:
         super().__init__(server, pulse)
@@ -215,7 +216,7 @@ class _UsbRedirConnection(_Connection):
 
 
 class _SerialConnection(_Connection):
-    """A client of a serial line; one has it at a time."""
+    """A client of a serial line; only one at a time has it."""
 
     def __init__(self, server: Server, uart: Uart, pulse: _Pulse) -> None:
         super().__init__(server, pulse)
@@ -228,7 +229,7 @@ class _SerialConnection(_Connection):
 
 
 class _Stranger(asyncio.Protocol):
-    """A client of a serial line that another one has."""
+    """A client of a serial line that another client holds."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Leave it."""
@@ -239,7 +240,7 @@ class _Pty:
     """A pseudo-terminal, for programs that open a serial port by its path."""
 
     def __init__(self, uart: Uart, pulse: _Pulse) -> None:
-        import tty  # not on every system
+        import tty  # missing on some systems
 
         self._uart = uart
         self._pulse = pulse
@@ -249,7 +250,7 @@ class _Pty:
         self._fd, theirs = os.openpty()
         tty.setraw(theirs)
         self.path = os.ttyname(theirs)
-        os.close(theirs)  # so that the end of the last program to use it is noticed
+        os.close(theirs)  # so that the last program's close is noticed
         os.set_blocking(self._fd, False)
         self._poll = select.poll()
         self._poll.register(self._fd, select.POLLIN)
@@ -257,7 +258,7 @@ class _Pty:
         self._look()
 
     def flush(self) -> None:
-        """Give the program what waits for it."""
+        """Send the program its pending data."""
         if not self._uart.connected:
             return
         while self._rest or self._uart.pending:
@@ -274,7 +275,7 @@ class _Pty:
         self._listen(not self._uart.full)
 
     def close(self) -> None:
-        """Take the terminal away."""
+        """Remove the terminal."""
         self._timer.cancel()
         if self._uart.connected:
             self._uart.hang_up()
@@ -283,7 +284,7 @@ class _Pty:
         os.close(self._fd)
 
     def _listen(self, wanted: bool) -> None:
-        """Have the loop say when there is something to read, or not; to say so twice would lose what it found."""
+        """Turn the loop's watch for readable data on or off; turning it on twice would lose an event."""
         if wanted and not self._listens:
             self._loop.add_reader(self._fd, self._read)
         elif not wanted:
@@ -291,7 +292,7 @@ class _Pty:
         self._listens = wanted
 
     def _look(self) -> None:
-        """See whether a program has opened it, or has done so and said something and gone."""
+        """Check whether a program has opened it, or has already written something and closed it."""
         self._timer = self._loop.call_later(LOOK_SECONDS, self._look)
         events = dict(self._poll.poll(0)).get(self._fd, 0)
         if events & select.POLLIN or not events & select.POLLHUP:
@@ -305,7 +306,7 @@ class _Pty:
             data = os.read(self._fd, CHUNK_BYTES)
         except BlockingIOError:
             return
-        except OSError:  # EIO: nobody has it open any more
+        except OSError:  # EIO: no program has it open any more
             data = b""
         if data:
             self._pulse.hear(self._uart, data)
@@ -319,22 +320,22 @@ class _Pty:
 
 
 def precise_loop() -> asyncio.AbstractEventLoop:
-    """A loop that sleeps to within some tens of microseconds.
+    """An event loop whose sleeps are exact to some tens of microseconds.
 
-    Those of asyncio's own choice end their sleeps at whole milliseconds, and a device's queue is empty after 0.8 ms.
+    asyncio's default loops end their sleeps at whole milliseconds, and a device's queue is empty after 0.8 ms.
     """
     return asyncio.SelectorEventLoop(selectors.SelectSelector())
 
 
 class Server:
-    """Doors of devices, open while it is entered as an asynchronous context manager.
+    """Doors of devices, open while this asynchronous context manager is entered.
 
     Parameters
     ----------
     stations : mapping of str to Station
-        The devices by their serial numbers.
+        The devices, by their serial numbers.
     tell : callable
-        Takes a line on what happens, for people.
+        Receives a line for people on each event.
 
     Attributes
     ----------
@@ -367,22 +368,22 @@ class Server:
         asyncio.get_running_loop().set_exception_handler(None)
 
     async def listen_usbip(self, exports: Mapping[str, Exported], host: str, port: int) -> int:
-        """Offer devices by USB/IP; the port, which the system chooses for 0.
+        """Offer devices by USB/IP; returns the port, which the system chooses for 0.
 
         Raises
         ------
         ValueError
-            Where nobody can listen there.
+            If that address cannot be used.
         """
         return await self._listen(lambda: _UsbIpConnection(self, UsbIpSession(exports), self._pulses), host, port)
 
     async def listen_usbredir(self, exported: Exported, host: str, port: int) -> int:
-        """Offer a device by usbredir; the port, which the system chooses for 0.
+        """Offer a device by usbredir; returns the port, which the system chooses for 0.
 
         Raises
         ------
         ValueError
-            Where nobody can listen there.
+            If that address cannot be used.
         """
         pulse = self._pulses[exported.station]
         return await self._listen(
@@ -390,12 +391,12 @@ class Server:
         )
 
     async def listen_serial(self, uart: Uart, station: Station, host: str, port: int) -> int:
-        """Offer a serial line by TCP; the port, which the system chooses for 0.
+        """Offer a serial line by TCP; returns the port, which the system chooses for 0.
 
         Raises
         ------
         ValueError
-            Where nobody can listen there.
+            If that address cannot be used.
         """
         station.conversations.append(uart)
         pulse = self._pulses[station]
@@ -404,12 +405,12 @@ class Server:
         )
 
     def open_pty(self, uart: Uart, station: Station) -> str:
-        """Offer a serial line as a pseudo-terminal; its path.
+        """Offer a serial line as a pseudo-terminal; returns its path.
 
         Raises
         ------
         ValueError
-            Where the system has none.
+            If the system has no pseudo-terminals.
         """
         if not hasattr(os, "openpty"):
             raise ValueError("this system has no pseudo-terminals; offer the serial line by TCP")
@@ -424,14 +425,14 @@ class Server:
         Raises
         ------
         Exception
-            Whatever went wrong in a model.
+            Any error of a model.
         """
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await self._ended
 
     def stop(self) -> None:
-        """Have `serve` return."""
+        """Make `serve` return."""
         if not self._ended.done():
             self._ended.set_result(None)
 

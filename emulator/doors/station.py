@@ -1,9 +1,9 @@
-"""A device on its stand: its time, and everyone who speaks to it, moved on together.
+"""A served device: its time, and all conversations with it, advanced together.
 
-The model of a device knows no threads and its time does not run by itself. A station lets it pass, and gives every
-conversation its turn at the moment, in the device's time, at which it has something to do. Two paces: with the wall
-clock, or as far as the conversations need it. The second is repeatable for a client that waits for each answer: the
-same requests then find the device at the same times, however slow the client is.
+A device model is not thread-safe and its time does not run by itself. A station lets it pass, and gives every
+conversation its turn at the right moment of the device's time. There are two paces: with the wall clock, or as far as
+the conversations need it. The second is repeatable for a client that waits for each answer: the same requests then find
+the device at the same times, however slow the client is.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ from ..scheduler import Scheduler
 __all__ = ["Conversation", "Pace", "Station"]
 
 LINGER_CYCLES = CORE_HZ // 40
-"""How long what happens in the device is waited for at the fast pace, after the last word that it heard: 25 ms, in
-which everything has begun that is to begin within 20 ms of a request, and a quarter of the watchdog's time."""
+"""At the fast pace, how long events in the device are waited for after its last received data: 25 ms, in which
+everything has begun that must begin within 20 ms of a request, and a quarter of the watchdog's time."""
 
 STEP_CYCLES = CYCLES_PER_MS
-"""How far time passes at most before somebody may call a halt."""
+"""The greatest step of time before the caller may stop it."""
 
 STALL_SECONDS = 0.02
 CATCH_UP = 2
-"""What was missed is caught up at twice the pace of the clock, and a pause counts as 20 ms. So a client that gives
-three signs of life in the time of the watchdog is in time also when this program was held up."""
+"""Missed time passes at twice the pace of the clock, and a pause counts as 20 ms. So a client that gives three signs of
+life in the watchdog's time is in time even after a pause of this program."""
 
 IDLE_SECONDS = 0.01
-"""How far the device's time may fall behind the wall clock while nobody would see it. Also who waits for the device is
-looked after so often: a pause of more than `STALL_SECONDS` would be taken for one in which this program was held up."""
+"""How far the device's time may lag the wall clock without a visible effect. A device without events is also served
+this often: a pause of more than `STALL_SECONDS` would count as a delay of this program."""
 
 
 class Pace(Enum):
     """What makes a device's time pass."""
 
     WALL = "wall"
-    """The clock of the world; what could not be computed in time is caught up."""
+    """The wall clock; what could not be computed in time is caught up."""
 
     FAST = "fast"
-    """What is to be done: as much as transfers take, and as the device needs to come to rest after each."""
+    """The work: as much as transfers take, and as the device needs to come to rest after each."""
 
 
 class Conversation(Protocol):
-    """One who speaks to a device, in its time: the bytes of a client on one side, a line of the device on the other."""
+    """A partner of a device, in its time: the bytes of a client on one side, a line of the device on the other."""
 
     @property
     def pending(self) -> int:
@@ -54,38 +54,38 @@ class Conversation(Protocol):
 
     @property
     def full(self) -> bool:
-        """Whether the client should send no more for now."""
+        """Whether the client should pause its output."""
 
     @property
     def over(self) -> bool:
-        """Whether the client is to be left, once it has what is pending."""
+        """Whether the client is to be dropped after it has received its pending data."""
 
     @property
     def presses(self) -> bool:
-        """Whether something of it is under way, so that time must pass at the fast pace too."""
+        """Whether some data are under way, so that time must pass at the fast pace too."""
 
     @property
     def stuck(self) -> bool:
-        """Whether the device does not hear for now what it says; perhaps it would later."""
+        """Whether the device cannot receive its data now, but may later."""
 
     @property
     def last_word(self) -> int | None:
-        """When the device last heard something of the client, in its time; None if never."""
+        """When the device last received data of the client, in its time; None if never."""
 
     def receive(self, data: bytes) -> None:
-        """Take bytes of the client. Whatever they are, nothing is raised for them."""
+        """Take bytes of the client; raises nothing for any bytes."""
 
     def take(self, room: int) -> bytes:
-        """Give bytes to the client, at most so many."""
+        """Return at most so many bytes for the client."""
 
     def hang_up(self) -> None:
         """The client has gone."""
 
     def next_time(self, event: int | None) -> int | None:
-        """When it has something to do, if nobody else acts; the device itself does at `event`."""
+        """The time of its next action, if no one else acts; the device's own is `event`."""
 
     def run(self) -> None:
-        """Do what is due now."""
+        """Perform the actions that are due."""
 
 
 class Station:
@@ -98,15 +98,15 @@ class Station:
     pace : Pace
         What makes it pass.
     clock : callable
-        A clock of the world, in seconds, which never goes back.
+        The wall clock, in seconds, which never goes back.
     patient : callable
-        Whether the device waits for no sign of life now. Then a pause is not caught up slowly, and a client that was
+        Whether the device currently waits for no sign of life. Then a pause is caught up at once, and a client that was
         told to wait, as in DFU, has waited in the device's time too.
 
     Attributes
     ----------
     conversations : list of Conversation
-        Those who speak to the device.
+        The partners of the device.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class Station:
         self._rest_by = scheduler.now
 
     def pass_time(self, seconds: float) -> bool:
-        """Let the device's time pass as far as its pace has it, for at most so many seconds of the clock.
+        """Advance the device's time as its pace requires, for at most so many seconds of the clock.
 
         Returns
         -------
@@ -141,9 +141,9 @@ class Station:
         return True
 
     def seconds_to_wait(self) -> float | None:
-        """How long nobody will have anything to do, in seconds of the clock; None if until somebody stirs.
+        """The time until the next action, in seconds of the clock; None until new input.
 
-        It is less than 0 if somebody's turn is over already, because this program was held up.
+        It is negative if an action is overdue because this program was delayed.
         """
         event = self.scheduler.next_time()
         turn = self._turn(event)
@@ -157,14 +157,14 @@ class Station:
 
     @property
     def seconds_behind(self) -> float:
-        """How far the device's time is behind the clock: what a model that is slower than the device falls back."""
+        """How far the device's time lags the clock, because the model is slower than the device."""
         return (self._target() - self.scheduler.now) / CORE_HZ if self._pace is Pace.WALL else 0.0
 
     def _target(self) -> int:
         return int((self._clock() - self._power_up) * CORE_HZ)
 
     def _next_target(self) -> int:
-        """How far time should pass now, where the clock decides: after a pause no faster than clients can follow."""
+        """How far time should advance now by the clock: after a pause no faster than clients can follow."""
         passed = self._clock() - self._last_look
         self._last_look += passed
         step = int(min(passed, STALL_SECONDS) * CORE_HZ)
@@ -177,12 +177,12 @@ class Station:
         return min(self._target(), self.scheduler.now + CATCH_UP * step)
 
     def _turn(self, event: int | None) -> int | None:
-        """When a conversation has something to do."""
+        """The time of a conversation's next action."""
         times = (each.next_time(event) for each in self.conversations)
         return min((time for time in times if time is not None), default=None)
 
     def _step(self, target: int) -> bool:
-        """Let time pass until somebody has something to do, or a little on; False where it has passed far enough."""
+        """Let time pass until the next action, or a short step; returns False if it has passed far enough."""
         event = self.scheduler.next_time()
         stop = self._next_stop(self._turn(event), event, target)
         if stop is None:

@@ -1,7 +1,7 @@
-"""What Linux tells of a USB device in sysfs and in uevents: names, files and their content, as text. It does no I/O.
+"""Linux's description of a USB device in sysfs and in uevents: names, files and contents, as text. It does no I/O.
 
-Names and formats are those of the kernel's drivers/usb/core/sysfs.c. There is what programs look for; of power
-management, of drivers and of what a host controller counts there is nothing.
+Names and formats are those of the kernel's drivers/usb/core/sysfs.c. It contains what programs look for, without power
+management, drivers or a host controller's counters.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def node_name(device: KernelDevice) -> str:
 
 
 def device_properties(device: KernelDevice) -> dict[str, str]:
-    """What a uevent says of a device."""
+    """The contents of a device's uevent."""
     descriptor = device.descriptor
     kind = (descriptor.bDeviceClass, descriptor.bDeviceSubClass, descriptor.bDeviceProtocol)
     return {
@@ -42,7 +42,7 @@ def device_properties(device: KernelDevice) -> dict[str, str]:
 
 
 def interface_properties(device: KernelDevice, interface: Interface) -> dict[str, str]:
-    """What a uevent says of an interface."""
+    """The contents of an interface's uevent."""
     properties = device_properties(device)
     kind = (interface.bInterfaceClass, interface.bInterfaceSubClass, interface.bInterfaceProtocol)
     return {
@@ -55,7 +55,7 @@ def interface_properties(device: KernelDevice, interface: Interface) -> dict[str
 
 
 def device_files(device: KernelDevice, port: int) -> dict[str, bytes]:
-    """The files of a device's directory and what is in them."""
+    """The files of a device's directory and their contents."""
     descriptor, head = device.descriptor, device.head
     named = {
         "manufacturer": descriptor.iManufacturer,
@@ -89,7 +89,7 @@ def device_files(device: KernelDevice, port: int) -> dict[str, bytes]:
 
 
 def interface_files(device: KernelDevice, interface: Interface) -> dict[str, bytes]:
-    """The files of an interface's directory and what is in them."""
+    """The files of an interface's directory and their contents."""
     texts = {
         "uevent": _lines(interface_properties(device, interface)),
         "modalias": _modalias(device, interface),
@@ -115,7 +115,7 @@ def _product(device: KernelDevice) -> str:
 
 
 def _modalias(device: KernelDevice, interface: Interface) -> str:
-    """What drivers are found by."""
+    """The string by which drivers are found."""
     descriptor = device.descriptor
     return (
         f"usb:v{descriptor.idVendor:04X}p{descriptor.idProduct:04X}d{descriptor.bcdDevice:04X}"

@@ -1,7 +1,7 @@
-"""A UART at the pace of its baud rate: bytes take their time on the line, both ways at once, in device time.
+"""A UART with its baud rate: bytes take their time on the line, in both directions at once, in device time.
 
-Ten bits a byte: a start bit, eight of data, a stop bit (clause SER-001). The far end is a client that may come and go;
-what the device says while there is none is lost, as on a real line.
+A byte has ten bits: a start bit, eight of data, a stop bit (clause SER-001). The far end is a client that may come and
+go; the device's output without a client is lost, as on a real line.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from ..scheduler import Scheduler
 __all__ = ["MOST_BAUD", "ByteLine", "Uart"]
 
 MOST_BAUD = 12_000_000
-"""The fastest line that SER-014 reckons with."""
+"""The fastest line in SER-014."""
 
 CLUSTER_SECONDS = 1e-4
-"""How long bytes are collected before they are handed on together, where a single one takes less."""
+"""How long bytes are collected before they are passed on together, if a single one takes less."""
 
 MOST_WAITING = 1 << 16
-"""Bytes that wait, in either direction, before no more are taken."""
+"""Bytes that may wait in either direction before no more are taken."""
 
 
 class ByteLine(Protocol):
-    """A serial line of the device, which knows no time between bytes."""
+    """A serial line of the device, without time between bytes."""
 
     @property
     def pending(self) -> int:
@@ -36,14 +36,14 @@ class ByteLine(Protocol):
         """Take bytes of the host, which arrive now."""
 
     def take(self, room: int) -> bytes:
-        """Give bytes to the host, at most so many."""
+        """Return at most so many bytes for the host."""
 
     def hang_up(self) -> None:
         """The host has gone."""
 
 
 class _Way:
-    """One direction of the line: how many bytes it has had time for since it was last quiet."""
+    """One direction of the line: how many bytes it has had time for since it was last idle."""
 
     def __init__(self, scheduler: Scheduler, baud: int) -> None:
         self._scheduler = scheduler
@@ -54,13 +54,13 @@ class _Way:
         self._carried = 0
 
     def keep_busy(self, waiting: int) -> None:
-        """Note that bytes wait, or that none do any more."""
+        """Note that bytes wait, or that none wait any more."""
         if waiting and not self._busy:
             self._begin, self._carried = self._scheduler.now, 0
         self._busy = waiting > 0
 
     def allowance(self) -> int:
-        """How many bytes have had their time and were not carried yet."""
+        """How many bytes have had their time but were not carried yet."""
         passed = (self._scheduler.now - self._begin) * self._baud // (UART_BITS_PER_BYTE * CORE_HZ)
         return passed - self._carried
 
@@ -69,7 +69,7 @@ class _Way:
         self._carried += count
 
     def next_time(self, waiting: int) -> int | None:
-        """When the next bytes will have had their time; None where none wait."""
+        """When the next bytes will have had their time; None if no bytes wait."""
         if not waiting:
             return None
         if not self._busy:
@@ -84,7 +84,7 @@ class Uart:
     Parameters
     ----------
     line : callable
-        Gives the device's side as it is now: a device that restarts has another, and one in DFU mode has none.
+        Returns the device's present end: a device that restarts gets a new one, and one in DFU mode has none.
     scheduler : Scheduler
         Its time.
     baud : int
@@ -93,7 +93,7 @@ class Uart:
     Raises
     ------
     ValueError
-        Where the baud rate is another.
+        If the baud rate is out of range.
     """
 
     over = False
@@ -119,12 +119,12 @@ class Uart:
 
     @property
     def full(self) -> bool:
-        """Whether the client should send no more for now."""
+        """Whether the client should pause its output."""
         return len(self._to_device) > MOST_WAITING or len(self._to_client) > MOST_WAITING
 
     @property
     def presses(self) -> bool:
-        """Whether something of it is under way, so that time must pass at the fast pace too."""
+        """Whether some data are under way, so that time must pass at the fast pace too."""
         return bool(self._to_device or self._sayable)
 
     @property
@@ -145,13 +145,13 @@ class Uart:
         self._inward.keep_busy(len(self._to_device))
 
     def take(self, room: int) -> bytes:
-        """Give bytes to the client, at most so many."""
+        """Return at most so many bytes for the client."""
         data = bytes(self._to_client[:room])
         del self._to_client[:room]
         return data
 
     def hang_up(self) -> None:
-        """The client has gone; the device hears of it once it has heard what the client said."""
+        """The client has gone; the device is told after it has received the client's data."""
         self.connected = False
         self._to_client.clear()
         self._leaving = True
@@ -164,7 +164,7 @@ class Uart:
         return min((time for time in times if time is not None), default=None)
 
     def run(self) -> None:
-        """Hand on what has gone over the line."""
+        """Pass on what has gone over the line."""
         line = self._line()
         if count := min(self._inward.allowance(), len(self._to_device)):
             data = bytes(self._to_device[:count])

@@ -1,14 +1,14 @@
-"""Programs that use USB meet emulated devices, on a Linux machine without USB and for a user without rights.
+"""Programs that use USB meet emulated devices, on a Linux machine without USB and without special rights.
 
-A `MockUsb` is a directory that stands for /sys and /dev, and sockets that stand for usbfs. Debian's package umockdev
-has a library which, preloaded into a program, leads file names, ioctls and uevents there, so that lsusb, dfu-util,
-libusb and what stands on it run unchanged. The devices' time keeps up with the wall clock while they do.
+A `MockUsb` is a directory that replaces /sys and /dev, and sockets that replace usbfs. Debian's package umockdev has a
+library which, preloaded into a program, redirects file names, ioctls and uevents there, so that lsusb, dfu-util, libusb
+and programs on top of it run unchanged. The devices' time follows the wall clock meanwhile.
 
-The preloaded library is spoken to directly, in its own protocol (libumockdev-preload.c, the same since version 0.16):
-an ioctl comes as three unsigned longs on the socket of its device's node, and until it is answered the program's memory
-can be read and written through that socket. What a kernel's drivers would add is missing: the console's interfaces
-become no serial line. A libusb that was built without udev, such as that of libusb-package, finds what is there when it
-begins and hears of nothing later, for the library passes uevents on as if they came from udev.
+This module speaks the preloaded library's own protocol (libumockdev-preload.c, unchanged since version 0.16): an ioctl
+comes as three unsigned longs on the socket of its device's node, and until it is answered the program's memory can be
+read and written through that socket. Kernel drivers are missing: the console's interfaces do not become a serial line.
+A libusb without udev, such as that of libusb-package, finds the devices at its start and never hears of changes,
+because the library imitates udev's messages.
 """
 
 from __future__ import annotations
@@ -44,29 +44,29 @@ __all__ = ["Machine", "MockUsb", "run_under_mock"]
 WRAPPER = "umockdev-wrapper"
 BUS_LINKS = "sys/bus/usb/devices"
 SOCKETS = "ioctl/dev"
-CHOICE = "bConfigurationValue"  # the one file of sysfs that changes
+CHOICE = "bConfigurationValue"  # the only file of sysfs that changes
 HUB = "devices/platform/phasewire/usb1"
 ADDRESSES = range(2, 128)  # the bus's own hub would have 1
 
 LONGEST_WAIT_CYCLES = CORE_HZ // 100
-LONGEST_STEP_CYCLES = CORE_HZ // 4  # what a machine that is slower than the clock, or was stopped, makes good of
-ANSWER_S = 10.0  # a program that waits for its ioctl gives its memory at once, unless somebody has stopped it
-LISTEN_S = 0.1  # then a uevent is lost, as where the kernel's buffer is full
+LONGEST_STEP_CYCLES = CORE_HZ // 4  # the most lost time that a slow or stopped machine catches up
+ANSWER_S = 10.0  # a program that waits for its ioctl sends its memory at once, unless it was stopped
+LISTEN_S = 0.1  # then a uevent is lost, as when the kernel's buffer is full
 
-_MESSAGE = struct.Struct("@LLL")  # what it is about, and two arguments
+_MESSAGE = struct.Struct("@LLL")  # its subject, and two arguments
 _IOCTL, _DONE, _READ_MEMORY, _WRITE_MEMORY = 1, 3, 5, 6
 _MINUS_ONE = 2 ** (8 * struct.calcsize("@L")) - 1  # as an unsigned long
 
 
 class HasFileno(Protocol):
-    """Anything that select() takes."""
+    """Anything that select() accepts."""
 
     def fileno(self) -> int:
         """Its number."""
 
 
 class Machine(Protocol):
-    """What is needed of an emulator."""
+    """The part of an emulator that is needed here."""
 
     @property
     def scheduler(self) -> Scheduler:
@@ -84,28 +84,28 @@ def run_under_mock(
     stdout: IO[bytes] | None = None,
     stderr: IO[bytes] | None = None,
 ) -> int:
-    """Run a program that sees emulated devices on USB, and nothing else there.
+    """Run a program that sees only emulated devices on USB.
 
     Parameters
     ----------
     command : sequence of str
         The program and its arguments.
     machines : iterable of Machine
-        The devices. Their time goes on from where it stands.
+        The devices. Their time continues from its present state.
     stdout, stderr : file, optional
-        Where the program's output goes; by default to where this process's goes.
+        The destination of the program's output; by default this process's own.
 
     Returns
     -------
     int
-        The program's exit code, or 128 and the number of the signal that ended it, as a shell has it.
+        The program's exit code, or 128 plus the number of the signal that ended it, as in a shell.
 
     Raises
     ------
     DeviceNotFoundError
-        Where umockdev is not installed.
+        If umockdev is not installed.
     ValueError
-        Where there is no program to run.
+        If there is no program to run.
     """
     if not command:
         raise ValueError("there is no program to run; name one, such as lsusb")
@@ -116,18 +116,18 @@ def run_under_mock(
         try:
             bed.serve(child.pid)
         finally:
-            child.kill()  # of use only where serving was interrupted
+            child.kill()  # needed only if serving was interrupted
             code = child.wait()
     return code if code >= 0 else 128 - code
 
 
 class MockUsb:
-    """A directory and sockets that stand for a machine's USB: one bus, with a device in each of its ports.
+    """A directory and sockets that replace a machine's USB: one bus, with a device in each of its ports.
 
     Parameters
     ----------
     machines : iterable of Machine
-        What is plugged in to the ports 1, 2 and so on.
+        The devices in ports 1, 2 and so on.
 
     Attributes
     ----------
@@ -157,21 +157,21 @@ class MockUsb:
         self._directory.cleanup()
 
     def environment(self) -> dict[str, str]:
-        """The environment of a program that is led here."""
+        """The environment of a program that uses this directory."""
         return {**os.environ, "UMOCKDEV_DIR": str(self.root)}
 
     def serve(self, pid: int) -> None:
-        """Let the devices' time keep up with the wall clock until a child process has ended."""
+        """Let the devices' time follow the wall clock until a child process has ended."""
         before = monotonic_ns()
         with os.fdopen(os.pidfd_open(pid)) as child:
-            self.watch(child, lambda: None)  # so that its end ends the waiting
+            self.watch(child, lambda: None)  # so that its end stops the wait
             while os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
                 self._selector.select(min((port.rest() for port in self._ports), default=LONGEST_WAIT_CYCLES / CORE_HZ))
                 now = monotonic_ns()
                 for port in self._ports:
                     port.run((now - before) * CORE_HZ // 10**9)
                 before = now
-                # What programs ask now, they ask at this time: a device that told one to come back later may mind.
+                # Requests of programs arrive at this time: a device that told a program to come back later checks it.
                 for key, _ in self._selector.select(0):
                     key.data()
             self.forget(child)
@@ -181,37 +181,37 @@ class MockUsb:
         self._selector.register(file, selectors.EVENT_READ, action)
 
     def forget(self, file: HasFileno) -> None:
-        """Watch a file no more."""
+        """Stop watching a file."""
         self._selector.unregister(file)
 
     def new_address(self) -> int:
-        """The next address on the bus that no device has."""
+        """The next free address on the bus."""
         taken = {port.address for port in self._ports}
         return next(address for address in self._addresses if address not in taken)
 
     def announce(self, action: str, path: str, properties: Mapping[str, str]) -> None:
-        """Tell all programs that listen of what came or went, in the kernel's words (a uevent)."""
+        """Tell all listening programs what came or went, in the kernel's words (a uevent)."""
         lines = [f"{action}@/{path}", f"ACTION={action}", f"DEVPATH=/{path}", "SUBSYSTEM=usb"]
         lines += [f"{name}={value}" for name, value in properties.items()]
         lines += [f"SEQNUM={next(self._sequence)}"]
         message = "".join(f"{line}\0" for line in lines).encode()
         for listener in self.root.glob("event*"):
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender, suppress(OSError):  # it listens no more
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender, suppress(OSError):  # it no longer listens
                 sender.settimeout(LISTEN_S)
                 sender.sendto(message, str(listener))
 
 
 class _Port:
-    """A port of the bus, and what programs see of the device in it."""
+    """A port of the bus, and the programs' view of the device in it."""
 
     def __init__(self, bed: MockUsb, number: int, machine: Machine) -> None:
         self._bed = bed
         self._number = number
         self._machine = machine
         self._due = machine.scheduler.now
-        self._met: int | None = None  # which of the device's attachments was seen last
+        self._met: int | None = None  # the last attachment of the device that was seen
         self._nodes: list[_Node] = []
-        self._shown: _Node | None = None  # of the nodes, that of the device as it is attached now
+        self._shown: _Node | None = None  # of the nodes, that of the present attachment
         self.run(0)
 
     @property
@@ -220,7 +220,7 @@ class _Port:
         return self._shown.device.address if self._shown else None
 
     def rest(self) -> float:
-        """For how long there is nothing to do, in seconds, if nobody asks."""
+        """The time until the next action, in seconds, without a request."""
         upcoming = self._shown.device.next_time() if self._shown else self._machine.scheduler.next_time()
         wait = LONGEST_WAIT_CYCLES if upcoming is None else upcoming - self._due
         return min(max(wait, MICROFRAME_CYCLES), LONGEST_WAIT_CYCLES) / CORE_HZ
@@ -239,7 +239,7 @@ class _Port:
             self._add()
 
     def close(self) -> None:
-        """Take everything away, also from programs that still run."""
+        """Remove everything, even while programs still run."""
         self._remove()
         for node in self._nodes:
             node.close()
@@ -269,7 +269,7 @@ class _Node:
         self._poll_file = PollFile(bed.root / "dev" / node_name(device))
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         place = bed.root / SOCKETS / node_name(device)
-        place.unlink(missing_ok=True)  # of the one that had this address before
+        place.unlink(missing_ok=True)  # of an earlier device with this address
         self._socket.bind(str(place))
         self._socket.listen()
         bed.watch(self._socket, self._open)
@@ -286,7 +286,7 @@ class _Node:
             bed.announce("add", path, properties)
 
     def remove(self) -> None:
-        """The device has gone. Programs are told so, and keep what they have open or are just opening."""
+        """The device has gone. Programs are told, and keep open files, even those just being opened."""
         (self._bed.root / "dev" / node_name(self.device)).unlink()
         self.device.disconnect()
         for path, (properties, _) in reversed(self._folders.items()):
@@ -295,7 +295,7 @@ class _Node:
             self._bed.announce("remove", path, properties)
 
     def close(self) -> None:
-        """Let go of programs, too."""
+        """Drop the programs, too."""
         self._bed.forget(self._socket)
         self._socket.close()
         for program in list(self._programs):
@@ -303,7 +303,7 @@ class _Node:
         self._poll_file.close()
 
     def _make_folder(self, path: str, files: Mapping[str, bytes]) -> None:
-        """Make a directory of sysfs, and the link by which it is found."""
+        """Make a directory of sysfs, and the link that leads to it."""
         folder, link = self._bed.root / "sys" / path, self._bed.root / BUS_LINKS / Path(path).name
         folder.mkdir(parents=True)
         for name, content in files.items():
@@ -319,7 +319,7 @@ class _Node:
         self._bed.watch(connection, partial(self._serve, program))
 
     def _serve(self, program: _Program) -> None:
-        """A program wants something, or has gone."""
+        """A program has a request, or has gone."""
         try:
             program.serve()
         except OSError:
@@ -333,18 +333,18 @@ class _Node:
         self._show()
 
     def _show_choice(self) -> None:
-        """Another configuration has been chosen, or none."""
+        """Another configuration was selected, or none."""
         file = self._bed.root / BUS_LINKS / f"{BUS}-{self._port}" / CHOICE
         new = file.with_suffix(".new")
         new.write_bytes(device_files(self.device, self._port)[CHOICE])
-        new.replace(file)  # at once, for a program may be reading it
+        new.replace(file)  # at once, because a program may be reading it
 
     def _show(self) -> None:
         self._poll_file.show(any(program.file.writable for program in self._programs))
 
 
 class PollFile:
-    """The file that stands for a device's node. All that is told by it is POLLOUT: it is a pipe, full or not."""
+    """The file in place of a device's node. It only signals POLLOUT: it is a pipe, full or not."""
 
     def __init__(self, path: Path) -> None:
         os.mkfifo(path)
@@ -354,7 +354,7 @@ class PollFile:
         self._writable = False
 
     def show(self, writable: bool) -> None:
-        """Have poll() tell of POLLOUT, or not."""
+        """Make poll() signal POLLOUT, or not."""
         if writable and not self._writable:
             os.read(self._pipe, 1)
         elif self._writable and not writable:
@@ -367,7 +367,7 @@ class PollFile:
 
 
 class _Program:
-    """A program that has a node open: what it asks, and its memory while it waits for the answer."""
+    """A program with an open node: its requests, and its memory while it waits for the answer."""
 
     def __init__(self, connection: socket.socket, file: UsbFile) -> None:
         connection.settimeout(ANSWER_S)
@@ -375,7 +375,7 @@ class _Program:
         self.file = file
 
     def serve(self) -> None:
-        """Take one ioctl; raises `OSError` where there is no program any more."""
+        """Take one ioctl; raises `OSError` if the program is gone."""
         kind, request, argument = _MESSAGE.unpack(self._receive(_MESSAGE.size))
         if kind == _IOCTL:
             self.file.ioctl(request, argument, self, self._reply)
@@ -383,7 +383,7 @@ class _Program:
             self._reply(-errno.EINVAL)  # read() and write()
 
     def read(self, address: int, size: int) -> bytes:
-        """Bytes of its memory; raises `OSError` where there is no program any more."""
+        """Bytes of its memory; raises `OSError` if the program is gone."""
         if not size:
             return b""
         self._send(_MESSAGE.pack(_READ_MEMORY, address, size))
@@ -399,7 +399,7 @@ class _Program:
         self._send(_MESSAGE.pack(_DONE, *outcome))
 
     def _send(self, data: bytes) -> None:
-        with suppress(OSError):  # that it has gone is noticed where it is read from
+        with suppress(OSError):  # its departure is noticed at the next read
             self.connection.sendall(data)
 
     def _receive(self, size: int) -> bytes:

@@ -1,11 +1,11 @@
-"""The bus between a host's transfers and a device: which packet goes when, in device time.
+"""The bus between a host's transfers and a device: the order and the times of packets, in device time.
 
-A host controller in small. Transfers come in as a client submits them and go packet by packet; one that is answered
-with NAK waits, and is tried again when something has happened in the device. The bus carries what a real one can: 13
-packets of 512 bytes in a microframe, or 19 of 64 in a frame, and one control request in either. An interrupt endpoint
-is asked like a bulk endpoint, not only once in its interval.
+A simple host controller. Clients submit transfers, which go packet by packet; a transfer that gets NAK waits, and is
+tried again after an event in the device. The bus has a real one's capacity: 13 packets of 512 bytes in a microframe, or
+19 of 64 in a frame, and one control request in either. An interrupt endpoint is polled like a bulk endpoint, not only
+once in its interval.
 
-It knows no protocol by which transfers travel, and no clock but the device's.
+It knows only the device's clock, and not the protocol that carries the transfers.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from ...protocol.timing import MICROFRAME_CYCLES, PACKET_CYCLES
 from ..door import Handshake, Stall
 from ..scheduler import Scheduler
 
-__all__ = ["Outcome", "Peripheral", "Transfer", "UsbBus"]
+__all__ = ["Peripheral", "Transfer", "TransferOutcome", "UsbBus"]
 
 _FRAME_CYCLES = CYCLES_PER_MS
 _PACKETS_PER_FRAME = 19  # USB 2.0, table 5-9
 
 
 class _Times(NamedTuple):
-    """How many core cycles the bus is taken for."""
+    """How many core cycles the bus is busy."""
 
     packet: int
     control: int
@@ -44,25 +44,25 @@ _TIMES = {
 }
 
 STREAM_CYCLES = CYCLES_PER_MS
-"""How long packets are sent at once before the others have their turn: a millisecond."""
+"""How long packets are sent at once before others get their turn: a millisecond."""
 
 JOINED_BYTES = 1 << 14
-"""Of transfers that are sent together, at most: as much as a device's queue takes at once."""
+"""The most transfers that are sent together: as many as a device's queue takes at once."""
 
 _CONTROL = 0
 """The queue of the control endpoint, in both directions."""
 
 
 class Peripheral(Protocol):
-    """What the bus needs of a device."""
+    """The part of a device that the bus needs."""
 
     @property
     def attached(self) -> bool:
-        """Whether it shows itself on the bus."""
+        """Whether it is visible on the bus."""
 
     @property
     def generation(self) -> int:
-        """How often it has attached itself; another number means another device to a host."""
+        """The number of its attachments; a new number means a new device to a host."""
 
     @property
     def speed(self) -> Speed:
@@ -74,7 +74,7 @@ class Peripheral(Protocol):
 
     @property
     def configuration(self) -> int:
-        """The configuration chosen, 0 for none."""
+        """The selected configuration, 0 for none."""
 
     def control(self, setup: Setup, data: bytes = b"") -> bytes:
         """Carry out a request; raises `Stall`."""
@@ -83,7 +83,7 @@ class Peripheral(Protocol):
         """Take a packet."""
 
     def stream_out(self, endpoint: int, data: memoryview, began: int, deadline: int) -> tuple[int, int]:
-        """Take many packets at once, if that can be: how many bytes, and when the last had arrived."""
+        """Take many packets at once, if possible: returns how many bytes, and when the last had arrived."""
 
     def bulk_in(self, endpoint: int) -> bytes | Handshake:
         """Give a packet."""
@@ -98,8 +98,8 @@ class Peripheral(Protocol):
         """The cable was unplugged."""
 
 
-class Outcome(IntEnum):
-    """How a transfer ended, with Linux's numbers."""
+class TransferOutcome(IntEnum):
+    """The result of a transfer, with Linux's numbers."""
 
     DONE = 0
     GONE = -19  # ENODEV
@@ -121,14 +121,14 @@ class Transfer:
     length : int
         Bytes to be sent, or room for those to be received.
     data : bytes
-        What is to be sent.
+        The data to send.
     setup : Setup
-        The setup stage, which counts for the control endpoint alone.
+        The setup stage, for the control endpoint only.
     zero_packet, short_not_ok : bool
-        Whether an empty packet follows where the last one sent is full; whether it is an error to receive less than
-        there is room for.
+        Whether an empty packet follows if the last one sent is full; whether it is an error to receive less than the
+        room.
     on_end : callable
-        Called once with the transfer and its `Outcome`, unless the transfer is taken back before.
+        Called once with the transfer and its `TransferOutcome`, unless the transfer is cancelled before.
     """
 
     endpoint: int
@@ -137,7 +137,7 @@ class Transfer:
     setup: Setup
     zero_packet: bool
     short_not_ok: bool
-    on_end: Callable[[Transfer, Outcome], None]
+    on_end: Callable[[Transfer, TransferOutcome], None]
     sent: int = 0
     received: bytearray = field(default_factory=bytearray)
 
@@ -153,7 +153,7 @@ class Transfer:
 
     @property
     def queue(self) -> int:
-        """Which queue it waits in: its endpoint's address, or that of the control endpoint for both directions."""
+        """The queue in which it waits: its endpoint's address, or that of the control endpoint for both directions."""
         return _CONTROL if self.is_control else self.endpoint
 
 
@@ -170,7 +170,7 @@ class UsbBus:
     Attributes
     ----------
     last_word : int or None
-        When the device last took something, in core cycles.
+        When the device last took data, in core cycles.
     """
 
     def __init__(self, device: Peripheral, scheduler: Scheduler) -> None:
@@ -184,40 +184,40 @@ class UsbBus:
         }
         self._queues: dict[int, deque[Transfer]] = {}
         self.last_word: int | None = None
-        self._next_end = 0  # when the next packet or request will be over
-        self._waits = True  # for something to happen in the device
+        self._next_end = 0  # the end of the present packet or request
+        self._waits = True  # for an event in the device
 
     @property
     def presses(self) -> bool:
-        """Whether something may be carried as soon as the bus is free."""
+        """Whether a transfer can be carried as soon as the bus is free."""
         return not self._waits
 
     @property
     def stuck(self) -> bool:
-        """Whether something waits to go to the device, which answers NAK."""
+        """Whether data wait for the device, which answers NAK."""
         return self._waits and any(not queue[0].is_in for queue in self._queues.values())
 
     def submit(self, transfer: Transfer) -> None:
-        """Put a transfer behind the others of its endpoint."""
+        """Queue a transfer after the others of its endpoint."""
         self._queues.setdefault(transfer.queue, deque()).append(transfer)
         if self._waits:
             self._waits = False
             self._next_end = max(self._next_end, self._scheduler.now + self._cost())
 
     def cancel(self, transfer: Transfer) -> None:
-        """Take a transfer back that has not ended. What has been carried of it stays carried."""
+        """Cancel a transfer that has not ended. Its carried part stays carried."""
         queue = self._queues[transfer.queue]
         queue.remove(transfer)
         if not queue:
             del self._queues[transfer.queue]
 
     def next_time(self, event: int | None) -> int | None:
-        """When there is something to carry.
+        """The time of the next packet.
 
         Parameters
         ----------
         event : int or None
-            When something happens in the device next.
+            The time of the device's next event.
         """
         if not self._queues:
             return None
@@ -236,7 +236,7 @@ class UsbBus:
         return self._times.control if _CONTROL in self._queues else self._times.packet
 
     def _carry_one(self) -> int | None:
-        """Carry a request, or something of the first endpoint that does not answer NAK; when it had arrived."""
+        """Carry a request, or a packet of the first endpoint that does not answer NAK; returns when it had arrived."""
         now = self._scheduler.now
         if _CONTROL in self._queues:
             self._request(self._queues[_CONTROL][0])
@@ -246,27 +246,27 @@ class UsbBus:
             ended = self._receive_many(queue) if queue[0].is_in else self._stream(queue) or self._send(queue[0])
             if ended is not None:
                 if endpoint in self._queues:
-                    self._queues[endpoint] = self._queues.pop(endpoint)  # behind the others: they take turns
+                    self._queues[endpoint] = self._queues.pop(endpoint)  # after the others: they take turns
                 return ended
         return None
 
     def _request(self, transfer: Transfer) -> None:
         setup = transfer.setup
         if setup.length != transfer.length or (setup.length and setup.is_in != transfer.is_in):
-            self._end(transfer, Outcome.MALFORMED)
+            self._end(transfer, TransferOutcome.MALFORMED)
             return
         try:
             answer = self._device.control(setup, transfer.data)
         except Stall:
-            self._end(transfer, Outcome.STALLED)
+            self._end(transfer, TransferOutcome.STALLED)
             return
         transfer.sent = len(transfer.data)
         self._take(transfer, answer, ends=True)
 
     def _stream(self, queue: deque[Transfer]) -> int | None:
-        """Send many packets at once, which is the same and faster, where the device can take them so.
+        """Send many packets at once, with the same effect but faster, if the device can take them so.
 
-        Whole packets of the transfers that follow go with those of the first, for a client may send each by itself.
+        Whole packets of the following transfers go with those of the first, because a client may send each separately.
         """
         now, endpoint = self._scheduler.now, queue[0].endpoint
         together = self._joined(queue)
@@ -282,11 +282,11 @@ class UsbBus:
             transfer.sent += part
             taken -= part
             if part and transfer.sent == transfer.length and not transfer.zero_packet:
-                self._end(transfer, Outcome.DONE)
+                self._end(transfer, TransferOutcome.DONE)
         return ended
 
     def _joined(self, queue: deque[Transfer]) -> list[Transfer]:
-        """The first transfers of an endpoint whose packets follow each other without an end in between."""
+        """The first transfers of an endpoint whose packets follow each other without a short one in between."""
         together, size, room = [queue[0]], self._size(queue[0]), JOINED_BYTES - queue[0].length
         for before, after in pairwise(queue):
             room -= after.length
@@ -302,18 +302,18 @@ class UsbBus:
         if answer is Handshake.NAK:
             return None
         if answer is Handshake.STALL:
-            self._end(transfer, Outcome.STALLED)
+            self._end(transfer, TransferOutcome.STALLED)
         else:
             transfer.sent += len(packet)
             self.last_word = self._scheduler.now
             if len(packet) < size or (transfer.sent == transfer.length and not transfer.zero_packet):
-                self._end(transfer, Outcome.DONE)
+                self._end(transfer, TransferOutcome.DONE)
         return self._scheduler.now
 
     def _receive_many(self, queue: deque[Transfer]) -> int | None:
-        """Receive what the device has, for as long as a stream the other way may take.
+        """Receive the device's data, for as long as a stream in the other direction may take.
 
-        One packet for each stream would hold the streams back: it brings the acknowledgements of 16 blocks.
+        One packet for each stream would slow the streams down: it holds the acknowledgements of 16 blocks.
         """
         ended = None
         for packets in range(STREAM_CYCLES // self._times.packet):
@@ -329,21 +329,21 @@ class UsbBus:
         if isinstance(answer, bytes):
             self._take(transfer, answer, ends=len(answer) < self._size(transfer))
         else:
-            self._end(transfer, Outcome.STALLED)
+            self._end(transfer, TransferOutcome.STALLED)
         return True
 
     def _take(self, transfer: Transfer, data: bytes, ends: bool) -> None:
         if len(transfer.received) + len(data) > transfer.length:
-            self._end(transfer, Outcome.OVERFLOW)
+            self._end(transfer, TransferOutcome.OVERFLOW)
             return
         transfer.received += data
         missing = transfer.is_in and len(transfer.received) < transfer.length
         if ends or not missing:
-            self._end(transfer, Outcome.SHORT if missing and transfer.short_not_ok else Outcome.DONE)
+            self._end(transfer, TransferOutcome.SHORT if missing and transfer.short_not_ok else TransferOutcome.DONE)
 
     def _size(self, transfer: Transfer) -> int:
         return self._packet_bytes.get(transfer.endpoint, self._device.speed.bulk_bytes)
 
-    def _end(self, transfer: Transfer, outcome: Outcome) -> None:
+    def _end(self, transfer: Transfer, outcome: TransferOutcome) -> None:
         self.cancel(transfer)
         transfer.on_end(transfer, outcome)

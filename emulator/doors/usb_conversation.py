@@ -1,4 +1,4 @@
-"""What conversations about a USB device have in common, whatever protocol they are in."""
+"""The common part of conversations about a USB device, in any protocol."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ __all__ = ["UsbConversation"]
 
 
 class UsbConversation(ABC):
-    """The bytes that come and go, and the bus of the device while there is one.
+    """The received and pending bytes, and the bus of the device while there is one.
 
     Attributes
     ----------
     over : bool
-        Whether the other end is to be left, once it has what is pending.
+        Whether the other end is to be dropped after it has received its pending data.
     end : str
-        Why it is left, in words; empty if it is not, or has got all that it asked for.
+        Why it is dropped, in words; empty if it is not, or if it has received all that it requested.
     """
 
     def __init__(self) -> None:
@@ -34,16 +34,16 @@ class UsbConversation(ABC):
 
     @property
     def stuck(self) -> bool:
-        """Whether the device does not hear for now what the other end says; perhaps it would later."""
+        """Whether the device cannot receive data now, but may later."""
         return self._bus is not None and self._bus.stuck
 
     @property
     def last_word(self) -> int | None:
-        """When the device last heard something of the other end, in its time; None if never."""
+        """When the device last received data of the other end, in its time; None if never."""
         return self._bus.last_word if self._bus else None
 
     def take(self, room: int) -> bytes:
-        """Give bytes to the other end, at most so many."""
+        """Return at most so many bytes for the other end."""
         data = bytes(self._pending[:room])
         del self._pending[:room]
         return data
@@ -54,4 +54,4 @@ class UsbConversation(ABC):
 
     @abstractmethod
     def _leave(self, reason: str) -> None:
-        """Have no more to do with the other end."""
+        """End the conversation."""

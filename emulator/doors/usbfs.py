@@ -4,7 +4,7 @@ A `KernelDevice` is what the kernel keeps of a device that it has enumerated, a 
 that has opened /dev/bus/usb/BBB/DDD. Structures, numbers and errors are those of <linux/usbdevice_fs.h> and of the
 kernel's devio.c, on a little-endian machine of 64 bits. Left out are isochronous transfers, streams, memory that is
 mapped, signals and power management. There is no I/O here and no clock: a program's memory is reached through a
-`Memory`, and whoever holds the device lets its time pass.
+`CallerMemory`, and whoever holds the device lets its time pass.
 """
 
 from __future__ import annotations
@@ -19,7 +19,15 @@ from typing import NamedTuple, Protocol, TypeVar
 
 from ...protocol.board import CORE_HZ, CYCLES_PER_MS
 from ...protocol.codes import DescriptorType, StandardRequest
-from ...protocol.descriptors import Configuration, Descriptor, Device, Endpoint, Interface, String, descriptors
+from ...protocol.descriptors import (
+    Configuration,
+    Descriptor,
+    DeviceDescriptor,
+    Endpoint,
+    Interface,
+    String,
+    descriptors,
+)
 from ...protocol.enumeration import FULL_SPEED, LANGUAGE, Speed
 from ...protocol.requests import DIRECTION_IN, Setup
 from ...protocol.timing import MICROFRAME_CYCLES
@@ -27,7 +35,7 @@ from ..door import Stall
 from ..scheduler import Scheduler
 from .usb_bus import Peripheral, Transfer, UsbBus
 
-__all__ = ["Capability", "KernelDevice", "Memory", "Request", "UrbFlag", "UrbType", "UsbFile"]
+__all__ = ["CallerMemory", "Capability", "Ioctl", "KernelDevice", "UrbFlag", "UrbType", "UsbFile"]
 
 RESET_CYCLES = CORE_HZ // 20  # 50 ms (USB 2.0, 7.1.7.5)
 
@@ -104,7 +112,7 @@ class UrbFields(Structure):
 
 
 def _number(direction: int, number: int, argument: type[Structure] | type[c_uint32] | type[c_uint64] | None) -> int:
-    """The number of an ioctl of the type 'U' (<asm-generic/ioctl.h>)."""
+    """The number of an ioctl of type 'U' (<asm-generic/ioctl.h>)."""
     size = sizeof(argument) if argument else 0
     return direction << 30 | size << 16 | ord("U") << 8 | number
 
@@ -112,8 +120,8 @@ def _number(direction: int, number: int, argument: type[Structure] | type[c_uint
 _NONE, _WRITE, _READ = 0, 1, 2
 
 
-class Request(IntEnum):
-    """The ioctls that are answered (<linux/usbdevice_fs.h>, where each name has USBDEVFS_ before it)."""
+class Ioctl(IntEnum):
+    """The supported ioctls (<linux/usbdevice_fs.h>, in which each name begins with USBDEVFS_)."""
 
     CONTROL = _number(_READ | _WRITE, 0, ControlTransfer)
     BULK = _number(_READ | _WRITE, 2, BulkTransfer)
@@ -139,7 +147,7 @@ class Request(IntEnum):
 
 
 class Capability(IntFlag):
-    """What GET_CAPABILITIES can say (USBDEVFS_CAP_...)."""
+    """Bits of the answer to GET_CAPABILITIES (USBDEVFS_CAP_...)."""
 
     ZERO_PACKET = 0x01
     NO_PACKET_SIZE_LIM = 0x04
@@ -156,7 +164,7 @@ class UrbType(IntEnum):
 
 
 class UrbFlag(IntFlag):
-    """Flags of a transfer that are heeded (USBDEVFS_URB_...)."""
+    """Supported flags of a transfer (USBDEVFS_URB_...)."""
 
     SHORT_NOT_OK = 0x01
     ZERO_PACKET = 0x40
@@ -168,11 +176,11 @@ _DEVICE_BYTES, _HEAD_BYTES, _STRING_BYTES = 18, 9, 255  # lengths of descriptors
 _NO_SETUP = Setup(0, 0, 0, 0, 0)
 
 _NO_CONFIGURATION = 2**32 - 1  # -1, for devices whose configuration has the value 0
-_USBFS = b"usbfs"  # the name by which the kernel knows this driver
+_USBFS = b"usbfs"  # the kernel's name for this driver
 _DISCONNECT_CLAIM_IF_DRIVER = 0x01
 _SPEED_FULL, _SPEED_HIGH = 2, 3  # enum usb_device_speed, <linux/usb/ch9.h>
 _URB_FLAGS = 0xE7  # all that the kernel knows
-_MOST_INTERFACES = 64  # bits of the kernel's set of those that a file has claimed
+_MOST_INTERFACES = 64  # bits of the kernel's set of interfaces that a file has claimed
 
 # A request's type (USB 2.0, table 9-2).
 _TYPE_MASK, _TYPE_VENDOR = 0x60, 0x40
@@ -181,7 +189,7 @@ _RESERVED_ENDPOINT_BITS = ~0x8F
 _TRANSFER_TYPE_MASK, _TRANSFER_TYPE_INTERRUPT = 0x03, 0x03  # bmAttributes of an endpoint
 
 
-class Memory(Protocol):
+class CallerMemory(Protocol):
     """The memory of a program whose ioctl has not returned yet."""
 
     def read(self, address: int, size: int) -> bytes:
@@ -203,24 +211,24 @@ class _Call(NamedTuple):
     """An ioctl that waits for its result."""
 
     argument: int
-    memory: Memory
+    memory: CallerMemory
     reply: Callable[[int], None]
 
     def fetch(self, kind: type[Fields]) -> Fields:
-        """The structure that the argument points to."""
+        """The structure to which the argument points."""
         return kind.from_buffer_copy(self.memory.read(self.argument, sizeof(kind)))
 
     def number(self) -> int:
-        """The unsigned int that the argument points to."""
+        """The unsigned int to which the argument points."""
         return int.from_bytes(self.memory.read(self.argument, sizeof(c_uint32)), "little")
 
     def store(self, data: bytes) -> None:
-        """Write to where the argument points."""
+        """Write to the address in the argument."""
         self.memory.write(self.argument, data)
 
 
 class KernelDevice:
-    """A device from the moment that it is on the bus until it leaves, as a kernel that enumerates it has it.
+    """A device from its arrival on the bus until it leaves, in the state of a kernel that has enumerated it.
 
     Parameters
     ----------
@@ -238,7 +246,7 @@ class KernelDevice:
     head : Configuration
         The descriptor of the first configuration.
     configuration : bytes
-        The same with all that belongs to it.
+        The same with all its subordinate descriptors.
     interfaces : tuple of Interface
         Every setting of every interface in it.
     endpoints : dict of int to (int, Endpoint)
@@ -246,16 +254,16 @@ class KernelDevice:
     strings : dict of int to str
         The strings that device and interfaces name.
     chosen : int
-        Value of the configuration that was chosen, 0 for none; at first that of the first one.
+        Value of the selected configuration, 0 for none; initially that of the first one.
     on_choice : callable
         Called whenever `chosen` may have changed.
 
     Raises
     ------
     Stall
-        Where the device does not know a request that enumeration needs, or goes meanwhile.
+        If the device does not know a request that enumeration needs, or leaves meanwhile.
     ReplyError
-        Where what it says of itself makes no sense.
+        If its descriptors make no sense.
     """
 
     def __init__(self, device: Peripheral, scheduler: Scheduler, address: int) -> None:
@@ -267,7 +275,7 @@ class KernelDevice:
         self._generation = device.generation
         self._files: list[UsbFile] = []
         self._reset()
-        self.descriptor = Device.decode(self._get(DescriptorType.DEVICE, 0, _DEVICE_BYTES))
+        self.descriptor = DeviceDescriptor.decode(self._get(DescriptorType.DEVICE, 0, _DEVICE_BYTES))
         self.head = Configuration.decode(self._get(DescriptorType.CONFIGURATION, 0, _HEAD_BYTES))
         self.configuration = self._get(DescriptorType.CONFIGURATION, 0, self.head.wTotalLength)
         chain = descriptors(self.configuration)
@@ -281,7 +289,7 @@ class KernelDevice:
 
     @property
     def present(self) -> bool:
-        """Whether the device is still there, and did not come back in the meantime."""
+        """Whether the device is still there, in the same attachment."""
         return self._device.attached and self._device.generation == self._generation
 
     @property
@@ -300,13 +308,13 @@ class KernelDevice:
         self._files.remove(file)
 
     def next_time(self) -> int | None:
-        """When time has to pass again at the latest, in core cycles; None where nothing would come of it."""
+        """The latest time at which time must pass again, in core cycles; None if nothing waits."""
         event = self.scheduler.next_time()
         turn = self.bus.next_time(event)
         return event if turn is None else turn
 
     def run_until(self, time: int) -> None:
-        """Let time pass, and transfers in it, until a core cycle or until the device has gone."""
+        """Let time pass, with its transfers, until a core cycle or until the device has gone."""
         while self.present:
             turn = self.bus.next_time(self.scheduler.next_time())
             if turn is None or turn > time:
@@ -322,13 +330,13 @@ class KernelDevice:
             file.disconnect()
 
     def configure(self, value: int) -> None:
-        """Choose a configuration; raises `Stall`."""
+        """Select a configuration; raises `Stall`."""
         self._set(StandardRequest.SET_CONFIGURATION, value=value)
         self.chosen = value
         self.on_choice()
 
     def set_interface(self, interface: int, setting: int) -> None:
-        """Choose a setting of an interface; raises `Stall`."""
+        """Select a setting of an interface; raises `Stall`."""
         self._set(StandardRequest.SET_INTERFACE, _TO_INTERFACE, setting, interface)
 
     def clear_halt(self, endpoint: int) -> None:
@@ -342,7 +350,7 @@ class KernelDevice:
             self.configure(self.chosen)
 
     def interface_of(self, endpoint: int) -> int:
-        """The interface of an endpoint; refused where there is none."""
+        """The interface of an endpoint; refused if there is none."""
         if endpoint & _RESERVED_ENDPOINT_BITS:
             raise _Refused(errno.EINVAL)
         if not self.chosen:
@@ -352,7 +360,7 @@ class KernelDevice:
         return self.endpoints[endpoint][0]
 
     def has_interface(self, number: int) -> bool:
-        """Whether there is such an interface, which there is in a configured device only."""
+        """Whether there is such an interface, which requires a configured device."""
         return bool(self.chosen) and any(interface.bInterfaceNumber == number for interface in self.interfaces)
 
     def _reset(self) -> None:
@@ -372,19 +380,19 @@ class KernelDevice:
         self._request(Setup(recipient, request, value, index, 0))
 
     def _request(self, setup: Setup) -> bytes:
-        """Make a request of the kernel's own."""
+        """Make a request of the kernel itself."""
         self._pass(MICROFRAME_CYCLES)
         if not self.present:
             raise Stall("the device has gone")
         return self._device.control(setup)
 
     def _pass(self, cycles: int) -> None:
-        """Let time pass, if any is left."""
+        """Let the remaining time pass, if any."""
         self.scheduler.run_until(self.scheduler.now + max(0, cycles))
 
 
 class UsbFile:
-    """A device's node as one program has it open.
+    """A device's node as opened by one program.
 
     Parameters
     ----------
@@ -398,37 +406,37 @@ class UsbFile:
         self._device = device
         self._on_change = on_change
         self._waiting: dict[Transfer, Callable[[int], None]] = {}  # and what to do with the status of each
-        self._submitted: dict[int, Transfer] = {}  # those to be reaped, by the program's address of each
+        self._submitted: dict[int, Transfer] = {}  # those that wait to be reaped, by the program's address of each
         self._unreaped: deque[_Unreaped] = deque()
         self._reaper: _Call | None = None
         self._handlers: dict[int, Callable[[_Call], int | None]] = {
-            Request.CONTROL: self._control,
-            Request.BULK: self._bulk,
-            Request.RESETEP: self._reset_endpoint,
-            Request.SETINTERFACE: self._set_interface,
-            Request.SETCONFIGURATION: self._set_configuration,
-            Request.GETDRIVER: self._get_driver,
-            Request.SUBMITURB: self._submit,
-            Request.DISCARDURB: self._discard,
-            Request.REAPURB: self._reap,
-            Request.REAPURBNDELAY: self._reap_without_delay,
-            Request.CLAIMINTERFACE: lambda call: self._claim(call.number()),
-            Request.RELEASEINTERFACE: lambda call: self._release(call.number()),
-            Request.CONNECTINFO: self._connect_info,
-            Request.IOCTL: self._driver_ioctl,
-            Request.RESET: self._reset,
-            Request.CLEAR_HALT: self._clear_halt,
-            Request.GET_CAPABILITIES: self._capabilities,
-            Request.DISCONNECT_CLAIM: self._disconnect_claim,
-            Request.GET_SPEED: lambda _: _SPEED_FULL if device.speed == FULL_SPEED else _SPEED_HIGH,
+            Ioctl.CONTROL: self._control,
+            Ioctl.BULK: self._bulk,
+            Ioctl.RESETEP: self._reset_endpoint,
+            Ioctl.SETINTERFACE: self._set_interface,
+            Ioctl.SETCONFIGURATION: self._set_configuration,
+            Ioctl.GETDRIVER: self._get_driver,
+            Ioctl.SUBMITURB: self._submit,
+            Ioctl.DISCARDURB: self._discard,
+            Ioctl.REAPURB: self._reap,
+            Ioctl.REAPURBNDELAY: self._reap_without_delay,
+            Ioctl.CLAIMINTERFACE: lambda call: self._claim(call.number()),
+            Ioctl.RELEASEINTERFACE: lambda call: self._release(call.number()),
+            Ioctl.CONNECTINFO: self._connect_info,
+            Ioctl.IOCTL: self._driver_ioctl,
+            Ioctl.RESET: self._reset,
+            Ioctl.CLEAR_HALT: self._clear_halt,
+            Ioctl.GET_CAPABILITIES: self._capabilities,
+            Ioctl.DISCONNECT_CLAIM: self._disconnect_claim,
+            Ioctl.GET_SPEED: lambda _: _SPEED_FULL if device.speed == FULL_SPEED else _SPEED_HIGH,
         }
 
     @property
     def writable(self) -> bool:
-        """Whether poll() tells of POLLOUT: a transfer that has ended waits to be reaped."""
+        """Whether poll() signals POLLOUT: a transfer that has ended waits to be reaped."""
         return bool(self._unreaped)
 
-    def ioctl(self, request: int, argument: int, memory: Memory, reply: Callable[[int], None]) -> None:
+    def ioctl(self, request: int, argument: int, memory: CallerMemory, reply: Callable[[int], None]) -> None:
         """Carry out an ioctl.
 
         Parameters
@@ -438,14 +446,14 @@ class UsbFile:
         argument : int
             Its third argument, a number or an address.
         memory : Memory
-            The program's memory, of use until the reply.
+            The program's memory, valid until the reply.
         reply : callable
-            Called with the result, or with the negative errno, at once or when what was asked for has happened.
+            Called with the result, or with the negative errno, at once or when the request has been carried out.
         """
         call = _Call(argument, memory, reply)
         handler = self._handlers.get(request)
         try:
-            if not self._device.present and request not in (Request.REAPURB, Request.REAPURBNDELAY):
+            if not self._device.present and request not in (Ioctl.REAPURB, Ioctl.REAPURBNDELAY):
                 raise _Refused(errno.ENODEV)
             if handler is None:
                 raise _Refused(errno.ENOTTY)
@@ -458,7 +466,7 @@ class UsbFile:
             reply(result)
 
     def close(self) -> None:
-        """The program has closed it: take back what waits, give the interfaces back, and reply no more."""
+        """The program has closed it: cancel what waits, release the interfaces, and send no more replies."""
         for transfer in self._waiting:
             self._device.bus.cancel(transfer)
         self._waiting.clear()
@@ -481,7 +489,7 @@ class UsbFile:
         self._device.bus.submit(transfer)
 
     def _end(self, transfer: Transfer, status: int) -> None:
-        """End a transfer before the device does."""
+        """Cancel a transfer."""
         self._device.bus.cancel(transfer)
         self._ended(transfer, status)
 
@@ -503,7 +511,7 @@ class UsbFile:
         return 0
 
     def _require(self, interface: int) -> None:
-        """Claim an interface that is about to be used, where the program has not."""
+        """Claim an interface that is about to be used, unless the program has claimed it."""
         if not self._device.chosen:
             raise _Refused(errno.EHOSTUNREACH)
         self._claim(interface)
@@ -546,11 +554,11 @@ class UsbFile:
             raise _Refused(errno.EINVAL)
         owner = self._device.claims.get(wanted.ifno)
         match wanted.ioctl_code:
-            case Request.DISCONNECT:
+            case Ioctl.DISCONNECT:
                 if owner is None:
                     raise _Refused(errno.ENODATA)
                 owner._release(wanted.ifno)
-            case Request.CONNECT:
+            case Ioctl.CONNECT:
                 if owner:
                     raise _Refused(errno.EBUSY)
             case _:
@@ -595,7 +603,7 @@ class UsbFile:
 
     def _reset_endpoint(self, call: _Call) -> int:
         self._require(self._device.interface_of(call.number()))
-        return 0  # of an endpoint the host has only the data toggle to reset, and there is none here
+        return 0  # a host only has to reset an endpoint's data toggle, and there is none here
 
     def _connect_info(self, call: _Call) -> int:
         call.store(bytes(ConnectInfo(self._device.address, 0)))
@@ -605,7 +613,7 @@ class UsbFile:
         call.store(bytes(c_uint32(sum(Capability))))
         return 0
 
-    # Transfers that the program waits for
+    # Transfers for which the program waits
 
     def _control(self, call: _Call) -> None:
         wanted = call.fetch(ControlTransfer)
@@ -617,7 +625,7 @@ class UsbFile:
         self._await(call, self._transfer(call, wanted.ep, wanted.len, wanted.data), wanted.data, wanted.timeout)
 
     def _await(self, call: _Call, transfer: Transfer, buffer: int, timeout_ms: int) -> None:
-        """Reply when a transfer has ended, or when the time is over, where one is given."""
+        """Reply when a transfer has ended, or at the time-out, if there is one."""
 
         def finish(status: int) -> None:
             if status:
@@ -702,7 +710,7 @@ class UsbFile:
     # Both
 
     def _request(self, call: _Call, setup: Setup, buffer: int) -> Transfer:
-        """A control transfer, once the program has the interface that it speaks to."""
+        """A control transfer, after the program has claimed the interface that it addresses."""
         recipient, index = setup.request_type & _RECIPIENT_MASK, setup.index & 0xFF
         if setup.request_type & _TYPE_MASK != _TYPE_VENDOR:
             if recipient == _RECIPIENT_INTERFACE:
@@ -713,7 +721,7 @@ class UsbFile:
         return Transfer(DIRECTION_IN & setup.request_type, setup.length, data, setup, False, False, self._ended)
 
     def _transfer(self, call: _Call, endpoint: int, length: int, buffer: int) -> Transfer:
-        """A transfer of data, once the program has the interface of the endpoint."""
+        """A data transfer, after the program has claimed the interface of the endpoint."""
         self._require(self._device.interface_of(endpoint))
         data = b"" if endpoint & DIRECTION_IN else call.memory.read(buffer, length)
         return Transfer(endpoint, length, data, _NO_SETUP, False, False, self._ended)

@@ -1,8 +1,8 @@
-"""USB/IP as bytes: what a client asks, and what a server answers (protocol version 1.1.1).
+"""USB/IP as bytes: a client's requests, and a server's answers (protocol version 1.1.1).
 
 The layouts are those of the Linux kernel's Documentation/usb/usbip_protocol.rst; every number in them is big-endian,
-but for the eight bytes of a setup stage. A connection begins with one request: for the list of devices, which ends it,
-or for a device, which turns it into a stream of commands. This module knows neither sockets nor devices.
+except in the eight bytes of a setup stage. A connection begins with one request: for the list of devices, which ends
+it, or for a device, after which commands follow. This module knows neither sockets nor devices.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ __all__ = [
 ]
 
 PORT = 3240
-"""The TCP port that is registered for USB/IP."""
+"""The registered TCP port of USB/IP."""
 
 MOST_URB_BYTES = 1 << 24
-"""The longest transfer that is taken: what Linux lends to all of a user's transfers together, unless told otherwise."""
+"""The longest accepted transfer: Linux's default limit for all transfers of a user together."""
 
 _VERSION = 0x0111
 _REQUEST_HEADER = struct.Struct(">HHI")
@@ -55,12 +55,12 @@ _UNLINKED_REST = struct.Struct(">i24x")
 _COMMAND_BYTES = _COMMAND.size + _SUBMIT_REST.size
 _DIRECTION_IN = 1
 _HIGHEST_ENDPOINT = 15
-_SHORT_NOT_OK, _ZERO_PACKET = 0x0001, 0x0040  # what a client may ask of a transfer
+_SHORT_NOT_OK, _ZERO_PACKET = 0x0001, 0x0040  # flags of a transfer
 _NOT_ISOCHRONOUS = (0, 0xFFFF_FFFF)  # numbers of packets; the kernel sends the first, its document says the second
 
 
 class ImportStatus(IntEnum):
-    """How a request for a device is answered; the kernel's tools have words for these numbers."""
+    """Answers to a request for a device; the kernel's tools have texts for these numbers."""
 
     OK = 0
     NOT_AVAILABLE = 1
@@ -69,7 +69,7 @@ class ImportStatus(IntEnum):
 
 
 class Export(NamedTuple):
-    """A device as a server offers it: its place on a bus, and its descriptors.
+    """A device as a server offers it: its address on a bus, and its descriptors.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Export(NamedTuple):
     speed : Speed
         Its speed.
     configuration : int
-        The configuration chosen, 0 for none.
+        The selected configuration, 0 for none.
     """
 
     bus: int
@@ -91,12 +91,12 @@ class Export(NamedTuple):
 
     @property
     def bus_id(self) -> str:
-        """The name by which a client asks for it."""
+        """The name by which a client requests it."""
         return f"{self.bus}-{self.number}"
 
     @property
     def device_id(self) -> int:
-        """The number by which commands name it."""
+        """Its number in commands."""
         return self.bus << 16 | self.number
 
 
@@ -116,23 +116,23 @@ class Submit(NamedTuple):
     Parameters
     ----------
     number : int
-        Of the command; the answer repeats it.
+        That of the command; the answer repeats it.
     device_id : int
         The device.
     endpoint : int
         Address of the endpoint, with the bit of its direction.
     zero_packet : bool
-        Whether an empty packet follows where the last one sent is full.
+        Whether an empty packet follows if the last one sent is full.
     short_not_ok : bool
-        Whether it is an error to receive less than there is room for.
+        Whether it is an error to receive less than the room.
     length : int
         Bytes to be sent, or room for those to be received.
     start_frame, packets : int
-        These mean something to isochronous transfers alone; the answer repeats them.
+        Used only by isochronous transfers; the answer repeats them.
     setup : Setup
-        The setup stage of a control transfer; of another it means nothing.
+        The setup stage of a control transfer; unused for others.
     data : bytes
-        What is sent.
+        The data to send.
     """
 
     number: int
@@ -148,7 +148,7 @@ class Submit(NamedTuple):
 
 
 class Unlink(NamedTuple):
-    """The command to take a transfer back."""
+    """The command to cancel a transfer."""
 
     number: int
     device_id: int
@@ -157,17 +157,17 @@ class Unlink(NamedTuple):
 
 
 def read_request(buffer: bytes | bytearray) -> tuple[Listing | Importing, int] | None:
-    """Read the request that a connection begins with.
+    """Read the request at the beginning of a connection.
 
     Returns
     -------
     (request, int) or None
-        The request and its length in bytes; None where more bytes must come first.
+        The request and its length in bytes; None if more bytes must come first.
 
     Raises
     ------
     ValueError
-        Where the bytes are no request.
+        If the bytes are no request.
     """
     if len(buffer) < _REQUEST_HEADER.size:
         return None
@@ -191,12 +191,12 @@ def read_command(buffer: bytes | bytearray) -> tuple[Submit | Unlink, int] | Non
     Returns
     -------
     (command, int) or None
-        The command and its length in bytes, its data included; None where more bytes must come first.
+        The command and its length in bytes, its data included; None if more bytes must come first.
 
     Raises
     ------
     ValueError
-        Where the bytes are no command, or one for an isochronous or too long transfer.
+        If the bytes are no command, or one for an isochronous or too long transfer.
     """
     if len(buffer) < _COMMAND_BYTES:
         return None
@@ -240,7 +240,7 @@ def encode_list(exports: Sequence[Export]) -> bytes:
 
 
 def encode_import(status: ImportStatus, export: Export | None = None) -> bytes:
-    """The answer to `Importing`, with the device where there is one to be had."""
+    """The answer to `Importing`, with the device if it is available."""
     return _REQUEST_HEADER.pack(_VERSION, _REPLY_IMPORT, status) + (b"" if export is None else _device(export))
 
 
@@ -254,16 +254,16 @@ def encode_submitted(submit: Submit, status: int, actual: int, data: bytes | byt
     status : int
         0, or the negative number of an error of Linux.
     actual : int
-        Bytes that were sent or received.
+        Number of bytes sent or received.
     data : bytes
-        What was received.
+        The received data.
     """
     head = _COMMAND.pack(_SUBMITTED, submit.number, 0, 0, 0)
     return head + _SUBMITTED_REST.pack(status, actual, submit.start_frame, submit.packets) + data
 
 
 def encode_unlinked(unlink_number: int, status: int) -> bytes:
-    """The answer to `Unlink`: the negative number of an error if the transfer was taken back, 0 if it was over."""
+    """The answer to `Unlink`: the negative number of an error if the transfer was cancelled, 0 if it had ended."""
     return _COMMAND.pack(_UNLINKED, unlink_number, 0, 0, 0) + _UNLINKED_REST.pack(status)
 
 

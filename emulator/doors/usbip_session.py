@@ -1,12 +1,12 @@
-"""One client of the USB/IP server: its requests, and the transfers of the device that it has attached.
+"""One client of the USB/IP server: its requests, and the transfers of its attached device.
 
-A client's host controller keeps some things to itself, which are made good here. It says nothing of bus resets: one is
-inferred where a host begins to enumerate, asking for the device descriptor with room for 64 bytes and then for 18, and
-nothing else is under way. It may take a transfer back before it submits it, or one of the connection before. A device
-that attaches itself anew is another one to it: the connection ends, and the client attaches again. If a reset is why,
-as in DFU, the host finds out by itself, for it compares descriptors after a reset: its second look waits for the device
-and the connection stays. Linux would wait 5 s for an answer if the connection ended in a reset. A device whose client
-leaves is unplugged, and plugged in again where nobody listens; so it waits for the next.
+A client's host controller keeps some information to itself, which is inferred here. It does not report bus resets: a
+reset is inferred when a host begins to enumerate, requesting the device descriptor with room for 64 bytes and then for
+18, while nothing else is under way. It may cancel a transfer before it submits it, or one of the previous connection.
+If a device attaches itself again, it is another one to the client: the connection ends, and the client attaches again.
+After a reset, as in DFU, the host notices by itself, because it compares descriptors: its second look waits for the
+device and the connection stays. Linux would wait 5 s for an answer if the connection ended in a reset. When its client
+leaves, a device is unplugged and plugged in again, so that it waits for the next one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ...protocol.board import CORE_HZ
 from ...protocol.codes import DescriptorType, StandardRequest
 from ...protocol.requests import DIRECTION_IN, Setup
 from .station import Station
-from .usb_bus import Outcome, Peripheral, Transfer, UsbBus
+from .usb_bus import Peripheral, Transfer, TransferOutcome, UsbBus
 from .usb_conversation import UsbConversation
 from .usbip import (
     Export,
@@ -39,13 +39,13 @@ __all__ = ["Exported", "UsbIpSession"]
 
 MOST_TRANSFERS = 4096
 MOST_BYTES = 1 << 26
-"""How much a client may have under way; Linux lends a quarter of it to all transfers of all programs together."""
+"""How much a client may have under way; Linux allows a quarter of it for all transfers of all programs together."""
 
 MOST_PENDING = 1 << 20
-"""Bytes that wait for a client from which it gets no more until it takes some."""
+"""After so many pending bytes a client gets no more until it reads some."""
 
 ATTACH_CYCLES = CORE_HZ
-"""How long a client waits for a device that is about to attach itself: one second, for it may have to boot."""
+"""How long a client waits for a device that is about to attach itself: one second, because it may have to boot."""
 
 _FIRST_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorType.DEVICE << 8, 0, 64)
 _SECOND_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorType.DEVICE << 8, 0, 18)
@@ -53,7 +53,7 @@ _SECOND_LOOK = Setup(DIRECTION_IN, StandardRequest.GET_DESCRIPTOR, DescriptorTyp
 
 @dataclass(eq=False)
 class Exported:
-    """A device that a server offers, and whether a client has it.
+    """A device that a server offers, and whether a client holds it.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Exported:
     taken: bool = False
 
     def describe(self) -> Export:
-        """What there is to say of it at the moment."""
+        """Its present description."""
         device = self.device
         return Export(self.bus, self.number, device.enumeration, device.speed, device.configuration)
 
@@ -83,7 +83,7 @@ class UsbIpSession(UsbConversation):
     Parameters
     ----------
     exports : mapping of str to Exported
-        The devices that it may have, by their bus id.
+        The devices that it may have, by their bus ids.
     """
 
     def __init__(self, exports: Mapping[str, Exported]) -> None:
@@ -95,23 +95,23 @@ class UsbIpSession(UsbConversation):
         self._transfers: dict[int, Transfer] = {}
         self._bytes = 0
         self._newest: int | None = None
-        self._premature: dict[int, int] = {}  # numbers of transfers taken back before they came, and of who did it
+        self._premature: dict[int, int] = {}  # numbers of transfers cancelled before they came, and by which command
         self._looked = False
         self._second_look: Submit | None = None  # waits for a device that has left the bus for a reset
 
     @property
     def station(self) -> Station | None:
-        """Where the client's device stands; None before it has one."""
+        """The station of the client's device; None before it has one."""
         return self._exported.station if self._exported else None
 
     @property
     def full(self) -> bool:
-        """Whether the client should send no more for now."""
+        """Whether the client should pause its output."""
         return self._attaching or len(self._pending) > MOST_PENDING
 
     @property
     def presses(self) -> bool:
-        """Whether something of it is under way, so that time must pass at the fast pace too."""
+        """Whether some data are under way, so that time must pass at the fast pace too."""
         return self._attaching or (self._bus is not None and self._bus.presses and not self.full)
 
     @property
@@ -119,28 +119,28 @@ class UsbIpSession(UsbConversation):
         return self._exported is not None and self._bus is None
 
     def receive(self, data: bytes) -> None:
-        """Take bytes of the client; it is left if they make no sense."""
+        """Take bytes of the client; it is dropped if they make no sense."""
         if not self.over:
             self._received += data
             self._read()
 
     def next_time(self, event: int | None) -> int | None:
-        """When there is something to do, if nobody else acts; the device itself does at `event`."""
+        """The time of its next action, if no one else acts; the device's own is `event`."""
         if self._attaching:
             return self._give_up if event is None else min(event, self._give_up)
         return None if self._bus is None or self.full else self._bus.next_time(event)
 
     def run(self) -> None:
-        """Do what is due now."""
+        """Perform the actions that are due."""
         if self._attaching:
             self._attach()
-        self._check_attachment()  # first: one who has left the bus answers nothing any more
+        self._check_attachment()  # first: a device that has left the bus answers no more
         if self._bus and not self.full:
             self._bus.run()
             self._check_attachment()
 
     def _read(self) -> None:
-        """Do everything that has been asked for, up to the first thing that must wait."""
+        """Carry out all requests, up to the first one that must wait."""
         while not self.over and not self._attaching:
             try:
                 found = read_command(self._received) if self._bus else read_request(self._received)
@@ -169,9 +169,9 @@ class UsbIpSession(UsbConversation):
     def _import(self, bus_id: str) -> None:
         exported = self._exports.get(bus_id)
         if exported is None:
-            self._refuse(ImportStatus.NO_DEVICE, f"it asked for {bus_id!r}; there are {', '.join(self._exports)}")
+            self._refuse(ImportStatus.NO_DEVICE, f"it requested {bus_id!r}; there are {', '.join(self._exports)}")
         elif exported.taken:
-            self._refuse(ImportStatus.BUSY, f"it asked for {bus_id}, which another client has")
+            self._refuse(ImportStatus.BUSY, f"it requested {bus_id}, which another client has")
         else:
             exported.taken = True
             exported.station.conversations.append(self)
@@ -210,7 +210,7 @@ class UsbIpSession(UsbConversation):
                 self._refuse(ImportStatus.NOT_AVAILABLE, reason)
 
     def _check_attachment(self) -> None:
-        """Leave the client where its device has left it."""
+        """Drop the client after its device has left."""
         if self._bus and not self._still_there():
             self._leave("the device has left the bus; it can be attached again", replug=False)
 
@@ -224,7 +224,7 @@ class UsbIpSession(UsbConversation):
             return
         self._newest = command.number
         if command.number in self._premature:
-            self._pending += encode_unlinked(self._premature.pop(command.number), Outcome.TAKEN_BACK)
+            self._pending += encode_unlinked(self._premature.pop(command.number), TransferOutcome.TAKEN_BACK)
             return
         if command.number in self._transfers:
             self._leave(f"it sent a second transfer {command.number} while the first was under way")
@@ -270,7 +270,7 @@ class UsbIpSession(UsbConversation):
         self._looked = setup == _FIRST_LOOK
         return ends
 
-    def _answer(self, command: Submit, transfer: Transfer, outcome: Outcome) -> None:
+    def _answer(self, command: Submit, transfer: Transfer, outcome: TransferOutcome) -> None:
         actual = len(transfer.received) if transfer.is_in else transfer.sent
         self._pending += encode_submitted(command, outcome, actual, transfer.received)
         self._forget(command.number)
@@ -288,22 +288,22 @@ class UsbIpSession(UsbConversation):
         if transfer is not None:
             self._bus.cancel(transfer)
             if transfer.sent or transfer.received:  # the answer to Unlink cannot say how much was carried
-                transfer.on_end(transfer, Outcome.TAKEN_BACK)
-                self._pending += encode_unlinked(command.number, Outcome.DONE)
+                transfer.on_end(transfer, TransferOutcome.TAKEN_BACK)
+                self._pending += encode_unlinked(command.number, TransferOutcome.DONE)
             else:
                 self._forget(command.target)
-                self._pending += encode_unlinked(command.number, Outcome.TAKEN_BACK)
-        elif self._newest is None:  # it is one of the connection before this one; a client waits for the answer
-            self._pending += encode_unlinked(command.number, Outcome.TAKEN_BACK)
+                self._pending += encode_unlinked(command.number, TransferOutcome.TAKEN_BACK)
+        elif self._newest is None:  # it belongs to the previous connection; a client waits for the answer
+            self._pending += encode_unlinked(command.number, TransferOutcome.TAKEN_BACK)
         elif 0 < (command.target - self._newest) % 2**32 < 2**31:
             self._premature[command.target] = command.number
             if len(self._premature) > MOST_TRANSFERS:
-                self._leave(f"it took back more than {MOST_TRANSFERS} transfers that it never began")
+                self._leave(f"it cancelled more than {MOST_TRANSFERS} transfers that it never began")
         else:
-            self._pending += encode_unlinked(command.number, Outcome.DONE)
+            self._pending += encode_unlinked(command.number, TransferOutcome.DONE)
 
     def _leave(self, reason: str, replug: bool = True) -> None:
-        """Have no more to do with the client."""
+        """End the conversation with the client."""
         self.over = True
         self.end = self.end or reason
         self._received.clear()

@@ -1,8 +1,8 @@
-"""One host of the usbredir door, such as QEMU: its messages, and the transfers of the device that it is given.
+"""One host of the usbredir door, such as QEMU: its messages, and the transfers of its device.
 
 The layouts are those of the usbredir protocol, version 0.7 (usbredir-protocol.md); every number in them is
-little-endian. Unlike a client of USB/IP the host tells of bus resets, and a device may leave the bus and come back on
-one connection. A host must know 64-bit numbers of messages and 32-bit lengths, as QEMU does.
+little-endian. Unlike a client of USB/IP the host reports bus resets, and a device may leave the bus and come back on
+one connection. A host must support 64-bit message numbers and 32-bit lengths, as QEMU does.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ...protocol.codes import StandardRequest
 from ...protocol.descriptors import Endpoint, Interface, descriptors
 from ...protocol.enumeration import HIGH_SPEED
 from ...protocol.requests import DIRECTION_IN, Setup
-from .usb_bus import Outcome, Transfer, UsbBus
+from .usb_bus import Transfer, TransferOutcome, UsbBus
 from .usb_conversation import UsbConversation
 from .usbip_session import MOST_BYTES, MOST_PENDING, MOST_TRANSFERS, Exported
 
@@ -38,7 +38,7 @@ _LINGER_CYCLES = CORE_HZ
 
 
 class _Cap(IntFlag):
-    """What a host must know."""
+    """The capabilities that a host must have."""
 
     CONNECT_DEVICE_VERSION = 1 << 1
     EP_INFO_MAX_PACKET_SIZE = 1 << 4
@@ -81,21 +81,21 @@ _HEADS: dict[int, int] = {
 }
 _SUCCESS, _CANCELLED, _INVALID, _IO_ERROR, _STALL, _BABBLE = 0, 1, 2, 3, 4, 6
 _STATUS = {
-    Outcome.DONE: _SUCCESS,
-    Outcome.SHORT: _SUCCESS,
-    Outcome.STALLED: _STALL,
-    Outcome.OVERFLOW: _BABBLE,
-    Outcome.TAKEN_BACK: _CANCELLED,
+    TransferOutcome.DONE: _SUCCESS,
+    TransferOutcome.SHORT: _SUCCESS,
+    TransferOutcome.STALLED: _STALL,
+    TransferOutcome.OVERFLOW: _BABBLE,
+    TransferOutcome.TAKEN_BACK: _CANCELLED,
 }
 
 
 class UsbRedirSession(UsbConversation):
-    """A conversation with one host, which sees the device whenever that is attached.
+    """A conversation with one host, which sees the device whenever it is attached.
 
     Parameters
     ----------
     exported : Exported
-        The device; nobody else must have it.
+        The device; no other client may hold it.
     """
 
     def __init__(self, exported: Exported) -> None:
@@ -115,37 +115,37 @@ class UsbRedirSession(UsbConversation):
 
     @property
     def full(self) -> bool:
-        """Whether the host should send no more for now."""
+        """Whether the host should pause its output."""
         return len(self._pending) > MOST_PENDING
 
     @property
     def presses(self) -> bool:
-        """Whether something of it is under way, so that time must pass at the fast pace too."""
+        """Whether some data are under way, so that time must pass at the fast pace too."""
         if self._bus is None:
             return self._greeted and self._scheduler.now < self._absent_since + _LINGER_CYCLES
         return self._bus.presses and not self.full
 
     def receive(self, data: bytes) -> None:
-        """Take bytes of the host; it is left if they make no sense."""
+        """Take bytes of the host; it is dropped if they make no sense."""
         self._received += data
         while not self.over and self._read():
             self._check_attachment()
 
     def next_time(self, event: int | None) -> int | None:
-        """When there is something to do, if nobody else acts; the device itself does at `event`."""
+        """The time of its next action, if no one else acts; the device's own is `event`."""
         if self._bus is None:
             return event if self._greeted else None
         return None if self.full else self._bus.next_time(event)
 
     def run(self) -> None:
-        """Do what is due now."""
+        """Perform the actions that are due."""
         self._check_attachment()
         if self._bus and not self.full:
             self._bus.run()
             self._check_attachment()
 
     def _read(self) -> bool:
-        """Obey the next message, if it is there."""
+        """Carry out the next message, if it has arrived."""
         header = _HEADER if self._greeted else _HELLO_HEADER
         if len(self._received) < header.size:
             return False
@@ -202,7 +202,7 @@ class UsbRedirSession(UsbConversation):
                 transfer = self._transfers.get(number)
                 if transfer is not None:
                     self._bus.cancel(transfer)
-                    transfer.on_end(transfer, Outcome.TAKEN_BACK)
+                    transfer.on_end(transfer, TransferOutcome.TAKEN_BACK)
             case _Type.CONTROL_PACKET:
                 self._control(number, data)
             case _Type.BULK_PACKET:
@@ -214,7 +214,7 @@ class UsbRedirSession(UsbConversation):
         endpoint, request, request_type, _, value, index, length = _CONTROL.unpack_from(data)
         setup = Setup(request_type, request, value, index, length)
 
-        def answer(transfer: Transfer, outcome: Outcome) -> None:
+        def answer(transfer: Transfer, outcome: TransferOutcome) -> None:
             size = len(transfer.received) if setup.is_in else transfer.sent
             status = _STATUS.get(outcome, _IO_ERROR)
             head = _CONTROL.pack(endpoint, request, request_type, status, value, index, size)
@@ -229,7 +229,7 @@ class UsbRedirSession(UsbConversation):
         if not endpoint & DIRECTION_IN and len(sent) != length:
             raise ValueError(f"{len(sent)} bytes of data; {length} were announced")
 
-        def answer(transfer: Transfer, outcome: Outcome) -> None:
+        def answer(transfer: Transfer, outcome: TransferOutcome) -> None:
             size = len(transfer.received) if transfer.is_in else transfer.sent
             status = _STATUS.get(outcome, _IO_ERROR)
             head = _BULK.pack(endpoint, status, size & 0xFFFF, stream, size >> 16)
@@ -238,9 +238,9 @@ class UsbRedirSession(UsbConversation):
         self._begin(number, Transfer(endpoint, length, sent, _NO_SETUP, False, False, answer))
 
     def _ask(self, number: int, setup: Setup, then: Callable[[int, bytes], None]) -> None:
-        """Make a request of the device that the host has told in words of its own."""
+        """Make a request that the host has sent as a message of its own."""
 
-        def answer(transfer: Transfer, outcome: Outcome) -> None:
+        def answer(transfer: Transfer, outcome: TransferOutcome) -> None:
             then(_STATUS.get(outcome, _IO_ERROR), bytes(transfer.received))
 
         endpoint = DIRECTION_IN if setup.is_in else 0
@@ -253,7 +253,7 @@ class UsbRedirSession(UsbConversation):
             raise ValueError(f"transfer {number} is under way, or more than {MOST_TRANSFERS} or {MOST_BYTES} bytes are")
         answer = transfer.on_end
 
-        def end(transfer: Transfer, outcome: Outcome) -> None:
+        def end(transfer: Transfer, outcome: TransferOutcome) -> None:
             if self._transfers.pop(number, None) is not None:
                 self._bytes -= len(transfer.data)
                 answer(transfer, outcome)
@@ -268,14 +268,14 @@ class UsbRedirSession(UsbConversation):
         self._listen(endpoint, 0)
 
     def _listen(self, endpoint: int, count: int) -> None:
-        """Ask an interrupt endpoint for its next packet."""
+        """Poll an interrupt endpoint for its next packet."""
         assert self._bus
 
-        def answer(transfer: Transfer, outcome: Outcome) -> None:
+        def answer(transfer: Transfer, outcome: TransferOutcome) -> None:
             head = _INTERRUPT.pack(endpoint, _STATUS.get(outcome, _IO_ERROR), len(transfer.received))
             self._say(_Type.INTERRUPT_PACKET, count, head + bytes(transfer.received))
             del self._interrupts[endpoint]
-            if outcome is Outcome.DONE:
+            if outcome is TransferOutcome.DONE:
                 self._listen(endpoint, count + 1)
 
         transfer = Transfer(endpoint, _MOST_INTERRUPT_BYTES, b"", _NO_SETUP, False, False, answer)
@@ -289,7 +289,7 @@ class UsbRedirSession(UsbConversation):
             self._bus.cancel(transfer)
 
     def _answer_early(self, kind: int, number: int, data: bytes, status: int) -> None:
-        """Refuse a transfer, whose answer repeats its head; other messages that are not known are passed over."""
+        """Refuse a transfer, whose answer repeats its head; other unknown messages are ignored."""
         size = _HEADS.get(kind)
         if size is not None:
             head = bytearray(data[:size])
@@ -306,7 +306,7 @@ class UsbRedirSession(UsbConversation):
         self._say(_Type.ALT_SETTING_STATUS, number, told)
 
     def _describe(self) -> None:
-        """Tell the host of interfaces and endpoints, which it wants to know before it sees the device."""
+        """Tell the host of interfaces and endpoints, which it needs before it sees the device."""
         found = descriptors(self._exported.device.enumeration.configuration)
         interfaces = [each for each in found if isinstance(each, Interface) and not each.bAlternateSetting]
         rows = bytearray(4 * _PLACES)
@@ -329,7 +329,7 @@ class UsbRedirSession(UsbConversation):
         self._say(_Type.EP_INFO, 0, bytes(kinds + intervals + owners) + struct.pack(f"<{_PLACES}H", *sizes))
 
     def _check_attachment(self) -> None:
-        """Tell the host whether the device is there; one that comes back at once has been away too."""
+        """Tell the host whether the device is there; one that comes back at once was away too."""
         device = self._exported.device
         if self.over or not self._greeted:
             return
@@ -349,19 +349,19 @@ class UsbRedirSession(UsbConversation):
             self._say(_Type.DEVICE_CONNECT, 0, told)
 
     def _forget_all(self) -> None:
-        """End all transfers, as a reset or a device that leaves does."""
+        """End all transfers, as after a reset or when a device leaves."""
         assert self._bus
         for endpoint in tuple(self._interrupts):
             self._stop_interrupts(endpoint)
         for transfer in tuple(self._transfers.values()):
             self._bus.cancel(transfer)
-            transfer.on_end(transfer, Outcome.GONE)
+            transfer.on_end(transfer, TransferOutcome.GONE)
 
     def _say(self, kind: int, number: int, data: bytes) -> None:
         self._pending += _HEADER.pack(kind, len(data), number) + data
 
     def _leave(self, reason: str) -> None:
-        """Have no more to do with the host; for the device its cable is unplugged."""
+        """End the conversation with the host; for the device its cable is unplugged."""
         if not self.over:
             self.over = True
             self.end = reason

@@ -1,4 +1,4 @@
-"""What must be compiled or loaded from disk is so before a host waits: at a device's first stream it takes a second."""
+"""Compile and load everything before a host waits: a device's first stream would take a second."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SETTLING_PERIODS = 100
 
 
 def load_kernels() -> None:
-    """Let an emulated device of its own take a stream, so that all kernels on its way are loaded."""
+    """Let a private emulated device take a stream, so that all its kernels are loaded."""
     spare = Emulator()
     usb, scheduler = spare.usb, spare.scheduler
     usb.control(Setup(0, StandardRequest.SET_CONFIGURATION, CONFIGURATION_VALUE, 0, 0))

@@ -2,7 +2,7 @@
 
 `DfuMode` answers the class requests of the only interface that there is in this mode, and writes blocks and boot record
 to the bank that does not run. States follow `protocol.dfu.TRANSITIONS`; what takes time is a job, a generator that the
-scheduler goes on with. It touches no bank but that one, and does not boot: who resets the bus does.
+scheduler goes on with. It touches no bank but that one, and does not boot: a bus reset does.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.random import default_rng  # not when it is used: a Ctrl-C would be lost while it loads
 from numpy.typing import NDArray
 
 from ...errors import InputFileError
@@ -22,7 +23,7 @@ from ...protocol.dfu import PAGE_BYTES, PAGE_PROGRAM_MS, SECTOR_ERASE_MS
 from ...storage import read_file, replacing
 from ..scheduler import Scheduler
 
-__all__ = ["CYCLES_PER_MS", "FLASH_BYTES", "Defects", "Flash", "Times"]
+__all__ = ["CYCLES_PER_MS", "FLASH_BYTES", "Defects", "Flash", "FlashTimes"]
 
 FLASH_BYTES = (1 + len(Bank)) * FLASH_BANK_BYTES
 SECTORS = FLASH_BYTES // FLASH_SECTOR_BYTES
@@ -33,7 +34,7 @@ ERASED_BYTE = 0xFF
 PREPROGRAMMING_SHARE = 0.25
 
 
-class Times(NamedTuple):
+class FlashTimes(NamedTuple):
     """How long the flash takes, in ms: by default what is typical (clause DFU-008)."""
 
     erase_ms: int = SECTOR_ERASE_MS
@@ -87,7 +88,7 @@ class Flash:
     ----------
     content : bytes, optional
         What its cells hold; all ones by default.
-    times : Times
+    times : FlashTimes
         How long it takes to erase and to program.
     seed : int
         Decides, with the place and its wear, what an operation leaves behind that was cut short.
@@ -112,11 +113,11 @@ class Flash:
     """
 
     def __init__(
-        self, content: bytes | NDArray[np.uint8] | None = None, *, times: Times | None = None, seed: int = 0
+        self, content: bytes | NDArray[np.uint8] | None = None, *, times: FlashTimes | None = None, seed: int = 0
     ) -> None:
         if content is not None and len(content) != FLASH_BYTES:
             raise ValueError(f"a flash holds {FLASH_BYTES} bytes, not {len(content)}")
-        self.times = times or Times()
+        self.times = times or FlashTimes()
         self.defects = Defects()
         self.erasures: NDArray[np.uint32] = np.zeros(SECTORS, np.uint32)
         self.busy_until = 0
@@ -132,7 +133,7 @@ class Flash:
         self._fuse: _Fuse | None = None
 
     @classmethod
-    def load(cls, path: Path, *, times: Times | None = None, seed: int = 0) -> Self:
+    def load(cls, path: Path, *, times: FlashTimes | None = None, seed: int = 0) -> Self:
         """Read a flash from a file: its bytes, and after them how often each sector was erased.
 
         Raises
@@ -303,7 +304,7 @@ class Flash:
         place = slice(operation.address, operation.address + operation.before.size)
         passed, lasts = now - operation.begins, operation.ends - operation.begins
         wear = int(self.erasures[operation.address // FLASH_SECTOR_BYTES])
-        random = np.random.default_rng((self._seed, operation.address, wear, passed))
+        random = default_rng((self._seed, operation.address, wear, passed))
         if operation.is_erasure:
             self._cells[place] = _half_erased(operation.before, passed / lasts, random)
         else:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FACTORY_IMAGE",
     "Boot",
-    "Identity",
+    "DeviceIdentity",
     "boot",
     "confirm",
     "give_up_upgrades",
@@ -55,7 +55,7 @@ MARK, UNMARKED = bytes(4), bytes([ERASED_BYTE]) * 4
 SIZE_BYTES, CHECKSUM_BYTES = 4, 4  # sent before and after a segment
 
 
-class Identity(NamedTuple):
+class DeviceIdentity(NamedTuple):
     """What a device is told of itself when it is made (clause FWU-016)."""
 
     serial: str
@@ -69,7 +69,7 @@ class Identity(NamedTuple):
         return json.dumps({"serial": self.serial, "wiring": self.wiring.channels.tolist(), "keys": keys}).encode()
 
     @classmethod
-    def read(cls, flash: Flash) -> Identity:
+    def read(cls, flash: Flash) -> DeviceIdentity:
         """Read it from a flash; raise `InputFileError` if none was written there."""
         text = flash.read(IDENTITY_ADDRESS, IDENTITY_BYTES).partition(bytes([ERASED_BYTE]))[0]
         try:
@@ -87,7 +87,7 @@ def _public_keys(keys: Sequence[str]) -> tuple[Ed25519PublicKey, ...]:
     return tuple(Ed25519PublicKey.from_public_bytes(bytes.fromhex(key)) for key in keys)
 
 
-def make_flash(identity: Identity, image: Image = FACTORY_IMAGE) -> Flash:
+def make_flash(identity: DeviceIdentity, image: Image = FACTORY_IMAGE) -> Flash:
     """A flash as it leaves the factory: its image confirmed, the banks A and B empty (clause FWU-016)."""
     stored = image.encode()
     record = replace(BootRecord.of(stored, None), started=0, confirmed=0)

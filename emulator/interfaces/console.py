@@ -26,7 +26,7 @@ from ...protocol.console import (
 )
 from ...protocol.replies import ANSWER_BYTES
 from ...protocol.requests import VALUES, Setup
-from ...protocol.states import Event, after
+from ...protocol.states import StateEvent, after
 from ..door import Door, Stall
 
 __all__ = ["Console", "ConsoleController", "Departure", "Shown"]
@@ -150,7 +150,7 @@ class Console:
 
     def _check_detach(self) -> None:
         state = self._controller.state
-        if after(state, Event.DETACH) is state:
+        if after(state, StateEvent.DETACH) is state:
             raise _refused(f"DFU mode is not entered from the state {state.name}")
 
     def _test(self, transducer: int) -> None:

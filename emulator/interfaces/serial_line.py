@@ -19,10 +19,10 @@ from ...protocol.codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, FrameKind, Outc
 from ...protocol.framing import (
     CONSOLE_FRAME,
     DELIMITER,
-    Frame,
-    Line,
     LineEvent,
-    Mode,
+    LineMode,
+    LineReader,
+    SerialFrame,
     SerialReply,
     SerialRequest,
     encode,
@@ -42,8 +42,6 @@ _RESTARTS = tuple(Setup(REQUEST_TYPE_OUT, request, 0, 0, 0) for request in (Requ
 class LineController(ConsoleController, Protocol):
     """What a serial line needs of the controller."""
 
-    dropped_frames: int
-
     @property
     def now_tick(self) -> int:
         """Ticks since period 0."""
@@ -56,6 +54,9 @@ class LineController(ConsoleController, Protocol):
 
     def await_room(self, waiter: Callable[[], None]) -> None:
         """Call somebody once the queue has room."""
+
+    def drop_frames(self, count: int) -> None:
+        """Count frames that were damaged and dropped."""
 
 
 class _Nobody(Door):
@@ -76,7 +77,7 @@ class _WaitingBlock:
 
 
 class _Outbox:
-    """What waits for the host: bytes that nothing stops any more, then frames, then a record that nobody asked for."""
+    """What waits for the host: bytes that can no longer be dropped, then frames, then an unsolicited record."""
 
     def __init__(self) -> None:
         self._under_way = bytearray()
@@ -90,16 +91,16 @@ class _Outbox:
         """Send bytes after what is under way; no frames may wait."""
         self._under_way += data
 
-    def answer(self, frame: Frame) -> None:
+    def answer(self, frame: SerialFrame) -> None:
         """Send a frame after the others."""
         self._frames.append(encode(frame))
 
-    def notify(self, frame: Frame) -> None:
+    def notify(self, frame: SerialFrame) -> None:
         """Send a frame when no other one waits, in the place of one that was to be sent like this."""
         self._unasked = encode(frame)
 
     def keep_answers(self) -> None:
-        """Let no frame that waits be dropped, but for the one that nobody asked for."""
+        """Keep all waiting frames, except the unsolicited one."""
         self._under_way += b"".join(self._frames)
         self._frames.clear()
 
@@ -156,7 +157,7 @@ class SerialLine(Door):
 
     def _begin(self) -> None:
         """Everything as at first, besides a block that waits."""
-        self._incoming = Line()
+        self._incoming = LineReader()
         self._console = Console(self._controller, self, partial(self._detach, self))
         self._outbox = _Outbox()
         self._among_frames = False
@@ -170,7 +171,7 @@ class SerialLine(Door):
 
     @property
     def can_receive(self) -> bool:
-        """Whether the host takes what it asked for; if a line can let it wait, it does otherwise."""
+        """Whether the host reads its answers; if not, a line that can make it wait does so."""
         return self.pending < FULL_BYTES
 
     def open(self) -> None:
@@ -183,7 +184,7 @@ class SerialLine(Door):
         What waits for the host is dropped, and what was to be carried out after it is carried out.
         """
         dropped = self._incoming.hang_up()
-        self._controller.dropped_frames += sum(isinstance(event, FrameError) for event in dropped)
+        self._controller.drop_frames(sum(isinstance(event, FrameError) for event in dropped))
         self._drop_answers()
         departure = self._departure
         self._begin()
@@ -210,13 +211,13 @@ class SerialLine(Door):
 
     def acknowledge(self, record: bytes) -> None:
         """Send the acknowledgement of a block that came by this line."""
-        self._outbox.answer(Frame(FrameKind.RECORD, record))
+        self._outbox.answer(SerialFrame(FrameKind.RECORD, record))
         self._on_output()
 
     def notify(self, record: bytes) -> None:
-        """Send a status record that nobody asked for, if the line carries frames (clauses ACK-006 and SER-010)."""
+        """Send an unsolicited status record, if the line carries frames (clauses ACK-006 and SER-010)."""
         if self._among_frames:
-            self._outbox.notify(Frame(FrameKind.RECORD, record))
+            self._outbox.notify(SerialFrame(FrameKind.RECORD, record))
             self._on_output()
 
     def _handle(self, event: LineEvent) -> None:
@@ -224,18 +225,18 @@ class SerialLine(Door):
             case bytes(typed):
                 text, self._departure = self._console.feed(typed)
                 self._say(text)
-            case Mode.FRAMES:
+            case LineMode.FRAMES:
                 self._outbox.say(DELIMITER)
                 self._among_frames = True
-            case Mode.CONSOLE:
+            case LineMode.CONSOLE:
                 self._leave_frames()
                 self._say(self._console.begin_line())
-            case Frame(FrameKind.BLOCK, block):
+            case SerialFrame(FrameKind.BLOCK, block):
                 self._admit(block)
-            case Frame(FrameKind.REQUEST, body):
+            case SerialFrame(FrameKind.REQUEST, body):
                 self._answer(SerialRequest.decode(body))
             case _:  # damaged, or going the other way
-                self._controller.dropped_frames += 1
+                self._controller.drop_frames(1)
 
     def _say(self, text: bytes) -> None:
         # Text without a terminal is not kept: it would stand before the frames of a host that needs no DTR.
@@ -277,13 +278,13 @@ class SerialLine(Door):
         self._departure = partial(self._controller.request, request.setup, b"", self)
 
     def _reply(self, reply: SerialReply) -> None:
-        self._outbox.answer(Frame(FrameKind.REPLY, reply.encode()))
+        self._outbox.answer(SerialFrame(FrameKind.REPLY, reply.encode()))
         self._controller.host_arrived()
 
     def _admit(self, block: bytes) -> None:
         """Have a block judged, let it wait for room in the queue, or drop it (clause SER-011)."""
         if self._waiting:
-            self._controller.dropped_frames += 1
+            self._controller.drop_frames(1)
         elif self._controller.can_accept:
             self._controller.accept(block, self)
         else:
@@ -303,7 +304,7 @@ class SerialLine(Door):
     def _all_sent(self) -> None:
         if self._departure:
             departure, self._departure = self._departure, None
-            self._incoming = Line()  # both directions are text, whatever came meanwhile
+            self._incoming = LineReader()  # both directions are text, whatever came meanwhile
             _depart(departure)
 
 

@@ -45,8 +45,8 @@ from .usb_functions import (
     DfuModeFunction,
     DfuRunTimeFunction,
     FirmwareUpgrade,
-    Function,
     UsbController,
+    UsbFunction,
     unknown,
 )
 
@@ -73,7 +73,7 @@ class _Pipe(NamedTuple):
     """An endpoint of the configuration."""
 
     interface: int
-    function: Function
+    function: UsbFunction
     packet_bytes: int
 
 
@@ -157,7 +157,7 @@ class UsbDevice:
         self._plugged = True
         self._pulled_up = False
         self._connection = 0  # advanced whenever the pull-up goes; what an earlier one has scheduled counts no more
-        self._functions: Mapping[int, Function] = {}
+        self._functions: Mapping[int, UsbFunction] = {}
         self._dfu: DfuRunTimeFunction | None = None
         self._pipes: Mapping[int, _Pipe] = {}
         self._halted: set[int] = set()
@@ -197,7 +197,7 @@ class UsbDevice:
         leave = partial(self._leave_for_dfu, self._connection)
         self._dfu = DfuRunTimeFunction(self._scheduler, controller, array, leave)
         self._version = version
-        functions: dict[int, Function] = {
+        functions: dict[int, UsbFunction] = {
             ARRAY_INTERFACE: array,
             CONSOLE_INTERFACE: console,
             CONSOLE_DATA_INTERFACE: console,
@@ -242,7 +242,7 @@ class UsbDevice:
         self.disconnect()
         self._restart()
 
-    def _pull_up(self, enumeration: Enumeration, functions: Mapping[int, Function]) -> None:
+    def _pull_up(self, enumeration: Enumeration, functions: Mapping[int, UsbFunction]) -> None:
         self.enumeration = enumeration
         self._functions = functions
         self._pipes = _pipes(enumeration.configuration, functions)
@@ -298,7 +298,7 @@ class UsbDevice:
         if self.configuration and endpoint in self._pipes:
             self._halted.add(endpoint)
 
-    def _tell(self, event: Callable[[Function], None]) -> None:
+    def _tell(self, event: Callable[[UsbFunction], None]) -> None:
         for function in dict.fromkeys(self._functions.values()):  # once each, in the order of their interfaces
             event(function)
 
@@ -328,7 +328,7 @@ class UsbDevice:
         return handshake
 
     def stream_out(self, endpoint: int, data: memoryview, began: int, deadline: int) -> tuple[int, int]:
-        """Take as many of the packets of a long transfer at once as can be (see `Controller.stream`).
+        """Take as many of the packets of a long transfer at once as can be (see `Controller.take`).
 
         Parameters
         ----------
@@ -398,7 +398,7 @@ class UsbDevice:
             raise unknown(setup)
         return self._function(setup).request(setup, data)
 
-    def _function(self, setup: Setup) -> Function:
+    def _function(self, setup: Setup) -> UsbFunction:
         """What stands behind the interface that a request goes to."""
         if not self.configuration:
             raise Stall("interfaces need a configured device")
@@ -503,7 +503,7 @@ def _expect(setup: Setup, *, value: int | None = None, index: int | None = None)
         raise unknown(setup)
 
 
-def _pipes(configuration: bytes, functions: Mapping[int, Function]) -> dict[int, _Pipe]:
+def _pipes(configuration: bytes, functions: Mapping[int, UsbFunction]) -> dict[int, _Pipe]:
     """The endpoints that a configuration describes, by their addresses."""
     return {
         endpoint.bEndpointAddress: _Pipe(interface, functions[interface], endpoint.wMaxPacketSize)

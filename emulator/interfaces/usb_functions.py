@@ -39,7 +39,7 @@ from ...protocol.framing import BAUD
 from ...protocol.layout.usb import LINE_CODING
 from ...protocol.requests import ConsoleRequest, Setup
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, PACKET_CYCLES
-from ..control.controller import RECORDS
+from ..control.requests import QUEUE_RECORDS
 from ..door import Door, Handshake, Stall
 from ..scheduler import Scheduler
 from ..trace import Tracer
@@ -51,8 +51,8 @@ __all__ = [
     "DfuModeFunction",
     "DfuRunTimeFunction",
     "FirmwareUpgrade",
-    "Function",
     "UsbController",
+    "UsbFunction",
 ]
 
 DETACH_CYCLES = 20 * CYCLES_PER_MS
@@ -70,10 +70,10 @@ _DTR = 1 << 0  # of wValue of SET_CONTROL_LINE_STATE (PSTN 1.2, table 18)
 _115200_8N1 = bytes(LINE_CODING.build({"dwDTERate": BAUD, "bCharFormat": 0, "bParityType": 0, "bDataBits": 8}))
 
 
-Stream = Callable[[memoryview, int, int], tuple[int, int]]
+TakePackets = Callable[[memoryview, int, int], tuple[int, int]]
 
 
-class Function:
+class UsbFunction:
     """What answers on one or more interfaces.
 
     Attributes
@@ -88,7 +88,7 @@ class Function:
 
     outs: Mapping[int, Callable[[bytes], Handshake]] = MappingProxyType({})
     ins: Mapping[int, Callable[[], bytes | Handshake]] = MappingProxyType({})
-    streams: Mapping[int, Stream] = MappingProxyType({})
+    streams: Mapping[int, TakePackets] = MappingProxyType({})
 
     def request(self, setup: Setup, data: bytes, /) -> bytes:
         """Carry out a class or vendor request to an interface of it.
@@ -168,8 +168,8 @@ class UsbController(Protocol):
     def await_room(self, waiter: Callable[[], None]) -> None:
         """Call somebody once the queue has room."""
 
-    def stream(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
-        """Accept a stream of updates as far as nothing else comes between; how many, and when the last arrived."""
+    def take(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
+        """Accept updates that arrive back to back, up to anything else; how many, and when the last arrived."""
 
     def request(self, setup: Setup, data: bytes, door: Door) -> bytes:
         """Carry out a vendor request, or raise `Stall`."""
@@ -190,7 +190,7 @@ class UsbController(Protocol):
         """A host has configured the device: its firmware works (clause FWU-020)."""
 
 
-class ArrayFunction(Function, Door):
+class ArrayFunction(UsbFunction, Door):
     """Interface 0: blocks come by 01 OUT, records go by 81 IN, and vendor requests are the controller's.
 
     Parameters
@@ -213,7 +213,7 @@ class ArrayFunction(Function, Door):
         self._packet_cycles = PACKET_CYCLES if packet_bytes == BLOCK_BYTES else FULL_SPEED_PACKET_CYCLES
         self._part = b""  # of a block that has not ended
         self._records: deque[bytes] = deque()
-        self._unasked = b""  # the one of them, if any, that nobody asked for
+        self._unasked = b""  # the unsolicited one of them, if any
         self._packets = _Packets(self._take_records, packet_bytes)
         self.outs = {ENDPOINT_OUT: self._take}
         self.ins = {ENDPOINT_IN: self._packets.next}
@@ -255,7 +255,7 @@ class ArrayFunction(Function, Door):
 
     @property
     def _room_for_records(self) -> int:
-        return RECORDS - (len(self._records) - bool(self._unasked))
+        return QUEUE_RECORDS - (len(self._records) - bool(self._unasked))
 
     @property
     def _has_room(self) -> bool:
@@ -273,7 +273,7 @@ class ArrayFunction(Function, Door):
         if count < 2:
             return 0, began
         packets = np.frombuffer(data[: count * BLOCK_BYTES], np.uint8).reshape(count, BLOCK_BYTES)
-        taken, ended = self._controller.stream(packets, began, deadline, self)
+        taken, ended = self._controller.take(packets, began, deadline, self)
         return taken * BLOCK_BYTES, ended
 
     def _take(self, packet: bytes) -> Handshake:
@@ -349,7 +349,7 @@ class ConsoleLine(Protocol):
         """The host has gone, or another has come: be as at first."""
 
 
-class ConsoleFunction(Function):
+class ConsoleFunction(UsbFunction):
     """Interfaces 1 and 2: a serial line as CDC-ACM (clauses USB-023 and SER-001).
 
     Parameters
@@ -409,7 +409,7 @@ class ConsoleFunction(Function):
         self.configure(0)
 
 
-class DfuRunTimeFunction(Function):
+class DfuRunTimeFunction(UsbFunction):
     """Interface 3 at run time: the way into DFU mode (clauses USB-024 and DFU-002).
 
     Parameters
@@ -475,7 +475,7 @@ class FirmwareUpgrade(Protocol):
         """Whether the device boots now."""
 
 
-class DfuModeFunction(Function):
+class DfuModeFunction(UsbFunction):
     """Interface 0 in DFU mode (chapter DFU).
 
     Parameters

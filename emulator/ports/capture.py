@@ -25,7 +25,7 @@ from ...protocol.board import (
 from ...protocol.pulses import MODULATED_WIDTH
 from ...protocol.wiring import Wiring
 from .clock import BoardClock
-from .reel import Segments
+from .history import Segments
 
 __all__ = ["Capture", "Forced", "Track"]
 
@@ -82,7 +82,7 @@ class Capture:
 
     @property
     def open_transducers(self) -> frozenset[int]:
-        """Transducers that are not connected, be it since the end."""
+        """Transducers that are not connected, even if they were disconnected after the end."""
         return frozenset(self.open_since)
 
     @property

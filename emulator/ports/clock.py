@@ -17,7 +17,11 @@ from ...protocol.board import CYCLES_PER_PERIOD, CYCLES_PER_TICK
 __all__ = ["COUNTER_TICKS", "BoardClock", "Timebase"]
 
 COUNTER_TICKS = 2**16
-"""A port's counter has 16 bits: it wraps every 32.768 ms, which is no whole number of periods (clause TIM-004)."""
+"""A port's counter has 16 bits: it wraps every 32.768 ms, which is no whole number of periods (clause TIM-004).
+
+No output uses it: the period comes from `own_tick`, which has no limit. The counter serves only
+`Processor.feel_pulse`.
+"""
 BILLION = 10**9
 
 

@@ -26,7 +26,7 @@ from .excerpt import Excerpt
 
 __all__ = ["write_vcd"]
 
-Change: TypeAlias = tuple[int, Variable[Any], int]  # time in units, and the new value
+ValueChange: TypeAlias = tuple[int, Variable[Any], int]  # time in units, and the new value
 
 
 def write_vcd(path: Path, excerpt: Excerpt, signals: Sequence[Signal] = ()) -> None:
@@ -56,12 +56,12 @@ def _write(stream: TextIO, excerpt: Excerpt, signals: Sequence[Signal]) -> None:
     units_per_tick, units_per_cycle = units_per_second // TICK_HZ, units_per_second // CORE_HZ
     first_cycle, end_cycle = excerpt.start * CYCLES_PER_TICK, excerpt.stop * CYCLES_PER_TICK
 
-    def output_changes() -> Iterator[Change]:
+    def output_changes() -> Iterator[ValueChange]:
         for ticks, which, levels in excerpt.changes():
             times = (ticks * units_per_tick).tolist()
             yield from zip(times, (outputs[place] for place in which.tolist()), levels.tolist(), strict=True)
 
-    def signal_changes(signal: Signal, variable: Variable[Any]) -> Iterator[Change]:
+    def signal_changes(signal: Signal, variable: Variable[Any]) -> Iterator[ValueChange]:
         for cycle, value in signal.changes:
             if first_cycle < cycle < end_cycle:
                 yield cycle * units_per_cycle, variable, value

@@ -1,7 +1,7 @@
-"""The bench: a device under test, all that a case may ask of it, and a note of all that passed.
+"""The bench: a device under test, everything that a case may ask of it, and a log of all traffic.
 
-A case gets the device disabled, without faults and without records that wait; its first block begins the numbering
-anew. What a case changes besides, it need not put right, but for what lasts: firmware, power, the bus.
+A case gets the device disabled, without faults and without records that wait; its first block restarts the numbering. A
+case need not restore what it changes, except what lasts: firmware, power, the bus.
 """
 
 from __future__ import annotations
@@ -52,14 +52,13 @@ from ...protocol.replies import (
 from ...protocol.requests import VALUES, Setup
 from ...protocol.wiring import Wiring
 from .cases import NOT_USB, Inconclusive, Need, Risk, TooSlow, unmet
-from .levers import Levers
+from .levers import METHODS, LeverFailed, PluggedLevers
 from .lines.line import RawLine
-from .lines.serial import CdcWire, SerialLine
-from .lines.usb import UsbLine
+from .lines.serial import CdcWire, RawSerialLine
+from .lines.usb import RawUsbLine
 from .profile import Profile
-from .sight.capture import Seen, Sight, Unseen
+from .sight.capture import Observer, Seen, Unseen
 from .sight.marks import MARK_PULSES, Mark
-from .sight.sigrok import SigrokSight
 from .verdicts import Evidence
 
 if TYPE_CHECKING:
@@ -68,45 +67,53 @@ if TYPE_CHECKING:
 __all__ = ["LOW_DRIVE", "MOST_SLOWNESS", "OUTPUTS", "POWERS", "RETURN_SECONDS", "TOLD_PERIODS", "Bench", "Lost"]
 
 LOW_DRIVE = 32
-"""Transducers' worth of total drive that a case may use where hard driving was not allowed: a tenth of the array."""
+"""Transducers' worth of total drive that a case may use if hard driving is not allowed: a tenth of the array."""
 ACK_SECONDS = 10.0
-"""A device answers at once; the rest is for a computer that is busy."""
+"""A device answers at once; the rest is margin for a busy computer."""
 AHEAD_PERIODS = 1000
-"""What a change names so far ahead is meant to be in time: 25 ms."""
+"""The lead of a change that must be in time: 25 ms."""
 LAST_LOOK_SECONDS = 0.1
-"""For what a device has sent in time to reach this program."""
+"""Time for a device's data to reach this program."""
 BLOCK_SECONDS = {"usb": 0.01, "serial": 0.1}
-"""For one block to be taken, at the least speed of a line (clause SER-014), and twice that."""
+"""Time for one block at the lowest speed of a line (clause SER-014), doubled."""
 QUIET_SECONDS = 0.002
 SLICE_SECONDS, LONGEST_SLICE_SECONDS = 0.01, 0.2
-"""For how long a transfer of blocks, which may be longer than fits the device, is waited for until records are read."""
+"""How long to wait for a transfer of blocks, which may be larger than the device's buffers, before records are read."""
 MOST_SLOWNESS = 64
 """Periods are then named 3.2 s ahead."""
 NOTES = 60
-"""Pieces of evidence that are kept of a case: the first half, and the newest."""
+"""Pieces of evidence kept for a case: the first half, and the newest."""
+OFF_SECONDS = 0.1
+"""How long a device is without power."""
+LEAVES_SECONDS = 2.0
+"""Time for a device without power or cable to leave the bus."""
 RETURN_SECONDS = 15.0
-"""For a device to come back after it was restarted."""
+"""Time for a device to come back after a restart."""
 SHOWN_BYTES = 64
 OUTPUTS = "outputs"
-"""Label of what is said of outputs that were judged."""
+"""Label of the evidence on judged outputs."""
 DECODERS: Mapping[Request, Callable[[bytes], object]] = {
     Request.INFO: Info.decode,
     Request.STATUS: Status.decode,
     Request.CLOCK: ClockReading.decode,
 }
 COUNTERS = ("accepted", "refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames")
-"""Of STATUS (clause REQ-003)."""
+"""Counters of STATUS (clause REQ-003)."""
 FLAGS_OFFSET = 26  # clause BLK-002
 POWERS = np.floor(1000 * np.sin(np.pi * np.arange(MAX_WIDTH_TICKS + 1) / TICKS_PER_PERIOD) ** 2 + 0.5).astype(int)
-"""Of a pulse of each width, in thousandths of that of the widest (clause SAF-006)."""
+"""Power of a pulse of each width, in thousandths of the widest (clause SAF-006)."""
 TOLD_PERIODS = 800
-"""20 ms, in which a device begins to tell unasked what has happened (clause ACK-006)."""
+"""20 ms, within which a device sends an unsolicited record (clause ACK-006)."""
 FAR_SECONDS = 0.03
-"""What a line to a real device and the programs at its end may add to a record that is ready."""
+"""The delay that a real line and the programs at its end may add to a record."""
 
 
 class Lost(Exception):
     """The device cannot be brought back; no further case can be judged."""
+
+
+class LostByLever(Lost, Inconclusive):
+    """The device cannot be brought back, and a lever failed meanwhile: it may not be the device's fault."""
 
 
 class Bench:
@@ -115,45 +122,44 @@ class Bench:
     Parameters
     ----------
     line : RawLine
-        The line that blocks and requests go by.
-    levers : Levers
-        What can be done to the device besides.
-    sight : Sight or None
-        By what its outputs are seen.
+        The line for blocks and requests.
+    levers : PluggedLevers
+        Control of the device's surroundings.
+    observer : Observer or None
+        Observation of its outputs.
     allowed : frozenset of Risk
         What may be risked.
     seed : int
-        Of everything random.
+        Seed of all random numbers.
     profile : Profile
-        What is declared of the device.
+        What the makers declare of the device.
     spare : callable, optional
-        Gives a bench with a fresh device of the same kind, which trusts a key or, with None, has no keys; as a context
-        manager.
+        Returns, as a context manager, a bench with a fresh device of the same kind, which trusts a key or, given None,
+        has no keys.
 
     Attributes
     ----------
     line : RawLine
-    levers : Levers
+    levers : PluggedLevers
     info : Info
-        As the device answered at first.
+        The device's first answer.
     slowness : int
-        How many times as long as usual cases wait for what has to be sent before something happens.
+        Factor on the waiting time of cases before something happens.
     random : random.Random
         For this case: the same for the same seed, whatever ran before.
     marks : list of Mark
-        All that were played in this run.
+        All marks that were played in this run.
     looks : list of callable
-        What was to be judged of the outputs in this case, in order. Each says what was seen, or raises what speaks
-        against it.
+        The judgements of the outputs in this case, in order. Each returns what was seen, or raises what was wrong.
     unasked : list of Status
-        Status records that came of the device's own accord, since the case began or `unasked` was cleared.
+        Unsolicited status records since the case began or `unasked` was cleared.
     """
 
     def __init__(
         self,
         line: RawLine,
-        levers: Levers,
-        sight: Sight | None,
+        levers: PluggedLevers,
+        observer: Observer | None,
         allowed: frozenset[Risk],
         seed: int,
         *,
@@ -162,12 +168,13 @@ class Bench:
     ) -> None:
         self.line = line
         self.levers = levers
-        self.sight = sight
+        levers.done = self._lever_done
+        self.observer = observer
         self.allowed = allowed
         self._seed = seed
         self._spare = spare
         self.profile = profile
-        self._serial: SerialLine | None = line if isinstance(line, SerialLine) else None
+        self._serial: RawSerialLine | None = line if isinstance(line, RawSerialLine) else None
         self._notes: deque[tuple[str, str | bytes]] = deque()
         self._dropped = 0
         self.looks: list[Callable[[], str]] = []
@@ -178,7 +185,7 @@ class Bench:
         self.slowness = 1
         self._number: int | None = None
         self._first: Status | None = None
-        self._known_tick = 0
+        self._known_tick, self._known_at = 0, 0.0
         try:
             self.info = Info.decode(self.ask(Request.INFO))
         except (AssertionError, ReplyError) as error:
@@ -189,37 +196,37 @@ class Bench:
                 f"protocol; this suite judges version {PROTOCOL_VERSION}, and sends nothing else (clause VER-006)"
             )
 
-    # What there is
+    # Parts of the bench
 
     @cached_property
     def wiring(self) -> Wiring:
-        """As the device answered at first."""
+        """The device's first answer."""
         return decode_wiring(self.ask(Request.WIRING))
 
     @property
-    def usb(self) -> UsbLine:
-        """The line as a USB line; inconclusive where it is none."""
-        if not isinstance(self.line, UsbLine):
+    def usb(self) -> RawUsbLine:
+        """The line as a USB line; inconclusive if it is none."""
+        if not isinstance(self.line, RawUsbLine):
             raise Inconclusive(NOT_USB)
         return self.line
 
     @property
-    def serial(self) -> SerialLine:
+    def serial(self) -> RawSerialLine:
         """A serial line of the device: the line itself, or on USB its console's endpoints, which start as a console."""
         if self._serial is None:
-            self._serial = SerialLine(CdcWire(self.usb))
+            self._serial = RawSerialLine(CdcWire(self.usb))
         return self._serial
 
     def can(self, need: Need) -> bool:
         """Whether the bench can see or do something."""
-        seen = need is Need.CAPTURE and self.sight is not None
+        seen = need is Need.CAPTURE and self.observer is not None
         return need in self.levers.can or seen or (need is Need.SPARE and self._spare is not None)
 
     @contextmanager
     def spare(self, key: Ed25519PrivateKey | None = None) -> Iterator[Bench]:
-        """A bench with a fresh device of the same kind, which may be broken for good; what passes is noted here too.
+        """A bench with a fresh device of the same kind, which may be broken for good; its traffic is logged here too.
 
-        With a key the device trusts that key alone, which has signed its firmware (clause FWU-012).
+        With a key the device trusts only that key, which has signed its firmware (clause FWU-012).
         """
         if self._spare is None:
             raise Inconclusive(unmet(Need.SPARE))
@@ -242,14 +249,14 @@ class Bench:
             self._dropped += 1
 
     def evidence(self, *, whole: bool = False) -> tuple[Evidence, ...]:
-        """What was noted since the case began; of many bytes the first, or all of them."""
+        """The log since the case began; of many bytes only the first, or all of them."""
         shown = [Evidence(label, _shown(what, whole=whole)) for label, what in self._notes]
         if self._dropped:
             shown.insert(NOTES // 2, Evidence("…", f"{self._dropped} more"))
         return tuple(shown)
 
     def forget(self) -> None:
-        """Begin with no evidence."""
+        """Start with no evidence."""
         self._notes.clear()
         self.looks.clear()
         self._dropped = 0
@@ -257,22 +264,22 @@ class Bench:
     # Cases
 
     def begin_case(self, name: str) -> None:
-        """Bring the device to where every case begins.
+        """Bring the device to the state in which every case begins.
 
         Raises
         ------
         Lost
-            Where it cannot be brought there, by no means that are allowed.
+            If no allowed action can do so.
         """
         self.forget()
         self._marks = []
         if self._serial is not self.line:
-            self._serial = None  # whatever a case before left of it
+            self._serial = None  # whatever an earlier case left
         self.random = random.Random(zlib.crc32(name.encode()) ^ self._seed)
         try:
             self._settle()
         except (DeviceError, ReplyError, AssertionError) as first:
-            self.note("recovery", f"the device was not where a case begins: {first}")
+            self.note("recovery", f"the device was not as at the start of a case: {first}")
             self._recover()
         self.forget()
         self.unasked.clear()
@@ -287,15 +294,15 @@ class Bench:
             self.note("end", f"the device cannot be left off: {error}")
 
     def leave_off(self) -> None:
-        """Leave the device as at power-up at the end of everything, if it can be reached: off, with INFO's limits."""
+        """Leave the device as at power-up after the last case, if it can be reached: off, with INFO's limits."""
         with suppress(DeviceError, AssertionError):
             self.try_order(Request.DISABLE)
             self.try_order(Request.WATCHDOG, self.info.watchdog_ms)
             self.try_order(Request.LIMIT, self.info.drive_limit)
 
     def _settle(self) -> None:
-        """Everything as a case finds it, by requests alone."""
-        if isinstance(self.line, SerialLine):
+        """Restore the initial state by requests alone."""
+        if isinstance(self.line, RawSerialLine):
             self.line.enter_frames()
         asked = self.line.time.monotonic()
         self.order(Request.DISABLE)
@@ -315,43 +322,44 @@ class Bench:
         self._number, self._first = None, status
 
     def _recover(self) -> None:
-        """Bring back a device that does not answer as it should: open it anew, reset the bus, cut its power."""
+        """Bring back a device that does not answer properly: open it again, reset the bus, cut its power."""
         ways: list[Callable[[], None]] = [lambda: self.line.reopen(RETURN_SECONDS)]
-        if Risk.RESET in self.allowed and isinstance(self.line, UsbLine):
+        if Risk.RESET in self.allowed and isinstance(self.line, RawUsbLine):
             ways.append(self.usb.reset)
         if Risk.RESET in self.allowed and Need.POWER in self.levers.can:
             ways.append(self.power_cycle)
-        problems = []
+        problems: list[Exception] = []
         for way in ways:
             try:
                 way()
                 self._settle()
-            except (DeviceError, ReplyError, AssertionError, OSError) as error:
-                problems.append(str(error))
+            except (DeviceError, ReplyError, AssertionError, OSError, LeverFailed) as error:
+                problems.append(error)
             else:
                 return
-        raise Lost("the device cannot be brought back: " + "; then ".join(problems))
+        lost = LostByLever if any(isinstance(problem, LeverFailed) for problem in problems) else Lost
+        raise lost("the device cannot be brought back: " + "; then ".join(map(str, problems)))
 
     # Time
 
     @property
     def is_far(self) -> bool:
-        """Whether the device's time is not that of this process: either may fall behind the other."""
+        """Whether the device's time is not that of this process: either may lag."""
         return self.line.time is time
 
     def slow_down(self) -> bool:
-        """Give cases more time from now on, because one had too little; whether there was more to give."""
+        """Give cases more time from now on, because one had too little; returns whether more could be given."""
         if not self.is_far or self.slowness >= MOST_SLOWNESS:
             return False
         self.slowness *= 4
         return True
 
     def wait(self, seconds: float) -> None:
-        """Let time pass for the host; a simulated device may fall behind."""
+        """Let time pass for the host; a simulated device may lag."""
         self.line.time.sleep(seconds)
 
     def outlast(self, seconds: float) -> None:
-        """Let time pass for the device, which must answer CLOCK: neither a sign of life nor a change."""
+        """Let time pass for the device, which must answer CLOCK: this is neither a sign of life nor a change."""
         due = self.clock().now + ceil(seconds * TICK_HZ) if self.is_far else 0
         self.wait(seconds)
         if self.is_far:
@@ -362,7 +370,7 @@ class Bench:
         self.outlast(periods / CARRIER_HZ)
 
     def wait_until(self, period: int) -> None:
-        """Let time pass until a carrier period of the device has begun, by its own clock, if that comes any nearer."""
+        """Let time pass until a carrier period of the device has begun by its own clock, while that comes nearer."""
         self._wait_until_tick(period * TICKS_PER_PERIOD)
 
     def _wait_until_tick(self, tick: int) -> None:
@@ -370,19 +378,19 @@ class Bench:
             self.wait((left + 1) / TICK_HZ)
 
     def _left_until(self, tick: int) -> Iterator[int]:
-        """How many ticks the device has still to go, asked again and again."""
+        """The ticks that the device still has to go, asked repeatedly."""
         before = None
         while (left := tick - self.clock().now) > 0:
             assert before is None or left < before, (
-                f"the clock does not come to tick {tick}: {left} ticks are left, {before} were before"
+                f"the clock does not reach tick {tick}: {left} ticks are left, {before} were before"
             )
             yield left
             before = left
 
     def _looks(self, seconds: float) -> Iterator[float]:
-        """For how long to look for what the device sends, again and again, until the time is over.
+        """Repeat while the device may still send something, until the time is over.
 
-        It is over by the host's clock and by the device's, and what was sent before has arrived.
+        It is over when host and device agree that it is, and what was sent before has arrived.
         """
         due = self.clock().now + ceil(seconds * TICK_HZ) if self.is_far else 0
         end = self.line.time.monotonic() + seconds
@@ -396,7 +404,7 @@ class Bench:
     # Requests
 
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
-        """Make any control request; what came back, None for STALL."""
+        """Make any control request; returns the answer, or None for STALL."""
         answer = self.line.request(setup, data)
         sent = f"{setup.encode().hex(' ')} {setup.name}"
         self.note("request", f"{sent}, with {_hex(data)}" if data else sent)
@@ -404,7 +412,7 @@ class Bench:
         return answer
 
     def ask(self, request: Request, value: int = 0) -> bytes:
-        """Make a vendor request with an answer; fail where it is answered with STALL or with another length."""
+        """Make a vendor request with an answer; fails if it is answered with STALL or with another length."""
         size = ANSWER_BYTES[request]
         answer = self.line.request(Setup(REQUEST_TYPE_IN, request, value, 0, size))
         self.note(request.name, "STALL" if answer is None else _decoded(request, answer))
@@ -413,23 +421,23 @@ class Bench:
         return answer
 
     def order(self, request: Request, value: int = 0) -> None:
-        """Make a vendor request without an answer; fail where it is answered with STALL."""
+        """Make a vendor request without an answer; fails if it is answered with STALL."""
         assert self.try_order(request, value), f"{request.name} with value {value} is answered with STALL"
 
     def try_order(self, request: Request, value: int = 0) -> bool:
-        """Make a vendor request without an answer; whether it was done, and not answered with STALL."""
+        """Make a vendor request without an answer; returns False for STALL."""
         return self.request(Setup(REQUEST_TYPE_OUT, request, value, 0, 0)) is not None
 
     def status(self) -> Status:
         """Ask for STATUS."""
         status = Status.decode(self.ask(Request.STATUS))
-        self._known_tick = status.now
+        self._known_tick, self._known_at = status.now, self.line.time.monotonic()
         return status
 
     def clock(self) -> ClockReading:
         """Ask for CLOCK."""
         reading = ClockReading.decode(self.ask(Request.CLOCK))
-        self._known_tick = reading.now
+        self._known_tick, self._known_at = reading.now, self.line.time.monotonic()
         return reading
 
     def read_back(self) -> ReadBack:
@@ -441,7 +449,7 @@ class Bench:
         return decode_reports(self.ask(Request.PROCESSORS))
 
     def period(self) -> int:
-        """The carrier period that the device is in, by its own clock."""
+        """The device's present carrier period, by its own clock."""
         return self.clock().now // TICKS_PER_PERIOD
 
     def enable(self) -> None:
@@ -456,9 +464,9 @@ class Bench:
     # Blocks
 
     def numbered(self, body: Body, *, restart: bool = False, number: int | None = None) -> Block:
-        """A block with the next number, or a number of one's own, from which the next count on.
+        """A block with the next number, or with a given one, from which the numbering continues.
 
-        The first block of a case begins the numbering anew.
+        The first block of a case restarts the numbering.
         """
         if number is None:
             first = self._number is None
@@ -472,7 +480,7 @@ class Bench:
         return Block(body, number, restart)
 
     def send(self, body: Body, *, restart: bool = False, number: int | None = None) -> Ack:
-        """Send a block, numbered as `numbered` does it; its acknowledgement."""
+        """Send a block, numbered as by `numbered`; returns its acknowledgement."""
         return self.send_raw(pack(self.numbered(body, restart=restart, number=number)))[0]
 
     def send_all(self, bodies: Iterable[Body]) -> list[Ack]:
@@ -480,40 +488,41 @@ class Bench:
         return self.send_raw(*(pack(self.numbered(body)) for body in bodies))
 
     def must(self, body: Body, *, restart: bool = False, number: int | None = None) -> Ack:
-        """Send a block that has to be accepted, numbered as `numbered` does it.
+        """Send a block that must be accepted, numbered as by `numbered`.
 
         Raises
         ------
         TooSlow
-            If it is a change for a period that was well ahead when the case began to send it, and was over when it
-            arrived: the computer or the line was too slow.
+            If it is a change for a period that was far ahead when the case began to send it, but over when it arrived:
+            the computer or the line was too slow.
         """
         known = self._known_tick // TICKS_PER_PERIOD
         ack = self.send(body, restart=restart, number=number)
-        assert ack.reason is Reason.ACCEPTED, f"{type(body).__name__.upper()} is refused with {_name(ack.reason)}"
+        assert ack.reason is Reason.ACCEPTED, f"{body.KIND.name} is refused with {_name(ack.reason)}"
         if isinstance(body, Change) and ack.late and known + AHEAD_PERIODS <= body.period <= ack.now_period:
             raise TooSlow(
-                f"a block for period {body.period}, sent in period {known} or soon after, had arrived in "
-                f"{ack.now_period} only: this computer or the line is too slow"
+                f"a block for period {body.period}, sent in period {known} or soon after, arrived in "
+                f"{ack.now_period}: this computer or the line is too slow"
             )
         return ack
 
     def send_raw(self, *blocks: bytes) -> list[Ack]:
-        """Send blocks of 512 bytes as they are; their acknowledgements, which must come in order, each with its number.
+        """Send blocks of 512 bytes unchanged; returns their acknowledgements, which must come in order by number.
 
-        Fails if one does not come in time, or another comes.
+        Fails if one does not come in time, or another one comes.
         """
         self._write(blocks)
         acks = [self._next_ack(block) for block in blocks]
-        self._known_tick = acks[-1].now if acks else self._known_tick
+        if acks:
+            self._known_tick, self._known_at = acks[-1].now, self.line.time.monotonic()
         if acks and acks[0].reason is not Reason.ACCEPTED and self._begins(blocks[0]):
-            self._number = None  # what was refused has begun nothing
+            self._number = None  # a refused block has restarted nothing
         self.note("acknowledged", ", ".join(_brief(ack) for ack in acks[:8]) + (" …" if len(acks) > 8 else ""))
         return acks
 
     @staticmethod
     def _begins(block: bytes) -> bool:
-        """Whether the numbering begins anew with a block."""
+        """Whether a block restarts the numbering."""
         return len(block) == BLOCK_BYTES and bool(block[FLAGS_OFFSET] & Flag.RESTART)
 
     def _write(self, blocks: Sequence[bytes]) -> None:
@@ -532,7 +541,7 @@ class Bench:
             sent += self.line.send_blocks(data[sent : sent + at_once], wait)
             behind = len(blocks) - len(self._acks) > 1 and self.line.kind == "serial"
             self._collect(ACK_SECONDS if behind else wait - SLICE_SECONDS)
-            # A line may be so slow that it ends no transfer in so short a time.
+            # A line may be so slow that it completes no transfer in so short a time.
             stuck = before == (sent, len(self._acks))
             wait = min(2 * wait, LONGEST_SLICE_SECONDS) if stuck else SLICE_SECONDS
             late = self.line.time.monotonic() >= end
@@ -541,7 +550,7 @@ class Bench:
             )
 
     def _collect(self, seconds: float) -> None:
-        """Take in records: acknowledgements wait to be told, status records are unasked."""
+        """Sort records: acknowledgements wait for `send`, status records are unsolicited."""
         for record in records(self.line.receive_records(max(seconds, QUIET_SECONDS / 2))):
             if isinstance(record, Ack):
                 self._acks.append(record)
@@ -562,7 +571,7 @@ class Bench:
         return ack
 
     def _moved(self) -> str:
-        """Which counters of STATUS have risen since the case began, for what may explain that no answer comes."""
+        """The counters of STATUS that have risen since the case began, which may explain a missing answer."""
         try:
             answer = self.line.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
             now, first = plain(Status.decode(answer or b"")), plain(self._first)
@@ -573,24 +582,24 @@ class Bench:
         return f"since the case began {told or 'no counter of STATUS rose'}"
 
     def await_unasked(self, seconds: float) -> Status:
-        """Wait for a status record that nobody asked for; the oldest that came since `unasked` was cleared."""
+        """Wait for an unsolicited status record; returns the oldest one since `unasked` was cleared."""
         self._acks = deque()
         looks = self._looks(seconds)
         while not self.unasked:
             left = next(looks, None)
-            assert left is not None, f"no status record comes of the device's own accord within {seconds:g} s"
+            assert left is not None, f"no unsolicited status record comes within {seconds:g} s"
             self._collect(left)
         return self.unasked.pop(0)
 
     def listen(self, seconds: float | None = None) -> list[Ack | Status]:
-        """Everything that comes of the device's own accord in this time.
+        """All unsolicited records in this time.
 
-        By default it takes until all that has happened up to now must have been told, by the device's clock.
+        By default until all past events must have been reported, by the device's clock.
         """
         if seconds is None:
             self.wait_until(self.period() + TOLD_PERIODS + 1)
             seconds = QUIET_SECONDS + (FAR_SECONDS if self.is_far else 0.0)
-            seconds += self.line.transit(2 * MAX_FRAME_BYTES) if isinstance(self.line, SerialLine) else 0.0
+            seconds += self.line.transit(2 * MAX_FRAME_BYTES) if isinstance(self.line, RawSerialLine) else 0.0
         found = b"".join([self.line.receive_records(left) for left in self._looks(seconds)])
         if found:
             self.note("came", found)
@@ -603,10 +612,10 @@ class Bench:
             self.wait(min(left, every))
             self.line.request(Setup(REQUEST_TYPE_IN, Request.STATUS, 0, 0, Status.BYTES))
 
-    # Pulses
+    # Drives
 
     def weak(self, share: float = 1.0) -> Pulses:
-        """Random pulses of all transducers whose total drive is as much as is allowed, or a share of it."""
+        """Random pulses of all transducers with the greatest allowed total drive, or a share of it."""
         rng = np.random.default_rng(self.random.randrange(2**32))
         phase, width = rng.integers(0, 100, CHANNELS), rng.integers(1, 26, CHANNELS)
         order = rng.permutation(CHANNELS)
@@ -617,39 +626,69 @@ class Bench:
     # Restarts
 
     def restart(self, how: Callable[[], None]) -> None:
-        """Let the device restart in some way, and find it again."""
+        """Restart the device in some way, and find it again."""
         how()
         self.line.reopen(RETURN_SECONDS)
         self._number = None
 
     def power_cycle(self) -> None:
-        """Cut the power for a tenth of a second."""
+        """Cut the power for a tenth of a second.
+
+        Raises
+        ------
+        LeverFailed
+            If the lever is not the emulator's, and the device's clock ran on meanwhile. A clock that stood still for
+            the cut and then went on is a failure of the device, which the case shows.
+        """
 
         def cut() -> None:
             self.levers.power_down()
-            self.wait(0.1)
+            self.wait(OFF_SECONDS)
             self.levers.power_up()
 
+        tick, at = self._known_tick, self._known_at
         self.restart(cut)
+        if lever := self.levers.outside.get(Need.POWER):
+            passed = (self.clock().now - tick) / TICK_HZ
+            if passed > self._known_at - at - OFF_SECONDS / 2:
+                raise LeverFailed(
+                    f"the lever {lever!r} reported success, but the device kept its time: it was not without power"
+                )
 
-    # What the outputs did
+    def _lever_done(self, action: str, said: str) -> None:
+        """Keep an action of a lever as evidence; a device without power or cable must leave the bus."""
+        self.note("lever", said)
+        for need in self.levers.outside.keys() & {Need.POWER, Need.PLUG}:
+            off, on = METHODS[need]
+            if action == off and isinstance(self.line, RawUsbLine):
+                self._await_leaving(self.line, self.levers.outside[need], getattr(self.levers, on))
+
+    def _await_leaving(self, line: RawUsbLine, lever: str, restore: Callable[[], None]) -> None:
+        end = line.time.monotonic() + LEAVES_SECONDS
+        while line.is_there:
+            if line.time.monotonic() >= end:
+                restore()
+                raise LeverFailed(f"the lever {lever!r} reported success, but the device is still on the bus")
+            self.wait(0.01)
+
+    # Outputs
 
     def judge(self, first: int, last: int, check: Callable[[Seen], None], *, over: bool = False) -> None:
-        """Judge what the outputs did from a period to another, not included, by a function that fails like a case.
+        """Judge the outputs from a period to another, not included, by a function that fails like a case.
 
-        It waits until the periods are over by the device's clock, unless they are said to be, as where the device
-        answers no request. Whatever the outputs show, the case goes on: `looks` keep it. If the outputs are seen only
+        It waits until the periods are over by the device's clock, unless the caller says that they are, as when the
+        device answers no request. The case goes on after a failure, which `looks` keep. If the outputs are only seen
         after the run, the judgement comes then.
         """
-        sight, marks = self.sight, self._marks
+        observer, marks = self.observer, self._marks
         if not over:
             self.wait_until(last + 1)
 
         def look() -> str:
-            if sight is None:
+            if observer is None:
                 raise Inconclusive(unmet(Need.CAPTURE))
             try:
-                part = sight.between(marks[0], marks[-1]) if isinstance(sight, SigrokSight) else sight
+                part = observer.between(marks[0], marks[-1]) if observer.deferred else observer
                 seen = part.seen(first, last)
             except (Unseen, InputFileError, OSError) as error:
                 raise Inconclusive(str(error)) from None
@@ -658,10 +697,10 @@ class Bench:
             watched = np.bitwise_count(seen.observed).sum()
             return f"{watched} of {CHANNELS} seen in periods {first} to {last - 1}, {moved} of them high at some time"
 
-        self.looks.append(look if sight is not None and sight.deferred else _done(look))
+        self.looks.append(look if observer is not None and observer.deferred else _done(look))
 
     def play_mark(self) -> None:
-        """Let the outputs show a mark, by which a recording of this case is known (see `Mark`).
+        """Let the outputs show a mark, which identifies this case in a recording (see `Mark`).
 
         Meanwhile the watchdog has its longest time, so that a slow host does not end the mark.
         """
@@ -669,7 +708,7 @@ class Bench:
         self.order(Request.WATCHDOG, VALUES[Request.WATCHDOG][-1])
         self.enable()
         changes = []
-        for gap, is_on in Mark.plan(random.Random()):  # never the same, so that another run's recording is not taken
+        for gap, is_on in Mark.plan(random.Random()):  # never the same, so that another run's recording is refused
             period = self.period() + gap + 8
             ack = self.must(Update(MARK_PULSES if is_on else Pulses.silent(CHANNELS), period))
             self.wait_until(ack.commit_period)
@@ -681,7 +720,7 @@ class Bench:
 
 
 def _done(look: Callable[[], str]) -> Callable[[], str]:
-    """Look now, and tell later what came of it."""
+    """Judge now, and report later."""
     done = Future[str]()
     try:
         done.set_result(look())
@@ -697,14 +736,14 @@ def _shown(what: str | bytes, *, whole: bool) -> str:
 
 
 def _hex(data: bytes) -> str:
-    """Bytes in hexadecimal, those of the beginning where there are many."""
+    """Bytes in hexadecimal, only the first ones if there are many."""
     if len(data) <= SHOWN_BYTES:
         return data.hex(" ")
     return f"{data[:SHOWN_BYTES].hex(' ')} … ({len(data)} bytes, CRC-32 {zlib.crc32(data):08X})"
 
 
 def _said(what: object) -> str:
-    """A thing in words: of a record its fields, with codes by their names."""
+    """A value in words: for a record its fields, with codes by their names."""
     if not is_dataclass(what):
         return str(what)
     return ", ".join(f"{name} {_in_words(value)}" for name, value in plain(what).items())
@@ -716,7 +755,7 @@ def _in_words(value: object) -> object:
 
 
 def _decoded(request: Request, answer: bytes) -> object:
-    """An answer as a record, where it is one in words; else its bytes."""
+    """An answer as a record if possible; else its bytes."""
     try:
         return DECODERS[request](answer)
     except (KeyError, ReplyError):

@@ -1,7 +1,7 @@
-"""What a case says of itself: its clauses, what it needs, what it risks; and how it comes to another verdict than pass.
+"""The declaration of a case: its clauses, needs and risks; and the exceptions that give verdicts other than pass.
 
-A case is a function of pytest in `groups` with the decorator `case`. Its docstring's first paragraph says what it does
-and why. It fails by an `AssertionError`.
+A case is a pytest function in `groups` with the decorator `case`. The first paragraph of its docstring says what it
+does and why. It fails by an `AssertionError`.
 """
 
 from __future__ import annotations
@@ -36,17 +36,18 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 ATTRIBUTE = "phasewire_case"
 NO_FEATURES = Feature(0)
-NOT_USB = "not this line: it concerns USB, and the device is at the end of a serial line"
+NOT_USB = "not on this line: it is about USB, and the device is on a serial line"
 """Why a case about USB cannot be judged here."""
 
 
 class Need(StrEnum):
-    """What a bench must be able to see, or to do to the device besides speaking to it."""
+    """What a bench must be able to observe, or to do to the device's surroundings."""
 
     CAPTURE = "a capture of the outputs"
     POWER = "power that can be cut"
     SUSPEND = "a bus that can be suspended"
     PLUG = "a cable that can be pulled"
+    BUS = "a USB host besides the line of the blocks"
     FAULTS = "faults that can be caused"
     SPARE = "a second device, which may be broken for good"
 
@@ -72,8 +73,13 @@ def not_allowed(risk: Risk) -> str:
 
 def unmet(need: Need) -> str:
     """Why a case cannot be judged by a bench that lacks something, and what to do."""
-    remedy = "pass --capture sigrok:FILE" if need is Need.CAPTURE else "only a device emulated by this command has that"
-    return f"needs {need}: {remedy}"
+    remedies = {
+        Need.CAPTURE: "pass --capture sigrok:FILE",
+        Need.POWER: "pass --levers command:power=…",
+        Need.PLUG: "pass --levers command:cable=…",
+        Need.SPARE: "only a device emulated by this command has that",
+    }
+    return f"needs {need}: {remedies.get(need, 'pass --levers with one that can do it')}"
 
 
 class Inconclusive(Exception):
@@ -85,29 +91,30 @@ class TooSlow(Inconclusive):
 
 
 class NotApplicable(Exception):
-    """The device does not have what the case is about; the text says why."""
+    """The device lacks the subject of the case; the text says why."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """What a case says of itself.
+    """The declaration of a case.
 
     Parameters
     ----------
     clauses : tuple of str
-        What it shows.
+        The clauses that it shows.
     sentence : str
         What it does and why.
     outputs : tuple of str
-        What only the outputs show of it. It runs without sight of them too, and comes to a verdict of its own on them.
+        What only the outputs show of it. The case runs without observed outputs too; the outputs have a verdict of
+        their own.
     needs : tuple of Need
     risks : tuple of Risk
     line : {"usb", "serial"} or None
-        The kind of line that it concerns, None for any. A device on USB has a serial line too, its console.
+        The kind of line that it is about, None for any. A device on USB has a serial line too, its console.
     features : Feature
-        Without one of these in INFO it is not applicable.
+        If one of these is missing in INFO the case is not applicable.
     should : bool
-        Whether it shows a SHOULD: what fails is a warning.
+        Whether it shows a SHOULD: a failure is a warning.
     """
 
     clauses: tuple[str, ...]
@@ -139,14 +146,14 @@ def case(
     Parameters
     ----------
     *clauses : str
-        What it shows, such as ``BLK-003`` or ``BLK-005/1``.
+        The clauses that it shows, such as ``BLK-003`` or ``BLK-005/1``.
     outputs, needs, allow, line, features, should
         See `Case`; ``allow`` are its risks.
 
     Raises
     ------
     ValueError
-        Where no clause is named, one of them is unknown, or there is no sentence.
+        If no clause is named, one of them is unknown, or there is no sentence.
     """
 
     def mark(function: Function) -> Function:
@@ -165,18 +172,18 @@ def case(
 
 
 def case_of(function: Callable[..., object]) -> Case | None:
-    """What a function says of itself as a case, None where it is none."""
+    """A function's declaration as a case, None if it is none."""
     about: Case | None = getattr(function, ATTRIBUTE, None)
     return about
 
 
 def expect(what: str, seen: object, wanted: object) -> None:
-    """Fail unless what was seen is what is wanted.
+    """Fail unless the observed value is the wanted one.
 
     Raises
     ------
     AssertionError
-        Naming the thing, its value, and what would be right.
+        With the thing, its value, and the right value.
     """
     assert seen == wanted, f"{what} is {_shown(seen, wanted)}, should be {_shown(wanted, seen)}"
 

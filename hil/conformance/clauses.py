@@ -1,7 +1,7 @@
-"""What SPEC.md asks for: its clauses, and the sentences of each that say MUST.
+"""The requirements of SPEC.md: its clauses, and the sentences of each that say MUST.
 
-Cases and the reasons why there is none name clauses and requirements by the identifiers made here; nothing here knows
-of either.
+Cases, and the reasons for missing ones, name clauses and requirements by the identifiers made here; this module knows
+neither.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Requirement:
     Parameters
     ----------
     identifier : str
-        ``BLK-003`` where it is the only one of its clause, ``BLK-005/1``, ``BLK-005/2``, … where it is one of several.
+        ``BLK-003`` if it is the only one of its clause, ``BLK-005/1``, ``BLK-005/2``, … if it is one of several.
     sentence : str
         In the words of SPEC.md, on one line.
     """
@@ -52,7 +52,7 @@ class Clause:
     title : str
         Of the chapter, such as ``blocks``.
     sentences : tuple of str
-        What it says, in the order of the text, a line each: its prose, and the cells of its tables that say MUST.
+        Its sentences, in the order of the text, a line each: its prose, and the cells of its tables that say MUST.
         Other cells, examples and diagrams are left out.
     requirements : tuple of Requirement
         Those of the sentences that say MUST.
@@ -94,7 +94,7 @@ def requirements() -> Mapping[str, Requirement]:
 
 
 def resolve(name: str) -> Clause | Requirement:
-    """What a case names.
+    """The clause or requirement of a name.
 
     Parameters
     ----------
@@ -104,12 +104,12 @@ def resolve(name: str) -> Clause | Requirement:
     Returns
     -------
     Clause or Requirement
-        The requirement of this name; or else the clause, which says MUST in several sentences or in none.
+        The requirement of this name, or else the clause, which has several requirements or none.
 
     Raises
     ------
     ValueError
-        Where there is no such clause, or no such requirement in it.
+        If there is no such clause, or no such requirement in it.
     """
     found = requirements().get(name) or clauses().get(name)
     if found is None:
@@ -118,7 +118,7 @@ def resolve(name: str) -> Clause | Requirement:
 
 
 def _what_there_is(name: str) -> str:
-    """What may have been meant by a name that is unknown."""
+    """Suggestions for an unknown name."""
     if (clause := clauses().get(name.partition("/")[0])) is not None:
         names = [each.identifier for each in clause.requirements]
         if len(names) > 1:
@@ -136,7 +136,7 @@ def read_clauses(text: str) -> Iterator[Clause]:
     Raises
     ------
     ValueError
-        Where a clause stands under no chapter's heading, or under that of another chapter.
+        If a clause stands under no chapter's heading, or under that of another chapter.
     """
     chapter, title = "", ""
     identifier: str | None = None
@@ -152,9 +152,7 @@ def read_clauses(text: str) -> Iterator[Clause]:
         if begins is not None:
             identifier, paragraphs = begins[1], [paragraph[begins.end() :]]
             if not identifier.startswith(f"{chapter}-"):
-                raise ValueError(
-                    f"{identifier} stands in chapter {chapter or 'none'}; it belongs into {identifier[:3]}"
-                )
+                raise ValueError(f"{identifier} stands in chapter {chapter or 'none'}; it belongs in {identifier[:3]}")
         elif identifier is not None:
             paragraphs.append(paragraph)
     if identifier is not None:
@@ -177,7 +175,7 @@ def _clause(identifier: str, chapter: str, title: str, paragraphs: list[str]) ->
 
 
 def _sentences(paragraph: str) -> Iterator[str]:
-    """The sentences of a paragraph; of a table the cells that say MUST."""
+    """The sentences of a paragraph; for a table the cells that say MUST."""
     if paragraph.startswith("|"):
         cells = (cell.strip() for line in paragraph.splitlines() for cell in line.strip("| ").split(" | "))
         yield from (cell for cell in cells if "MUST" in cell)

@@ -1,9 +1,9 @@
-"""Failures that are known: cases that a device's makers expect to fail, each with a reason, in TOML.
+"""Known failures: cases that a device's makers expect to fail, each with a reason, in TOML.
 
-A table is named by the case, in quotes, and says why::
+Each table has the name of a case, in quotes, and a reason::
 
     ["blocks/a-flipped-bit-is-refused"]
-    reason = "the checksum is not looked at before revision C"
+    reason = "the checksum is not checked before revision C"
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ def read_known_failures(path: Path) -> dict[str, str]:
     Raises
     ------
     InputFileError
-        Where the file is no TOML, an entry names no case, or one has no reason; it says which, and what would be right.
+        If the file is no TOML, or an entry names no case or has no reason; it says which, and what would be right.
     OSError
-        Where the file cannot be read.
+        If the file cannot be read.
     """
     whole = read_table(path)
     reasons = {}

@@ -1,7 +1,7 @@
-"""Which case shows what of SPEC.md, and what nobody shows.
+"""Which case shows what of SPEC.md, and what no case shows.
 
-A `Matrix` has chapters, a chapter clauses, a clause rows; a row is a requirement, or what else the clause says, with
-the cases that show it or the reason why there is none. It is told of cases by `Claim` and runs none.
+A `Matrix` has chapters, a chapter clauses, a clause rows; a row is a requirement, or the rest of the clause, with the
+cases that show it or the reason why none can. It learns of cases by `Claim` and runs none.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from rich.text import Text
 from .clauses import Clause, clauses, requirements, resolve
 from .unobserved import REASONS
 
-__all__ = ["Chapter", "Claim", "ClauseRows", "Level", "Matrix", "Row"]
+__all__ = ["Chapter", "Claim", "ClauseRows", "Level", "Matrix", "MatrixRow"]
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What a case says that it shows.
+    """What a case claims to show.
 
     Parameters
     ----------
     case : str
-        ``group/name-of-the-case``, and ``[parameter]`` where it has some.
+        ``group/name-of-the-case``, with ``[parameter]`` if it has some.
     clauses : tuple of str
         Such as ``BLK-003`` or, of several MUSTs in a clause, ``BLK-005/1``.
     sentence : str
@@ -43,29 +43,29 @@ class Claim:
 
 
 class Level(StrEnum):
-    """How much SPEC.md asks for something."""
+    """The strength of a requirement."""
 
     MUST = "MUST"
     SHOULD = "SHOULD"
     NONE = "none"
-    """It says how something is, and shows in a device all the same."""
+    """It describes something that shows in a device all the same."""
 
 
 @dataclass(frozen=True)
-class Row:
-    """A requirement, or what else a clause says.
+class MatrixRow:
+    """A requirement, or the rest of a clause.
 
     Parameters
     ----------
     name : str
-        Of the requirement, or else of the clause: ``BLK-005/1``, ``BLK-012``.
+        That of the requirement, or else of the clause: ``BLK-005/1``, ``BLK-012``.
     sentence : str
-        In the words of SPEC.md; empty where the clause is a table alone.
+        In the words of SPEC.md; empty if the clause is only a table.
     level : Level
     cases : tuple of str
-        Those that name it, in the order of the claims.
+        The cases that name it, in the order of the claims.
     reason : str or None
-        Why none can, of a requirement.
+        For a requirement: why no case can show it.
     """
 
     name: str
@@ -77,10 +77,10 @@ class Row:
 
 @dataclass(frozen=True)
 class ClauseRows:
-    """A clause and its rows: its requirements first, then what else it says."""
+    """A clause and its rows: its requirements first, then the rest."""
 
     clause: Clause
-    rows: tuple[Row, ...]
+    rows: tuple[MatrixRow, ...]
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Matrix:
         Raises
         ------
         ValueError
-            Where a case names what SPEC.md does not have, or a reason is given for what is no requirement.
+            If a case names what SPEC.md does not have, or a reason is given for something that is no requirement.
         """
         claims = tuple(claims)
         cases: dict[str, list[str]] = defaultdict(list)
@@ -141,24 +141,24 @@ class Matrix:
         )
         return cls(tuple(chapters), claims)
 
-    def rows(self) -> Iterator[Row]:
+    def rows(self) -> Iterator[MatrixRow]:
         """All rows, in the order of the text."""
         return (row for chapter in self.chapters for clause in chapter.clauses for row in clause.rows)
 
-    def requirements(self) -> tuple[Row, ...]:
+    def requirements(self) -> tuple[MatrixRow, ...]:
         """The rows of requirements."""
         return tuple(row for row in self.rows() if row.level is Level.MUST)
 
-    def missing(self) -> tuple[Row, ...]:
+    def missing(self) -> tuple[MatrixRow, ...]:
         """Requirements that have neither a case nor a reason."""
         return tuple(row for row in self.requirements() if not row.cases and row.reason is None)
 
-    def needless(self) -> tuple[Row, ...]:
-        """Requirements that have both: what a case shows needs no reason why none can."""
+    def needless(self) -> tuple[MatrixRow, ...]:
+        """Requirements that have both: what a case shows needs no reason."""
         return tuple(row for row in self.requirements() if row.cases and row.reason is not None)
 
     def counts(self) -> dict[str, int]:
-        """How many there are of what."""
+        """The counts of each kind."""
         found = self.requirements()
         return {
             "clauses": sum(len(chapter.clauses) for chapter in self.chapters),
@@ -171,7 +171,7 @@ class Matrix:
         }
 
     def record(self) -> dict[str, Any]:
-        """All of it, as JSON takes it."""
+        """All of it as JSON."""
         return {
             "counts": self.counts(),
             "cases": {claim.case: claim.sentence for claim in self.claims},
@@ -201,7 +201,7 @@ class Matrix:
         }
 
     def table(self) -> Table:
-        """All of it, for people: a line for each row, with its cases, its reason, or what it lacks."""
+        """All of it, for people: a line for each row, with its cases, its reason, or what is missing."""
         table = Table("clause", "level", "cases, or why there is none", box=None)
         for chapter in self.chapters:
             table.add_row(Text(chapter.name, "bold"), "", Text(chapter.title, "bold"))
@@ -211,8 +211,8 @@ class Matrix:
         return table
 
 
-def _shown_by(row: Row) -> Text:
-    """The cases of a row, its reason, or what it lacks."""
+def _shown_by(row: MatrixRow) -> Text:
+    """The cases of a row, its reason, or what is missing."""
     cases = "\n".join(row.cases)
     if row.cases and row.reason is not None:
         return Text(f"{cases}\na reason that it does not need: {row.reason}", "red")
@@ -221,16 +221,16 @@ def _shown_by(row: Row) -> Text:
     return Text(cases)
 
 
-def _rows(clause: Clause, shown: Mapping[str, tuple[str, ...]], reasons: Mapping[str, str]) -> Iterator[Row]:
-    """The rows of a clause: its requirements, what it recommends and, if it is named for that, what it says besides."""
-    # The clause's own name is that of its requirement where it has one, but for one that no case can show.
+def _rows(clause: Clause, shown: Mapping[str, tuple[str, ...]], reasons: Mapping[str, str]) -> Iterator[MatrixRow]:
+    """The rows of a clause: its requirements, its recommendations and, if cases name the clause, the rest."""
+    # The clause's own name is that of its requirement if it has one, except one that no case can show.
     alone = len(clause.requirements) == 1 and clause.identifier not in reasons
     cases = () if alone else shown.get(clause.identifier, ())
     for each in clause.requirements:
         name = each.identifier
         by_name = () if name == clause.identifier and not alone else shown.get(name, ())
-        yield Row(name, each.sentence, Level.MUST, by_name, reasons.get(name))
+        yield MatrixRow(name, each.sentence, Level.MUST, by_name, reasons.get(name))
     for sentence in clause.recommendations:
-        yield Row(clause.identifier, sentence, Level.SHOULD, cases)
+        yield MatrixRow(clause.identifier, sentence, Level.SHOULD, cases)
     if not clause.recommendations and (cases or not clause.requirements):
-        yield Row(clause.identifier, " ".join(clause.others), Level.NONE, cases)
+        yield MatrixRow(clause.identifier, " ".join(clause.others), Level.NONE, cases)

@@ -1,6 +1,6 @@
-"""The pytest plugin: which cases run, what a case gets, and what became of it.
+"""The pytest plugin: it selects the cases, gives each its bench, and judges their results.
 
-It alone knows that pytest runs the cases. An unknown clause fails collection, for the decorator `case` refuses it.
+Only this module knows that pytest runs the cases. An unknown clause fails collection: the decorator `case` refuses it.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from .matrix import Claim
 from .profile import Profile
 from .verdicts import AT_THE_OUTPUTS, Evidence, Result, Verdict
 
-__all__ = ["Catalogue", "Entry", "Judge", "Watcher", "case_id", "wanted"]
+__all__ = ["Catalogue", "CatalogueCase", "Judge", "Watcher", "case_id", "wanted"]
 
 PREFIX = "test_"
 
 
 @dataclass(frozen=True)
-class Entry:
+class CatalogueCase:
     """A case in the catalogue, or the part of one that only the outputs show.
 
     Parameters
     ----------
     identifier : str
-        ``group/name[parameter]``; of that part ``group/name#outputs[parameter]``.
+        ``group/name[parameter]``; for that part ``group/name#outputs[parameter]``.
     about : Case
-        What it says of itself.
+        Its declaration.
     """
 
     identifier: str
@@ -43,28 +43,28 @@ class Entry:
 
     @property
     def claim(self) -> Claim:
-        """What it says that it shows."""
+        """What it claims to show."""
         return Claim(self.identifier, self.about.clauses, self.about.sentence)
 
     @property
     def result(self) -> Result:
-        """A pass, as long as nothing speaks against it."""
+        """A pass, unless something was wrong."""
         return Result(self.identifier, self.about.clauses, self.about.sentence, Verdict.PASS)
 
     @property
     def group(self) -> str:
-        """The file that it stands in."""
+        """The file that holds it."""
         return self.identifier.partition("/")[0]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What it can be called by: itself, its group, its clauses, their chapters."""
+        """All names that select it: itself, its group, its clauses, their chapters."""
         clauses = [clause.partition("/")[0] for clause in self.about.clauses]
         return (self.identifier, self.group, *self.about.clauses, *clauses, *(clause[:3] for clause in clauses))
 
 
-def wanted(entry: Entry, only: tuple[str, ...]) -> bool:
-    """Whether a case is among those asked for: all where nothing is, else those with a name that begins so."""
+def wanted(entry: CatalogueCase, only: tuple[str, ...]) -> bool:
+    """Whether a case is selected: all are if no name is given, else those with a name that begins like one given."""
     return not only or any(name.startswith(prefix) for name in entry.names for prefix in only)
 
 
@@ -80,27 +80,27 @@ class Catalogue:
 
     Attributes
     ----------
-    entries : list of Entry
+    entries : list of CatalogueCase
     """
 
     def __init__(self) -> None:
-        self.entries: list[Entry] = []
+        self.entries: list[CatalogueCase] = []
         self.trouble: list[str] = []
 
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
-        """Take note of the cases."""
+        """Note the cases."""
         entries, trouble = _entries(items)
         self.entries = [part for parts in entries for part in parts]
         self.trouble += trouble
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """Take note of what cannot be collected."""
+        """Note collection errors."""
         if report.failed:
             self.trouble.append(f"{report.nodeid}: {report.longrepr}")
 
 
-def _entries(items: list[pytest.Function]) -> tuple[list[tuple[Entry, ...]], list[str]]:
-    """The parts of each case, and what is none."""
+def _entries(items: list[pytest.Function]) -> tuple[list[tuple[CatalogueCase, ...]], list[str]]:
+    """The parts of each case, and an error for anything else."""
     entries, trouble = [], []
     for item in items:
         if case_of(item.function) is None:
@@ -110,32 +110,34 @@ def _entries(items: list[pytest.Function]) -> tuple[list[tuple[Entry, ...]], lis
     return entries, trouble
 
 
-def _parts(item: pytest.Function) -> tuple[Entry, ...]:
+def _parts(item: pytest.Function) -> tuple[CatalogueCase, ...]:
     """A case and, if it has one, the part of it that only the outputs show."""
     identifier, about = case_id(item), case_of(item.function)
     assert about is not None
     if not about.outputs:
-        return (Entry(identifier, about),)
+        return (CatalogueCase(identifier, about),)
     name, bracket, parameter = identifier.partition("[")
-    return Entry(identifier, about), Entry(f"{name}{AT_THE_OUTPUTS}{bracket}{parameter}", about.at_the_outputs)
+    return CatalogueCase(identifier, about), CatalogueCase(
+        f"{name}{AT_THE_OUTPUTS}{bracket}{parameter}", about.at_the_outputs
+    )
 
 
 class Watcher:
-    """Told how a run goes on; this one does nothing."""
+    """Receives the progress of a run; this one does nothing."""
 
     def began(self, case: str, number: int, of: int) -> None:
-        """A case has begun: the number-th of so many, from 1."""
+        """A case has begun: its number, from 1, and how many there are."""
 
     def ended(self, result: Result) -> None:
         """A case has ended."""
 
     def waits(self, what: str) -> None:
-        """Somebody has to do something before the run can go on."""
+        """Somebody must do something before the run can go on."""
 
 
 @dataclass
 class Judge:
-    """Runs the cases against a bench and gathers what came of them.
+    """Runs the cases against a bench and collects their results.
 
     Parameters
     ----------
@@ -143,9 +145,9 @@ class Judge:
     profile : Profile
         What does not apply to the device.
     known : mapping of str to str
-        Why cases are known to fail.
+        The known failures and their reasons.
     only : tuple of str
-        The cases asked for.
+        The names that select cases.
     enough : int or None
         After so many cases that break the run no further one is judged; None for all.
     watcher : Watcher
@@ -157,9 +159,9 @@ class Judge:
     results : list of Result
     trouble : list of str
     claims : tuple of Claim
-        Of all cases, asked for or not.
+        Of all cases, selected or not.
     interruption : BaseException or None
-        What ended the run before its time.
+        What ended the run early.
     """
 
     bench: Bench
@@ -172,16 +174,16 @@ class Judge:
     results: list[Result] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
     claims: tuple[Claim, ...] = ()
-    _pending: list[tuple[int, Entry, list[Callable[[], str]]]] = field(default_factory=list)
+    _pending: list[tuple[int, CatalogueCase, list[Callable[[], str]]]] = field(default_factory=list)
     interruption: BaseException | None = None
     _outcome: tuple[Verdict, str] = (Verdict.PASS, "")
-    _asked: list[Entry] = field(default_factory=list)
+    _asked: list[CatalogueCase] = field(default_factory=list)
     _trying: bool = False
     _too_slow: bool = False
     _lost: str | None = None
 
     def pytest_collection_modifyitems(self, items: list[pytest.Function]) -> None:
-        """Leave out what was not asked for."""
+        """Leave out what was not selected."""
         cases, trouble = _entries(items)
         entries = [part for parts in cases for part in parts]
         self.claims = tuple(entry.claim for entry in entries)
@@ -194,24 +196,24 @@ class Judge:
         items[:] = [item for item in items if case_id(item) in asked]
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """Take note of what cannot be collected."""
+        """Note collection errors."""
         if report.failed:
             self.trouble.append(f"{report.nodeid}: {report.longrepr}")
 
     @pytest.fixture(name="bench")
     def fixture(self, request: pytest.FixtureRequest) -> Iterator[Bench]:
-        """The bench, at rest."""
+        """The bench in its initial state."""
         item = request.node
         about = case_of(item.function)
         assert about is not None
         with ExitStack() as stack:
-            # What goes wrong may leave traces in a device for good; where there is one to spare it goes wrong there.
+            # A fault may damage a device for good; if there is a spare one the fault goes there.
             apart = Need.FAULTS in about.needs and self.bench.can(Need.SPARE)
             bench = stack.enter_context(self.bench.spare()) if apart else self.bench
             try:
                 bench.begin_case(case_id(item))
                 looks = bool(about.outputs) or Need.CAPTURE in about.needs
-                marked = looks and bench.sight is not None and bench.sight.deferred
+                marked = looks and bench.observer is not None and bench.observer.deferred
                 if marked:
                     bench.play_mark()
             except Lost as error:
@@ -222,8 +224,8 @@ class Judge:
                 bench.play_mark()
             bench.end_case()
 
-    def _check(self, entry: Entry) -> None:
-        """Raise what says that a case, or a part of one, is not to be judged."""
+    def _check(self, entry: CatalogueCase) -> None:
+        """Raise the exception for a case, or a part of one, that is not to be judged."""
         if self._lost is not None:
             raise Inconclusive(self._lost)
         about = entry.about
@@ -246,10 +248,10 @@ class Judge:
     def pytest_runtest_protocol(self, item: pytest.Function) -> bool | None:
         """Judge one case, from beginning to end.
 
-        A case for which this computer was too slow has more time in the next attempt; one that fails is run once more.
+        A case for which this computer was too slow gets more time in the next attempt; one that fails is run once more.
         """
         if self._trying:
-            return None  # pytest runs it, as `_try` asks
+            return None  # pytest runs it through `_try`
         parts = _parts(item)
         self.watcher.began(parts[0].identifier, len(self.results) + 1, len(self._asked))
         results = self._try(item, parts)
@@ -259,7 +261,7 @@ class Judge:
         if self._too_slow:
             self.bench.slowness = before  # more time did not help
         if self.interruption is not None:
-            return True  # nothing was judged
+            return True  # no verdict was reached
         if any(result.verdict is Verdict.FAIL for result in results) and self.again and self._lost is None:
             again = self._try(item, parts)
             if self.interruption is None:
@@ -278,10 +280,10 @@ class Judge:
     @property
     def _is_deferred(self) -> bool:
         """Whether outputs are seen only after the run."""
-        return self.bench.sight is not None and self.bench.sight.deferred
+        return self.bench.observer is not None and self.bench.observer.deferred
 
-    def _try(self, item: pytest.Function, parts: Sequence[Entry]) -> list[Result]:
-        """Run a case once, unless it is clear beforehand that it cannot be judged: then nothing is sent."""
+    def _try(self, item: pytest.Function, parts: Sequence[CatalogueCase]) -> list[Result]:
+        """Run a case once, unless it is known beforehand that it cannot be judged: then nothing is sent."""
         self.bench.forget()
         self._too_slow = False
         began = time.perf_counter()
@@ -305,15 +307,15 @@ class Judge:
         elif self.bench.looks and not self._is_deferred:
             seen = _looked(case.result, case.about, self.bench.looks)
             if seen.verdict is not Verdict.PASS or verdict is Verdict.PASS:
-                results = [seen]  # what speaks against it was seen before the case itself ended
+                results = [seen]  # the defect was seen before the case itself ended
         whole = any(result.verdict in (Verdict.FAIL, Verdict.WARN) for result in results)
         evidence = self.bench.evidence(whole=whole)
         results = [replace(result, evidence=(*evidence, *result.evidence)) for result in results]
         results[0] = replace(results[0], seconds=time.perf_counter() - began)
         return results
 
-    def _of_outputs(self, part: Entry, case: Result) -> Result:
-        """What the outputs showed of a case, as far as they are seen by now."""
+    def _of_outputs(self, part: CatalogueCase, case: Result) -> Result:
+        """The verdict on the outputs of a case, as far as they are seen by now."""
         blank = replace(part.result, verdict=case.verdict, reason=case.reason)
         if case.verdict is Verdict.NOT_APPLICABLE:
             return blank
@@ -334,12 +336,12 @@ class Judge:
     def pytest_runtest_makereport(
         self, item: pytest.Function, call: pytest.CallInfo[None]
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-        """Keep what the first exception of a case means."""
+        """Keep the verdict of a case's first exception."""
         report = yield
         if call.excinfo is not None:
             error, about = call.excinfo.value, case_of(item.function)
             assert about is not None
-            if not isinstance(error, Exception):  # a signal, which pytest takes for a failure like another
+            if not isinstance(error, Exception):  # a signal, which pytest takes for an ordinary failure
                 self.interruption = error
                 item.session.shouldstop = "interrupted"
             if self._outcome[0] is Verdict.PASS:
@@ -358,7 +360,7 @@ class Judge:
         return (yield from self._end_quietly())
 
     def _end_quietly(self) -> Generator[None, object, object]:
-        """Let a signal that exits the program end pytest as Ctrl-C does, of which it says nothing."""
+        """Let a signal that exits the program end pytest as Ctrl-C does, without a message."""
         try:
             return (yield)
         except SystemExit as error:
@@ -366,12 +368,12 @@ class Judge:
             raise pytest.Session.Interrupted("a signal") from error
 
     def pytest_keyboard_interrupt(self, excinfo: pytest.ExceptionInfo[BaseException]) -> None:
-        """Keep that somebody has pressed Ctrl-C; pytest's own end of a session looks like it."""
+        """Note that somebody pressed Ctrl-C; pytest's own end of a session looks the same."""
         if not isinstance(excinfo.value, pytest.Session.Interrupted):
             self.interruption = excinfo.value
 
     def pytest_internalerror(self, excinfo: pytest.ExceptionInfo[BaseException]) -> bool:
-        """Keep what ended everything outside of a case: a signal, or a mistake of the suite."""
+        """Note what ended the run outside a case: a signal, or a defect of the suite."""
         if isinstance(excinfo.value, Exception):
             self.trouble.append(f"the suite failed by itself: {type(excinfo.value).__name__}: {excinfo.value}")
         else:
@@ -380,11 +382,11 @@ class Judge:
 
     @property
     def awaits_recording(self) -> bool:
-        """Whether cases can be judged only when a recording is there."""
+        """Whether cases can only be judged after a recording is there."""
         return bool(self._pending)
 
     def look(self) -> None:
-        """Judge what can only be judged when the recording is there; the watcher is told of each case once more."""
+        """Judge what needs the recording; the watcher is told of each case once more."""
         of = len(self._pending)
         while self._pending:
             index, part, looks = self._pending[0]
@@ -399,12 +401,12 @@ class Judge:
             self.watcher.ended(self.results[index])
 
     def finish(self, ended_by: str = "") -> None:
-        """Take note of what was not judged, and of known failures that are none any more.
+        """Note what was not judged, and known failures that no longer fail.
 
         Parameters
         ----------
         ended_by : str
-            What ended the run before its time; empty if it came to its end.
+            What ended the run early; empty if it was completed.
         """
         for index, _, _ in self._pending:
             reason = f"{ended_by} ended the run before its outputs were judged"
@@ -416,12 +418,12 @@ class Judge:
         self.trouble += self._passes()
 
     def _expected(self, result: Result) -> Result:
-        """The same with why it is known to fail, by its whole name or, where it does, by that without parameter."""
+        """The same with the reason why it is known to fail, by its whole name or, if that fails, without parameter."""
         bare = self.known.get(result.case.partition("[")[0]) if result.verdict is Verdict.FAIL else None
         return replace(result, known=self.known.get(result.case, bare))
 
     def _passes(self) -> Iterator[str]:
-        """Known failures by names without parameter of which no part fails any more."""
+        """Known failures without parameter of which no part fails any more."""
         for name in self.known:
             parts = [result for result in self.results if result.case.startswith(f"{name}[")]
             verdicts = {result.verdict for result in parts}
@@ -430,7 +432,7 @@ class Judge:
 
 
 def _naming_nothing(profile: Profile, names: set[str]) -> Iterator[str]:
-    """What is said of a profile's entries that are neither clause nor group nor case."""
+    """Complaints about entries of a profile that are neither clause nor group nor case."""
     for name in profile.not_applicable:
         if name not in names:
             try:
@@ -440,7 +442,7 @@ def _naming_nothing(profile: Profile, names: set[str]) -> Iterator[str]:
 
 
 def _looked(result: Result, about: Case, looks: Iterable[Callable[[], str]]) -> Result:
-    """A result with what the outputs showed, up to the first look that speaks against it."""
+    """A result with the verdict on the outputs, up to the first failed judgement."""
     seen = list[Evidence]()
     try:
         seen.extend(Evidence(OUTPUTS, look()) for look in looks)
@@ -453,9 +455,9 @@ def _looked(result: Result, about: Case, looks: Iterable[Callable[[], str]]) -> 
 
 
 def _twice(first: Result, again: Result) -> Result:
-    """What came of a case that was run again because it, or what it showed at the outputs, failed.
+    """The result of a case that was run again because it, or its outputs, failed.
 
-    It stays a failure if it failed once, whatever came the other time.
+    It stays a failure if it failed once, whatever the other attempt gave.
     """
     if first.verdict is not Verdict.FAIL:
         if again.verdict is not Verdict.FAIL:
@@ -472,7 +474,7 @@ def _twice(first: Result, again: Result) -> Result:
 
 
 def verdict_of(error: BaseException, about: Case) -> tuple[Verdict, str]:
-    """What an exception of a case means, and why."""
+    """The verdict of an exception, and the reason."""
     match error:
         case Inconclusive():
             return Verdict.INCONCLUSIVE, str(error)

@@ -1,6 +1,6 @@
 """Profiles: what a device's makers declare of it before it is judged, in TOML.
 
-What it does not have, each with a reason; the numbers it must show on USB; and where a logic analyser's probes sit::
+What it lacks, each with a reason; its numbers on USB; and the outputs at which a logic analyser's probes sit::
 
     name = "revision C without a UART"
 
@@ -39,18 +39,18 @@ _GROUP_OR_CASE = re.compile(r"[a-z][^/\s]*(/\S.*)?")
 
 @dataclass(frozen=True)
 class Profile:
-    """What is declared of a device.
+    """The declaration of a device.
 
     Parameters
     ----------
     name : str
-        What people call it.
+        Its name for people.
     not_applicable : mapping of str to str
         Clauses, requirements, groups and cases that do not apply, and why.
     vendor, product : int, optional
-        The numbers that it must show on USB; None where nothing is said of them.
+        Its numbers on USB; None if they are not declared.
     probes : mapping of str to str
-        The output that each probe of a logic analyser sits at, such as ``b2p1_07`` or ``t160``.
+        The output of each probe of a logic analyser, such as ``b2p1_07`` or ``t160``.
     """
 
     name: str = "none"
@@ -60,29 +60,29 @@ class Profile:
     probes: Mapping[str, str] = field(default_factory=dict)
 
     def reason_for(self, case_id: str, group: str, clauses: tuple[str, ...]) -> str | None:
-        """Why a case does not apply; None where it does.
+        """Why a case does not apply; None if it does.
 
-        A case applies only where all its clauses do: what does not have a thing cannot be judged by what it shows
-        together with another. A clause stands for each of its requirements, a case for each of its parameters.
+        A case applies only if all its clauses do: a case that combines a missing thing with others cannot be judged. A
+        clause stands for each of its requirements, a case for each of its parameters.
         """
         whole = (clause.partition("/")[0] for clause in clauses)
         names = (case_id, case_id.partition("[")[0], group, *clauses, *whole)
         return next((self.not_applicable[name] for name in names if name in self.not_applicable), None)
 
     def channels(self, wiring: Wiring) -> dict[str, int]:
-        """The output channel that each probe sits at, on a device with this wiring."""
+        """The output channel of each probe, on a device with this wiring."""
         return {probe: chosen_channels(output, wiring)[0] for probe, output in self.probes.items()}
 
 
 def read_profile(path: Path) -> Profile:
-    """The profile in a file.
+    """Read the profile in a file.
 
     Raises
     ------
     InputFileError
-        Where the file is no TOML or no profile; it names the key, its value and what would be right.
+        If the file is no TOML or no profile; it names the key, its value and what would be right.
     OSError
-        Where the file cannot be read.
+        If the file cannot be read.
     """
     whole = read_table(path)
     whole.check_keys([NAME, NOT_APPLICABLE, DEVICE, CAPTURE])
@@ -128,7 +128,7 @@ def _probes(table: Table) -> dict[str, str]:
     for probe in table.values:
         output = table.text(probe)
         try:
-            channels = chosen_channels(output, Wiring.strips())  # what exists does not depend on the wiring
+            channels = chosen_channels(output, Wiring.strips())  # the set of names does not depend on the wiring
         except ValueError as error:
             raise table.error(probe, str(error)) from error
         if len(channels) != 1:

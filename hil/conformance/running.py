@@ -1,29 +1,31 @@
-"""Running the suite: a bench is opened, pytest runs the cases, and what came of them becomes a `Run`."""
+"""Run the suite: open a bench, let pytest run the cases, and make a `Run` of the results."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
-from time import monotonic, perf_counter, sleep
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 import pytest
 
 from ...emulator import Emulator
-from ...emulator.doors.address import Address
+from ...emulator.doors.address import EmulatorUrl
 from ...emulator.firmware.flash import Flash
-from ...emulator.firmware.loader import Identity, make_flash
-from ...emulator.machine import plugged
-from ...errors import DeviceNotFoundError, InputFileError
+from ...emulator.firmware.loader import DeviceIdentity, make_flash
+from ...emulator.machine import open_emulator
+from ...errors import DeviceNotFoundError
+from ...host.lines.opening import entries
+from ...host.lines.serial_line import PORTS
 from ...protocol.codes import PROTOCOL_VERSION, Target
 from ...protocol.firmware import Image, Segment, sign
 from ...protocol.versions import Version
@@ -31,58 +33,60 @@ from ...protocol.wiring import Wiring
 from ...signals import SIGNALLED
 from .bench import Bench
 from .cases import Risk
-from .levers import EmulatorLevers, Levers, NoLevers
+from .levers import open_levers
 from .lines.line import RawLine
-from .lines.serial import PortWire, SerialLine
-from .lines.usb import UsbLine
-from .plugin import Catalogue, Entry, Judge, Watcher
+from .lines.serial import PortWire, RawSerialLine
+from .lines.usb import RawUsbLine
+from .plugin import Catalogue, CatalogueCase, Judge, Watcher
 from .profile import Profile
-from .sight.capture import EmulatorSight, Sight
-from .sight.sigrok import SessionFile, SigrokSight
+from .sight.opening import capture_of
 from .tools.clocks import load_average
 from .verdicts import Provenance, Run, signal_name
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-__all__ = ["Options", "catalogue", "open_bench", "run_conformance"]
+__all__ = ["RunOptions", "catalogue", "open_bench", "run_conformance"]
 
 GROUPS = Path(__file__).with_name("groups")
-EMULATOR, SIGROK = "emulator", "sigrok:"
-RECORDING_SECONDS = 600.0
-LOOK_SECONDS = 0.5
+EMULATOR, NONE = "emulator", "none"
 SEED = 1
 _serials = count(1)
 
 
 @dataclass(frozen=True)
-class Options:
-    """What is asked of a run.
+class RunOptions:
+    """The options of a run.
 
     Parameters
     ----------
     url : str
-        Of the device, as the host finds it.
+        The URL by which the host finds the device.
     capture : str or None
-        ``emulator``, ``sigrok:FILE`` or ``none``; None for the best that there is without a file.
+        By what the outputs are seen: ``SCHEME:REST`` such as ``sigrok:FILE`` (`capture_of`), ``emulator`` or ``none``.
+        None for the emulator if there is one in this process.
+    levers : tuple of str
+        What can be done to the device: ``SCHEME:REST`` such as ``command:power=PROGRAM {}`` (`open_levers`), or
+        ``emulator``. If there are none, those of the emulator if there is one in this process.
     allowed : frozenset of Risk or None
-        What may be risked; None for nothing, but for everything where the device is emulated in this process.
+        The allowed risks; None for none, or for all if the device is emulated in this process.
     profile : Profile
     known : mapping of str to str
-        Cases that are known to fail, and why.
+        The known failures and their reasons.
     only : tuple of str
-        Groups, cases, clauses or chapters, or how they begin; all where it is empty.
+        Groups, cases, clauses or chapters, or their beginnings; empty for all.
     seed : int
-        Of everything random.
+        Seed of all random numbers.
     enough : int or None
         The run ends after so many cases that break it; None for all of it.
     again : bool
-        Whether a case that failed is run once more, which tells a device that fails now and then from one that always
-        does; it breaks the run either way.
+        Whether a case that failed is run once more, which tells a sporadic failure from a permanent one; it breaks the
+        run either way.
     """
 
     url: str
     capture: str | None = None
+    levers: tuple[str, ...] = ()
     allowed: frozenset[Risk] | None = None
     profile: Profile = field(default_factory=Profile)
     known: Mapping[str, str] = field(default_factory=dict)
@@ -92,13 +96,13 @@ class Options:
     again: bool = True
 
 
-def catalogue() -> list[Entry]:
+def catalogue() -> list[CatalogueCase]:
     """All cases, in their order.
 
     Raises
     ------
     RuntimeError
-        Where one cannot be collected.
+        If one cannot be collected.
     """
     found = Catalogue()
     _pytest(found, "--collect-only")
@@ -108,27 +112,27 @@ def catalogue() -> list[Entry]:
 
 
 def run_conformance(
-    options: Options, watcher: Watcher | None = None, judged: Callable[[], object] = lambda: None
+    options: RunOptions, watcher: Watcher | None = None, judged: Callable[[], object] = lambda: None
 ) -> Run:
     """Run the suite against a device.
 
     Parameters
     ----------
-    options : Options
+    options : RunOptions
     watcher : Watcher, optional
-        Is told how it goes on.
+        Receives the progress.
     judged : callable, optional
-        Is called when all is judged, or a signal has ended that: what is left to do is short.
+        Called when all is judged, or a signal has ended that: the rest is short.
 
     Returns
     -------
     Run
-        Also if Ctrl-C or another signal ended it, once the device was found: with what had been judged by then.
+        Also if Ctrl-C or another signal ended it, once the device was found: with the results up to then.
 
     Raises
     ------
     DeviceError
-        Where the device cannot be opened or does not say what it is.
+        If the device cannot be opened or does not say what it is.
     """
     began, started, load = datetime.now(UTC), perf_counter(), load_average()
     with open_bench(options) as bench:
@@ -137,8 +141,8 @@ def run_conformance(
         )
         try:
             _pytest(judge)
-            if judge.interruption is None and judge.awaits_recording and isinstance(bench.sight, SigrokSight):
-                _await_recording(bench.sight.path, began.timestamp(), judge.watcher)
+            if judge.interruption is None and judge.awaits_recording and bench.observer is not None:
+                bench.observer.finish(judge.watcher.waits)
                 judge.look()
         except (KeyboardInterrupt, SystemExit) as error:
             judge.interruption = error
@@ -152,7 +156,8 @@ def run_conformance(
             began.isoformat(timespec="seconds"),
             perf_counter() - started,
             options.profile.name,
-            bench.sight.name if bench.sight else "none",
+            bench.observer.name if bench.observer else "none",
+            options.levers or ((EMULATOR,) if bench.levers.can else ()),
             tuple(sorted(bench.allowed)),
             options.seed,
             os.cpu_count() or 1,
@@ -162,7 +167,7 @@ def run_conformance(
 
 
 def _signal(interruption: BaseException) -> int:
-    """The number of the signal that an exception stands for; any other exception is raised."""
+    """The number of the signal that an exception stands for; any other exception is raised again."""
     match interruption:
         case KeyboardInterrupt():
             return signal.SIGINT
@@ -172,8 +177,8 @@ def _signal(interruption: BaseException) -> int:
 
 
 def _pytest(plugin: Catalogue | Judge, *arguments: str) -> None:
-    """Let pytest run the cases with one plugin and nothing from the surroundings."""
-    plain = ["--assert=plain"]  # cases say in words what is wrong
+    """Let pytest run the cases with one plugin, and without any configuration of the surroundings."""
+    plain = ["--assert=plain"]  # cases describe errors in words
     quiet = ["-p", "no:terminal", "-p", "no:cacheprovider", "-p", "no:faulthandler", "-p", "no:logging", "--capture=no"]
     alone = ["--import-mode=importlib", f"--rootdir={GROUPS}", f"--confcutdir={GROUPS}", "-c", os.devnull]
     with _environment(PYTEST_DISABLE_PLUGIN_AUTOLOAD="1", PYTEST_ADDOPTS=""):
@@ -216,40 +221,55 @@ def _about(url: str, bench: Bench) -> dict[str, str]:
 
 
 @contextmanager
-def open_bench(options: Options, key: Ed25519PrivateKey | None = None) -> Iterator[Bench]:
-    """The bench for a URL: a device emulated in this process with all its levers and outputs, or any other as it is.
+def open_bench(options: RunOptions, key: Ed25519PrivateKey | None = None) -> Iterator[Bench]:
+    """The bench for a URL: a device with what is plugged in, which is all for one that is emulated in this process.
 
     Parameters
     ----------
-    options : Options
+    options : RunOptions
     key : Ed25519PrivateKey, optional
-        Which a fresh emulated device trusts, and which has signed its firmware; without it the device has no keys.
+        The key that a fresh emulated device trusts and that signed its firmware; without it the device has no keys.
 
     Raises
     ------
     DeviceError
-        Where the device cannot be opened.
-    InputFileError
-        Where a recording cannot be used.
+        If the device cannot be opened.
     ValueError
-        Where the outputs of a device that is not emulated here are to be seen by the emulator.
+        If the levers or the capture are unknown, or are the emulator's and the device is not emulated here.
     """
     with ExitStack() as stack:
-        path = _recording(options.capture)
         emulator, url = _emulated(options.url, key, stack)
-        levers: Levers = NoLevers() if emulator is None else EmulatorLevers(emulator)
-        sight = _sight(options, emulator)
+        own = None if emulator is None else f"{EMULATOR}:{emulator.serial}"
+        (capture,) = _named((options.capture or (EMULATOR if own else NONE),), own, options)
+        see = None if capture == NONE else capture_of(capture)
+        levers = open_levers(_named(options.levers or ((EMULATOR,) if own else ()), own, options), stack)
         line = _line(url)
         stack.callback(line.close)
         allowed = options.allowed
         if allowed is None:
             allowed = frozenset() if emulator is None else frozenset(Risk)
-        spare = None if emulator is None else partial(open_bench, replace(options, url=_fresh(options.url)))
-        bench = Bench(line, levers, sight, allowed, options.seed, profile=options.profile, spare=spare)
-        if path is not None:
-            bench.sight = SigrokSight(path, options.profile.channels(bench.wiring), bench.marks)
+        spare = None if emulator is None else partial(open_bench, _for_a_spare(options))
+        bench = Bench(line, levers, None, allowed, options.seed, profile=options.profile, spare=spare)
+        if see is not None:
+            probes = options.profile.channels(bench.wiring) if options.profile.probes else {}
+            bench.observer = see(probes, bench.marks)
+            stack.callback(bench.observer.close)
         stack.callback(bench.leave_off)
         yield bench
+
+
+def _named(texts: Iterable[str], own: str | None, options: RunOptions) -> list[str]:
+    """Texts of what is plugged in; the emulator's is that of the device itself."""
+    texts = [text.removesuffix(":") if text == f"{EMULATOR}:" else text for text in texts]
+    if own is None and EMULATOR in texts:
+        raise ValueError(f"emulator: {options.url!r} is not emulated in this process, so that it has none of this")
+    return [own if own and text == EMULATOR else text for text in texts]
+
+
+def _for_a_spare(options: RunOptions) -> RunOptions:
+    """For a fresh emulated device beside the device: it has its own levers and what sees its outputs, or nothing."""
+    capture = NONE if options.capture not in (None, EMULATOR) else options.capture
+    return replace(options, url=_fresh(options.url), levers=(), capture=capture)
 
 
 def _fresh(url: str) -> str:
@@ -263,82 +283,36 @@ def _emulated(url: str, key: Ed25519PrivateKey | None, stack: ExitStack) -> tupl
     scheme, _, rest = url.partition(":")
     if scheme != EMULATOR:
         return None, url
-    address = Address.parse(url)
+    address = EmulatorUrl.parse(url)
     if address.serial:
-        there = {emulator.serial: emulator for emulator in plugged()}
-        if address.serial not in there:
+        named = open_emulator(address.serial)
+        if named is None:
             raise DeviceNotFoundError(f"no device at {url!r}: nothing of this serial number is plugged in")
-        return there[address.serial], url
+        return named, url
     emulator = stack.enter_context(address.make(_flash(key)))
     options = [option for option in rest.removeprefix("?").split("&") if option.startswith(("door=", "baud="))]
     return emulator, emulator.url + ("?" + "&".join(options) if options else "")
 
 
 def _flash(key: Ed25519PrivateKey | None) -> Flash:
-    """Of a device whose firmware is as large as real firmware is in blocks and sectors, though nothing executes it."""
+    """Parameters of a device with as many blocks and sectors of firmware as a real one; no firmware runs."""
     segments = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(Target.CONTROLLER, bytes(6000)))
     image = Image(Version(1, 0, 0), segments)
     keys = () if key is None else (key.public_key(),)
-    identity = Identity(f"CONFORMANCE-{next(_serials)}", Wiring.strips(), keys)
+    identity = DeviceIdentity(f"CONFORMANCE-{next(_serials)}", Wiring.strips(), keys)
     return make_flash(identity, image if key is None else sign(image, key))
 
 
 def _line(url: str) -> RawLine:
     scheme = url.partition(":")[0]
     if scheme == "usb" or (scheme == EMULATOR and "door=serial" not in url):
-        return UsbLine(url)
-    line = SerialLine(PortWire(url))
+        return RawUsbLine(url)
+    if scheme not in (ports := entries(PORTS)):
+        known = ", ".join(sorted(f"{name}:" for name in {*ports, "usb"}))
+        raise DeviceNotFoundError(
+            f"no raw line at {url!r}: the suite must also send what is wrong, which a transport cannot, so it needs "
+            f"usb: or a port of the group {PORTS}; there are {known}"
+        )
+    line = RawSerialLine(PortWire(url))
     line.enter_frames()
     return line
-
-
-def _sight(options: Options, emulator: Emulator | None) -> Sight | None:
-    """What sees the outputs, but for a recording, for which the device's wiring must be known first."""
-    choice = options.capture if options.capture is not None else ("none" if emulator is None else EMULATOR)
-    if choice != EMULATOR:
-        return None
-    if emulator is None:
-        raise ValueError(
-            f"--capture emulator: {options.url!r} is not emulated in this process; sigrok:FILE or none would do"
-        )
-    return EmulatorSight(emulator)
-
-
-def _recording(capture: str | None) -> Path | None:
-    """The recording by which the outputs are to be seen, if it is one."""
-    if capture is None or not capture.startswith(SIGROK):
-        return None
-    path = Path(capture.removeprefix(SIGROK))
-    if path.is_dir():
-        raise ValueError(f"--capture {capture}: {path} is a folder; the file where the recording will be would do")
-    return path
-
-
-def _await_recording(path: Path, since: float, watcher: Watcher) -> None:
-    """Wait until a recording of this run is there; Ctrl-C and ten minutes end that.
-
-    Parameters
-    ----------
-    path : path
-        Where it will be saved.
-    since : float
-        When the run began, in seconds since the epoch: what is older is no recording of it.
-    watcher : Watcher
-        Is told what to do.
-    """
-    end = monotonic() + RECORDING_SECONDS
-    with suppress(KeyboardInterrupt):
-        if not _is_saved(path, since):
-            watcher.waits(f"end the recording and save it as {path}; Ctrl-C goes on without it")
-        while not _is_saved(path, since) and monotonic() < end:
-            sleep(LOOK_SECONDS)
-
-
-def _is_saved(path: Path, since: float) -> bool:
-    try:
-        if path.stat().st_mtime < since:
-            return False
-        SessionFile.open(path)
-    except (OSError, InputFileError):
-        return False
-    return True

@@ -1,6 +1,6 @@
-"""Tables of TOML that people write, and errors that say what stands where, and what would be right.
+"""TOML tables written by people, and errors that name the key, its value and what would be right.
 
-It knows nothing of what the tables mean.
+It does not know the meaning of the tables.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["Table", "read_table"]
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a TOML file, and where it stands.
+    """A table of a TOML file, and its place.
 
     Parameters
     ----------
@@ -37,21 +37,21 @@ class Table:
     values: dict[str, Any]
 
     def error(self, key: str, problem: str) -> InputFileError:
-        """What is wrong with a key of this table, to be raised."""
+        """An exception about a key of this table."""
         where = f"{self.path}, [{self.name}]" if self.name else str(self.path)
         value = self.values.get(key)
         shown = key if value is None or isinstance(value, dict) else f"{key} = {value!r}"
         return InputFileError(f"{where}: {shown}: {problem}")
 
     def check_keys(self, known: Iterable[str]) -> None:
-        """Raise `InputFileError` where a key is none of these."""
+        """Raise `InputFileError` if a key is not among these."""
         names = tuple(known)
         for key in self.values:
             if key not in names:
                 raise self.error(key, f"no such key; known are {', '.join(names)}")
 
     def text(self, key: str) -> str:
-        """What a key says; `InputFileError` where it is missing, no text, or empty."""
+        """The text of a key; raises `InputFileError` if it is missing, no text, or empty."""
         value = self.values.get(key)
         if value is None:
             raise self.error(key, "it is missing; it must be text that is not empty")
@@ -60,7 +60,7 @@ class Table:
         return value.strip()
 
     def table(self, key: str) -> Table:
-        """A table in this one, empty where there is none; `InputFileError` where the key is something else."""
+        """A table in this one, empty if there is none; raises `InputFileError` if the key is something else."""
         value = self.values.get(key, {})
         name = f"{self.name}.{_written(key)}" if self.name else _written(key)
         if not isinstance(value, dict):
@@ -69,7 +69,7 @@ class Table:
 
 
 def _written(key: str) -> str:
-    """A key as TOML writes it."""
+    """A key in TOML notation."""
     return key if re.fullmatch(r"[\w-]+", key, re.ASCII) else json.dumps(key, ensure_ascii=False)
 
 
@@ -79,8 +79,8 @@ def read_table(path: Path) -> Table:
     Raises
     ------
     InputFileError
-        Where it is no TOML, or not UTF-8.
+        If it is no TOML, or not UTF-8.
     OSError
-        Where it cannot be read.
+        If it cannot be read.
     """
     return Table(path, "", read_toml(path))

@@ -1,7 +1,7 @@
-"""Requirements that no case can show, and why: what a black box at the end of a line gives away to nobody.
+"""Requirements that no case can show, and why: a black box on a line does not reveal them.
 
-Seen from outside are all that travels over USB and serial lines, all outputs tick by tick, and what power, cable, bus
-and the faults of `emulator.faults` bring about. What has a consequence there belongs into a case and not into here.
+Visible from outside are all traffic over USB and serial lines, all outputs tick by tick, and the effects of power,
+cable, bus and the faults of `emulator.faults`. A requirement with a visible consequence needs a case and no entry here.
 """
 
 from __future__ import annotations
@@ -23,15 +23,17 @@ _BY_REASON: Mapping[str, tuple[str, ...]] = {
         "VER-006",
     ),
     "It binds the software that builds, shows or sends images, not the device.": ("FWU-012/2",),
-    "It asks for currents and for the voltage of a pull-up, which neither the data on the lines nor the outputs tell; "
+    "It limits currents and the voltage of a pull-up, which neither the data on the lines nor the outputs show; "
     "an ammeter and a voltmeter do.": ("USB-022",),
-    "It fixes bytes of a message between controller and processors that carry nothing: where both agree on other ones, "
+    "It fixes bytes of a message between controller and processors that carry nothing: if both agree on other ones, "
     "the outputs and all answers are the same.": ("CHN-012/1", "CHN-014/1"),
-    "A processor's answer is seen in the controller's own only, which bears no time at which it was sent, and the "
-    "controller is free to pass it on when it likes.": ("CHN-016",),
-    "Which way a switch sends a message is seen on the links alone; that every processor is reached, other routes "
-    "would bring about as well.": ("CHN-025/1", "CHN-025/2"),
-    "A flash that is busy for 10 s is none of the faults that a bench can cause: one that fails says so at once, and "
+    "A processor's answer is only seen in the controller's own, which does not contain its time, and the "
+    "controller may pass it on at any time.": ("CHN-016",),
+    "The way of a message through a switch is only seen on the links: other routes would also reach every processor.": (
+        "CHN-025/1",
+        "CHN-025/2",
+    ),
+    "No fault of a bench makes a flash busy for 10 s: one that fails says so at once, and "
     "every other one is done in time.": ("DFU-008/3",),
 }
 

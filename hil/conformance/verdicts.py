@@ -1,4 +1,4 @@
-"""Verdicts: what came of a case, why, and what was seen; and what came of a run."""
+"""Verdicts: the result of a case with its reason and evidence, and the result of a run."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ __all__ = ["AT_THE_OUTPUTS", "Evidence", "Provenance", "Result", "Run", "Verdict
 
 
 AT_THE_OUTPUTS = "#outputs"
-"""Stands in the name of a part of a case, which only the outputs show, after the name of the case."""
+"""Marks the part of a case that only the outputs show, after the name of the case."""
 
 
 class Verdict(StrEnum):
-    """What came of a case."""
+    """The result of a case."""
 
     PASS = "pass"
     FAIL = "fail"
-    """The device breaks a MUST, or what the specification says of it."""
+    """The device breaks a MUST, or a description in the specification."""
     WARN = "warn"
     """It does not do what it SHOULD."""
     INCONCLUSIVE = "inconclusive"
-    """It cannot be seen or done here; never counted as a pass."""
+    """It cannot be observed or done here; never counted as a pass."""
     NOT_APPLICABLE = "not applicable"
-    """The device does not have it: INFO or its profile says so."""
+    """The device lacks it: INFO or its profile says so."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Something that was seen.
+    """Something that was observed.
 
     Parameters
     ----------
     label : str
         What it is, such as ``sent`` or ``status``.
     text : str
-        The thing itself, in words or hexadecimal.
+        The value, in words or hexadecimal.
     """
 
     label: str
@@ -49,28 +49,28 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of one case.
+    """The result of one case.
 
     Parameters
     ----------
     case : str
-        ``group/name-of-the-case``, and ``[parameter]`` where it has some.
+        ``group/name-of-the-case``, with ``[parameter]`` if it has some.
     clauses : tuple of str
         What it shows, such as ``BLK-003`` or, of several MUSTs in a clause, ``BLK-005/1``.
     sentence : str
         What it does and why.
     verdict : Verdict
     reason : str
-        Why, where it is no pass; empty for a pass.
+        The reason, if it is no pass; empty for a pass.
     evidence : tuple of Evidence
-        In the order in which it was seen.
+        In order.
     seconds : float
-        How long it took by the wall clock.
+        Duration by the wall clock.
     known : str or None
-        Why it is expected to fail, where it is (`known-failures.toml`).
+        Why it is expected to fail, if it is (`known-failures.toml`).
     again : Verdict or None
-        What came of it when it was run again because it had failed; None if it was not run again. A case that failed
-        once is not made good by a second try: a device that fails now and then is not sound.
+        The verdict of the second attempt of a case that failed; None without one. A second attempt does not excuse a
+        case that failed once: a device with sporadic failures is not sound.
     """
 
     case: str
@@ -92,17 +92,17 @@ class Result:
 
     @property
     def group(self) -> str:
-        """The file that the case stands in."""
+        """The file that holds the case."""
         return self.case.partition("/")[0]
 
     @property
     def whole(self) -> str:
-        """The case; where this is the part of it that only the outputs show, the case of which it is a part."""
+        """The case; for the part that only the outputs show, its whole case."""
         return self.case.replace(AT_THE_OUTPUTS, "", 1)
 
     @property
     def breaks(self) -> bool:
-        """Whether it makes the run fail: a failure that nobody expected, or an expected one that did not come."""
+        """Whether it makes the run fail: an unexpected failure, or an expected one that did not come."""
         if self.known is None:
             return self.verdict is Verdict.FAIL
         return self.verdict in (Verdict.PASS, Verdict.WARN)
@@ -110,7 +110,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Who asked whom, when, and with what.
+    """Who tested what, when, and with what.
 
     Parameters
     ----------
@@ -119,19 +119,21 @@ class Provenance:
     specification : str
         Version of the protocol, and the SHA-256 of SPEC.md (its first 16 digits).
     device : mapping of str to str
-        What the device says of itself: URL, product, serial number, firmware, protocol, hardware, link.
+        The device's description of itself: URL, product, serial number, firmware, protocol, hardware, link.
     began : str
         ISO 8601, in UTC.
     seconds : float
-        How long it took.
+        Duration.
     profile : str
         Name of the device's profile, or ``none``.
     capture : str
-        What its outputs were seen by: ``emulator``, ``sigrok:FILE`` or ``none``.
+        The observer of its outputs: ``emulator``, ``sigrok:FILE`` or ``none``.
+    levers : tuple of str
+        What could be done to it, such as ``command:power=PROGRAM {}``; those of the emulator are ``emulator``.
     allowed : tuple of str
         Risks that were allowed.
     seed : int
-        Of everything random.
+        Seed of all random numbers.
     cores : int
         Of the computer that ran the suite.
     load : tuple of float, or None
@@ -145,6 +147,7 @@ class Provenance:
     seconds: float
     profile: str
     capture: str
+    levers: tuple[str, ...]
     allowed: tuple[str, ...]
     seed: int
     cores: int
@@ -153,7 +156,7 @@ class Provenance:
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a run.
+    """The result of a run.
 
     Parameters
     ----------
@@ -161,12 +164,12 @@ class Run:
     results : tuple of Result
         In the order of the cases.
     trouble : tuple of str
-        What is wrong with the run itself, such as a known failure of no case; it fails the run.
+        Trouble of the run itself, such as a known failure of no case; it fails the run.
     claims : tuple of Claim
-        What all cases say that they show, whether they ran or not.
+        What all cases claim to show, whether they ran or not.
     signal : int
-        Number of the signal that ended the run before its time, such as ``signal.SIGINT``; 0 if it came to its end.
-        Cases that were not judged then are inconclusive.
+        Number of the signal that ended the run early, such as ``signal.SIGINT``; 0 if it was completed. Cases that were
+        not judged then are inconclusive.
     """
 
     provenance: Provenance
@@ -177,12 +180,12 @@ class Run:
 
     @property
     def interrupted_by(self) -> str:
-        """What ended the run before its time, such as ``Ctrl-C`` or ``SIGTERM``; empty if nothing did."""
+        """What ended the run early, such as ``Ctrl-C`` or ``SIGTERM``; empty if it was completed."""
         return signal_name(self.signal) if self.signal else ""
 
     @property
     def passed(self) -> bool:
-        """Whether the run came to its end and nothing speaks against the device, as far as it could be seen."""
+        """Whether the run was completed and the device is sound, as far as it could be observed."""
         return not self.signal and not self.trouble and not any(result.breaks for result in self.results)
 
     def count(self, verdict: Verdict) -> int:
@@ -191,5 +194,5 @@ class Run:
 
 
 def signal_name(number: int) -> str:
-    """What people call a signal."""
+    """The usual name of a signal."""
     return "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name

@@ -1,4 +1,4 @@
-"""Runs in the guest: does what the computer asks for, by JSON lines on a virtual serial port.
+"""Runs in the guest: carries out requests of the computer, as JSON lines on a virtual serial port.
 
 A request is ``{"id": 1, "command": ["lsusb"], "seconds": 10}``. Its answer comes when the command has ended:
 ``{"id": 1, "code": 0, "out": "", "err": ""}``. ``{"id": 1, "signal": 2}`` sends it a signal. Commands run side by side.
@@ -26,26 +26,26 @@ PHASEWIRE, PYTHON = "phasewire", "python"
 COMMANDS = ("attach", "commands", "device", "discovery", "firmware", "flash", "playing", "tracker")
 """The modules of the commands that programs in the guest call."""
 OTHERS = ("serial.tools.list_ports", "typer._adapters", "usb.backend.libusb1", "usb.core")
-"""What else most programs in the guest need; libraries load it late."""
+"""Further modules that most programs in the guest need, which libraries load late."""
 LATE = {
     "conformance": "phasewire.hil.conformance.running",
     "play": "phasewire.protocol.kernels",
     "show": "phasewire.protocol.kernels",
     "stream": "phasewire.protocol.kernels",
 }
-"""What single commands need besides."""
+"""Modules that single commands need in addition."""
 PLUGINS = ("phasewire.transports", "phasewire.usb_backends", "phasewire.serial_ports")
 GRACE_SECONDS = 10.0
-NOT_STARTED = 127  # as a shell says it
+NOT_STARTED = 127  # as a shell reports it
 MOST_OUTPUT_BYTES = 4 << 20
-"""How much of what a command writes is kept."""
+"""How much of a command's output is kept."""
 lock = threading.Lock()
 
 
 def main(port: str) -> None:
     """Serve the port until the guest is turned off."""
     load()
-    gc.freeze()  # what all forks share is never written to again
+    gc.freeze()  # the memory that all forks share is never written again
     with open(port, "r+b", buffering=0) as line:  # noqa: PTH123  # a device
         _say(line, {"id": 0, "code": 0, "out": "ready", "err": ""})
         children: dict[int, int] = {}
@@ -65,7 +65,7 @@ def main(port: str) -> None:
 
 
 def load() -> None:
-    """Import what the commands of the host need, once for all forks."""
+    """Import what the host's commands need, once for all forks."""
     for name in COMMANDS:
         import_module(f"phasewire.cli.{name}")
     for name in OTHERS:
@@ -80,7 +80,7 @@ def _file() -> IO[bytes]:
 
 
 def _become(command: list[str], out: int, err: int) -> None:
-    """Be a command, in a process and a group of its own."""
+    """Run as a command, in a process and a group of its own."""
     code = 1
     try:
         os.setsid()

@@ -1,8 +1,8 @@
 """Debian's kernels: fetched once, unpacked, and kept in the user's cache.
 
-The kernel that Debian has for clouds has no USB, so this is the one for all computers. Its modules are loaded from the
-folder that is kept. A kernel that is not compressed starts in seconds without KVM. A kernel of another suite than this
-computer's is found with lists of packages of its own, so that nothing of this computer's configuration changes.
+Debian's kernel for clouds has no USB, so this is the general one. Its modules are loaded from the kept folder.
+Uncompressed, a kernel starts in seconds without KVM. A kernel of another suite than this computer's is found with
+separate package lists, so that this computer's configuration does not change.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-__all__ = ["NEWEST", "PACKAGE", "Kernel", "fetch_kernel", "missing_programs", "unpack"]
+__all__ = ["NEWEST", "PACKAGE", "GuestKernel", "fetch_kernel", "missing_programs", "unpack"]
 
 PACKAGE = "linux-image-amd64"
 NEWEST = "trixie-backports"
-"""Debian's suite that has the newest kernel beside the one of this computer."""
+"""Debian's suite with the newest kernel, besides the one of this computer."""
 MIRROR = "http://deb.debian.org/debian"
 KEYS = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
 LIST_SECONDS = 86400.0
-"""How old a list of packages may be before it is fetched again."""
+"""The age after which a list of packages is fetched again."""
 PROGRAMS = {
     "qemu-system-x86_64": "qemu-system-x86",
     "busybox": "busybox-static",
@@ -41,7 +41,7 @@ PROGRAMS = {
     "setpriv": "util-linux",
     "zstd": "zstd",
 }
-"""What the guest needs of this computer, and Debian's package that has it."""
+"""What the guest needs of this computer, and the Debian package that contains it."""
 
 EARLY = ("virtio-pci", "9pnet-virtio", "9p", "overlay", "virtio-console", "virtio-net")
 """Modules without which the guest cannot reach this computer's files."""
@@ -52,13 +52,13 @@ SECTOR_BYTES = 512
 ZSTD = b"\x28\xb5\x2f\xfd"
 FETCH_SECONDS = 600.0
 KEPT_SECONDS = 30 * 86400.0
-"""How long what is not used stays in the cache."""
+"""How long unused files stay in the cache."""
 MADE = ("linux-image-*", "linux-image-*/initramfs*", "numba/*")
-"""What is made anew if it is missing: kernels, their first files, and what was compiled for guests."""
+"""What is made again if missing: kernels, their first files, and what was compiled for guests."""
 
 
 @dataclass(frozen=True)
-class Kernel:
+class GuestKernel:
     """A kernel that can be started.
 
     Parameters
@@ -66,7 +66,7 @@ class Kernel:
     folder : Path
         Holds ``vmlinux``, ``lib/modules`` and what `initramfs` names.
     release : str
-        As ``uname -r`` says it.
+        As ``uname -r`` prints it.
     """
 
     folder: Path
@@ -74,30 +74,30 @@ class Kernel:
 
     @property
     def image(self) -> Path:
-        """The kernel, not compressed."""
+        """The kernel, uncompressed."""
         return self.folder / "vmlinux"
 
     @property
     def initramfs(self) -> Path:
-        """The first files that it sees; another one for another `INIT`."""
+        """Its first files; they differ for another `INIT`."""
         return self.folder / f"initramfs-{zlib.crc32(INIT.read_bytes()):08x}"
 
 
 def missing_programs() -> list[str]:
-    """Debian's packages of which the guest needs programs that are not installed."""
+    """Debian's packages of missing programs that the guest needs."""
     places = "/usr/local/sbin:/usr/sbin:/sbin:/usr/local/bin:/usr/bin:/bin"
     return [package for program, package in PROGRAMS.items() if not shutil.which(program, path=places)]
 
 
-def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> Kernel:
+def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> GuestKernel:
     """Debian's newest kernel, from the cache if it is there.
 
     Parameters
     ----------
     suite : str, optional
-        Of which suite, such as `NEWEST`; by default of the suite that this computer installs packages from.
+        Debian's suite, such as `NEWEST`; by default the one from which this computer installs packages.
     cache : Path, optional
-        Where it is kept; by default in the user's cache.
+        The folder that keeps it; by default in the user's cache.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> Kernel:
     folder = (cache or user_cache_path("phasewire")) / "guest"
     options = _lists(suite, folder / "lists" / suite) if suite else ()
     packages = _newest(options)
-    kernel = Kernel(folder / packages[0], packages[0].removeprefix("linux-image-"))
+    kernel = GuestKernel(folder / packages[0], packages[0].removeprefix("linux-image-"))
     if not kernel.image.exists():
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as name:
@@ -132,7 +132,7 @@ def fetch_kernel(suite: str | None = None, cache: Path | None = None) -> Kernel:
 
 
 def _prune(folder: Path) -> None:
-    """Remove what no guest has used for long, such as kernels that a newer one has replaced."""
+    """Remove what no guest has used for long, such as replaced kernels."""
     for path in [each for pattern in MADE for each in folder.glob(pattern)]:
         if path.exists() and time.time() - path.stat().st_mtime > KEPT_SECONDS:
             if path.is_dir():
@@ -142,12 +142,12 @@ def _prune(folder: Path) -> None:
 
 
 def unpack(image: bytes) -> bytes:
-    """The kernel that a bzImage carries.
+    """The kernel inside a bzImage.
 
     Raises
     ------
     OSError
-        If it is compressed by neither xz nor zstd, which Debian's are.
+        If it is compressed by neither xz nor zstd, which Debian uses.
     """
     setup = (image[SETUP_SECTORS] or 4) + 1
     offset, length = struct.unpack_from("<II", image, PAYLOAD)
@@ -164,7 +164,7 @@ def unpack(image: bytes) -> bytes:
 
 
 def _lists(suite: str, folder: Path) -> tuple[str, ...]:
-    """Options by which apt knows the packages of a suite and nothing else."""
+    """Options by which apt only knows the packages of a suite."""
     sources, fetched = folder / "sources.list", folder / "fetched"
     options = {
         "Dir::Etc": folder,
@@ -205,7 +205,7 @@ def _needed(options: tuple[str, ...], package: str, pattern: str) -> list[str]:
     return re.findall(f"Depends: ({pattern})", _run("apt-cache", *options, "depends", "--important", package))
 
 
-def _make_initramfs(kernel: Kernel) -> None:
+def _make_initramfs(kernel: GuestKernel) -> None:
     """A folder tree of busybox, the first modules, and the program that mounts this computer's files."""
     modules = kernel.folder / "lib/modules" / kernel.release
     needs = {
@@ -221,7 +221,7 @@ def _make_initramfs(kernel: Kernel) -> None:
         order[path] = None
 
     for name in EARLY:
-        if name in paths:  # otherwise it is a part of the kernel itself
+        if name in paths:  # otherwise it is built into the kernel
             add(paths[name])
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
@@ -238,12 +238,14 @@ def _make_initramfs(kernel: Kernel) -> None:
         shutil.copy(INIT, root / "init")
         (root / "init").chmod(0o755)
         listing = "\n".join(str(path.relative_to(root)) for path in sorted(root.rglob("*")))
-        whole = kernel.folder / f"initramfs-{os.getpid()}"
+        whole = kernel.folder / f"initramfs.{os.getpid()}"
         with whole.open("wb") as archive:
             subprocess.run(
                 ["cpio", "--create", "--format=newc", "--quiet"],
                 cwd=root, input=listing.encode(), stdout=archive, check=True, timeout=FETCH_SECONDS,
             )  # fmt: skip
+        for old in kernel.folder.glob("initramfs-*"):
+            old.unlink(missing_ok=True)
         whole.rename(kernel.initramfs)
 
 

@@ -1,7 +1,7 @@
 """Carries one connection of the guest to a server on this computer, without delay.
 
-QEMU starts it for each connection, which it finds as its standard input. TCP would hold back the last piece of a long
-command until the one before it is confirmed, and its receiver confirms late: 40 ms for each transfer.
+QEMU starts it for each connection, which is its standard input. TCP would hold back the last piece of a long command
+until the one before it is confirmed, and its receiver confirms late: 40 ms for each transfer.
 """
 
 from __future__ import annotations

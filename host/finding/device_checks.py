@@ -14,14 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import DeviceRefusedError
-from ...protocol.board import (
-    BOARDS,
-    CHANNELS_PER_PROCESSOR,
-    PROCESSORS,
-    PROCESSORS_PER_BOARD,
-    TICK_HZ,
-    TICKS_PER_PERIOD,
-)
+from ...protocol.board import TICK_HZ, TICKS_PER_PERIOD
 from ...protocol.codes import (
     COLLECT_MS,
     COLLECTIONS_MISSED,
@@ -35,7 +28,7 @@ from ...protocol.codes import (
     State,
 )
 from ...protocol.pulses import Pulses
-from ...protocol.replies import ProcessorReport
+from ...protocol.replies import Info, ProcessorReport
 from ...protocol.versions import Version
 from ..playing.clock import Reading
 from ..playing.device import Device
@@ -65,21 +58,20 @@ QUIET_WIDTH = 2
 """The width at which a transducer is tried alone (clause CON-008); its power is 0.016 of a full one."""
 
 
-def _place(processor: int) -> str:
+def _place(info: Info, processor: int) -> str:
     """A processor, numbered along the chain, for people."""
-    return "board {} processor {}".format(*divmod(processor, PROCESSORS_PER_BOARD))
+    return "board {} processor {}".format(*divmod(processor, info.processors_per_board))
 
 
-def _places(processors: Iterable[int]) -> str:
-    """Processors, or boards if it is both of a board."""
+def _places(info: Info, processors: Iterable[int]) -> str:
+    """Processors, or boards if it is all of a board."""
     there = sorted(set(processors))
-    boards = Counter(processor // PROCESSORS_PER_BOARD for processor in there)
-    whole = {board for board, count in boards.items() if count == PROCESSORS_PER_BOARD}
-    if len(whole) == BOARDS:
+    boards = Counter(processor // info.processors_per_board for processor in there)
+    whole = {board for board, count in boards.items() if count == info.processors_per_board}
+    if len(whole) == info.boards:
         return "all boards"
-    names = (
-        f"board {at // PROCESSORS_PER_BOARD}" if at // PROCESSORS_PER_BOARD in whole else _place(at) for at in there
-    )
+    board_of = {at: at // info.processors_per_board for at in there}
+    names = (f"board {board}" if board in whole else _place(info, at) for at, board in board_of.items())
     return listed(dict.fromkeys(names))
 
 
@@ -291,7 +283,9 @@ def _try_pulses(device: Device, pulses: Pulses, period: int) -> str:
     read = device.read_back()
     differ = np.flatnonzero((read.pulses.phase != pulses.phase) | (read.pulses.width != pulses.width))
     if differ.size:
-        places = _places((device.wiring().channels[differ] // CHANNELS_PER_PROCESSOR).tolist())
+        info = device.info
+        per_processor = info.channels // (info.boards * info.processors_per_board)
+        places = _places(info, (device.wiring().channels[differ] // per_processor).tolist())
         return f"{differ.size} pulses came back wrong, from {places}"
     if read.mixed:
         return "the processors did not begin a pattern together"
@@ -303,7 +297,7 @@ def _try_pulses(device: Device, pulses: Pulses, period: int) -> str:
 def _temperature(device: Device) -> Judgement:
     status = device.status()
     boards = {
-        place // PROCESSORS_PER_BOARD: report.temperature_c
+        place // device.info.processors_per_board: report.temperature_c
         for place, report in enumerate(device.processors())
         if report.bank is not None
     }
@@ -317,37 +311,37 @@ def _temperature(device: Device) -> Judgement:
 
 
 def _chain(device: Device) -> Judgement:
-    reports = device.processors()
+    reports, info = device.processors(), device.info
     missing = [place for place, report in enumerate(reports) if report.bank is None]
     if missing:
         return fail(
-            f"{PROCESSORS - len(missing)} of {PROCESSORS} processors answer; missing: {_places(missing)}",
-            f"check power and cables of {_place(missing[0])} first, for all behind it hang on it",
+            f"{len(reports) - len(missing)} of {len(reports)} processors answer; missing: {_places(info, missing)}",
+            f"check power and cables of {_place(info, missing[0])} first, for all behind it hang on it",
         )
     versions = Counter(report.firmware for report in reports)
     if len(versions) > 1:
         usual = versions.most_common(1)[0][0]
         others = (place for place, report in enumerate(reports) if report.firmware != usual)
-        return fail(f"not all run {Version(*usual)}: {_places(others)}", f"write the firmware anew: `{FLASH}`")
+        return fail(f"not all run {Version(*usual)}: {_places(info, others)}", f"write the firmware anew: `{FLASH}`")
     if Fault.PROCESSOR in device.status().faults:
         return fail(
             "a processor was lost while the device ran; until it starts anew it cannot say which",
             f"`{RESET}`, and run the doctor again: it then names the board",
         )
-    troubled = [text for place, report in enumerate(reports) if (text := _trouble(place, report))]
+    troubled = [text for place, report in enumerate(reports) if (text := _trouble(info, place, report))]
     if troubled:
         return warn(
-            f"{PROCESSORS} processors; {listed(troubled, '; ')}",
+            f"{len(reports)} processors; {listed(troubled, '; ')}",
             "check the cables between those boards; with the fault OVERRUN it is the firmware",
         )
-    return ok(f"{PROCESSORS} processors with the same firmware; no message damaged, no commit missed")
+    return ok(f"{len(reports)} processors with the same firmware; no message damaged, no commit missed")
 
 
-def _trouble(place: int, report: ProcessorReport) -> str:
+def _trouble(info: Info, place: int, report: ProcessorReport) -> str:
     """What messages did not reach a processor since power-up; empty if all did."""
     counts = ((report.missed_commits, "missed commits"), (report.damaged_messages, "damaged messages"))
     said = " and ".join(f"{count} {what}" for count, what in counts if count)
-    return f"{_place(place)}: {said}" if said else ""
+    return f"{_place(info, place)}: {said}" if said else ""
 
 
 class Meaning(NamedTuple):
@@ -396,7 +390,7 @@ def _faults(device: Device) -> Judgement:
     reports = device.processors()
     said = []
     for fault in faults:
-        places = _places(place for place, report in enumerate(reports) if fault in report.faults)
+        places = _places(device.info, (place for place, report in enumerate(reports) if fault in report.faults))
         said.append(f"{fault.name}{f' ({places})' if places else ''}: {_FAULTS[fault].meaning}")
     advice = "; ".join(dict.fromkeys(_FAULTS[fault].advice for fault in faults))
     return (fail if any(fault in SILENCING_FAULTS for fault in faults) else warn)("; ".join(said), advice)

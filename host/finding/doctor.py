@@ -22,12 +22,12 @@ from ...errors import (
     DeviceVersionError,
 )
 from ..lines.opening import entries
-from ..lines.usb_find import BACKENDS, RUN_TIME, Sighting, UsbBus
+from ..lines.usb_find import BACKENDS, RUN_TIME, Sighting, UsbFinder
 from ..playing.device import Device, open_device
 from .computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer
 from .device_checks import DEVICE_CHECKS, QUIET_CHECKS
 from .discovery import search
-from .findings import FLASH, RESET, Finding, Judgement, Verdict, fail, ok, skipped
+from .findings import FLASH, RESET, CheckVerdict, Finding, Judgement, fail, ok, skipped
 
 __all__ = ["CHECKS", "FOUND", "examine"]
 
@@ -78,7 +78,7 @@ def examine(url: str | None = None, *, play: bool = False, computer: Computer | 
 
 
 def _nothing_there(error: DeviceNotFoundError) -> Iterator[Finding]:
-    yield Finding(FOUND, Verdict.FAIL, str(error), "plug it in, with power; emulator: always works")
+    yield Finding(FOUND, CheckVerdict.FAIL, str(error), "plug it in, with power; emulator: always works")
     yield from _left_out(CHECKS[CHECKS.index(FOUND) + 1 :], "there is no device")
 
 
@@ -93,7 +93,7 @@ def _examined(chosen: str, play: bool) -> Generator[Finding]:
         yield from _nothing_there(error)
         return
     where = f" at {seen.found.location}, firmware {seen.found.firmware}" if seen else ""
-    begun = [Finding(FOUND, Verdict.OK, f"{chosen}{where}"), *line]
+    begun = [Finding(FOUND, CheckVerdict.OK, f"{chosen}{where}"), *line]
     if device is None:
         yield from begun
         yield Finding(OPENED, *opening)
@@ -122,7 +122,7 @@ def _on_bus(url: str) -> Sighting | None:
     door = parse_qs(rest.partition("?")[2]).get("door", ["usb"])[-1]
     if door != "usb" or scheme not in entries(BACKENDS):
         return None
-    return UsbBus(url).sight((RUN_TIME,))
+    return UsbFinder(url).sight((RUN_TIME,))
 
 
 def _opened(url: str) -> tuple[Device | None, Judgement]:

@@ -10,9 +10,9 @@ __all__ = [
     "CLEAR_FAULTS",
     "FLASH",
     "RESET",
+    "CheckVerdict",
     "Finding",
     "Judgement",
-    "Verdict",
     "fail",
     "listed",
     "ok",
@@ -27,7 +27,7 @@ CLEAR_FAULTS, RESET, FLASH = (
 """Commands that an advice may name, of whatever device is examined."""
 
 
-class Verdict(StrEnum):
+class CheckVerdict(StrEnum):
     """What a check comes to."""
 
     OK = "ok"
@@ -41,7 +41,7 @@ class Verdict(StrEnum):
 class Judgement(NamedTuple):
     """What a check comes to, what it saw, and what to do about it, if there is anything."""
 
-    verdict: Verdict
+    verdict: CheckVerdict
     seen: str
     advice: str = ""
 
@@ -50,29 +50,29 @@ class Finding(NamedTuple):
     """A judgement under the name of its check, one of `CHECKS`."""
 
     name: str
-    verdict: Verdict
+    verdict: CheckVerdict
     seen: str
     advice: str = ""
 
 
 def ok(seen: str) -> Judgement:
     """All is well."""
-    return Judgement(Verdict.OK, seen)
+    return Judgement(CheckVerdict.OK, seen)
 
 
 def warn(seen: str, advice: str) -> Judgement:
     """It works, but not as it should."""
-    return Judgement(Verdict.WARN, seen, advice)
+    return Judgement(CheckVerdict.WARN, seen, advice)
 
 
 def fail(seen: str, advice: str) -> Judgement:
     """It does not work."""
-    return Judgement(Verdict.FAIL, seen, advice)
+    return Judgement(CheckVerdict.FAIL, seen, advice)
 
 
 def skipped(why: str) -> Judgement:
     """Nothing can be said."""
-    return Judgement(Verdict.SKIPPED, why)
+    return Judgement(CheckVerdict.SKIPPED, why)
 
 
 def listed(words: Iterable[str], separator: str = ", ") -> str:

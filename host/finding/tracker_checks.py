@@ -54,7 +54,7 @@ NO_ACCIDENT = "this is in most frames, so it is no accident: see that the source
 POSE = "say in a pose file where the tracker is, and give it with --pose; docs/hands.md describes it"
 
 
-class Latency(NamedTuple):
+class FrameLatency(NamedTuple):
     """Of frames, in seconds."""
 
     median: float
@@ -110,12 +110,12 @@ class Watched:
         return sum(step for step in steps if 0 < step < RENUMBERED)
 
     @cached_property
-    def latency(self) -> Latency | None:
+    def latency(self) -> FrameLatency | None:
         """From the moment at which each frame was seen until it came; None if none did, or they are only played."""
         if not self.frames or not self.live:
             return None
         seconds = np.array(self.arrivals) - [frame.time for frame in self.frames]
-        return Latency(*np.percentile(seconds, [50, 99, 100]).tolist())
+        return FrameLatency(*np.percentile(seconds, [50, 99, 100]).tolist())
 
     @cached_property
     def hands(self) -> tuple[TrackedHand, ...]:

@@ -32,11 +32,11 @@ from ...protocol.replies import ANSWER_BYTES, Info, ProcessorReport, decode_repo
 from ...protocol.requests import Setup
 from ...protocol.versions import Version
 from ..lines.transport import understood
-from ..lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Mode, Sighting, UsbBus, control, opened
+from ..lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, DeviceMode, Sighting, UsbFinder, control, opened
 from .dfu import DfuLine, detach
 from .images import Firmware
 
-__all__ = ["FlashReport", "Flashable", "RevertReport", "Stage", "find_flashable", "flash", "revert"]
+__all__ = ["FlashReport", "FlashStage", "Flashable", "RevertReport", "find_flashable", "flash", "revert"]
 
 Answer = TypeVar("Answer")
 
@@ -62,7 +62,7 @@ WORTH_ANOTHER = (DeviceLostError, DeviceTimeoutError, DeviceStalledError, _NotSt
 ANY = 0xFFFF
 
 
-class Stage(Enum):
+class FlashStage(Enum):
     """What `flash` is doing."""
 
     DETACH = "going to DFU mode"
@@ -72,7 +72,7 @@ class Stage(Enum):
     BOOT = "starting the new firmware"
 
 
-OnProgress = Callable[[Stage, int, int], None]
+OnProgress = Callable[[FlashStage, int, int], None]
 """Told a stage, and how many of how many bytes are done in it; 0 of 0 if none are counted."""
 
 
@@ -121,7 +121,7 @@ class Flashable(NamedTuple):
     url: str
     product: str
     serial: str | None
-    mode: Mode
+    mode: DeviceMode
     firmware: Version
     """That runs; in DFU mode, that ran."""
     bank: Bank | None
@@ -165,7 +165,7 @@ def flash(
     DeviceError
         If line or device fail.
     """
-    bus = UsbBus(url)
+    bus = UsbFinder(url)
     seen = bus.find()
     before = _check(firmware, seen, allow_downgrade, allow_other_protocol)
     attempt = 1
@@ -220,23 +220,23 @@ def _check(firmware: Firmware, seen: Sighting, allow_downgrade: bool, allow_othe
     return before
 
 
-def _replace(bus: UsbBus, seen: Sighting, stored: bytes, on_progress: OnProgress) -> tuple[Sighting, bool]:
+def _replace(bus: UsbFinder, seen: Sighting, stored: bytes, on_progress: OnProgress) -> tuple[Sighting, bool]:
     """Have a device boot an image; the device, started anew, and whether the image had to be written."""
     total = len(stored)
     try:
         if seen.mode == RUN_TIME:
-            on_progress(Stage.DETACH, 0, 0)
+            on_progress(FlashStage.DETACH, 0, 0)
             detach(seen)
             seen = bus.find_again(seen, (DFU_MODE,), BACK_SECONDS)
         with DfuLine(seen) as line:
             line.make_idle()
-            on_progress(Stage.COMPARE, 0, total)
-            written = not line.holds(stored, lambda done: on_progress(Stage.COMPARE, done, total))
+            on_progress(FlashStage.COMPARE, 0, total)
+            written = not line.holds(stored, lambda done: on_progress(FlashStage.COMPARE, done, total))
             if written:
-                line.download(stored, lambda done: on_progress(Stage.WRITE, done, total))
-                if not line.holds(stored, lambda done: on_progress(Stage.CHECK, done, total)):
+                line.download(stored, lambda done: on_progress(FlashStage.WRITE, done, total))
+                if not line.holds(stored, lambda done: on_progress(FlashStage.CHECK, done, total)):
                     raise DeviceError(f"{seen.name} would not boot what it was sent; its flash fails, and needs repair")
-            on_progress(Stage.BOOT, 0, 0)
+            on_progress(FlashStage.BOOT, 0, 0)
             line.boot()
     except DeviceError:
         _boot(bus, seen, 0)
@@ -247,13 +247,13 @@ def _replace(bus: UsbBus, seen: Sighting, stored: bytes, on_progress: OnProgress
     return bus.find_again(seen, (RUN_TIME,), BACK_SECONDS), written
 
 
-def _boot(bus: UsbBus, seen: Sighting, seconds: float) -> None:
+def _boot(bus: UsbFinder, seen: Sighting, seconds: float) -> None:
     """Have a device that is in DFU mode, or comes there in time, boot what is whole."""
     with suppress(DeviceError), DfuLine(bus.find_again(seen, (DFU_MODE,), seconds)) as line:
         line.boot()
 
 
-def _confirm(bus: UsbBus, seen: Sighting, version: Version) -> Bank:
+def _confirm(bus: UsbFinder, seen: Sighting, version: Version) -> Bank:
     """See that all eleven processors run a version; the bank that it lies in.
 
     Being asked, the firmware learns that it came up, and stays (clause FWU-020). One that did not come up everywhere
@@ -294,7 +294,7 @@ def revert(url: str) -> RevertReport:
     DeviceError
         If it cannot do that, or line or device fail.
     """
-    bus = UsbBus(url)
+    bus = UsbFinder(url)
     seen = bus.find()
     if seen.mode == DFU_MODE:
         with DfuLine(seen) as line:
@@ -320,7 +320,7 @@ def revert(url: str) -> RevertReport:
 
 def find_flashable(url: str) -> list[Flashable]:
     """The devices on the bus of a URL, in either mode; none of them is disturbed in what it does."""
-    bus = UsbBus(url)
+    bus = UsbFinder(url)
     return [_flashable(seen) for seen in bus.look()]
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "MAKE_PRIVATE_KEY",
     "MAKE_PUBLIC_KEY",
-    "Verdict",
+    "ImageTrust",
     "exposure",
     "judge",
     "judge_file",
@@ -117,7 +117,7 @@ def _wrong_kind(path: Path, key: object) -> InputFileError:
     )
 
 
-class Verdict(NamedTuple):
+class ImageTrust(NamedTuple):
     """What an image is worth to somebody, by the four cases of clause FWU-012."""
 
     outcome: str
@@ -130,17 +130,17 @@ class Verdict(NamedTuple):
         return self.outcome == Trust.SIGNED.name
 
 
-def judge(image: Image, keys: Iterable[Ed25519PublicKey]) -> Verdict:
+def judge(image: Image, keys: Iterable[Ed25519PublicKey]) -> ImageTrust:
     """What the signature of an image is worth to whoever trusts these keys."""
     try:
         found = trust(image, keys)
     except ImageError as refused:
         return _refusal(refused)
     number = "" if image.signature is None else f" (key {image.signature.key_id.hex()})"
-    return Verdict(found.name, found.value + number)
+    return ImageTrust(found.name, found.value + number)
 
 
-def judge_file(file: bytes, keys: Iterable[Ed25519PublicKey]) -> Verdict:
+def judge_file(file: bytes, keys: Iterable[Ed25519PublicKey]) -> ImageTrust:
     """The same for the file of an image, which may be anything."""
     try:
         image = parse(file)
@@ -149,5 +149,5 @@ def judge_file(file: bytes, keys: Iterable[Ed25519PublicKey]) -> Verdict:
     return judge(image, keys)
 
 
-def _refusal(refused: ImageError) -> Verdict:
-    return Verdict(ImageReason(refused.reason).name, str(refused))
+def _refusal(refused: ImageError) -> ImageTrust:
+    return ImageTrust(ImageReason(refused.reason).name, str(refused))

@@ -29,7 +29,7 @@ from ...solver.contact.hand import Side
 from ...storage import open_plain, read_file
 from ..lines.transport import Timekeeper
 from .frames import HandFrame
-from .sight import Seen, Sight, View
+from .picture_tracker import PictureTracker, SeenHand, View
 from .sources import HandSource, LiveHands, PlayedHands, Readiness, TrackerScheme, read_options
 
 __all__ = ["CAMERA", "VIDEO", "CameraHands", "Landmarker", "video_frames"]
@@ -52,7 +52,7 @@ Picture: TypeAlias = NDArray[np.uint8]
 
 
 class _Finder(Protocol):
-    def find(self, picture: Picture, time: float) -> list[Seen]:
+    def find(self, picture: Picture, time: float) -> list[SeenHand]:
         """The hands in a picture in RGB, taken at a time in seconds that never decreases."""
 
     def close(self) -> None:
@@ -96,7 +96,7 @@ class Landmarker:
             ) from error
         self._last_ms = -1
 
-    def find(self, picture: Picture, time: float) -> list[Seen]:
+    def find(self, picture: Picture, time: float) -> list[SeenHand]:
         """See `_Finder`; MediaPipe wants times in whole milliseconds that increase."""
         self._last_ms = max(self._last_ms + 1, round(time * 1e3))
         image = self._mediapipe.Image(image_format=self._mediapipe.ImageFormat.SRGB, data=picture)
@@ -105,7 +105,9 @@ class Landmarker:
         except (RuntimeError, ValueError) as error:
             raise TrackerError(f"MediaPipe failed at a picture: {error}") from error
         return [
-            Seen(np.array([[mark.x, mark.y, mark.z] for mark in landmarks]), cast(Side, sides[0].category_name.lower()))
+            SeenHand(
+                np.array([[mark.x, mark.y, mark.z] for mark in landmarks]), cast(Side, sides[0].category_name.lower())
+            )
             for landmarks, sides in zip(found.hand_landmarks, found.handedness, strict=True)
         ]
 
@@ -160,7 +162,7 @@ def video_frames(name: str, capture: Any, finder: _Finder, view: View) -> Iterat
     TrackerError
         If MediaPipe fails.
     """
-    sight, period, last = Sight(view), 1 / _rate(capture), -math.inf
+    tracker, period, last = PictureTracker(view), 1 / _rate(capture), -math.inf
     while True:
         good, picture = capture.read()
         if not good and last == -math.inf:
@@ -169,7 +171,7 @@ def video_frames(name: str, capture: Any, finder: _Finder, view: View) -> Iterat
             return
         time = float(capture.get(POSITION_MS)) / 1e3
         last = time if last < time < MOST_SECONDS else max(last, -period) + period
-        yield sight.frame(last, finder.find(_rgb(picture, name), last), picture.shape[0] / picture.shape[1])
+        yield tracker.frame(last, finder.find(_rgb(picture, name), last), picture.shape[0] / picture.shape[1])
 
 
 class CameraHands(LiveHands):
@@ -180,7 +182,7 @@ class CameraHands(LiveHands):
 
     def __init__(self, name: str, capture: Any, finder: _Finder, view: View) -> None:
         super().__init__(name, _rate(capture))
-        self._capture, self._finder, self._sight = capture, finder, Sight(view)
+        self._capture, self._finder, self._sight = capture, finder, PictureTracker(view)
         self._stopped = Event()
         self._thread = Thread(target=self._run, name=name, daemon=True)
         self._thread.start()

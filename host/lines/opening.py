@@ -15,7 +15,16 @@ from ...errors import DeviceNotFoundError, PhasewireError
 from .tracing import traced
 from .transport import Scheme, Transport
 
-__all__ = ["DEFAULT_URL", "SCHEMES", "URL_VARIABLE", "default_url", "entries", "load_by_scheme", "open_transport"]
+__all__ = [
+    "DEFAULT_URL",
+    "SCHEMES",
+    "URL_VARIABLE",
+    "default_url",
+    "entries",
+    "load_by_scheme",
+    "open_transport",
+    "open_untraced",
+]
 
 DEFAULT_URL = "emulator:"
 URL_VARIABLE = "PHASEWIRE_DEVICE"
@@ -66,12 +75,17 @@ def load_by_scheme(
 
 
 def open_transport(url: str) -> Transport:
-    """Open the line that a URL names.
+    """Open the line that a URL names; if somebody listens, it is traced.
 
     Raises
     ------
     DeviceError
         If the scheme is unknown, nothing answers, or it may not be used.
     """
+    return traced(open_untraced(url))
+
+
+def open_untraced(url: str) -> Transport:
+    """Open a line for a transport that wraps it: that one is traced itself. Errors as for `open_transport`."""
     scheme: Scheme = load_by_scheme(SCHEMES, url)
-    return traced(scheme.open(url))
+    return scheme.open(url)

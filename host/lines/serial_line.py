@@ -31,10 +31,10 @@ from ...protocol.framing import (
     DELIMITER,
     MAX_FRAME_BYTES,
     UART_BITS_PER_BYTE,
-    Frame,
-    Line,
     LineEvent,
-    Mode,
+    LineMode,
+    LineReader,
+    SerialFrame,
     SerialReply,
     SerialRequest,
     encode,
@@ -188,7 +188,7 @@ class SerialTransport:
         for at in range(0, len(blocks), BLOCK_BYTES):
             if at and self.time.monotonic() >= deadline:
                 return at
-            self._send("sending a block", Frame(FrameKind.BLOCK, blocks[at : at + BLOCK_BYTES]))
+            self._send("sending a block", SerialFrame(FrameKind.BLOCK, blocks[at : at + BLOCK_BYTES]))
         return len(blocks)
 
     def read_records(self, seconds: float) -> bytes:
@@ -239,7 +239,7 @@ class SerialTransport:
 
     def _forget(self) -> None:
         """What is known of the bytes on the line: nothing."""
-        self._incoming = Line()
+        self._incoming = LineReader()
         self._incoming.feed(DELIMITER)  # among frames, for text that still comes is then a damaged frame at worst
         self._records = bytearray()
         self._reply: SerialReply | None = None
@@ -306,7 +306,7 @@ class SerialTransport:
     def _exchange(self, doing: str, request: SerialRequest, attempt: int) -> SerialReply | None:
         """Send a request and wait for its reply; None if none came in time."""
         self._reply, self._awaited = None, request.tag
-        self._send(doing, Frame(FrameKind.REQUEST, request.encode()))
+        self._send(doing, SerialFrame(FrameKind.REQUEST, request.encode()))
         self._wait(doing, self._patience(attempt), lambda: self._reply is not None)
         self._awaited = None
         return self._reply
@@ -327,7 +327,7 @@ class SerialTransport:
         under_way = self._unanswered + UNDER_WAY_BYTES
         return (ANSWER_SECONDS + under_way / self._bytes_per_second) * 2.0**attempt
 
-    def _send(self, doing: str, frame: Frame) -> None:
+    def _send(self, doing: str, frame: SerialFrame) -> None:
         """Send a frame after a zero, which ends what may be left of another, and the console (SER-005, SER-010)."""
         data = DELIMITER + encode(frame)
         self._unanswered += len(data)
@@ -357,15 +357,15 @@ class SerialTransport:
     def _take(self, event: LineEvent) -> None:
         """Take what the device said; text is nothing to us."""
         match event:
-            case Frame(FrameKind.RECORD, record):
+            case SerialFrame(FrameKind.RECORD, record):
                 self._records += record
                 if len(record) == Ack.BYTES:
                     self._unanswered = max(0, self._unanswered - BLOCK_FRAME_BYTES)
-            case Frame(FrameKind.REPLY, body):
+            case SerialFrame(FrameKind.REPLY, body):
                 reply = SerialReply.decode(body)
                 if reply.tag == self._awaited:
                     self._reply, self._unanswered = reply, 0
-            case Mode.FRAMES:
+            case LineMode.FRAMES:
                 self._settled = True
-            case Frame() | FrameError():  # what goes to a device is damaged too (clause SER-006)
+            case SerialFrame() | FrameError():  # what goes to a device is damaged too (clause SER-006)
                 self.damaged += 1

@@ -137,7 +137,7 @@ class TracedTransport:
         return data
 
     def take_back(self) -> int:
-        """Do without what was not carried yet."""
+        """Drop the blocks that the line has not sent yet."""
         with self._failures("out", "block"):
             left = self._inner.take_back()
         if left:
@@ -164,7 +164,7 @@ class TracedTransport:
         self._tell("", "line", f"to {self.name}, found again")
 
     def close(self) -> None:
-        """Give the line back."""
+        """Close the line."""
         self._tell("", "line", "closed")
         self._inner.close()
 

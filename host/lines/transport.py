@@ -11,8 +11,8 @@ from ...errors import DeviceError, ReplyError
 from ...protocol.codes import Request
 
 __all__ = [
+    "DeviceMode",
     "Found",
-    "Mode",
     "Scheme",
     "Timekeeper",
     "Transport",
@@ -68,7 +68,8 @@ class Transport(Protocol):
     def posts(self) -> bool:
         """Whether the line takes blocks before the device does, and carries them while this program does other things.
 
-        `write_blocks` then returns as soon as the line has them.
+        `write_blocks` then returns as soon as the line has them. A line that wraps such a one answers False only if its
+        own `write_blocks` waits until the device has taken the blocks.
         """
 
     @property
@@ -99,7 +100,7 @@ class Transport(Protocol):
         """Wait for what the device sends by itself: whole records, none if none came in time."""
 
     def take_back(self) -> int:
-        """Bytes of whole blocks that the line had taken and the device never will; none if the line does not post."""
+        """Drop the blocks that the line has not sent yet; returns their number of bytes, 0 if `posts` is false."""
 
     def ask(self, request: Request, size: int) -> bytes:
         """Make a control request that is answered with up to ``size`` bytes."""
@@ -108,13 +109,13 @@ class Transport(Protocol):
         """Make a control request that is only carried out."""
 
     def reopen(self, seconds: float) -> None:
-        """Find the same device again, once it was lost or has restarted; it may take so long to come back."""
+        """Find the same device again after it was lost or restarted. Wait at most ``seconds`` for it."""
 
     def close(self) -> None:
-        """Give the line back."""
+        """Close the line."""
 
 
-Mode = Literal["run time", "DFU"]
+DeviceMode = Literal["run time", "DFU"]
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ class Found:
     url: str
     product: str
     serial: str | None
-    mode: Mode
+    mode: DeviceMode
     firmware: str
     location: str
     problem: str | None = None

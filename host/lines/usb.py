@@ -15,7 +15,7 @@ from ...protocol.enumeration import ARRAY_INTERFACE, ENDPOINT_IN, ENDPOINT_OUT, 
 from ...protocol.timing import FULL_SPEED_PACKET_CYCLES, PACKET_CYCLES
 from .flight import Flight
 from .transport import Found
-from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbBus, configure, find_on, is_timeout, translated, translation
+from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbFinder, configure, find_on, is_timeout, translated, translation
 
 __all__ = ["USB", "UsbTransport", "open_usb"]
 
@@ -32,7 +32,7 @@ LOOK_SECONDS = 0.05
 
 
 def open_usb(url: str) -> UsbTransport:
-    """Open the device in run-time mode that a URL names, as `UsbBus` reads it.
+    """Open the device in run-time mode that a URL names, as `UsbFinder` reads it.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def open_usb(url: str) -> UsbTransport:
     DeviceError
         If it cannot be used.
     """
-    bus = UsbBus(url)
+    bus = UsbFinder(url)
     return UsbTransport(bus, bus.find((RUN_TIME,)))
 
 
@@ -50,7 +50,7 @@ class UsbTransport:
 
     Parameters
     ----------
-    bus : UsbBus
+    bus : UsbFinder
         Where it is.
     seen : Sighting
         What was found there, perhaps not yet configured.
@@ -63,7 +63,7 @@ class UsbTransport:
 
     lossy = False
 
-    def __init__(self, bus: UsbBus, seen: Sighting) -> None:
+    def __init__(self, bus: UsbFinder, seen: Sighting) -> None:
         self.serial = seen.serial or ""
         self.time = seen.time
         self.name = seen.name

@@ -42,7 +42,7 @@ from ...protocol.requests import Setup
 from ...protocol.versions import Version
 from .opening import load_by_scheme
 from .tracing import log_request
-from .transport import Found, Mode, Timekeeper
+from .transport import DeviceMode, Found, Timekeeper
 
 __all__ = [
     "ANY_MODE",
@@ -51,9 +51,9 @@ __all__ = [
     "INSTALL_RULE",
     "REQUEST_MS",
     "RUN_TIME",
-    "Mode",
+    "DeviceMode",
     "Sighting",
-    "UsbBus",
+    "UsbFinder",
     "configure",
     "control",
     "find_on",
@@ -75,8 +75,8 @@ INSTALL_RULE = (
 )
 """What gives the users of a Linux computer access."""
 
-RUN_TIME: Mode = "run time"
-DFU_MODE: Mode = "DFU"
+RUN_TIME: DeviceMode = "run time"
+DFU_MODE: DeviceMode = "DFU"
 ANY_MODE = (RUN_TIME, DFU_MODE)
 
 _WANTED = re.compile(r"(?:(?P<vendor>[0-9a-fA-F]{4}):(?P<product>[0-9a-fA-F]{4})(?::|$))?(?P<serial>.*)")
@@ -177,7 +177,7 @@ class Sighting:
     time: Timekeeper
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> DeviceMode:
         """Whether it plays, or waits for new firmware."""
         return self.found.mode
 
@@ -218,7 +218,7 @@ def opened(seen: Sighting, doing: str) -> Iterator[usb.core.Device]:
         usb.util.dispose_resources(seen.device)
 
 
-class UsbBus:
+class UsbFinder:
     """A bus, and the device on it that a URL names.
 
     Parameters
@@ -256,7 +256,7 @@ class UsbBus:
             modes = [(device, self._mode(device)) for device in there]
         return [self._sighting(device, mode) for device, mode in modes if mode is not None]
 
-    def _mode(self, device: usb.core.Device) -> Mode | None:
+    def _mode(self, device: usb.core.Device) -> DeviceMode | None:
         """The mode of a device of ours, by its interface: others may bear the same test numbers."""
         with suppress(usb.core.USBError, NotImplementedError):  # what cannot be looked at cannot be known
             if device.idProduct == self._product_id and _interface(device, ARRAY_CLASS) is not None:
@@ -267,7 +267,7 @@ class UsbBus:
                     return DFU_MODE
         return None
 
-    def _sighting(self, device: usb.core.Device, mode: Mode) -> Sighting:
+    def _sighting(self, device: usb.core.Device, mode: DeviceMode) -> Sighting:
         clock: Timekeeper = self._backend.time_of(device.address) if hasattr(self._backend, "time_of") else time
         serial: str | None = None
         product, problem = "", None
@@ -294,7 +294,7 @@ class UsbBus:
         numbers = "" if usual and serial else f"{self._vendor:04x}:{self._product_id:04x}"
         return f"{self._scheme}:{':'.join(filter(None, (numbers, serial)))}"
 
-    def sight(self, modes: Collection[Mode] = ANY_MODE) -> Sighting:
+    def sight(self, modes: Collection[DeviceMode] = ANY_MODE) -> Sighting:
         """The device that the URL names; it may have a problem.
 
         Raises
@@ -306,7 +306,7 @@ class UsbBus:
         chosen = select(self._url, self._serial, [each.found for each in there], modes)
         return next(each for each in there if each.found is chosen)
 
-    def find(self, modes: Collection[Mode] = ANY_MODE) -> Sighting:
+    def find(self, modes: Collection[DeviceMode] = ANY_MODE) -> Sighting:
         """The device that the URL names, which may be opened.
 
         Raises
@@ -326,7 +326,7 @@ class UsbBus:
             )
         return seen
 
-    def find_again(self, known: Sighting, modes: Collection[Mode], seconds: float) -> Sighting:
+    def find_again(self, known: Sighting, modes: Collection[DeviceMode], seconds: float) -> Sighting:
         """Wait until a device is there in one of these modes, and may be opened.
 
         Raises
@@ -359,9 +359,9 @@ class UsbBus:
 
 
 def find_on(scheme: str) -> list[Found]:
-    """The devices on the bus of a scheme, in both modes; errors as `UsbBus`."""
+    """The devices on the bus of a scheme, in both modes; errors as `UsbFinder`."""
     anyone = f"{scheme}:*"  # without a serial number an emulated bus would make a fresh device
-    return [seen.found for seen in UsbBus(anyone).look()]
+    return [seen.found for seen in UsbFinder(anyone).look()]
 
 
 def _interface(device: usb.core.Device, wanted: tuple[int, int, int]) -> Any:
@@ -404,7 +404,7 @@ def _problem(error: Exception) -> str:
     return f"it does not answer ({error.strerror}): unplug it and plug it in again"
 
 
-def select(url: str, serial: str, found: Sequence[Found], modes: Collection[Mode] = ANY_MODE) -> Found:
+def select(url: str, serial: str, found: Sequence[Found], modes: Collection[DeviceMode] = ANY_MODE) -> Found:
     """The one device that is meant.
 
     A serial number may be cut short: the whole one is preferred, then those that begin so, then those that hold it.

@@ -1,4 +1,4 @@
-"""What a device plays: sessions, frames, calibrations and recordings, streams by the device's clock, and asyncio.
+"""Playing on a device: sessions, frames, calibrations and recordings, streams by the device's clock, and asyncio.
 
-This room stands on lines, whichever they are; it neither looks for devices nor changes their firmware.
+This room stands on any lines; it neither looks for devices nor changes their firmware.
 """

@@ -1,9 +1,9 @@
-"""The asyncio face of a device: the methods of `Device`, awaited, and streams from asynchronous sources.
+"""The asyncio interface of a device: the methods of `Device`, awaited, and streams from asynchronous sources.
 
-Each call runs on a thread of its own, so that the event loop goes on, and no call, `stop` least of all, waits for a
-thread that another one keeps; the device itself lets one call after the other at its line. Who cancels a call that was
-begun lets go of its result, and no more, but for three: a device that is being opened is closed again, a stream is
-ended, and leaving the ``async with`` statement is not cut short.
+Each call runs on a thread of its own, so that the event loop goes on, and no call, in particular `stop`, waits for
+another call's thread; the device itself carries out one call after the other. If a task is cancelled during a call,
+only the result is lost, with three exceptions: a device that is being opened is closed again, a stream is ended, and
+the end of the ``async with`` statement is completed.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 STOPS, STOP_SECONDS = 10, 0.1
-"""How often a stream is told to end, and how long each time it may take to do so."""
+"""How often a stream is told to end, and how long it may take each time."""
 SLICE_SECONDS = 0.1
-"""How long a device is kept playing for somebody who may no longer wait for it."""
+"""How long a device is kept playing for a task that may have been cancelled."""
 
 
 def _on_thread(call: Callable[[], R]) -> Future[R]:
-    """Make a call on a thread of its own, which no executor makes wait, and no interpreter waits for."""
+    """Make a call on a thread of its own, without an executor's queue; the interpreter does not wait for it either."""
     future = Future[R]()
-    future.set_running_or_notify_cancel()  # it cannot be taken back
+    future.set_running_or_notify_cancel()  # it cannot be cancelled
 
     def run() -> None:
         try:
@@ -55,7 +55,7 @@ def _on_thread(call: Callable[[], R]) -> Future[R]:
 
 
 async def _to_the_end(future: Future[R]) -> R:
-    """The result of a call that is waited for even by a task that is cancelled; it is cancelled afterwards."""
+    """The result of a call that must end even if the task is cancelled; the cancellation is raised afterwards."""
     waited = asyncio.wrap_future(future)
     cancelled: asyncio.CancelledError | None = None
     while not waited.done():
@@ -74,7 +74,7 @@ async def open_device_async(
 ) -> AsyncDevice:
     """Open a device as `open_device` does; use it in an ``async with`` statement.
 
-    When the task is cancelled meanwhile, the device has been closed again when this returns.
+    If the task is cancelled meanwhile, the device is closed again before this returns.
     """
     opening = _on_thread(partial(open_device, url, calibration=calibration, observe=observe))
     try:
@@ -101,12 +101,12 @@ def _awaited(method: Callable[Concatenate[Device, P], R]) -> Callable[Concatenat
 
 
 class AsyncDevice:
-    """A device whose methods are awaited. They take and give what those of `Device` do, and raise the same errors.
+    """A device with awaitable methods. They have the arguments, results and errors of those of `Device`.
 
     Parameters
     ----------
     device : Device
-        It may be used beside this one, from any thread.
+        It may be used in addition, from any thread.
     """
 
     def __init__(self, device: Device) -> None:
@@ -114,7 +114,7 @@ class AsyncDevice:
 
     @property
     def info(self) -> Info:
-        """What the device says that it is."""
+        """The device's description of itself."""
         return self.device.info
 
     @property
@@ -124,7 +124,7 @@ class AsyncDevice:
 
     @property
     def serial(self) -> str:
-        """Serial number, empty where the line cannot tell."""
+        """Serial number, empty if the line does not provide it."""
         return self.device.serial
 
     @property
@@ -139,12 +139,12 @@ class AsyncDevice:
 
     @property
     def time(self) -> Timekeeper:
-        """The time that this device lives by; to wait by it keeps the event loop waiting."""
+        """The device's clock; waiting by it blocks the event loop."""
         return self.device.time
 
     @property
     def calibration(self) -> Calibration | None:
-        """What each transducer really does, as given."""
+        """The deviations of each transducer, as given."""
         return self.device.calibration
 
     async def __aenter__(self) -> Self:
@@ -177,7 +177,7 @@ class AsyncDevice:
     silence = _awaited(Device.silence)
 
     async def keep_playing(self, seconds: float) -> None:
-        """Let what plays go on for a time, as `Device.keep_playing` does; who is cancelled keeps it no longer."""
+        """Let what plays go on for a time, as `Device.keep_playing` does; cancelling the task ends that."""
         end = self.time.monotonic() + seconds
         part = _awaited(Device.keep_playing)
         await part(self, min(seconds, SLICE_SECONDS))
@@ -196,9 +196,9 @@ class AsyncDevice:
     ) -> StreamReport:
         """Play frames as `Device.stream` does. The source may be asynchronous, and is closed in the end.
 
-        When the task is cancelled the outputs are turned off, and the stream has ended when this returns. Only a
-        synchronous source that keeps its thread waiting is left behind: what it gives is not played any more. It is
-        iterated over, and `on_progress` is called, on that thread, not on the event loop's.
+        If the task is cancelled the outputs are turned off, and the stream has ended when this returns. Only a
+        synchronous source that blocks its thread is left running; its later frames are not played. The source is
+        iterated, and `on_progress` is called, on that thread, not on the event loop's.
         """
         feed: _Feed | None = None
         frames: Frames
@@ -234,7 +234,7 @@ class AsyncDevice:
                 await feed.close()
 
     def _end(self, playing: Future[StreamReport]) -> None:
-        """Stop until a stream has ended, for it may have been about to begin when it was stopped first."""
+        """Stop repeatedly until a stream has ended, because it may have been about to begin at the first stop."""
         for _ in range(STOPS):
             with suppress(DeviceError):  # out of reach: its watchdog does it
                 self.device.stop()
@@ -243,7 +243,7 @@ class AsyncDevice:
 
 
 class _Feed:
-    """An asynchronous source, for a thread that iterates over its items; all else is for the event loop's thread."""
+    """An asynchronous source, for a thread that iterates over it; other methods are for the event loop's thread."""
 
     def __init__(self, source: AsyncIterable[Frame]) -> None:
         self._loop = asyncio.get_running_loop()
@@ -267,12 +267,12 @@ class _Feed:
         return await anext(self._items)
 
     def give_up(self) -> None:
-        """Let the thread wait no longer."""
+        """End the wait of the thread."""
         self._over = True
         if self._asking is not None:
             self._asking.cancel()
 
     async def close(self) -> None:
-        """End a source that can be ended, as an asynchronous generator can: it cleans up after itself now."""
+        """Close a source that can be closed, such as an asynchronous generator, so that it cleans up now."""
         if hasattr(self._items, "aclose"):
             await self._items.aclose()

@@ -1,8 +1,8 @@
-"""Calibration: how each transducer differs from what was ordered, and what to send it instead.
+"""Calibration: how each transducer differs from the ideal one, and the corrected drives.
 
-A calibration stands between drives and pulses and nowhere else: `frames` applies it to every drive on its way to a
-device. It does not measure anything, and pulses pass it by. Who gives the solver an array with the same responses
-(`TransducerArray.calibrated`) has its drives corrected already, and better, as the solver knows which transducers it
+A calibration is applied only between drives and pulses: `frames` applies it to every drive on its way to a device. It
+does not measure anything, and does not change pulses. A solver whose array has the same responses
+(`TransducerArray.calibrated`) already returns corrected drives, and better ones, because it knows which transducers it
 can do without; such drives need no calibration.
 """
 
@@ -27,29 +27,29 @@ from ...storage import read_text, replacing
 __all__ = ["Calibration"]
 
 MOST_BYTES = 2**20
-"""Of a file, enough for ten thousand transducers."""
+"""Limit for a file, enough for ten thousand transducers."""
 COLUMNS = ("transducer", "gain", "phase_deg", "polarity", "dead")
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What each of n transducers really emits, in array order; two with the same values are equal.
+    """The real emission of each of n transducers, in array order; two with the same values are equal.
 
     Parameters
     ----------
     gain : (n,) float
-        Magnitude that it emits per unit drive, relative to what it should; from 1e-6 to 100, or 0, which is as dead.
+        Magnitude of emission per unit drive, relative to the ideal; from 1e-6 to 100, or 0, which counts as dead.
     phase_deg : (n,) float
-        By how much its phase is too large, which is too late, in degrees from -360 to 360.
+        The excess of its phase, which means too late, in degrees from -360 to 360.
     polarity : (n,) int
-        1, or -1 where it is connected the other way round.
+        1, or -1 if it is connected with reversed polarity.
     dead : (n,) bool
-        Whether it emits nothing, or shall not; its other values mean nothing then.
+        Whether it emits nothing, or shall not; its other values are then ignored.
 
     Raises
     ------
     ValueError
-        Where a value is out of range, lengths differ, or every transducer is dead.
+        If a value is out of range, lengths differ, or every transducer is dead.
     """
 
     gain: NDArray[np.float64]
@@ -76,7 +76,7 @@ class Calibration:
 
     @classmethod
     def perfect(cls, n: int) -> Self:
-        """``n`` transducers that do as they are told."""
+        """``n`` ideal transducers."""
         return cls(np.ones(n), np.zeros(n), np.ones(n), np.zeros(n))
 
     def __len__(self) -> int:
@@ -89,7 +89,7 @@ class Calibration:
 
     @cached_property
     def response(self) -> NDArray[np.complex128]:
-        """What each transducer emits per unit drive, (n,) complex: 1 is perfect, 0 is dead."""
+        """Emission of each transducer per unit drive, (n,) complex: 1 is ideal, 0 is dead."""
         turned = self.gain * self.polarity * np.exp(1j * np.deg2rad(self.phase_deg))
         return frozen(np.where(self.dead, 0, turned))
 
@@ -99,23 +99,24 @@ class Calibration:
         return np.divide(1, self.response, out=np.zeros_like(self.response), where=able)
 
     def apply(self, drives: NDArray[Any], first: int = 0) -> NDArray[np.complexfloating]:
-        """The drives under which these transducers emit what perfect ones would emit under the given drives.
+        """The drives with which these transducers emit what ideal ones would emit with the given drives.
 
-        Each drive is divided by the transducer's response. One that would have to be driven beyond 1 is driven fully,
-        with the right phase: a transducer of gain 0.8 asked for all emits 0.8, a fifth too little. The others are not
-        lowered with it, so ratios between transducers suffer, but no loudness. A dead one gets 0.
+        Each drive is divided by the transducer's response. One that would exceed 1 is driven fully, with the right
+        phase: a transducer of gain 0.8 at full drive emits 0.8, a fifth too little. The others are not reduced to
+        match, so ratios between transducers suffer, but not the loudness. A dead one gets 0.
 
         Parameters
         ----------
         drives : (n,) or (k, n) complex
             Magnitude at most 1; complex64 stays what it is.
         first : int
-            Number of the first of k frames, by which errors count.
+            Number of the first of k frames, for errors.
 
         Raises
         ------
         ValueError
-            Where there is not one drive per transducer, or a drive is not finite or its magnitude exceeds 1.
+            If the number of drives differs from that of transducers, or a drive is not finite or its magnitude exceeds
+            1.
         """
         if drives.shape[-1:] != (len(self),):
             raise ValueError(f"drives of the shape {drives.shape} for a calibration of {len(self)} transducers")
@@ -127,12 +128,12 @@ class Calibration:
         return wanted
 
     def save(self, path: Path) -> None:
-        """Write a CSV file that `load` reads, whole or not at all.
+        """Write a CSV file that `load` reads, either completely or not at all.
 
         Raises
         ------
         OSError
-            Where it cannot be written.
+            If it cannot be written.
         """
         with replacing(path) as part, part.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
@@ -151,9 +152,9 @@ class Calibration:
         Raises
         ------
         InputFileError
-            Where the file is not so; it says what is wrong in which line and column.
+            If the file is malformed; it names the line, the column and the problem.
         OSError
-            Where it cannot be opened.
+            If it cannot be opened.
         """
         text = read_text(path, MOST_BYTES)
         try:
@@ -164,7 +165,7 @@ class Calibration:
 
 
 def _allowed(name: str, values: NDArray[np.float64]) -> tuple[NDArray[np.bool_], str]:
-    """Which values of a column may be, and what they must be in words."""
+    """Which values of a column are valid, and the rule in words."""
     match name:
         case "gain":
             return (values == 0) | (values >= LEAST) & (values <= MAX_GAIN), f"0 or from {LEAST:g} to {MAX_GAIN:g}"

@@ -1,12 +1,13 @@
-"""The clock of a device, as the host's clock sees it: offset and drift from readings that took time to come.
+"""The clock of a device against the host's clock: offset and drift from readings that take time.
 
-A reading says that the device's clock stood at a tick at some moment between two moments of the host. The middle of
-the two is wrong by at most half their distance, so readings that took less count for more.
+A reading says that the device's clock was at a tick at some moment between two moments of the host. Their middle is
+wrong by at most half their distance, so faster readings have more weight.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -18,16 +19,16 @@ __all__ = ["DeviceClock", "Reading"]
 
 READINGS = 64
 LEAST_SPAN_SECONDS = 1.0
-"""Between the first and the last reading before a drift is believed: half a millisecond over it is 500 ppm."""
+"""The least distance of first and last reading for a drift: half a millisecond over it is 500 ppm."""
 LEAST_PAUSE_SECONDS = 1e-3
-"""A device that is behind by less may only drift."""
+"""A device that lags by less may only drift."""
 MOST_REFITS = 4
 FINEST_SECONDS = 1e-6
-"""A reading is never believed more closely than this."""
+"""The least uncertainty of a reading."""
 
 
 class Reading(NamedTuple):
-    """The device's clock stood at `tick` between two moments of the host, in seconds."""
+    """The device's clock was at `tick` between two moments of the host, in seconds."""
 
     before: float
     after: float
@@ -40,28 +41,28 @@ class Reading(NamedTuple):
 
     @property
     def uncertainty(self) -> float:
-        """By how much that guess can be wrong, in seconds."""
+        """The greatest error of that guess, in seconds."""
         return max((self.after - self.before) / 2, FINEST_SECONDS)
 
 
 class DeviceClock:
     """An estimate of a device's clock, from the last 64 readings.
 
-    While they span less than a second the device is taken to run at its nominal rate of 2 MHz.
+    Until they span a second the device is assumed to run at its nominal rate of 2 MHz.
 
     Attributes
     ----------
     drift_ppm : float
         How much faster than nominal the device runs, in millionths of its rate, by the host's clock.
     uncertainty : float
-        By how much the moment of the last reading may be wrong, in seconds, wherever within the readings the device
-        looked at its clock.
+        The greatest error of the moment of the last reading, in seconds, wherever within the readings the device read
+        its clock.
 
     Notes
     -----
-    A device that a busy computer emulates is held up at times, and catches up. A reading from such a pause says less
-    than the others agree on, by more than they can be wrong; it is left out, or the slope would lead away from the
-    device's time long after the pause. A device that is slow at every reading is believed.
+    A device that a busy computer emulates is delayed at times, and catches up. A reading from such a pause contradicts
+    the others by more than their uncertainty; it is left out, because it would distort the slope long after the pause.
+    A device that is slow at every reading is believed.
     """
 
     def __init__(self) -> None:
@@ -70,7 +71,7 @@ class DeviceClock:
         self.uncertainty = float("inf")
 
     def add(self, reading: Reading) -> None:
-        """Take one more reading, not older than the last."""
+        """Add a reading, not older than the last."""
         self._readings.append(reading)
         moments = np.array([each.middle for each in self._readings])
         ticks = np.array([each.tick - reading.tick for each in self._readings], np.float64)
@@ -93,7 +94,7 @@ class DeviceClock:
         uncertainties: NDArray[np.float64],
         last: float,
     ) -> None:
-        """Lay a line through readings, of which closer ones weigh more; say how wrong it may be at the last moment."""
+        """Fit a line through readings, weighted by their precision; returns also its error at the last moment."""
         weights = uncertainties**-2
         weights /= weights.sum()
         self._slope, self._moment, self._tick = float(TICK_HZ), float(weights @ moments), float(weights @ ticks)
@@ -107,11 +108,16 @@ class DeviceClock:
 
     @property
     def longest(self) -> float:
-        """How long the longest of these readings took, in seconds; there must have been one."""
+        """How long the longest of these readings took, in seconds; there must be one."""
         return max(each.after - each.before for each in self._readings)
 
+    @property
+    def usual(self) -> float:
+        """How long the middle one of these readings took, in seconds; there must have been one."""
+        return median(each.after - each.before for each in self._readings)
+
     def period_at(self, moment: float) -> float:
-        """Carrier period, with its fraction, at a moment of the host; there must have been a reading."""
+        """Carrier period, with its fraction, at a moment of the host; there must be a reading."""
         return ((moment - self._moment) * self._slope + self._tick) / TICKS_PER_PERIOD
 
     def moment_of(self, period: float) -> float:

@@ -1,4 +1,4 @@
-"""A device as its user sees it, whatever line leads to it."""
+"""A device for its user, over any line."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from ...errors import DeviceError, DeviceLostError, DeviceRefusedError, DeviceStalledError
-from ...protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Slot, Update
-from ...protocol.blocks import Sequence as SequenceBody
+from ...protocol.blocks import AmplitudeModulation, Body, Entries, Entry, Output, PlaySequence, Samples, Slot, Update
 from ...protocol.board import CARRIER_HZ
 from ...protocol.codes import (
     ENTRIES_PER_BLOCK,
@@ -48,11 +47,11 @@ __all__ = ["Device", "open_device"]
 
 
 class _Kept(NamedTuple):
-    """A sequence or a modulation as the device has stored it."""
+    """A stored sequence or modulation of the device."""
 
     places: range
     period: int
-    """From which on it plays."""
+    """The period from which it plays."""
 
 
 def open_device(url: str | None = None, *, calibration: Calibration | None = None, observe: bool = False) -> Device:
@@ -65,9 +64,9 @@ def open_device(url: str | None = None, *, calibration: Calibration | None = Non
         (the only one), ``usb:SERIAL``, ``serial:///dev/ttyACM0?baud=…``, ``socket://host:port`` or
         ``rfc2217://host:port``. By default ``$PHASEWIRE_DEVICE``, else ``emulator:``.
     calibration : Calibration, optional
-        What each transducer really does; drives are corrected for it on their way to pulses.
+        The real emission of each transducer; drives are corrected for it on their way to pulses.
     observe : bool
-        Whether to leave alone what the device plays, now and at the end. Its outputs are turned off otherwise.
+        Whether to leave unchanged what the device plays, now and at the end. Its outputs are turned off otherwise.
 
     Returns
     -------
@@ -77,12 +76,12 @@ def open_device(url: str | None = None, *, calibration: Calibration | None = Non
     Raises
     ------
     DeviceError
-        Where nothing answers, it may not be used, or it speaks another version of the protocol.
+        If no device answers, it may not be used, or it speaks another version of the protocol.
     """
     transport = open_transport(url if url is not None else default_url())
     try:
         return Device(transport, calibration=calibration, observe=observe)
-    except BaseException:  # whatever it was, the line is not ours to keep
+    except BaseException:  # after any error the line must be closed
         transport.close()
         raise
 
@@ -91,11 +90,11 @@ class Device:
     """A device that plays pulses.
 
     Any thread may call any method at any time: calls wait for each other, and a stream lets others pass between its
-    transfers, so that `stop` ends it within a few milliseconds, or when it has given up a device that is lost. Every
-    method raises a `DeviceError` where the line or the device fails: `DeviceLostError` where it went away,
-    `DeviceTimeoutError` where it does not answer, `DeviceStalledError` where it does not do what is asked in its state.
+    transfers, so that `stop` ends it within a few milliseconds, or when it has given up a lost device. Every method
+    raises a `DeviceError` if the line or the device fails: `DeviceLostError` if the device went away,
+    `DeviceTimeoutError` if it does not answer, `DeviceStalledError` if it does not carry out a request in its state.
 
-    A *frame*, where one is asked for, is `Pulses`, a `Solution`, or a drive, (n,) complex of magnitude at most 1.
+    A *frame* argument is `Pulses`, a `Solution`, or a drive, (n,) complex of magnitude at most 1.
     A *period* is one of the device's clock (`clock`), `NOW` for as soon as possible.
 
     Parameters
@@ -103,9 +102,9 @@ class Device:
     transport : Transport
         The line to it.
     calibration : Calibration, optional
-        What each transducer really does.
+        The real emission of each transducer.
     observe : bool
-        Whether to leave alone what plays, now and at the end.
+        Whether to leave unchanged what plays, now and at the end.
 
     Attributes
     ----------
@@ -133,7 +132,7 @@ class Device:
 
     @property
     def info(self) -> Info:
-        """What the device says that it is."""
+        """The device's description of itself."""
         return self._session.info
 
     @property
@@ -143,7 +142,7 @@ class Device:
 
     @property
     def serial(self) -> str:
-        """Serial number, empty where the line cannot tell."""
+        """Serial number, empty if the line does not provide it."""
         return self._session.serial
 
     @property
@@ -158,7 +157,7 @@ class Device:
 
     @property
     def time(self) -> Timekeeper:
-        """The time that this device lives by: the wall clock's, but for an emulated device in this process."""
+        """The clock of this device: the wall clock's, except for an emulated device in this process."""
         return self._session.time
 
     def __enter__(self) -> Self:
@@ -168,14 +167,14 @@ class Device:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._stops += 1
-        with self._session.lock:  # so that nobody plays on between the two
+        with self._session.lock:  # so that no other call plays between the two
             try:
                 if not (self._observe or self._session.closed):
                     self._turn_off()
             except DeviceError:
                 if kind is None:
                     raise
-            except BaseException:  # Ctrl-C came just now: first things first
+            except BaseException:  # Ctrl-C came at this moment: stop first
                 with suppress(DeviceError):
                     self._turn_off()
                 raise
@@ -183,19 +182,19 @@ class Device:
                 self._session.end()
 
     def close(self) -> None:
-        """Give the line back and leave the device as it is, playing where it may; ``with`` then ends without a stop.
+        """Close the line and leave the device as it is, even playing; ``with`` then ends without a stop.
 
-        A stream, or a call that a signal's handler has interrupted for this, ends in a `DeviceError`, with outputs off.
+        A stream, or a call that a signal's handler has interrupted, ends in a `DeviceError`, with outputs off.
         """
         with self._session.lock as interrupted:
             if self._streaming and not interrupted:
                 self._silence_after_failure()
         self._session.close()
 
-    # What it is and does
+    # Its description and state
 
     def status(self) -> Status:
-        """What the device is doing now; a sign of life to its watchdog."""
+        """The state of the device; a sign of life to its watchdog."""
         return self._session.status()
 
     def clock(self) -> ClockReading:
@@ -207,11 +206,11 @@ class Device:
         return self._session.ask(decode_wiring, Request.WIRING)
 
     def processors(self) -> list[ProcessorReport]:
-        """What each of the ten processors last said of itself, in the order of the chain."""
+        """The last report of each of the ten processors, in the order of the chain."""
         return self._session.ask(decode_reports, Request.PROCESSORS)
 
     def read_back(self) -> ReadBack:
-        """The pulses that play now, collected from the processors that play them, before any modulation."""
+        """The pulses that play now, as read from the processors, before any modulation."""
         self._need(Feature.READ_BACK)
         return self._session.ask(ReadBack.decode, Request.PULSES)
 
@@ -223,7 +222,7 @@ class Device:
         Raises
         ------
         DeviceStalledError
-            Where a fault silences the outputs; it is named.
+            If a fault silences the outputs; it is named.
         """
         with self._session.lock:
             try:
@@ -249,7 +248,7 @@ class Device:
             self._session.order(Request.DISABLE)
 
     def reset(self) -> None:
-        """Restart the device as at power-up, and open it again when it is back: its stores are empty."""
+        """Restart the device as at power-up, and open it again when it returns: its stores are empty."""
         self._stops += 1
         with self._session.lock:
             self._enabled = False
@@ -266,17 +265,17 @@ class Device:
     def set_watchdog(self, seconds: float) -> None:
         """How long the device waits for a sign of life before it turns its outputs off, 0.01 to 60 s."""
         with self._session.lock:
-            self.status()  # a sign of life, for the last may be older than a shorter time
+            self.status()  # a sign of life, because the last one may be older than a shorter time
             self._order(Request.WATCHDOG, "watchdog time in ms", round(seconds * 1000))
             self._watchdog = seconds
 
     def set_drive_limit(self, transducers: int) -> None:
-        """Refuse what drives harder than so many full transducers; only while the outputs are off."""
+        """Set the drive limit, in full transducers; only while the outputs are off."""
         self._order(Request.LIMIT, "drive limit", transducers)
         self._drive_limit = transducers
 
     def clear_faults(self) -> Status:
-        """Clear the faults whose cause is gone, and say what is left."""
+        """Clear the faults whose cause is gone, and return the others."""
         with self._session.lock:
             self._session.order(Request.CLEAR_FAULTS)
             return self.status()
@@ -284,7 +283,7 @@ class Device:
     def _order(self, request: Request, what: str, value: int) -> None:
         self._session.order(request, whole(what, value, VALUES[request][0], VALUES[request][-1]))
 
-    # What it plays
+    # Playing
 
     def show(self, frame: Frame, period: int = NOW) -> Ack:
         """Play a frame until something else follows or the host falls silent.
@@ -295,33 +294,33 @@ class Device:
         Parameters
         ----------
         frame : Pulses, Solution or (n,) complex
-            What to play.
+            The frame.
         period : int
-            When to begin.
+            Its first period.
 
         Returns
         -------
         Ack
-            Says at which period it begins, and whether that is later than asked for.
+            Contains the period at which it begins, and whether that is later than requested.
 
         Raises
         ------
         ValueError
-            Where the frame does not fit the device; nothing is sent.
+            If the frame does not fit the device; nothing is sent.
         DeviceRefusedError
-            Where the device refuses it.
+            If the device refuses it.
         """
         return self._play(Update(to_pulses(frame, self.calibration, self.info.channels), period))
 
     def store(self, slot: int, frame: Frame) -> Ack:
-        """Keep a frame in a numbered slot, 0 to `info.slots` - 1, for `play`.
+        """Store a frame in a numbered slot, 0 to `info.slots` - 1, for `play`.
 
         Raises
         ------
         ValueError
-            Where the frame or the number does not fit the device; nothing is sent.
+            If the frame or the number does not fit the device; nothing is sent.
         DeviceRefusedError
-            Where the device refuses it, as it does while a sequence plays that slot.
+            If the device refuses it, as while a sequence plays that slot.
         """
         self._need(Feature.SEQUENCES)
         return self._sent(Slot(slot, to_pulses(frame, self.calibration, self.info.channels)))
@@ -334,34 +333,34 @@ class Device:
         unattended: bool = False,
         period: int = NOW,
     ) -> Ack:
-        """Play stored slots one after the other, again and again, without the host's help.
+        """Play stored slots one after the other, repeatedly, without further help of the host.
 
-        The outputs are enabled first if they are not. Another sequence may be playing: this one is stored beside it,
-        where both have room.
+        The outputs are enabled first if they are not. While another sequence plays, this one is stored beside it if
+        both have room.
 
         Parameters
         ----------
         steps : iterable of (slot, periods)
-            Which slots, and for how many carrier periods each; 1 to `info.sequence_entries`.
+            The slots, and for how many carrier periods each; 1 to `info.sequence_entries`.
         repeats : int
             How many times; 0 for as long as nothing else follows.
         unattended : bool
             Whether it goes on when the host falls silent.
         period : int
-            When to begin.
+            Its first period.
 
         Raises
         ------
         ValueError
-            Where a step is out of range; nothing is sent.
+            If a step is out of range; nothing is sent.
         DeviceRefusedError
-            Where the device refuses it, as it does where a slot is empty, or would have to overwrite what plays.
+            If the device refuses it, as for an empty slot, or if it would have to overwrite what plays.
         """
         self._need(Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
         entries = [Entry(*step) for step in steps]
         with self._session.lock:
             first = self._place(self._sequences, len(entries), self.info.sequence_entries, "steps")
-            body = SequenceBody(first, len(entries), period, repeats, unattended)
+            body = PlaySequence(first, len(entries), period, repeats, unattended)
             self._sent(
                 *(Entries(tuple(part), first + at) for at, part in _parts(entries, ENTRIES_PER_BLOCK)),
             )
@@ -370,7 +369,7 @@ class Device:
             return ack
 
     def modulate(self, samples: Sequence[int] | bytes, hold: int, period: int = NOW) -> Ack:
-        """Let amplitudes modulate whatever plays, again and again, until `end_modulation`.
+        """Modulate whatever plays with amplitudes, repeatedly, until `end_modulation`.
 
         Parameters
         ----------
@@ -379,20 +378,20 @@ class Device:
         hold : int
             For how many carrier periods each holds: 40 000 / (hold · number of samples) is the frequency in Hz.
         period : int
-            When to begin.
+            Its first period.
 
         Raises
         ------
         ValueError
-            Where a value is out of range; nothing is sent.
+            If a value is out of range; nothing is sent.
         DeviceRefusedError
-            Where the device refuses it.
+            If the device refuses it.
         """
         self._need(Feature.MODULATION)
         values = samples if isinstance(samples, bytes) else bytes(whole("sample", each, 0, 255) for each in samples)
         with self._session.lock:
             first = self._place(self._modulations, len(values), self.info.modulation_samples, "samples")
-            body = Modulation(first, len(values), hold, period)
+            body = AmplitudeModulation(first, len(values), hold, period)
             self._sent(*(Samples(part, first + at) for at, part in _parts(values, SAMPLES_PER_BLOCK)))
             ack = self._play(body)
             self._modulations.append(_Kept(range(first, first + len(values)), ack.commit_period))
@@ -400,7 +399,7 @@ class Device:
             return ack
 
     def end_modulation(self, period: int = NOW) -> Ack:
-        """Let what plays go on unmodulated."""
+        """End the modulation of what plays."""
         self._need(Feature.MODULATION)
         self._envelope = None
         return self._play(Output(Action.END_MODULATION, period))
@@ -416,7 +415,7 @@ class Device:
         Raises
         ------
         DeviceRefusedError
-            Where the device has turned its outputs off meanwhile.
+            If the device has turned its outputs off meanwhile.
         """
         end = self.time.monotonic() + seconds
         while (left := end - self.time.monotonic()) > 0:
@@ -438,35 +437,33 @@ class Device:
         Parameters
         ----------
         source : (k, n) complex, PulseFrames, Recording, or iterable of frames
-            An iterable is asked for a frame when that is due, not before.
+            A frame is taken from an iterable when it is due, not before.
         rate : float
             Frames per second, at most `info.max_updates_per_second`.
-        look_ahead : float
-            How long before its period a frame is sent, in seconds, where the device's queue allows that. More makes
-            gaps in the source or the host harmless, less lets a live source react sooner.
+        How long before its period a frame is sent, in seconds, if the device's queue allows that. More bridges longer
+        gaps of the source or the host, less lets a live source react sooner.
         envelope : Envelope, optional
-            To modulate the frames with, as `modulate` does: `sine(200)` makes them felt.
+            A modulation of the frames, as by `modulate`: `sine(200)` makes them perceptible.
         reconnect : bool
-            Whether to go on with the next frame when a device that was lost comes back, with the drive limit, the
-            watchdog's time and the modulation that it had. Frames of which is not known whether they arrived are not
-            sent again.
+            Whether to go on with the next frame when a lost device comes back, with its earlier drive limit, watchdog
+            time and modulation. Frames that may have arrived are not sent again.
         on_progress : callable, optional
-            Is called with the report as it stands some ten times a second, and at the end, however that comes.
+            Called with the present report some ten times a second, and at the end of any kind.
 
         Returns
         -------
         StreamReport
-            What became of every frame.
+            The fate of every frame.
 
         Raises
         ------
         ValueError
-            Where rate or look-ahead is out of range, or a frame does not fit the device.
+            If rate or look-ahead is out of range, or a frame does not fit the device.
         DeviceRefusedError
-            Where the device refuses a frame, as it does when `stop` was called or its watchdog has fired.
+            If the device refuses a frame, as after `stop` or after its watchdog has fired.
         DeviceError
-            Where the line or the device fails. After any error the outputs are off, or will be when the watchdog's
-            time is over where the device cannot be reached.
+            If the line or the device fails. After any error the outputs are off, or will be after the watchdog's time
+            if the device cannot be reached.
         """
         frames, stops = frame_source(source, self.calibration, self.info.channels), self._stops
         stream = Stream(
@@ -485,7 +482,7 @@ class Device:
         try:
             return stream.run(on_progress)
         except BaseException:
-            if self._stops == stops:  # otherwise they are off, or play what was begun since
+            if self._stops == stops:  # otherwise they are off, or play what began since
                 self._silence_after_failure()
             raise
         finally:
@@ -494,7 +491,7 @@ class Device:
                 on_progress(stream.report)
 
     def _check_not_stopped(self, stops: int) -> None:
-        """Raise `DeviceRefusedError` where somebody has stopped the device since a stream was asked for."""
+        """Raise `DeviceRefusedError` if the device was stopped since a stream was requested."""
         if self._stops != stops:
             raise DeviceRefusedError(f"{self.name} has turned its outputs off: it was stopped", Reason.DISABLED)
 
@@ -504,14 +501,14 @@ class Device:
             self.modulate(*envelope)
 
     def _forget(self) -> None:
-        """What the device has been told to keep: nothing, as after it was restarted."""
+        """The settings that the device holds: none, as after a restart."""
         self._sequences, self._modulations = list[_Kept](), list[_Kept]()
         self._watchdog = self._drive_limit = self._envelope = None
 
     def _restore(self) -> None:
-        """Make a device that has restarted go on as it was: limit, watchdog, modulation, enabled; not its slots."""
+        """Restore a device after its restart: limit, watchdog, modulation, enabled; not its slots."""
         watchdog, drive_limit, envelope = self._watchdog, self._drive_limit, self._envelope
-        self._turn_off()  # it may be as it was, and play on
+        self._turn_off()  # it may be unchanged, and play on
         self._forget()
         if drive_limit is not None:
             self.set_drive_limit(drive_limit)
@@ -530,13 +527,13 @@ class Device:
     def _need(self, feature: Feature) -> None:
         missing = feature & ~self.info.features
         if missing:
-            raise DeviceError(f"{self.name} has not the feature {missing.name}; `phasewire info` lists what it has")
+            raise DeviceError(f"{self.name} lacks the feature {missing.name}; `phasewire info` lists what it has")
 
     def _place(self, kept: list[_Kept], count: int, places: int, what: str) -> int:
-        """Where to store what must not overwrite what may be playing: behind it, or else at the beginning.
+        """The place for data that must not overwrite what may be playing: after it, or else at the beginning.
 
-        What is there is in use until what was stored next has begun, or, the last, until the outputs are silent (clause
-        BLK-022); where that is soon, it is waited for.
+        Stored data are in use until the next stored ones have begun or, for the last, until the outputs are silent
+        (clause BLK-022); if that is soon, wait for it.
         """
         whole(f"number of {what}", count, 1, places)
         begin = kept[-1].places.stop if kept else 0
@@ -560,11 +557,11 @@ class Device:
             return self._sent(body)
 
     def _sent(self, *bodies: Body) -> Ack:
-        """Send blocks; the answer to the last."""
+        """Send blocks; returns the answer to the last."""
         try:
             return self._session.send(*bodies)[-1]
         except DeviceError:
-            self._enabled = False  # ask again: ENABLE is a sign of life where they are
+            self._enabled = False  # ask again: ENABLE is a sign of life if they are
             raise
 
 

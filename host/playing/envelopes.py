@@ -1,4 +1,4 @@
-"""Envelopes for `Device.modulate`: what skin feels is not the carrier but how its strength changes."""
+"""Envelopes for `Device.modulate`: skin feels not the carrier but the change of its strength."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...solver.methods.modulation import Modulation
 __all__ = ["Envelope", "sine"]
 
 STEPS = 200
-"""In one period of the modulation, where the carrier leaves room for so many."""
+"""Samples in one period of the modulation, if the carrier leaves room for so many."""
 LOWEST_HZ = CARRIER_HZ / (MODULATION_SAMPLES * (2**16 - 1))
 
 
@@ -24,7 +24,7 @@ class Envelope(NamedTuple):
 
     @property
     def frequency(self) -> float:
-        """How often it repeats, in Hz."""
+        """Its repetition rate, in Hz."""
         return CARRIER_HZ / (len(self.samples) * self.hold)
 
 
@@ -34,15 +34,15 @@ def sine(frequency: float, depth: float = 1.0) -> Envelope:
     Parameters
     ----------
     frequency : float
-        In Hz, up to 20 000; it comes out as the nearest that whole carrier periods make (`Envelope.frequency`). Skin
-        feels 40 to 400 Hz, 200 Hz best.
+        In Hz, up to 20 000; rounded to a whole number of carrier periods (`Envelope.frequency`). Skin feels 40 to 400
+        Hz, 200 Hz best.
     depth : float
-        1 down to silence, 0 not at all.
+        1 for down to silence, 0 for none.
 
     Raises
     ------
     ValueError
-        Where a number is out of range.
+        If a number is out of range.
     """
     if not LOWEST_HZ < frequency <= CARRIER_HZ / 2:
         raise ValueError(f"a modulation of {frequency:g} Hz must lie between {LOWEST_HZ:.1g} and {CARRIER_HZ / 2:g} Hz")

@@ -1,7 +1,7 @@
-"""Frames and sources of frames: whatever can be shown becomes pulses here, and only here is a calibration applied.
+"""Frames and sources of frames: everything that can be played becomes pulses here, with the calibration applied.
 
-A *frame* is `Pulses`, a `Solution`, or a drive, (n,) complex. Pulses pass as they are: a calibration corrects drives.
-A *source* gives frames in turn; nothing here knows when they are due, or sends them anywhere.
+A *frame* is `Pulses`, a `Solution`, or a drive, (n,) complex. A calibration corrects drives; pulses stay unchanged. A
+*source* returns frames in turn; this module does not know when they are due, and does not send them.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ __all__ = [
     "to_pulses",
 ]
 
-NUMBERS = "iufc"  # kinds of types that drives may have
+NUMBERS = "iufc"  # kinds of types for drives
 LEAST_RATE = 1e-3
-"""Frames per second; who plays more slowly waits rather than plays."""
+"""Frames per second; a slower stream is mostly waiting."""
 
 Frame: TypeAlias = Pulses | Solution | NDArray[Any]
-"""What can be shown: pulses as they are, or a drive, (n,) complex of magnitude at most 1, by itself or as solved."""
+"""A frame: pulses, or a drive, (n,) complex of magnitude at most 1, alone or in a solution."""
 
 
 @runtime_checkable
 class StoredFrames(Protocol):
-    """Pulses of frames that are kept somewhere, such as a `Recording`."""
+    """Pulses of stored frames, such as a `Recording`."""
 
     @property
     def channels(self) -> int:
-        """Transducers for which they are."""
+        """The number of transducers."""
 
     def __len__(self) -> int: ...
 
@@ -55,22 +55,22 @@ class StoredFrames(Protocol):
 
 
 Frames: TypeAlias = NDArray[Any] | PulseFrames | StoredFrames | Iterable[Frame]
-"""What can be streamed: drives (k, n), pulses of k frames, a recording, or frames one by one."""
+"""A source of a stream: drives (k, n), pulses of k frames, a recording, or frames one by one."""
 
 
 class FrameSource(Protocol):
     """Frames in turn, as pulses."""
 
     ready: bool
-    """Whether they are there already; otherwise each is made when it is taken, and better late than early."""
+    """Whether they are ready; otherwise each is made when it is taken, and better late than early."""
 
     def take(self, most: int) -> PulseFrames:
-        """The next frames, at most so many; none where there are no more.
+        """The next frames, at most so many; none at the end.
 
         Raises
         ------
         ValueError
-            Where a frame is none; it is named by its number in the source, from 0.
+            If an item is no frame; it is named by its number in the source, from 0.
         """
 
 
@@ -86,17 +86,17 @@ def to_pulses(frame: Frame, calibration: Calibration | None, channels: int) -> P
     Parameters
     ----------
     frame : Pulses, Solution or (n,) complex
-        What to show.
+        The frame to play.
     calibration : Calibration, optional
-        Of the device, applied to a drive.
+        That of the device, applied to a drive.
     channels : int
         Transducers of the device.
 
     Raises
     ------
     ValueError
-        Where the frame is for another number of transducers, its drive is not finite or beyond 1, or a calibration
-        would be applied to what was solved for calibrated transducers.
+        If the frame is for another number of transducers, its drive is not finite or beyond 1, or a calibration would
+        be applied to a solution for calibrated transducers.
     """
     if isinstance(frame, Pulses):
         if len(frame) != channels:
@@ -107,12 +107,12 @@ def to_pulses(frame: Frame, calibration: Calibration | None, channels: int) -> P
 
 
 def solved(points: Iterable[ControlPoints], solver: Solver) -> Iterator[Solution]:
-    """Frames from control points, each solved when it is asked for.
+    """Frames from control points, each solved when it is taken.
 
     Raises
     ------
     ValueError
-        Where points cannot be solved for; the frame is named.
+        If there is no solution for the points; the frame is named.
     """
     for number, frame in enumerate(points):
         try:
@@ -123,22 +123,22 @@ def solved(points: Iterable[ControlPoints], solver: Solver) -> Iterator[Solution
 
 
 def frame_source(source: Frames, calibration: Calibration | None, channels: int) -> FrameSource:
-    """A source of pulses from whatever frames come in.
+    """A source of pulses from any frames.
 
     Parameters
     ----------
     source : (k, n) complex, PulseFrames, Recording, or iterable of frames
-        Arrays and recordings are read piece by piece, and never copied as a whole. Of an iterable no frame is asked for
-        before it is taken, so it may be without end, and make each frame at the last moment.
+        Arrays and recordings are read piece by piece, and never copied as a whole. A frame of an iterable is requested
+        only when it is taken, so it may be endless, and make each frame at the last moment.
     calibration : Calibration, optional
-        Of the device, applied to drives.
+        That of the device, applied to drives.
     channels : int
         Transducers of the device.
 
     Raises
     ------
     ValueError
-        Where the source is none, or for another number of transducers.
+        If the source is none, or for another number of transducers.
     """
     if calibration is not None and len(calibration) != channels:
         raise ValueError(f"a calibration of {len(calibration)} transducers for a device with {channels}")
@@ -166,7 +166,7 @@ def frame_source(source: Frames, calibration: Calibration | None, channels: int)
 
 
 class _Counted:
-    """Frames that are there already; `read` makes pulses of those from one number to before another."""
+    """Frames that are ready; `read` makes pulses of those from one number to before another."""
 
     ready = True
 
@@ -180,7 +180,7 @@ class _Counted:
 
 
 class _OneByOne:
-    """Frames that are made as they are asked for."""
+    """Frames that are made when they are requested."""
 
     ready = False
 
@@ -204,7 +204,7 @@ class _OneByOne:
 
 
 def _drive(frame: Solution | NDArray[Any], calibration: Calibration | None, channels: int) -> NDArray[Any]:
-    """The drive of a frame that is no pulses, (n,) complex."""
+    """The drive of a frame other than pulses, (n,) complex."""
     if isinstance(frame, Solution):
         if calibration is not None and (frame.array.response != 1).any():
             raise ValueError(
@@ -221,7 +221,7 @@ def _drive(frame: Solution | NDArray[Any], calibration: Calibration | None, chan
 
 
 def _quantised(drives: NDArray[Any], calibration: Calibration | None, first: int) -> PulseFrames:
-    """Pulses of (k, n) drives, of which the first has this number."""
+    """Pulses of (k, n) drives; the first has this number."""
     return quantise(drives if calibration is None else calibration.apply(drives, first), first=first)
 
 

@@ -1,7 +1,7 @@
-"""Which acknowledgement belongs to which block: blocks on their way, and what became of each.
+"""Matches acknowledgements to blocks, and records the result of each block.
 
-Blocks are entered in parcels, numbered on from each other, as they are sent. Acknowledgements come in the order of the
-blocks; on a line that loses nothing each block has one.
+Blocks are entered in consecutively numbered parcels when they are sent. Acknowledgements come in the order of the
+blocks; on a lossless line each block has one.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ __all__ = ["DAMAGE", "NUMBERS", "Answers", "Ledger", "Parcel"]
 
 NUMBERS = 2**32
 DAMAGE = frozenset({Reason.LENGTH, Reason.CHECKSUM})
-"""Reasons that speak of the line rather than of the block."""
+"""Reasons that concern the line rather than the block."""
 
 
 class Answers(NamedTuple):
-    """What became of k blocks.
+    """The results of k blocks.
 
     Parameters
     ----------
     acks : (k,) structured
-        Their acknowledgements, with the fields of `protocol.replies.ACKS`; nothing where there was none.
+        Their acknowledgements, with the fields of `protocol.replies.ACKS`; zeros if there was none.
     answered : (k,) bool
-        Whether there was one. Without, the block or its acknowledgement was lost on the way.
+        Whether there was one. If not, the block or its acknowledgement was lost on the way.
     """
 
     acks: NDArray[np.void]
@@ -40,24 +40,24 @@ class Answers(NamedTuple):
 
     @classmethod
     def none(cls, count: int) -> Self:
-        """Nothing is known yet of so many blocks."""
+        """No results yet for so many blocks."""
         return cls(np.zeros(count, ACKS), np.zeros(count, np.bool_))
 
 
 @dataclass(eq=False, slots=True)
 class Parcel:
-    """Some blocks that go out together.
+    """Blocks that are sent together.
 
     Parameters
     ----------
     first : int
         Number of the first of them.
     answers : Answers
-        What became of each; written as it is known.
+        The result of each; written when it is known.
     sent : int
-        How many were given to the line.
+        How many were passed to the line.
     done : int
-        How many, from the first on, are known to be answered or given up.
+        How many, from the first on, were answered or given up.
     """
 
     first: int
@@ -72,12 +72,12 @@ class Parcel:
 
     @property
     def settled(self) -> bool:
-        """Whether all is known of them that will be known."""
+        """Whether all results are final."""
         return self.done == self.count
 
 
 class Ledger:
-    """The parcels that are on their way, in their order.
+    """The parcels on their way, in order.
 
     Parameters
     ----------
@@ -92,12 +92,12 @@ class Ledger:
 
     @property
     def unanswered(self) -> int:
-        """Blocks that were sent and of which nothing is known."""
+        """Blocks that were sent and have no result."""
         return sum(parcel.sent - parcel.done for parcel in self._parcels)
 
     @property
     def settled(self) -> bool:
-        """Whether all is known of every block that was entered."""
+        """Whether every entered block has its final result."""
         return not self._parcels
 
     def enter(self, parcel: Parcel) -> None:
@@ -106,14 +106,14 @@ class Ledger:
             self._parcels.append(parcel)
 
     def match(self, acks: NDArray[np.void]) -> None:
-        """Give acknowledgements to their blocks.
+        """Match acknowledgements to their blocks.
 
-        Those of blocks that were given up before are passed over, or come late.
+        Those of blocks that were given up before are ignored, or recorded late.
 
         Raises
         ------
         ReplyError
-            If one belongs to no block that was sent, or, on a line that loses nothing, not to the next.
+            If one belongs to no sent block, or, on a lossless line, not to the next.
         """
         while len(acks):
             waiting = next((parcel for parcel in self._parcels if parcel.sent > parcel.done), None)
@@ -122,7 +122,7 @@ class Ledger:
         self._file()
 
     def give_up(self) -> None:
-        """Wait no longer for any block that was sent; more of the last parcel may follow."""
+        """Stop waiting for all sent blocks; more of the last parcel may follow."""
         for parcel in self._parcels:
             parcel.done = parcel.sent
         self._file()
@@ -134,13 +134,13 @@ class Ledger:
         self._parcels.clear()
 
     def _file(self) -> None:
-        """Put parcels away of which all is known."""
+        """Remove completed parcels."""
         while self._parcels and self._parcels[0].settled:
             parcel = self._parcels.popleft()
             self._next = parcel.first + parcel.count
 
     def _match_next(self, parcel: Parcel, acks: NDArray[np.void]) -> int:
-        """Give as many acknowledgements as can be to the next blocks of a parcel, if they are theirs; how many."""
+        """Match as many acknowledgements as possible to the next blocks of a parcel; returns how many."""
         count, number = min(len(acks), parcel.sent - parcel.done), (parcel.first + parcel.done) % NUMBERS
         if int(acks["sequence"][0]) != number:
             return 0
@@ -153,12 +153,12 @@ class Ledger:
         return count
 
     def _match_one(self, waiting: Parcel | None, ack: np.void) -> int:
-        """Give one acknowledgement, of whatever number, to its block; how many, which is one."""
+        """Match one acknowledgement, of any number, to its block; returns how many, which is one."""
         number = int(ack["sequence"])
         damaged = not self._lossy and int(ack["reason"]) in DAMAGE
         for parcel in self._parcels:
             place = (number - parcel.first) % NUMBERS
-            if damaged and parcel is waiting:  # its number may be damaged too, so its place in line counts
+            if damaged and parcel is waiting:  # its number may be damaged too, so its position counts
                 place = parcel.done
             elif place >= parcel.sent or (not self._lossy and (parcel is not waiting or place != parcel.done)):
                 continue
@@ -173,7 +173,7 @@ class Ledger:
         return 1  # an older block's
 
     def _pass_over(self, parcel: Parcel) -> None:
-        """What was sent before a parcel of which something is heard was lost."""
+        """What was sent before a parcel with an answer was lost."""
         for before in self._parcels:
             if before is parcel:
                 return

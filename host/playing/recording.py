@@ -1,7 +1,7 @@
-"""Recordings: frames of pulses in a file, with all that is needed to play them again and to tell what they were.
+"""Recordings: frames of pulses in a file, with everything that is needed to play and to identify them.
 
-A recording holds pulses, not drives: what is played from it is bit by bit what would have been played when it was made,
-and no calibration is applied again. All numbers are little-endian:
+A recording holds pulses, not drives: playing it gives bit by bit what would have been played when it was made, without
+a further calibration. All numbers are little-endian:
 
 =========  =====  ==============================================================================
 at         bytes  content
@@ -16,10 +16,9 @@ at         bytes  content
 28+T+2n+4  2n+4   frame 1, and so on
 =========  =====  ==============================================================================
 
-The CRC-32 of a frame begins with its number instead of 0, as ``zlib.crc32(pulses, number)`` computes it, so that a
-frame in a wrong place is noticed. Nothing in a file names another file, and nothing in it is larger than it looks: a
-damaged or hostile one costs no more memory than its text and the frames that are asked for. A file that was cut off can
-be read up to its last whole frame.
+The CRC-32 of a frame starts with its number instead of 0, as in ``zlib.crc32(pulses, number)``, so that a misplaced
+frame is detected. A file refers to no other file, and is not compressed: a damaged or hostile one costs no more memory
+than its text and the requested frames. A truncated file can be read up to its last whole frame.
 """
 
 from __future__ import annotations
@@ -54,9 +53,9 @@ MAGIC = b"PWFRAMES"
 FORMAT = "phasewire-recording-2"
 CLOCK = {"carrier_hz": CARRIER_HZ, "ticks_per_period": TICKS_PER_PERIOD}
 FRAMES_AT_A_TIME = 256
-"""That are written together: 6 ms of them at the highest rate."""
+"""How many are written together: 6 ms of them at the highest rate."""
 MOST_TEXT_BYTES = 2**20
-"""Enough for the places of some ten thousand transducers."""
+"""Enough for the positions of some ten thousand transducers."""
 UNFINISHED = 2**64 - 1
 CHECKSUM_BYTES = 4
 _LAYOUT = struct.Struct("<8sIIQ")
@@ -64,7 +63,7 @@ HEAD_BYTES = _LAYOUT.size + CHECKSUM_BYTES
 
 
 class _Head(NamedTuple):
-    """How a file begins."""
+    """The head of a file."""
 
     magic: bytes
     text_bytes: int
@@ -86,14 +85,14 @@ def record(
     calibration: Calibration | None = None,
     source: str = "",
 ) -> int:
-    """Write frames to a file, whole or not at all, as they come; the memory that it takes does not grow with them.
+    """Write frames to a file, completely or not at all, as they come, in constant memory.
 
     Parameters
     ----------
     path : Path
-        The file, by custom with the suffix `SUFFIX`.
+        The file, conventionally with the suffix `SUFFIX`.
     frames : (k, n) complex, PulseFrames, Recording, or iterable of frames
-        What to record, see `frame_source`; it must have an end.
+        What to record, see `frame_source`; it must end.
     rate : float
         Frames per second.
     array : TransducerArray, optional
@@ -101,22 +100,22 @@ def record(
     medium : Medium, optional
         The air for which the frames were made; 20 °C by default.
     calibration : Calibration, optional
-        To be applied to frames that come as drives.
+        Applied to frames that come as drives.
     source : str
-        Where the frames come from, for people.
+        The origin of the frames, for people.
 
     Returns
     -------
     int
-        How many frames there were.
+        The number of frames.
 
     Raises
     ------
     ValueError
         If the rate is not finite or less than `LEAST_RATE`, a frame is none, or there are too many transducers.
     OSError
-        If the file cannot be written, or is no plain file. If the disk is full, the frames that
-        were written are kept beside it, in a recording that the error names.
+        If the file cannot be written, or is no plain file. If the disk is full, the written frames are kept beside it,
+        in a recording that the error names.
     """
     check_rate(rate)
     if path.exists() and not path.is_file():
@@ -150,7 +149,7 @@ def record(
 def _described(
     rate: float, array: TransducerArray, medium: Medium, calibration: Calibration | None, source: str
 ) -> dict[str, Any]:
-    """What the text of a recording says."""
+    """The text of a recording."""
     columns = None
     if calibration is not None:
         columns = {field.name: getattr(calibration, field.name).tolist() for field in fields(calibration)}
@@ -168,7 +167,7 @@ def _described(
 
 
 def _rows(frames: PulseFrames, first: int) -> bytes:
-    """Frames as they stand in a file, the first of them with this number."""
+    """Frames as they stand in a file; the first of them has this number."""
     pulses = np.concatenate(frames, axis=1)
     return b"".join(row.tobytes() + _checksum(row, number) for number, row in enumerate(pulses, start=first))
 
@@ -178,7 +177,7 @@ def _checksum(pulses: NDArray[np.uint8], number: int) -> bytes:
 
 
 def _write(file: FileIO, data: bytes, path: Path) -> None:
-    """Write all of some bytes, without a buffer that would fail once more when the file is closed."""
+    """Write all bytes, without a buffer that would fail again when the file is closed."""
     left = memoryview(data)
     try:
         while left:
@@ -188,7 +187,7 @@ def _write(file: FileIO, data: bytes, path: Path) -> None:
 
 
 class Recording:
-    """A recording that is open for reading. Frames are read when they are asked for.
+    """A recording that is open for reading. Frames are read when they are requested.
 
     `Recording.open` opens one; use it in a ``with`` statement. `frame_source` takes it as it is.
 
@@ -197,15 +196,15 @@ class Recording:
     rate : float
         Frames per second.
     complete : bool
-        Whether all frames are there; false for a file that was cut off or never finished.
+        Whether all frames are there; false for a truncated or unfinished file.
     array : TransducerArray
         Positions and normals of the transducers, in metres.
     medium : Medium
         The air for which the frames were made.
     calibration : Calibration or None
-        What was applied to those frames that came as drives.
+        The one that was applied to frames that came as drives.
     source : str
-        Where the frames came from, for people.
+        The origin of the frames, for people.
     made_by : str
         Program and version.
     """
@@ -280,7 +279,7 @@ class Recording:
         return len(self) / self.rate
 
     def read(self, start: int, stop: int) -> PulseFrames:
-        """Frames from one number to before another, as far as there are any.
+        """Frames from one number to before another, limited to those that exist.
 
         Raises
         ------
@@ -309,7 +308,7 @@ class Recording:
 
 
 def _read_head(path: Path, file: BinaryIO) -> tuple[_Head, dict[str, Any]]:
-    """How a file begins, and what its text says."""
+    """The head of a file, and its text."""
     begin = file.read(HEAD_BYTES)
     if not begin.startswith(MAGIC):
         raise InputFileError(f"{path} is not a recording; `phasewire record` makes one")

@@ -1,7 +1,7 @@
 """A session with one device: blocks numbered and answered, requests in between, by one thread at a time.
 
-The session alone knows sequence numbers, how many blocks may be on their way, and which acknowledgement belongs to
-which block. What the blocks are for is its callers' business.
+Only the session knows sequence numbers, how many blocks may be on their way, and which acknowledgement belongs to which
+block. The purpose of the blocks is its callers' business.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ __all__ = ["Answers", "Parcel", "Session"]
 Answer = TypeVar("Answer")
 
 PATIENCE_SECONDS = 1.0
-"""How long nothing may happen to blocks before they are given up."""
+"""How long no block may make progress before all are given up."""
 WATCHDOG_BLOCKS = 20
 """How many blocks a line must be able to carry in the watchdog's time."""
 ATTEMPTS = 3
 """How often a block is sent that was damaged or lost on the way."""
 COMES_BACK_SECONDS = 10.0
-"""How long a device may take to start."""
+"""The longest start of a device."""
 LEAVES_SECONDS = 0.5
-"""How long a device that was told to restart may take to leave its line."""
+"""How long a device may take to leave its line after a command to restart."""
 
 
 class Session:
@@ -53,21 +53,21 @@ class Session:
     Parameters
     ----------
     transport : Transport
-        The line; the session closes it. The device is asked who it is, and nothing else, until `begin`.
+        The line; the session closes it. Before `begin` the device is only asked for its INFO.
 
     Attributes
     ----------
     info : Info
-        What the device says that it is.
+        The device's description of itself.
     closed : bool
-        Whether the line was given back.
+        Whether the line was closed.
 
     Raises
     ------
     DeviceVersionError
-        Where host and device have no version of the protocol in common.
+        If host and device have no version of the protocol in common.
     DeviceError
-        Where the line or the device fails.
+        If the line or the device fails.
     """
 
     def __init__(self, transport: Transport) -> None:
@@ -83,8 +83,8 @@ class Session:
     def lock(self) -> AbstractContextManager[bool]:
         """To be held while the line is in use, also over several steps in a row.
 
-        It gives whether this thread held it before, as it does in a signal's handler: that runs within the call that it
-        interrupts, and does not wait for its lock.
+        It returns whether this thread already held it, as in a signal's handler, which runs within the call that it
+        interrupts and cannot wait for its lock.
         """
         return self._turn()
 
@@ -101,7 +101,7 @@ class Session:
                     self._close_what_was_interrupted()
 
     def _meet(self) -> None:
-        """Learn who the device is."""
+        """Read the device's INFO."""
         self._ledger.clear()
         self._number = 0
         self._restart = True
@@ -114,12 +114,12 @@ class Session:
                 f"{self.name} speaks versions {self.info.oldest_version} to {self.info.newest_version} of the "
                 f"protocol, this is version {PROTOCOL_VERSION}; update the {older}, which is the older"
             )
-        self.status()  # the watchdog's time may be another than at power-up
+        self.status()  # the watchdog's time may differ from that at power-up
 
     def begin(self) -> None:
-        """Stop the device, for a queue that an earlier host has left full takes no block, and begin the numbering anew.
+        """Stop the device, because a queue left full by an earlier host takes no block, and restart the numbering.
 
-        On a line that is slow the watchdog's time is made longer where need be (clause SER-014).
+        On a slow line the watchdog's time is extended if necessary (clause SER-014).
         """
         with self.lock:
             self._begun = True
@@ -131,30 +131,30 @@ class Session:
 
     @property
     def name(self) -> str:
-        """What is at the other end, for people."""
+        """A name of the device, for people."""
         return self._line.name
 
     @property
     def serial(self) -> str:
-        """Serial number, empty where the line cannot tell."""
+        """Serial number, empty if the line does not provide it."""
         return self._line.serial
 
     @property
     def time(self) -> Timekeeper:
-        """The time by which the line is waited for."""
+        """The clock for all waiting on the line."""
         return self._line.time
 
     def line(self) -> Transport:
-        """The line; raise `DeviceError` where the session is over."""
+        """The line; raises `DeviceError` if the session is closed."""
         if self.closed or self._closing:
             raise DeviceError(f"{self.name} is closed; open it again")
         return self._line
 
     def close(self) -> None:
-        """Give the line back.
+        """Close the line.
 
-        If this thread is in the middle of a call, as it is when a signal's handler asks for this, that call still needs
-        the line: what is left of it fails, then the outputs are turned off, and then the line is given back.
+        If this thread is in the middle of a call, as when a signal's handler requests this, that call still needs the
+        line: its remaining steps fail, then the outputs are turned off, and then the line is closed.
         """
         with self._lock:
             if self._depth:
@@ -163,7 +163,7 @@ class Session:
                 self.end()
 
     def end(self) -> None:
-        """Give the line back at once; for who has the lock and needs the line no more."""
+        """Close the line at once; for a caller that has the lock and no longer needs the line."""
         self.closed, self._closing = True, False
         self._line.close()
 
@@ -176,12 +176,12 @@ class Session:
             self.end()
 
     def reopen(self, seconds: float = COMES_BACK_SECONDS) -> None:
-        """Begin anew with the same device, which was lost or has restarted, once it comes back.
+        """Start again with the same device, which was lost or has restarted, when it comes back.
 
         Raises
         ------
         DeviceLostError
-            Where it does not come back in time.
+            If it does not come back in time.
         """
         with self.lock:
             line = self.line()
@@ -191,14 +191,14 @@ class Session:
                 try:
                     self._meet()
                     self.begin()
-                except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):  # it went once more
+                except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):  # it left again
                     if line.time.monotonic() >= end:
                         raise
                     continue
                 return
 
     def wait_until_gone(self) -> None:
-        """Wait until a device that restarts does not answer any more; a serial line only gets a moment to see it."""
+        """Wait until a restarting device no longer answers; a serial line only gets a moment to notice."""
         with self.lock:
             line = self.line()
             end = line.time.monotonic() + LEAVES_SECONDS
@@ -210,30 +210,30 @@ class Session:
 
     @property
     def pause_seconds(self) -> float:
-        """How long a host that waits may leave the device without a sign of life, at most a third of a second."""
+        """The longest time without a sign of life for a waiting host, at most a third of a second."""
         return min(self._watchdog, PATIENCE_SECONDS) / 3
 
     # Requests
 
     def ask(self, decode: Callable[[bytes], Answer], request: Request) -> Answer:
-        """Make a control request and read its answer; raise `DeviceError` where that breaks the protocol."""
+        """Make a control request and read its answer; raises `DeviceError` if that breaks the protocol."""
         with self.lock:
             return self._read(decode, self.line().ask(request, ANSWER_BYTES[request]))
 
     def order(self, request: Request, value: int = 0) -> None:
-        """Make a control request that is only carried out."""
+        """Make a control request without an answer."""
         with self.lock:
             self.line().order(request, value)
             if request is Request.WATCHDOG:
                 self._watchdog = value / 1000
 
     def status(self) -> Status:
-        """What the device is doing; a sign of life to it.
+        """The state of the device; a sign of life to it.
 
         Raises
         ------
         DeviceLostError
-            Where it has restarted meanwhile, which a serial line does not tell by itself.
+            If it has restarted meanwhile, which a serial line does not report by itself.
         """
         with self.lock:
             status = self.ask(Status.decode, Request.STATUS)
@@ -246,21 +246,21 @@ class Session:
     # Blocks
 
     def send(self, *bodies: Body) -> list[Ack]:
-        """Send blocks one after the other, each when the one before was accepted.
+        """Send blocks one after the other, each after the one before was accepted.
 
-        A block that was damaged or lost on the way is sent again under its number (clause SER-012). Where only its
+        A block that was damaged or lost on the way is sent again under its number (clause SER-012). If only its
         acknowledgement was lost, `Ack.commit_period` is 0.
 
         Raises
         ------
         DeviceRefusedError
-            Where the device refuses one; those behind it are not sent.
+            If the device refuses one; those after it are not sent.
         DeviceError
-            Where the line or the device fails.
+            If the line or the device fails.
         """
         with self.lock:
             if self._restart and not isinstance(bodies[0], NoOp):
-                self._send(NoOp())  # the numbering begins with a block that may come twice without harm (SER-012)
+                self._send(NoOp())  # the numbering begins with a block that may arrive twice without harm (SER-012)
             return [self._send(body) for body in bodies]
 
     def _send(self, body: Body) -> Ack:
@@ -288,19 +288,19 @@ class Session:
         )
 
     def check_enabled(self) -> None:
-        """Give a sign of life; raise `DeviceRefusedError` where the outputs are not enabled any more."""
+        """Give a sign of life; raises `DeviceRefusedError` if the outputs are no longer enabled."""
         if not self.status().enabled:
             self._say_disabled()
 
     def check(self, ack: Ack) -> None:
-        """Raise `DeviceRefusedError` for an acknowledgement that says no."""
+        """Raise `DeviceRefusedError` for the acknowledgement of a refused block."""
         if ack.reason in (Reason.DISABLED, Reason.FAULT):
             self._say_disabled()
         if ack.reason is not Reason.ACCEPTED:
             raise DeviceRefusedError(f"{self.name} refuses block {ack.sequence}: {ack.reason.text}", ack.reason)
 
     def _say_disabled(self) -> NoReturn:
-        """Raise a `DeviceRefusedError` that says why the outputs are off."""
+        """Raise a `DeviceRefusedError` with the reason why the outputs are off."""
         status = self.status()
         if status.state is State.FAULT:
             faults = flag_names(status.faults)
@@ -318,7 +318,7 @@ class Session:
         return self._number, self._restart
 
     def post(self, blocks: NDArray[np.uint8], parcel: Parcel) -> None:
-        """Send blocks, as many at a time as the line and the device allow, and wait for what becomes of each.
+        """Send blocks, as many at a time as the line and the device allow, and wait for their results.
 
         If the line carries blocks by itself, wait only until it has them.
 
@@ -327,13 +327,13 @@ class Session:
         blocks : (k, 512) uint8
             Numbered from `upcoming` on, as the parcel is.
         parcel : Parcel
-            Of these blocks. What is known of each is written there as it comes, whatever happens then; what comes
-            later, when something else is sent, or by `settle`.
+            The parcel of these blocks. Results are written there as they come, even after an error; later ones come
+            with the next blocks, or by `settle`.
 
         Raises
         ------
         DeviceTimeoutError
-            If nothing moves for a second, or, on a line that loses nothing, an acknowledgement is missing.
+            If nothing moves for a second, or, on a lossless line, an acknowledgement is missing.
         DeviceError
             If the line or the device fails. How much was sent is then unknown, and the numbers are used up.
         """
@@ -341,7 +341,7 @@ class Session:
             self._transfer(blocks.tobytes(), parcel, wait=not self._line.posts)
 
     def settle(self) -> None:
-        """Wait for what becomes of all blocks that were sent; errors as for `post`."""
+        """Wait for the results of all sent blocks; errors as for `post`."""
         with self.lock:
             self._transfer(b"", Parcel(self._number, Answers.none(0)))
 
@@ -355,7 +355,7 @@ class Session:
     def _carry(self, data: bytes, parcel: Parcel, wait: bool) -> None:
         line, ledger = self.line(), self._ledger
         ledger.enter(parcel)
-        life = self.pause_seconds  # the device must hear of its host that waits for room
+        life = self.pause_seconds  # the device needs signs of life from a host that waits for room
         moved = line.time.monotonic()
         while parcel.sent < parcel.count or (wait and not ledger.settled):
             self.line()  # a signal's handler may have closed it
@@ -363,7 +363,7 @@ class Session:
             room = min(line.window(self._free, self.info.queue_records) - ledger.unanswered, parcel.count - parcel.sent)
             if room > 0:
                 at = parcel.sent
-                self._number = (parcel.first + at + room) % NUMBERS  # used up, whatever becomes of them
+                self._number = (parcel.first + at + room) % NUMBERS  # used up, in any case
                 self._restart = False
                 taken = line.write_blocks(data[at * BLOCK_BYTES : (at + room) * BLOCK_BYTES], life) // BLOCK_BYTES
                 parcel.sent += taken
@@ -389,13 +389,13 @@ class Session:
                 moved = line.time.monotonic()
 
     def _take_back(self) -> None:
-        """Do without what the line has not carried yet, after something went wrong."""
+        """Give up what the line has not carried yet, after an error."""
         self._ledger.clear()
         with suppress(DeviceError):
             self._number = (self._number - self._line.take_back() // BLOCK_BYTES) % NUMBERS
 
     def _hear(self, seconds: float) -> bool:
-        """Wait for acknowledgements, and give them to their blocks; whether any came."""
+        """Wait for acknowledgements, and match them to their blocks; returns whether any came."""
         packet = self.line().read_records(seconds)
         if not packet or not len(acks := self._acks(packet)):
             return False
@@ -407,7 +407,7 @@ class Session:
         return True
 
     def _acks(self, packet: bytes) -> NDArray[np.void]:
-        """The acknowledgements in what came, beside which the device may have said something by itself."""
+        """The acknowledgements among received records, which may include unsolicited ones."""
         try:
             return decode_acks(packet)
         except ReplyError:

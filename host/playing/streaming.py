@@ -2,9 +2,10 @@
 
 Frame k is due at period start + ⌊k · 40 000 / rate⌋ of the device's clock, and is sent a little earlier: the *look-
 ahead*. Frames that are there already go many in a transfer, as soon as there are enough of them or half of the
-look-ahead is used up; those of a live source go one by one. What the device's queue cannot hold yet waits in the
-transfer, held back by NAK or by credit, but not for long. If source or host come too late for a frame, that is an
-*underrun*: the rest of the stream is moved to a later start, so that frames keep their distance and their order.
+look-ahead is used up, a third on a line that carries blocks by itself; those of a live source go one by one. What the
+device's queue cannot hold yet waits in the transfer, held back by NAK or by credit, but not for long. If source or host
+come too late for a frame, that is an *underrun*: the rest of the stream is moved to a later start, so that frames keep
+their distance and their order.
 """
 
 from __future__ import annotations
@@ -35,15 +36,15 @@ __all__ = ["LOOK_AHEAD_SECONDS", "Stream", "StreamReport"]
 LOOK_AHEAD_SECONDS = 0.01
 MOST_LOOK_AHEAD_SECONDS = 10.0
 LEAST_LEAD_PERIODS = 6
-"""A change for the fifth period after its arrival is in time (clause BLK-005); one more for the way there."""
+"""A change five periods after its arrival is in time (clause BLK-005); one more for the transfer."""
 FIRST_READINGS = 8
 READING_SECONDS = 0.25
 ASTRAY_PPM, MOST_ASTRAY = 500_000, 8
-"""A clock that seems to run at half the host's rate or less, or half as fast again, in so many readings one after the
-other, 2 s, is none that frames could be timed by. A device that is only held up catches up sooner."""
+"""A clock that seems to run at half the host's rate or less, or at one and a half times it, in so many consecutive
+readings, 2 s, cannot time frames. A device that is only delayed catches up sooner."""
 PROGRESS_SECONDS = 0.1
 MOST_LATE_SHARE = 0.01
-"""Of the frames; one pause of a computer is no reason to choose another rate."""
+"""Share of the frames; one pause of a computer is no reason to choose another rate."""
 COUNTS = (
     "sent",
     "accepted",
@@ -61,53 +62,55 @@ NO_FAULTS = Fault(0)
 DAMAGED = [int(reason) for reason in DAMAGE]
 TURN_PERIODS = 200
 """5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
-POSTED_PERIODS = 800
-"""20 ms, by which frames that are there already go early on a line that carries blocks by itself, at the least; as long
-they may wait for room, so that the host need not."""
+POSTED_PERIODS = 1200
+"""30 ms, by which frames that are there already go early on a line that carries blocks by itself, the first of a
+transfer by two thirds of it; as long they may wait for room, so that the host need not."""
+POSTED_SHARE = 0.8
+"""Of the blocks that may be unanswered: those that wait for their time. Answers to the others are on their way."""
 ROUND_TRIPS = 3
-"""By which the look-ahead is longer on such a line: what takes one by custom takes a few now and then."""
+"""The factor on an answer's time for the look-ahead on such a line: some answers take several times as long."""
 MOST_BLOCKS = 128
-"""In one transfer at most: at 40 000 frames a second others wait 3 ms for their turn."""
+"""The most in one transfer: at 40 000 frames a second others wait 3 ms for their turn."""
 
 
 @dataclass(frozen=True)
 class StreamReport:
-    """What became of the frames of a stream; each is counted once as accepted, damaged, refused or unanswered.
+    """The results of a stream; each frame is counted once as accepted, damaged, refused or unanswered.
 
     Parameters
     ----------
     rate : float
-        Frames per second, as asked for.
+        Frames per second, as requested.
     sent : int
-        Frames that were given to the line.
+        Frames that were passed to the line.
     accepted : int
         Frames that the device has accepted.
     late : int
-        Of these, how many could not begin in the period that they named, and began later.
+        Of these, how many could not begin in their named period, and began later.
     damaged : int
         Frames that arrived damaged, and so were not played.
     refused : int
         Frames that the device refused, at which the stream ended.
     unanswered : int
-        Frames of which is not known whether they arrived: the line or the device was lost before it could say.
+        Frames that may or may not have arrived: the line or the device was lost before it could answer.
     underruns : int
-        How often source or host came too late, and the rest of the stream was moved.
+        How often source or host was too late, and the rest of the stream was moved.
     moved_periods : int
         By how many carrier periods in all.
     reconnects : int
         How often the device was lost and came back.
     missed_commits : int
-        How often a processor played on the frame before because this one had not reached it, in all.
+        How often a processor repeated a frame because the next one had not reached it, in all.
     faults : Fault
-        All that the device has reported meanwhile.
+        All faults that the device has reported meanwhile.
     first_period, last_period : int
-        When the first and the last accepted frame began, by the device's clock; 0 before.
+        The periods of the first and the last accepted frame, by the device's clock; 0 before.
     least_lead_periods : int or None
         The fewest periods between the arrival of a frame and its beginning, None before the first.
     drift_ppm : float
         How much faster than nominal the device's clock runs by the host's.
     uncertainty : float
-        Of the device's clock as the host knows it, in seconds.
+        Uncertainty of the device's clock, in seconds.
     """
 
     rate: float
@@ -136,7 +139,7 @@ class StreamReport:
 
     @property
     def holds(self) -> bool:
-        """Whether the rate holds: of a hundred frames at most one was late or moved the rest."""
+        """Whether the rate holds: at most one of a hundred frames was late or moved the rest."""
         return self.late + self.underruns <= MOST_LATE_SHARE * self.accepted
 
     def __str__(self) -> str:
@@ -171,11 +174,11 @@ class Stream:
     look_ahead : float
         Seconds before its period at which a frame is sent at the earliest.
     permit : callable
-        Raises a `DeviceError` where the stream is to end.
+        Raises a `DeviceError` if the stream must end.
     begin : callable
         Enables the outputs.
     restore : callable, optional
-        Makes a device that was lost and came back what it was before; without it, the stream ends there.
+        Restores the state of a device that was lost and came back; without it, the stream ends there.
     """
 
     def __init__(
@@ -202,8 +205,9 @@ class Stream:
         self._block_lead = LEAST_LEAD_PERIODS + ceil(1 / blocks_per_period)
         self._most_blocks = max(1, int(min(MOST_BLOCKS, TURN_PERIODS * blocks_per_period)))
         self._asked = max(ceil(look_ahead * CARRIER_HZ), 2 * self._block_lead)
-        self._on_the_way = self._held_up = 0
-        """Periods that an answer takes on a line that carries blocks by itself, and by which frames were late there."""
+        self._on_the_way = self._way = self._held_up = 0
+        """Where a line carries blocks by itself: the periods that an answer takes at the most, those that a block takes
+        as a rule, and those by which frames were late."""
         self._plan()
         self._posted = deque[tuple[int, Parcel]]()
         """Number of the last frame of each parcel, and the parcel."""
@@ -211,7 +215,7 @@ class Stream:
         self._start = 0.0
         self._read_at = 0.0
         self._astray = 0
-        self._accepted_before = -1  # the device was lost last; where nothing was since, coming back does not help
+        self._accepted_before = -1  # the frame at the last loss; without a later one, reconnecting does not help
         self._rate = rate
         self._clock = DeviceClock()
         self._counts = Counter[str]()
@@ -221,23 +225,29 @@ class Stream:
         self._least = NEVER
 
     def _plan(self) -> None:
-        """Say how early frames are sent.
+        """Set how early frames are sent.
 
-        A line that carries blocks by itself needs more look-ahead, by some times what an answer takes: half of it until
-        a block has come, the rest for what delays it. Frames that were late all the same go as much earlier afterwards.
+        A line that carries blocks by itself needs more look-ahead, by some times what an answer takes at the most.
+        Frames that were late all the same go as much earlier afterwards. Whether it is too late for a frame says what a
+        block takes as a rule: by the slowest answer of a busy computer it would be too late for every frame.
         """
         early = self._session.line().posts and self._source.ready
         turn, asked = (POSTED_PERIODS, max(self._asked, POSTED_PERIODS)) if early else (TURN_PERIODS, self._asked)
-        self._least_lead = self._block_lead + self._on_the_way // 2
         self._look_ahead = asked + ROUND_TRIPS * self._on_the_way + self._held_up
         self._horizon = min(self._look_ahead, self._session.info.queue_blocks * self._spacing + turn)
-        together = min(self._horizon / 2, self._most_blocks * self._spacing) if self._source.ready else 0.0
+        part = self._horizon / 2
+        if early:
+            blocks = self._session.line().window(None, self._session.info.queue_records)
+            self._horizon = min(self._horizon, POSTED_SHARE * blocks * self._spacing)
+            part = self._horizon / 3
+        self._least_lead = self._block_lead + min(self._way, int(self._horizon / 3))  # a longer one is never left
+        together = min(part, self._most_blocks * self._spacing) if self._source.ready else 0.0
         enough = min(self._least_lead + self._spacing, self._horizon)
         self._refill = max(self._horizon - together, enough)
 
     @property
     def report(self) -> StreamReport:
-        """As it stands."""
+        """Its present state."""
         return StreamReport(
             self._rate,
             **{name: self._counts[name] for name in COUNTS},
@@ -250,7 +260,7 @@ class Stream:
         )
 
     def run(self, on_progress: Callable[[StreamReport], None] | None = None) -> StreamReport:
-        """Play all frames, and wait until the last has had its time."""
+        """Play all frames, and wait for the end of the last."""
         frames = self._source.take(1)
         pack_updates(*frames, sequence=0)  # what is compiled or read now does not keep an enabled device waiting
         with self._session.lock:
@@ -268,13 +278,13 @@ class Stream:
         return self.report
 
     def _wait_for_the_end(self) -> None:
-        """Let the last frame have its time, and see how it all went."""
+        """Wait for the end of the last frame, and collect the final results."""
         self._finish(self._session.settle)
         self._wait_until(self._due(self._next))
         self._read_clock()
 
     def _come_back_if_lost(self, step: Callable[[], None]) -> None:
-        """Take a step; where the device is lost in it, wait until it is back, and be ready for the next frame."""
+        """Take a step; if the device is lost in it, wait until it is back, and prepare for the next frame."""
         try:
             step()
         except (DeviceLostError, DeviceStalledError, DeviceTimeoutError):
@@ -291,14 +301,14 @@ class Stream:
     # The device's time
 
     def _find_clock(self) -> None:
-        """Learn the device's time anew, and let the next frame begin a look-ahead from now."""
+        """Read the device's time afresh, and let the next frame begin a look-ahead from now."""
         self._clock, self._missed_before = DeviceClock(), None
         for _ in range(FIRST_READINGS):
             self._read_clock()
-        self._begin_at(ceil(self._now()) + self._look_ahead)
+        self._begin_at(ceil(self._now() + self._horizon))
 
     def _read_clock(self) -> None:
-        """Ask for the device's time, and what it says of itself besides."""
+        """Read the device's time, and its status."""
         keeper = self._session.time
         with self._session.lock:
             before = keeper.monotonic()
@@ -307,6 +317,7 @@ class Stream:
         self._clock.add(Reading(before, after, status.now))
         if self._session.line().posts:
             self._on_the_way = ceil(self._clock.longest * CARRIER_HZ)
+            self._way = ceil(self._clock.usual / 2 * CARRIER_HZ)
             self._plan()
         self._read_at = after
         self._astray = self._astray + 1 if abs(self._clock.drift_ppm) > ASTRAY_PPM else 0
@@ -316,12 +327,12 @@ class Stream:
                 "and a stream needs both to agree; `phasewire emulate --pace fast` does not stream, --pace wall does"
             )
         self._faults |= status.faults
-        if self._missed_before is None:  # counts begin anew where a device was without power
+        if self._missed_before is None:  # counts restart if a device was without power
             self._missed_before = status.missed_commits - self._counts["missed_commits"]
         self._counts["missed_commits"] = status.missed_commits - self._missed_before
 
     def _keep_time(self) -> None:
-        """Read the device's clock where the last reading is old: the two clocks drift apart."""
+        """Read the device's clock if the last reading is old: the two clocks drift apart."""
         if self._session.time.monotonic() - self._read_at > READING_SECONDS:
             self._read_clock()
 
@@ -334,7 +345,7 @@ class Stream:
         return floor(self._start + index * self._spacing)
 
     def _begin_at(self, period: int) -> None:
-        """Let the next frame begin in a period."""
+        """Set the period of the next frame."""
         self._start = period - self._next * self._spacing
 
     def _wait_until(self, period: float) -> None:
@@ -350,22 +361,22 @@ class Stream:
     # Frames
 
     def _wait_for_turn(self) -> int:
-        """Wait until the next frame is to be sent; how many may go with it."""
+        """Wait until the next frame is to be sent; returns how many may go with it."""
         self._come_back_if_lost(lambda: self._wait_until(self._due(self._next) - self._refill))
         self._keep_up()
         due = floor((self._now() + self._horizon - self._start) / self._spacing) + 1 - self._next
         return min(max(due, 1), self._most_blocks)
 
     def _keep_up(self) -> None:
-        """Where it is too late for the next frame, move it and all that follow."""
+        """If it is too late for the next frame, move it and all that follow."""
         late_for, now = self._due(self._next), self._now()
         if late_for - now < self._least_lead:
-            self._begin_at(ceil(now) + self._look_ahead)
+            self._begin_at(ceil(now + self._horizon))
             self._counts["underruns"] += 1
             self._counts["moved_periods"] += self._due(self._next) - late_for
 
     def _send(self, frames: PulseFrames) -> None:
-        """Send frames, and count what became of them."""
+        """Send frames, and count the results."""
         count = len(frames.phase)
         with self._session.lock:
             self._permit()
@@ -381,7 +392,7 @@ class Stream:
         self._keep_time()
 
     def _finish(self, sending: Callable[[], None]) -> None:
-        """Send, or wait for what was sent, and count what became of frames; raise for one that was refused."""
+        """Send, or wait for sent frames, and count the results; raises for a refused frame."""
         try:
             sending()
         except BaseException:
@@ -396,7 +407,7 @@ class Stream:
             self._session.check(refused)
 
     def _count_posted(self, parcels: int) -> Ack | None:
-        """Count the frames of the first parcels that were posted; the first of them that was refused for what it is."""
+        """Count the frames of the first posted parcels; returns the first one that was refused for its contents."""
         first = None
         for _ in range(parcels):
             last, parcel = self._posted.popleft()
@@ -408,10 +419,10 @@ class Stream:
         return first
 
     def _follow(self, index: int, ack: np.void) -> None:
-        """Move what follows where the device is behind with the frame of an acknowledgement.
+        """Move what follows if the device is late with the frame of an acknowledgement.
 
-        Frames that are in flight are late by as much. A device that takes a frame no more often than one is due would
-        be behind for ever. What has held it up once may do so again, so frames go earlier from now on.
+        Frames in flight are late by as much. A device that takes frames no faster than they are due would stay late for
+        ever. A delay may come again, so frames go earlier from now on.
         """
         behind = int(ack["commit_period"]) - self._due(index)
         if self._session.line().posts and ack["flags"] & AckFlag.LATE and behind > 0:
@@ -442,7 +453,7 @@ class Stream:
 
 
 def _refused(acks: NDArray[np.void]) -> Ack | None:
-    """The first acknowledgement of a frame that was refused for what it is."""
+    """The first acknowledgement of a frame that was refused for its contents."""
     for row in acks[acks["reason"] != Reason.ACCEPTED]:
         if int(row["reason"]) not in DAMAGED:
             return Ack.of(row)

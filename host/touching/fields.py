@@ -9,10 +9,10 @@ from ...solver import ControlPoints, TransducerArray, TwoSidedSolver
 from ..playing.calibration import Calibration
 from .fading import Fading
 
-__all__ = ["Fields"]
+__all__ = ["PoseSolver"]
 
 
-class Fields:
+class PoseSolver:
     """Solves pose after pose: the two halves of the points, as pulses.
 
     Parameters

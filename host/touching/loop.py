@@ -36,7 +36,7 @@ from ..hands.frames import HandFrame
 from ..hands.sources import HandSource
 from ..playing.device import Device
 from .fading import Fading
-from .fields import Fields
+from .fields import PoseSolver
 from .prediction import Predictor
 from .report import TouchReport
 from .tally import Tally
@@ -68,7 +68,7 @@ WARM_UP_METRES = 0.2
 SHORTEST_STEP_SECONDS = 1e-4
 
 
-class Points(NamedTuple):
+class TouchPoints(NamedTuple):
     """What is touched now: ids (m,), positions (m, 3) and amplitudes (m,)."""
 
     ids: NDArray[np.int64]
@@ -76,7 +76,7 @@ class Points(NamedTuple):
     amplitudes: NDArray[np.float64]
 
 
-NO_POINTS = Points(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
+NO_POINTS = TouchPoints(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
 
 
 class TouchMoment(NamedTuple):
@@ -176,7 +176,7 @@ class TouchLoop:
         self._watchdog_before = device.status().watchdog_ms / 1000
         self._watchdog = max(WATCHDOG_SECONDS, SLOWEST_WATCHDOG_BLOCKS / device.most_updates_per_second)
         self._turns = turns_for(device, frequency, self._watchdog)
-        self._fields = Fields(array, method, frequency, device.calibration)
+        self._fields = PoseSolver(array, method, frequency, device.calibration)
         self._follows = source.live and self._clock is not time  # an emulated device's time does not pass by itself
         self._wall_begin, self._begin = time.monotonic(), self._clock.monotonic()
         self._fading = Fading.nothing()
@@ -327,15 +327,15 @@ class TouchLoop:
         offset = self._begin - self._wall_begin if self._follows else 0.0
         return self._predictor.hands(frame, now - offset + self._takes + LEAD_SECONDS)
 
-    def _reached(self, touch: Touch) -> Points:
+    def _reached(self, touch: Touch) -> TouchPoints:
         """The points of a touch that the array can reach; the others are counted."""
         if touch.points is None:
             return NO_POINTS
-        points = Points(touch.ids, touch.points.positions, touch.points.amplitudes)
+        points = TouchPoints(touch.ids, touch.points.positions, touch.points.amplitudes)
         inside = reachable(self._array, points.positions)
         if not inside.all():
             self._tally.out_of_reach += int((~inside).sum())
-            points = Points(points.ids[inside], points.positions[inside], points.amplitudes[inside])
+            points = TouchPoints(points.ids[inside], points.positions[inside], points.amplitudes[inside])
         self._tally.touched(len(points.ids))
         return points
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from .blocks import describe_block
 from .chain import describe_message
-from .description import Description, Finding
+from .description import Description, Violation
 from .firmware import describe_image
 from .replies import describe_record
 from .serial import describe_frame, describe_text
@@ -16,7 +16,7 @@ from .usb import describe_request
 
 __all__ = [
     "Description",
-    "Finding",
+    "Violation",
     "describe_block",
     "describe_frame",
     "describe_image",

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from ...errors import BlockError
 from ..blocks import (
+    AmplitudeModulation,
     Body,
     Clock,
     Entries,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
     header_fields,
     unpack,
 )
 from ..codes import BLOCK_MAGIC, HEADER_BYTES, NOW, Kind, Reason
-from .description import Description, Finding, few, name_of, plainly, sound
+from .description import Description, Violation, few, name_of, plainly, sound
 
 __all__ = ["describe_block"]
 
@@ -31,7 +31,7 @@ def describe_block(data: bytes) -> Description:
         body, sequence, restart = unpack(data)
     except BlockError as error:
         reason = Reason(error.reason)
-        return _refused_block(data, Finding(reason.name, reason.clause, str(error)))
+        return _refused_block(data, Violation(reason.name, reason.clause, str(error)))
     name = body.KIND.name
     return Description(
         "block",
@@ -41,7 +41,7 @@ def describe_block(data: bytes) -> Description:
     )
 
 
-def _refused_block(data: bytes, finding: Finding) -> Description:
+def _refused_block(data: bytes, finding: Violation) -> Description:
     """What can be read all the same of a block that is refused: its header, if it is one."""
     if not data.startswith(BLOCK_MAGIC) or len(data) < HEADER_BYTES:
         return Description("block", few(data), {}, (finding,))
@@ -61,13 +61,13 @@ def _said(body: Body) -> str:
             return f"{sound(body.pulses)} into slot {body.number}"
         case Entries():
             return f"store entries {_range(body.first, len(body.entries))}"
-        case Sequence():
+        case PlaySequence():
             times = f"{body.repeats} times" if body.repeats else "until something else follows"
             alone = ", also without the host" if body.unattended else ""
             return f"play entries {_range(body.first, body.count)} {_when(body.period)}, {times}{alone}"
         case Samples():
             return f"store samples {_range(body.first, len(body.samples))}"
-        case Modulation():
+        case AmplitudeModulation():
             held = f"{body.hold} periods each"
             return f"modulate with samples {_range(body.first, body.count)} {_when(body.period)}, {held}"
         case Output():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...errors import ChainError
 from .. import chain
-from .description import Description, Finding, few, plainly
+from .description import Description, Violation, few, plainly
 
 __all__ = ["describe_message"]
 
@@ -14,7 +14,7 @@ def describe_message(tokens: bytes) -> Description:
     try:
         message = chain.decode(tokens)
     except ChainError as error:
-        return Description("message", few(tokens), {}, (Finding("", error.clause, str(error)),))
+        return Description("message", few(tokens), {}, (Violation("", error.clause, str(error)),))
     name, fields = message.CHANNEL_END.name, plainly(message)
     told = [
         f"{field} {few(value) if isinstance(value, bytes) else fields[field]}" for field, value in vars(message).items()

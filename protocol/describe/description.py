@@ -15,10 +15,10 @@ from ...errors import ReplyError
 from ..plain import plain
 from ..pulses import Pulses
 
-__all__ = ["Description", "Finding", "few", "name_of", "plainly", "shortly", "sound"]
+__all__ = ["Description", "Violation", "few", "name_of", "plainly", "shortly", "sound"]
 
 
-class Finding(NamedTuple):
+class Violation(NamedTuple):
     """Something that breaks the specification.
 
     Parameters
@@ -48,7 +48,7 @@ class Description:
         What it says, in a line.
     fields : mapping
         What can be read of it: names to numbers, texts, and lists and mappings of these.
-    findings : tuple of Finding
+    findings : tuple of Violation
         What is wrong with it; empty if it is valid.
     pulses : Pulses or None
         The pulses that it carries.
@@ -57,7 +57,7 @@ class Description:
     kind: str
     summary: str
     fields: Mapping[str, Any] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Violation, ...] = ()
     pulses: Pulses | None = None
 
     @property

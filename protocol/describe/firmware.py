@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...errors import ImageError
 from ..codes import ImageReason
 from ..firmware import parse
-from .description import Description, Finding, few
+from .description import Description, Violation, few
 
 __all__ = ["describe_image"]
 
@@ -16,7 +16,7 @@ def describe_image(file: bytes) -> Description:
         image = parse(file)
     except ImageError as error:
         reason = ImageReason(error.reason)
-        finding = Finding(reason.name, reason.clause, str(error))
+        finding = Violation(reason.name, reason.clause, str(error))
         return Description("firmware image", few(file), {}, (finding,))
     segments = [{"target": target.name, "bytes": len(data)} for target, data in image.segments]
     signed = "not signed" if image.signature is None else f"signed with key {image.signature.key_id.hex()}"

@@ -11,7 +11,7 @@ from ..codes import STATUS_MAGIC, Reason
 from ..replies import Ack, ClockReading, Info, ReadBack, Status
 from ..versions import Version
 from ..wiring import Wiring
-from .description import Description, Finding, few, plainly, shortly, sound
+from .description import Description, Violation, few, plainly, shortly, sound
 
 __all__ = ["describe_record", "in_words"]
 
@@ -29,10 +29,10 @@ def _record(kind: str, data: bytes, decode: Callable[[bytes], Ack | Status], cla
     try:
         record = decode(data)
     except ReplyError as error:
-        finding = Finding("", clause, shortly(error))
+        finding = Violation("", clause, shortly(error))
         body, end = data[:-_CHECKSUM_BYTES], data[-_CHECKSUM_BYTES:]
         if len(data) in (Ack.BYTES, Status.BYTES) and end != (computed := zlib.crc32(body).to_bytes(4, "little")):
-            finding = Finding("CHECKSUM", clause, f"CRC-32 {end[::-1].hex()} should be {computed[::-1].hex()}")
+            finding = Violation("CHECKSUM", clause, f"CRC-32 {end[::-1].hex()} should be {computed[::-1].hex()}")
         return Description(kind, few(data), {}, (finding,))
     return Description(kind, in_words(record), plainly(record))
 

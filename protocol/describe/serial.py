@@ -8,7 +8,7 @@ from ...errors import FrameError
 from .. import framing
 from ..codes import FrameKind
 from .blocks import describe_block
-from .description import Description, Finding, few, plainly
+from .description import Description, Violation, few, plainly
 from .replies import describe_record
 from .usb import describe_request
 
@@ -20,7 +20,7 @@ def describe_frame(data: bytes) -> Description:
     try:
         frame = framing.decode(data + framing.DELIMITER)
     except FrameError as error:
-        return Description("frame", few(data), {}, (Finding("", "SER-006", str(error)),))
+        return Description("frame", few(data), {}, (Violation("", "SER-006", str(error)),))
     match frame.kind:
         case FrameKind.BLOCK:
             return describe_block(frame.body)

@@ -17,12 +17,12 @@ from ..codes import (
     Request,
     StandardRequest,
 )
-from ..descriptors import Descriptor, Device, Languages, String, descriptors, ms_os_descriptors
+from ..descriptors import Descriptor, DeviceDescriptor, Languages, String, descriptors, ms_os_descriptors
 from ..dfu import DfuReply
 from ..enumeration import CONSOLE_INTERFACE, MS_OS_INDEX, MS_OS_VENDOR_CODE
 from ..replies import ANSWER_BYTES, ClockReading, Info, ReadBack, Status, decode_reports, decode_wiring
 from ..requests import DIRECTION_IN, VALUES, ConsoleRequest, Setup
-from .description import Description, Finding, few, name_of, plainly, shortly
+from .description import Description, Violation, few, name_of, plainly, shortly
 from .replies import in_words
 
 __all__ = ["describe_request"]
@@ -56,7 +56,7 @@ def describe_request(setup: bytes, data: bytes | None = None, *, stalled: bool =
     try:
         fields = Setup.decode(setup)
     except ValueError as error:
-        return Description("request", few(setup), {}, (Finding("", "USB-004", str(error)),))
+        return Description("request", few(setup), {}, (Violation("", "USB-004", str(error)),))
     description = _describer(fields)(fields, None if stalled else data)
     summary = description.summary + (", answered with STALL" if stalled else "")
     told = asdict(fields) | {"stalled": stalled} | dict(description.fields)
@@ -64,7 +64,7 @@ def describe_request(setup: bytes, data: bytes | None = None, *, stalled: bool =
 
 
 def _describer(setup: Setup) -> Callable[[Setup, bytes | None], Description]:
-    """Who knows a request, by its type and recipient."""
+    """The handler of a request, by its type and recipient."""
     if setup.request_type in (REQUEST_TYPE_IN, REQUEST_TYPE_OUT):
         return _describe_vendor
     if (setup.request_type, setup.request, setup.index) == (_VENDOR_DEVICE_IN, MS_OS_VENDOR_CODE, MS_OS_INDEX):
@@ -100,7 +100,7 @@ def _describe_dfu(setup: Setup, data: bytes | None) -> Description:
             try:
                 reply = DfuReply.decode(data)
             except ReplyError as error:
-                finding = Finding("", "DFU-007", shortly(error))
+                finding = Violation("", "DFU-007", shortly(error))
                 return Description("request", f"{request.name}: {few(data)}", fields, (finding,))
             wait = f", wait {reply.poll_ms} ms" if reply.poll_ms else ""
             told = f"{request.name}: {reply.state.name}, {reply.status.name}{wait}"
@@ -144,9 +144,9 @@ def _describe_descriptors(
         found = read(data)
     except ReplyError as error:
         # A host asks for a beginning first, to learn how long the whole is.
-        findings = () if len(data) == setup.length else (Finding("", clause, shortly(error)),)
+        findings = () if len(data) == setup.length else (Violation("", clause, shortly(error)),)
         return Description("request", f"{asked}: {few(data)}", {"name": name}, findings)
-    told = [{"descriptor": type(each).__name__} | plainly(each) for each in found]
+    told = [{"descriptor": each.label()} | plainly(each) for each in found]
     return Description("request", f"{asked}: {_listed(found)}", {"name": name, "descriptors": told})
 
 
@@ -155,11 +155,11 @@ def _listed(found: tuple[Descriptor, ...]) -> str:
     match found:
         case (String() as string,):
             return repr(string.bString)
-        case (Device() as device,):
+        case (DeviceDescriptor() as device,):
             return f"{device.idVendor:04x}:{device.idProduct:04x}, release {device.bcdDevice:04x}"
         case (Languages() as languages,):
             return ", ".join(f"{language:04x}" for language in languages.wLANGID)
-    return ", ".join(type(each).__name__ for each in found)
+    return ", ".join(each.label() for each in found)
 
 
 def _describe_vendor(setup: Setup, data: bytes | None) -> Description:
@@ -167,7 +167,7 @@ def _describe_vendor(setup: Setup, data: bytes | None) -> Description:
     name = name_of(Request, setup.request)
     if setup.request not in set(Request):
         return Description(
-            "request", name, {"name": name}, (Finding("", "REQ-001", f"unknown request {setup.request}"),)
+            "request", name, {"name": name}, (Violation("", "REQ-001", f"unknown request {setup.request}"),)
         )
     request = Request(setup.request)
     summary = f"{name} {setup.value}" if request in VALUES else name
@@ -181,24 +181,24 @@ def _describe_vendor(setup: Setup, data: bytes | None) -> Description:
     try:
         answer = decode(data)
     except ReplyError as error:
-        return Description("request", f"{name}: {few(data)}", {"name": name}, (Finding("", clause, shortly(error)),))
+        return Description("request", f"{name}: {few(data)}", {"name": name}, (Violation("", clause, shortly(error)),))
     told = {"name": name, "answer": plainly(answer)}
     return Description("request", f"{name}: {in_words(answer)}", told, pulses=getattr(answer, "pulses", None))
 
 
-def _wrong_setup(request: Request, setup: Setup) -> Iterator[Finding]:
+def _wrong_setup(request: Request, setup: Setup) -> Iterator[Violation]:
     """What is wrong with the setup stage of a request of this protocol."""
     values = VALUES.get(request, range(1))
     if setup.is_in != (request in ANSWER_BYTES):
         right = REQUEST_TYPE_OUT if setup.is_in else REQUEST_TYPE_IN
-        yield Finding(
+        yield Violation(
             "", "REQ-001", f"type {setup.request_type:02x} should be {right:02x}: {request.name} goes that way"
         )
     if setup.index:
-        yield Finding("", "REQ-001", f"index {setup.index} should be 0")
+        yield Violation("", "REQ-001", f"index {setup.index} should be 0")
     if setup.value not in values:
         right_values = f"{values[0]} to {values[-1]}" if len(values) > 1 else f"{values[0]}"
         clause = _VALUE_CLAUSES.get(request, "REQ-001")
-        yield Finding("", clause, f"value {setup.value} should be {right_values}")
+        yield Violation("", clause, f"value {setup.value} should be {right_values}")
     if not setup.is_in and setup.length:
-        yield Finding("", "REQ-001", f"{setup.length} bytes are announced; {request.name} carries none")
+        yield Violation("", "REQ-001", f"{setup.length} bytes are announced; {request.name} carries none")

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from ..blocks import (
+    AmplitudeModulation,
     Block,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
     checksum,
@@ -24,7 +24,7 @@ from ..blocks import (
     pack_pulses,
 )
 from ..board import CHANNELS
-from ..codes import CHECKSUM_OFFSET, Action, Reason
+from ..codes import BLOCK_BYTES, CHECKSUM_OFFSET, MODULATION_SAMPLES, SAMPLES_PER_BLOCK, Action, Reason
 from ..numbering import follows, missing
 from ..pulses import MODULATED_WIDTH, POWER, Pulses
 from .cases import Section, section, vector
@@ -107,28 +107,34 @@ BLOCKS: dict[str, tuple[str, Block]] = {
         "120 steps, as many as a block holds, up to the end of the table",
         Block(Entries(tuple(Entry(n, 1 + n) for n in range(120)), 904), 5),
     ),
-    "sequence-two": ("the two steps above, from period 1000 on, three times", Block(Sequence(0, 2, 1000, 3), 6)),
-    "sequence-all": ("the whole table, as soon as possible, without end", Block(Sequence(0, 1024), 7)),
+    "sequence-two": ("the two steps above, from period 1000 on, three times", Block(PlaySequence(0, 2, 1000, 3), 6)),
+    "sequence-all": ("the whole table, as soon as possible, without end", Block(PlaySequence(0, 1024), 7)),
     "sequence-last": (
         "the last step, in the last period, as often as can be said",
-        Block(Sequence(1023, 1, LAST_PERIOD, 65535), 8),
+        Block(PlaySequence(1023, 1, LAST_PERIOD, 65535), 8),
     ),
-    "sequence-unattended": ("may go on without its host", Block(Sequence(0, 2, 1000, unattended=True), 9)),
+    "sequence-unattended": ("may go on without its host", Block(PlaySequence(0, 2, 1000, unattended=True), 9)),
     "sequence-both-flags": (
         "both flags at once",
-        Block(Sequence(0, 2, 0, 1, unattended=True), 10, restart=True),
+        Block(PlaySequence(0, 2, 0, 1, unattended=True), 10, restart=True),
     ),
     "samples-three": ("three amplitudes", Block(Samples(bytes([0, 128, 255]), 0x0304), 11)),
     "samples-last": ("one amplitude in the last place; it may be 0", Block(Samples(bytes(1), 4095), 12)),
     "samples-full": (
         "480 amplitudes, as many as a block holds, up to the end of the buffer",
-        Block(Samples(bytes(n % 256 for n in range(480)), 3616), 13),
+        Block(Samples(bytes(n % 256 for n in range(SAMPLES_PER_BLOCK)), MODULATION_SAMPLES - SAMPLES_PER_BLOCK), 13),
     ),
-    "modulation-three": ("the three amplitudes above, for 40 periods each", Block(Modulation(0x0304, 3, 40, 1000), 14)),
-    "modulation-all": ("the whole buffer, one period each, as soon as possible", Block(Modulation(0, 4096, 1), 15)),
+    "modulation-three": (
+        "the three amplitudes above, for 40 periods each",
+        Block(AmplitudeModulation(0x0304, 3, 40, 1000), 14),
+    ),
+    "modulation-all": (
+        "the whole buffer, one period each, as soon as possible",
+        Block(AmplitudeModulation(0, 4096, 1), 15),
+    ),
     "modulation-last": (
         "the last amplitude, in the last period, held as long as can be said",
-        Block(Modulation(4095, 1, 65535, LAST_PERIOD), 16),
+        Block(AmplitudeModulation(4095, 1, 65535, LAST_PERIOD), 16),
     ),
     "output-end-modulation": ("the modulation ends", Block(Output(Action.END_MODULATION, 1000), 17)),
     "output-silence": ("what plays ends, as soon as possible", Block(Output(Action.SILENCE), 18)),
@@ -209,7 +215,7 @@ def _refusals() -> Iterator[tuple[str, str, Reason, str, bytes]]:
             "another magic under a wrong checksum: the checksum is judged first",
             _flipped("clock", MAGIC),
         ),
-        ("zeros", "512 zeros", bytes(512)),
+        ("zeros", "512 zeros", bytes(BLOCK_BYTES)),
     ):
         yield f"checksum-{name}", shows, Reason.CHECKSUM, "BLK-003", data
 
@@ -261,7 +267,7 @@ def _refusals() -> Iterator[tuple[str, str, Reason, str, bytes]]:
         ("sequence-1025", "more than the table has", "BLK-011", "sequence-two", _u16(COUNT, 1025)),
         ("sequence-beyond", "1024 entries from place 1 on", "BLK-011", "sequence-all", _u16(FIRST, 1)),
         ("samples-none", "no samples at all", "BLK-011", "samples-last", _u16(COUNT, 0)),
-        ("samples-481", "more than a block holds", "BLK-011", "samples-three", _u16(COUNT, 481)),
+        ("samples-481", "more than a block holds", "BLK-011", "samples-three", _u16(COUNT, SAMPLES_PER_BLOCK + 1)),
         ("samples-beyond", "two samples from place 4095 on", "BLK-016", "samples-last", _u16(COUNT, 2)),
         ("samples-behind", "a byte after the three samples", "BLK-011", "samples-three", (PAYLOAD + 3, b"\x01")),
         ("modulation-none", "no samples to play", "BLK-011", "modulation-three", _u16(COUNT, 0)),

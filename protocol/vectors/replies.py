@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import replace
 
+from ..board import CHANNELS, PROCESSORS, TICKS_PER_PERIOD
 from ..codes import AckFlag, Bank, Fault, Feature, Reason, State, StatusFlag
 from ..plain import plain
 from ..replies import (
@@ -57,7 +58,7 @@ STATUS = Status(
     free=8,
     temperature_c=31,
     watchdog_ms=100,
-    drive_limit=320,
+    drive_limit=CHANNELS,
     dropped_frames=0,
 )
 INFO = Info(
@@ -69,12 +70,12 @@ INFO = Info(
     unique_id=bytes.fromhex("efcdab8967452301"),
     carrier_hz=40_000,
     features=Feature(0b111_1111),
-    channels=320,
+    channels=CHANNELS,
     columns=20,
     rows=16,
     pitch_um=10_300,
     processors_per_board=2,
-    ticks_per_period=50,
+    ticks_per_period=TICKS_PER_PERIOD,
     max_width_ticks=25,
     link_wires=5,
     cycles_per_symbol=2,
@@ -84,14 +85,14 @@ INFO = Info(
     slots=256,
     sequence_entries=1024,
     modulation_samples=4096,
-    drive_limit=320,
+    drive_limit=CHANNELS,
     watchdog_ms=100,
 )
 REPORT = ProcessorReport(Fault(0), 31, Bank.A, 0, 0, (1, 2, 3))
 WORST = ProcessorReport(Fault(0b111_1111), -128, Bank.FACTORY, U32_MAX, U32_MAX, (99, 9, 9))
 MISSING = ProcessorReport(Fault.PROCESSOR, 0, None, 0, 0, (0, 0, 0))
 REPORTS: dict[str, tuple[str, list[ProcessorReport]]] = {
-    "processors": ("all well", [REPORT] * 10),
+    "processors": ("all well", [REPORT] * PROCESSORS),
     "processors-last": (
         "all is wrong with the last one, which runs the factory's firmware",
         [REPORT] * 9 + [WORST],
@@ -254,7 +255,7 @@ def answers() -> Section:
         "pulses-silent": ("nothing has played yet", ReadBack(0, 400, SILENT)),
         "pulses-mixed": ("pulses of every kind", ReadBack(1000, 2**40, MIXED)),
     }
-    reversed_order = Wiring(list(range(319, -1, -1)))
+    reversed_order = Wiring(list(range(CHANNELS))[::-1])
     wirings = {
         "wiring-strips": ("each board under a strip of four columns, to and fro", Wiring.strips()),
         "wiring-reversed": ("transducer 0 hangs on the last channel", reversed_order),
@@ -294,7 +295,7 @@ def refused_answers() -> Section:
     info, clock = INFO.encode(), ClockReading(20_000, 0, 1).encode()
     pulses, reports, wiring = (
         ReadBack(0, 400, SILENT).encode(),
-        encode_reports([REPORT] * 10),
+        encode_reports([REPORT] * PROCESSORS),
         encode_wiring(Wiring.strips()),
     )
     refusals = {

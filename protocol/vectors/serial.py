@@ -10,7 +10,7 @@ from cobs import cobs
 
 from ...errors import CommandError, FrameError
 from ..blocks import pack
-from ..codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, ConsoleCode, FrameKind, Outcome, Request
+from ..codes import REQUEST_TYPE_IN, REQUEST_TYPE_OUT, SERIAL_DATA_BYTES, ConsoleCode, FrameKind, Outcome, Request
 from ..console import (
     MAX_LINE_CHARACTERS,
     PROMPT,
@@ -26,10 +26,10 @@ from ..framing import (
     CONSOLE_FRAME,
     DELIMITER,
     MAX_FRAME_BYTES,
-    Frame,
-    Line,
     LineEvent,
-    Mode,
+    LineMode,
+    LineReader,
+    SerialFrame,
     SerialReply,
     SerialRequest,
     encode,
@@ -45,20 +45,24 @@ __all__ = ["commands", "exchanges", "frames", "refused_frames", "streams", "typi
 ONES = b"\x11"
 
 
-def _block(name: str) -> Frame:
-    return Frame(FrameKind.BLOCK, pack(BLOCKS[name][1]))
+def _block(name: str) -> SerialFrame:
+    return SerialFrame(FrameKind.BLOCK, pack(BLOCKS[name][1]))
 
 
-def _request(tag: int, request_type: int, request: int, value: int = 0, index: int = 0, data: bytes = b"") -> Frame:
+def _request(
+    tag: int, request_type: int, request: int, value: int = 0, index: int = 0, data: bytes = b""
+) -> SerialFrame:
     length = 64 if request_type & 0x80 else len(data)
-    return Frame(FrameKind.REQUEST, SerialRequest(tag, request_type, request, value, index, length, data).encode())
+    return SerialFrame(
+        FrameKind.REQUEST, SerialRequest(tag, request_type, request, value, index, length, data).encode()
+    )
 
 
-def _reply(tag: int, outcome: Outcome, data: bytes = b"") -> Frame:
-    return Frame(FrameKind.REPLY, SerialReply(tag, outcome, data).encode())
+def _reply(tag: int, outcome: Outcome, data: bytes = b"") -> SerialFrame:
+    return SerialFrame(FrameKind.REPLY, SerialReply(tag, outcome, data).encode())
 
 
-FRAMES: dict[str, tuple[str, Frame]] = {
+FRAMES: dict[str, tuple[str, SerialFrame]] = {
     "console": ("no body: what follows is text", CONSOLE_FRAME),
     "status-request": ("the first example of SER-016", _request(0x2A, REQUEST_TYPE_IN, Request.STATUS)),
     "stall-reply": ("the second example of SER-016", _reply(0x2A, Outcome.STALL)),
@@ -71,10 +75,10 @@ FRAMES: dict[str, tuple[str, Frame]] = {
     ),
     "largest-request": (
         "a request with as much data as can be: no request of this version has any",
-        _request(3, REQUEST_TYPE_OUT, 0x7F, 0x0101, 0x0101, data=ONES * 640),
+        _request(3, REQUEST_TYPE_OUT, 0x7F, 0x0101, 0x0101, data=ONES * SERIAL_DATA_BYTES),
     ),
-    "ack": ("an acknowledgement", Frame(FrameKind.RECORD, ACK.encode())),
-    "status": ("a status record", Frame(FrameKind.RECORD, STATUS.encode())),
+    "ack": ("an acknowledgement", SerialFrame(FrameKind.RECORD, ACK.encode())),
+    "status": ("a status record", SerialFrame(FrameKind.RECORD, STATUS.encode())),
     "block-zeros": ("a block of little but zeros", _block("no-op")),
     "block-pulses": ("a block without many zeros", _block("update-mixed")),
     "group-253": ("253 bytes without a zero after the outcome's: FE", _reply(5, Outcome.DONE, ONES * 249)),
@@ -116,7 +120,7 @@ def frames() -> Section:
     )
 
 
-def _fields(frame: Frame) -> dict[str, Any]:
+def _fields(frame: SerialFrame) -> dict[str, Any]:
     if frame.kind is FrameKind.REQUEST:
         return {"fields": SerialRequest.decode(frame.body)}
     if frame.kind is FrameKind.REPLY:
@@ -177,9 +181,9 @@ def refused_frames() -> Section:
 
 def _event(event: LineEvent) -> dict[str, Any]:
     match event:
-        case Mode():
+        case LineMode():
             return {"mode": event.name}
-        case Frame():
+        case SerialFrame():
             return {"frame": event.kind, "body": event.body}
         case FrameError():
             return {"dropped": 1}
@@ -207,7 +211,7 @@ def streams() -> Section:
         "Bytes on a new line, and what they are (SER-010): text, the modes that begin, frames by type, and frames that "
         "were dropped. Text that stands together may be read in pieces.",
         (
-            vector(f"stream-{name}", shows, hex=data, events=[_event(event) for event in Line().feed(data)])
+            vector(f"stream-{name}", shows, hex=data, events=[_event(event) for event in LineReader().feed(data)])
             for name, (shows, data) in cases.items()
         ),
     )

@@ -1,1 +1,1 @@
-"""The air, transducers, arrays and the pressure that they make at a point, with its tables for the kernels."""
+"""The air, transducers, arrays, the pressure that they make at a point, and tables of it for the kernels."""

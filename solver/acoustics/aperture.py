@@ -1,4 +1,4 @@
-"""Apertures: what of a transducer's face moves, as an image."""
+"""Apertures: the moving part of a transducer's face, as an image."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["IMAGE_FILES", "Aperture"]
 
 MAX_SIDE = 2048  # pixels
 LARGEST = 1.0  # metres; side of an aperture
-FAINTEST = 1e-6  # of the aperture's amplitudes may be left on the axis
+FAINTEST = 1e-6  # of the aperture's amplitudes: the least sum on the axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +29,12 @@ class Aperture:
     Parameters
     ----------
     image : (rows, columns) float or complex
-        Amplitude of the face in each pixel, of magnitude at most 1: 0 is closed, 1 is open, a pixel on an edge is what
-        part of it is open, and a complex number also has a phase. Its middle is the transducer's; x grows with the
-        column and y with the row.
+        Amplitude of the face in each pixel, of magnitude at most 1: 0 is closed, 1 is open. A pixel on an edge has the
+        open part of its area; a complex number also has a phase. The image's middle is the transducer's; x grows with
+        the column and y with the row.
     pixel : float
-        Side of a pixel, in metres. The wave is sampled once per pixel: those of 0.2 mm are an error of 2e-4 of the
-        strength at 40 kHz, those of 0.1 mm of 5e-5.
+        Side of a pixel, in metres. The wave is sampled once per pixel: at 40 kHz, pixels of 0.2 mm make an error of
+        2e-4 of the strength, pixels of 0.1 mm one of 5e-5.
 
     Attributes
     ----------
@@ -44,8 +44,8 @@ class Aperture:
     Raises
     ------
     ValueError
-        Where the image is empty, too large, not finite or beyond 1, the pixel is out of range, or nothing would be
-        emitted along the axis, which is the direction in which the strength of a transducer is stated.
+        If the image is empty, too large, not finite or beyond 1, the pixel is out of range, or nothing would be
+        emitted along the axis, the direction for which the strength of a transducer is stated.
     """
 
     image: NDArray[np.complex128]
@@ -131,7 +131,7 @@ class Aperture:
         Parameters
         ----------
         path : Path
-            A .png file, of which white is open and black or transparent is closed, or an .npy file of numbers as in
+            A .png file, in which white is open and black or transparent is closed, or an .npy file of numbers as in
             `image`.
         width : float
             Of the picture, in metres.
@@ -139,9 +139,9 @@ class Aperture:
         Raises
         ------
         InputFileError
-            Where the file is of another kind, or its contents make no aperture.
+            If the file is of another kind, or its contents make no aperture.
         OSError
-            Where it cannot be opened.
+            If it cannot be opened.
         """
         if path.suffix.lower() not in IMAGE_FILES:
             raise InputFileError(f"{path}: apertures are read from {' or '.join(IMAGE_FILES)} files")

@@ -1,4 +1,4 @@
-"""The array: where the transducers are and where they look."""
+"""The array: the places and directions of the transducers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TransducerArray:
     positions : (n, 3) float
         Centres of the pistons, in metres.
     normals : (n, 3) float
-        Unit vectors in which they look.
+        Unit vectors in the directions in which they look.
     transducer : Transducer, optional
         What each of them is; the MA40S4S by default.
     response : (n,) complex, optional
@@ -41,7 +41,7 @@ class TransducerArray:
     Raises
     ------
     ValueError
-        Where shapes differ, a number is not finite or out of range, or a normal is not of unit length.
+        If shapes differ, a number is not finite or out of range, or a normal is not of unit length.
     """
 
     positions: NDArray[np.float64]
@@ -156,7 +156,7 @@ class TransducerArray:
         Raises
         ------
         ValueError
-            Where there is no panel, or transducers differ.
+            If there is no panel, or transducers differ.
         """
         if not panels or any(panel.transducer != panels[0].transducer for panel in panels):
             raise ValueError("panels are joined from at least one array, all of the same transducer")

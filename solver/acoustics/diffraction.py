@@ -69,10 +69,10 @@ KERNELS = {
 ``rayleigh-1``
     RS-I, a face of given pressure in a soft baffle: z·(1/R − ik)·e^{ikR}/R², divided by −ik.
 ``as-printed``
-    The paper's (2) to the letter but for its 1/(iλ), z·e^{ikR}/(R²)^{3/4}: the exponent of two dimensions, for which
+    The paper's (2) to the letter, without its 1/(iλ): z·e^{ikR}/(R²)^{3/4}: the exponent of two dimensions, for which
     the field falls as r^{-1/2} and not, as in its section 7 and in air, as 1/r. It has no length that
-    would make a strength in Pa·m of its amplitude; it is scaled to agree with the others at 0.30 m. Here to follow the
-    paper, not to predict anything.
+    would make a strength in Pa·m of its amplitude; it is scaled to agree with the others at 0.30 m. It is here to
+    follow the paper, not to predict anything.
 """
 
 
@@ -92,8 +92,8 @@ def image_rings(aperture: Aperture, wavenumber: float) -> tuple[NDArray[np.float
 
     The azimuth is averaged because nobody knows how an element was turned when it was soldered. What a wave makes of a
     ring is a smooth function of ρ², so the image enters by its Legendre moments in ρ² alone, and those give the weights
-    with which the function's values at the Gauss nodes yield the same sum. Each pixel is a point in its middle: the
-    weight of its area has blurred it once already.
+    with which the function's values at the Gauss nodes yield the same sum. Each pixel is a point in its middle: its
+    weight, the open part of its area, has blurred it once already.
     """
     reach, (rows, columns) = aperture.reach, aperture.axes()
     count = _rings(reach, wavenumber)
@@ -153,9 +153,9 @@ def integrate(
     for first in range(0, len(result), at_a_time):
         part = slice(first, first + at_a_time)
         inverse = inverse_distance[part, None]
-        behind = inverse * square - 2 * np.sqrt(sine_squared[part, None]) * across  # (R² − r²)/r
-        ratio = np.sqrt(np.maximum(0.0, 1 + inverse * behind))  # R/r
-        wave = np.exp(1j * wavenumber * behind / (ratio + 1)) * ratio ** (kernel.growth - 1 - kernel.cosine)
+        excess = inverse * square - 2 * np.sqrt(sine_squared[part, None]) * across  # (R² − r²)/r
+        ratio = np.sqrt(np.maximum(0.0, 1 + inverse * excess))  # R/r
+        wave = np.exp(1j * wavenumber * excess / (ratio + 1)) * ratio ** (kernel.growth - 1 - kernel.cosine)
         if kernel.near:
             wave *= 1 + 1j * inverse / (wavenumber * ratio)
         result[part] = wave @ weights

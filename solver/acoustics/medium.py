@@ -8,7 +8,7 @@ from dataclasses import dataclass
 __all__ = ["Medium"]
 
 MAX_FREQUENCY = 1e9  # Hz; air carries no sound of that pitch
-MAX_TEMPERATURE = 1000.0  # °C, beyond which air is no longer air
+MAX_TEMPERATURE = 1000.0  # °C, above which the formulas have no meaning
 STANDARD_PRESSURE = 101_325.0  # Pa
 DECIBELS_PER_NEPER = 20 / math.log(10)
 REFERENCE_KELVIN = 293.15
@@ -35,14 +35,15 @@ class Medium:
     Raises
     ------
     ValueError
-        Below absolute zero, where frequency or pressure is not positive or absurd, or where the humidity is not between
-        0 and 100 %.
+        If the temperature is below absolute zero, the frequency or pressure is not positive or absurd, or the humidity
+        is not between 0 and 100 %.
 
     Notes
     -----
-    Only nonsense is refused. The formulas of absorption claim ±10 % from −20 to 50 °C, for 0.05 to 5 % of water vapour
-    by volume, below 200 kPa, and from 0.0004 to 10 Hz per Pa of ambient pressure (ISO 9613-1, clause 7): 40 kHz at one
-    atmosphere, 0.4 Hz/Pa, lies within. That the speed of sound depends on humidity, by up to 0.4 %, is left out.
+    Only impossible values are refused. The formulas of absorption claim ±10 % from −20 to 50 °C, for 0.05 to 5 % of
+    water vapour by volume, below 200 kPa, and from 0.0004 to 10 Hz per Pa of ambient pressure (ISO 9613-1, clause 7):
+    40 kHz at one atmosphere, 0.4 Hz/Pa, lies within. That the speed of sound depends on humidity, by up to 0.4 %, is
+    left out.
     """
 
     temperature: float = 20.0

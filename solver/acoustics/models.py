@@ -1,4 +1,4 @@
-"""Models of one transducer: its wave as a residual, what remains of it after e^{ikr}/r and its strength.
+"""Models of one transducer: its wave as a residual, the factor that remains beside e^{ikr}/r and the strength.
 
 Time factor e^{-iωt}, outgoing wave e^{+ikr}/r, pressure as peak complex amplitude in Pa.
 """
@@ -44,7 +44,7 @@ def residual(
     Raises
     ------
     ValueError
-        Where a sine is not between 0 and 1, or a distance is not positive.
+        If a sine is not between 0 and 1, or a distance is not positive.
     """
     sine, distance = np.broadcast_arrays(np.asarray(sine, np.float64), np.asarray(distance, np.float64))
     if (bad := np.flatnonzero(~((sine >= 0) & (sine <= 1)))).size:

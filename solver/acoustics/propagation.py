@@ -18,7 +18,7 @@ from .models import residual
 from .residual_table import ResidualTable
 
 if TYPE_CHECKING:
-    from .tables import Tables
+    from .tables import ArrayTables
 
 __all__ = ["Precision", "arrivals", "pressure", "transfer_matrix"]
 
@@ -35,7 +35,7 @@ def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None
     array : TransducerArray
         n transducers.
     at : (m, 3) float
-        Points, in metres, at least one piston radius from every transducer's centre, or two radii where the model is a
+        Points, in metres, at least one piston radius from every transducer's centre, or two radii if the model is a
         Rayleigh integral.
     medium : Medium, optional
         The air; 20 °C by default.
@@ -48,7 +48,7 @@ def transfer_matrix(array: TransducerArray, at: ArrayLike, medium: Medium | None
     Raises
     ------
     ValueError
-        Where a point is not finite, or too close for the transducer's model.
+        If a point is not finite, or too close for the transducer's model.
 
     Notes
     -----
@@ -99,8 +99,8 @@ def pressure(
         The air; 20 °C by default.
     precision : {"double", "single"}
         complex128 in NumPy, or a compiled float32 kernel: within 2e-4 of the largest pressure, a hundred times as fast,
-        and the choice for fields. More than 500 wavelengths away, or where nearly all is absorbed on the way, it is
-        computed in double precision all the same.
+        and the choice for fields. For points more than 500 wavelengths away, or if nearly all is absorbed on the
+        way, double precision is used all the same.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def pressure(
     Raises
     ------
     ValueError
-        Where the drive has another length than the array, or as `transfer_matrix`.
+        If the drive has another length than the array, or as `transfer_matrix`.
     """
     drive = np.asarray(drive, dtype=np.complex128)
     if drive.shape != (len(array),):
@@ -133,7 +133,7 @@ def pressure(
 
 
 def arrivals(array: TransducerArray, at: ArrayLike, medium: Medium) -> NDArray[np.complex64]:
-    """What arrives at each point of each transducer's unit drive, but for the phase of its way.
+    """Each transducer's wave at each point per unit drive, without the phase of its path.
 
     Parameters
     ----------
@@ -147,8 +147,8 @@ def arrivals(array: TransducerArray, at: ArrayLike, medium: Medium) -> NDArray[n
     Returns
     -------
     (m, n) complex64
-        `transfer_matrix` without e^{ikr}, as exact as `pressure` in single precision: for waves that are no phasors, or
-        whose delay is known better.
+        `transfer_matrix` without e^{ikr}, as exact as `pressure` in single precision: for waves that are not phasors,
+        or whose delay is known more exactly.
 
     Raises
     ------
@@ -169,8 +169,8 @@ def arrivals(array: TransducerArray, at: ArrayLike, medium: Medium) -> NDArray[n
     return found
 
 
-def _reaching(array: TransducerArray, points: NDArray[np.float64], medium: Medium) -> Tables | None:
-    """Tables for the compiled kernels, if these are exact enough as far as the points are, which are checked."""
+def _reaching(array: TransducerArray, points: NDArray[np.float64], medium: Medium) -> ArrayTables | None:
+    """Tables for the compiled kernels if these are exact enough at the distance of the points; checks the points."""
     from .tables import can_reach, farthest_of, tables_of, too_close  # numba takes half a second to import
 
     tables = tables_of(array, medium)
@@ -182,7 +182,7 @@ def _reaching(array: TransducerArray, points: NDArray[np.float64], medium: Mediu
 
 
 def _check_distance(array: TransducerArray, point: NDArray[np.float64], number: int) -> None:
-    """Raise `ValueError` where a point is too close to a transducer."""
+    """Raise `ValueError` if a point is too close to a transducer."""
     distance = np.linalg.norm(point - array.positions, axis=1)
     if distance.min() < array.transducer.nearest:
         raise ValueError(_too_close(array, point, number, int(distance.argmin()), distance.min()))

@@ -35,7 +35,7 @@ NEAREST = 0.05  # metres
 class ResidualTable:
     """A model's `residual` over sin²θ and 1/r, of one kind of transducer in one air.
 
-    What is tabulated is the smooth part of the residual, and never e^{ikr}: linear interpolation is then within 1e-4 of
+    The table holds the smooth part of the residual, and never e^{ikr}: linear interpolation is then within 1e-4 of
     scale. Rows go with sin²θ and not with sinθ, because the residual is even in it: as many rows are three times as
     accurate, and no root has to be taken. The wave of an image is its mean over the azimuth, see `image_rings`.
 
@@ -81,7 +81,7 @@ class ResidualTable:
         Raises
         ------
         ValueError
-            Where the model needs no table, or the table would be too near or too large.
+            If the model needs no table, or the table would be too near or too large.
 
         Notes
         -----
@@ -117,7 +117,7 @@ class ResidualTable:
         Raises
         ------
         ValueError
-            Where a value is out of range.
+            If a value is out of range.
         """
         sine, distance = np.asarray(sine, dtype=np.float64), np.asarray(distance, dtype=np.float64)
         if not ((sine >= 0) & (sine <= 1)).all():
@@ -134,7 +134,7 @@ class ResidualTable:
 
 
 def cache_folder() -> Path:
-    """Folder of what can be computed again: ``$PHASEWIRE_CACHE``, else the user's cache folder."""
+    """Folder of files that can be computed again: ``$PHASEWIRE_CACHE``, else the user's cache folder."""
     return Path(os.environ.get(CACHE_VARIABLE) or user_cache_path("phasewire"))
 
 
@@ -162,7 +162,7 @@ def _table(model: str, face: float | Aperture, reach: float, wavenumber: float, 
 
 
 def _read(path: Path, shape: tuple[int, int]) -> NDArray[np.complex128] | None:
-    """Values from the cache; None where they are missing or damaged, of which the container keeps a checksum."""
+    """Values from the cache; None if they are missing or damaged, which the file's checksum shows."""
     try:
         values = read_arrays(path)["values"]
     except (InputFileError, KeyError, OSError):
@@ -172,7 +172,7 @@ def _read(path: Path, shape: tuple[int, int]) -> NDArray[np.complex128] | None:
 
 
 def _write(path: Path, values: NDArray[np.complex128]) -> None:
-    """Keep values in the cache, whole or not at all; where that is impossible they are computed again next time."""
+    """Keep values in the cache, whole or not at all; if that is impossible, they are computed again next time."""
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as part, part.open("wb") as file:

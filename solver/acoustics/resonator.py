@@ -4,9 +4,9 @@ The phasor model of `propagation` is its steady state. It is linear, and one res
 e^{-iωt}.
 
 The resonance is a band-pass from drive to emitted wave, H(s) = (2/τ)·s/(s² + (2/τ)·s + ω₀²), which is 1 at ω₀ and
-passes no direct voltage. Its impulse response is Re(g·e^{pt}) with the pole p = −1/τ − iω_d, ω_d² = ω₀² − 1/τ², and
+blocks direct voltage. Its impulse response is Re(g·e^{pt}) with the pole p = −1/τ − iω_d, ω_d² = ω₀² − 1/τ², and
 g = (2/τ)·(1 − i/(τω_d)), so the wave is the real part of one complex number z with z' = p·z + g·drive. While the drive
-is constant z moves towards −g·drive/p as e^{pt}: nothing is approximated in a step, nor between steps.
+is constant z moves towards −g·drive/p as e^{pt}: no step is approximated, nor a moment between two steps.
 
 The wave follows the speed of the piston. That a far field follows its acceleration, which turns every phase alike by a
 quarter of a period and lifts the n-th harmonic n times (the third to 1 %), is left out.
@@ -27,11 +27,11 @@ from .transducer import Transducer
 __all__ = ["OnePole", "Resonator"]
 
 EPSILON = float(np.finfo(float).eps)
-MOST_POWERS = 40  # of a step, in which a resonance turns by less than half a period: π⁴⁰/40! is nothing
+MOST_POWERS = 40  # of a step, in which a resonance turns by less than half a period: π⁴⁰/40! is below rounding
 
 
 class OnePole(NamedTuple):
-    """A resonance in equal steps, in each of which the drive is constant: z ← decay·z + (1 − decay)·gain·drive."""
+    """A resonance in equal steps, with a constant drive in each: z ← decay·z + (1 − decay)·gain·drive."""
 
     decay: complex
     gain: complex
@@ -87,12 +87,12 @@ class Resonator:
     frequency : float
         At which it responds most, in hertz.
     time_constant : float
-        τ of its amplitude, in seconds; see `Transducer` for where it comes from.
+        τ of its amplitude, in seconds; `Transducer` names its source.
 
     Raises
     ------
     ValueError
-        Where a number is not positive and finite, or it would not oscillate.
+        If a number is not positive and finite, or it would not oscillate.
     """
 
     frequency: float = Transducer.resonance
@@ -137,7 +137,7 @@ class Resonator:
         Raises
         ------
         ValueError
-            Where a step lasts half a period of the resonance or more.
+            If a step lasts half a period of the resonance or more.
         """
         pole = self.pole
         if not 0 < -pole.imag * step < math.pi:
@@ -151,12 +151,12 @@ class Resonator:
         """Around a carrier in hertz, with a complex drive that is constant in each step of so many seconds.
 
         The state is the wave's phasor, with the steady state of `response`. The part of the wave that turns against the
-        carrier is left out, and with it what happens within a period of the carrier: about 1/(2Q) of a change.
+        carrier is left out, and so are changes within a period of the carrier: about 1/(2Q) of a change.
 
         Raises
         ------
         ValueError
-            Where within a step the resonance gets half a period or more away from the carrier.
+            If the resonance gets half a period or more away from the carrier within a step.
         """
         pole = self.pole + 2j * math.pi * carrier
         if not (step > 0 and abs(pole.imag) * step < math.pi):

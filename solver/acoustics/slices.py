@@ -49,7 +49,7 @@ def slice_field(
     Raises
     ------
     ValueError
-        Where the kernel is unknown, a number is out of range or there are too many samples.
+        If the kernel is unknown, a number is out of range or there are too many samples.
 
     Notes
     -----

@@ -1,6 +1,6 @@
 """From arrays and points to the compiled kernels: the tables that kernels read, and the pressure of a drive.
 
-numba takes half a second to import, so this module is imported where it is used and not before.
+numba takes half a second to import, so this module is imported at its first use.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MAX_TURNS = 500  # wavelengths on the way, beyond which single precision makes m
 ROWS_PER_KA2 = 8  # of a table in sin²θ, per (k·radius)²: linear interpolation is then within 3e-5
 
 
-class Tables(NamedTuple):
+class ArrayTables(NamedTuple):
     """An array in its medium as kernels read it, coordinates relative to ``origin``, pressure to ``strength``.
 
     ``wave`` is what the kernels need to know of the transducer's model: the coefficients of its directivity in sin²θ,
@@ -59,11 +59,11 @@ class Tables(NamedTuple):
     strength: float
 
 
-_kept: WeakKeyDictionary[TransducerArray, dict[Medium, Tables]] = WeakKeyDictionary()
+_kept: WeakKeyDictionary[TransducerArray, dict[Medium, ArrayTables]] = WeakKeyDictionary()
 _bounds: WeakKeyDictionary[TransducerArray, NDArray[np.float64]] = WeakKeyDictionary()
 
 
-def tables_of(array: TransducerArray, medium: Medium) -> Tables:
+def tables_of(array: TransducerArray, medium: Medium) -> ArrayTables:
     """Tables of an array, kept as long as the array is, in a few media."""
     kept = _kept.setdefault(array, {})
     if (found := kept.get(medium)) is None:
@@ -73,7 +73,7 @@ def tables_of(array: TransducerArray, medium: Medium) -> Tables:
     return found
 
 
-def _make_tables(array: TransducerArray, medium: Medium) -> Tables:
+def _make_tables(array: TransducerArray, medium: Medium) -> ArrayTables:
     n, transducer = len(array), array.transducer
     low, high = array.positions.min(axis=0), array.positions.max(axis=0)
     origin = (low + high) / 2
@@ -84,7 +84,7 @@ def _make_tables(array: TransducerArray, medium: Medium) -> Tables:
     elements[kernels.GAIN, :n] = np.where(able, np.abs(array.response), 0)
     elements[kernels.LEAD, :n] = np.angle(array.response * transducer.polarity) / (2 * np.pi)
     elements[kernels.LIMIT, :n] = np.where(able, array.limits, 0)
-    return Tables(
+    return ArrayTables(
         frozen(elements),
         _wave_of(array, medium),
         np.float32(1 / medium.wavelength),
@@ -96,19 +96,19 @@ def _make_tables(array: TransducerArray, medium: Medium) -> Tables:
 
 
 def _bounds_of(array: TransducerArray) -> NDArray[np.float64]:
-    """(4, 3): see `Tables`."""
+    """(4, 3): see `ArrayTables`."""
     low, high, nearest = array.positions.min(axis=0), array.positions.max(axis=0), array.transducer.nearest
     one = int(np.argmax(array.able))
     return np.stack([low - nearest, high + nearest, array.positions[one], array.normals[one]])
 
 
-def can_reach(tables: Tables, farthest: float) -> bool:
+def can_reach(tables: ArrayTables, farthest: float) -> bool:
     """Whether the kernels are exact enough up to a distance in metres, and not nearly all is absorbed on the way."""
     absorbed = 0.0 if tables.nepers is None else float(tables.nepers) * farthest
     return absorbed <= kernels.MAX_NEPERS and float(tables.turns) * farthest <= MAX_TURNS
 
 
-def farthest_of(tables: Tables, points: NDArray[np.float64]) -> float:
+def farthest_of(tables: ArrayTables, points: NDArray[np.float64]) -> float:
     """A distance in metres that none of (k, 3) points exceeds from any transducer."""
     low, high = tables.bounds[:2]
     return float(np.linalg.norm(np.maximum(points.max() - low, high - points.min())))
@@ -117,7 +117,7 @@ def farthest_of(tables: Tables, points: NDArray[np.float64]) -> float:
 def _wave_of(
     array: TransducerArray, medium: Medium
 ) -> tuple[NDArray[np.float32]] | tuple[NDArray[np.float32], np.float32, int, np.float32]:
-    """The `Tables.wave` of a transducer: a polynomial where one of the kernels' degree is good enough."""
+    """The `ArrayTables.wave` of a transducer: a polynomial if one of the kernels' degree is good enough."""
     transducer = array.transducer
     if transducer.model in KERNELS:
         table = ResidualTable.of(transducer, medium, transducer.nearest)
@@ -145,7 +145,7 @@ def _pairs(values: NDArray[np.complex128]) -> NDArray[np.float32]:
 
 
 def aligned(*shape: int) -> NDArray[np.float32]:
-    """Zeros that begin where a register's worth of memory does."""
+    """Zeros whose memory is aligned to a vector register."""
     size = prod(shape)
     room = np.zeros(size + LANES, dtype=np.float32)
     first = -room.ctypes.data % (4 * LANES) // 4
@@ -153,7 +153,7 @@ def aligned(*shape: int) -> NDArray[np.float32]:
 
 
 def pressure_at(
-    tables: Tables, array: TransducerArray, drive: NDArray[np.complex128], points: NDArray[np.float64]
+    tables: ArrayTables, array: TransducerArray, drive: NDArray[np.complex128], points: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
     """Pressure at (k, 3) points, in pascals; the points are not checked."""
     emitted = aligned(2, tables.elements.shape[1])
@@ -175,8 +175,8 @@ def pressure_at(
     return pressure
 
 
-def arrivals_at(tables: Tables, array: TransducerArray, points: NDArray[np.float64]) -> NDArray[np.complex64]:
-    """What arrives of each unit drive at (m, 3) points, in pascals, but for the phase of its way; they are not checked.
+def arrivals_at(tables: ArrayTables, array: TransducerArray, points: NDArray[np.float64]) -> NDArray[np.complex64]:
+    """Each transducer's wave at (m, 3) unchecked points per unit drive in pascals, without the phase of its path.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def surely_reachable(array: TransducerArray, points: NDArray[np.float64], reach:
     return kernels.suspect(points, bounds, reach) < 0
 
 
-def too_close(array: TransducerArray, tables: Tables, points: NDArray[np.float64]) -> Iterator[int]:
+def too_close(array: TransducerArray, tables: ArrayTables, points: NDArray[np.float64]) -> Iterator[int]:
     """Indices of those (k, 3) points that may be nearer to a transducer than its model allows."""
     index = -1
     while True:

@@ -1,4 +1,4 @@
-"""The transducer, as data: what it is called, how loud it is, and which model its wave follows."""
+"""The transducer, as data: its name, its strength, and the model of its wave."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Transducer:
     strength : float
         P₁, the pressure × distance on the axis far away at full drive, in Pa·m (peak).
     source : str
-        Where the strength comes from.
+        The source of the strength.
     resonance : float
         Frequency of its resonance, in hertz.
     time_constant : float
@@ -40,12 +40,12 @@ class Transducer:
     model : str
         A key of `MODELS`.
     aperture : Aperture, optional
-        What of its face moves, for the models that are Rayleigh integrals; the disc of its radius by default.
+        The moving part of its face, for the models that are Rayleigh integrals; the disc of its radius by default.
 
     Raises
     ------
     ValueError
-        Where a value is out of range, or an aperture is given to a model that has none.
+        If a value is out of range, or an aperture is given to a model that has none.
     """
 
     radius: float = 4.5e-3
@@ -72,7 +72,7 @@ class Transducer:
 
     @property
     def face(self) -> float | Aperture:
-        """What moves: its aperture, or else the disc of its radius in metres."""
+        """The moving part: its aperture, or else the disc of its radius in metres."""
         return self.radius if self.aperture is None else self.aperture
 
     @property
@@ -82,7 +82,7 @@ class Transducer:
 
     @property
     def nearest(self) -> float:
-        """Distance from which the model can be used, in metres: one radius, or two where it is a Rayleigh integral."""
+        """Distance from which the model can be used, in metres: one radius, or two if it is a Rayleigh integral."""
         return 2 * self.reach if self.model in KERNELS else self.radius
 
 

@@ -262,7 +262,7 @@ def _enter(gram_re: Any, gram_im: Any, i: int, j: int, re: Any, im: Any) -> None
 
 @_part
 def weigh(re: Any, im: Any, reach: Any, points: int, gamma: Any, weight: Any) -> None:
-    """Turn A into B = A·diag(weight) with weight = σ^{−γ}, σ² = reach/points; 0 where no point is reached."""
+    """Turn A into B = A·diag(weight) with weight = σ^{−γ}, σ² = reach/points; 0 if no point is reached."""
     columns = len(reach)
     for q in range(columns):
         sigma2 = reach[q] / F(points)
@@ -283,7 +283,7 @@ def weigh(re: Any, im: Any, reach: Any, points: int, gamma: Any, weight: Any) ->
 def iterate_phases(
     gram_re: Any, gram_im: Any, response: Any, rows: int, steps: int, power: bool, u: Any, z: Any
 ) -> None:
-    """Improve the phases u: u ← R·u with R = G·diag(response), to unit modulus, or to unit norm where ``power``."""
+    """Improve the phases u: u ← R·u with R = G·diag(response), to unit modulus, or to unit norm if ``power``."""
     padded = u.shape[1]
     zero = spread(F(0))
     for _ in range(steps):

@@ -1,8 +1,8 @@
 """A vector of `LANES` float32 for compiled kernels: load, store, arithmetic, sum.
 
-LLVM vectorises long loops by itself, but gives up on the short ones over control points, where it cannot tell that rows
-of one matrix do not overlap. Here the kernel says what is meant; LLVM still chooses the machine's instructions, and a
-machine with shorter registers takes several.
+LLVM vectorises long loops by itself, but not the short ones over control points, because it cannot tell that rows of
+one matrix do not overlap. Here the kernel names the vector operations itself; LLVM still chooses the machine's
+instructions, and a machine with shorter registers takes several.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ LLVM_VECTOR = ir.VectorType(ir.FloatType(), LANES)
 FLAGS = ("contract", "nsz", "nnan", "ninf", "reassoc")
 
 
-class Vector(types.Type):
+class VectorType(types.Type):
     """numba's type of a vector."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Vector({LANES} × float32)")
 
 
-VECTOR = Vector()
+VECTOR = VectorType()
 
 
-@register_model(Vector)
+@register_model(VectorType)
 class _VectorModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, LLVM_VECTOR)
@@ -47,7 +47,7 @@ def _intrinsic(function: Callable[..., Any]) -> Any:
 
 
 def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """Where element [row, column] of a C-contiguous matrix begins."""
+    """Address of element [row, column] of a C-contiguous matrix."""
     kind = signature.args[0]
     if kind.layout != "C" or kind.ndim != 2 or kind.dtype != types.float32:
         raise TypeError(f"vectors are read from C-contiguous float32 matrices, not {kind}")
@@ -140,7 +140,7 @@ def _define(operation: Callable[..., Any], name: str) -> None:
 
     @overload(operation, inline="always")
     def choose(left: Any, right: Any) -> Any:
-        if isinstance(left, Vector) and isinstance(right, Vector):
+        if isinstance(left, VectorType) and isinstance(right, VectorType):
 
             def implementation(left: Any, right: Any) -> Any:
                 return apply(left, right)

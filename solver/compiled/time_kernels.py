@@ -1,6 +1,6 @@
 """Compiled kernels of the time domain: many resonators rung by bits, and the delayed sum of their waves.
 
-They see plain arrays that the caller prepares and checks; indices are taken as they are. `ring` does what
+They see plain arrays that the caller prepares and checks; they do not check indices. `ring` does what
 `resonator.OnePole.ring` does. Time is in steps, and a state between two of them is the sum of both, weighted; see
 `resonator.OnePole.between`.
 """
@@ -92,7 +92,7 @@ def write_drives(words: Any, drives: Any, before: Any, rows: Any, written: Any) 
 def place_waves(
     points: Any, sources: Any, arrival: Any, rate: float, turn: float, weight: Any, lag: Any, here: Any, following: Any
 ) -> None:
-    """How long ago, and how strongly, the real waves of sources are heard.
+    """Delays and weights with which points receive the real waves of sources.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def place_waves(
     sources : (n, 3) float64
         In metres.
     arrival : (k, n) complex64
-        What arrives of a wave, but for the phase of its way. A phase that is no sign is taken for a delay.
+        The wave that arrives, without the phase of its path. A phase that is more than a sign is taken for a delay.
     rate : float
         Steps per metre.
     turn : float
@@ -132,14 +132,14 @@ def place_waves(
 def place_envelopes(
     points: Any, sources: Any, arrival: Any, rate: float, weight: Any, fields: Any, first: int, re: Any, im: Any
 ) -> None:
-    """How long ago, and how strongly, envelopes are heard that each drive a field of sources.
+    """Delays and weights with which points receive envelopes that each drive a field of sources.
 
     Parameters
     ----------
     points, sources, arrival, rate, weight
         See `place_waves`; a step is a period of the carrier.
     fields : (2, n, r) float32
-        Real and imaginary parts of what each envelope is multiplied by to be the drive of each source.
+        Real and imaginary parts of the factor that makes each envelope the drive of each source.
     first : int
         Steps ago of the first column.
     re, im : (k, lags, r) float32
@@ -167,7 +167,7 @@ def place_envelopes(
 
 @_fast_kernel
 def _spread(here: Any, following: Any) -> Any:
-    """What real and imaginary parts of two states are multiplied by, for the real part of the weighted sum."""
+    """Factors of the real and imaginary parts of two states, for the real part of their weighted sum."""
     return spread(here.real), spread(-here.imag), spread(following.real), spread(-following.imag)
 
 

@@ -28,8 +28,8 @@ class Arcs:
         Vertices of all arcs, one arc after the other, in metres, in the array's coordinates. A closed arc repeats its
         first vertex at its end.
     along : (k,) float
-        The place of each vertex on its mesh edge, from 0 at the edge's first mesh vertex to 1 at its second; 0 where
-        there is no edge.
+        The place of each vertex on its mesh edge, from 0 at the edge's first mesh vertex to 1 at its second; 0 if
+        it is on no edge.
     names : (k, 3) int
         Of each vertex, what `faces`, `quads` and `edges` say.
     rows : (a + 1, 3) int
@@ -63,7 +63,7 @@ class Arcs:
 
     @property
     def starts(self) -> NDArray[np.int64]:
-        """(a + 1,) arc i has the vertices from ``starts[i]`` to before ``starts[i + 1]``."""
+        """(a + 1,) arc i has the vertices ``starts[i]`` to ``starts[i + 1] - 1``."""
         return self.rows[:, 0]
 
     @property
@@ -88,7 +88,7 @@ class Arcs:
 
     @property
     def edges(self) -> NDArray[np.int64]:
-        """(k,) the mesh edge that each vertex lies on; -1 where a quadrilateral's border ends it inside a face."""
+        """(k,) the mesh edge that each vertex lies on; -1 if a quadrilateral's border ends it inside a face."""
         return self.names[:, 2]
 
     def polylines(self) -> list[NDArray[np.float64]]:

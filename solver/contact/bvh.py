@@ -26,9 +26,9 @@ class Bvh(NamedTuple):
     """The tree.
 
     ``boxes`` are (n, 6) lowest and highest coordinates of each node. ``links`` are (n + 1, 2): the node after the
-    subtree, which for a leaf is the next one; and where the node's part of ``faces`` begins, which ends where that of
-    the node after it begins. ``faces`` holds every face once: a face with the same three vertices as an earlier one is
-    left out, and one that names a vertex twice too.
+    subtree, which for a leaf is the next one; and the first face of the node in ``faces``, whose last face is the one
+    before the first of that next node. ``faces`` holds every face once: a face with the same three vertices as an
+    earlier one is left out, and one that names a vertex twice too.
     """
 
     boxes: NDArray[np.float64]
@@ -68,12 +68,12 @@ def _cheapest(amount: Any, bins: Any, area: Any) -> int:
     """The last bin of the first half, so that the sum of faces times area of both halves is least."""
     box = np.empty(6)
     box[:3], box[3:] = np.inf, -np.inf
-    behind = 0
+    after = 0
     for i in range(BINS - 1, 0, -1):
-        behind += amount[i]
+        after += amount[i]
         for k in range(3):
             box[k], box[k + 3] = min(box[k], bins[i, k]), max(box[k + 3], bins[i, k + 3])
-        area[i] = behind * _half_area(box[3] - box[0], box[4] - box[1], box[5] - box[2]) if behind > 0 else 0.0
+        area[i] = after * _half_area(box[3] - box[0], box[4] - box[1], box[5] - box[2]) if after > 0 else 0.0
     box[:3], box[3:] = np.inf, -np.inf
     before, best, cost = 0, 0, np.inf
     for i in range(BINS - 1):

@@ -1,7 +1,7 @@
 """Chains: the segments that quadrilaterals cut out of faces, joined to contiguous arcs. Compiled.
 
 Segments are joined by the numbers of the mesh edges on which they end, never by places. A segment has two ends: end
-2 i is where segment i starts, end 2 i + 1 where it stops, so that the other end of a segment is ``end ^ 1``.
+2 i is the start of segment i, end 2 i + 1 its stop, so that the other end of a segment is ``end ^ 1``.
 
 This module imports numba, so it is imported when something is cut for the first time.
 """
@@ -25,7 +25,7 @@ MOST_FREE = 4096
 """Ends of arcs among which bridges are looked for, each with each: a closed mesh leaves some tens."""
 
 BASE, TIP = 0, 2  # sides of a finger's quadrilaterals
-NOWHERE = -1  # where an end meets no other
+NOWHERE = -1  # node of an end that meets no other
 
 
 @part
@@ -40,7 +40,7 @@ def append_arcs(pieces: Any, ends: Any, places: Any, hands: bool, pose: Any, num
     """
     nodes = _nodes(pieces, ends, hands)
     links, paired = _paired(nodes)
-    if not paired:  # the mesh is no surface there: only now does the order of faces decide
+    if not paired:  # more than two faces meet at an edge: their order decides
         order = np.argsort(np.int64(1 << 32) * pieces[:, 0] + pieces[:, 1])
         both = np.empty(2 * len(order), np.int64)
         both[::2], both[1::2] = 2 * order, 2 * order + 1
@@ -53,7 +53,7 @@ def append_arcs(pieces: Any, ends: Any, places: Any, hands: bool, pose: Any, num
 
 @part
 def _nodes(pieces: Any, ends: Any, hands: bool) -> Any:
-    """(2 n,) where each end is: at a mesh edge in a quadrilateral, or in a face at the border of two of a finger."""
+    """(2 n,) node of each end: a mesh edge in a quadrilateral, or a face at the border of two of a finger."""
     nodes = np.empty(len(ends), np.int64)
     for end in range(len(ends)):
         quad, face = pieces[end >> 1, 0], pieces[end >> 1, 1]
@@ -89,9 +89,9 @@ def _slot(table: Any, nodes: Any, end: int) -> Any:
 
 @part
 def _paired(nodes: Any) -> Any:
-    """Which end goes on at which, (2 n,) int, -1 if an arc ends there; and whether at most a start and a stop meet.
+    """The end that follows each end, (2 n,) int, -1 if an arc ends there; and whether at most a start and a stop meet.
 
-    If not, what is said is worth nothing.
+    If more meet, the links are wrong and `_queued` must find them.
     """
     links, table = np.full(nodes.size, -1), _table(nodes.size)
     for end in range(nodes.size):
@@ -110,7 +110,7 @@ def _paired(nodes: Any) -> Any:
 
 @part
 def _queued(nodes: Any) -> Any:
-    """What `_paired` says, for any mesh.
+    """The links of `_paired`, for any mesh.
 
     A stop goes on at a start. If more than two faces meet at an edge, they are paired in their order, and only what is
     left pairs starts with starts.
@@ -198,7 +198,7 @@ def _found(pieces: Any, places: Any, links: Any) -> Any:
     Returns
     -------
     (a,) int, (a,) bool, int
-        The end at which each begins, whether it is closed, and no fewer vertices than they have.
+        The end at which each begins, whether it is closed, and an upper bound of the number of their vertices.
     """
     n = len(pieces)
     visited = np.zeros(n, np.bool_)

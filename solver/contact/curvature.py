@@ -3,7 +3,7 @@
 The paper takes the angular defects of vertices and interpolates them along edges. That alone depends on the
 triangulation: a vertex in the middle of a cube's edge has no defect, so a divided edge would seem flat there; and each
 of the many edges that lead to the tip of a cone would seem sharp along half of its length. So the indicator of an edge
-is its dihedral angle, the angle by which the surface turns across it, which no division changes. Where that angle is
+is its dihedral angle, the angle by which the surface turns across it, which no division changes. If that angle is
 sharp, the paper's defects raise it towards true corners. On a tessellation of a smooth surface all values tend to zero
 as it is refined. Edges inside flat faces have none, however the faces are divided.
 """
@@ -123,7 +123,7 @@ def _along_lines(vertices: Floats, edges: Indices, angles: Floats, defects: Floa
 def _continuations(vertices: int, ends: Indices, reverse: Indices, directions: Floats) -> Indices:
     """The directed edge that continues each one straight on, -1 if it ends at a corner.
 
-    A straight line goes on where just two sharp edges meet, in opposite directions.
+    A straight line goes on at a vertex if just two sharp edges meet there, in opposite directions.
     """
     passes = np.flatnonzero(np.bincount(ends, minlength=vertices)[ends] == 2)
     order = passes[np.argsort(ends[passes], kind="stable")]  # the two that arrive at each vertex, side by side

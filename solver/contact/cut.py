@@ -1,6 +1,6 @@
 """Cuts: the lines along which quadrilaterals meet meshes, as contiguous arcs. Compiled.
 
-`literal` says the same in readable NumPy, and is what this is tested against.
+It is tested against `literal`, which does the same in readable NumPy.
 
 A vertex at a distance d >= 0 from a quadrilateral's plane is above it. So each mesh edge crosses the plane or does not,
 and a vertex in the plane makes neither a gap nor a duplicate. A crossing is computed from its edge alone, in the order
@@ -29,7 +29,7 @@ from .scene import Scene, poses
 
 __all__ = ["cut", "cut_all"]
 
-FLAT = 1e-12  # area of a quadrilateral, relative to the square of its diagonals, that is none
+FLAT = 1e-12  # area of a quadrilateral, relative to the square of its diagonals, below which it counts as 0
 SURE = 1e-9
 """Of the coordinates: what is farther than this from a border is surely on that side of it, whatever is rounded."""
 ROOM = 1536
@@ -65,8 +65,8 @@ def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) ->
     Notes
     -----
     What is exactly in the plane is cut as the plane just below would cut it: a face of an object below is outlined, a
-    face of an object above is not cut, an edge is followed there and back, and a point is no arc. Of triangles with the
-    same three vertices the first is cut. A triangle without area joins the lines on both sides of it. Arcs end at a
+    face of an object above is not cut, an edge is followed there and back, and a point makes no arc. Of triangles with
+    the same three vertices the first is cut. A triangle without area joins the lines on both sides of it. Arcs end at a
     mesh's open edges.
     """
     corners = np.array(quads, dtype=np.float64, order="C")
@@ -84,7 +84,7 @@ def cut(quads: ArrayLike, meshes: Mesh | Sequence[Mesh], hands: bool = False) ->
 @partial(kernel, error_model="numpy")
 def _cut(boxes: Any, links: Any, corners: Any, names: Any, curvature: Any, begins: Any, which: Any, poses: Any,
          quads: Any, hands: bool) -> Any:  # fmt: skip
-    """What `cut_all` does, alone."""
+    """`cut_all` as a kernel of its own."""
     return cut_all(Scene(boxes, links, corners, names, curvature, begins, which), poses, quads, hands)
 
 
@@ -154,7 +154,7 @@ def _near(quad: Any, boxes: Any) -> bool:
 
 @part
 def _prepare(quad: Any, plane: Any, borders: Any, walls: Any) -> bool:
-    """Write what is the same for all faces. False if the quadrilateral has no area.
+    """Write what all faces share. False if the quadrilateral has no area.
 
     ``plane`` is its normal of any length, first corner, lowest and highest coordinates, margins for rounding of
     coordinates and of heights, and the normal's length, 15 numbers. Of each border ``borders`` has the corner that
@@ -211,7 +211,7 @@ def segments(
     pose : (4, 3) float
         Of the object: see `scene.poses`.
     boxes, links, corners, names
-        Of the solid: see `scene.Tables`.
+        Of the solid: see `tables.SolidTables`.
     pieces : (room, 2) int32
         Written: quadrilateral and face of each segment, by quadrilateral and then by leaf.
     ends : (2 room, 2) int32

@@ -10,7 +10,7 @@ off has none. Edges inside flat faces have none either and end no piece, so the 
 The density grows linearly with κ, from its minimum at 0 to one point for each `CLOSEST` at `FULL`. If the values at
 the ends of a piece are so large that κ exceeds `FULL` there, both are lowered alike.
 
-A crossing of a sharp edge carries a point itself, an anchor, unless it is within `SLIGHT` of an arc's end, where its
+A crossing of a sharp edge carries a point itself, an anchor, unless it is within `SLIGHT` of an arc's end, at which its
 curvature fades. So an arc falls into stretches between anchors and ends:
 
 - between two anchors, steps are whole;
@@ -18,7 +18,7 @@ curvature fades. So an arc falls into stretches between anchors and ends:
   side by side at the border of two quadrilaterals do not crowd there;
 - on a closed arc without an anchor, steps are whole, and the point that they begin with is free.
 
-Kernels see arrays that the caller has checked; indices are taken as they are.
+Kernels see arrays that the caller has checked; they do not check indices.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from ...compiling import kernel, part
+from ...compiling import part
 from .curvature import SHARP
 
 __all__ = [
@@ -37,7 +37,6 @@ __all__ = [
     "SLIGHT",
     "arrange",
     "counts",
-    "curvature_of",
     "locate",
     "measure",
     "strength",
@@ -56,34 +55,12 @@ FULL = math.pi / 2
 """Curvature in radians from which a point is as near to the next as it may be: that of a cube's edges and corners."""
 
 FADING = 0.5  # of the spacing: the length in which κ falls to 1/e, so that it is 0.3 % in the middle of a 10 cm face
-SHARPER = 1.05  # of two crossings too close for two points the first has it, unless the second is this much sharper
+SHARPER = 1.05  # of two crossings too close for two points the first is taken, unless the second is this much sharper
 HOLD = 0.2  # of a step: by how much more than half a step a stretch must change before its number of points does
 ROUNDING = 1e-6  # of a step: an exact fit is one
 HALVINGS = 24  # of the interval in which `counts` looks for the density that the room allows
 ROUNDS = 60  # at most of Newton's iteration in `locate`
 OUTWARD = (0.83, 0.49, 0.27)  # a closed arc begins at its farthest vertex in this direction, which no usual face has
-
-
-@kernel
-def curvature_of(solid: Any, values: Any, objects: Any, starts: Any, edges: Any, along: Any, curvature: Any) -> None:
-    """Write the curvature at each vertex of the arcs of one object.
-
-    Parameters
-    ----------
-    solid : int
-        The object.
-    values : (e, 2) float
-        Of its edges, at both ends, in radians.
-    objects, starts, edges, along
-        Of the arcs: see `Arcs`.
-    curvature : (k,) float
-        Written, for this object's arcs alone: radians, 0 for a vertex on no edge.
-    """
-    for arc in range(objects.size):
-        if objects[arc] == solid:
-            for i in range(starts[arc], starts[arc + 1]):
-                edge = edges[i]
-                curvature[i] = 0.0 if edge < 0 else values[edge, 0] + along[i] * (values[edge, 1] - values[edge, 0])
 
 
 @part
@@ -143,7 +120,7 @@ def measure(starts: Any, closed: Any, curvature: Any, reached: Any, spacing: Any
     (k,) float
         Steps from the arc's first vertex to each: the integral of the density.
     (k, 4) float
-        Of the piece that each vertex begins or is inside: κ₀ and κ₁ in units of `FULL`, lowered where needed, and the
+        Of the piece that each vertex begins or is inside: κ₀ and κ₁ in units of `FULL`, lowered if needed, and the
         arc lengths t₀ and t₁ in metres.
     """
     steps, pieces = np.zeros(reached.size), np.zeros((reached.size, 4))
@@ -228,7 +205,7 @@ def stretches(starts: Any, closed: Any, curvature: Any, reached: Any, felt: Any,
     (s, 3) int
         Arc, first vertex and last vertex of each stretch, in their order.
     (s, 2) float
-        What is between the end of the stretch and the point nearest to it, in steps: 1 at an anchor, ½ at an end, 0 at
+        Distance from each end of the stretch to the point nearest to it, in steps: 1 at an anchor, ½ at an end, 0 at
         both ends of a closed arc without anchors.
     """
     spans, gaps = np.empty((reached.size + closed.size, 3), np.int64), np.empty((reached.size + closed.size, 2))

@@ -57,8 +57,8 @@ class Hand:
     Raises
     ------
     ValueError
-        If these are not 21 points, one is not finite, or no hand could be so: too large or too small, a palm without
-        breadth, a bone that is far too long or too short. `repaired` takes more.
+        If these are not 21 points, one is not finite, or no hand could have them: it is too large or too small, the
+        palm has no breadth, or a bone is far too long or too short. `repaired` accepts more.
     """
 
     landmarks: NDArray[np.float64]
@@ -82,7 +82,7 @@ class Hand:
     def repaired(
         cls, landmarks: ArrayLike, side: Side = "right", widths: ArrayLike | None = None
     ) -> tuple[Self, tuple[str, ...]]:
-        """A hand of landmarks as trackers give them, of which some may be impossible.
+        """A hand of landmarks as trackers give them; some of them may be impossible.
 
         A bone that is far too long or too short gets the nearest possible length and keeps its direction, and the rest
         of the finger moves with it. A hand whose fingers bend to its back is one of the other side.
@@ -95,7 +95,7 @@ class Hand:
         Raises
         ------
         ValueError
-            If too little is right: see `Hand`, but for bones.
+            As `Hand`, but not for bones.
         """
         points, size, possible, bend = _checked(landmarks, side)
         notes = []
@@ -129,7 +129,7 @@ class Hand:
         Raises
         ------
         ValueError
-            If the length or the curl is none.
+            If the length or the curl is out of range.
         """
         curls = np.asarray(curl, dtype=np.float64)
         if curls.shape not in ((), (len(FINGERS),)) or not ((curls >= 0) & (curls <= 1)).all():
@@ -184,10 +184,10 @@ class Hand:
 
 
 class _Checked(NamedTuple):
-    """Landmarks that have a palm.
+    """Landmarks that have a palm, and their measures.
 
-    Its size is a part of the mean hand's, ``possible`` says whether all bones are, and ``bend`` is the fingers' to the
-    back of a right hand, in radians.
+    ``size`` is relative to the mean hand, ``possible`` says whether all bones can be real, and ``bend`` is the angle in
+    radians by which the fingers bend to the back, if it is a right hand.
     """
 
     points: NDArray[np.float64]

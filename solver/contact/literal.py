@@ -1,4 +1,4 @@
-"""The same cuts as `cut` and `chain` make, said as plainly as possible: every face is tried, and dictionaries join.
+"""The same cuts as `cut` and `chain` make, as plainly as possible: every face is tried, and dictionaries join segments.
 
 This is what the compiled ones are tested against. It takes a hundred times as long.
 """
@@ -33,7 +33,7 @@ class End:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class CutSegment:
     """What a quadrilateral cuts out of a face."""
 
     quad: int
@@ -116,8 +116,8 @@ def _crossed(quad: Vector, solid: Solid, faces: list[int]) -> Iterator[tuple[int
         yield faces[i], heights[i]
 
 
-def _segment(number: int, quad: Vector, solid: Solid, face: int, heights: Vector) -> Segment | None:
-    """Two edges of a face cross the plane: one goes down, where the segment starts, and one up."""
+def _segment(number: int, quad: Vector, solid: Solid, face: int, heights: Vector) -> CutSegment | None:
+    """Two edges of a face cross the plane: one goes down, which starts the segment, and one goes up."""
     corners, above = solid.faces[face], heights >= 0
     down = next(k for k in range(3) if above[k] and not above[(k + 1) % 3])
     up = next(k for k in range(3) if not above[k] and above[(k + 1) % 3])
@@ -145,7 +145,7 @@ def _segment(number: int, quad: Vector, solid: Solid, face: int, heights: Vector
         whole if side < 0 else End((1 - share) * start.place + share * stop.place, side=side)
         for whole, (share, side) in ((start, entry), (stop, leave))
     )
-    return Segment(number, face, (ends[0], ends[1]))
+    return CutSegment(number, face, (ends[0], ends[1]))
 
 
 def _off(quad: Vector, side: int, u: Vector, v: Vector, du: float, dv: float) -> tuple[float, bool]:
@@ -159,8 +159,8 @@ def _off(quad: Vector, side: int, u: Vector, v: Vector, du: float, dv: float) ->
     return abs(volume / (du - dv)), bool(inside == (du < 0))
 
 
-def _node(segment: Segment, end: End, hands: bool) -> Hashable:
-    """Where ends meet: a mesh edge in a quadrilateral, or a face at the border of two of a finger; None if nowhere."""
+def _node(segment: CutSegment, end: End, hands: bool) -> Hashable:
+    """Node at which ends meet: a mesh edge in a quadrilateral, a face at the border of two of a finger, or None."""
     if end.side < 0:
         return "edge", segment.quad, end.edge
     joint = _joint(segment.quad, end.side) if hands else None
@@ -177,8 +177,8 @@ def _joint(quad: int, side: int) -> int | None:
     return quad + 1 if side == 2 and local % 3 != 0 else None
 
 
-def _links(segments: list[Segment], hands: bool) -> dict[Half, Half]:
-    """Which end goes on at which: at each node starts and stops are paired in order, and then what is left."""
+def _links(segments: list[CutSegment], hands: bool) -> dict[Half, Half]:
+    """The end that follows each end: at each node starts and stops are paired in order, then those that are left."""
     nodes = defaultdict(list)
     for i, segment in enumerate(segments):
         for which in range(2):
@@ -193,7 +193,7 @@ def _links(segments: list[Segment], hands: bool) -> dict[Half, Half]:
     return links
 
 
-def _bridges(segments: list[Segment], links: dict[Half, Half]) -> dict[Half, Half]:
+def _bridges(segments: list[CutSegment], links: dict[Half, Half]) -> dict[Half, Half]:
     """Ends at the bases of fingers, with the end next to each if each is the other's nearest."""
 
     def end(half: Half) -> End:
@@ -225,7 +225,7 @@ def _other(half: Half) -> Half:
     return half[0], 1 - half[1]
 
 
-def _walks(segments: list[Segment], links: dict[Half, Half]) -> Iterator[list[Half]]:
+def _walks(segments: list[CutSegment], links: dict[Half, Half]) -> Iterator[list[Half]]:
     """The segments of each arc, each as the end by which it is entered; not those of arcs without length."""
     visited: set[int] = set()
     for first in range(len(segments)):

@@ -1,12 +1,10 @@
-"""Objects: triangle meshes, where they are, and what of them is prepared once for all cuts."""
+"""Objects: triangle meshes, their poses, and the tables that are prepared once for all cuts."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -17,8 +15,8 @@ from .curvature import edge_curvature
 from .edges import edge_tables
 from .poses import as_position, rotation_matrix
 from .repair import repair
-from .scene import Tables
 from .solids import SOLIDS
+from .tables import SolidTables
 
 if TYPE_CHECKING:
     from .bvh import Bvh
@@ -30,7 +28,7 @@ MOST_FACES = 1_000_000
 SIZE = 0.1
 """Side in metres of the cube that the paper's shapes fit (Figure 10)."""
 CENTRE = (0.0, 0.0, 0.17)
-"""Where the paper has them, in metres: 17 cm above the array's middle."""
+"""Centre of the paper's shapes in metres: 17 cm above the array's middle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +93,9 @@ class Solid:
         return build(self.vertices, self.faces)
 
     @cached_property
-    def tables(self) -> Tables:
-        """The same as cuts read it."""
-        return Tables.of(self)
+    def tables(self) -> SolidTables:
+        """The triangles as cuts read them."""
+        return SolidTables.of(self.bvh, self.vertices, self.faces, self.face_edges)
 
     @cached_property
     def edge_curvature(self) -> NDArray[np.float64]:
@@ -127,9 +125,10 @@ def _as_faces(values: ArrayLike, vertices: int) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
-    """An object that can be felt: a `Solid` and where it is.
+    """An object that can be felt: a `Solid` and its pose.
 
-    `Mesh.of` makes one from triangles, `Mesh.load` from a file, `Mesh.cube` and its sisters are the paper's.
+    `Mesh.of` makes one from triangles; `Mesh.cube` and its sisters are the paper's. Files are read one floor above, by
+    `objects.mesh_files.read_mesh` and `objects.volumes.read_volume_mesh`.
 
     Parameters
     ----------
@@ -138,12 +137,12 @@ class Mesh:
     rotation : (3, 3) float
         Turns the solid's coordinates into the array's.
     offset : (3,) float
-        Is added after that, in metres.
+        Is added after the rotation, in metres.
 
     Raises
     ------
     ValueError
-        If the rotation is none, or the offset is not finite or too large.
+        If the matrix is not a rotation, or the offset is not finite or too large.
     """
 
     solid: Solid
@@ -171,27 +170,6 @@ class Mesh:
         """A mesh of triangles whose vertices are given in the array's coordinates; parameters and errors as `Solid`."""
         return cls(Solid(vertices, faces), np.eye(3), np.zeros(3))
 
-    @classmethod
-    def load(cls, path: Path | str, scale: float | None = None, status: Callable[[str], None] | None = None) -> Mesh:
-        """Read an object from an STL, OBJ, PLY or GLB file, and repair it; see `mesh_files.read_mesh`."""
-        from ..objects.mesh_files import read_mesh  # the one way from here to files
-
-        return read_mesh(Path(path), scale, status)
-
-    @classmethod
-    def from_volume(
-        cls,
-        path: Path | str,
-        level: float,
-        spacing: float | None = None,
-        step: int = 1,
-        status: Callable[[str], None] | None = None,
-    ) -> Mesh:
-        """All that is denser than a level in a NumPy, NIfTI or DICOM volume; see `volumes.read_volume_mesh`."""
-        from ..objects.volumes import read_volume_mesh
-
-        return read_volume_mesh(Path(path), level, spacing, step, status)
-
     @cached_property
     def vertices(self) -> NDArray[np.float64]:
         """(v, 3) vertices in metres, in the array's coordinates."""
@@ -209,7 +187,7 @@ class Mesh:
 
     @property
     def centre(self) -> NDArray[np.float64]:
-        """(3,) where the centre of the solid's bounding box is, in metres, in the array's coordinates."""
+        """(3,) centre of the solid's bounding box in metres, in the array's coordinates."""
         return self.rotation @ self.solid.centre + self.offset
 
     def moved(self, offset: ArrayLike) -> Self:
@@ -241,12 +219,13 @@ class Mesh:
         return type(self)(solid, self.rotation, self.centre)
 
     def repaired(self) -> Self:
-        """The same object with a closed surface, and in `repairs` what had to be done for that.
+        """The same object with a closed surface; `repairs` lists the repairs that this took.
 
         Raises
         ------
         ValueError
-            If that is not safe; it says what is wrong with the mesh. The rules are those of `repair.repair`.
+            If a repair is not safe; the message says what is wrong with the mesh. The rules are those of
+            `repair.repair`.
         """
         vertices, faces, repairs = repair(self.solid.vertices, self.faces)
         return type(self)(Solid(vertices, faces, self.repairs + repairs), self.rotation, self.offset)

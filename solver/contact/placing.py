@@ -1,4 +1,4 @@
-"""Compiled kernels that say where on the arcs of a frame control points should be, given where they were.
+"""Compiled kernels that place the control points of a frame on its arcs, given the points of the frame before.
 
 The places are those of `density`, but earlier points count: a stretch keeps their number as long as it nearly fits, an
 anchor stays although its arc became a little shorter, and the even steps of a closed arc turn with them.

@@ -1,4 +1,4 @@
-"""Where things are and how they are turned."""
+"""Places and rotations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["as_position", "rotation_matrix"]
 
 
 def as_position(value: ArrayLike, what: str) -> NDArray[np.float64]:
-    """Read (3,) coordinates in metres; ``what`` they are stands in the error.
+    """Read (3,) coordinates in metres; ``what`` names them in the error.
 
     Raises
     ------

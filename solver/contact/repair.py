@@ -1,8 +1,8 @@
-"""What is wrong with a triangle mesh as the surface of an object, and what of that is repaired.
+"""Checks and repairs of a triangle mesh, so that it is the surface of an object.
 
 The surface must be closed: each edge is run along as often one way as the other. Bodies may touch, and be hollow.
-Repaired is what leaves the shape as it can be felt: a repair moves no surface by more than a rounding error, except
-that cracks narrower than a wavelength are closed.
+Repairs leave the shape as it can be felt: none moves a surface by more than a rounding error, except that cracks
+narrower than a wavelength are closed.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ ROUNDING = 1e-6
 SMALLEST = 1e-6
 """Extent of a mesh in metres."""
 FLAT = 1e-9
-"""Of the area to the power 3/2: a smaller volume is none."""
+"""Of the area to the power 3/2: a smaller volume counts as none."""
 MOST_OPEN_EDGES = 10_000
-"""Of all holes together; a mesh with more is no surface with holes, but many pieces of one."""
+"""Of all holes together; a mesh with more is not a surface with holes, but many pieces of one."""
 TRIED = 30_000
 """Faces of a large mesh that are looked at before any repair is tried, which takes a minute for a million faces."""
 CHUNK = 100_000
@@ -72,7 +72,8 @@ def repair(vertices: Points, faces: Indices) -> tuple[Points, Indices, tuple[str
     Raises
     ------
     ValueError
-        If the surface is open otherwise, has no inside, or falls into too many bodies; it says where and how much.
+        If the surface is open otherwise, has no inside, or falls into too many bodies; the message says where and how
+        much.
     """
     notes: list[str] = []
     extent = float(np.ptp(vertices, axis=0).max())
@@ -260,7 +261,7 @@ def _closed(vertices: Points, faces: Indices, open_edges: Indices, notes: list[s
 
 
 def _loops(directed: Indices) -> list[Indices]:
-    """Simple loops of (k, 2) directed edges, of which as many begin at each vertex as end there."""
+    """Simple loops of (k, 2) directed edges; as many of them begin at each vertex as end there."""
     onward: dict[int, list[int]] = {}
     for begin, end in directed.tolist():
         onward.setdefault(begin, []).append(end)

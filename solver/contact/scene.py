@@ -1,59 +1,18 @@
-"""Scenes: what cuts need of solids, in the order in which they need it.
-
-Memory bounds how fast large meshes are cut. So the corners of a tree's faces stand one after the other, leaf after
-leaf, and the boxes of its nodes have 32 bits, rounded outwards.
-"""
+"""Scenes: the tables of all solids that are cut in one frame."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Scalar, frozen
+from .mesh import Mesh
+from .tables import SolidTables
 
-if TYPE_CHECKING:
-    from .mesh import Mesh, Solid
-
-__all__ = ["Scene", "Tables", "poses"]
-
-
-class Tables(NamedTuple):
-    """What cuts need of a solid; or of several, one after the other, each counted from 0.
-
-    Parameters
-    ----------
-    boxes : (n, 6) float32
-        Of the tree's nodes: the middle, and half of the extent, in metres.
-    links : (n + 1, 2) int32
-        As `Bvh.links` has them; each solid has one row more than nodes.
-    corners : (f, 9) float
-        Of the tree's faces, leaf after leaf: the first vertex, the second, the third, in metres.
-    names : (f, 7) int32
-        Numbers of the same faces, of their vertices, and of their edges.
-    """
-
-    boxes: NDArray[np.float32]
-    links: NDArray[np.int32]
-    corners: NDArray[np.float64]
-    names: NDArray[np.int32]
-
-    @classmethod
-    def of(cls, solid: Solid) -> Self:
-        """Of one solid, by its tree."""
-        boxes, links, order = solid.bvh
-        low, high = boxes[:, :3], boxes[:, 3:]
-        middle = ((low + high) / 2).astype(np.float32)
-        half = np.maximum(high - middle, middle - low).astype(np.float32)
-        faces = solid.faces[order]
-        return cls(
-            frozen(np.concatenate([middle, np.nextafter(half, np.float32(np.inf))], axis=1)),
-            links,
-            frozen(solid.vertices[faces].reshape(-1, 9)),
-            frozen(np.concatenate([order[:, None], faces, solid.face_edges[order]], axis=1).astype(np.int32)),
-        )
+__all__ = ["Scene", "poses"]
 
 
 class Scene(NamedTuple):
@@ -62,7 +21,7 @@ class Scene(NamedTuple):
     Parameters
     ----------
     boxes, links, corners, names
-        Tables of all solids.
+        `SolidTables` of all solids.
     curvature : (e, 2) float
         Of their edges, as `Solid.edge_curvature`; no rows if corners are not to be felt.
     begins : (s + 1, 3) int
@@ -107,7 +66,7 @@ def _joined(parts: Sequence[NDArray[Scalar]]) -> NDArray[Scalar]:
     return parts[0] if len(parts) == 1 else frozen(np.concatenate(parts))
 
 
-_NOTHING = Tables(
+_NOTHING = SolidTables(
     frozen(np.empty((0, 6), np.float32)),
     frozen(np.empty((0, 2), np.int32)),
     frozen(np.empty((0, 9))),

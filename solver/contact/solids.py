@@ -75,7 +75,7 @@ def _vertical_prism() -> Triangles:
 
 def _horizontal_prism() -> Triangles:
     vertices, faces = _vertical_prism()
-    return vertices[:, [2, 0, 1]], faces  # what stood along z lies along x: a rotation
+    return vertices[:, [2, 0, 1]], faces  # rotated so that its axis z becomes x
 
 
 def _sphere() -> Triangles:

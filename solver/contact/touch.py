@@ -124,7 +124,7 @@ class Toucher:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew with the next frame: none of its points is one of before."""
+        """Begin anew with the next frame: all its points are new."""
         self._positions, self._marks = frozen(np.empty((0, 3))), frozen(np.empty((4, 0), dtype=np.int64))
         self._quads = _NO_QUADS
         self._objects: tuple[Mesh, ...] = ()
@@ -136,14 +136,14 @@ class Toucher:
         Parameters
         ----------
         hands : Hand or sequence of Hand
-            None at all is possible.
+            It may be empty.
         objects : Mesh or sequence of Mesh
             In the same order in each frame.
 
         Raises
         ------
         ValueError
-            If there are too many hands or objects, or something else than them.
+            If there are too many hands or objects, or a value is of another type.
         """
         quads = _quads(_several(hands, Hand, "hand", MOST_HANDS))
         meshes = _several(objects, Mesh, "object", MOST_OBJECTS)

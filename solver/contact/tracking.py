@@ -1,15 +1,15 @@
 """Compiled kernels that keep control points the same ones from frame to frame.
 
-A point is known by where it was: it is projected on the new arcs, those of its object alone and rather those of its
-quadrilateral, and the places that the density gives are shared among the points so found, the nearest ones first. A
+A point is known by its last place: it is projected on the new arcs of its object, preferably those of its
+quadrilateral. The places that the density gives are then shared among the projected points, the nearest ones first. A
 point then moves along its arc towards its place, by no more than `FOLLOW` times the motion of its hand since the last
-frame, plus `SETTLE`. All this is as seen from the object: points on an object that moves are moved with it first. So
+frame, plus `SETTLE`. All this is relative to the object: points on an object that moves are moved with it first. So
 points follow a hand without delay, while a place that jumps, because their number on an arc changed or two anchors
 became one, is reached step by step. A point that finds no place ends, and a place without a point begins a new one,
 with a new identity.
 
 A surviving point thus moves by at most: its distance from the new arcs, which is what the arcs moved; plus that limit.
-The first frame, and arcs without earlier points, have their points exactly where the density says.
+The first frame, and arcs without earlier points, have their points exactly at the places of the density.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ def _motion(new: Any, old: Any, turn: Any, shift: Any) -> Any:
     new, old : (q, 4, 3) float
         Quadrilaterals of the hands.
     turn, shift : (3, 3), (3,)
-        What the earlier ones are moved by first.
+        The motion that is applied to the earlier ones first.
 
     Returns
     -------
     (h,) float
-        Inf for a hand that is none of the earlier ones.
+        Inf for a hand that was not there before.
     """
     hands, others = len(new) // QUADS, len(old) // QUADS
     moved, carried = np.full(hands, np.inf), np.empty(old.shape)
@@ -158,7 +158,7 @@ def follow(
     moved : (o, h) float
         How far each hand has moved since the last frame, as seen from each object, in metres; inf if either is new.
     positions, marks : (m, 3), (4, m)
-        The points of the last frame: where they were, moved with their objects since; and as `placing` has them.
+        The points of the last frame: their places, moved with their objects since; and their marks, as in `placing`.
     fresh : int
         The next new identity.
 
@@ -291,7 +291,7 @@ def _towards(place: Any, goal: Any, reach: Any, cycle: Any) -> Any:
 def _pairs(arcs: Any, goals: Any, sharp: Any, olds: Any, places: Any, marks: Any, cycles: Any, spacing: Any) -> Any:
     """The earlier point that each target takes over, -1 for none: the nearest on its arc, an anchor for an anchor.
 
-    None farther along the arc than the spacing, so that no point passes others, and all have settled soon.
+    It is no farther along the arc than the spacing, so that no point passes others, and all settle soon.
     """
     source = np.full(arcs.size, -1)
     open_targets, open_olds = np.arange(arcs.size), np.flatnonzero(olds >= 0)

@@ -1,8 +1,8 @@
 """A stream of fields over one plane, by FFT: for flat arrays on a regular grid.
 
 On such an array every transducer makes the same field, only shifted, so the field over a parallel plane is a
-convolution of the drives with the field of one transducer. Where the distance between samples is the pitch divided by
-a whole number N, it is a discrete one, and nothing is approximated: sample N·a + r of an axis, 0 ≤ r < N, is
+convolution of the drives with the field of one transducer. If the distance between samples is the pitch divided by
+a whole number N, it is a discrete one and exact: sample N·a + r of an axis, 0 ≤ r < N, is
 Σ_c drive_c·g_r(a − c), where g_r is the one transducer's field at the samples of phase r. So there are N × N small
 convolutions with the same drives, which are transformed once.
 """
@@ -26,7 +26,7 @@ from .grid import MAX_SAMPLES, Grid
 __all__ = ["PlanePropagator"]
 
 OFF_GRID = 1e-8  # metres that a transducer may stand beside the grid: 7e-6 rad at 40 kHz
-NEIGHBOURS = 1e-4  # metres between columns, at least: what is less is no pitch but a transducer out of line
+NEIGHBOURS = 1e-4  # least metres between columns: a smaller distance is a transducer out of line, not a pitch
 POINTS_AT_A_TIME = 500_000
 
 
@@ -51,7 +51,7 @@ class PlanePropagator:
     Raises
     ------
     ValueError
-        Where a number is out of range, the array is not flat or not on a square grid, a sample is too close for the
+        If a number is out of range, the array is not flat or not on a square grid, a sample is too close for the
         far-field model, or there are too many samples. `sample_plane` takes any array and any step.
     """
 
@@ -118,7 +118,7 @@ class PlanePropagator:
         Raises
         ------
         ValueError
-            Where the drive has another length than the array, or is not finite.
+            If the drive has another length than the array, or is not finite.
         """
         with np.errstate(over="ignore"):
             drive = np.asarray(drive, dtype=np.complex128).astype(np.complex64)
@@ -154,7 +154,7 @@ def _square_grid(array: TransducerArray) -> tuple[float, NDArray[np.intp]]:
         raise ValueError("a single transducer has no pitch; `sample_plane` takes any array")
     pitch, span = float(gaps[gaps > NEIGHBOURS].min()), float(offset.max())
     if abs(excess := span / round(span / pitch) - pitch) < pitch / 1000:
-        pitch += excess  # what coordinates are rounded by adds up over a long array
+        pitch += excess  # rounding of coordinates adds up over a long array
     cells = np.rint(offset / pitch)
     beside = np.abs(offset - cells * pitch).max(axis=1)
     if beside.max() > OFF_GRID:

@@ -26,7 +26,7 @@ class Field:
     Parameters
     ----------
     grid : Grid
-        Where the samples are.
+        The places of the samples.
     pressure : (...) complex
         Peak pressure in Pa, of the grid's shape.
     medium : Medium
@@ -35,7 +35,7 @@ class Field:
     Raises
     ------
     ValueError
-        Where the pressure does not have the grid's shape, or the grid is of another kind than the field.
+        If the pressure does not have the grid's shape, or the grid is of another kind than the field.
     """
 
     grid: Grid
@@ -49,7 +49,7 @@ class Field:
 
     @property
     def x(self) -> NDArray[np.float64]:
-        """Coordinates of the samples along x, in metres; `ValueError` where no axis of the grid is along x."""
+        """Coordinates of the samples along x, in metres; `ValueError` if no axis of the grid is along x."""
         return self._along("x")
 
     @property
@@ -70,7 +70,7 @@ class Field:
         raise ValueError(f"no axis of this {self.grid.kind} is along {letter}; its axes are {self.grid.axes.tolist()}")
 
     def strongest(self) -> tuple[float, NDArray[np.float64]]:
-        """The largest |p| in Pa (peak), and where it is, (3,) in metres."""
+        """The largest |p| in Pa (peak), and its place, (3,) in metres."""
         magnitude = np.abs(self.pressure)
         index = np.unravel_index(int(magnitude.argmax()), magnitude.shape)
         offsets = [self.grid.offsets(axis)[at] for axis, at in enumerate(index[::-1])]
@@ -125,7 +125,7 @@ def sample_plane(
     Raises
     ------
     ValueError
-        Where a number is out of range, or there are too many samples.
+        If a number is out of range, or there are too many samples.
     """
     return sample_cut(array, drive, Grid.horizontal(height, extent, step), medium)
 
@@ -147,7 +147,7 @@ def sample_cut(array: TransducerArray, drive: ArrayLike, grid: Grid, medium: Med
     Raises
     ------
     ValueError
-        Where the grid is no plane, a sample is too close to a transducer, or there are too many samples.
+        If the grid is no plane, a sample is too close to a transducer, or there are too many samples.
     """
     _check_kind(grid, "plane")
     medium = medium or Medium()

@@ -68,15 +68,15 @@ def load_solution(path: Path) -> Solution:
     Raises
     ------
     InputFileError
-        Where the file is truncated, corrupted or of another kind.
+        If the file is truncated, corrupted or of another kind.
     OSError
-        Where it cannot be opened.
+        If it cannot be opened.
     """
     return solution_in(read_arrays(path), path)
 
 
 def solution_in(arrays: dict[str, np.ndarray[Any, Any]], path: Path) -> Solution:
-    """The solution in the arrays of a file; raise `InputFileError`, naming the file, where there is none."""
+    """The solution in the arrays of a file; raise `InputFileError`, naming the file, if there is none."""
     if str(arrays.get("format")) in EARLIER_FORMATS:
         raise InputFileError(
             f"{path} was made by an earlier version of phasewire; solve it again with `phasewire solve`"
@@ -146,7 +146,7 @@ def _medium_in(arrays: dict[str, np.ndarray[Any, Any]]) -> Medium:
 
 def _floats(values: np.ndarray[Any, Any], count: int) -> list[float]:
     if values.shape != (count,) or values.dtype.kind != "f":
-        raise ValueError(f"{count} numbers are expected where {values.shape} of {values.dtype} stand")
+        raise ValueError(f"{count} numbers are expected, not {values.shape} of {values.dtype}")
     return [float(value) for value in values]
 
 
@@ -154,7 +154,7 @@ def save_field(path: Path, field: PlaneField | VolumeField) -> None:
     """Write a field as NPZ, whole or not at all.
 
     Its arrays are `pressure`, (rows, columns) or (layers, rows, columns) complex in Pa (peak), the grid's `centre` (3,)
-    and `step` in metres, its `axes` (d, 3), of which the first belongs to the columns, the medium as in a
+    and `step` in metres, its `axes` (d, 3), the first of which belongs to the columns, the medium as in a
     solved file, and `units`, which says this in words.
     """
     with replacing(path) as part, part.open("wb") as file:
@@ -177,9 +177,9 @@ def load_field(path: Path) -> PlaneField | VolumeField:
     Raises
     ------
     InputFileError
-        Where the file is truncated, corrupted or of another kind.
+        If the file is truncated, corrupted or of another kind.
     OSError
-        Where it cannot be opened.
+        If it cannot be opened.
     """
     arrays = read_arrays(path)
     if str(arrays.get("format")) != FIELD_FORMAT:

@@ -1,10 +1,10 @@
 """What became of the control points: how strong, sharp and well placed each focus is, and what else is there.
 
-A focus' *neighbourhood* is where the array, if it focused on that point alone, would keep at least half the pressure
-(−6 dB), to second order: with weights |a_q|² and directions û_q from the transducers to the point, the field at a small
-distance δ is Σ|a_q|²·e^{ik·û_q·δ}, so the neighbourhood is the ellipsoid k²·δᵀCδ ≤ 2·ln 2, where C is the weighted
-covariance of the directions; it ends 10 cm from the point at the latest. What is stronger than its surroundings outside
-every neighbourhood is a lobe.
+A focus' *neighbourhood* is the region in which the array, if it focused on that point alone, would keep at least half
+the pressure (−6 dB), to second order: with weights |a_q|² and directions û_q from the transducers to the point, the
+field at a small distance δ is Σ|a_q|²·e^{ik·û_q·δ}, so the neighbourhood is the ellipsoid k²·δᵀCδ ≤ 2·ln 2, where C is
+the weighted covariance of the directions; it ends 10 cm from the point at the latest. A local maximum outside every
+neighbourhood is a lobe.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from .quantities import relative_level
 __all__ = ["GHOST", "MISSING", "Focus", "FocusReport", "Lobe", "Null", "focus_report"]
 
 MISSING = 0.5
-"""A point is missing where |p| is at most this part of its share, the mean over the points by wanted amplitudes."""
+"""A point is missing if |p| is at most this part of its share, the mean over the points by wanted amplitudes."""
 
 GHOST = 0.5
-"""A lobe is a ghost where |p| is above this part of the mean over the points that should be strong."""
+"""A lobe is a ghost if |p| is above this part of the mean over the points that should be strong."""
 
 FAINT = 1e-6
 """A point of at most this part of the largest amplitude is taken for a null."""
 
 HALF = 0.5  # −6 dB
-DEEPEST = -200.0  # dB; JSON knows no −∞
+DEEPEST = -200.0  # dB; JSON has no −∞
 SEARCH_MARGIN = 0.02  # metres around points and array
 SAMPLES_PER_WAVELENGTH = 5
 COARSEST = 4  # samples per wavelength
 BETWEEN = 0.8  # of a lobe's height is what the sample nearest to it has at least
 MAX_SEARCHED = 40_000_000  # samples: some ten seconds
-LONGEST = 0.1  # metres: half of a neighbourhood, where few transducers make a wide one
+LONGEST = 0.1  # metres: half of a neighbourhood, if few transducers make a wide one
 PATCH, ZOOMS = 9, 4  # samples along a side, and how often it shrinks to a quarter: to 1/256 of a neighbourhood
 LINE, REACH = 64, 4.0  # samples along a line from a peak, and its length in neighbourhoods
 
@@ -69,7 +69,7 @@ class Focus:
     offset : (3,) float
         From the point to that peak, in metres.
     width : (3,) float or None
-        Through the peak along x, y and z: the distance in metres within which |p| is at least half the peak; None where
+        Through the peak along x, y and z: the distance in metres within which |p| is at least half the peak; None if
         it does not fall below that within four neighbourhoods, as between foci that touch.
     missing : bool
         Whether |p| at the point is at most `MISSING` of its share.
@@ -97,7 +97,7 @@ class Null:
 
 @dataclass(frozen=True)
 class Lobe:
-    """A local maximum where none was wanted: where, |p| in Pa (peak), and in dB relative to the foci's mean."""
+    """A local maximum that was not wanted: its place, |p| in Pa (peak), and in dB relative to the foci's mean."""
 
     position: Vector
     pressure: float
@@ -121,7 +121,7 @@ class FocusReport:
     ghosts : tuple of Lobe
         All such maxima above `GHOST` of the mean, the strongest first.
     searched : str
-        Where lobes were looked for.
+        The region in which lobes were looked for.
     """
 
     foci: tuple[Focus, ...]
@@ -203,7 +203,7 @@ def focus_report(
     Raises
     ------
     ValueError
-        As `pressure`, or where a point is out of reach, or the grid is too coarse or has too many samples.
+        As `pressure`, or if a point is out of reach, or the grid is too coarse or has too many samples.
     """
     medium = medium or Medium()
     check_reachable(array, points)

@@ -1,4 +1,4 @@
-"""Grids: where a field is sampled, over a plane or a box, however it lies in space."""
+"""Grids: the places at which a field is sampled, over a plane or a box at any angle."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Grid:
     Raises
     ------
     ValueError
-        Where the axes are not orthogonal unit vectors, a number is out of range, or there are too many samples.
+        If the axes are not orthogonal unit vectors, a number is out of range, or there are too many samples.
     """
 
     centre: NDArray[np.float64]
@@ -92,7 +92,7 @@ class Grid:
 
     @classmethod
     def spanning(cls, centre: ArrayLike, axes: ArrayLike, extents: Sequence[float], step: float) -> Grid:
-        """A grid along any axes, of which each has its extent in metres; otherwise as `along`."""
+        """A grid along any axes, each with its extent in metres; otherwise as `along`."""
         for name, value in (*(("extent", extent) for extent in extents), ("step", step)):
             if not 0 < value < math.inf:
                 raise ValueError(f"{name} {value} m must be positive and finite")

@@ -1,12 +1,12 @@
-"""What a dish of oil shows: the surface that radiation pressure makes, and how it looks in light from the side.
+"""The surface of a dish of oil under radiation pressure.
 
-The paper's Figures 1, 5 and 6 turn the array to the surface of a thin layer of oil, where each focus pushes a dimple.
-Here the surface is the static one, in which radiation pressure is balanced by weight and surface tension, for small
-slopes: (ρg − σ∇²)·h = −P.
+The paper's Figures 1, 5 and 6 turn the array to the surface of a thin layer of oil, in which each focus pushes a
+dimple. Here the surface is the static one, in which radiation pressure is balanced by weight and surface tension, for
+small slopes: (ρg − σ∇²)·h = −P.
 
 What this neglects: the bottom of a thin dish, steep slopes, flow and its time (a real dimple takes a good part of a
 second), the oil's streaming, sound that stands between oil and array, and the caustics that light refracted by the
-surface makes on the bottom. It says where dimples are and how deep they are to each other.
+surface makes on the bottom. It shows the places of dimples and their depths relative to each other.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Oil:
     Raises
     ------
     ValueError
-        Where a number is out of range.
+        If a number is out of range.
     """
 
     density: float = 850.0
@@ -75,12 +75,12 @@ class Oil:
         Returns
         -------
         (rows, columns) float
-            Height in metres: where the surface is pushed it is negative.
+            Height in metres, negative at places that are pushed.
 
         Notes
         -----
         Solved by a cosine transform, so the surface meets the edges of the plane level. The dish is taken to be so
-        large that the oil pushed away raises it nowhere.
+        large that the displaced oil does not raise the rest.
         """
         push = np.asarray(push, dtype=np.float64)
         y, x = (np.pi * np.arange(count) / (count * step) for count in push.shape)
@@ -89,12 +89,12 @@ class Oil:
 
 
 def oil_surface(field: PlaneField, oil: Oil | None = None) -> NDArray[np.float64]:
-    """Height of an oil surface that lies where a field was sampled, (rows, columns) in metres, negative in dimples.
+    """Height of an oil surface in the plane of a field, (rows, columns) in metres, negative in dimples.
 
     Raises
     ------
     ValueError
-        Where the plane is not horizontal.
+        If the plane is not horizontal.
     """
     if abs(field.grid.normal[2]) < 1 - 1e-9:
         raise ValueError(

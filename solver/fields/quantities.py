@@ -1,7 +1,7 @@
 """What a pressure means: intensity, radiation pressure and level.
 
 Pressures are peak amplitudes in Pa, so a mean over the carrier's period brings a factor 1/2: ⟨p(t)²⟩ = |p|²/2.
-Intensity and radiation pressure take the wave for a plane one, of which the particle velocity is p/(ρc). That is good
+Intensity and radiation pressure take the wave for a plane one, whose particle velocity is p/(ρc). That is good
 far from the array and at a focus that is not too tight; where waves cross, as in a standing wave, it is not.
 """
 
@@ -77,7 +77,7 @@ def radiation_pressure(pressure: ArrayLike, medium: Medium, reflection: float = 
     Raises
     ------
     ValueError
-        Where α is not between 1 and 2.
+        If α is not between 1 and 2.
 
     Notes
     -----
@@ -91,13 +91,13 @@ def radiation_pressure(pressure: ArrayLike, medium: Medium, reflection: float = 
 
 
 def check_reflection(reflection: float) -> None:
-    """Raise `ValueError` where α of `radiation_pressure` is out of range."""
+    """Raise `ValueError` if α of `radiation_pressure` is out of range."""
     if not 1 <= reflection <= 2:
         raise ValueError(f"reflection {reflection} must lie between 1, an absorber, and 2, a mirror")
 
 
 def sound_pressure_level(pressure: ArrayLike) -> NDArray[np.float64]:
-    """Level of a peak pressure in Pa, in dB re 20 µPa rms; −∞ where it is 0."""
+    """Level of a peak pressure in Pa, in dB re 20 µPa rms; −∞ if it is 0."""
     return _decibels(np.abs(pressure) / (math.sqrt(2) * REFERENCE))
 
 
@@ -107,7 +107,7 @@ def relative_level(pressure: ArrayLike, reference: float | None = None) -> NDArr
     Raises
     ------
     ValueError
-        Where the reference is not positive, such as the largest |p| of a silent field.
+        If the reference is not positive, such as the largest |p| of a silent field.
     """
     magnitude = np.abs(pressure)
     reference = float(magnitude.max()) if reference is None else reference
@@ -130,7 +130,7 @@ class Quantity:
     name, symbol, unit : str
         For people.
     decade : float
-        dB for each factor of ten: 20 where it grows as the pressure, 10 where it grows as its square.
+        dB for each factor of ten: 20 if it grows as the pressure, 10 if it grows as its square.
     of : function
         From peak pressure in Pa, (...) complex, and the air to (...) float.
     """

@@ -1,6 +1,6 @@
 """Both halves of a frame in one compiled call, for live use.
 
-numba takes half a second to import, so this module is imported where it is used and not before.
+numba takes half a second to import, so this module is imported at its first use.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The compiled engine: one update at a time through the float32 kernels.
 
-numba takes half a second to import, so this module is imported where it is used and not before.
+numba takes half a second to import, so this module is imported at its first use.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..acoustics.array import TransducerArray
 from ..acoustics.medium import Medium
 from ..acoustics.propagation import transfer_matrix
-from ..acoustics.tables import Tables, aligned, can_reach, tables_of
+from ..acoustics.tables import ArrayTables, aligned, can_reach, tables_of
 from ..compiled import kernels
 from ..compiled.simd import LANES
 from ..shapes.points import REACH, ControlPoints, check_reachable
@@ -38,13 +38,13 @@ def kernels_of(method: str) -> Kernels:
     return found
 
 
-def is_modelled(tables: Tables) -> bool:
+def is_modelled(tables: ArrayTables) -> bool:
     """Whether the kernels model the air well enough as far as points may be."""
     low, high = tables.bounds[:2]
     return can_reach(tables, REACH + float(np.linalg.norm(high - low)))
 
 
-def solves_at_once(tables: Tables, method: str, options: Options) -> bool:
+def solves_at_once(tables: ArrayTables, method: str, options: Options) -> bool:
     """Whether one kernel takes points to drives: without a clock, and if the directivity is a polynomial."""
     uses = kernels_of(method)
     timeless = uses.weighed and not uses.polished and options.phase_seconds is None
@@ -90,7 +90,7 @@ class CompiledEngine:
         Raises
         ------
         ValueError
-            Where a point cannot be reached.
+            If a point cannot be reached.
         """
         m = len(points)
         self._make_room(m)

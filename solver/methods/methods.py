@@ -34,8 +34,8 @@ class Problem(NamedTuple):
     options : Options
         With an output policy.
     phases : callable
-        Of A·W·Aᴴ (m, m) and ``"unit"`` or ``"power"``: the phases (m,) of unit modulus that `reference.phase_iteration`
-        finds. It begins where the same points of the last frame ended.
+        Takes A·W·Aᴴ (m, m) and ``"unit"`` or ``"power"``, and returns the phases (m,) of unit modulus that
+        `reference.phase_iteration` finds. Its iteration begins with the last phases of the same points.
     """
 
     transfer: Complex
@@ -86,6 +86,11 @@ class Method:
         What does the same in float32.
     squared : bool
         Whether its system has a row for each transducer too, so that n·n numbers must fit the memory.
+
+    Raises
+    ------
+    ValueError
+        If an option is not a field of `Options`.
     """
 
     summary: str
@@ -94,6 +99,12 @@ class Method:
     solve: Callable[[Problem], Complex]
     kernels: Kernels | None = None
     squared: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the names of the options."""
+        known = [field.name for field in dataclasses.fields(Options)]
+        if foreign := [name for name in self.options if name not in known]:
+            raise ValueError(f"a method has no option {foreign[0]!r}; Options has {', '.join(known)}")
 
 
 def _regularised(problem: Problem, steps: int) -> Complex:
@@ -158,7 +169,11 @@ _OWN = {
     "tikhonov": Method("weighted Tikhonov regularisation, (10)–(11)", "solved", _TIKHONOV, _tikhonov, Kernels()),
     "min_norm": Method("minimum norm or least squares, (6)–(8)", "solved", _PHASES, _min_norm),
     "multiplex": Method(
-        "linear multiplexing, (12): phases of the summed single foci", "phase", (), _multiplex, Kernels(weighed=False)
+        "linear multiplexing, (12): phases of the summed single foci; makes no nulls",
+        "phase",
+        (),
+        _multiplex,
+        Kernels(weighed=False),
     ),
     "paper": Method(
         "the paper to the letter: power method, μ = 1, full power",
@@ -185,7 +200,7 @@ class Methods(Mapping[str, Method]):
             entry = self._others[name]
             try:
                 method = entry.load()
-            except (ImportError, AttributeError) as error:
+            except Exception as error:  # whatever another package raises must not break the help
                 raise ValueError(
                     f"method {name!r} of the entry point {entry.value!r} cannot be loaded: {error}"
                 ) from error

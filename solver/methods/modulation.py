@@ -22,7 +22,7 @@ FREQUENCY = 200.0
 """Of the modulation, in hertz."""
 
 CARRIER = 40_000.0  # hertz
-LOWEST = 0.01  # hertz; slower is no modulation
+LOWEST = 0.01  # hertz; skin does not feel a slower modulation
 SINE_SAMPLES = 50
 
 
@@ -55,7 +55,7 @@ class Modulation:
     Raises
     ------
     ValueError
-        Where shapes do not fit, a number is not finite, a weight is negative, a sample drives a transducer beyond 1, or
+        If shapes do not fit, a number is not finite, a weight is negative, a sample drives a transducer beyond 1, or
         the frequency is not possible.
     """
 
@@ -225,13 +225,13 @@ def intensity_component(
     Raises
     ------
     ValueError
-        Where the harmonic is negative, the carriers differ, or as `pressure`.
+        If the harmonic is negative, the carriers differ, or as `pressure`.
 
     Notes
     -----
     The Fourier coefficient in continuous time of what is constant in each sample: with I_j in sample j of s,
     A = 2·|Σ_j I_j·e^{-2πihj/s}|/s · sinc(h/s), h the harmonic. For on and off that is (2/π)·|p|², and for two fields in
-    turn (2/π)·||p₁|² - |p₂|²|. The transducers follow at once in this model, and the sound needs no time to arrive.
+    turn (2/π)·||p₁|² - |p₂|²|. In this model the transducers follow at once, and the sound arrives at once.
     """
     if not (isinstance(harmonic, Integral) and harmonic >= 0):
         raise ValueError(f"harmonic {harmonic} must be a whole number, at least 0")

@@ -1,4 +1,4 @@
-"""The options of the methods, checked once, and the numbers that the methods hold to."""
+"""The options of the methods, checked once, and the constants of the methods."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ HEADROOM = 2.0
 """How far above the limits ``limited`` output raises the root mean square of the drives before it cuts them off."""
 
 RELAXATION = 0.5
-"""Part of the missing pressure that a correction of ``wgs`` adds: 1 oscillates where outputs are phase-only."""
+"""Part of the missing pressure that a correction of ``wgs`` adds: 1 oscillates if outputs are phase-only."""
 
 NUDGE = 0.05
-"""Part of the cold start in a warm one: symmetric phases could otherwise never be left on a symmetric shape."""
+"""Part of the cold start in a warm one: without it, phases that are symmetric on a symmetric shape would stay so."""
 
 LEAST_GAIN = 1e-9
 """Least decrease of the mean square misfit that a step of ``polish`` is taken for; less is rounding."""
@@ -45,7 +45,7 @@ MAX_STEPS = 100_000
 
 @dataclass(frozen=True)
 class Options:
-    """Options of the methods, each of which heeds some.
+    """Options of the methods; each method heeds some of them.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Options:
     Raises
     ------
     ValueError
-        That names the option, its value and its range.
+        If an option is out of range; the message names it, its value and its range.
     """
 
     gamma: float = 1.0

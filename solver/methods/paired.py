@@ -7,17 +7,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..acoustics.array import TransducerArray
-from ..acoustics.medium import Medium
-from ..acoustics.propagation import Precision
 from ..geometry import frozen
 from ..shapes.points import ControlPoints
-from .options import Options
 from .reference_engine import Engine
-from .solve import engine_for, has_kernels
 from .split import Split, split
 
-__all__ = ["EnginePair", "Pair", "PairEngine", "pair_engine"]
+__all__ = ["EnginePair", "Pair", "PairEngine"]
 
 
 class Pair(NamedTuple):
@@ -30,7 +25,7 @@ class Pair(NamedTuple):
     drives : (2, n) complex
         Of each half, at full strength; 0 without a second half.
     levels : (2,) float
-        What each half is turned down by, at most 1, so that both come out as loud for what was asked of them.
+        Factor of each half, at most 1, with which both are equally loud relative to the wanted amplitudes.
     """
 
     split: Split
@@ -39,7 +34,7 @@ class Pair(NamedTuple):
 
 
 class PairEngine(Protocol):
-    """What solves both halves of a frame, with the split and the phases of the last one."""
+    """Solves both halves of a frame, with the split and the phases of the last one."""
 
     def solve(self, points: ControlPoints, ids: NDArray[np.int64]) -> Pair:
         """The next frame; ``ids`` as for `Solver.solve`."""
@@ -83,18 +78,3 @@ class EnginePair:
         self._split = None
         for engine in self._engines:
             engine.forget()
-
-
-def pair_engine(
-    array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision = "single"
-) -> PairEngine:
-    """What solves both halves by a method: in one compiled call if it can."""
-    if has_kernels(method, options, precision):
-        from ..acoustics.tables import tables_of  # numba takes half a second to import
-        from .compiled_pair import CompiledPair
-        from .engine import solves_at_once
-
-        if solves_at_once(tables_of(array, medium), method, options):
-            return CompiledPair(array, medium, method, options)
-    first, second = (engine_for(array, medium, method, options, precision) for _ in range(2))
-    return EnginePair(first, second, len(array))

@@ -122,7 +122,7 @@ def drive_pair(
                 wanted[k], names[k] = amplitudes[i] / largest, ids[i]
                 loudest = max(loudest, wanted[k])
                 k += 1
-        if loudest == 0:  # there is but one point that is no null
+        if loudest == 0:  # only one point is no null
             levels[half] = levels[0]
             for q in range(drives.shape[1]):
                 drives[half, q] = 0

@@ -1,7 +1,7 @@
 """The solvers' algorithms, one readable complex128 function each.
 
 The compiled kernels are tested against these, and ``precision="double"`` runs them. ``transfer`` is A of the paper's
-(7), (m, n) complex; ``wanted`` the (m,) amplitudes, of which at least one is positive; ``phases`` the (m,) unit-modulus
+(7), (m, n) complex; ``wanted`` the (m,) amplitudes, at least one of them positive; ``phases`` the (m,) unit-modulus
 phases of the control points; drives are (n,) complex, of any scale until `limit_drive`.
 """
 
@@ -46,7 +46,7 @@ def cold_start(m: int) -> Complex:
 
 
 def phase_iteration(gram: Complex, wanted: Real, start: Complex, steps: int, method: Phases = "unit") -> Complex:
-    """Phases with which the control points help each other, the paper's section 3.2.
+    """Phases with which the control points strengthen each other, the paper's section 3.2.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def phase_iteration(gram: Complex, wanted: Real, start: Complex, steps: int, met
     wanted : (m,) float
         Amplitudes.
     start : (m,) complex
-        Where the iteration begins.
+        The values at which the iteration begins.
     steps : int
         Iterations.
     method : {"unit", "power"}
@@ -106,7 +106,7 @@ def limit_drive(drive: Complex, limits: Real, output: Output) -> Complex:
 def multiplex(transfer: Complex, wanted: Real) -> Complex:
     """Linear multiplexing, (12): the drives that focus on each point alone, summed: Σ_i wanted_i·e^{−ik·r_iq}.
 
-    It knows no nulls: a point of amplitude 0 is left out.
+    It makes no nulls: a point of amplitude 0 is left out.
     """
     return np.asarray(wanted @ unit(transfer.conj()))
 
@@ -140,7 +140,7 @@ class Regularised:
     Raises
     ------
     numpy.linalg.LinAlgError
-        Where the system is singular: μ is too small for points as close as these.
+        If the system is singular: μ is too small for points as close as these.
 
     Notes
     -----
@@ -179,9 +179,9 @@ def correct(
 ) -> Complex:
     """Weighted Gerchberg–Saxton steps on top of a regularised solution; the best iterate is kept.
 
-    Each step projects on what the transducers can emit, looks at what arrives, keeps its phases, and adds a part of
-    what is missing to the pressures that are asked for. The weights of the classical algorithm, which multiply, cannot
-    deepen a null and converge more slowly.
+    Each step limits the drives by the output policy, computes the pressures at the points, keeps their phases, and adds
+    a part of the missing magnitude to the pressures that are asked for. The weights of the classical algorithm,
+    which multiply, cannot deepen a null and converge more slowly.
     """
     b = wanted * phases
     best, chosen = np.inf, None
@@ -204,7 +204,7 @@ def polish(transfer: Complex, wanted: Real, drive: Complex, levels: int, sweeps:
     transfer, wanted
         As in this module.
     drive : (n,) complex
-        Where it begins; magnitudes stay.
+        The drives at which it begins; magnitudes stay.
     levels : int
         Phases in a turn.
     sweeps : int

@@ -1,4 +1,4 @@
-"""What an engine is, and the one that solves by the readable functions of the methods, in complex128."""
+"""The protocol of engines, and the engine that uses the readable functions of the methods, in complex128."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Engine(Protocol):
     def level(self, points: ControlPoints, drive: NDArray[Any]) -> float:
         """|p| at the points per wanted amplitude, in pascals, as the least squares have it.
 
-        The drive is what `drive` has given for these points just now.
+        ``drive`` must be the last result of `drive`, for these points.
         """
 
     def drive_frames(
@@ -75,7 +75,7 @@ class ReferenceEngine:
         Raises
         ------
         ValueError
-            Where a point cannot be reached, or the system is singular.
+            If a point cannot be reached, or the system is singular.
         """
         check_reachable(self._array, points)
         transfer = transfer_matrix(self._array, points.positions, self._medium) * (self._limits > 0)
@@ -98,7 +98,7 @@ class ReferenceEngine:
         drive_each(self, frames, first, stride, drives)
 
     def _phases(self, gram: Complex, wanted: Real, ids: NDArray[np.int64] | None, way: Phases) -> Complex:
-        """Unit-modulus phases, begun where the same points of the last frame ended."""
+        """Unit-modulus phases; the iteration begins with the last phases of the same points."""
         options, m = self._options, len(wanted)
         if ids is None:
             ids = np.arange(m, dtype=np.int64)

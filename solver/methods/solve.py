@@ -33,7 +33,7 @@ class Solution:
     drive : (n,) complex
         Drives in array order, of magnitude at most 1.
     array, points, medium, method
-        What it was solved for, and how.
+        What the drive was solved for, and how.
     """
 
     drive: NDArray[np.complex128]
@@ -59,8 +59,8 @@ class Solver:
         The air; 20 °C by default.
     precision : {"single", "double"}
         Compiled float32 kernels, or the readable complex128 versions in NumPy, which are far slower. With points that
-        are well apart the ratios of |p| are within 1e-3 of the strongest and phases within 0.2° (rms); where
-        points crowd or contradict each other, their solutions are as good, but may be others. Methods without kernels,
+        are well apart the ratios of |p| are within 1e-3 of the strongest and phases within 0.2° (rms). If
+        points crowd or contradict each other, their solutions are as good, but may differ. Methods without kernels,
         and a ``mu`` below 1e-4, are always solved in double precision. The first solve on a machine compiles the
         kernels, which takes some ten seconds, once.
     **options
@@ -69,7 +69,7 @@ class Solver:
     Raises
     ------
     ValueError
-        Where a method, an option or a value is unknown or out of range.
+        If a method, an option or a value is unknown or out of range.
 
     Examples
     --------
@@ -104,12 +104,13 @@ class Solver:
             In metres; without amplitudes, all are 1.
         ids : (m,) int64, optional
             Identities of the points, each once: a point begins with the phase of the same one in the last frame.
-            Without them, as many points as in the last frame are taken for the same ones, and others are all new.
+            Without them, the points are taken for those of the last frame if there are as many, and for new ones
+            otherwise.
 
         Raises
         ------
         ValueError
-            Where a point cannot be reached, there are too many, or they are too close for so small a ``mu``; or if the
+            If a point cannot be reached, there are too many, or they are too close for so small a ``mu``; or if the
             identities are not as many as the points.
         """
         if not isinstance(points, ControlPoints):
@@ -160,7 +161,7 @@ def solve_frames(
     method, medium, precision, **options
         As for `Solver`.
     workers : int
-        Threads to share the frames among, at least 1; more than there are cores gain nothing.
+        Threads to share the frames among, at least 1; more threads than cores gain nothing.
 
     Returns
     -------
@@ -170,7 +171,7 @@ def solve_frames(
     Raises
     ------
     ValueError
-        As `Solver` and `Solver.solve`, naming the frame; or where there is less than one worker.
+        As `Solver` and `Solver.solve`, naming the frame; or if there is less than one worker.
     """
     frames, settings, air = list(frames), options_of(method, options), medium or Medium()
     if workers < 1:
@@ -195,7 +196,7 @@ def checked_ids(points: ControlPoints, ids: NDArray[np.int64] | None) -> NDArray
 
 
 def check_size(array: TransducerArray, points: ControlPoints, method: str, where: str = "") -> None:
-    """Raise `ValueError` where a problem would fill the memory."""
+    """Raise `ValueError` if a problem would fill the memory; the message begins with ``where``."""
     squared = METHODS[method].squared
     pairs = len(array) * (len(points) + (len(array) if squared else 0))
     if len(points) > MAX_POINTS or pairs > MAX_PAIRS:
@@ -207,7 +208,7 @@ def check_size(array: TransducerArray, points: ControlPoints, method: str, where
 
 
 def engine_for(array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision) -> Engine:
-    """What solves by a method in a precision, compiled if it can be."""
+    """The engine for a method and a precision, the compiled one if there is one."""
     if not has_kernels(method, options, precision):
         return ReferenceEngine(array, medium, method, options)
     from .engine import CompiledEngine  # numba takes half a second to import

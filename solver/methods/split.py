@@ -40,9 +40,9 @@ class Split:
     ids: NDArray[np.int64] | None = None
 
     def sides(self, m: int, ids: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
-        """Where m points of the next frame have been, (m,): -1 in the first half, 1 in the second, 0 for new ones.
+        """The halves in which m points of the next frame have been, (m,): -1 the first, 1 the second, 0 for new ones.
 
-        Without identities as many points as here are taken for the same ones.
+        Without identities, the points are taken for the same ones if there are as many as here.
         """
         side = np.where(self.mask, -1.0, 1.0)
         if ids is None or self.ids is None:
@@ -51,14 +51,14 @@ class Split:
         return np.array([known.get(each, 0.0) for each in ids.tolist()])
 
     def halves(self, points: ControlPoints) -> tuple[ControlPoints, ControlPoints | None]:
-        """The points of each half in their order; no second half where there is but one point that is no null.
+        """The points of each half in their order; no second half if only one point is no null.
 
         Each half contains all nulls: the field must be low there all the time.
 
         Raises
         ------
         ValueError
-            Where the split is one of another number of points.
+            If the split is one of another number of points.
         """
         first, second = self.masks(points)
         return points.part(first), None if second is None else points.part(second)
@@ -139,7 +139,7 @@ def _next_axis(scatter: NDArray[np.float64], previous: NDArray[np.float64]) -> N
     """The direction with `KEEP` of the largest variance that is nearest to the previous axis.
 
     In the plane of the previous axis and the first principal component e, the variance at the angle φ from e is
-    λ·cos²φ + λ'·sin²φ, where λ' is that across e.
+    λ·cos²φ + λ'·sin²φ, where λ' is the variance across e.
     """
     largest = _largest_eigenvalue(scatter.ravel().tolist())
     if previous @ scatter @ previous >= KEEP * largest:

@@ -21,16 +21,17 @@ from ..geometry import frozen
 from ..shapes.points import ControlPoints
 from .methods import options_of
 from .modulation import FREQUENCY, Modulation, check_frequency
-from .paired import Pair, pair_engine
-from .solve import Solution, check_size, checked_ids, solve
+from .options import Options
+from .paired import EnginePair, Pair, PairEngine
+from .solve import Solution, check_size, checked_ids, engine_for, has_kernels, solve
 from .split import Split
 
-__all__ = ["Gain", "TwoSided", "TwoSidedSolver", "two_sided"]
+__all__ = ["Gain", "TwoSided", "TwoSidedSolver", "pair_engine", "two_sided"]
 
 
 @dataclass(frozen=True, eq=False)
 class Gain:
-    """What two-sided modulation gains on one-sided, at the k points that are no nulls.
+    """The gain of two-sided modulation over one-sided, at the k points that are no nulls.
 
     Both drive the transducers equally hard while they emit. The array never rests in two-sided modulation, so that it
     takes about twice the power: the gain is in what a given array can do, not in its efficiency.
@@ -38,8 +39,7 @@ class Gain:
     Parameters
     ----------
     two_sided, one_sided : (k,) float
-        By how much the intensity |p|² differs between the halves of the modulation's period, in Pa²; p is the peak
-        pressure.
+        Difference of the intensity |p|² between the halves of the modulation's period, in Pa²; p is the peak pressure.
     """
 
     two_sided: NDArray[np.float64]
@@ -96,7 +96,7 @@ class TwoSided:
 
     @cached_property
     def second(self) -> Solution | None:
-        """Of the second half; none if there is but one point that is no null."""
+        """Of the second half; None if only one point is no null."""
         half = self.split.halves(self.points)[1]
         return None if half is None else self._solution(1, half)
 
@@ -162,7 +162,7 @@ class TwoSidedSolver:
     Notes
     -----
     The amplitudes of points are relative to each other whichever half they are in, so the field that comes out louder
-    than the other, for what was asked of it, is turned down. With a single point the second field is silence, which is
+    relative to its wanted amplitudes is turned down. With a single point the second field is silence, which is
     one-sided modulation. The paper powers the array fully: ``output="phase"``.
     """
 
@@ -209,6 +209,21 @@ class TwoSidedSolver:
     def forget(self) -> None:
         """Begin the next frame from scratch, as the first."""
         self._engine.forget()
+
+
+def pair_engine(
+    array: TransducerArray, medium: Medium, method: str, options: Options, precision: Precision = "single"
+) -> PairEngine:
+    """The engine for both halves of a frame: one compiled call if the method has one."""
+    if has_kernels(method, options, precision):
+        from ..acoustics.tables import tables_of  # numba takes half a second to import
+        from .compiled_pair import CompiledPair
+        from .engine import solves_at_once
+
+        if solves_at_once(tables_of(array, medium), method, options):
+            return CompiledPair(array, medium, method, options)
+    first, second = (engine_for(array, medium, method, options, precision) for _ in range(2))
+    return EnginePair(first, second, len(array))
 
 
 def two_sided(

@@ -1,7 +1,7 @@
-"""Meshes from files of anybody: STL, OBJ, PLY and GLB, read by trimesh.
+"""Meshes from files that anybody may have written: STL, OBJ, PLY and GLB, read by trimesh.
 
-What trimesh would read without a bound, or differently from what the file means, is refused before: trimesh takes
-memory for what some headers merely claim, reads other files that a file names, and passes over compressed geometry.
+A file is checked before trimesh reads it, because trimesh takes as much memory as some headers claim, reads other files
+that a file names, and passes over compressed geometry.
 """
 
 from __future__ import annotations
@@ -31,32 +31,32 @@ MOST_LINES = 2_000_000
 MOST_LINE_BYTES = 10_000
 MOST_HEADER_BYTES = 2**14
 MOST_PARTS = 1000
-"""Parts of a file, and places in a scene."""
+"""Parts of a file, and parts placed in a scene."""
 MOST_JSON_BYTES = 2**22
 MOST_ITEMS = 8_000_000
 """Of all accessors of a GLB file together."""
 LARGEST = 2.0
-"""Metres. An object that is larger is one in another unit: no array reaches so far."""
+"""Metres. A larger object is taken to be in another unit: no array reaches so far."""
 LARGEST_MILLIMETRES = 2000.0
-"""An object that is larger is too large even in millimetres."""
+"""A larger object is too large even in millimetres."""
 SMALLEST = 1e-3
-"""Metres. An object that is smaller is one in another unit: no hand feels it."""
+"""Metres. A smaller object is taken to be in another unit: no hand feels it."""
 
 
-def read_mesh(path: Path, scale: float | None = None, status: Callable[[str], None] | None = None) -> Mesh:
+def read_mesh(path: Path | str, scale: float | None = None, status: Callable[[str], None] | None = None) -> Mesh:
     """Read an object from a file, by the suffix of its name, and repair it (`Mesh.repaired`).
 
     Its coordinates are the array's, after the scale. A scene becomes one object, each of its parts in its place.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         An STL, OBJ, PLY or GLB file.
     scale : float, optional
         Metres in the file's unit of length: 0.001 for millimetres. Without it the file must be in metres, as GLB files
         are, and the object is refused if it would be larger than `LARGEST` or smaller than `SMALLEST`.
     status : function, optional
-        Is told what is being done, for people who wait.
+        Is called with a line of text for each stage, for people who wait.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def read_mesh(path: Path, scale: float | None = None, status: Callable[[str], No
     OSError
         If the file cannot be opened.
     """
-    tell = status or (lambda _said: None)
+    path, tell = Path(path), status or (lambda _said: None)
     check = MESH_FILES.get(path.suffix.lower())
     if check is None:
         raise InputFileError(f"{path}: meshes are read from {', '.join(MESH_FILES)} files")
@@ -87,7 +87,7 @@ def read_mesh(path: Path, scale: float | None = None, status: Callable[[str], No
 def mesh_of(
     vertices: NDArray[Any], faces: NDArray[Any], path: Path, scale: float | None, tell: Callable[[str], None]
 ) -> Mesh:
-    """The object that a file's triangles bound; parameters and errors as `read_mesh`."""
+    """The object whose surface is a file's triangles; parameters and errors as `read_mesh`."""
     if scale is not None and not 0 < scale < np.inf:
         raise ValueError(f"scale {scale} must be positive and finite")
     tell(f"{path}: checking {len(faces)} faces")
@@ -151,7 +151,7 @@ def _joined(meshes: list[tuple[Any, NDArray[np.float64]]]) -> tuple[NDArray[Any]
 
 
 def _text(data: bytes) -> bytes:
-    """A text of which trimesh need not guess the encoding."""
+    """A text of bounded lines, in ASCII, so that trimesh does not guess its encoding."""
     if (lines := data.count(b"\n") + data.count(b"\r")) > MOST_LINES:
         raise ValueError(f"it has {lines} lines; at most {MOST_LINES} may be: save it in a binary format")
     if re.search(rb"[^\r\n]{%d}" % MOST_LINE_BYTES, data):

@@ -14,8 +14,8 @@ from ..contact.poses import as_position
 from ..contact.solids import SOLIDS
 from ..geometry import FARTHEST, frozen
 from ..shapes.notation import check, read_parameters, written
-from .mesh_files import MESH_FILES
-from .volumes import VOLUMES, volume_suffix
+from .mesh_files import MESH_FILES, read_mesh
+from .volumes import VOLUMES, read_volume_mesh, volume_suffix
 
 __all__ = ["MovingObject", "object_help", "parse_object"]
 
@@ -66,8 +66,8 @@ class MovingObject:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where an object is and how it moves."""
+class Placement:
+    """The place and the motion of an object."""
 
     x: float = 0.0
     y: float = 0.0
@@ -90,7 +90,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Size:
-    """How large a shape of the paper is."""
+    """The size of a shape of the paper."""
 
     size: float = 0.1
 
@@ -117,34 +117,34 @@ def object_help() -> str:
 FILE ({", ".join(MESH_FILES)}):scale=METRES   in its unit: 0.001 for millimetres
 FILE (.npy, .npz, .nii, .nii.gz) or DICOM folder:level=VALUE,spacing=METRES,step=1
     what is above the level in a volume; a larger step is coarser
-all: {written(Place)}
+all: {written(Placement)}
     centre in m, degrees about the vertical, m/s, degrees per second"""
 
 
 def parse_object(text: str, status: Callable[[str], None] | None = None) -> MovingObject:
     """Read an object such as ``cube``, ``sphere:size=0.06,x=0.02,turn=90``, ``cup.stl:scale=0.001`` or ``ct:level=9``.
 
-    The centre of its bounding box is put at x, y and z, by default where the paper has its shapes.
+    The centre of its bounding box is put at x, y and z, by default those of the paper's shapes.
 
     Parameters
     ----------
     text : str
         A shape of the paper or the name of a file, and parameters after a colon.
     status : function, optional
-        Is told what is being done, for people who wait while a file is read.
+        Is called with a line of text for each stage, for people who wait while a file is read.
 
     Raises
     ------
     ValueError
-        That names the unknown object or parameter, or the value that is of the wrong kind.
+        If the object or a parameter is unknown, or a value is of the wrong kind; the message names it.
     InputFileError, OSError
         If a file cannot be read.
     """
     name, _, parameters = text.partition(":")
     if name in SOLIDS:
-        values = read_parameters(name, parameters, Size, Place)
+        values = read_parameters(name, parameters, Size, Placement)
         made: Mesh = getattr(Mesh, name)(values.pop("size", Size.size))
-        return Place(**values).put(made)
+        return Placement(**values).put(made)
     name, colon, parameters = text.rpartition(":")  # a file's name may have colons
     if not colon or _kind(text):
         name, parameters = text, ""
@@ -154,14 +154,14 @@ def parse_object(text: str, status: Callable[[str], None] | None = None) -> Movi
             f"unknown object {name!r}; known are {', '.join(SOLIDS)}, {', '.join(MESH_FILES)} files, and as volumes "
             f"{VOLUMES}"
         )
-    values = read_parameters(path.name, parameters, kind, Place)
+    values = read_parameters(path.name, parameters, kind, Placement)
     own = {field.name: values.pop(field.name) for field in fields(kind) if field.name in values}
-    place = Place(**values)
+    place = Placement(**values)
     if kind is Scale:
-        return place.put(Mesh.load(path, **own, status=status))
+        return place.put(read_mesh(path, **own, status=status))
     if "level" not in own:
         raise ValueError(f"{name} needs level=…, the value above which the object is")
-    return place.put(Mesh.from_volume(path, **own, status=status))
+    return place.put(read_volume_mesh(path, **own, status=status))
 
 
 def _kind(name: str) -> type[Scale | Surface] | None:

@@ -33,7 +33,7 @@ MOST_BYTES = 500_000_000
 MOST_VOXELS = 2**27
 MOST_SLICES = 4096
 UNEVEN = 0.01
-"""Of the distance of two slices: how much the others may differ from it."""
+"""Largest difference between distances of slices, relative to the distance."""
 VOLUMES = ".npy, .npz, .nii and .nii.gz files, and folders with DICOM slices"
 METRES = {"meter": 1.0, "mm": 1e-3, "micron": 1e-6}
 
@@ -47,7 +47,7 @@ class Volume:
     values : (i, j, k) float
         In units of their own; each at least 2 values long.
     origin : (3,) float
-        Where the first value is, in metres.
+        Place of the first value, in metres.
     axes : (3, 3) float
         Row by row the step along i, j and k, in metres.
     """
@@ -68,7 +68,7 @@ class Volume:
             raise ValueError(f"its grid, with the steps {self.axes.tolist()} m, spans no space")
 
     def coarser(self, step: int) -> Volume:
-        """Each value the mean of a block of ``step`` values each way; what is left over at the ends is cut off."""
+        """The volume whose values are means of blocks of ``step`` values each way; incomplete blocks are left out."""
         if step == 1:
             return self
         if not 1 <= step <= min(self.values.shape) // 2:
@@ -83,7 +83,7 @@ class Volume:
     def surface(self, level: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """The closed surface around all values above a level: (v, 3) vertices in metres and (f, 3) faces.
 
-        Outside of the grid there is the smallest of its values, so that the surface is closed there too.
+        The space outside the grid counts as the smallest of its values, so that the surface is closed there too.
 
         Raises
         ------
@@ -110,19 +110,19 @@ class Volume:
 
 
 def read_volume_mesh(
-    path: Path,
+    path: Path | str,
     level: float,
     spacing: float | None = None,
     step: int = 1,
     status: Callable[[str], None] | None = None,
 ) -> Mesh:
-    """The object in a volume: all that has values above a level.
+    """Read the object in a volume: all that has values above a level.
 
     Its coordinates are those of the volume: a patient's in medical files, in metres; otherwise from the first value.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         An NPY file; an NPZ file with one array of three dimensions, and if wanted its ``spacing`` in metres; a NIfTI
         file; or a folder with the slices of one DICOM series.
     level : float
@@ -132,14 +132,14 @@ def read_volume_mesh(
     step : int
         The surface is made from the means of as many values each way. Larger steps give fewer faces and less noise.
     status : function, optional
-        Is told what is being done, for people who wait.
+        Is called with a line of text for each stage, for people who wait.
 
     Raises
     ------
     InputFileError
         If the file is damaged or of another kind, does not say its spacing, has no such level, or the library that
-        reads it is not installed; it names the file. If the surface is larger than `LARGEST`: its spacing is in another
-        unit.
+        reads it is not installed; the message names the file. If the surface is larger than `LARGEST`: its spacing is
+        then in another unit.
     ValueError
         If the spacing is not positive, or the step is less than 1.
     OSError
@@ -149,7 +149,7 @@ def read_volume_mesh(
         raise ValueError(f"spacing {spacing} m must be positive and finite")
     if step < 1:
         raise ValueError(f"step {step} must be at least 1")
-    tell = status or (lambda _said: None)
+    path, tell = Path(path), status or (lambda _said: None)
     tell(f"reading {path}")
     volume = read_volume(path, spacing)
     tell(f"{path}: making a surface from {volume.values.size} values")
@@ -185,7 +185,7 @@ def read_volume(path: Path, spacing: float | None = None) -> Volume:
 
 
 def volume_suffix(path: Path) -> str | None:
-    """The end of its name if it is that of a volume, "/" if it is another folder, None otherwise."""
+    """The suffix of a volume's name, "/" if it is a folder without one, None for any other file."""
     known = (suffix for suffix in VOLUME_FILES if path.name.lower().endswith(suffix))
     return next(known, "/" if path.is_dir() else None)
 
@@ -261,7 +261,7 @@ def _unpacked(data: bytes) -> bytes:
 
 
 PLAIN = ("1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2")
-"""Transfer syntaxes without compression, of which what is announced can be held against what there is."""
+"""Transfer syntaxes without compression: the announced size can be compared with the file's."""
 SAME = (
     ("SeriesInstanceUID", "series"),
     ("Rows", "numbers of rows"),
@@ -272,7 +272,7 @@ SAME = (
 
 
 def _read_dicom(path: Path, _spacing: float | None) -> Volume:
-    """The slices of a folder, in the order of their places; other files in it are passed over."""
+    """The slices of a folder, in the order of their places; other files in it are ignored."""
     files = sorted(file for file in path.iterdir() if file.is_file() and file.name.upper() != "DICOMDIR")
     if len(files) > MOST_SLICES:
         raise ValueError(f"it has {len(files)} files; at most {MOST_SLICES} may be")
@@ -310,7 +310,7 @@ def _read_dicom(path: Path, _spacing: float | None) -> Volume:
 
 
 def _slice_in(pydicom: Any, file: Path, data: bytes) -> Any:
-    """A slice of which all is there that is needed."""
+    """Read a slice and check that it has all that is needed."""
     syntax = pydicom.filereader.read_file_meta_info(file).get("TransferSyntaxUID")
     if syntax not in PLAIN:
         raise ValueError(f"{file.name} is compressed ({syntax}), which is not supported; save it uncompressed")
@@ -336,4 +336,4 @@ VOLUME_FILES: dict[str, tuple[str, Callable[[Path, float | None], Volume]]] = {
     ".nii.gz": ("NIfTI file", _read_nifti),
     "/": ("DICOM series", _read_dicom),
 }
-"""What a volume's file is and its reader, by the end of its name; "/" is a folder."""
+"""Kind of file and reader of each, by the suffix of its name; "/" is a folder."""

@@ -50,7 +50,7 @@ def draw_field(axes: Axes, field: PlaneField, points: ControlPoints | None = Non
     Raises
     ------
     ValueError
-        Where the quantity is unknown.
+        If the quantity is unknown.
     """
     if quantity not in QUANTITIES:
         raise ValueError(f"unknown quantity {quantity!r}; known are {', '.join(QUANTITIES)}")
@@ -80,7 +80,7 @@ def draw_oil(axes: Axes, field: PlaneField, points: ControlPoints | None = None,
     Raises
     ------
     ValueError
-        Where the plane is not horizontal.
+        If the plane is not horizontal.
     """
     surface = oil_surface(field, oil)
     axes.imshow(
@@ -97,7 +97,7 @@ def draw_oil(axes: Axes, field: PlaneField, points: ControlPoints | None = None,
 
 
 def _lit(heights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Brightness from 0 to 1 of a glossy surface, (rows, columns), of which heights and distances have one unit.
+    """Brightness from 0 to 1 of a glossy surface, (rows, columns); heights and distances are in the same unit.
 
     However low the relief, its steepest slope is drawn as `STEEPEST`: it shows shapes, not depths. The light is diffuse
     (n·l, Lambert) with a highlight ((n·h)^s, Blinn), seen from above.
@@ -130,7 +130,7 @@ def _edges(grid: Grid) -> tuple[float, float, float, float]:
 
 
 def _finish(axes: Axes, field: PlaneField, points: ControlPoints | None, name: str, colour: str = "#7fdfff") -> None:
-    """Add the control points in the plane, and say what and where it is."""
+    """Add the control points in the plane, the title and the labels of the axes."""
     grid = field.grid
     left, right, bottom, top = _edges(grid)
     if points is not None:

@@ -1,6 +1,6 @@
 """The paper's figures, computed again: Figures 4, 6 and 7, and the range of its section 7.
 
-Each function returns numbers and fields; `reproduction_pictures` draws them, and ``phasewire reproduce`` says beside
+Each function returns numbers and fields; `pictures` draws them, and ``phasewire reproduce`` says beside
 them what the paper claims. The paper gives no sizes of its shapes and no grid of its array: both are ours.
 """
 
@@ -13,6 +13,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.random import default_rng  # NumPy would load it when it is used, and lose a Ctrl-C that comes meanwhile
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -165,7 +166,7 @@ class Timing:
 def reproduce_figure_7(counts: Sequence[int] = COUNTS, array: TransducerArray | None = None) -> list[Timing]:
     """Time of an update on one thread against the number of control points, placed at random above the array."""
     array = array or TransducerArray.grid()
-    rng = np.random.default_rng(7)
+    rng = default_rng(7)
     clouds = [ControlPoints(rng.uniform([-0.08, -0.08, 0.15], [0.08, 0.08, 0.3], (count, 3))) for count in counts]
     solvers: dict[str, Callable[[ControlPoints], Any]] = {}
     for name, (method, options) in TIMED.items():
@@ -208,7 +209,7 @@ class AtHeight:
     focus : float
         |p| of a single focus above the middle, in Pa (peak).
     width, depth : float or None
-        Within which it is at least half of that, across and along the axis, in metres; None where that is further than
+        Within which it is at least half of that, across and along the axis, in metres; None if that is farther than
         four neighbourhoods of `focus_report`.
     ring : float
         Mean |p| of a ring of points of 6 cm, in Pa (peak).
@@ -257,7 +258,7 @@ class Figure4:
     points : ControlPoints
         On the square.
     result : TwoSided
-        By what was modulated, and its gain.
+        The modulation, and its gain.
     halves : tuple of PlaneField
         The two fields, Figure 4 a and b.
     two_sided, one_sided : PlaneField

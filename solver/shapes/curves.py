@@ -1,6 +1,6 @@
 """Curves and their cut into control points by arc length. Lengths in metres.
 
-This is the one place where a line becomes points, whatever drew the line.
+Every line becomes points here, whatever drew the line.
 """
 
 from __future__ import annotations
@@ -65,12 +65,12 @@ def chain(vertices: ArrayLike, *, closed: bool = False, sides: int = 1) -> Curve
     closed : bool
         Whether a last piece leads from the last vertex back to the first.
     sides : int
-        As of `Curve`; v, where all pieces are equally long and the corners must be among the points.
+        As of `Curve`; v if all pieces are equally long and the corners must be among the points.
 
     Raises
     ------
     ValueError
-        Where the vertices are no coordinates, or the chain has no length.
+        If the vertices are no coordinates, or the chain has no length.
     """
     corners = as_points(vertices, "polyline corner")
     if closed:
@@ -111,16 +111,16 @@ def sample_curves(curves: Sequence[Curve], spacing: float = SPACING) -> ControlP
     Raises
     ------
     ValueError
-        Where the spacing is not positive, or so small that there are too many points.
+        If the spacing is not positive, or so small that there are too many points.
 
     Notes
     -----
     The spacing on a curve is the nearest to the wanted one that divides its length: the strength along a line should
     not vary, so equal spacing goes before corners. A closed curve begins with a point at its start; an open one has
-    points at both ends, or a single one in its middle where it is shorter than half the spacing. A curve with sides
+    points at both ends, or a single one in its middle if it is shorter than half the spacing. A curve with sides
     takes the same whole number of steps on each, corners included, unless the sides are shorter than half the spacing.
 
-    Where curves meet in a sample there is one point, not two: the second would add nothing but a singular system.
+    If curves meet in a sample, it is one point, not two: the second would only make the system singular.
     """
     if not 0 < spacing < math.inf:
         raise ValueError(f"spacing {spacing} m must be positive and finite")

@@ -1,6 +1,6 @@
 """The notation of the command line for things with parameters: ``name:parameter=value,…``.
 
-What has parameters is a dataclass: its fields are the parameters, and their annotations say how they are read.
+Each such thing is a dataclass: its fields are the parameters, and their annotations say how they are read.
 """
 
 from __future__ import annotations
@@ -68,12 +68,12 @@ READERS: dict[Any, tuple[Callable[[str], Any], str]] = {
 
 
 def read_parameters(name: str, text: str, *kinds: type[Any]) -> dict[str, Any]:
-    """Read ``parameter=value,…`` for dataclasses, which have no parameter in common.
+    """Read ``parameter=value,…`` for dataclasses that have no parameter in common.
 
     Raises
     ------
     ValueError
-        That names the unknown parameter of what is called ``name``, or the value that is of the wrong kind.
+        If a parameter is unknown or a value is of the wrong kind; the message names both it and ``name``.
     InputFileError, OSError
         If a file that a value names cannot be read.
     """

@@ -24,14 +24,14 @@ def read_points(path: Path) -> ControlPoints:
     CSV: a line per point, ``x,y,z`` or ``x,y,z,amplitude`` in metres; a first line without any number is taken for
     names, and empty lines and those that begin with ``#`` are skipped.
     Plain text (``.txt``, ``.xyz``): the same with white space between the numbers; what follows a ``#`` is skipped.
-    JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``, where the amplitudes are optional.
+    JSON: ``{"positions": [[x, y, z], …], "amplitudes": […]}``; the amplitudes are optional.
 
     Raises
     ------
     InputFileError
-        Where the file is not readable as such; it says where.
+        If the file is not readable as such; the error names the line.
     OSError
-        Where it cannot be opened.
+        If it cannot be opened.
     """
     if path.suffix.lower() not in POINT_FILES:
         raise InputFileError(f"{path}: control points are read from {' or '.join(POINT_FILES)} files")
@@ -52,7 +52,7 @@ def _read_text(text: str) -> tuple[list[list[float]], list[float] | None]:
 
 
 def _read_table(lines: Iterable[list[str]], separator: str) -> tuple[list[list[float]], list[float] | None]:
-    """Positions and, where there are four columns, amplitudes, from the cells of each line of a file."""
+    """Positions, and amplitudes if there are four columns, from the cells of each line of a file."""
     rows: list[list[float]] = []
     names_may_come = True
     for number, cells in enumerate(lines, start=1):

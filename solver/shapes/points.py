@@ -32,12 +32,12 @@ class ControlPoints:
         In metres, in the array's coordinates.
     amplitudes : (m,) float, optional
         Relative pressure amplitudes, at least 0; a point of amplitude 0 is a null. All 1 by default. A solver meets the
-        ratios as nearly as the array can, misses counting in pascals; the drive limit decides the pressure.
+        ratios as nearly as the array can; it counts errors in pascals. The drive limit decides the pressure.
 
     Raises
     ------
     ValueError
-        Where a number is not finite, an amplitude is negative, all are zero, or lengths differ.
+        If a number is not finite, an amplitude is negative, all are zero, or lengths differ.
     """
 
     positions: NDArray[np.float64]
@@ -51,7 +51,7 @@ class ControlPoints:
             raise ValueError(f"amplitudes must be numbers: {error}") from error
         if values.shape != (len(points),):
             raise ValueError(f"amplitudes have the shape {values.shape}, but there are {len(points)} control points")
-        if not (values.min() >= 0 and values.max() < math.inf):  # true also where one is not a number
+        if not (values.min() >= 0 and values.max() < math.inf):  # true also if one is not a number
             bad = np.flatnonzero(~np.isfinite(values) | (values < 0))
             raise ValueError(f"amplitude {values[bad[0]]} of control point {bad[0]} must be finite and not negative")
         if not values.any():
@@ -63,7 +63,7 @@ class ControlPoints:
         return len(self.positions)
 
     def part(self, of: NDArray[np.bool_]) -> ControlPoints:
-        """Those of a mask (m,), among which one is no null."""
+        """The points of a mask (m,); at least one of them must not be a null."""
         return self.trusted(self.positions[of], self.amplitudes[of])
 
     @classmethod
@@ -79,7 +79,7 @@ class ControlPoints:
 
 
 def check_reachable(array: TransducerArray, points: ControlPoints, where: str = "") -> None:
-    """Raise `ValueError`, naming the point after ``where``, that the array cannot reach."""
+    """Raise `ValueError` if the array cannot reach a point; the message begins with ``where`` and names the point."""
     for problem, advice in _problems(array, points.positions):
         if problem.any():
             first = int(np.argmax(problem))
@@ -96,7 +96,7 @@ def reachable(array: TransducerArray, positions: NDArray[np.float64]) -> NDArray
 
 
 def _problems(array: TransducerArray, positions: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], str]]:
-    """What speaks against points: which of them, and what to say."""
+    """The reasons why points cannot be reached: a mask of the points, and the message."""
     offset = positions[:, None, :] - array.positions[None, :, :]
     in_front = (np.einsum("mnk,nk->mn", offset, array.normals) > 0)[:, array.able].any(axis=1)
     nearest = np.linalg.norm(offset, axis=2).min(axis=1)

@@ -55,7 +55,7 @@ class Drawn(ABC):
     Attributes
     ----------
     count : int or None
-        How many control points it has where no spacing is asked for, the number in the paper's Figure 6. None means one
+        How many control points it has if no spacing is asked for, as in the paper's Figure 6. None means one
         every `SPACING`.
     """
 
@@ -77,7 +77,7 @@ class Drawn(ABC):
         Raises
         ------
         ValueError
-            Where the spacing is not positive, or so small that there are too many points.
+            If the spacing is not positive, or so small that there are too many points.
         """
         curves = self.curves()
         if spacing is None:
@@ -143,7 +143,7 @@ class Sphere(Drawn):
     Raises
     ------
     ValueError
-        Where the palm does not cut the sphere.
+        If the palm does not cut the sphere.
     """
 
     radius: float = 0.05
@@ -438,9 +438,9 @@ def parse_shape(text: str) -> Shape:
     Raises
     ------
     ValueError
-        That names the unknown shape or parameter, or the value that is of the wrong kind.
+        If the shape or a parameter is unknown, or a value is of the wrong kind; the message names it.
     InputFileError, OSError
-        Where a file that it names cannot be read.
+        If a file that it names cannot be read.
     """
     name, _, parameters = text.partition(":")
     if name not in SHAPES:

@@ -54,7 +54,7 @@ def test_it_names_the_bottleneck_and_the_rate(
 ) -> None:
     outcome = budget(*options)
     assert (outcome.code, outcome.err) == (0, "")
-    assert f"Bottleneck: {bottleneck}.\nRate that holds: {rate}.\n" in outcome.out
+    assert f"Bottleneck: {bottleneck}.\nSustained rate: {rate}.\n" in outcome.out
     assert max(len(line) for line in outcome.out.splitlines()) <= 80
 
 
@@ -76,7 +76,7 @@ def test_the_time_line_is_drawn_in_characters(budget: Run) -> None:
 def test_the_record(budget: Run, tmp_path: Path) -> None:
     outcome = budget("--link", "2wire", "--json", "-")
     record = json.loads(outcome.out)
-    assert "Rate that holds" in outcome.err
+    assert "Sustained rate" in outcome.err
     assert record["format"] == "phasewire-budget-1"
     assert record["link"]["seconds_per_token"] == pytest.approx(50e-9)
     links = record["stages"][2]

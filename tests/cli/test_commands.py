@@ -20,11 +20,9 @@ from phasewire import ControlPoints, Emulator, Medium, Sphere, Transducer, Trans
 from phasewire.__main__ import main
 from phasewire.cli.commands import HOMES, command_line
 from phasewire.cli.settings import each_command
-from phasewire.cli.solving import method_help
 from phasewire.signals import unwinding
-from phasewire.solver import METHODS, Options, Star
+from phasewire.solver import METHODS, Star
 from phasewire.solver.fields.files import load_field, load_solution, save_solution
-from phasewire.solver.methods.methods import options_of
 
 
 class Outcome(NamedTuple):
@@ -107,18 +105,6 @@ def test_solve_takes_any_option_of_a_method_and_any_transducer_and_air(phasewire
     expected = solve(array, Star().sample(), gamma=0.5, steps=3, output="phase", medium=medium)
     np.testing.assert_array_equal(solution.drive, expected.drive)
     assert (solution.medium, solution.array.transducer.strength) == (medium, 8.49)
-
-
-def test_a_method_that_cannot_be_loaded_is_named_in_the_help(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(name: str) -> Options:
-        if name == "polish":
-            raise ValueError("it cannot be loaded")
-        return options_of(name)
-
-    monkeypatch.setattr("phasewire.cli.solving.options_of", refuse)
-    lines = method_help().splitlines()
-    assert "polish: it cannot be loaded" in lines
-    assert {line.partition(":")[0] for line in lines if not line.startswith(" ")} == set(METHODS)
 
 
 def test_the_help_of_solve_names_every_method_and_option(phasewire: Run) -> None:

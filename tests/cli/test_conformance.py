@@ -13,12 +13,12 @@ from xml.etree import ElementTree
 
 import pytest
 from phasewire.__main__ import main
-from phasewire.emulator.control import controller
+from phasewire.emulator.control import admission
 from phasewire.errors import DeviceNotFoundError
 from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.profile import Profile
-from phasewire.hil.conformance.running import Options
+from phasewire.hil.conformance.running import RunOptions
 from phasewire.hil.conformance.verdicts import Run, Verdict
 from phasewire.mutants.catalogue import MUTANTS
 from phasewire.mutants.patching import Mutant
@@ -56,11 +56,11 @@ class Suite:
 
     def __init__(self) -> None:
         self.run = CLEAN
-        self.asked: list[Options] = []
-        self.look: Callable[[Options], None] = lambda _: None
+        self.asked: list[RunOptions] = []
+        self.look: Callable[[RunOptions], None] = lambda _: None
 
     def __call__(
-        self, options: Options, watcher: Watcher | None = None, judged: Callable[[], object] = lambda: None
+        self, options: RunOptions, watcher: Watcher | None = None, judged: Callable[[], object] = lambda: None
     ) -> Run:
         self.asked.append(options)
         self.look(options)
@@ -83,7 +83,7 @@ def test_without_options_a_fresh_emulated_device_is_judged(phasewire: Phasewire,
     assert outcome.code == 0
     assert outcome.out.splitlines()[-1] == "PASS: nothing broke; the only case that ran passed"
     assert "emulator: is a fresh emulated device" in outcome.err
-    assert suite.asked == [Options("emulator:", None, None, Profile(), {}, (), 1)]
+    assert suite.asked == [RunOptions("emulator:", None, (), None, Profile(), {}, (), 1)]
 
 
 def test_all_that_is_asked_for_reaches_the_suite(phasewire: Phasewire, suite: Suite, tmp_path: Path) -> None:
@@ -91,6 +91,7 @@ def test_all_that_is_asked_for_reaches_the_suite(phasewire: Phasewire, suite: Su
     (tmp_path / "known.toml").write_text('["blocks/a"]\nreason = "revision C"\n')
     outcome = phasewire(
         *("--device", "usb:", "--capture", "sigrok:run.sr", "--allow", "reset", "--allow", "drive"),
+        *("--levers", "command:power=relay {}", "--levers", "hub:1"),
         *(
             "--profile",
             "device.toml",
@@ -106,9 +107,10 @@ def test_all_that_is_asked_for_reaches_the_suite(phasewire: Phasewire, suite: Su
     )
     assert (outcome.code, outcome.err) == (0, "1/1  blocks: 1 pass\n")
     assert suite.asked == [
-        Options(
+        RunOptions(
             "usb:",
             "sigrok:run.sr",
+            ("command:power=relay {}", "hub:1"),
             frozenset({Risk.RESET, Risk.DRIVE}),
             Profile("mine", {"serial": "none is fitted"}),
             {"blocks/a": "revision C"},
@@ -127,7 +129,7 @@ def test_what_breaks_is_exit_code_1_and_is_told_while_it_runs(phasewire: Phasewi
 
 
 @pytest.mark.parametrize(
-    ("verdict", "words"), [(Verdict.INCONCLUSIVE, "1 could not be judged"), (Verdict.WARN, "1 should do otherwise")]
+    ("verdict", "words"), [(Verdict.INCONCLUSIVE, "1 could not be judged"), (Verdict.WARN, "1 warned")]
 )
 def test_strictly_what_could_not_be_judged_and_what_should_be_otherwise_fails(
     phasewire: Phasewire, suite: Suite, verdict: Verdict, words: str
@@ -203,13 +205,15 @@ def test_json_on_standard_output_is_alone_there(phasewire: Phasewire, suite: Sui
         (("--html", "c.html", "--junit", "c.html"), "c.html cannot be written: it is to be written twice"),
         (("--json", "p.toml", "--profile", "p.toml"), "p.toml cannot be written: it is also what is read"),
         (("--junit", "run.sr", "--capture", "sigrok:run.sr"), "run.sr cannot be written: it is also what is read"),
-        (("--capture", "scope"), "--capture 'scope': it must be emulator, sigrok:FILE or none"),
-        (("--capture", "sigrok:"), "--capture 'sigrok:': it must be emulator, sigrok:FILE or none"),
         (("--allow", "everything"), "'flash', 'reset', 'drive'"),
         (("--seed", "-1"), "--seed"),
         (("--profile", "p.toml"), "p.toml: colour = 'red': no such key; known are name"),
         (("--known-failures", "p.toml"), "p.toml: colour = 'red': it names no case"),
-        (("--mutant", "no-such"), "there is no mutant 'no-such'; there are "),
+        (
+            ("--mutant", "horizon-is-judged"),
+            "there is no mutant 'horizon-is-judged'; the nearest are horizon-is-not-judged, ",
+        ),
+        (("--mutant", "?"), "docs/mutants.md lists all"),
         (("--mutant", "horizon-is-not-judged", "--device", "usb:"), "--mutant brings a device of its own"),
         (("--mutants", "--device", "usb:"), "--mutants brings devices of its own"),
         (
@@ -286,15 +290,15 @@ def test_an_installed_package_says_where_mutants_are(
 def test_a_mutant_is_judged_and_its_reports_say_that_it_is_one(phasewire: Phasewire, suite: Suite) -> None:
     horizons = []
 
-    def look(options: Options) -> None:
-        horizons.append(vars(controller)["HORIZON_PERIODS"])
+    def look(options: RunOptions) -> None:
+        horizons.append(vars(admission)["HORIZON_PERIODS"])
 
     suite.look = look
-    before = vars(controller)["HORIZON_PERIODS"]
+    before = vars(admission)["HORIZON_PERIODS"]
     outcome = phasewire("--mutant", "horizon-is-not-judged", "--json", "-")
     assert outcome.code == 0
     assert suite.asked[0].url == "emulator:"
-    assert horizons != [before] == [vars(controller)["HORIZON_PERIODS"]]
+    assert horizons != [before] == [vars(admission)["HORIZON_PERIODS"]]
     mutant = json.loads(outcome.out)["provenance"]["device"]["mutant"]
     assert mutant.startswith("horizon-is-not-judged: Any period is accepted")
     assert "fresh" not in outcome.err

@@ -16,7 +16,7 @@ from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.hil.traffic import Piece, Traffic
 from phasewire.protocol import Pulses
 from phasewire.protocol.codes import AckFlag, FrameKind, Reason, State
-from phasewire.protocol.framing import Frame, encode
+from phasewire.protocol.framing import SerialFrame, encode
 from phasewire.protocol.replies import Ack
 
 from tests.captures import bulk_in, bulk_out, control, pcapng
@@ -145,7 +145,7 @@ def test_pulses_are_listed_row_by_row(decode: Run) -> None:
 def test_hex_text_is_taken_as_it_is(decode: Run) -> None:
     assert decode("--hex", GOOD.hex()).out.endswith("1 block, 0 invalid\n")
     assert decode("--hex", BAD.hex()).code == 1
-    frame = encode(Frame(FrameKind.BLOCK, GOOD)).hex()
+    frame = encode(SerialFrame(FrameKind.BLOCK, GOOD)).hex()
     assert "1 block, 0 invalid" in decode("--hex", frame, "--format", "serial").out
 
 
@@ -170,7 +170,7 @@ def test_a_device_can_be_chosen(decode: Run, capture: Path) -> None:
         (("b.bin", "--hex", "50"), "what to decode is named once"),
         (("missing.bin",), "missing.bin: No such file or directory"),
         (("empty.bin",), "empty.bin is empty"),
-        (("noise.bin",), "noise.bin begins like no recording that is known"),
+        (("noise.bin",), "noise.bin begins like no known recording"),
         (("cut.pcapng",), "cut.pcapng, packet 13: the file ends within it"),
         (("b.bin", "--format", "elf"), "unknown format 'elf'; known are auto, blocks,"),
         (("b.bin", "--usb-address", "1"), "USB address '1' should be the numbers"),

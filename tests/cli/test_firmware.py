@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 from phasewire import Emulator, Wiring
 from phasewire.__main__ import main
-from phasewire.emulator.firmware.loader import Identity, make_flash
+from phasewire.emulator.firmware.loader import DeviceIdentity, make_flash
 from phasewire.protocol.firmware import Suffix, parse, with_suffix
 
 from tests.specification import hex_examples
@@ -119,7 +119,7 @@ def test_each_processor_may_have_its_own_program(firmware: Run, folder: Path) ->
 def test_an_emulated_device_boots_what_was_built(firmware: Run, folder: Path) -> None:
     assert firmware("build", *ALIKE, "--firmware-version", "3.2.1", "-o", "image.dfu").code == 0
     image = parse((folder / "image.dfu").read_bytes())
-    emulator = Emulator(flash=make_flash(Identity("BUILT", Wiring.strips()), image))
+    emulator = Emulator(flash=make_flash(DeviceIdentity("BUILT", Wiring.strips()), image))
     assert emulator.running.info().firmware == (3, 2, 1)
 
 
@@ -290,8 +290,8 @@ VERSION = ("--firmware-version", "1.2.3")
         (build_with(*ALIKE, *VERSION, "--usb-id", "1209:00001"), "four hexadecimal digits"),
         (build_with(*ALIKE, *VERSION, "--key", "public.pem"), "public.pem holds a public key"),
         (build_with(*ALIKE, *VERSION, "--key", "none.pem"), "none.pem: No such file"),
-        (build_with(*ALIKE, *VERSION, "--processor", "0=0.bin"), "named once"),
-        (build_with(*ALIKE[:2], *VERSION), "named once: --processors FILE, or --processor N=FILE 10 times"),
+        (build_with(*ALIKE, *VERSION, "--processor", "0=0.bin"), "programs once: --processors"),
+        (build_with(*ALIKE[:2], *VERSION), "programs once: --processors FILE, or --processor N=FILE 10 times"),
         (build_with(*ALIKE[:2], *VERSION, "--processor", "10=0.bin"), "N=FILE, with N from 0 to 9"),
         (build_with(*ALIKE[:2], *VERSION, "--processor", "0.bin"), "N=FILE, with N from 0 to 9"),
         (build_with(*ALIKE[:2], *VERSION, "--processor", "³=0.bin"), "N=FILE, with N from 0 to 9"),

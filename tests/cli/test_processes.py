@@ -66,14 +66,14 @@ SLOW = (pytest.mark.slow,)
 OFF = r"outputs are off"
 
 ROWS = {
-    "demo": Row("demo", r"PASS: what was intended is what came back", makes=("demo.png",), marks=SLOW),
+    "demo": Row("demo", r"PASS: the rebuilt drive is the intended one", makes=("demo.png",), marks=SLOW),
     "conformance": Row(
         "conformance --only numbering --html report.html --junit report.xml",
         r"PASS: nothing broke; .*\bcases\b.* passed",
         makes=("report.html", "report.xml"),
     ),
     "budget": Row(
-        "budget --link 2wire --picture budget.png", r"Rate that holds: 20,000 updates/s", makes=("budget.png",)
+        "budget --link 2wire --picture budget.png", r"Sustained rate: 20,000 updates/s", makes=("budget.png",)
     ),
     "decode": Row(f"decode --hex '{NO_OP}' --format blocks", r"LENGTH BLK-\d+", codes=(1,)),
     "vectors": Row("vectors --output vectors.json", r"", makes=("vectors.json",), json=False),

@@ -91,8 +91,8 @@ WRONG = [
     # (the file, what the message must say)
     ('devize = "usb:"', 'devize = "usb:": no command has an option --devize; is it device?'),
     ("rubbish = 1", "rubbish = 1: no command has an option --rubbish"),
-    ("show = 3", "show = 3: show is a command: its options stand in [show]"),
-    ("[reproduce]\nrange = 3", "[reproduce] range = 3: range is a command: its options stand in [reproduce.range]"),
+    ("show = 3", "show = 3: show is a command: its options belong in [show]"),
+    ("[reproduce]\nrange = 3", "[reproduce] range = 3: range is a command: its options belong in [reproduce.range]"),
     ("[shou]", "shou: there is no command shou; is it show?"),
     ("[show]\nsec = 1", "[show] sec = 1: show has no option --sec; is it seconds?"),
     ("[show.seconds]\na = 1", "[show] seconds: "),

@@ -6,7 +6,7 @@ import numpy as np
 from phasewire import Emulator, Pulses
 from phasewire.emulator.door import Handshake
 from phasewire.emulator.ports.capture import Capture
-from phasewire.protocol import Ack, Block, Entries, Entry, Reason, Sequence, Slot, Status, Update, pack
+from phasewire.protocol import Ack, Block, Entries, Entry, PlaySequence, Reason, Slot, Status, Update, pack
 from phasewire.protocol.blocks import Body
 from phasewire.protocol.codes import Request
 from phasewire.protocol.replies import ProcessorReport, decode_reports, records
@@ -62,7 +62,7 @@ class Bench:
         else:
             self.send(Slot(0, pulses))
             self.send(Entries((Entry(0, 100),)))
-            ack = self.send(Sequence(first=0, count=1, repeats=0, unattended=what == "unattended"))
+            ack = self.send(PlaySequence(first=0, count=1, repeats=0, unattended=what == "unattended"))
             assert ack.reason is Reason.ACCEPTED
         self.emulator.run(40)
         assert self.status().enabled

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from phasewire import Emulator, Pulses
 from phasewire.emulator.door import Handshake
 from phasewire.emulator.interfaces.serial_line import SerialLine
-from phasewire.protocol.blocks import Block, Body, Modulation, Output, Sequence, Update, pack
+from phasewire.protocol.blocks import AmplitudeModulation, Block, Body, Output, PlaySequence, Update, pack
 from phasewire.protocol.codes import FrameKind, Outcome, Request, State
-from phasewire.protocol.framing import Frame, Line, SerialReply, SerialRequest, encode
+from phasewire.protocol.framing import LineReader, SerialFrame, SerialReply, SerialRequest, encode
 from phasewire.protocol.replies import Ack, Info, ReadBack, Status, records
 from phasewire.protocol.requests import Setup
 
@@ -81,7 +81,7 @@ class Device:
         acks = [record for record in self.records() if isinstance(record, Ack)]
         return acks[-1]
 
-    def send_at(self, body: Update | Sequence | Modulation | Output, period: int) -> Ack:
+    def send_at(self, body: Update | PlaySequence | AmplitudeModulation | Output, period: int) -> Ack:
         """Send a change for a period."""
         return self.send(replace(body, period=period))
 
@@ -105,7 +105,7 @@ class Device:
         return found
 
     def told(self) -> list[Status]:
-        """The records that wait on 81 IN and that nobody asked for."""
+        """The unsolicited records that wait on 81 IN."""
         return [record for record in self.records() if isinstance(record, Status)]
 
     # Looking on, which changes nothing
@@ -175,7 +175,7 @@ class Terminal:
     def __init__(self, line: SerialLine | None) -> None:
         assert line is not None
         self.line = line
-        self._incoming = Line()
+        self._incoming = LineReader()
         self._tag = 0
 
     def type(self, text: str) -> str:
@@ -193,27 +193,27 @@ class Terminal:
         self.line.receive(b"\0")
         self._events()
 
-    def frames(self) -> list[Frame]:
+    def frames(self) -> list[SerialFrame]:
         """The frames that have come."""
-        return [event for event in self._events() if isinstance(event, Frame)]
+        return [event for event in self._events() if isinstance(event, SerialFrame)]
 
     def records(self) -> list[Ack | Status]:
         """The records that have come."""
         return records(b"".join(frame.body for frame in self.frames() if frame.kind is FrameKind.RECORD))
 
     def told(self) -> list[Status]:
-        """The records that have come and that nobody asked for."""
+        """The unsolicited records that have come."""
         return [record for record in self.records() if isinstance(record, Status)]
 
     def send(self, block: bytes) -> list[Ack | Status]:
         """Send a block; the records that come at once."""
-        self.line.receive(encode(Frame(FrameKind.BLOCK, block)))
+        self.line.receive(encode(SerialFrame(FrameKind.BLOCK, block)))
         return self.records()
 
     def request(self, request_type: int, request: int, value: int = 0, length: int = 0) -> SerialReply:
         self._tag = (self._tag + 1) % 256
         body = SerialRequest(self._tag, request_type, request, value, 0, length).encode()
-        self.line.receive(encode(Frame(FrameKind.REQUEST, body)))
+        self.line.receive(encode(SerialFrame(FrameKind.REQUEST, body)))
         replies = [SerialReply.decode(frame.body) for frame in self.frames() if frame.kind is FrameKind.REPLY]
         (reply,) = [reply for reply in replies if reply.tag == self._tag]
         return reply

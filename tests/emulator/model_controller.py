@@ -75,6 +75,10 @@ class ModelController:
         fields["now"] = self.now_tick if arrived is None else arrived
         door.acknowledge(build_ack(fields))
 
+    def drop_frames(self, count: int) -> None:
+        """Count them."""
+        self.dropped_frames += count
+
     def await_room(self, waiter: Callable[[], None]) -> None:
         self.room_waiters.append(waiter)
 

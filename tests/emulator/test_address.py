@@ -6,24 +6,24 @@ import re
 from pathlib import Path
 
 import pytest
-from phasewire.emulator.doors.address import Address
+from phasewire.emulator.doors.address import EmulatorUrl
 from phasewire.errors import DeviceNotFoundError, InputFileError
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE
 
 
 def test_a_url_without_options_is_a_fresh_device_as_it_comes() -> None:
-    assert Address.parse("emulator:") == Address("", FIVE_WIRE, HIGH_SPEED, None, 115_200)
+    assert EmulatorUrl.parse("emulator:") == EmulatorUrl("", FIVE_WIRE, HIGH_SPEED, None, 115_200)
 
 
 def test_all_options_of_a_fresh_device() -> None:
     url = "emulator:?link=2wire&speed=full&faults=a%20b/c.toml&door=serial&baud=3000000"
-    assert Address.parse(url) == Address("", TWO_WIRE, FULL_SPEED, Path("a b/c.toml"), 3_000_000)
+    assert EmulatorUrl.parse(url) == EmulatorUrl("", TWO_WIRE, FULL_SPEED, Path("a b/c.toml"), 3_000_000)
 
 
 def test_one_that_is_plugged_in_has_doors_only() -> None:
-    assert Address.parse("emulator:EMU-1?door=serial&baud=9600").serial == "EMU-1"
-    assert Address.parse("emulator:EMU-1?door=usb").baud == 115_200
+    assert EmulatorUrl.parse("emulator:EMU-1?door=serial&baud=9600").serial == "EMU-1"
+    assert EmulatorUrl.parse("emulator:EMU-1?door=usb").baud == 115_200
 
 
 @pytest.mark.parametrize(
@@ -49,13 +49,13 @@ def test_one_that_is_plugged_in_has_doors_only() -> None:
 )
 def test_bad_options_are_named(url: str, message: str) -> None:
     with pytest.raises(DeviceNotFoundError, match=f"{re.escape(repr(url))}.*{re.escape(message)}"):
-        Address.parse(url)
+        EmulatorUrl.parse(url)
 
 
 def test_faults_of_a_scenario_befall_the_fresh_device(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.toml"
     scenario.write_text('[[fault]]\nname = "dead-processor"\nprocessor = 3\nperiod = 4000\n')
-    emulator = Address.parse(f"emulator:?faults={scenario}").make()
+    emulator = EmulatorUrl.parse(f"emulator:?faults={scenario}").make()
     emulator.run_until(3_999)
     assert not emulator.running.faults
     emulator.run_until(8_000)
@@ -65,8 +65,8 @@ def test_faults_of_a_scenario_befall_the_fresh_device(tmp_path: Path) -> None:
 def test_a_scenario_that_cannot_be_used_is_named(tmp_path: Path) -> None:
     missing = tmp_path / "missing.toml"
     with pytest.raises(InputFileError, match=r"missing\.toml cannot be read: No such file"):
-        Address.parse(f"emulator:?faults={missing}").make()
+        EmulatorUrl.parse(f"emulator:?faults={missing}").make()
     wrong = tmp_path / "wrong.toml"
     wrong.write_text("[[fault]]\n")
     with pytest.raises(InputFileError, match=r"wrong\.toml, fault 1: it has no name"):
-        Address.parse(f"emulator:?faults={wrong}").make()
+        EmulatorUrl.parse(f"emulator:?faults={wrong}").make()

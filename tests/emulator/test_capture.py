@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from phasewire import Emulator, Pulses, Wiring, open_device
 from phasewire.emulator.ports.capture import Capture, Forced, Track
 from phasewire.emulator.ports.clock import BoardClock
-from phasewire.emulator.ports.reel import Reel
+from phasewire.emulator.ports.history import History
 from phasewire.protocol.blocks import pack_pulses
 
 
@@ -105,30 +105,30 @@ def test_a_capture_stays_as_it_was(emulator: Emulator) -> None:
         capture.drive(capture.periods)
 
 
-def capture_of(reel: Reel, clock: BoardClock, periods: int, forced: tuple[Forced, ...] = ()) -> Capture:
+def capture_of(history: History, clock: BoardClock, periods: int, forced: tuple[Forced, ...] = ()) -> Capture:
     """The same on all ten ports."""
-    return Capture(Wiring.strips(), periods * 50, (Track(reel.segments(), clock, forced),) * 10)
+    return Capture(Wiring.strips(), periods * 50, (Track(history.segments(), clock, forced),) * 10)
 
 
-def some_reel(seed: int) -> Reel:
+def some_history(seed: int) -> History:
     """Pulses, then a sequence, then pulses again, under a modulation from period 4 on."""
     random = np.random.default_rng(seed)
     packed = [pack_pulses(Pulses(random.integers(0, 100, 32), random.integers(0, 26, 32))) for _ in range(6)]
     rows = np.stack([np.frombuffer(one, np.uint8) for one in packed])
-    reel = Reel()
-    reel.play(np.array([1, 2]), rows[:2])
-    reel.modulate(4, random.bytes(5), 2)
-    reel.run(6, packed[2:4], np.array([0, 1, 0]), np.array([1, 2, 1]), 3)
-    reel.play(np.array([15, 17]), rows[4:])
-    return reel
+    history = History()
+    history.play(np.array([1, 2]), rows[:2])
+    history.modulate(4, random.bytes(5), 2)
+    history.run(6, packed[2:4], np.array([0, 1, 0]), np.array([1, 2, 1]), 3)
+    history.play(np.array([15, 17]), rows[4:])
+    return history
 
 
 @given(st.integers(0, 2**32 - 1))
 def test_drives_are_those_of_the_bits(seed: int) -> None:
     """Looked up pulse by pulse, and from all edges of the bits where something might hold them."""
-    reel = some_reel(seed)
-    plain = capture_of(reel, BoardClock(), 24)
-    held = capture_of(reel, BoardClock(), 24, (Forced(0),))
+    history = some_history(seed)
+    plain = capture_of(history, BoardClock(), 24)
+    held = capture_of(history, BoardClock(), 24, (Forced(0),))
     assert np.array_equal(plain.bits(0, 1200), held.bits(0, 1200))
     looked_up = plain.drives(0, 24, np.complex128)
     np.testing.assert_allclose(looked_up, held.drives(0, 24, np.complex128), atol=1e-14)
@@ -142,20 +142,20 @@ def test_drives_are_those_of_the_bits(seed: int) -> None:
 @given(st.integers(0, 2**32 - 1), st.integers(0, 130), st.integers(-2_000_000, 2_000_000), st.integers(0, 600))
 def test_a_board_with_a_clock_of_its_own_plays_its_own_ticks(seed: int, late: int, billionths: int, bend: int) -> None:
     """Tick by tick: first some ticks late, then at another rate."""
-    reel, clock = some_reel(seed), BoardClock(late)
-    exact = capture_of(reel, BoardClock(), 40).bits(0, 2000)[:, 0]
+    history, clock = some_history(seed), BoardClock(late)
+    exact = capture_of(history, BoardClock(), 40).bits(0, 2000)[:, 0]
     clock.set_rate(bend, billionths)
-    bits = capture_of(reel, clock, 24).bits(100, 1150)[:, 0].tolist()
+    bits = capture_of(history, clock, 24).bits(100, 1150)[:, 0].tolist()
     for tick, word in zip(range(100, 1150), bits, strict=True):
         own = tick - late if tick < bend else bend - late + (tick - bend) * (10**9 + billionths) // 10**9
         assert word == (exact[own] if own >= 0 else 0)
 
 
 def test_what_is_held_is_held_from_its_tick_on_until_it_is_let_go() -> None:
-    reel = some_reel(1)
-    plain = capture_of(reel, BoardClock(), 24).bits(0, 1200)[:, 3]
+    history = some_history(1)
+    plain = capture_of(history, BoardClock(), 24).bits(0, 1200)[:, 3]
     forced = (Forced(333, high=0b101, low=0b010), Forced(700, low=2**32 - 1), Forced(900))
-    bits = capture_of(reel, BoardClock(), 24, forced).bits(0, 1200)[:, 3]
+    bits = capture_of(history, BoardClock(), 24, forced).bits(0, 1200)[:, 3]
     assert np.array_equal(bits[:333], plain[:333])
     assert np.array_equal(bits[333:700], (plain[333:700] | 0b101) & ~np.uint32(0b010))
     assert not bits[700:900].any()
@@ -163,8 +163,8 @@ def test_what_is_held_is_held_from_its_tick_on_until_it_is_let_go() -> None:
 
 
 def test_a_transducer_that_is_not_connected_emits_nothing() -> None:
-    reel = some_reel(2)
-    whole = capture_of(reel, BoardClock(), 24)
+    history = some_history(2)
+    whole = capture_of(history, BoardClock(), 24)
     capture = replace(whole, open_since={7: 0, 300: 505})
     drives = capture.drives(0, 24)
     assert not drives[:, 7].any()

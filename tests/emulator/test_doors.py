@@ -12,20 +12,20 @@ from phasewire import Emulator, Pulses
 from phasewire.emulator import Event
 from phasewire.emulator.door import Handshake, Stall
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
 from phasewire.protocol.codes import Action, Fault, FrameKind, Request
-from phasewire.protocol.framing import Frame, encode
+from phasewire.protocol.framing import SerialFrame, encode
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
 
@@ -107,10 +107,10 @@ class Program:
         bodies: list[Body] = [
             Update(self.some_pulses(), self.some_period()),
             Update(self.some_pulses()),
-            Sequence(
+            PlaySequence(
                 first, count, self.some_period(), int(self.random.integers(3)), unattended=bool(self.random.integers(2))
             ),
-            Modulation(first, count, int(self.random.integers(1, 9)), self.some_period()),
+            AmplitudeModulation(first, count, int(self.random.integers(1, 9)), self.some_period()),
             Output(Action(int(self.random.integers(1, 4))), self.some_period()),
         ]
         self.send(bodies[int(self.random.choice(5, p=[0.3, 0.3, 0.15, 0.15, 0.1]))])
@@ -145,7 +145,7 @@ class Program:
         self.heard += [self.device.ask_status(), self.device.ask(Request.PROCESSORS, 160)]
 
     def by_line(self) -> None:
-        self.terminal.line.receive(encode(Frame(FrameKind.BLOCK, self.device.pack(Update(self.some_pulses())))))
+        self.terminal.line.receive(encode(SerialFrame(FrameKind.BLOCK, self.device.pack(Update(self.some_pulses())))))
 
     def suspend(self) -> None:
         self.device.usb.suspend()

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash, Times
+from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash, FlashTimes
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.errors import InputFileError
 
@@ -69,7 +69,7 @@ def test_it_takes_the_time_that_is_typical() -> None:
 
 
 def test_a_slow_one_takes_longer() -> None:
-    flash = Flash(times=Times(erase_ms=400, program_ms=3))
+    flash = Flash(times=FlashTimes(erase_ms=400, program_ms=3))
     scheduler = powered(flash)
     flash.erase(0)
     assert flash.busy_until == 400 * MS

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.boards.links import Links, Passage, Span
+from phasewire.emulator.boards.links import Links, LinkSpan, Passage
 from phasewire.emulator.boards.switches import Direction
 from phasewire.protocol.board import CORE_HZ
 from phasewire.protocol.timing import FIVE_WIRE, LINKS, TWO_WIRE, Link
@@ -79,9 +79,9 @@ def test_ten_slices_and_ten_commits(make: Make, link: Link, microseconds: float)
 def test_spans_come_one_delay_after_another() -> None:
     links = chain()
     links.down(2, COLLECT, 100)
-    assert links.spans(Direction.DOWN) == [Span(0, 100, 172), Span(1, 140, 212), Span(2, 180, 252)]
+    assert links.spans(Direction.DOWN) == [LinkSpan(0, 100, 172), LinkSpan(1, 140, 212), LinkSpan(2, 180, 252)]
     links.up(1, COLLECT, 100)
-    assert links.spans(Direction.UP) == [Span(1, 100, 172), Span(0, 140, 212)]
+    assert links.spans(Direction.UP) == [LinkSpan(1, 100, 172), LinkSpan(0, 140, 212)]
 
 
 def test_directions_have_wires_of_their_own() -> None:
@@ -113,7 +113,7 @@ def test_a_slow_link_fills_the_buffer_before_it() -> None:
     links = chain()
     links.set_link(1, slow(80))
     assert links.down(1, 20, 0) == (1, 0, 136 + 11 * 80, 120 + 19 * 80 + 40)
-    assert links.spans(Direction.DOWN) == [Span(0, 0, 1016), Span(1, 40, 1640)]
+    assert links.spans(Direction.DOWN) == [LinkSpan(0, 0, 1016), LinkSpan(1, 40, 1640)]
     # What follows for processor 0 begins with the place of the 13th token, whose credit is back at 120 + 12·80 + 8, and
     # stands in the same buffer until END has left it at 1640; then tokens go by at the rate of link 0. The 9th takes
     # the place of the 1st, which is left at 1648.
@@ -125,7 +125,7 @@ def test_what_waited_goes_into_a_channel_end_as_fast_as_it_came() -> None:
     links = chain(TWO_WIRE)
     links.set_link(1, slow(80))
     links.down(1, 20, 0)
-    assert links.spans(Direction.DOWN)[1] == Span(1, 40, 1640)
+    assert links.spans(Direction.DOWN)[1] == LinkSpan(1, 40, 1640)
     assert links.down(0, COLLECT, 0).arrives == 1640 + 9 * 20
 
 
@@ -143,7 +143,7 @@ def test_a_fast_link_behind_a_slow_one_is_held_as_long() -> None:
     links = chain()
     links.set_link(0, slow(80))
     assert links.down(1, 20, 0) == (1, 0, 1600, 1680)
-    assert links.spans(Direction.DOWN) == [Span(0, 0, 1600), Span(1, 80 + 40 - 8, 1640)]
+    assert links.spans(Direction.DOWN) == [LinkSpan(0, 0, 1600), LinkSpan(1, 80 + 40 - 8, 1640)]
 
 
 def test_credits_that_are_slow_to_return_halve_the_rate() -> None:
@@ -207,10 +207,10 @@ def test_a_cut_link_swallows_what_it_has_credit_for() -> None:
     assert links.up(4, COLLECT, 0) == (4, 0, 72, 72 + 200)
     assert links.up(7, BUFFER * 3 + 1, 0) == (7, 0, None, None)
     assert links.spans(Direction.UP) == [
-        Span(7, 0, None),
-        Span(6, 40, None),
-        Span(5, 80, None),
-        *[Span(link, None, None) for link in (4, 3, 2, 1, 0)],
+        LinkSpan(7, 0, None),
+        LinkSpan(6, 40, None),
+        LinkSpan(5, 80, None),
+        *[LinkSpan(link, None, None) for link in (4, 3, 2, 1, 0)],
     ]
     assert links.up(4, COLLECT, 72).arrives == 144 + 200
 
@@ -435,8 +435,8 @@ class Simulation:
         for time in (now + self.hop, end, end + self.credit):
             heapq.heappush(self.times, time)
 
-    def passage(self, number: int, processor: int, links: Sequence[int]) -> tuple[Passage, list[Span]]:
-        spans = [Span(link, self.begins.get((number, link)), self.ends.get((number, link))) for link in links]
+    def passage(self, number: int, processor: int, links: Sequence[int]) -> tuple[Passage, list[LinkSpan]]:
+        spans = [LinkSpan(link, self.begins.get((number, link)), self.ends.get((number, link))) for link in links]
         return Passage(processor, spans[0].begins, spans[0].ends, self.taken.get(number)), spans
 
 
@@ -482,7 +482,7 @@ def messages(draw: st.DrawFn, upward: bool) -> tuple[list[Sent], list[int]]:
     return sent, ways
 
 
-def carried(links: Links, sent: list[Sent], upward: bool) -> Iterator[tuple[Passage, list[Span]]]:
+def carried(links: Links, sent: list[Sent], upward: bool) -> Iterator[tuple[Passage, list[LinkSpan]]]:
     """What the model says of each message, with the faults set when they come."""
     before = sent[0]
     for message in sent:

@@ -10,14 +10,12 @@ from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.firmware.loader import (
     FACTORY_IMAGE,
     Boot,
-    Identity,
+    DeviceIdentity,
     boot,
     confirm,
     give_up_upgrades,
     load_cycles,
     make_flash,
-    next_image,
-    read_record,
 )
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.errors import DeviceError, InputFileError
@@ -28,9 +26,9 @@ from phasewire.protocol.versions import Version
 from phasewire.protocol.wiring import Wiring
 
 MS = 400_000
-IDENTITY = Identity("FL-1", Wiring.strips())
+IDENTITY = DeviceIdentity("FL-1", Wiring.strips())
 ERASED, WRITTEN = 0xFFFF_FFFF, 0
-NEVER, STARTED, CAME_UP = (ERASED, ERASED), (WRITTEN, ERASED), (WRITTEN, WRITTEN)
+NEVER, CAME_UP = (ERASED, ERASED), (WRITTEN, WRITTEN)
 ADDRESSES = {Bank.FACTORY: 0x100000, Bank.A: 0x200000, Bank.B: 0x300000}
 
 
@@ -65,7 +63,7 @@ def marks(flash: Flash, bank: Bank) -> bytes:
 
 
 def test_a_new_flash_boots_the_factory_s_image() -> None:
-    """Addresses by clause FWU-016: the record at the beginning of the bank, the image a sector behind it."""
+    """Addresses by clause FWU-016: the record at the beginning of the bank, the image one sector later."""
     flash = make_flash(IDENTITY)
     assert flash.read(0x100000, 4) == b"PWBR"
     assert flash.read(0x101000, 4) == b"PWFW"
@@ -78,11 +76,11 @@ def test_a_new_flash_boots_the_factory_s_image() -> None:
 
 def test_a_flash_says_whose_it_is(scrambled: Wiring) -> None:
     keys = tuple(Ed25519PrivateKey.from_private_bytes(bytes([n]) * 32).public_key() for n in range(3))
-    identity = Identity.read(make_flash(Identity("A.b-c_9", scrambled, keys)))
+    identity = DeviceIdentity.read(make_flash(DeviceIdentity("A.b-c_9", scrambled, keys)))
     assert identity.serial == "A.b-c_9"
     assert identity.wiring.channels.tolist() == scrambled.channels.tolist()
     assert [key.public_bytes_raw() for key in identity.keys] == [key.public_bytes_raw() for key in keys]
-    assert Identity.read(make_flash(IDENTITY)).keys == ()
+    assert DeviceIdentity.read(make_flash(IDENTITY)).keys == ()
 
 
 @pytest.mark.parametrize(
@@ -91,60 +89,17 @@ def test_a_flash_says_whose_it_is(scrambled: Wiring) -> None:
 def test_a_flash_without_an_identity_is_refused(text: bytes) -> None:
     flash = Flash(text + b"\xff" * (FLASH_BYTES - len(text)))
     with pytest.raises(InputFileError, match="does not say which device it belongs to"):
-        Identity.read(flash)
+        DeviceIdentity.read(flash)
 
 
 def test_a_key_that_is_none_is_refused() -> None:
     fields = json.loads(IDENTITY.encode()) | {"keys": ["abcd"]}
     text = json.dumps(fields).encode()
     with pytest.raises(InputFileError):
-        Identity.read(Flash(text + b"\xff" * (FLASH_BYTES - len(text))))
+        DeviceIdentity.read(Flash(text + b"\xff" * (FLASH_BYTES - len(text))))
 
 
 # Which image boots: clauses FWU-019 and FWU-020
-
-
-@pytest.mark.parametrize(
-    ("banks", "runs", "fault"),
-    [
-        ({}, Bank.FACTORY, False),
-        ({"A": (0, CAME_UP)}, Bank.A, False),
-        ({"B": (0, NEVER)}, Bank.B, False),
-        ({"A": (4, CAME_UP), "B": (5, CAME_UP)}, Bank.B, False),
-        ({"A": (6, CAME_UP), "B": (5, CAME_UP)}, Bank.A, False),
-        ({"A": (2**32 - 1, CAME_UP), "B": (0, CAME_UP)}, Bank.B, False),
-        ({"A": (3, CAME_UP), "B": (3, CAME_UP)}, Bank.A, False),
-        ({"A": (4, CAME_UP), "B": (5, STARTED)}, Bank.A, True),
-        ({"A": (4, STARTED), "B": (5, STARTED)}, Bank.FACTORY, True),
-        ({"A": (4, CAME_UP), "B": (5, (0xFFFF_FFFE, ERASED))}, Bank.A, True),  # a mark that was cut short counts
-        ({"A": (4, CAME_UP), "B": (5, (WRITTEN, 0x7FFF_FFFF))}, Bank.B, False),
-        ({"A": (4, STARTED), "B": (5, CAME_UP)}, Bank.B, True),
-    ],
-)
-def test_the_newest_that_may_boot_runs(banks: dict[str, tuple[int, tuple[int, int]]], runs: Bank, fault: bool) -> None:
-    flash = stored(**banks)
-    assert next_image(flash) == IMAGES[runs].encode()
-    assert boot(flash) == Boot(runs, IMAGES[runs], Fault.FLASH if fault else Fault(0))
-
-
-def test_a_damaged_image_does_not_run() -> None:
-    flash = stored(A=(4, CAME_UP), B=(5, CAME_UP))
-    flash.defects.stuck_at_0[0x300000 + 4096 + 1000] = 0xFF
-    assert next_image(flash) == IMAGES[Bank.A].encode()
-    assert boot(flash) == Boot(Bank.A, IMAGES[Bank.A], Fault.FLASH)
-    flash.defects.stuck_at_1[0x200000 + 4096 + 1000] = 0xFF
-    assert boot(flash) == Boot(Bank.FACTORY, FACTORY_IMAGE, Fault.FLASH)
-    flash.defects.stuck_at_1[0x101000] = 0xFF
-    assert next_image(flash) == b""
-    with pytest.raises(DeviceError, match="nothing in this flash boots"):
-        boot(flash)
-
-
-def test_a_damaged_record_is_none() -> None:
-    flash = stored(A=(4, CAME_UP), B=(5, CAME_UP))
-    flash.defects.stuck_at_0[0x300000] = 0xFF
-    assert read_record(flash, Bank.B) is None
-    assert boot(flash) == Boot(Bank.A, IMAGES[Bank.A], Fault(0))
 
 
 def test_an_image_that_nobody_marked_is_not_run_from_a_blank_flash() -> None:
@@ -155,29 +110,6 @@ def test_an_image_that_nobody_marked_is_not_run_from_a_blank_flash() -> None:
 
 
 # Trials
-
-
-def test_a_new_image_has_one_trial() -> None:
-    flash = stored(A=(4, CAME_UP), B=(5, NEVER))
-    assert boot(flash).bank is Bank.B
-    assert marks(flash, Bank.B) == bytes(4) + b"\xff" * 4
-    assert flash.busy_until == MS  # a page
-    flash.power_up(Scheduler())
-    assert boot(flash) == Boot(Bank.A, IMAGES[Bank.A], Fault.FLASH)
-
-
-def test_an_image_that_came_up_runs_again() -> None:
-    flash = stored(A=(4, CAME_UP), B=(5, NEVER))
-    boot(flash)
-    scheduler = Scheduler()
-    flash.power_up(scheduler)
-    confirm(flash, Bank.B)
-    scheduler.run_until(MS)
-    assert marks(flash, Bank.B) == bytes(8)
-    confirm(flash, Bank.B)
-    assert not flash.busy
-    assert boot(flash) == Boot(Bank.B, IMAGES[Bank.B], Fault(0))
-    assert not flash.busy
 
 
 def test_nothing_is_written_to_a_record_that_is_confirmed() -> None:
@@ -230,18 +162,6 @@ def test_an_image_whose_trial_cannot_be_noted_is_not_started() -> None:
 # Back to the factory's image: clause FWU-022
 
 Banks = dict[str, tuple[int, tuple[int, int]]]
-UPGRADED: list[tuple[Banks, str]] = [
-    ({}, ""),
-    ({"A": (0, CAME_UP)}, "A"),
-    ({"B": (0, STARTED)}, "B"),
-    ({"A": (4, CAME_UP), "B": (5, CAME_UP)}, "AB"),
-    ({"A": (4, CAME_UP), "B": (5, STARTED)}, "AB"),
-    ({"A": (4, STARTED), "B": (5, CAME_UP)}, "AB"),
-    ({"A": (6, CAME_UP), "B": (5, CAME_UP)}, "BA"),
-    ({"A": (2**32 - 1, CAME_UP), "B": (0, CAME_UP)}, "AB"),
-    ({"A": (3, CAME_UP), "B": (3, CAME_UP)}, "BA"),
-    ({"A": (3, STARTED), "B": (3, STARTED)}, "BA"),
-]
 
 
 def given_up(flash: Flash) -> list[int]:
@@ -253,39 +173,6 @@ def given_up(flash: Flash) -> list[int]:
         scheduler.run_until(until)
         times.append(until // MS)
     return times
-
-
-@pytest.mark.parametrize(("banks", "order"), UPGRADED)
-def test_without_its_upgrades_a_flash_boots_as_the_factory_left_it(banks: Banks, order: str) -> None:
-    flash = stored(**banks)
-    assert given_up(flash) == [1, 2][: len(order)]
-    for bank in order:
-        assert flash.read(ADDRESSES[Bank[bank]], 48) == bytes(48)
-    assert not flash.erasures.any()
-    assert next_image(flash) == FACTORY_IMAGE.encode()
-    assert boot(flash) == Boot(Bank.FACTORY, FACTORY_IMAGE, Fault(0))
-    assert given_up(flash) == []
-
-
-@pytest.mark.parametrize("written", [*range(6), 44, 47, *range(48, 54), 92, 95, 96])
-@pytest.mark.parametrize(("banks", "order"), [case for case in UPGRADED if len(case[1]) == 2])
-def test_cut_short_at_a_byte_the_older_is_gone_first(banks: Banks, order: str, written: int) -> None:
-    """What boots then is what would have booted, or the factory's image; never the other upgrade."""
-    flash = stored(**banks)
-    before = next_image(flash)
-    scheduler = Scheduler()
-    flash.power_up(scheduler)
-    flash.cut_power_after(written)
-    for until in give_up_upgrades(flash):
-        scheduler.run_until(until)
-        if written < 48 * (until // MS):
-            break
-    older, newer = (ADDRESSES[Bank[bank]] for bank in order)
-    assert flash.read(older, 48)[:written] == bytes(min(written, 48))
-    assert flash.read(newer, 48)[: max(written - 48, 0)] == bytes(max(written - 48, 0))
-    if written < 48:
-        assert read_record(flash, Bank[order[1]]) is not None
-    assert next_image(flash) in (before, FACTORY_IMAGE.encode())
 
 
 def test_what_cannot_be_given_up_stays_and_the_newer_with_it() -> None:
@@ -309,14 +196,6 @@ def test_a_bit_that_stays_in_a_record_does_no_harm_where_it_is_none_any_more() -
     flash.defects.stuck_at_1[0x200000] = 0x40
     assert given_up(flash) == [1, 2]
     assert boot(flash) == Boot(Bank.FACTORY, FACTORY_IMAGE, Fault(0))
-
-
-@pytest.mark.parametrize("address", [0x100000, 0x101000 + 50])
-def test_upgrades_stay_where_the_factory_s_image_is_damaged(address: int) -> None:
-    flash = stored(A=(4, CAME_UP))
-    flash.defects.stuck_at_0[address] = 0xFF
-    assert given_up(flash) == []
-    assert boot(flash) == Boot(Bank.A, IMAGES[Bank.A], Fault(0))
 
 
 # Loading the processors: clause FWU-021

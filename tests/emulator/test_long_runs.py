@@ -15,14 +15,14 @@ from phasewire.emulator.ports.clock import BoardClock
 from phasewire.emulator.ports.excerpt import Excerpt
 from phasewire.emulator.scheduler import Branch, Scheduler
 from phasewire.protocol import (
+    AmplitudeModulation,
     Entries,
     Entry,
     Fault,
-    Modulation,
     NoOp,
+    PlaySequence,
     Reason,
     Samples,
-    Sequence,
     Slot,
     State,
     Update,
@@ -51,7 +51,7 @@ def test_a_board_s_clock_is_right_for_months(rate: int) -> None:
 
 def test_a_stuck_bit_does_not_silence_its_port_after_hours() -> None:
     device = Device(Emulator(), enabled=True)
-    for body in (Slot(0, FULL), Entries((Entry(0, 100),)), Sequence(0, 1, unattended=True)):
+    for body in (Slot(0, FULL), Entries((Entry(0, 100),)), PlaySequence(0, 1, unattended=True)):
         device.send(body)
     device.run(30)
     device.emulator.inject(faults.StuckHigh(processor=0, bit=5))
@@ -70,7 +70,7 @@ def test_plans_leave_nothing_behind() -> None:
     counts = []
     for _ in range(60):
         device.order(Request.ENABLE)
-        device.send_in_time(Sequence(0, 1, 0, 65_535))
+        device.send_in_time(PlaySequence(0, 1, 0, 65_535))
         device.run(10)
         device.send_at(Update(HALF), device.period + 2**31)
         device.order(Request.DISABLE)
@@ -84,13 +84,12 @@ def test_what_is_in_use_and_what_lies_over_it_is_bounded() -> None:
     device.send(Slot(0, FULL))
     device.send(Entries((Entry(0, 100),)))
     device.send(Samples(b"\x80"))
-    device.send(Sequence(0, 1, unattended=True))
+    device.send(PlaySequence(0, 1, unattended=True))
     for _ in range(100):
-        device.send_in_time(Modulation(0, 1, 1))
+        device.send_in_time(AmplitudeModulation(0, 1, 1))
         device.run(30)
-    controller = device.emulator.running
-    assert len(controller._stores._uses) < 20
-    assert max(len(processor.reel.segments().overlays) for processor in device.emulator.processors) < 40
+    assert len(device.emulator.running._dispatch.stores._uses) < 20
+    assert max(len(processor.history.segments().overlays) for processor in device.emulator.processors) < 40
 
 
 def test_a_device_that_restarted_is_not_kept() -> None:
@@ -122,14 +121,14 @@ def test_a_late_sequence_does_not_begin_on_a_processor_that_was_silenced_meanwhi
     device = Device(Emulator(unfolded=True), enabled=True)
     device.send(Slot(0, FULL))
     device.send(Entries((Entry(0, 1000),)))
-    ack = device.send_at(Sequence(0, 1, unattended=True), device.period + 60)
+    ack = device.send_at(PlaySequence(0, 1, unattended=True), device.period + 60)
     device.emulator.run_until(ack.commit_period - 1)
     device.emulator.inject(faults.SlowProcessor(processor=3, slowness=30))
     device.run(5)
     device.emulator.inject(faults.HotBoard(board=1, celsius=90))
     device.run(100)
     for processor in device.emulator.processors:
-        starts = processor.reel.segments().starts
+        starts = processor.history.segments().starts
         assert (np.diff(starts) >= 0).all()
     end = device.emulator.capture().end_tick
     assert not device.emulator.capture().bits(end - 2000, end)[:, 3].any()

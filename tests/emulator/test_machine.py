@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, open_device
-from phasewire.emulator.machine import plugged
+from phasewire.emulator.machine import open_emulators
 from phasewire.protocol.codes import Request
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import Link
@@ -12,13 +12,13 @@ from tests.emulator.passing import now, pass_until
 from tests.strategies import update
 
 
-def test_it_is_plugged_in_for_as_long_as_it_is_used() -> None:
+def test_it_is_open_for_as_long_as_it_is_used() -> None:
     with Emulator(serial="A") as first, Emulator(serial="B") as second:
-        assert plugged() == [first, second]
+        assert open_emulators() == [first, second]
         assert first.url == "emulator:A"
-        with pytest.raises(ValueError, match="'A' is already plugged in"):
+        with pytest.raises(ValueError, match="'A' is already open"):
             Emulator(serial="A").__enter__()
-    assert plugged() == []
+    assert open_emulators() == []
 
 
 def test_serial_numbers_differ() -> None:
@@ -80,11 +80,11 @@ def test_periods_run_to_their_end(emulator: Emulator) -> None:
     assert now(emulator) == 50_000
 
 
-def test_an_emulator_that_was_unplugged_has_lost_its_power() -> None:
+def test_a_closed_emulator_does_not_open_again() -> None:
     emulator = Emulator()
     with emulator:
         pass
-    with pytest.raises(ValueError, match="has lost its power; make a new one"):
+    with pytest.raises(ValueError, match="this emulator is closed; make a new one"):
         emulator.__enter__()
 
 

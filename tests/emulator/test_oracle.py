@@ -119,7 +119,7 @@ class Bench:
         self.referee.set_limit(self.cycle, transducers, stalled=not self.order(Request.LIMIT, transducers))
 
     def send(self, kind: Kind, *, ahead: int = 1, **fields: Any) -> spec.Fields | None:
-        """Send a block whose number is some ahead of the last; None where the device answers NAK."""
+        """Send a block whose number is some ahead of the last; None if the device answers NAK."""
         number = (self.number + ahead) % 2**32
         self.kinds[number] = kind
         ack = self.deliver(spec.build_block({"kind": kind, "sequence": number, **fields}))
@@ -555,9 +555,9 @@ def test_the_watchdog_waits_to_the_cycle_and_no_longer_than_a_period(link: Link,
     bench.send(Kind.UPDATE, pulses=pulses(1))
     bench.wait(123_000 + moment)
     carry_out(bench, sign, {})
-    bench.wait(1000)
+    bench.wait(2 * PERIOD)
     bench.deliver(bytes(512))  # a refused block is no sign of life
-    bench.wait(10 * 400_000 - 1001)
+    bench.wait(10 * 400_000 - 2 * PERIOD - 1)
     assert not bench.referee.fired
     bench.wait(1 + PERIOD)
     assert bench.referee.fired

@@ -101,17 +101,6 @@ def test_whoever_is_answered_has_arrived() -> None:
 # Modes
 
 
-def test_a_line_of_text_that_was_not_finished_is_dropped() -> None:
-    controller = ModelController()
-    line = line_of(controller)
-    said(line, b"enab" + TO_FRAMES + CONSOLE + b"le\r")
-    assert controller.state is State.OFF
-    said(line, b"enab")
-    line.hang_up()
-    said(line, b"le\r")
-    assert controller.state is State.OFF
-
-
 def test_text_that_waits_is_sent_before_frames_begin() -> None:
     line = line_of(ModelController())
     line.receive(b"stop\r")
@@ -169,7 +158,7 @@ def test_where_another_line_took_the_room_a_block_waits_on() -> None:
     assert first.pending == second.pending == 0
 
 
-# Records that nobody asked for
+# Unsolicited records
 
 
 def test_the_line_lets_itself_be_notified() -> None:
@@ -241,21 +230,6 @@ def test_a_device_that_cannot_detach_after_all_goes_on() -> None:
 
 
 # DTR
-
-
-def test_text_needs_a_terminal_and_frames_do_not() -> None:
-    controller = ModelController()
-    line = line_of(controller, needs_dtr=True)
-    assert said(line, b"enable\r") == b""
-    assert controller.state is State.READY
-    assert said(line, b"\0" + CONSOLE + b"\0") == b"\0" + CONSOLE + b"\0"
-    assert heard(said(line, STATUS_REQUEST)) == ["reply 2a"]
-    assert said(line, CONSOLE) == CONSOLE
-    line.open()
-    assert said(line) == b""
-    assert said(line, b"stop\r") == b"stop\r\nok\r\n> "
-    line.hang_up()
-    assert said(line, b"stop\r") == b""
 
 
 def test_without_a_terminal_a_restart_waits_for_nobody() -> None:

@@ -161,7 +161,7 @@ def test_a_device_that_restarts_is_back_at_its_console(port: EmulatedPort, emula
     assert port.read(100) == b"\r\n> "  # with echo
 
 
-def test_a_device_without_power_or_in_dfu_mode_or_unplugged_is_silent(emulator: Emulator) -> None:
+def test_a_device_without_power_or_in_dfu_mode_or_closed_is_silent(emulator: Emulator) -> None:
     port = port_for_url(f"{emulator.url}?door=serial")
     port.timeout = 0.05
     port.open()
@@ -178,7 +178,7 @@ def test_a_device_without_power_or_in_dfu_mode_or_unplugged_is_silent(emulator: 
     emulator.run_until_started()
     port.write(b"\r")
     assert port.read(100) == b"\r\n> "
-    emulator.unplugged = True
+    emulator.closed = True
     port.write(b"\r")
     assert port.read(100) == b""
 
@@ -208,7 +208,7 @@ def test_a_missing_serial_number_names_those_that_are_there() -> None:
         port_for_url("emulator:Z?door=serial")
 
 
-def test_the_watchdog_bites_while_somebody_waits(port: EmulatedPort, emulator: Emulator) -> None:
+def test_the_watchdog_fires_while_somebody_waits(port: EmulatedPort, emulator: Emulator) -> None:
     """Clause SAF-003: 100 ms at power-up."""
     port.write(b"enable\r")
     port.time.sleep(0.09)

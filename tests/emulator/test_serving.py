@@ -150,7 +150,7 @@ def test_a_client_that_makes_no_sense_is_left_and_others_stay(house: House, data
             with pytest.raises(EOFError):
                 worse.receive(1)
         assert good.write(0x01, b"still here").status == 0
-    assert any("was left: it sent" in line for line in house.told)
+    assert any("was dropped: it sent" in line for line in house.told)
 
 
 def test_a_device_that_leaves_the_bus_ends_the_connection(house: House) -> None:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-
 import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Stall
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Entries,
     Entry,
-    Modulation,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
@@ -22,7 +20,7 @@ from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
 from tests.emulator.hosts import FULL, HALF, PERIOD, Device, Terminal
 
 MS = 400_000
-FOR_EVER = Sequence(0, 1)
+FOR_EVER = PlaySequence(0, 1)
 
 
 def stocked(*, unfolded: bool = True, link: Link = FIVE_WIRE) -> Device:
@@ -47,7 +45,7 @@ def test_silence_comes_within_six_periods(link: Link, phase: int, what: str) -> 
     device.order(Request.ENABLE)
     soon = device.period + 10
     if what == "modulated":
-        device.send(Modulation(0, 2, hold=1, period=soon - 3))
+        device.send(AmplitudeModulation(0, 2, hold=1, period=soon - 3))
     if what == "sequence":
         device.send(FOR_EVER)
     else:
@@ -90,31 +88,6 @@ def test_what_is_begun_in_the_cycle_in_which_it_is_overtaken_is_begun_whole(unfo
     assert (device.state, device.status().faults) == (State.OFF, Fault(0))
 
 
-# The watchdog (clause SAF-003)
-
-
-def fires_at(device: Device) -> int:
-    """Core cycle at which the watchdog fires; nobody gives a sign of life."""
-    while not device.status().watchdog_fired:
-        upcoming = device.emulator.scheduler.next_time()
-        assert upcoming is not None
-        device.emulator.scheduler.run_until(upcoming)
-    return device.cycle
-
-
-def in_time(fired: int, since: int, ms: int = 100) -> bool:
-    return since + ms * MS <= fired <= since + ms * MS + PERIOD
-
-
-@pytest.mark.parametrize("unfolded", [False, True])
-def test_the_watchdog_starts_with_enable(unfolded: bool) -> None:
-    device = stocked(unfolded=unfolded)
-    device.run_ms(3.3)
-    device.order(Request.ENABLE)
-    assert in_time(fires_at(device), 40 * PERIOD + round(3.3 * MS))
-    assert device.state is State.OFF
-
-
 # Records that the host did not ask for (clause ACK-006)
 
 
@@ -131,23 +104,6 @@ def test_a_stream_of_updates_is_told_to_the_line_once() -> None:
     device.run(20)
     assert device.told() == []
     assert [told.state for told in terminal.told()] == [State.PLAYING]
-
-
-# Faults (clauses SAF-007, SAF-008 and REQ-011)
-
-
-def test_faults_persist_until_their_cause_is_gone_and_they_are_cleared() -> None:
-    """A board is cool again below 80 °C."""
-    device = Device()
-    device.set_temperature(86)
-    for celsius, state in ((86, State.FAULT), (80, State.FAULT), (79, State.OFF)):
-        device.set_temperature(celsius)
-        device.order(Request.CLEAR_FAULTS)
-        assert device.state is state
-        with suppress(Stall):
-            device.order(Request.ENABLE)
-        assert device.state is (State.FAULT if state is State.FAULT else State.READY)
-    assert device.status().faults == Fault(0)
 
 
 # DETACH (clause STA-005)

@@ -11,17 +11,15 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from phasewire import Emulator
-from phasewire.emulator.faults import DeadProcessor
 from phasewire.emulator.firmware import loader
 from phasewire.emulator.firmware.flash import FLASH_BYTES, Flash
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.errors import DeviceError
 from phasewire.protocol.blocks import Update
-from phasewire.protocol.codes import Bank, DfuState, DfuStatus, Fault, Request, State, Target
+from phasewire.protocol.codes import DfuState, DfuStatus, Fault, Request, Target
 from phasewire.protocol.dfu import DfuReply
 from phasewire.protocol.firmware import Image, Segment, build, split_suffix
-from phasewire.protocol.replies import decode_reports
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.versions import Version
 
@@ -39,8 +37,8 @@ def made(version: Version, size: int = 9000) -> bytes:
     return split_suffix(file)[0]
 
 
-NEW, NEWER = Version(2, 3, 4), Version(2, 3, 5)
-IMAGE, LATER_IMAGE = made(NEW), made(NEWER)
+NEW = Version(2, 3, 4)
+IMAGE = made(NEW)
 
 
 class Upgraded(Device):
@@ -123,51 +121,6 @@ class Upgraded(Device):
 def device() -> Iterator[Upgraded]:
     with Emulator() as emulator:
         yield Upgraded(emulator)
-
-
-# New firmware
-
-
-def test_a_mark_that_power_cut_short_counts(device: Upgraded) -> None:
-    """Clause FWU-020: as soon as one of its bits is 0; one that was not begun does not."""
-    device.upgrade(IMAGE)
-    device.configure()
-    device.run_ms(0.9)
-    device.lose_power()
-    assert device.version == NEW
-
-
-def test_new_firmware_that_does_not_find_all_processors_has_not_come_up(device: Upgraded) -> None:
-    """Clause FWU-020: a host has met it, but nine processors are not ten."""
-    device.enter_dfu_mode()
-    device.send_image(IMAGE)
-    device.emulator.inject(DeadProcessor(processor=5))
-    device.boot()
-    device.configure()
-    assert (device.version, device.state, device.faults) == (NEW, State.FAULT, Fault.PROCESSOR)
-    device.lose_power()
-    assert (device.version, device.faults) == (FACTORY, Fault.PROCESSOR | Fault.FLASH)
-
-
-# Back to the factory's image
-
-
-def upgraded_twice(device: Upgraded) -> None:
-    """Firmware in both banks, each of which has come up; the newer runs."""
-    for image in (IMAGE, LATER_IMAGE):
-        device.upgrade(image)
-        device.configure()
-        device.run_ms(5)
-
-
-def test_a_flash_that_takes_nothing_leaves_what_ran(device: Upgraded) -> None:
-    upgraded_twice(device)
-    device.emulator.flash.defects.write_protected = True
-    device.order(Request.REVERT)
-    device.run_until_started()
-    device.configure()
-    reports = decode_reports(device.ask(Request.PROCESSORS, 160))
-    assert (device.version, reports[0].bank, device.faults) == (NEWER, Bank.B, Fault(0))
 
 
 # Without new firmware

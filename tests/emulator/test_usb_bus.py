@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.doors.usb_bus import Outcome, Transfer, UsbBus
+from phasewire.emulator.doors.usb_bus import Transfer, TransferOutcome, UsbBus
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.protocol.enumeration import FULL_SPEED
 from phasewire.protocol.requests import Setup
@@ -25,7 +25,7 @@ class Bench:
         self.device = device or StandInDevice()
         self.scheduler = Scheduler()
         self.bus = UsbBus(self.device, self.scheduler)
-        self.ended: list[tuple[Transfer, Outcome]] = []
+        self.ended: list[tuple[Transfer, TransferOutcome]] = []
 
     def out(self, data: bytes, endpoint: int = 0x01, zero_packet: bool = False) -> Transfer:
         return self.submit(endpoint, len(data), data, zero_packet=zero_packet)
@@ -61,7 +61,7 @@ class Bench:
         return self.scheduler.now - begin
 
     @property
-    def outcomes(self) -> list[Outcome]:
+    def outcomes(self) -> list[TransferOutcome]:
         return [outcome for _, outcome in self.ended]
 
 
@@ -82,7 +82,7 @@ def test_what_is_sent_is_cut_into_packets(size: int, zero_packet: bool, packets:
     transfer = bench.out(bytes(size), zero_packet=zero_packet)
     assert bench.run() == len(packets) * PACKET
     assert [len(packet) for _, packet in bench.device.taken] == packets
-    assert bench.ended == [(transfer, Outcome.DONE)]
+    assert bench.ended == [(transfer, TransferOutcome.DONE)]
     assert transfer.sent == size
 
 
@@ -96,7 +96,7 @@ def test_a_stream_is_the_same_as_its_packets(size: int, streams: int, zero_packe
         transfer = bench.out(bytes(each % 251 for each in range(size)), zero_packet=zero_packet)
         ends.append((bench.run(), bench.bus.last_word, bench.device.taken, bench.outcomes, transfer.sent))
     assert ends[0] == ends[1]
-    assert ends[0][3:] == ([Outcome.DONE], size)
+    assert ends[0][3:] == ([TransferOutcome.DONE], size)
 
 
 @given(st.lists(st.tuples(st.sampled_from([0, 1, 512, 1024, 1536, 1600, 20_480]), st.booleans()), max_size=12))
@@ -108,7 +108,7 @@ def test_transfers_that_are_sent_together_are_the_same_as_one_by_one(sizes: list
         sent = [bench.out(bytes([n]) * size, zero_packet=zero) for n, (size, zero) in enumerate(sizes)]
         assert [transfer for transfer, _ in bench.ended] == []
         ends.append((bench.run(), bench.bus.last_word, bench.device.taken))
-        assert bench.ended == [(transfer, Outcome.DONE) for transfer in sent]
+        assert bench.ended == [(transfer, TransferOutcome.DONE) for transfer in sent]
         assert [transfer.sent for transfer in sent] == [size for size, _ in sizes]
     assert all(end == ends[0] for end in ends)
 
@@ -116,19 +116,19 @@ def test_transfers_that_are_sent_together_are_the_same_as_one_by_one(sizes: list
 @pytest.mark.parametrize(
     ("length", "packets", "outcome", "received"),
     [
-        (512, [64], Outcome.DONE, 64),
-        (512, [512], Outcome.DONE, 512),
-        (1024, [512, 96], Outcome.DONE, 608),
-        (1024, [512, 0], Outcome.DONE, 512),
-        (1024, [512, 512], Outcome.DONE, 1024),
-        (100, [64, 64], Outcome.DONE, 64),
-        (32, [64], Outcome.OVERFLOW, 0),
-        (600, [512, 100], Outcome.OVERFLOW, 512),
-        (0, [0], Outcome.DONE, 0),
+        (512, [64], TransferOutcome.DONE, 64),
+        (512, [512], TransferOutcome.DONE, 512),
+        (1024, [512, 96], TransferOutcome.DONE, 608),
+        (1024, [512, 0], TransferOutcome.DONE, 512),
+        (1024, [512, 512], TransferOutcome.DONE, 1024),
+        (100, [64, 64], TransferOutcome.DONE, 64),
+        (32, [64], TransferOutcome.OVERFLOW, 0),
+        (600, [512, 100], TransferOutcome.OVERFLOW, 512),
+        (0, [0], TransferOutcome.DONE, 0),
     ],
 )
 def test_a_short_packet_or_a_full_buffer_ends_what_is_received(
-    length: int, packets: list[int], outcome: Outcome, received: int
+    length: int, packets: list[int], outcome: TransferOutcome, received: int
 ) -> None:
     bench = Bench()
     bench.device.give(0x81, *(bytes([number]) * size for number, size in enumerate(packets)))
@@ -144,7 +144,7 @@ def test_a_short_packet_can_be_an_error() -> None:
     bench.into(512, short_not_ok=True)
     bench.into(512, short_not_ok=True)
     bench.run()
-    assert bench.outcomes == [Outcome.SHORT, Outcome.DONE]
+    assert bench.outcomes == [TransferOutcome.SHORT, TransferOutcome.DONE]
 
 
 def test_a_full_packet_of_the_interrupt_endpoint_has_sixteen_bytes() -> None:
@@ -196,7 +196,7 @@ def test_what_is_answered_with_nak_waits_until_something_happens_in_the_device()
 
     bench.scheduler.at(1_000_000, make_room)
     bench.run()
-    assert bench.outcomes == [Outcome.DONE, Outcome.DONE]
+    assert bench.outcomes == [TransferOutcome.DONE, TransferOutcome.DONE]
     assert 1_000_000 <= bench.scheduler.now < 1_000_000 + 3 * PACKET
 
 
@@ -232,7 +232,7 @@ def test_a_halted_endpoint_stalls_and_others_go_on() -> None:
     bench.into(512)
     bench.out(b"help\r", 0x03)
     bench.run()
-    assert sorted(bench.outcomes) == [Outcome.STALLED, Outcome.STALLED, Outcome.DONE]
+    assert sorted(bench.outcomes) == [TransferOutcome.STALLED, TransferOutcome.STALLED, TransferOutcome.DONE]
 
 
 def test_requests_take_a_microframe_each_and_go_first() -> None:
@@ -252,14 +252,17 @@ def test_requests_take_a_microframe_each_and_go_first() -> None:
 @pytest.mark.parametrize(
     ("ask", "outcome"),
     [
-        (lambda bench: bench.request(Setup(0x80, 6, 0x0100, 0, 64)), Outcome.DONE),  # 18 bytes come: not an error
-        (lambda bench: bench.request(Setup(0x41, 9, 0, 0, 3), b"abc"), Outcome.DONE),
-        (lambda bench: bench.request(Setup(0xC1, 99, 0, 0, 8)), Outcome.STALLED),
-        (lambda bench: bench.request(Setup(0x80, 6, 0x0100, 0, 18), length=8), Outcome.MALFORMED),
-        (lambda bench: bench.request(Setup(0x41, 9, 0, 0, 3), b"ab", length=2), Outcome.MALFORMED),
+        (
+            lambda bench: bench.request(Setup(0x80, 6, 0x0100, 0, 64)),
+            TransferOutcome.DONE,
+        ),  # 18 bytes come: not an error
+        (lambda bench: bench.request(Setup(0x41, 9, 0, 0, 3), b"abc"), TransferOutcome.DONE),
+        (lambda bench: bench.request(Setup(0xC1, 99, 0, 0, 8)), TransferOutcome.STALLED),
+        (lambda bench: bench.request(Setup(0x80, 6, 0x0100, 0, 18), length=8), TransferOutcome.MALFORMED),
+        (lambda bench: bench.request(Setup(0x41, 9, 0, 0, 3), b"ab", length=2), TransferOutcome.MALFORMED),
     ],
 )
-def test_requests_end_as_they_should(ask: Callable[[Bench], Transfer], outcome: Outcome) -> None:
+def test_requests_end_as_they_should(ask: Callable[[Bench], Transfer], outcome: TransferOutcome) -> None:
     bench = Bench()
     ask(bench)
     bench.run()
@@ -273,7 +276,7 @@ def test_a_request_may_not_go_both_ways() -> None:
     )
     bench.bus.submit(wrong)
     bench.run()
-    assert (bench.outcomes, bench.device.requests) == ([Outcome.MALFORMED], [])
+    assert (bench.outcomes, bench.device.requests) == ([TransferOutcome.MALFORMED], [])
 
 
 def test_a_transfer_taken_back_is_over() -> None:
@@ -282,7 +285,7 @@ def test_a_transfer_taken_back_is_over() -> None:
     bench.bus.cancel(first)
     bench.device.give(0x81, bytes(32))
     bench.run()
-    assert bench.ended == [(second, Outcome.DONE)]
+    assert bench.ended == [(second, TransferOutcome.DONE)]
     third = bench.into(512)
     bench.bus.cancel(third)
     assert bench.bus.next_time(0) is None

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import pytest
 from phasewire.emulator.door import Handshake, Stall
-from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed, dfu_mode
+from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from phasewire.protocol.requests import Setup
 
-from tests.emulator.usb_bench import SET_CONFIGURATION, Bench, configured, status
+from tests.emulator.usb_bench import SET_CONFIGURATION, Bench, configured
 
 GET_DEVICE = Setup(0x80, 6, 0x0100, 0, 18)
 DETACH = Setup(0x21, 0, 1000, 3, 0)
-GETSTATUS = Setup(0xA1, 3, 0, 3, 6)
 GETSTATE = Setup(0xA1, 5, 0, 3, 1)
 
 
@@ -89,39 +88,7 @@ def test_it_shows_itself_with_voltage_and_firmware_only() -> None:
     assert (usb.attached, usb.generation) == (True, 3)
 
 
-def test_a_restart_forgets_the_session() -> None:
-    bench = configured()
-    bench.usb.control(Setup(0x00, 5, 9, 0, 0))
-    bench.usb.bulk_out(0x01, bytes(512))
-    bench.usb.disconnect()
-    assert not bench.usb.attached
-    bench.usb.connect(bench.controller, bench.line, (1, 2, 3))
-    assert (bench.usb.address, bench.usb.configuration) == (0, 0)
-    bench.usb.control(SET_CONFIGURATION)
-    assert bench.usb.bulk_in(0x81) is Handshake.NAK
-
-
 # Suspend, resume, unplug
-
-
-def test_loss_of_voltage_suspends_resumes_and_takes_the_configuration() -> None:
-    """Clause STA-006; not the event BUS_RESET, which would end what plays unattended (clause USB-020)."""
-    bench = configured()
-    bench.usb.bulk_out(0x01, bytes(512))
-    bench.usb.unplug()
-    bench.usb.unplug()
-    assert bench.controller.told == ["suspend", "resume"]
-    assert bench.line.told == ["hang up"]
-    assert bench.usb.configuration == 0
-    bench.door.notify(status(0))
-    bench.usb.plug()
-    bench.usb.suspend()  # another bus, which has not configured it
-    bench.usb.resume()
-    assert bench.controller.told == ["suspend", "resume"]
-    bench.usb.control(SET_CONFIGURATION)
-    assert bench.usb.bulk_in(0x81) is Handshake.NAK
-    bench.usb.suspend()
-    assert bench.controller.told == ["suspend", "resume", "new session", "host arrived", "suspend"]
 
 
 def test_a_suspended_bus_that_loses_its_voltage_or_is_reset_is_suspended_no_more() -> None:
@@ -139,30 +106,6 @@ def test_a_suspended_bus_that_loses_its_voltage_or_is_reset_is_suspended_no_more
 
 
 # To DFU mode and back
-
-
-def test_detach_leads_to_dfu_mode() -> None:
-    """Clauses DFU-002 and USB-024: off the bus 10 to 1000 ms after DETACH, for at least 10 ms."""
-    bench = configured()
-    usb = bench.usb
-    assert (usb.control(GETSTATUS), usb.control(GETSTATE)) == (bytes(6), bytes(1))
-    assert usb.control(DETACH) == b""
-    assert bench.controller.told == ["detach"]
-    assert (usb.control(GETSTATUS), usb.control(GETSTATE)) == (bytes([0, 0, 0, 0, 1, 0]), bytes([1]))
-    bench.run_ms(10)
-    assert usb.attached
-    left = 10
-    while usb.attached:
-        bench.run_ms(1)
-        left += 1
-    assert left <= 1000
-    bench.run_ms(9)
-    assert (usb.attached, usb.generation) == (False, 1)
-    bench.run_ms(1000)
-    assert (usb.attached, usb.generation) == (True, 2)
-    assert (usb.address, usb.configuration) == (0, 0)
-    assert usb.enumeration == dfu_mode((1, 2, 3), usb.enumeration.strings[2], "BENCH-1")
-    assert usb.control(GET_DEVICE)[10:12] == b"\x02\x00"
 
 
 def test_detach_stalls_where_the_state_forbids_it() -> None:

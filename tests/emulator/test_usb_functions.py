@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from phasewire.emulator.control.controller import RECORDS
+from phasewire.emulator.control.requests import QUEUE_RECORDS
 from phasewire.emulator.door import Handshake
 from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 from phasewire.protocol.requests import Setup
@@ -42,10 +42,10 @@ def test_a_part_of_a_block_waits_for_the_rest() -> None:
 
 
 def test_nothing_is_taken_while_as_many_records_wait_as_the_device_holds() -> None:
-    """Clause ACK-001; a record that nobody asked for is beside those (clause ACK-006)."""
+    """Clause ACK-001; an unsolicited record is additional to those (clause ACK-006)."""
     bench = configured()
     bench.door.notify(status(0))
-    for _ in range(RECORDS):
+    for _ in range(QUEUE_RECORDS):
         assert bench.usb.bulk_out(0x01, bytes(512)) is Handshake.ACK
     bench.door.notify(status(1))
     assert bench.usb.bulk_out(0x01, bytes(512)) is Handshake.NAK

@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 from phasewire import Emulator
 from phasewire.emulator.door import Handshake, Stall
-from phasewire.emulator.doors.usbfs import KernelDevice, Request
+from phasewire.emulator.doors.usbfs import Ioctl, KernelDevice
 from phasewire.protocol.enumeration import FULL_SPEED
 
 MS = 400_000  # core cycles
@@ -70,13 +70,13 @@ class Program:
     def submit(self, kind: int, endpoint: int, data: bytes, flags: int = 0) -> int:
         """Submit a transfer that must be taken; its address."""
         address = self.allocate(self.urb(kind, endpoint, data, flags))
-        assert self.call(Request.SUBMITURB, address) == 0
+        assert self.call(Ioctl.SUBMITURB, address) == 0
         return address
 
     def reap(self) -> tuple[int, int, bytes]:
         """Address and status of a transfer that has ended, and the bytes transferred."""
         pointer = self.allocate(bytes(8))
-        assert self.call(Request.REAPURBNDELAY, pointer) == 0
+        assert self.call(Ioctl.REAPURBNDELAY, pointer) == 0
         address = int.from_bytes(self.read(pointer, 8), "little")
         fields = URB.unpack(self.read(address, URB.size))
         assert fields[-1] == 0x1234
@@ -103,7 +103,7 @@ def program(device: KernelDevice) -> Program:
 
 def test_numbers_are_those_of_the_header() -> None:
     """As a C compiler computes them on x86-64."""
-    assert {request.name: hex(request) for request in Request} == {
+    assert {request.name: hex(request) for request in Ioctl} == {
         "CONTROL": "0xc0185500",
         "BULK": "0xc0185502",
         "RESETEP": "0x80045503",
@@ -146,7 +146,7 @@ def test_a_device_is_enumerated(machine: Emulator, device: KernelDevice) -> None
 
 def test_a_control_transfer_is_reaped_when_it_has_ended(program: Program) -> None:
     address = program.submit(CONTROL, 0x00, GET_DEVICE_DESCRIPTOR + bytes(18))
-    assert program.call(Request.REAPURBNDELAY, bytes(8)) == -errno.EAGAIN
+    assert program.call(Ioctl.REAPURBNDELAY, bytes(8)) == -errno.EAGAIN
     program.wait()
     assert program.file.writable
     assert program.reap() == (address, 0, Emulator().usb.enumeration.device.encode())
@@ -167,7 +167,7 @@ def test_a_transfer_waits_for_the_device_s_answer(program: Program) -> None:
 
 
 def test_a_call_can_wait_for_a_transfer(program: Program) -> None:
-    pointer = program.begin(Request.REAPURB, bytes(8))
+    pointer = program.begin(Ioctl.REAPURB, bytes(8))
     assert program.results == []
     # Another thread's call; it does not return what the first waits for.
     address = program.submit(CONTROL, 0x80, GET_DEVICE_DESCRIPTOR + bytes(18))
@@ -179,9 +179,9 @@ def test_a_call_can_wait_for_a_transfer(program: Program) -> None:
 
 def test_a_transfer_is_taken_back(program: Program) -> None:
     address = program.submit(BULK, 0x81, bytes(64))
-    assert program.call(Request.DISCARDURB, address) == 0
+    assert program.call(Ioctl.DISCARDURB, address) == 0
     assert program.reap() == (address, -errno.ENOENT, b"")
-    assert program.call(Request.DISCARDURB, address) == -errno.EINVAL
+    assert program.call(Ioctl.DISCARDURB, address) == -errno.EINVAL
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_a_stall_is_told(program: Program) -> None:
     program.submit(CONTROL, 0x00, STALLED + bytes(4))
     program.wait()
     assert program.reap()[1] == -errno.EPIPE
-    assert program.call(Request.CLEAR_HALT, struct.pack("<I", 0x81)) == 0
+    assert program.call(Ioctl.CLEAR_HALT, struct.pack("<I", 0x81)) == 0
     halt = struct.pack("<BBHHH", 0x02, 3, 0, 0x81, 0)
     program.submit(CONTROL, 0x00, halt)
     program.submit(BULK, 0x81, bytes(64))
@@ -243,25 +243,25 @@ def bulk(program: Program, endpoint: int, data: bytes, timeout_ms: int) -> tuple
 
 def test_a_program_waits_for_a_control_transfer(program: Program) -> None:
     argument, buffer = control(program, GET_DEVICE_DESCRIPTOR, 18)
-    program.begin(Request.CONTROL, argument)
+    program.begin(Ioctl.CONTROL, argument)
     assert program.results == []
     program.wait()
     assert program.results == [18]
     assert program.read(buffer, 18)[:2] == b"\x12\x01"
-    program.begin(Request.CONTROL, control(program, STALLED, 4)[0])
+    program.begin(Ioctl.CONTROL, control(program, STALLED, 4)[0])
     program.wait()
     assert program.results == [18, -errno.EPIPE]
 
 
 def test_a_program_waits_for_a_bulk_transfer_no_longer_than_it_said(program: Program) -> None:
     argument, buffer = bulk(program, 0x81, bytes(64), timeout_ms=20)
-    program.begin(Request.BULK, argument)
+    program.begin(Ioctl.BULK, argument)
     program.wait(19 * MS)
     assert program.results == []
     program.wait(2 * MS)
     assert program.results == [-errno.ETIMEDOUT]
-    program.begin(Request.BULK, bulk(program, 0x01, bytes(512), timeout_ms=20)[0])
-    program.begin(Request.BULK, argument)
+    program.begin(Ioctl.BULK, bulk(program, 0x01, bytes(512), timeout_ms=20)[0])
+    program.begin(Ioctl.BULK, argument)
     program.wait()
     assert program.results[1:] == [512, 32]
     assert program.read(buffer, 2) == b"PA"
@@ -273,21 +273,21 @@ def test_a_program_waits_for_a_bulk_transfer_no_longer_than_it_said(program: Pro
     ("request_number", "argument", "code"),
     [
         (0x8038550B, b"", errno.ENOTTY),
-        (Request.CLAIMINTERFACE, struct.pack("<I", 4), errno.ENOENT),
-        (Request.CLAIMINTERFACE, struct.pack("<I", 64), errno.EINVAL),
-        (Request.RELEASEINTERFACE, struct.pack("<I", 4), errno.ENOENT),
-        (Request.RELEASEINTERFACE, struct.pack("<I", 0), errno.EINVAL),
-        (Request.SETCONFIGURATION, struct.pack("<I", 2), errno.EINVAL),
-        (Request.SETINTERFACE, struct.pack("<II", 0, 1), errno.EINVAL),
-        (Request.SETINTERFACE, struct.pack("<II", 4, 0), errno.ENOENT),
-        (Request.CLEAR_HALT, struct.pack("<I", 0x84), errno.ENOENT),
-        (Request.CLEAR_HALT, struct.pack("<I", 0x191), errno.EINVAL),
-        (Request.GETDRIVER, struct.pack("<I256x", 0), errno.ENODATA),
-        (Request.IOCTL, struct.pack("<iIQ", 0, 0x5516, 0), errno.ENODATA),  # DISCONNECT, and there is no driver
-        (Request.IOCTL, struct.pack("<iIQ", 4, 0x5516, 0), errno.EINVAL),
-        (Request.IOCTL, struct.pack("<iIQ", 0, 0x5520, 0), errno.ENOTTY),
-        (Request.DISCARDURB, b"", errno.EINVAL),
-        (Request.BULK, struct.pack("<IIIxxxxQ", 0x02, 0, 0, 0), errno.ENOENT),
+        (Ioctl.CLAIMINTERFACE, struct.pack("<I", 4), errno.ENOENT),
+        (Ioctl.CLAIMINTERFACE, struct.pack("<I", 64), errno.EINVAL),
+        (Ioctl.RELEASEINTERFACE, struct.pack("<I", 4), errno.ENOENT),
+        (Ioctl.RELEASEINTERFACE, struct.pack("<I", 0), errno.EINVAL),
+        (Ioctl.SETCONFIGURATION, struct.pack("<I", 2), errno.EINVAL),
+        (Ioctl.SETINTERFACE, struct.pack("<II", 0, 1), errno.EINVAL),
+        (Ioctl.SETINTERFACE, struct.pack("<II", 4, 0), errno.ENOENT),
+        (Ioctl.CLEAR_HALT, struct.pack("<I", 0x84), errno.ENOENT),
+        (Ioctl.CLEAR_HALT, struct.pack("<I", 0x191), errno.EINVAL),
+        (Ioctl.GETDRIVER, struct.pack("<I256x", 0), errno.ENODATA),
+        (Ioctl.IOCTL, struct.pack("<iIQ", 0, 0x5516, 0), errno.ENODATA),  # DISCONNECT, and there is no driver
+        (Ioctl.IOCTL, struct.pack("<iIQ", 4, 0x5516, 0), errno.EINVAL),
+        (Ioctl.IOCTL, struct.pack("<iIQ", 0, 0x5520, 0), errno.ENOTTY),
+        (Ioctl.DISCARDURB, b"", errno.EINVAL),
+        (Ioctl.BULK, struct.pack("<IIIxxxxQ", 0x02, 0, 0, 0), errno.ENOENT),
     ],
 )
 def test_what_cannot_be_done_is_refused(program: Program, request_number: int, argument: bytes, code: int) -> None:
@@ -311,7 +311,7 @@ def test_what_cannot_be_done_is_refused(program: Program, request_number: int, a
 def test_transfers_that_make_no_sense_are_refused(
     program: Program, kind: int, endpoint: int, data: bytes, flags: int, code: int
 ) -> None:
-    assert program.call(Request.SUBMITURB, program.urb(kind, endpoint, data, flags)) == -code
+    assert program.call(Ioctl.SUBMITURB, program.urb(kind, endpoint, data, flags)) == -code
 
 
 def test_a_bulk_transfer_suits_an_interrupt_endpoint(program: Program) -> None:
@@ -322,15 +322,15 @@ def test_a_bulk_transfer_suits_an_interrupt_endpoint(program: Program) -> None:
 def test_an_interface_is_one_program_s(device: KernelDevice, program: Program) -> None:
     other = Program(device)
     interface = struct.pack("<I", 0)
-    assert program.call(Request.CLAIMINTERFACE, interface) == 0
-    assert program.call(Request.CLAIMINTERFACE, interface) == 0
-    assert other.call(Request.CLAIMINTERFACE, interface) == -errno.EBUSY
-    assert other.call(Request.SUBMITURB, other.urb(BULK, 0x81, bytes(64))) == -errno.EBUSY
-    assert other.call(Request.SETCONFIGURATION, struct.pack("<I", 1)) == -errno.EBUSY
-    who = other.begin(Request.GETDRIVER, struct.pack("<I256x", 0))
+    assert program.call(Ioctl.CLAIMINTERFACE, interface) == 0
+    assert program.call(Ioctl.CLAIMINTERFACE, interface) == 0
+    assert other.call(Ioctl.CLAIMINTERFACE, interface) == -errno.EBUSY
+    assert other.call(Ioctl.SUBMITURB, other.urb(BULK, 0x81, bytes(64))) == -errno.EBUSY
+    assert other.call(Ioctl.SETCONFIGURATION, struct.pack("<I", 1)) == -errno.EBUSY
+    who = other.begin(Ioctl.GETDRIVER, struct.pack("<I256x", 0))
     assert (other.results[-1], other.read(who + 4, 6)) == (0, b"usbfs\0")
     program.file.close()
-    assert other.call(Request.CLAIMINTERFACE, interface) == 0
+    assert other.call(Ioctl.CLAIMINTERFACE, interface) == 0
 
 
 def test_an_interface_that_is_used_is_claimed(device: KernelDevice, program: Program) -> None:
@@ -338,7 +338,7 @@ def test_an_interface_that_is_used_is_claimed(device: KernelDevice, program: Pro
     other = Program(device)
     program.submit(BULK, 0x81, bytes(64))
     to_interface = struct.pack("<BBHHH", 0x81, 10, 0, 0, 1) + bytes(1)
-    assert other.call(Request.SUBMITURB, other.urb(CONTROL, 0x00, to_interface)) == -errno.EBUSY
+    assert other.call(Ioctl.SUBMITURB, other.urb(CONTROL, 0x00, to_interface)) == -errno.EBUSY
     vendor = struct.pack("<BBHHH", 0xC1, 1, 0, 0, 64) + bytes(64)
     other.submit(CONTROL, 0x00, vendor)  # what vendor requests speak to is nobody's business
 
@@ -346,66 +346,66 @@ def test_an_interface_that_is_used_is_claimed(device: KernelDevice, program: Pro
 def test_an_interface_is_taken_from_a_program(device: KernelDevice, program: Program) -> None:
     """libusb_detach_kernel_driver, and detach-and-claim: "usbfs" is a driver like any other."""
     other = Program(device)
-    disconnect = struct.pack("<iIQ", 0, Request.DISCONNECT, 0)
-    connect = struct.pack("<iIQ", 0, Request.CONNECT, 0)
+    disconnect = struct.pack("<iIQ", 0, Ioctl.DISCONNECT, 0)
+    connect = struct.pack("<iIQ", 0, Ioctl.CONNECT, 0)
     address = program.submit(BULK, 0x81, bytes(64))
-    assert other.call(Request.IOCTL, connect) == -errno.EBUSY
-    assert other.call(Request.IOCTL, disconnect) == 0
+    assert other.call(Ioctl.IOCTL, connect) == -errno.EBUSY
+    assert other.call(Ioctl.IOCTL, disconnect) == 0
     assert program.reap() == (address, -errno.ENOENT, b"")
-    assert other.call(Request.IOCTL, connect) == 0
-    assert program.call(Request.CLAIMINTERFACE, struct.pack("<I", 0)) == 0
+    assert other.call(Ioctl.IOCTL, connect) == 0
+    assert program.call(Ioctl.CLAIMINTERFACE, struct.pack("<I", 0)) == 0
     if_other, except_usbfs, if_usbfs = (1, b"cdc_acm"), (2, b"usbfs"), (1, b"usbfs")
     for flags, driver in (if_other, except_usbfs):
-        assert other.call(Request.DISCONNECT_CLAIM, struct.pack("<II256s", 0, flags, driver)) == -errno.EBUSY
+        assert other.call(Ioctl.DISCONNECT_CLAIM, struct.pack("<II256s", 0, flags, driver)) == -errno.EBUSY
     flags, driver = if_usbfs
-    assert other.call(Request.DISCONNECT_CLAIM, struct.pack("<II256s", 0, flags, driver)) == 0
-    assert program.call(Request.CLAIMINTERFACE, struct.pack("<I", 0)) == -errno.EBUSY
+    assert other.call(Ioctl.DISCONNECT_CLAIM, struct.pack("<II256s", 0, flags, driver)) == 0
+    assert program.call(Ioctl.CLAIMINTERFACE, struct.pack("<I", 0)) == -errno.EBUSY
 
 
 def test_giving_an_interface_back_ends_its_transfers(program: Program) -> None:
     mine, other = program.submit(BULK, 0x81, bytes(64)), program.submit(BULK, 0x83, bytes(64))
-    assert program.call(Request.RELEASEINTERFACE, struct.pack("<I", 0)) == 0
+    assert program.call(Ioctl.RELEASEINTERFACE, struct.pack("<I", 0)) == 0
     assert program.reap()[:2] == (mine, -errno.ENOENT)
-    assert program.call(Request.REAPURBNDELAY, bytes(8)) == -errno.EAGAIN
-    assert program.call(Request.DISCARDURB, other) == 0
+    assert program.call(Ioctl.REAPURBNDELAY, bytes(8)) == -errno.EAGAIN
+    assert program.call(Ioctl.DISCARDURB, other) == 0
 
 
 def test_what_the_device_is(machine: Emulator, program: Program) -> None:
-    info = program.begin(Request.CONNECTINFO, bytes(8))
+    info = program.begin(Ioctl.CONNECTINFO, bytes(8))
     assert struct.unpack("<IB", program.read(info, 5)) == (7, 0)
-    capabilities = program.begin(Request.GET_CAPABILITIES, bytes(4))
+    capabilities = program.begin(Ioctl.GET_CAPABILITIES, bytes(4))
     assert program.read(capabilities, 4) == struct.pack("<I", 0x01 | 0x04 | 0x10)
-    assert program.call(Request.GET_SPEED) == 3
+    assert program.call(Ioctl.GET_SPEED) == 3
     machine.usb.speed = FULL_SPEED
-    assert program.call(Request.GET_SPEED) == 2
+    assert program.call(Ioctl.GET_SPEED) == 2
 
 
 @pytest.mark.parametrize("none", [0, -1])
 def test_a_configuration_is_chosen(machine: Emulator, program: Program, none: int) -> None:
-    assert program.call(Request.SETCONFIGURATION, struct.pack("<i", none)) == 0
+    assert program.call(Ioctl.SETCONFIGURATION, struct.pack("<i", none)) == 0
     assert machine.usb.configuration == 0
-    assert program.call(Request.CLAIMINTERFACE, struct.pack("<I", 0)) == -errno.ENOENT
-    assert program.call(Request.SUBMITURB, program.urb(BULK, 0x81, bytes(64))) == -errno.ESRCH
-    assert program.call(Request.SETINTERFACE, struct.pack("<II", 0, 0)) == -errno.EHOSTUNREACH
-    assert program.call(Request.SETCONFIGURATION, struct.pack("<I", 1)) == 0
-    assert program.call(Request.SETINTERFACE, struct.pack("<II", 0, 0)) == 0
+    assert program.call(Ioctl.CLAIMINTERFACE, struct.pack("<I", 0)) == -errno.ENOENT
+    assert program.call(Ioctl.SUBMITURB, program.urb(BULK, 0x81, bytes(64))) == -errno.ESRCH
+    assert program.call(Ioctl.SETINTERFACE, struct.pack("<II", 0, 0)) == -errno.EHOSTUNREACH
+    assert program.call(Ioctl.SETCONFIGURATION, struct.pack("<I", 1)) == 0
+    assert program.call(Ioctl.SETINTERFACE, struct.pack("<II", 0, 0)) == 0
 
 
 def test_a_reset_ends_claims_and_transfers_and_keeps_the_configuration(machine: Emulator, program: Program) -> None:
     address = program.submit(BULK, 0x81, bytes(64))
     before = machine.scheduler.now
-    assert program.call(Request.RESET) == 0
+    assert program.call(Ioctl.RESET) == 0
     assert machine.scheduler.now - before > 50 * MS
     assert program.reap()[:2] == (address, -errno.ENOENT)
     assert (machine.usb.configuration, machine.usb.address) == (1, 7)
-    assert program.call(Request.RELEASEINTERFACE, struct.pack("<I", 0)) == -errno.EINVAL
+    assert program.call(Ioctl.RELEASEINTERFACE, struct.pack("<I", 0)) == -errno.EINVAL
 
 
 def test_a_device_that_leaves_on_reset_is_gone(
     machine: Emulator, program: Program, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(machine.usb, "reset", machine.usb.unplug)
-    assert program.call(Request.RESET) == -errno.ENODEV
+    assert program.call(Ioctl.RESET) == -errno.ENODEV
 
 
 @pytest.mark.parametrize("comes_back", [False, True])
@@ -413,23 +413,23 @@ def test_a_device_that_has_gone(machine: Emulator, device: KernelDevice, program
     """What comes back is another device; a file that was open stays that of the old one."""
     other = Program(device)
     address = program.submit(BULK, 0x81, bytes(64))
-    program.begin(Request.BULK, bulk(program, 0x83, bytes(64), timeout_ms=0)[0])
-    other.begin(Request.REAPURB, bytes(8))
+    program.begin(Ioctl.BULK, bulk(program, 0x83, bytes(64), timeout_ms=0)[0])
+    other.begin(Ioctl.REAPURB, bytes(8))
     machine.usb.unplug()
     if comes_back:
         machine.usb.plug()
     assert not device.present
     device.disconnect()
     assert (program.results[-1], other.results) == (-errno.ESHUTDOWN, [-errno.ENODEV])
-    assert program.call(Request.CLAIMINTERFACE, struct.pack("<I", 0)) == -errno.ENODEV
+    assert program.call(Ioctl.CLAIMINTERFACE, struct.pack("<I", 0)) == -errno.ENODEV
     assert program.reap()[:2] == (address, -errno.ESHUTDOWN)
-    assert program.call(Request.REAPURBNDELAY, bytes(8)) == -errno.ENODEV
-    assert program.call(Request.REAPURB, bytes(8)) == -errno.ENODEV
+    assert program.call(Ioctl.REAPURBNDELAY, bytes(8)) == -errno.ENODEV
+    assert program.call(Ioctl.REAPURB, bytes(8)) == -errno.ENODEV
 
 
 def test_a_program_that_ends_leaves_nothing(machine: Emulator, device: KernelDevice, program: Program) -> None:
     program.submit(BULK, 0x81, bytes(64))
-    program.begin(Request.BULK, bulk(program, 0x83, bytes(64), timeout_ms=20)[0])
+    program.begin(Ioctl.BULK, bulk(program, 0x83, bytes(64), timeout_ms=20)[0])
     results = list(program.results)
     program.file.close()
     other = Program(device)

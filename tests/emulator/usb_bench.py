@@ -41,7 +41,7 @@ class Controller:
         door.acknowledge(ack(len(self.blocks)))
         self.blocks.append(packet)
 
-    def stream(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
+    def take(self, packets: NDArray[np.uint8], began: int, deadline: int, door: Door) -> tuple[int, int]:
         return 0, began
 
     def request(self, setup: Setup, data: bytes, door: Door) -> bytes:

@@ -63,7 +63,7 @@ class Client:
     send : callable
         Sends bytes.
     receive : callable
-        Waits for a number of bytes; raises `EOFError` where the connection ends before.
+        Waits for a number of bytes; raises `EOFError` if the connection ends before.
     """
 
     def __init__(self, send: Callable[[bytes], object], receive: Callable[[int], bytes]) -> None:

@@ -1,6 +1,6 @@
 """What every decoder does with any bytes: make of them a value that encodes back to the same bytes, or refuse them.
 
-Each function of `GROUPS` takes bytes, gives them to decoders in the ways in which they arrive, and fails where one of
+Each function of `GROUPS` takes bytes, gives them to decoders in the ways in which they arrive, and fails if one of
 them raises anything but what it documents, where bytes change on their way through a value, or where two decoders of
 the same bytes disagree. Bytes whose checksum was made right are tried too: no fuzzer guesses a CRC-32.
 
@@ -71,8 +71,9 @@ from phasewire.protocol.replies import (
 )
 
 from tests.captures import bulk_in, bulk_out, pcap, pcapng
+from tests.from_spec import seal_block
 from tests.fuzz.readers import READERS, reader_seeds
-from tests.protocol.blocks import reason_by_construct, resealed
+from tests.protocol.blocks import reason_by_construct
 
 __all__ = ["GROUPS", "seeds"]
 
@@ -115,7 +116,7 @@ def fitted(data: bytes, size: int) -> bytes:
 
 def blocks(data: bytes) -> None:
     """Blocks: three judges, one outcome."""
-    for block in (data, fitted(data, 512), resealed(fitted(data, 512))):
+    for block in (data, fitted(data, 512), seal_block(fitted(data, 512))):
         _judge(block)
 
 
@@ -201,12 +202,14 @@ def serial(data: bytes) -> None:
     round_trip(framing.SerialRequest.decode, framing.SerialRequest.encode, FrameError, data)
     round_trip(framing.SerialReply.decode, framing.SerialReply.encode, FrameError, data)
 
-    reader, line = framing.FrameReader(), framing.Line()
+    reader, line = framing.FrameReader(), framing.LineReader()
     whole = framing.FrameReader().feed(data)
     assert [str(found) for piece in pieces(data) for found in reader.feed(piece)] == [str(found) for found in whole]
-    assert joined(event for piece in pieces(data) for event in line.feed(piece)) == joined(framing.Line().feed(data))
+    assert joined(event for piece in pieces(data) for event in line.feed(piece)) == joined(
+        framing.LineReader().feed(data)
+    )
     assert len(reader.cut()) <= 1
-    assert line.hang_up()[-1] is framing.Mode.CONSOLE
+    assert line.hang_up()[-1] is framing.LineMode.CONSOLE
 
 
 def pieces(data: bytes) -> list[bytes]:
@@ -303,7 +306,7 @@ def describe(data: bytes) -> None:
     """Descriptions refuse nothing."""
     for said in (
         describe_.describe_block(data),
-        describe_.describe_block(resealed(fitted(data, 512))),
+        describe_.describe_block(seal_block(fitted(data, 512))),
         describe_.describe_record(data),
         describe_.describe_frame(data),
         describe_.describe_frame(cobs.encode(sealed(data))),

@@ -52,7 +52,8 @@ from phasewire.protocol import PulseFrames
 from phasewire.solver.acoustics.aperture import Aperture
 from phasewire.solver.contact.hand import Hand
 from phasewire.solver.fields.files import save_solution
-from phasewire.solver.objects.mesh_files import MESH_FILES
+from phasewire.solver.objects.mesh_files import MESH_FILES, read_mesh
+from phasewire.solver.objects.volumes import read_volume_mesh
 from phasewire.solver.shapes.point_files import POINT_FILES, read_points
 from pydicom.dataset import FileDataset, FileMetaDataset
 from pydicom.uid import UID, CTImageStorage, ExplicitVRLittleEndian
@@ -180,10 +181,10 @@ def images(data: bytes) -> None:
 def meshes(data: bytes) -> None:
     """Meshes in every format; also with these bytes for the triangles of an STL file and the text of a GLB file."""
     for suffix in MESH_FILES:
-        _attempt(Mesh.load, data, f"a{suffix}")
+        _attempt(read_mesh, data, f"a{suffix}")
     whole = len(data) // 50
-    _attempt(Mesh.load, bytes(80) + struct.pack("<I", whole) + data[: 50 * whole], "a.stl")
-    _attempt(Mesh.load, _with_text(data), "a.glb")
+    _attempt(read_mesh, bytes(80) + struct.pack("<I", whole) + data[: 50 * whole], "a.stl")
+    _attempt(read_mesh, _with_text(data), "a.glb")
 
 
 def _with_text(text: bytes) -> bytes:
@@ -204,7 +205,7 @@ def volumes(data: bytes) -> None:
 
 
 def _read_volume(path: Path) -> Mesh:
-    return Mesh.from_volume(path, 0.5, spacing=None if path.suffix == ".nii" else 0.01)
+    return read_volume_mesh(path, 0.5, spacing=None if path.suffix == ".nii" else 0.01)
 
 
 @cache

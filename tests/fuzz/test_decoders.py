@@ -43,7 +43,7 @@ def test_other_bytes(group: str, data: bytes) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["0"], ["nonsense"], []])
 def test_what_is_no_group_is_named(arguments: list[str]) -> None:
-    pytest.importorskip("atheris", reason="make fuzz installs atheris, where it has a wheel")
+    pytest.importorskip("atheris", reason="make fuzz installs atheris if it has a wheel")
     command = [sys.executable, "-m", "tests.fuzz", *arguments]
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert ended.returncode == 1
@@ -54,7 +54,7 @@ def test_what_is_no_group_is_named(arguments: list[str]) -> None:
 @pytest.mark.parametrize("group", GROUPS)
 def test_the_fuzzer_runs(group: str) -> None:
     """Two seconds of each; `make fuzz` takes more."""
-    pytest.importorskip("atheris", reason="make fuzz installs atheris, where it has a wheel")
+    pytest.importorskip("atheris", reason="make fuzz installs atheris if it has a wheel")
     command = [sys.executable, "-m", "tests.fuzz", group, "-max_total_time=2", "-runs=2000"]
     ended = subprocess.run(
         command, cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, timeout=120, check=False

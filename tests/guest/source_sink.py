@@ -21,7 +21,7 @@ from phasewire.emulator.doors.serving import Server
 from phasewire.emulator.doors.station import Pace, Station
 from phasewire.emulator.doors.usbip_session import Exported
 from phasewire.emulator.interfaces.usb_device import UsbDevice
-from phasewire.emulator.interfaces.usb_functions import FirmwareUpgrade, Function
+from phasewire.emulator.interfaces.usb_functions import FirmwareUpgrade, UsbFunction
 from phasewire.emulator.scheduler import Scheduler
 from phasewire.emulator.trace import Tracer
 from phasewire.protocol.codes import DescriptorType
@@ -49,7 +49,7 @@ MODULUS = 63  # usbtest's pattern 1: byte i of a packet is i mod 63
 USB_2_0 = 0x0200  # without a BOS; usbtest reads the device qualifier of such devices
 
 
-class SourceSinkFunction(Function):
+class SourceSinkFunction(UsbFunction):
     """What answers on the endpoints: packets of one pattern are given, and packets of this pattern or zeros are taken.
 
     A packet with other bytes is answered with STALL, so that the kernel sees a broken write.

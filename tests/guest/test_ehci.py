@@ -14,12 +14,19 @@ from phasewire.hil.guest import Guest
 
 from tests.host.upgrades import FILE
 
-from .conftest import PRESENT, Bench
-from .test_leaving import OPENED, STREAM, SUSPEND, is_told
+from .conftest import PATIENCE, PRESENT, Bench
+from .test_leaving import OPENED, SAYS, STREAM, SUSPEND, is_told
 
 pytestmark = pytest.mark.guest
 
 ON = ("--device", "usb:")
+PLAYS = """
+import serial
+with serial.Serial("/dev/ttyACM0", timeout=30) as port:
+    for command in (b"watchdog 60000", b"enable", b"test 17"):
+        port.write(command + b"\\r")
+        assert port.read_until(b"ok\\r\\n").endswith(b"ok\\r\\n")
+"""
 RESET = """
 import usb.core
 device = usb.core.find(idVendor=0x1209)
@@ -69,10 +76,19 @@ def test_ehci_finds_the_board_and_the_board_plays(plugged: Bench, guest: Guest) 
     assert plugged.complaints() == []
 
 
-def test_its_port_is_reset_and_suspended(plugged: Bench) -> None:
-    """EHCI does to its port what vhci keeps to itself."""
+def test_a_reset_of_its_port_turns_the_outputs_off_and_configures_it_anew(plugged: Bench) -> None:
+    """USB-003, by a host controller that tells the device of the reset; vhci keeps it to itself."""
+    plugged.python(PLAYS)
+    plugged.python(SAYS.format(what="state: PLAYING"))
     plugged.python(RESET)
     assert re.search(r"reset high-speed USB device number \d+ using ehci-pci", plugged.check("dmesg", "--notime"))
+    plugged.python(SAYS.format(what="state: OFF"), seconds=2 * PATIENCE)
+    assert "EMU-0001" in plugged.check("phasewire", "info", *ON)
+
+
+@pytest.mark.guest_slow
+def test_its_port_is_suspended_and_resumed(plugged: Bench) -> None:
+    """Linux suspends the port of a real host controller; usbredir has no message that would tell the device."""
     for _ in range(3):
         plugged.python(SUSPEND)
         assert "EMU-0001" in plugged.check("phasewire", "info", *ON)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire.emulator.ports.amplifier import FULL_DRIVE_V, Amplifier
-from phasewire.hil.ringing import Bank, Emission, words_of
+from phasewire.hil.ringing import Emission, ResonatorBank, words_of
 from phasewire.solver.acoustics.resonator import OnePole, Resonator
 
 TICK = 0.5e-6
@@ -74,7 +74,7 @@ STEADY, SILENT = (1,) * 16, (0,) * 16
 @pytest.mark.parametrize(("first", "last"), [(0, 9), (-3, 36), (5, 60)])
 def test_the_states_are_those_of_every_bit(order: tuple[int, ...], first: int, last: int) -> None:
     capture = played(3, *order)
-    bank = Bank(capture, AMPLIFIER, resonance(), min(first, 0))
+    bank = ResonatorBank(capture, AMPLIFIER, resonance(), min(first, 0))
     bank.skip_until(first)
     pieces = list(bank.emit_until(last))
     assert bank.period == last
@@ -91,25 +91,27 @@ def test_the_states_are_those_of_every_bit(order: tuple[int, ...], first: int, l
 def test_after_an_emission_the_states_are_exact() -> None:
     """Sharing waveforms does not accumulate errors over pieces: what is kept between them is in double precision."""
     capture = played(4, *(REPEATED * 2))
-    bank = Bank(capture, AMPLIFIER, resonance(), 0)
+    bank = ResonatorBank(capture, AMPLIFIER, resonance(), 0)
     for period in (36, 72):
         list(bank.emit_until(period))
         np.testing.assert_allclose(bank._state, expected(capture, 0, period)[-1], rtol=1e-6, atol=1e-7)
 
 
 def test_repeated_periods_share_few_waveforms_and_others_none() -> None:
-    (shared,) = Bank(played(5, *(REPEATED * 3)), AMPLIFIER, resonance(), 0).emit_until(108)
+    (shared,) = ResonatorBank(played(5, *(REPEATED * 3)), AMPLIFIER, resonance(), 0).emit_until(108)
     assert shared.shares is not None
     assert len(shared.states) < 25
-    assert all(piece.shares is None for piece in Bank(played(5, *FRESH), AMPLIFIER, resonance(), 0).emit_until(45))
+    assert all(
+        piece.shares is None for piece in ResonatorBank(played(5, *FRESH), AMPLIFIER, resonance(), 0).emit_until(45)
+    )
 
 
 def test_silence_is_silent_until_something_plays() -> None:
-    (piece,) = Bank(played(6, *((0,) * 20), *((1,) * 20)), AMPLIFIER, resonance(), 0).emit_until(40)
+    (piece,) = ResonatorBank(played(6, *((0,) * 20), *((1,) * 20)), AMPLIFIER, resonance(), 0).emit_until(40)
     assert piece.shares is not None
     assert not piece.shares[:20].any()
     assert piece.shares[20:].any(axis=1).all()
-    (nothing,) = Bank(played(6, *((0,) * 20)), AMPLIFIER, resonance(), 0).emit_until(20)
+    (nothing,) = ResonatorBank(played(6, *((0,) * 20)), AMPLIFIER, resonance(), 0).emit_until(20)
     assert nothing.states.shape == (0, 320, 51)
 
 
@@ -122,7 +124,7 @@ def test_what_is_heard_is_the_weighted_sum_of_delayed_states(order: tuple[int, .
     here, following = (rng.normal(size=(2, 66, 320, 2)) @ [1, 1j]).astype(np.complex64)
     emitted = []
     sound, fresh = np.full((66, 24, 50), 7, np.float32), 0
-    bank = Bank(played(8, *order), AMPLIFIER, resonance(), 0)
+    bank = ResonatorBank(played(8, *order), AMPLIFIER, resonance(), 0)
     for until in (8, 16):
         for piece in bank.emit_until(until):
             fresh = piece.arrive(sound, piece.first - 1, fresh, lag, here, following)  # but for the first period

@@ -45,7 +45,7 @@ def test_no_plain_byte_is_lost(data: bytes) -> None:
     assert b"".join(piece.data for piece in read_bytes(io.BytesIO(data))) == data
 
 
-NO_OP = framing.encode(framing.Frame(FrameKind.BLOCK, BLOCK))
+NO_OP = framing.encode(framing.SerialFrame(FrameKind.BLOCK, BLOCK))
 CONSOLE = framing.encode(framing.CONSOLE_FRAME)
 
 

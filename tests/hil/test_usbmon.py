@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from phasewire.errors import InputFileError
 from phasewire.hil.packets import MAGICS
 from phasewire.hil.traffic import Piece, Traffic
@@ -287,34 +285,6 @@ def test_a_malformed_container_is_refused_with_its_place() -> None:
     assert "begins neither a pcap nor a pcapng file" in refusal(b"PW" + bytes(100))
     assert "no packet in it is of Linux's usbmon" in refusal(pcap([bytes(60)], link=1))
     assert refusal(pcap([bytes(60)])) == "c, packet 1: it has 60 bytes, and usbmon's header alone 64"
-
-
-MUTABLE = pcapng(
-    control(1, GET_DEVICE_DESCRIPTOR, DEVICE_DESCRIPTOR)
-    + bulk_out(2, BLOCK + OTHER_BLOCK)
-    + bulk_in(3, ACK + STATUS)
-    + bulk_out(4, b"\1\2\0", endpoint=0x03)
-)
-
-
-@given(
-    st.sampled_from(
-        [MUTABLE, pcap(bulk_out(2, BLOCK) + bulk_in(3, ACK)), pcapng(bulk_out(1, BLOCK, order=">"), order=">")]
-    ),
-    st.lists(st.tuples(st.integers(0, 3000), st.integers(0, 255)), max_size=6),
-    st.integers(0, 3000) | st.none(),
-)
-def test_no_bytes_crash_the_reader(capture: bytes, changes: list[tuple[int, int]], size: int | None) -> None:
-    changed = bytearray(capture)
-    for at, value in changes:
-        changed[at % len(changed)] = value
-    for address in (None, UsbAddress(2, 5)):
-        try:
-            pieces = read(bytes(changed[:size]), address)
-        except InputFileError:
-            continue
-        assert sum(len(piece.data) for piece in pieces) <= len(capture)
-        assert len(pieces) < 100
 
 
 class Endless(io.RawIOBase):

@@ -8,7 +8,16 @@ from collections.abc import Callable
 import serial
 from phasewire.protocol import Info, Status
 from phasewire.protocol.codes import Fault, FrameKind, Outcome, Request, State
-from phasewire.protocol.framing import CONSOLE_FRAME, DELIMITER, Frame, Line, Mode, SerialReply, SerialRequest, encode
+from phasewire.protocol.framing import (
+    CONSOLE_FRAME,
+    DELIMITER,
+    LineMode,
+    LineReader,
+    SerialFrame,
+    SerialReply,
+    SerialRequest,
+    encode,
+)
 from phasewire.protocol.replies import Ack
 
 from tests.from_spec import build_ack
@@ -34,7 +43,7 @@ class HandMade:
 
     def __init__(self, info: Info, status: Status) -> None:
         self.info, self.status = info, status
-        self.line = Line()
+        self.line = LineReader()
         self.done: list[Request] = []
         self.requests: list[SerialRequest] = []
         self.blocks: list[bytes] = []
@@ -45,17 +54,17 @@ class HandMade:
     def receive(self, data: bytes) -> None:
         for event in self.line.feed(data):
             match event:
-                case Mode.FRAMES:
+                case LineMode.FRAMES:
                     self.says += DELIMITER
-                case Mode.CONSOLE:
+                case LineMode.CONSOLE:
                     self.says += encode(CONSOLE_FRAME) + b"> "
-                case Frame(FrameKind.REQUEST, body):
+                case SerialFrame(FrameKind.REQUEST, body):
                     self._answer(SerialRequest.decode(body))
-                case Frame(FrameKind.BLOCK, body):
+                case SerialFrame(FrameKind.BLOCK, body):
                     self._acknowledge(body)
 
     def say(self, kind: FrameKind, body: bytes) -> None:
-        self.says += encode(Frame(kind, body))
+        self.says += encode(SerialFrame(kind, body))
 
     def _answer(self, request: SerialRequest) -> None:
         self.requests.append(request)

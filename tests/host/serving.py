@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import TypeVar
 
 import serial
 from phasewire import Emulator
@@ -15,6 +16,8 @@ from phasewire.emulator.doors.station import Pace, Station
 from phasewire.emulator.doors.uart import Uart
 from phasewire.emulator.doors.usbip_session import Exported
 from serial.rfc2217 import PortManager
+
+Result = TypeVar("Result")
 
 LOOPBACK = "127.0.0.1"
 PATIENCE = 10.0  # seconds
@@ -49,6 +52,14 @@ class Served:
             self.usbip_port = await self._server.listen_usbip(exports, LOOPBACK, 0)
             self._open.set()
             await self._server.serve(LONGEST)
+
+    def in_its_thread(self, call: Callable[[], Result]) -> Result:
+        """What a call gives that may touch the device."""
+
+        async def called() -> Result:
+            return call()
+
+        return asyncio.run_coroutine_threadsafe(called(), self._loop).result(PATIENCE)
 
     def __enter__(self) -> Served:
         self._thread.start()

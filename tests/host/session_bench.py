@@ -147,7 +147,7 @@ def keep(data: bytes) -> bytes | None:
 
 
 Fate = Callable[[bytes], bytes | None]
-"""What becomes of a block or a record on its way; None where it is lost."""
+"""What becomes of a block or a record on its way; None if it is lost."""
 
 
 class BenchLine:

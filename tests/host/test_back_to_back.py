@@ -92,12 +92,11 @@ def reason_of(error: pytest.ExceptionInfo[DeviceRefusedError]) -> Reason:
 
 
 class TestEveryLine:
-    def test_a_device_says_what_it_is(self, device: Device, opened: Opened) -> None:
+    def test_a_device_says_what_it_is(self, device: Device) -> None:
         info = device.info
         assert (info.channels, info.columns, info.rows, info.boards) == (CHANNELS, 20, 16, 5)
         assert info.speaks(1)
         assert device.serial in device.name
-        assert opened.url.startswith("emulator:") == bool(device.serial)
         reports = device.processors()
         assert (len(reports), {report.firmware for report in reports}) == (10, {info.firmware})
 
@@ -217,3 +216,7 @@ class TestEveryLine:
         assert opened.device.info.unique_id == unique
         assert opened.device.status().state is State.OFF
         assert opened.device.show(RAMP).sequence == 1  # after the one that began the session
+
+
+def test_a_line_of_this_package_tells_the_serial_number_only_if_it_leads_to_an_emulated_device(opened: Opened) -> None:
+    assert opened.url.startswith("emulator:") == bool(opened.device.serial)

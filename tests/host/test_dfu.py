@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from phasewire import Emulator
 from phasewire.emulator.doors.backend import EmulatorBackend
-from phasewire.emulator.firmware.flash import Times
+from phasewire.emulator.firmware.flash import FlashTimes
 from phasewire.emulator.firmware.loader import FACTORY_IMAGE
 from phasewire.errors import DeviceError, DeviceRefusedError, DeviceStalledError, DeviceTimeoutError
 from phasewire.host.firmware.dfu import DfuLine, detach
-from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME, UsbBus
+from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME, UsbFinder
 from phasewire.protocol.codes import DfuRequest, DfuState, DfuStatus, ImageReason
 from phasewire.protocol.dfu import DfuReply
 
@@ -25,7 +25,7 @@ assert len(STORED) % BLOCK
 @pytest.fixture
 def line(emulator: Emulator) -> Iterator[DfuLine]:
     """A line to a device in DFU mode."""
-    bus = UsbBus(emulator.url)
+    bus = UsbFinder(emulator.url)
     seen = bus.find()
     assert seen.mode == RUN_TIME
     detach(seen)
@@ -75,7 +75,7 @@ def test_a_download_waits_as_long_as_it_is_told(line: DfuLine, requests: Request
 
 def test_a_slow_flash_is_waited_for(line: DfuLine, emulator: Emulator) -> None:
     """Clause DFU-008: 400 ms for a sector and 3 ms for a page are usual limits."""
-    emulator.flash.times = Times(erase_ms=400, program_ms=3)
+    emulator.flash.times = FlashTimes(erase_ms=400, program_ms=3)
     line.download(STORED)
     assert line.holds(STORED)
 
@@ -203,7 +203,7 @@ def test_a_block_out_of_turn_is_told(line: DfuLine, emulator: Emulator) -> None:
 
 
 def test_detach_is_a_request_to_interface_3(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = UsbBus(emulator.url).find()
+    seen = UsbFinder(emulator.url).find()
     requests = Requests(emulator, monkeypatch)
     detach(seen)
     assert (0x21, 0, 1000, 0) in [request[:4] for request in requests.seen]

@@ -22,7 +22,7 @@ from phasewire.host.finding import device_checks
 from phasewire.host.finding.computer_checks import BUS_CHECKS, COMPUTER_CHECKS, Computer, udev_rule
 from phasewire.host.finding.discovery import Search
 from phasewire.host.finding.doctor import CHECKS, examine
-from phasewire.host.finding.findings import Finding, Verdict
+from phasewire.host.finding.findings import CheckVerdict, Finding
 from phasewire.host.lines.transport import Found
 from phasewire.host.playing.device import Device
 from phasewire.protocol.codes import Fault, Feature
@@ -31,7 +31,7 @@ from phasewire.protocol.replies import ClockReading, Info, ProcessorReport, Read
 
 from tests.host.serving import Served
 
-OK, WARN, FAIL, SKIPPED = Verdict.OK, Verdict.WARN, Verdict.FAIL, Verdict.SKIPPED
+OK, WARN, FAIL, SKIPPED = CheckVerdict.OK, CheckVerdict.WARN, CheckVerdict.FAIL, CheckVerdict.SKIPPED
 BACKEND = "phasewire.emulator.doors.backend.open_backend"
 GUIDE = Path(__file__).parents[2] / "docs" / "first-connection.md"
 
@@ -42,7 +42,7 @@ def found_by(url: str, **options: Any) -> dict[str, Finding]:
     return {finding.name: finding for finding in findings}
 
 
-def bad(findings: dict[str, Finding]) -> dict[str, Verdict]:
+def bad(findings: dict[str, Finding]) -> dict[str, CheckVerdict]:
     """What the device or its line has; what the computer lacks, which runs this test, is left out."""
     return {
         name: finding.verdict
@@ -115,7 +115,7 @@ def test_with_play_every_transducer_plays_alone(emulator: Emulator) -> None:
 
 # What can go wrong with it, and what is found
 
-SEEN: dict[str, tuple[InjectedFault, dict[str, tuple[Verdict, str]]]] = {
+SEEN: dict[str, tuple[InjectedFault, dict[str, tuple[CheckVerdict, str]]]] = {
     "a slice loses a token": (
         faults.LostToken(message="slice", processor=3),
         {
@@ -196,7 +196,7 @@ SEEN: dict[str, tuple[InjectedFault, dict[str, tuple[Verdict, str]]]] = {
 
 
 @pytest.mark.parametrize(("fault", "expected"), SEEN.values(), ids=SEEN)
-def test_a_fault_is_found(fault: InjectedFault, expected: dict[str, tuple[Verdict, str]]) -> None:
+def test_a_fault_is_found(fault: InjectedFault, expected: dict[str, tuple[CheckVerdict, str]]) -> None:
     with Emulator(serial="ILL") as emulator:
         emulator.inject(fault)
         if emulator.powered:
@@ -211,7 +211,7 @@ def test_a_fault_is_found(fault: InjectedFault, expected: dict[str, tuple[Verdic
 
 @pytest.mark.parametrize(("when", "verdict"), [("before", OK), ("meanwhile", WARN)])
 def test_only_what_is_damaged_now_speaks_against_the_cable(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, when: str, verdict: Verdict
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, when: str, verdict: CheckVerdict
 ) -> None:
     """Counters last since power-up, and another program may have left them so."""
     genuine = device_checks.QUIET_CHECKS["blocks"]
@@ -312,7 +312,7 @@ def test_settings_that_somebody_left_are_found(emulator: Emulator) -> None:
 
 
 def test_a_wiring_table_that_is_none_is_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("phasewire.emulator.control.controller.encode_wiring", lambda wiring: bytes(640), raising=True)
+    monkeypatch.setattr("phasewire.emulator.control.requests.encode_wiring", lambda wiring: bytes(640), raising=True)
     findings = found_by(emulator.url)
     assert findings["wiring"].verdict is FAIL
     assert "exactly once" in findings["wiring"].seen
@@ -320,7 +320,7 @@ def test_a_wiring_table_that_is_none_is_found(emulator: Emulator, monkeypatch: p
 
 @pytest.mark.parametrize(("ppm", "verdict"), [(50, OK), (500, WARN), (-500, WARN), (20_000, FAIL)])
 def test_a_clock_that_is_off_is_found(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, ppm: float, verdict: Verdict
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, ppm: float, verdict: CheckVerdict
 ) -> None:
     genuine = ClockReading.encode
 
@@ -498,7 +498,7 @@ def test_drivers_of_the_system(
     emulator: Emulator,
     monkeypatch: pytest.MonkeyPatch,
     held: set[int] | Exception,
-    verdict: Verdict,
+    verdict: CheckVerdict,
     seen: str,
 ) -> None:
     def active(self: EmulatorBackend, handle: object, interface: int) -> bool:
@@ -547,7 +547,7 @@ def test_a_hub_on_the_way_is_named(emulator: Emulator, monkeypatch: pytest.Monke
     ("problem", "verdict", "seen"), [(None, OK, "/dev/ttyACM7"), ("permission denied", WARN, "permission denied")]
 )
 def test_the_console_s_port_is_named(
-    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, problem: str | None, verdict: Verdict, seen: str
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch, problem: str | None, verdict: CheckVerdict, seen: str
 ) -> None:
     port = Found("serial:///dev/ttyACM7", "array", emulator.serial, "run time", "", "/dev/ttyACM7", problem)
     monkeypatch.setattr("phasewire.host.finding.computer_checks.search", lambda schemes=None: Search([port], {}))
@@ -631,7 +631,7 @@ def test_without_libusb_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("emulators", "verdict"), [(0, WARN), (1, OK)])
 def test_a_computer_without_any_usb_bus_is_a_container(
-    monkeypatch: pytest.MonkeyPatch, emulators: int, verdict: Verdict
+    monkeypatch: pytest.MonkeyPatch, emulators: int, verdict: CheckVerdict
 ) -> None:
     bus = EmulatorBackend([Emulator() for _ in range(emulators)])
     monkeypatch.setattr("phasewire.host.finding.computer_checks.open_backend", lambda url: bus)

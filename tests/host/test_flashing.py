@@ -33,9 +33,9 @@ from phasewire.errors import (
 )
 from phasewire.host.firmware import flashing
 from phasewire.host.firmware.dfu import DfuLine, detach
-from phasewire.host.firmware.flashing import ATTEMPTS, FlashReport, Stage, find_flashable, revert
+from phasewire.host.firmware.flashing import ATTEMPTS, FlashReport, FlashStage, find_flashable, revert
 from phasewire.host.firmware.images import read_firmware
-from phasewire.host.lines.usb_find import DFU_MODE, Sighting, UsbBus
+from phasewire.host.lines.usb_find import DFU_MODE, Sighting, UsbFinder
 from phasewire.protocol.blocks import Update
 from phasewire.protocol.codes import Bank, DfuStatus, Fault, Feature, ImageReason, Request, State
 from phasewire.protocol.firmware import Suffix, Trust, build, parse, sign, split_suffix, with_suffix
@@ -67,7 +67,7 @@ from tests.host.upgrades import (
 
 OURS = Suffix(0x1209, 0x0001, 0x0234)
 PUBLIC = KEY.public_key()
-Step = tuple[Stage, int, int]
+Step = tuple[FlashStage, int, int]
 
 
 def flash(url: str, file: Path | bytes, keys: Iterable[Ed25519PublicKey] = (), **options: Any) -> FlashReport:
@@ -87,10 +87,10 @@ def test_an_upgrade_as_a_whole(emulator: Emulator) -> None:
     assert running(emulator) == (NEW.version, Bank.A)
     assert emulator.flash.read(Bank.A.image_address, len(STORED)) == STORED
     assert emulator.running.status().state is State.OFF
-    written = [done for stage, done, total in steps if (stage, total) == (Stage.WRITE, len(STORED))]
+    written = [done for stage, done, total in steps if (stage, total) == (FlashStage.WRITE, len(STORED))]
     assert written == [*range(BLOCK, len(STORED), BLOCK), len(STORED)]
-    assert [done for stage, done, _ in steps if stage is Stage.CHECK] == written
-    assert list(dict.fromkeys(stage for stage, *_ in steps)) == list(Stage)
+    assert [done for stage, done, _ in steps if stage is FlashStage.CHECK] == written
+    assert list(dict.fromkeys(stage for stage, *_ in steps)) == list(FlashStage)
     assert booted(emulator) == NEW.version  # it has come up, and stays
 
 
@@ -129,8 +129,8 @@ def test_an_image_that_is_there_already_is_compared_with_progress(emulator: Emul
     steps: list[Step] = []
     flash(emulator.url, FILE, on_progress=lambda *step: steps.append(step))
     ends = [*range(0, len(STORED), BLOCK), len(STORED)]
-    assert [step[1:] for step in steps if step[0] is Stage.COMPARE] == [(done, len(STORED)) for done in ends]
-    assert [stage for stage, *_ in steps if stage is not Stage.COMPARE] == [Stage.DETACH, Stage.BOOT]
+    assert [step[1:] for step in steps if step[0] is FlashStage.COMPARE] == [(done, len(STORED)) for done in ends]
+    assert [stage for stage, *_ in steps if stage is not FlashStage.COMPARE] == [FlashStage.DETACH, FlashStage.BOOT]
 
 
 def test_the_outputs_are_off_throughout(emulator: Emulator) -> None:
@@ -273,7 +273,7 @@ def test_a_device_that_is_used_by_another_program_is_not_disturbed(emulator: Emu
 
 
 def test_two_programs_do_not_flash_one_device(emulator: Emulator) -> None:
-    bus = UsbBus(emulator.url)
+    bus = UsbFinder(emulator.url)
     seen = bus.find()
     detach(seen)
     with DfuLine(bus.find_again(seen, (DFU_MODE,), 2)) as first:
@@ -364,12 +364,12 @@ def plug_in(emulator: Emulator) -> None:
 
 
 def striking(
-    emulator: Emulator, fault: InjectedFault, stage: Stage, at: int = 0, times: int = 1
+    emulator: Emulator, fault: InjectedFault, stage: FlashStage, at: int = 0, times: int = 1
 ) -> Callable[..., None]:
     """A listener to progress that lets a fault happen once a stage has got so far."""
     left = [times]
 
-    def listen(now: Stage, done: int, _: int) -> None:
+    def listen(now: FlashStage, done: int, _: int) -> None:
         if now is stage and done >= at and left[0]:
             left[0] -= 1
             emulator.inject(fault)
@@ -388,10 +388,12 @@ INTERRUPTIONS: list[InjectedFault] = [
 ]
 
 
-@pytest.mark.parametrize("stage", Stage)
+@pytest.mark.parametrize("stage", FlashStage)
 @pytest.mark.parametrize("fault", INTERRUPTIONS, ids=lambda fault: fault.name())
-def test_a_line_that_fails_for_a_moment_is_tried_again(emulator: Emulator, fault: InjectedFault, stage: Stage) -> None:
-    listen = striking(emulator, fault, stage, at=2 * BLOCK if stage in (Stage.WRITE, Stage.CHECK) else 0)
+def test_a_line_that_fails_for_a_moment_is_tried_again(
+    emulator: Emulator, fault: InjectedFault, stage: FlashStage
+) -> None:
+    listen = striking(emulator, fault, stage, at=2 * BLOCK if stage in (FlashStage.WRITE, FlashStage.CHECK) else 0)
     report = flash(emulator.url, FILE, on_progress=listen)
     assert report.attempts <= 2
     assert report.firmware == NEW.version
@@ -403,7 +405,7 @@ def test_a_line_that_fails_for_a_moment_is_tried_again(emulator: Emulator, fault
 def test_a_device_that_does_not_come_back_is_given_up(emulator: Emulator, fault: InjectedFault) -> None:
     began = emulator.scheduler.now
     with pytest.raises(DeviceLostError, match="has not come back in run time or DFU mode within 10 s; switch it off"):
-        flash(emulator.url, FILE, on_progress=striking(emulator, fault, Stage.DETACH))
+        flash(emulator.url, FILE, on_progress=striking(emulator, fault, FlashStage.DETACH))
     assert (emulator.scheduler.now - began) / 400e6 < 25
     emulator.power_up()
     plug_in(emulator)
@@ -411,7 +413,7 @@ def test_a_device_that_does_not_come_back_is_given_up(emulator: Emulator, fault:
 
 
 def test_a_line_that_fails_again_and_again_is_given_up(emulator: Emulator) -> None:
-    listen = striking(emulator, faults.Unplugged(periods=SHORT), Stage.WRITE, times=100)
+    listen = striking(emulator, faults.Unplugged(periods=SHORT), FlashStage.WRITE, times=100)
     with pytest.raises(DeviceLostError, match=rf"is gone.*\(tried {ATTEMPTS} times\)\. It boots its old") as given_up:
         flash(emulator.url, FILE, on_progress=listen)
     assert type(given_up.value.__cause__) is DeviceLostError
@@ -431,8 +433,8 @@ def test_a_device_that_does_not_detach_is_given_up(monkeypatch: pytest.MonkeyPat
 
 
 def test_ctrl_c_leaves_a_device_that_runs_what_it_ran(emulator: Emulator) -> None:
-    def interrupt(stage: Stage, done: int, _: int) -> None:
-        if stage is Stage.WRITE and done > BLOCK:
+    def interrupt(stage: FlashStage, done: int, _: int) -> None:
+        if stage is FlashStage.WRITE and done > BLOCK:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -445,7 +447,7 @@ def test_ctrl_c_leaves_a_device_that_runs_what_it_ran(emulator: Emulator) -> Non
     "moment",
     [
         "phasewire.host.firmware.flashing.detach",
-        "phasewire.host.lines.usb_find.UsbBus.find_again",
+        "phasewire.host.lines.usb_find.UsbFinder.find_again",
         "phasewire.host.firmware.dfu.configure",
     ],
 )
@@ -554,7 +556,7 @@ def test_a_device_that_was_left_in_any_state_is_taken_from_there(
 def test_firmware_that_does_not_come_up_everywhere_is_taken_back(emulator: Emulator) -> None:
     """Clause FWU-020: it is on trial, and a restart ends that."""
     with pytest.raises(DeviceError, match=r"did not get firmware 2\.3\.4 on .* 7, 8, 9; .* runs 0\.1\.0"):
-        flash(emulator.url, FILE, on_progress=striking(emulator, faults.DeadProcessor(processor=7), Stage.BOOT))
+        flash(emulator.url, FILE, on_progress=striking(emulator, faults.DeadProcessor(processor=7), FlashStage.BOOT))
     assert emulator.running.info().firmware == FACTORY
     assert emulator.running.status().faults & Fault.FLASH
 
@@ -576,7 +578,7 @@ def test_an_image_that_does_not_boot_is_an_error(emulator: Emulator) -> None:
     address = next(at for at in range(5000, 6000) if STORED[at] & 1)
     stuck = faults.StuckFlashBit(address=Bank.A.image_address + address, bit=0, value=0)
     with pytest.raises(DeviceRefusedError) as refused:  # the second time it finds out what is wrong
-        flash(emulator.url, FILE, on_progress=striking(emulator, stuck, Stage.BOOT))
+        flash(emulator.url, FILE, on_progress=striking(emulator, stuck, FlashStage.BOOT))
     assert refused.value.reason is DfuStatus.CHECK_ERASED
 
 

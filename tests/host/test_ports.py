@@ -254,7 +254,7 @@ def test_what_phasewire_emulate_serves_is_played_on(kind: str) -> None:
             process.kill()
 
 
-def test_the_wall_clock_s_watchdog_bites() -> None:
+def test_the_wall_clock_s_watchdog_fires() -> None:
     """Clause SAF-003: 100 ms without a word."""
     with served_url("socket", pace=Pace.WALL) as (url, _), open_device(url) as device:
         device.show(Pulses.silent(320))

@@ -285,7 +285,7 @@ def test_what_is_no_file_is_no_bad_file(tmp_path: Path) -> None:
         Recording.open(tmp_path)
     os.mkfifo(tmp_path / "pipe.frames")
     for endless in (tmp_path / "pipe.frames", Path("/dev/zero")):
-        with pytest.raises(InputFileError, match=f"{endless} is no plain file, as it must be"):
+        with pytest.raises(InputFileError, match=f"{endless} must be a plain file"):
             Recording.open(endless)
 
 

@@ -39,7 +39,7 @@ from phasewire.host.playing.session import Session
 from phasewire.host.playing.streaming import StreamReport
 from phasewire.protocol import kernels
 from phasewire.protocol.board import TICK_HZ
-from phasewire.protocol.codes import Reason, State, StatusFlag
+from phasewire.protocol.codes import Reason, Request, State, StatusFlag
 from phasewire.protocol.quantise import PulseFrames
 from phasewire.protocol.replies import Status
 from phasewire.protocol.timing import TWO_WIRE
@@ -671,6 +671,38 @@ def test_a_line_that_carries_blocks_by_itself_plays_a_frame_in_every_period() ->
         report = device.stream(frames(4000), 40_000)
         assert (report.accepted, report.late, report.underruns, report.holds) == (4000, 0, 0, True)
         assert report.played_rate == 40_000
+
+
+@pytest.mark.parametrize("rate", [500, 1000, 5000, 10_000])
+@pytest.mark.parametrize("begins", [0.05, 0.057, 0.061])
+def test_a_short_pause_on_their_way_makes_none_late_of_frames_that_are_there_already(rate: int, begins: float) -> None:
+    with Emulator() as emulator, Device(line := BusLine(emulator)) as device:
+        begun = line.time.monotonic() + begins
+        line.pauses = [(begun, begun + 0.018)]
+        report = device.stream(frames(rate // 5), rate)
+    assert (report.accepted, report.late, report.underruns) == (rate // 5, 0, 0)
+
+
+class OnceSlowLine(BusLine):
+    """A line on which one answer takes a tenth of a second."""
+
+    answers = 0
+
+    def ask(self, request: Request, size: int) -> bytes:
+        self.answers += 1
+        if self.answers == 8:
+            self.time.sleep(0.1)
+        return super().ask(request, size)
+
+
+@pytest.mark.parametrize("rate", [10_000, 40_000])
+def test_an_answer_that_took_long_once_makes_no_frame_wait_for_ever(rate: int) -> None:
+    """Frames that waited for the like of it would each move the rest."""
+    with Emulator() as emulator, Device(OnceSlowLine(emulator)) as device:
+        device.set_watchdog(1)
+        report = device.stream(frames(rate // 5), rate)
+    assert (report.accepted, report.late, report.underruns) == (rate // 5, 0, 0)
+    assert report.played_rate == pytest.approx(rate)
 
 
 def test_frames_go_on_in_their_periods_after_a_pause_on_their_way() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from phasewire import Hand
 from phasewire.errors import TrackerLostError
-from phasewire.host.finding.findings import Verdict
+from phasewire.host.finding.findings import CheckVerdict
 from phasewire.host.finding.tracker_checks import TRACKER_CHECKS, Watched, examine_tracker, watch
 from phasewire.host.hands import HandFrame, TrackedHand
 from phasewire.host.hands.sources import LiveHands, PlayedHands
@@ -46,7 +46,7 @@ def verdicts(found: Watched) -> dict[str, str]:
 
 def judged(found: Watched, name: str) -> tuple[str, str, str]:
     judgement = TRACKER_CHECKS[name](found)
-    assert bool(judgement.advice) == (judgement.verdict in (Verdict.WARN, Verdict.FAIL))
+    assert bool(judgement.advice) == (judgement.verdict in (CheckVerdict.WARN, CheckVerdict.FAIL))
     return judgement.verdict.value, judgement.seen, judgement.advice
 
 

@@ -24,7 +24,7 @@ from phasewire.errors import (
 )
 from phasewire.host.firmware.dfu import DfuLine, detach
 from phasewire.host.lines.transport import Found
-from phasewire.host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbBus, find_on, select, translated
+from phasewire.host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbFinder, find_on, select, translated
 from phasewire.protocol.descriptors import DfuFunctional
 from phasewire.protocol.enumeration import FULL_SPEED
 
@@ -37,7 +37,7 @@ def sightings(*emulators: Emulator, url: str = "emulator:") -> list[Sighting]:
     """What a bus with these devices shows."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("phasewire.emulator.doors.backend.open_backend", lambda url: EmulatorBackend(emulators))
-        return UsbBus(url).look()
+        return UsbFinder(url).look()
 
 
 def seen_on(*emulators: Emulator, url: str = "emulator:") -> list[Found]:
@@ -188,7 +188,7 @@ def test_a_device_without_known_ports_is_placed_by_its_address(
 )
 def test_urls(url: str, serial: str) -> None:
     with Emulator(serial="A-1"), Emulator(serial="1209"):
-        assert UsbBus(url).find().serial == serial
+        assert UsbFinder(url).find().serial == serial
 
 
 def test_every_device_of_a_bus_is_found() -> None:
@@ -200,7 +200,7 @@ def test_every_device_of_a_bus_is_found() -> None:
 def test_every_serial_number_that_may_be_is_found(serial: str) -> None:
     """USB-001."""
     assert select(f"usb:{serial}", serial, [found("other" + serial[:1]), found(serial)]).serial == serial
-    assert UsbBus(f"emulator:{serial}")._serial == serial
+    assert UsbFinder(f"emulator:{serial}")._serial == serial
 
 
 # Choice
@@ -261,7 +261,7 @@ def test_a_device_that_cannot_be_read_may_be_the_one() -> None:
 
 
 def test_a_device_is_seen_in_both_modes(emulator: Emulator) -> None:
-    bus = UsbBus(emulator.url)
+    bus = UsbFinder(emulator.url)
     seen = bus.find()
     assert (seen.mode, seen.serial, seen.firmware) == (RUN_TIME, emulator.serial, FACTORY)
     assert seen.name == f"phasewire five-board array (emulated) {emulator.serial}"
@@ -269,7 +269,7 @@ def test_a_device_is_seen_in_both_modes(emulator: Emulator) -> None:
     detach(seen)
     seen = bus.find_again(seen, (DFU_MODE,), 2)
     assert (seen.mode, seen.serial, seen.firmware) == (DFU_MODE, emulator.serial, FACTORY)
-    assert UsbBus(emulator.url).find().mode == DFU_MODE
+    assert UsbFinder(emulator.url).find().mode == DFU_MODE
     with DfuLine(seen) as line:
         line.boot()
     assert bus.find_again(seen, ANY_MODE, 2).mode == RUN_TIME
@@ -285,17 +285,17 @@ def number(monkeypatch: pytest.MonkeyPatch, emulator: Emulator, product: int) ->
 def test_numbers_are_those_of_run_time_mode(monkeypatch: pytest.MonkeyPatch) -> None:
     """Clause USB-013: another product has the next higher number in DFU mode."""
     with Emulator() as emulator:
-        bus = UsbBus("emulator:1209:0ABC")
+        bus = UsbFinder("emulator:1209:0ABC")
         assert bus.look() == []
         number(monkeypatch, emulator, 0x0ABC)
         assert bus.find().mode == RUN_TIME
-        assert UsbBus(emulator.url).look() == []
+        assert UsbFinder(emulator.url).look() == []
         detach(bus.find())
         emulator.scheduler.run_until(emulator.scheduler.now + 400_000 * 200)
         assert bus.look() == []
         number(monkeypatch, emulator, 0x0ABD)
         assert bus.find().mode == DFU_MODE
-        assert UsbBus(emulator.url).look() == []
+        assert UsbFinder(emulator.url).look() == []
 
 
 def test_rights_may_come_a_moment_after_the_device(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -308,15 +308,15 @@ def test_rights_may_come_a_moment_after_the_device(emulator: Emulator, monkeypat
         return genuine(bus, device)
 
     monkeypatch.setattr(EmulatorBackend, "open_device", open_device)
-    assert UsbBus(emulator.url).find().serial == emulator.serial
+    assert UsbFinder(emulator.url).find().serial == emulator.serial
     until = emulator.scheduler.now + 400_000 * 5000
     with pytest.raises(DeviceAccessError, match="cannot be opened: permission denied"):
-        UsbBus(emulator.url).find()
+        UsbFinder(emulator.url).find()
 
 
 def test_a_device_that_comes_back_without_rights_is_told(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     """A udev rule that names one of the two modes only."""
-    bus = UsbBus(emulator.url)
+    bus = UsbFinder(emulator.url)
     seen = bus.find()
     detach(seen)
 
@@ -329,7 +329,7 @@ def test_a_device_that_comes_back_without_rights_is_told(emulator: Emulator, mon
 
 
 def test_waiting_ends(emulator: Emulator) -> None:
-    bus = UsbBus(emulator.url)
+    bus = UsbFinder(emulator.url)
     seen, began = bus.find(), emulator.scheduler.now
     with pytest.raises(DeviceLostError, match="has not come back in DFU mode within 2 s"):
         bus.find_again(seen, (DFU_MODE,), 2)
@@ -338,10 +338,10 @@ def test_waiting_ends(emulator: Emulator) -> None:
 
 def test_another_device_is_no_answer() -> None:
     with Emulator(serial="A") as gone:
-        bus = UsbBus("emulator:A")
+        bus = UsbFinder("emulator:A")
         seen = bus.find()
         with Emulator(serial="B"):
-            bus = UsbBus("emulator:B")
+            bus = UsbFinder("emulator:B")
             gone.usb.unplug()
             with pytest.raises(DeviceLostError):
                 bus.find_again(seen, ANY_MODE, 0.2)
@@ -350,7 +350,7 @@ def test_another_device_is_no_answer() -> None:
 @pytest.mark.parametrize("url", ["serial:///dev/ttyACM0", "nothing:", "plain"])
 def test_firmware_goes_over_usb(url: str) -> None:
     with pytest.raises(DeviceNotFoundError, match=r"no device on a USB bus.*name it as usb: or usb:SERIAL"):
-        UsbBus(url)
+        UsbFinder(url)
 
 
 @pytest.mark.parametrize(

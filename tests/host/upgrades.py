@@ -6,7 +6,7 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from phasewire import Emulator, Wiring
 from phasewire.emulator.firmware.flash import Flash
-from phasewire.emulator.firmware.loader import FACTORY_IMAGE, Identity, make_flash
+from phasewire.emulator.firmware.loader import FACTORY_IMAGE, DeviceIdentity, make_flash
 from phasewire.protocol.codes import Bank, Request, Target
 from phasewire.protocol.enumeration import DFU_PRODUCT_ID
 from phasewire.protocol.firmware import Image, Segment, build
@@ -37,7 +37,7 @@ the marks that it was started and came up."""
 
 def trusting(key: Ed25519PrivateKey) -> Flash:
     """A flash whose device takes only what was signed with a key."""
-    return make_flash(Identity("TRUSTS", Wiring.strips(), (key.public_key(),)))
+    return make_flash(DeviceIdentity("TRUSTS", Wiring.strips(), (key.public_key(),)))
 
 
 def in_dfu_mode(emulator: Emulator) -> bool:

@@ -5,14 +5,55 @@ from enum import IntEnum, IntFlag
 from pathlib import Path
 
 import pytest
-from phasewire.protocol.codes import AckFlag, Action, Feature, Flag, Kind, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import (
+    AckFlag,
+    Action,
+    Bank,
+    ChannelEnd,
+    ConsoleCode,
+    DescriptorType,
+    DfuRequest,
+    DfuState,
+    DfuStatus,
+    Feature,
+    Flag,
+    FrameKind,
+    Hardware,
+    ImageReason,
+    Kind,
+    Memory,
+    Outcome,
+    Reason,
+    Request,
+    StandardRequest,
+    State,
+    StatusFlag,
+    Target,
+)
 
 from tests.specification import clauses, codes, table
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("code", [Kind, Action, Reason, Request, State, Flag, AckFlag, StatusFlag, Feature])
+CODES: list[type[IntEnum] | type[IntFlag]] = [
+    *(Kind, Action, Reason, Request, State, Flag, AckFlag, StatusFlag, Feature, ChannelEnd, Memory, FrameKind, Outcome),
+    *(
+        ConsoleCode,
+        Hardware,
+        Target,
+        Bank,
+        ImageReason,
+        DfuRequest,
+        DfuState,
+        DfuStatus,
+        DescriptorType,
+        StandardRequest,
+    ),
+]
+
+
+@pytest.mark.parametrize("code", CODES)
 def test_the_tables_of_the_specification_are_these_codes(code: type[IntEnum] | type[IntFlag]) -> None:
     assert codes(code.__name__) == {str(member.name): member.value for member in code}
 

@@ -15,15 +15,15 @@ from phasewire import Wiring
 from phasewire.errors import BlockError
 from phasewire.protocol import Ack, Block, Info, Pulses, Status, pack, unpack
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
@@ -45,7 +45,7 @@ from phasewire.protocol.codes import (
 )
 from phasewire.protocol.describe import (
     Description,
-    Finding,
+    Violation,
     describe_block,
     describe_frame,
     describe_image,
@@ -56,7 +56,7 @@ from phasewire.protocol.describe import (
 )
 from phasewire.protocol.enumeration import run_time
 from phasewire.protocol.firmware import Image, Segment, build
-from phasewire.protocol.framing import CONSOLE_FRAME, Frame, SerialReply, SerialRequest, encode
+from phasewire.protocol.framing import CONSOLE_FRAME, SerialFrame, SerialReply, SerialRequest, encode
 from phasewire.protocol.replies import ClockReading, ProcessorReport, ReadBack, encode_reports, encode_wiring
 from phasewire.protocol.versions import Version
 
@@ -89,18 +89,18 @@ def resealed(block: bytes | bytearray) -> bytes:
             {"first": 10, "entries": [[1, 100], [2, 50]]},
         ),
         (
-            Sequence(0, 2, 40),
+            PlaySequence(0, 2, 40),
             "SEQUENCE 7: play entries 0 to 1 from period 40 on, until something else follows",
             {"first": 0, "count": 2, "period": 40, "repeats": 0, "unattended": False},
         ),
         (
-            Sequence(1, 1, 0, 5, unattended=True),
+            PlaySequence(1, 1, 0, 5, unattended=True),
             "SEQUENCE 7: play entries 1 to 1 as soon as possible, 5 times, also without the host",
             {"repeats": 5, "unattended": True},
         ),
         (Samples(b"\1\xff", 4), "SAMPLES 7: store samples 4 to 5", {"first": 4, "samples": "01ff"}),
         (
-            Modulation(0, 10, 3),
+            AmplitudeModulation(0, 10, 3),
             "MODULATION 7: modulate with samples 0 to 9 as soon as possible, 3 periods each",
             {"hold": 3},
         ),
@@ -400,7 +400,7 @@ def test_descriptors_are_read() -> None:
 
 
 def frame(kind: FrameKind, body: bytes) -> Description:
-    return describe_frame(encode(Frame(kind, body))[:-1])
+    return describe_frame(encode(SerialFrame(kind, body))[:-1])
 
 
 def test_frames_are_told_by_what_they_carry() -> None:
@@ -418,7 +418,7 @@ def test_frames_are_told_by_what_they_carry() -> None:
 
 
 def test_a_damaged_frame_is_a_finding() -> None:
-    damaged = encode(Frame(FrameKind.RECORD, ACK.encode()))[:-2]
+    damaged = encode(SerialFrame(FrameKind.RECORD, ACK.encode()))[:-2]
     described = describe_frame(damaged)
     assert described.kind == "frame"
     (finding,) = described.findings
@@ -482,7 +482,7 @@ def test_nothing_crashes_and_all_fields_are_plain(data: bytes, answer: bytes | N
 
 
 def test_the_clauses_named_exist() -> None:
-    found: set[Finding] = {
+    found: set[Violation] = {
         *describe_block(b"").findings,
         *describe_record(b"").findings,
         *describe_record(b"PS").findings,

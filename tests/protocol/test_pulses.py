@@ -161,9 +161,3 @@ def test_modulated_widths_are_the_nearest_to_the_amplitude_asked_for() -> None:
 def test_samples_have_eight_bits(sample: int) -> None:
     with pytest.raises(ValueError, match=f"sample {sample} is outside 0 to 255"):
         Pulses.silent(2).modulated(sample)
-
-
-def test_modulation_keeps_the_phase() -> None:
-    modulated = Pulses([7, 50, 99], [25, 10, 0]).modulated(128)
-    assert modulated.phase.tolist() == [7, 50, 99]
-    assert modulated.width.tolist() == MODULATED_WIDTH[128, [25, 10, 0]].tolist()

@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-import re
-from typing import Any
-
-import numpy as np
 import pytest
 from construct import Construct
-from phasewire.protocol import Ack, Block, Kind, Pulses, Reason, State, Update, pack
-from phasewire.protocol.blocks import pack_pulses
-from phasewire.protocol.codes import AckFlag
-from phasewire.protocol.layout import replies
+from phasewire.protocol.codes import ChannelEnd, Kind
+from phasewire.protocol.layout import chain, firmware, replies, serial, usb
 from phasewire.protocol.layout.blocks import BLOCK
-from phasewire.protocol.pulses import POWER
 
-from tests.protocol.test_blocks import ACTION, COUNT, FIRST, HOLD, PERIOD, REPEATS, USED
-from tests.specification import SPEC, fields, hex_examples, layout_rows, table
+from tests.from_spec import used_fields
+from tests.specification import fields, layout_rows, table
+
+LAYOUTS: dict[str, Construct] = {
+    **{name: getattr(replies, name) for name in ("ACK", "STATUS", "INFO", "CLOCK", "READ_BACK")},
+    "PROCESSOR_REPORT": replies.PROCESSOR_REPORTS.subcons[0].subcon.subcon,
+    **{end.name: getattr(chain, end.name) for end in ChannelEnd},
+    **{name: getattr(serial, name) for name in ("SERIAL_REQUEST", "SERIAL_REPLY")},
+    "LINE_CODING": usb.LINE_CODING,
+    **{name: getattr(firmware, name) for name in ("SEGMENT_ENTRY", "DFU_SUFFIX", "BOOT_RECORD", "DFU_STATUS")},
+}
 
 
-@pytest.mark.parametrize("name", ["ACK", "STATUS", "INFO", "CLOCK", "READ_BACK"])
-def test_the_layouts_of_answers_are_construct_s(name: str) -> None:
-    assert layout_rows(name) == fields(getattr(replies, name))
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_printed_layouts_are_construct_s(name: str) -> None:
+    assert layout_rows(name) == fields(LAYOUTS[name])
 
 
-def test_the_layout_of_a_report_is_construct_s() -> None:
-    (reports, _) = replies.PROCESSOR_REPORTS.subcons
-    assert layout_rows("PROCESSOR_REPORT") == fields(reports.subcon.subcon)
+def test_the_layout_of_an_image_s_header_is_construct_s() -> None:
+    assert layout_rows("IMAGE_HEADER") == [*fields(firmware.IMAGE_HEADER), (28, 4, "checksum")]
 
 
 def test_the_layout_of_a_block_is_construct_s() -> None:
@@ -50,37 +51,7 @@ class Header:
 
 
 def test_the_table_of_fields_says_what_kinds_use() -> None:
-    columns = (PERIOD, FIRST, COUNT, HOLD, REPEATS, ACTION)
-    listed = {
-        row[0].strip("`"): {column for column, cell in zip(columns, row[1:], strict=False) if cell}
-        for row in table("fields")
-    }
-    assert listed == {kind.name: USED[kind] for kind in Kind}
-
-
-def test_the_table_of_power_is_the_code_s() -> None:
-    text = SPEC.split("<!-- power -->")[1].split("**SAF-007**")[0]
-    pairs = [
-        (int(width), int(power))
-        for widths, powers in re.findall(r"\| width \| (.*) \|\n.*\n\| power \| (.*) \|", text)
-        for width, power in zip(widths.split(" | "), powers.split(" | "), strict=True)
-    ]
-    assert pairs == list(enumerate(POWER))
-
-
-def _two_pulses() -> Pulses:
-    phase, width = np.zeros(320, int), np.zeros(320, int)
-    phase[:2], width[:2] = (99, 1), (25, 2)
-    return Pulses(phase, width)
-
-
-EXAMPLES: dict[str, Any] = {
-    "PULSES": lambda: pack_pulses(Pulses([99, 1], [25, 2])),
-    "UPDATE": lambda: pack(Block(Update(_two_pulses(), 1000), 7, restart=True)),
-    "ACK": lambda: Ack(Reason.ACCEPTED, 7, 1000, 20_000, AckFlag(0), 7, State.READY).encode(),
-}
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_worked_examples_are_what_the_code_sends(name: str) -> None:
-    assert hex_examples()[name] == EXAMPLES[name]()
+    columns = ("period", "first", "count", "hold", "repeats", "action")
+    for name, *cells in table("fields"):
+        used = {column for column, cell in zip(columns, cells, strict=False) if cell}
+        assert used == set(used_fields(Kind[name.strip("`")], 1))

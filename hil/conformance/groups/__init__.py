@@ -1,4 +1,4 @@
-"""The cases, a file for each group. They speak to the device by the bench alone.
+"""The cases, one file for each group. They reach the device through the bench alone.
 
 pytest imports these files by their path, so they name the package in full.
 """

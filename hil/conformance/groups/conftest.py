@@ -1,4 +1,4 @@
-"""Serial lines for cases: the line of blocks itself where it is one, else the console's endpoints on USB."""
+"""Serial lines for cases: the line of blocks itself if it is serial, else the console's endpoints on USB."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import NotApplicable
-from phasewire.hil.conformance.lines.serial import SerialLine
+from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.protocol.codes import Feature
 
 
 @pytest.fixture
-def frames(bench: Bench) -> Iterator[SerialLine]:
-    """A serial line that carries frames; none of the device's may be damaged."""
+def frames(bench: Bench) -> Iterator[RawSerialLine]:
+    """A serial line that carries frames; fails if one of the device's frames is damaged."""
     line = _line(bench)
     line.wire.set_dtr(True)
     line.enter_frames()
@@ -24,7 +24,7 @@ def frames(bench: Bench) -> Iterator[SerialLine]:
 
 
 @pytest.fixture
-def console(bench: Bench) -> Iterator[SerialLine]:
+def console(bench: Bench) -> Iterator[RawSerialLine]:
     """A serial line at the console's prompt, without echo."""
     line = _line(bench)
     line.enter_console()
@@ -32,14 +32,14 @@ def console(bench: Bench) -> Iterator[SerialLine]:
     _leave(bench, line)
 
 
-def _line(bench: Bench) -> SerialLine:
+def _line(bench: Bench) -> RawSerialLine:
     if bench.line.kind == "usb" and Feature.CONSOLE not in bench.info.features:
         raise NotApplicable("INFO does not name the feature CONSOLE")
     return bench.serial
 
 
-def _leave(bench: Bench, line: SerialLine) -> None:
-    """Leave the line as the next case expects it: in frames where blocks go by it, else as nobody uses it."""
+def _leave(bench: Bench, line: RawSerialLine) -> None:
+    """Leave the line as the next case expects it: in frames if it carries blocks, else as an unused console."""
     if line is bench.line:
         line.enter_frames()
     else:

@@ -1,10 +1,10 @@
-"""Records: one acknowledgement for each block, what it says, and status records that nobody asked for (chapter ACK)."""
+"""Records: one acknowledgement for each block, its contents, and unsolicited status records (chapter ACK)."""
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Sequence as Seq
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import pytest
 from phasewire.emulator.faults import HotBoard
 from phasewire.hil.conformance.bench import TOLD_PERIODS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.lines.serial import SerialLine
+from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.tools.clocks import unless_busy
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.steps import (
@@ -28,16 +28,16 @@ from phasewire.hil.conformance.tools.steps import (
 )
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, patience
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Block,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
     pack,
@@ -50,14 +50,14 @@ ENDPOINT_OUT, ENDPOINT_IN = 0x01, 0x81
 ACK = struct.Struct("<2sBBIQQBBBBI")
 LATE, GAP = 1, 2
 LEAST_TICKS_OF_A_BLOCK = 17
-"""512 bytes alone take 8.5 µs of a bus of 480 Mbit/s: no line brings two blocks closer together."""
+"""512 bytes take 8.5 µs on a bus of 480 Mbit/s: no line delivers two blocks closer together."""
 RECORD_BYTES = 32
 PATIENCE_SECONDS = 10.0
-"""For blocks to be taken; the rest is for a computer that is busy."""
+"""Time for blocks to be accepted, with a margin for a busy computer."""
 
 
-class Answer(NamedTuple):
-    """The fields of an acknowledgement as clause ACK-002 lays them out, not judged."""
+class AckFields(NamedTuple):
+    """The fields of an acknowledgement as clause ACK-002 lays them out, not yet judged."""
 
     magic: bytes
     version: int
@@ -72,14 +72,14 @@ class Answer(NamedTuple):
     checksum: int
 
 
-def answers(bench: Bench, *blocks: bytes) -> list[Answer]:
-    """Send blocks; their acknowledgements, of which form, number and checksum must be right."""
+def answers(bench: Bench, *blocks: bytes) -> list[AckFields]:
+    """Send blocks and return their acknowledgements; fails unless form, number and checksum are right."""
     records = [record for record in raw_records(bench, blocks) if record[:2] != b"PS"]
     expect("the number of acknowledgements", len(records), len(blocks))
     found = []
     for block, record in zip(blocks, records, strict=True):
         expect("bytes of an acknowledgement", len(record), RECORD_BYTES)
-        answer = Answer(*ACK.unpack(record))
+        answer = AckFields(*ACK.unpack(record))
         expect("magic", answer.magic, b"PA")
         expect("version", answer.version, 1)
         expect("sequence", answer.sequence, int.from_bytes(block[4:8], "little"))
@@ -90,7 +90,7 @@ def answers(bench: Bench, *blocks: bytes) -> list[Answer]:
     return found
 
 
-def blocks_of(bench: Bench, bodies: Seq[Body]) -> list[bytes]:
+def blocks_of(bench: Bench, bodies: Sequence[Body]) -> list[bytes]:
     """Blocks with the next numbers."""
     return [pack(bench.numbered(body)) for body in bodies]
 
@@ -100,7 +100,7 @@ def blocks_of(bench: Bench, bodies: Seq[Body]) -> list[bytes]:
 
 @case("ACK-001", "ACK-002", "ACK-004", "BLK-001")
 def test_each_block_is_answered_in_order(bench: Bench) -> None:
-    """Blocks in one transfer, right and wrong mixed, are answered one by one in order, and nothing else comes."""
+    """Valid and invalid blocks, mixed in one transfer, are answered one by one and in order, and nothing else comes."""
     begin(bench)
     many = 100 if bench.line.kind == "usb" else 6
     bodies: tuple[Body, ...] = (NoOp(), Clock())
@@ -117,12 +117,12 @@ def test_each_block_is_answered_in_order(bench: Bench) -> None:
         bench.note("wrong", f"{number}: {wrong or 'nothing'}")
     found = answers(bench, *blocks)
     expect("the reasons", [answer.reason for answer in found], reasons)
-    expect("what comes besides", bench.listen(), [])
+    expect("what else comes", bench.listen(), [])
 
 
 @case("ACK-001", "BLK-001", line="usb")
 def test_more_blocks_than_records_that_fit_are_all_answered(bench: Bench) -> None:
-    """More blocks than the device can hold records, sent while they are read, are all answered in order."""
+    """More blocks than the device can hold records for, sent while records are read, are all answered in order."""
     bench.must(NoOp())
     before = bench.status()
     acks = bench.send_all([NoOp()] * (bench.info.queue_records + 40))
@@ -133,12 +133,12 @@ def test_more_blocks_than_records_that_fit_are_all_answered(bench: Bench) -> Non
     expect("the count of lost blocks", after.lost, before.lost)
 
 
-# What it says
+# Contents
 
 
 @case("ACK-002", "ACK-003")
 def test_the_fields_of_an_acknowledgement(bench: Bench) -> None:
-    """Byte for byte: reason, number, commit_period of changes only, free, state, nothing in reserved bits, checksum."""
+    """Each byte is right: reason, number, commit_period of changes only, free, state, zero reserved bits, checksum."""
     begin(bench)
     places = bench.info.queue_blocks
     named = far(bench)
@@ -171,7 +171,7 @@ def test_the_fields_of_an_acknowledgement(bench: Bench) -> None:
     ids=["slot", "entries", "samples", "no-op"],
 )
 def test_what_is_no_change_has_no_commit_period(bench: Bench, body: Body) -> None:
-    """The acknowledgement of a store or a NO_OP has 0 for commit_period, for it takes effect at none."""
+    """The acknowledgement of a store or a NO_OP has 0 as commit_period, because it takes effect in no period."""
     begin(bench)
     for answer in answers(bench, *blocks_of(bench, [body, body])):
         expect("reason", answer.reason, Reason.ACCEPTED)
@@ -197,7 +197,7 @@ def test_now_is_when_the_block_had_arrived(bench: Bench) -> None:
 
 @case("ACK-002", "STA-001", "BLK-024")
 def test_the_state_is_that_in_which_the_block_was_judged(bench: Bench) -> None:
-    """An acknowledgement says the state of the moment: not what the block leads to, but what was there before."""
+    """An acknowledgement holds the state before its block takes effect, not the state to which the block leads."""
     bench.must(NoOp())
     expect("state while off", answers(bench, forge(bench, NoOp()))[0].state, State.OFF)
     begin(bench)
@@ -217,20 +217,20 @@ def test_the_state_is_that_in_which_the_block_was_judged(bench: Bench) -> None:
 
 @case("ACK-002", "STA-001", "SAF-005", features=Feature.SEQUENCES | Feature.UNATTENDED)
 def test_the_state_says_what_plays_unattended(bench: Bench) -> None:
-    """While a sequence plays that may go on without its host, acknowledgements and STATUS say UNATTENDED."""
+    """While an unattended sequence plays, acknowledgements and STATUS report UNATTENDED."""
     begin(bench)
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, 100),)))
     let_stores_go(bench)
     for unattended, state in ((True, State.UNATTENDED), (False, State.PLAYING)):
-        bench.wait_until(bench.must(Sequence(0, 1, unattended=unattended)).commit_period)
+        bench.wait_until(bench.must(PlaySequence(0, 1, unattended=unattended)).commit_period)
         expect("state", answers(bench, forge(bench, NoOp()))[0].state, state)
         expect("state in STATUS", bench.status().state, state)
 
 
 @case("ACK-004", "BLK-005/1", "BLK-007")
 def test_late_is_said_of_changes_that_come_too_late(bench: Bench) -> None:
-    """LATE is said of a change for a period that is over or taken, never of one for as soon as possible or in time."""
+    """LATE marks a change for a period that is over or taken, never one that is in time or as soon as possible."""
     begin(bench)
     past = bench.period()
     (answer,) = answers(bench, forge(bench, Update(SILENT, past)))
@@ -249,7 +249,7 @@ def test_late_is_said_of_changes_that_come_too_late(bench: Bench) -> None:
 
 @case("ACK-004", "BLK-005/1", features=Feature.MODULATION | Feature.SEQUENCES)
 def test_changes_of_all_kinds_can_be_late(bench: Bench) -> None:
-    """Each kind of change says LATE for a period that is over, and each such change is counted once in STATUS."""
+    """Each kind of change is LATE for a period that is over, and STATUS counts each such change once."""
     begin(bench)
     for body in (Slot(0, SILENT), Entries((Entry(0, 9),)), Samples(b"\xff")):
         bench.must(body)
@@ -257,7 +257,7 @@ def test_changes_of_all_kinds_can_be_late(bench: Bench) -> None:
     past = bench.period()
     before = bench.status().late
     silence = Output(Action.SILENCE, past)
-    bodies: list[Body] = [Update(SILENT, past), Sequence(0, 1, past), Modulation(0, 1, 1, past), silence]
+    bodies: list[Body] = [Update(SILENT, past), PlaySequence(0, 1, past), AmplitudeModulation(0, 1, 1, past), silence]
     found = answers(bench, *blocks_of(bench, bodies))
     expect("flags", [answer.flags for answer in found], [LATE] * 4)
     expect("the count of late changes", bench.status().late, (before + 4) % 2**32)
@@ -267,7 +267,7 @@ def test_changes_of_all_kinds_can_be_late(bench: Bench) -> None:
 
 
 def packets(bench: Bench, records: int) -> list[bytes]:
-    """Packets from 81 IN, one by one, until so many bytes of acknowledgements have come, and those right behind."""
+    """Packets from 81 IN until so many bytes of acknowledgements have come, and those that follow at once."""
     found: list[bytes] = []
     size = bench.usb.bulk_bytes
     while (packet := bench.usb.read(ENDPOINT_IN, size, 0.1 if sum(map(len, found)) < records else 0.005)) is not None:
@@ -276,15 +276,15 @@ def packets(bench: Bench, records: int) -> list[bytes]:
     return found
 
 
-def leave_unread(bench: Bench, bodies: Seq[Body]) -> None:
+def leave_unread(bench: Bench, bodies: Sequence[Body]) -> None:
     """Send blocks and read nothing."""
     data = b"".join(blocks_of(bench, bodies))
     expect("bytes taken", bench.usb.write(ENDPOINT_OUT, data, PATIENCE_SECONDS), len(data))
     bench.outlast(0.01)
 
 
-def leave_unread_until_the_watchdog_fires(bench: Bench, bodies: Seq[Body]) -> None:
-    """Send blocks to enabled outputs, let the watchdog fire only when all have been taken, and read nothing."""
+def leave_unread_until_the_watchdog_fires(bench: Bench, bodies: Sequence[Body]) -> None:
+    """Send blocks to enabled outputs and read nothing; the watchdog fires after all have been accepted."""
     bench.order(Request.WATCHDOG, 5000)
     bench.enable()
     leave_unread(bench, bodies)
@@ -295,7 +295,7 @@ def leave_unread_until_the_watchdog_fires(bench: Bench, bodies: Seq[Body]) -> No
 @case("ACK-005", "USB-019", line="usb")
 @pytest.mark.parametrize("many", [1, 5, 15, 16, 17, 33])
 def test_a_packet_holds_whole_records(bench: Bench, many: int) -> None:
-    """Records that wait come in packets of whole ones, the status last, and the last packet is not full."""
+    """Records that wait come in packets of whole records, the status last, and the last packet is not full."""
     if many > bench.info.queue_records:
         raise Inconclusive(f"no more than {bench.info.queue_records} records can wait in this device")
     leave_unread_until_the_watchdog_fires(bench, [NoOp()] * many)
@@ -309,12 +309,12 @@ def test_a_packet_holds_whole_records(bench: Bench, many: int) -> None:
     expect("status records", sum(record[:2] == b"PS" for record in records), 1)
     expect("the last record", records[-1][:2], b"PS")
     size = bench.usb.bulk_bytes
-    assert len(found[-1]) < size, f"the last packet has {size} bytes, so that nobody knows that it is the last"
+    assert len(found[-1]) < size, f"the last packet has {size} bytes: a full packet does not end a transfer"
 
 
 @case("ACK-005", line="usb", should=True)
 def test_a_packet_holds_as_many_records_as_fit(bench: Bench) -> None:
-    """Of acknowledgements that wait as many as fit come in a packet, but for the first, which may be ready."""
+    """Each packet holds as many waiting acknowledgements as fit, except the first, which may be ready before."""
     many = min(64, bench.info.queue_records)
     bench.must(NoOp())
     leave_unread(bench, [NoOp()] * many)
@@ -322,13 +322,13 @@ def test_a_packet_holds_as_many_records_as_fit(bench: Bench) -> None:
     full = bench.usb.bulk_bytes // RECORD_BYTES * RECORD_BYTES
     left = RECORD_BYTES * many - sizes[0]
     if left < full:
-        raise Inconclusive(f"the {many} records that can wait in this device fill no packet behind the first")
-    expect("bytes in packets behind the first", sizes[1 : 1 + left // full], [full] * (left // full))
+        raise Inconclusive(f"the {many} records that can wait in this device fill no packet after the first")
+    expect("bytes in packets after the first", sizes[1 : 1 + left // full], [full] * (left // full))
 
 
 @case("ACK-005")
 def test_a_record_is_not_held_back(bench: Bench) -> None:
-    """A single acknowledgement comes at once: a host may wait for it before it sends more."""
+    """A single acknowledgement comes at once: a host may wait for it before it sends the next block."""
     bench.must(NoOp())
     delays = []
     allowed = 10 if bench.line.kind == "usb" else 40
@@ -342,42 +342,42 @@ def test_a_record_is_not_held_back(bench: Bench) -> None:
     assert min(delays) < allowed, f"acknowledgements come {min(delays):.1f} ms after their blocks, should be {allowed}"
 
 
-# Status records that nobody asked for
+# Unsolicited status records
 
 
 @case("ACK-006/1", "SAF-003", "REQ-003")
 def test_the_watchdog_is_told(bench: Bench) -> None:
-    """When the watchdog disables the outputs a status record comes by itself, with the state and the flag."""
+    """When the watchdog disables the outputs a status record with the state and the flag comes unasked."""
     bench.order(Request.WATCHDOG, 20)
     bench.enable()
     status = bench.await_unasked(1)
     expect("the state", status.state, State.OFF)
     expect("flags", status.flags, StatusFlag.WATCHDOG_FIRED)
     expect("watchdog_ms", status.watchdog_ms, 20)
-    expect("what comes besides", bench.listen(), [])
+    expect("what else comes", bench.listen(), [])
 
 
 @case("ACK-006/2", "SAF-003")
 def test_the_watchdog_is_told_within_20_ms(bench: Bench) -> None:
-    """20 ms after the watchdog has fired its record is there, before or with the answers to three blocks sent then."""
+    """20 ms after the watchdog has fired its record is there, before or among the answers to three blocks sent then."""
     ms = patience(bench)
     bench.order(Request.WATCHDOG, ms)
     bench.enable()
     fired = bench.period() + ms * PERIODS_PER_MS + 1
     bench.wait_until(fired + TOLD_PERIODS + 1)
-    for _ in range(3):  # a device may answer before it tells, but not for ever
+    for _ in range(3):  # a device may answer before it sends the record, but not for ever
         bench.must(NoOp())
-    expect("the states that are told unasked by then", [status.state for status in bench.unasked], [State.OFF])
+    expect("the states of the unsolicited records by then", [status.state for status in bench.unasked], [State.OFF])
 
 
 @case("ACK-006/1", "BLK-015", features=Feature.SEQUENCES)
 def test_the_end_of_a_sequence_is_told(bench: Bench) -> None:
-    """When a sequence has played its last repeat a status record comes by itself, soon, and says READY."""
+    """Soon after the last repeat of a sequence a status record with READY comes unasked."""
     begin(bench)
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, 150), Entry(0, 50))))
     let_stores_go(bench)
-    ends = bench.must(Sequence(0, 2, repeats=3)).commit_period + 600
+    ends = bench.must(PlaySequence(0, 2, repeats=3)).commit_period + 600
     status = bench.await_unasked(2)
     expect("the state", status.state, State.READY)
     expect("since_period", status.since_period, 0)
@@ -388,7 +388,7 @@ def test_the_end_of_a_sequence_is_told(bench: Bench) -> None:
 
 @case("ACK-006", "SAF-008", "REQ-011", needs=(Need.FAULTS,))
 def test_faults_are_told(bench: Bench) -> None:
-    """When a fault appears and when it is cleared a status record comes by itself, with the faults and the state."""
+    """When a fault appears, and when it is cleared, a status record with the faults and the state comes unasked."""
     begin(bench)
     bench.must(Update(SILENT))
     bench.levers.cause(HotBoard(board=1, celsius=90))
@@ -405,18 +405,18 @@ def test_faults_are_told(bench: Bench) -> None:
 
 @case("ACK-006", "STA-003", "USB-020", needs=(Need.SUSPEND,), allow=(Risk.RESET,), line="usb")
 def test_suspend_and_resume_are_told(bench: Bench) -> None:
-    """After the bus was suspended and resumed a status record waits that says OFF, so that the host knows."""
+    """After suspend and resume a status record that says OFF waits, so that the host knows."""
     begin(bench)
     bench.levers.suspend()
     bench.levers.resume()
     status = bench.await_unasked(1)
     expect("the state", status.state, State.OFF)
-    expect("what comes besides", bench.listen(), [])
+    expect("what else comes", bench.listen(), [])
 
 
 @case("ACK-006", line="usb", features=Feature.SEQUENCES)
 def test_only_the_newest_status_waits(bench: Bench) -> None:
-    """Of status records that nobody asked for or read the newest alone waits, behind the acknowledgements."""
+    """Of unsolicited status records that were not read only the newest waits, after the acknowledgements."""
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, 50),)))
     let_stores_go(bench)
@@ -426,7 +426,7 @@ def test_only_the_newest_status_waits(bench: Bench) -> None:
         bench.outlast(0.03)
     bench.order(Request.WATCHDOG, 5000)
     bench.enable()
-    leave_unread(bench, [NoOp(), Sequence(0, 1, repeats=2)])
+    leave_unread(bench, [NoOp(), PlaySequence(0, 1, repeats=2)])
     bench.outlast(0.03)
     found = bench.listen(0.05)
     expect("the records", [type(record).__name__ for record in found], ["Ack", "Ack", "Status"])
@@ -438,17 +438,17 @@ def test_only_the_newest_status_waits(bench: Bench) -> None:
 
 @case("ACK-006", "ACK-001", line="usb")
 def test_a_status_has_a_place_of_its_own(bench: Bench) -> None:
-    """Where as many acknowledgements wait as the device can hold a status record is kept beside them."""
+    """If as many acknowledgements wait as the device can hold, a status record is kept in addition."""
     leave_unread_until_the_watchdog_fires(bench, [NoOp()] * bench.info.queue_records)
     found = bench.listen(0.05)
     kinds = [type(record).__name__ for record in found]
     expect("acknowledgements", kinds.count("Ack"), bench.info.queue_records)
-    expect("what stands behind them", kinds[bench.info.queue_records :], ["Status"])
+    expect("what follows them", kinds[bench.info.queue_records :], ["Status"])
 
 
 @case("ACK-006", "SER-016", "REQ-005", line="usb", features=Feature.CONSOLE)
 def test_what_came_through_another_door_is_told(bench: Bench) -> None:
-    """What a serial line's host does to the state is told on USB, and the other way round, each once."""
+    """A change of state from a serial line is told on USB, and the other way round, once each."""
     other = bench.serial
     other.enter_frames()
     bench.order(Request.WATCHDOG, LONG_MS)
@@ -456,7 +456,7 @@ def test_what_came_through_another_door_is_told(bench: Bench) -> None:
         for request, state in ((Request.ENABLE, State.READY), (Request.DISABLE, State.OFF)):
             order(other, request)
             expect(f"the state after {request.name} on the serial line", bench.await_unasked(1).state, state)
-        expect("what comes besides", bench.listen(), [])
+        expect("what else comes", bench.listen(), [])
         for request, state in ((Request.ENABLE, State.READY), (Request.DISABLE, State.OFF)):
             bench.order(request)
             record = other.receive_records(1)
@@ -466,6 +466,6 @@ def test_what_came_through_another_door_is_told(bench: Bench) -> None:
         other.enter_console()
 
 
-def order(line: SerialLine, request: Request) -> None:
+def order(line: RawSerialLine, request: Request) -> None:
     """Make a request without an answer on a serial line."""
     expect(request.name, line.request(Setup(0x41, request, 0, 0, 0)), b"")

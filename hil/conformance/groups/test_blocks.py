@@ -1,4 +1,4 @@
-"""Blocks: their form, what is accepted, what is refused, and with which reason (chapters PUL, BLK and ACK)."""
+"""Blocks: their form, acceptance, refusal and reasons (chapters PUL, BLK and ACK)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_play, expected_words, modulated, only
 from phasewire.hil.conformance.tools.examples import example
 from phasewire.hil.conformance.tools.forge import FIELDS, forged, seal
-from phasewire.hil.conformance.tools.stage import Stage, in_time
+from phasewire.hil.conformance.tools.player import Player, in_time
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
@@ -33,36 +33,51 @@ from phasewire.hil.conformance.tools.steps import (
     vectors,
 )
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Block,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
     pack,
     unpack,
 )
 from phasewire.protocol.board import CHANNELS
-from phasewire.protocol.codes import Action, Feature, Kind, Reason, Request, State
+from phasewire.protocol.codes import (
+    BLOCK_BYTES,
+    ENTRIES_PER_BLOCK,
+    HEADER_BYTES,
+    MODULATION_SAMPLES,
+    PAYLOAD_BYTES,
+    SAMPLES_PER_BLOCK,
+    SEQUENCE_ENTRIES,
+    SLOTS,
+    Action,
+    Feature,
+    Kind,
+    Reason,
+    Request,
+    State,
+)
 
 VALID: dict[Kind, Body] = {
     Kind.UPDATE: Update(SILENT),
     Kind.SLOT: Slot(3, SILENT),
     Kind.ENTRIES: Entries((Entry(3, 100), Entry(3, 50)), 10),
-    Kind.SEQUENCE: Sequence(10, 2),
+    Kind.SEQUENCE: PlaySequence(10, 2),
     Kind.SAMPLES: Samples(b"\x80\xff\x01", 20),
-    Kind.MODULATION: Modulation(20, 3, 5),
+    Kind.MODULATION: AmplitudeModulation(20, 3, 5),
     Kind.OUTPUT: Output(Action.SILENCE),
     Kind.CLOCK: Clock(),
     Kind.NO_OP: NoOp(),
 }
-"""A block of each kind that is right in itself; none of them lets anything be heard."""
+"""A valid block of each kind; none of them is audible."""
 STORES = Feature.SEQUENCES | Feature.MODULATION
 CHANGES = (Kind.UPDATE, Kind.SEQUENCE, Kind.MODULATION, Kind.OUTPUT)
 
@@ -79,45 +94,45 @@ USED = {
 }
 """Which fields each kind uses (clause BLK-011)."""
 BY_KIND = ("period", "first", "count", "hold", "repeats", "reserved", "action")
-PAYLOAD_USED = {Kind.UPDATE: 480, Kind.SLOT: 480, Kind.ENTRIES: 8, Kind.SAMPLES: 3}
-"""Bytes of the payload that the block of `VALID` uses; 0 of the others."""
+PAYLOAD_USED = {Kind.UPDATE: PAYLOAD_BYTES, Kind.SLOT: PAYLOAD_BYTES, Kind.ENTRIES: 8, Kind.SAMPLES: 3}
+"""Bytes of the payload that the block of `VALID` uses; 0 for kinds not listed."""
 
 BEYOND: dict[Kind, list[dict[str, int]]] = {
-    Kind.SLOT: [{"first": 256}, {"first": 0x0300}, {"first": 65_535}],
+    Kind.SLOT: [{"first": SLOTS}, {"first": 0x0300}, {"first": 65_535}],
     Kind.ENTRIES: [
-        {"first": 905, "count": 120},
-        {"first": 1023, "count": 2},
-        {"first": 1024, "count": 1},
+        {"first": SEQUENCE_ENTRIES - ENTRIES_PER_BLOCK + 1, "count": ENTRIES_PER_BLOCK},
+        {"first": SEQUENCE_ENTRIES - 1, "count": 2},
+        {"first": SEQUENCE_ENTRIES, "count": 1},
         {"first": 65_535, "count": 1},
         {"count": 0},
-        {"count": 121},
+        {"count": ENTRIES_PER_BLOCK + 1},
         {"count": 65_535},
         {"first": 65_535, "count": 65_535},
     ],
     Kind.SEQUENCE: [
-        {"first": 1, "count": 1024},
-        {"first": 1023, "count": 2},
-        {"first": 1024, "count": 1},
+        {"first": 1, "count": SEQUENCE_ENTRIES},
+        {"first": SEQUENCE_ENTRIES - 1, "count": 2},
+        {"first": SEQUENCE_ENTRIES, "count": 1},
         {"first": 65_535, "count": 2},
-        {"first": 0, "count": 1025},
+        {"first": 0, "count": SEQUENCE_ENTRIES + 1},
         {"first": 0, "count": 65_535},
         {"count": 0},
     ],
     Kind.SAMPLES: [
-        {"first": 3617, "count": 480},
-        {"first": 4095, "count": 2},
-        {"first": 4096, "count": 1},
+        {"first": MODULATION_SAMPLES - SAMPLES_PER_BLOCK + 1, "count": SAMPLES_PER_BLOCK},
+        {"first": MODULATION_SAMPLES - 1, "count": 2},
+        {"first": MODULATION_SAMPLES, "count": 1},
         {"first": 65_535, "count": 2},
-        {"first": 0, "count": 481},
+        {"first": 0, "count": SAMPLES_PER_BLOCK + 1},
         {"first": 0, "count": 65_535},
         {"count": 0},
     ],
     Kind.MODULATION: [
-        {"first": 1, "count": 4096},
-        {"first": 4095, "count": 2},
-        {"first": 4096, "count": 1},
+        {"first": 1, "count": MODULATION_SAMPLES},
+        {"first": MODULATION_SAMPLES - 1, "count": 2},
+        {"first": MODULATION_SAMPLES, "count": 1},
         {"first": 65_535, "count": 2},
-        {"first": 0, "count": 4097},
+        {"first": 0, "count": MODULATION_SAMPLES + 1},
         {"first": 0, "count": 65_535},
         {"count": 0},
         {"hold": 0},
@@ -143,8 +158,8 @@ WITHIN: dict[Kind, list[dict[str, int]]] = {
     ],
     Kind.SAMPLES: [
         {"first": 0, "count": 1},
-        {"first": 0, "count": 480},
-        {"first": 3616, "count": 480},
+        {"first": 0, "count": SAMPLES_PER_BLOCK},
+        {"first": MODULATION_SAMPLES - SAMPLES_PER_BLOCK, "count": SAMPLES_PER_BLOCK},
         {"first": 4095, "count": 1},
     ],
     Kind.MODULATION: [
@@ -157,7 +172,7 @@ WITHIN: dict[Kind, list[dict[str, int]]] = {
 """Fields at the ends of their ranges, by kind."""
 
 CHECKSUM = 28
-"""Where it stands (clause BLK-002)."""
+"""The offset of the version (clause BLK-002)."""
 
 by_kind = pytest.mark.parametrize("kind", list(Kind), ids=lambda kind: kind.name.lower().replace("_", "-"))
 
@@ -177,7 +192,7 @@ def described(fields: dict[str, int]) -> str:
 
 @case("BLK-002", "BLK-006", "PUL-005")
 def test_the_example_of_the_specification_plays(bench: Bench) -> None:
-    """The block that clause BLK-006 shows byte for byte is accepted and plays, for all else is built from its form."""
+    """The block that clause BLK-006 prints byte for byte is accepted and plays: all others are built like it."""
     block = example("UPDATE")
     bench.order(Request.WATCHDOG, LONG_MS)
     bench.enable()
@@ -191,11 +206,11 @@ def test_the_example_of_the_specification_plays(bench: Bench) -> None:
 
 @case("BLK-003", "ACK-003")
 def test_a_flipped_bit_is_refused(bench: Bench) -> None:
-    """A block with a bit flipped is refused with CHECKSUM and has no other effect, for damaged pulses must not play."""
+    """A block with one flipped bit is refused with CHECKSUM and has no other effect: damaged pulses must not play."""
     begin(bench)
-    payload = [bench.random.randrange(8 * 32, 8 * 512) for _ in range(48)]
+    payload = [bench.random.randrange(8 * HEADER_BYTES, 8 * BLOCK_BYTES) for _ in range(48)]
     header = [8 * offset + bench.random.randrange(8 * size) for offset, size in FIELDS.values()]
-    bits = [*header, *range(8 * CHECKSUM, 8 * CHECKSUM + 32), 8 * 32, 8 * 512 - 1, *payload]
+    bits = [*header, *range(8 * CHECKSUM, 8 * CHECKSUM + 32), 8 * HEADER_BYTES, 8 * BLOCK_BYTES - 1, *payload]
     wrong, pulses = [], bench.weak()
     for bit in some(bench, bits):
         block = bytearray(pack(bench.numbered(Update(pulses))))
@@ -206,15 +221,15 @@ def test_a_flipped_bit_is_refused(bench: Bench) -> None:
 
 @case("BLK-003")
 def test_another_checksum_is_refused(bench: Bench) -> None:
-    """Checksums that are nearly the CRC-32 of BLK-003 are refused, for a sender that computes another is broken."""
+    """Checksums that are nearly the CRC-32 of BLK-003 are refused, because their sender is broken."""
     begin(bench)
     block = pack(bench.numbered(Update(bench.weak())))
     right = int.from_bytes(block[CHECKSUM : CHECKSUM + 4], "little")
     checksums = {
-        "the bytes of the checksum the other way round": int.from_bytes(right.to_bytes(4, "little"), "big"),
+        "the bytes of the checksum in reverse order": int.from_bytes(right.to_bytes(4, "little"), "big"),
         "the checksum inverted": right ^ 0xFFFFFFFF,
-        "a checksum of which the low half is right": right ^ 0xFFFF0000,
-        "a checksum of which the high half is right": right ^ 0x0000FFFF,
+        "a checksum with only its low half right": right ^ 0xFFFF0000,
+        "a checksum with only its high half right": right ^ 0x0000FFFF,
         "the checksum of the block without the four bytes": zlib.crc32(block[:CHECKSUM] + block[CHECKSUM + 4 :]),
         "the checksum of a block with FF in the four bytes": zlib.crc32(
             block[:CHECKSUM] + b"\xff" * 4 + block[CHECKSUM + 4 :]
@@ -232,7 +247,7 @@ def test_another_checksum_is_refused(bench: Bench) -> None:
 
 @case("BLK-002", "ACK-003")
 def test_another_magic_is_refused(bench: Bench) -> None:
-    """A block that does not begin with "PW" is refused with MAGIC, be its checksum right."""
+    """A block that does not begin with "PW" is refused with MAGIC, even if its checksum is right."""
     begin(bench)
     magics = [b"PA", b"PS", b"WP", b"pw", b"P\0", b"\0W", bytes(2), b"\xff\xff", b"PV", b"QW"]
     refuse(
@@ -246,7 +261,7 @@ def test_another_magic_is_refused(bench: Bench) -> None:
 
 @case("BLK-004", "ACK-003")
 def test_an_unknown_kind_is_refused(bench: Bench) -> None:
-    """Every kind but the nine is refused with KIND, for nobody knows what it would mean."""
+    """Every kind except the nine is refused with KIND, because it has no meaning."""
     begin(bench)
     unknown = [kind for kind in range(256) if not 1 <= kind <= 9]
     refuse(
@@ -257,7 +272,7 @@ def test_an_unknown_kind_is_refused(bench: Bench) -> None:
 
 @case("VER-002", "ACK-003")
 def test_a_version_that_nobody_speaks_is_refused(bench: Bench) -> None:
-    """A block of any version that INFO does not name is refused with VERSION, for its rules are not known."""
+    """A block of a version that INFO does not name is refused with VERSION, because its rules are unknown."""
     begin(bench)
     unspoken = [version for version in range(256) if not bench.info.speaks(version)]
     refuse(
@@ -275,7 +290,7 @@ def test_a_version_that_nobody_speaks_is_refused(bench: Bench) -> None:
 @case("BLK-011", "BLK-008")
 @by_kind
 def test_an_unused_field_must_be_zero(bench: Bench, kind: Kind) -> None:
-    """A field that the kind does not use is refused with FIELD if it is not 0, in each of its bytes."""
+    """A field that the kind does not use is refused with FIELD if any of its bytes is not 0."""
     begin(bench)
     wrong = []
     for name in BY_KIND:
@@ -291,11 +306,11 @@ def test_an_unused_field_must_be_zero(bench: Bench, kind: Kind) -> None:
 @case("BLK-011", "BLK-008")
 @kinds([kind for kind in Kind if kind not in (Kind.UPDATE, Kind.SLOT)])
 def test_unused_payload_must_be_zero(bench: Bench, kind: Kind) -> None:
-    """A byte of the payload that is not used is refused with FIELD if it is not 0, wherever it stands."""
+    """An unused byte of the payload is refused with FIELD if it is not 0, at any place."""
     begin(bench)
     used = PAYLOAD_USED.get(kind, 0)
     wrong = []
-    for place in [used, used + 1, 479, *(bench.random.randrange(used, 480) for _ in range(20))]:
+    for place in [used, used + 1, PAYLOAD_BYTES - 1, *(bench.random.randrange(used, PAYLOAD_BYTES) for _ in range(20))]:
         value = bench.random.randrange(1, 256)
         block = bytearray(pack(bench.numbered(VALID[kind])))
         block[32 + place] = value
@@ -306,7 +321,7 @@ def test_unused_payload_must_be_zero(bench: Bench, kind: Kind) -> None:
 @case("BLK-011")
 @by_kind
 def test_flags_that_do_not_belong_are_refused(bench: Bench, kind: Kind) -> None:
-    """RESTART may be set in every kind, UNATTENDED in SEQUENCE only, and no other flag: it is refused with FIELD."""
+    """RESTART is valid in every kind and UNATTENDED only in SEQUENCE; any other flag is refused with FIELD."""
     begin(bench)
     known = 0b11 if kind is Kind.SEQUENCE else 0b01
     flags = [1 << bit for bit in range(8)] + [1 << bit | 1 for bit in range(1, 8)] + [0xFF]
@@ -323,7 +338,7 @@ def test_flags_that_do_not_belong_are_refused(bench: Bench, kind: Kind) -> None:
 @case("BLK-011", "NUM-004")
 @by_kind
 def test_restart_may_be_set_in_every_kind(bench: Bench, kind: Kind) -> None:
-    """A block of any kind may have RESTART, and is accepted as without it."""
+    """A block of any kind may have RESTART and is accepted as without it."""
     require(bench, features_of(VALID[kind]))
     begin(bench)
     if kind in (Kind.SEQUENCE, Kind.MODULATION):
@@ -335,7 +350,7 @@ def test_restart_may_be_set_in_every_kind(bench: Bench, kind: Kind) -> None:
 @case("BLK-011", "BLK-008")
 @kinds(BEYOND)
 def test_a_field_out_of_its_range_is_refused(bench: Bench, kind: Kind) -> None:
-    """A slot, place, count, hold or action beyond what the kind allows is refused with FIELD, one step beyond too."""
+    """A slot, place, count, hold or action out of the kind's range is refused with FIELD, even by one."""
     begin(bench)
     refuse(
         bench,
@@ -349,7 +364,7 @@ def test_a_field_out_of_its_range_is_refused(bench: Bench, kind: Kind) -> None:
 @case("BLK-011")
 @kinds(WITHIN)
 def test_a_field_at_the_end_of_its_range_is_accepted(bench: Bench, kind: Kind) -> None:
-    """The largest and smallest values that the kind allows are accepted, for a host may use all of the range."""
+    """The largest and smallest values that the kind allows are accepted, because a host may use the whole range."""
     require(bench, features_of(VALID[kind]))
     begin(bench)
     if kind in (Kind.SEQUENCE, Kind.MODULATION):
@@ -357,24 +372,31 @@ def test_a_field_at_the_end_of_its_range_is_accepted(bench: Bench, kind: Kind) -
     for fields in WITHIN[kind]:
         if fields.get("action") == Action.END_MODULATION and Feature.MODULATION not in bench.info.features:
             continue
-        payload = bytes([3, 0, 1, 0]) * 120 if kind is Kind.ENTRIES else b"\x80" * 480 if kind is Kind.SAMPLES else b""
+        full = {Kind.ENTRIES: bytes([3, 0, 1, 0]) * ENTRIES_PER_BLOCK, Kind.SAMPLES: b"\x80" * SAMPLES_PER_BLOCK}
+        payload = full.get(kind, b"")
         size = 4 if kind is Kind.ENTRIES else 1
-        block = pack(bench.numbered(VALID[kind]))[:32].ljust(512, b"\0")
+        block = pack(bench.numbered(VALID[kind]))[:HEADER_BYTES].ljust(BLOCK_BYTES, b"\0")
         (ack,) = bench.send_raw(forged(block, payload[: size * fields.get("count", 0)], **fields))
         expect(f"the reason for {kind.name} with {described(fields)}", ack.reason, Reason.ACCEPTED)
         if kind in CHANGES:
             now = ack.now_period
             assert ack.commit_period > now, f"commit_period {ack.commit_period} should be after {now}"
         else:
-            expect("commit_period of what is no change", ack.commit_period, 0)
+            expect("commit_period of a block that is no change", ack.commit_period, 0)
 
 
 def fill_stores(bench: Bench) -> None:
-    """Let every entry be there, of a silent slot, and every sample."""
+    """Store every entry, each of a silent slot, and every sample."""
     bodies: list[Body] = [
         Slot(3, SILENT),
-        *(Entries((Entry(3, 1 + first % 7),) * min(120, 1024 - first), first) for first in range(0, 1024, 120)),
-        *(Samples(b"\x80" * min(480, 4096 - first), first) for first in range(0, 4096, 480)),
+        *(
+            Entries((Entry(3, 1 + first % 7),) * min(ENTRIES_PER_BLOCK, SEQUENCE_ENTRIES - first), first)
+            for first in range(0, SEQUENCE_ENTRIES, ENTRIES_PER_BLOCK)
+        ),
+        *(
+            Samples(b"\x80" * min(SAMPLES_PER_BLOCK, MODULATION_SAMPLES - first), first)
+            for first in range(0, MODULATION_SAMPLES, SAMPLES_PER_BLOCK)
+        ),
     ]
     for body in bodies:
         if features_of(body) in bench.info.features:
@@ -383,7 +405,7 @@ def fill_stores(bench: Bench) -> None:
 
 @case("BLK-014", "BLK-011", "BLK-008")
 def test_an_entry_that_cannot_be_is_refused(bench: Bench) -> None:
-    """An entry of a slot above 255 or for no period is refused with FIELD wherever it stands among others."""
+    """An entry with a slot above 255 or with 0 periods is refused with FIELD at any place among valid ones."""
     begin(bench)
     wrong = []
     for place in (0, 1, 59, 118, 119):
@@ -403,9 +425,9 @@ def test_an_entry_that_cannot_be_is_refused(bench: Bench) -> None:
 @case("PUL-001", "BLK-008")
 @kinds([Kind.UPDATE, Kind.SLOT])
 def test_a_reserved_pulse_is_refused(bench: Bench, kind: Kind) -> None:
-    """Phases above 99 and widths above 25 are refused with PULSE at any place, of silent pulses too."""
+    """Phases above 99 and widths above 25 are refused with PULSE at any place, even in silent pulses."""
     begin(bench)
-    places = [0, 1, 2, 3, 318, 319]
+    places = [0, 1, 2, 3, CHANNELS - 2, CHANNELS - 1]
     reserved = [(phase, bench.random.choice([0, 1, 2])) for phase in range(100, 128)]
     reserved += [(bench.random.choice([0, 99]), width) for width in range(26, 32)]
     wrong = []
@@ -421,7 +443,7 @@ def test_a_reserved_pulse_is_refused(bench: Bench, kind: Kind) -> None:
 
 @case("PUL-001", "PUL-002", "PUL-005", "REQ-007", features=Feature.READ_BACK)
 def test_every_phase_and_every_width_is_accepted(bench: Bench) -> None:
-    """All phases from 0 to 99 and all widths from 0 to 25 are accepted, play where they stand, and are read back."""
+    """All phases from 0 to 99 and all widths from 0 to 25 are accepted, play at their places, and are read back."""
     begin(bench)
     pulses = [(number % 100, number if number < 26 else 0) for number in range(CHANNELS)]
     bench.random.shuffle(pulses)
@@ -441,25 +463,25 @@ REASONS_OF = {
     "modulation": (Reason.SEQUENCE, Reason.HORIZON, Reason.EMPTY),
     "output": (Reason.SEQUENCE, Reason.HORIZON),
 }
-"""What can be wrong with a block of a kind, besides what can be wrong with any block."""
+"""What can be wrong with a block of one kind, beyond what can be wrong with any block."""
 BASES: dict[str, Body] = {"update": Update(SILENT), "slot": Slot(0, SILENT), "output": Output(Action.SILENCE)}
 ANY = (Reason.CHECKSUM, Reason.MAGIC, Reason.VERSION, Reason.KIND, Reason.FIELD)
 LAST_PERIOD = 2**64 - 1
 LOW_LIMIT = 1
-"""Transducers that may be driven where reasons are put in order: two driven fully are refused with DRIVE."""
+"""The transducers that may be driven in the cases on the order of reasons; driving two fully gives DRIVE."""
 HEAVY_SLOT, EMPTY_SLOT, USED_SLOT, GOOD_SLOT = 0, 1, 2, 3
 ENTRY_SLOTS = (HEAVY_SLOT, EMPTY_SLOT, GOOD_SLOT, USED_SLOT)
-"""Of the entries at the head of the table."""
+"""In the entries at the head of the table."""
 
 
 class Provocation:
-    """A device prepared so that a block can break several rules at once, and blocks that do.
+    """A device prepared so that one block can break several rules at once, and such blocks.
 
     Parameters
     ----------
     bench : Bench
     enabled : bool
-        Whether the outputs are.
+        Whether the outputs are enabled.
     """
 
     def __init__(self, bench: Bench, enabled: bool) -> None:
@@ -475,18 +497,18 @@ class Provocation:
             return
         bench.enable()
         self._named = far(bench)
-        changes = self._must(Sequence(3, 1, self._named - 10), Update(SILENT, self._named))
+        changes = self._must(PlaySequence(3, 1, self._named - 10), Update(SILENT, self._named))
         let_loads_go(bench, changes)
 
     def _must(self, *bodies: Body) -> int:
-        """Send those for which the device has the features; how many they are."""
+        """Send those blocks for which the device has the features; returns their number."""
         known = [body for body in bodies if features_of(body) in self._bench.info.features]
         for body in known:
             self._last = self._bench.must(body).sequence
         return len(known)
 
     def block(self, base: str, reasons: Collection[Reason]) -> bytes:
-        """A block of a kind in which all this is wrong."""
+        """A block of a kind that is wrong in all these ways."""
         body = self._body(base, reasons)
         number = self._last if Reason.SEQUENCE in reasons else (self._last + 1) % 2**32
         data = bytearray(pack(Block(body, number)))
@@ -513,13 +535,13 @@ class Provocation:
                 return Slot(USED_SLOT if Reason.IN_USE in reasons else GOOD_SLOT, pulses)
             case "sequence":
                 first = 0 if Reason.DRIVE in reasons else 1 if Reason.EMPTY in reasons else 2
-                return Sequence(first, 1 + ({Reason.DRIVE, Reason.EMPTY} <= {*reasons}), period)
+                return PlaySequence(first, 1 + ({Reason.DRIVE, Reason.EMPTY} <= {*reasons}), period)
             case "modulation":
-                return Modulation(4000 if Reason.EMPTY in reasons else 0, 1, 1, period)
+                return AmplitudeModulation(4000 if Reason.EMPTY in reasons else 0, 1, 1, period)
         return Output(Action.SILENCE, period)
 
     def check(self, base: str, reasons: Collection[Reason], state: Collection[Reason]) -> None:
-        """Each reason by itself, each pair of them, and each with all that are later: the first is given.
+        """Each reason alone, each pair, and each with all later ones: the device must give the first.
 
         Parameters
         ----------
@@ -528,7 +550,7 @@ class Provocation:
         reasons : collection of Reason
             What can be wrong.
         state : collection of Reason
-            For which every block of this kind is refused now.
+            With which every block of this kind is refused now.
         """
         bench, possible = self._bench, sorted(reasons)
         if bench.info.periods_per_update == 1:
@@ -546,7 +568,7 @@ class Provocation:
 
 
 def let_loads_go(bench: Bench, queued: int) -> None:
-    """Wait until stores have gone onto the chain, with so many changes queued."""
+    """Wait until stores have gone onto the chain while so many changes are queued."""
     for _ in range(100):
         if bench.status().free == bench.info.queue_blocks - queued:
             return
@@ -557,7 +579,7 @@ def let_loads_go(bench: Bench, queued: int) -> None:
 @case("ACK-003", "BLK-008", "SAF-006", "BLK-023")
 @pytest.mark.parametrize("base", ["update", "slot", "output"])
 def test_the_first_reason_is_given_while_enabled(bench: Bench, base: str) -> None:
-    """Of any two things that are wrong with a block, and of all, the first in the order of ACK-003 is the reason."""
+    """If several things are wrong with a block, its reason is the first in the order of ACK-003."""
     require(bench, features_of(BASES[base]))
     Provocation(bench, enabled=True).check(base, (*ANY, *REASONS_OF[base]), ())
 
@@ -565,7 +587,7 @@ def test_the_first_reason_is_given_while_enabled(bench: Bench, base: str) -> Non
 @case("ACK-003", "BLK-008", "SAF-002")
 @pytest.mark.parametrize("base", ["update", "output"])
 def test_the_first_reason_is_given_while_disabled(bench: Bench, base: str) -> None:
-    """The same while the outputs are off: DISABLED comes behind what is wrong with the block, and before the rest."""
+    """The same while the outputs are off: DISABLED comes after what is wrong with the block, and before the rest."""
     reasons = [*ANY, *(reason for reason in REASONS_OF[base] if reason is not Reason.RATE)]
     Provocation(bench, enabled=False).check(base, reasons, (Reason.DISABLED,))
 
@@ -574,7 +596,7 @@ def test_the_first_reason_is_given_while_disabled(bench: Bench, base: str) -> No
 @pytest.mark.parametrize("enabled", [True, False], ids=["enabled", "disabled"])
 @pytest.mark.parametrize("base", ["sequence", "modulation"])
 def test_the_first_reason_is_given_for_what_plays_stores(bench: Bench, base: str, enabled: bool) -> None:
-    """The same for blocks that play what is stored, of which some was never stored or drives too much."""
+    """The same for blocks that play stored data, part of which was never stored or drives too much."""
     restart(bench)
     state = () if enabled else (Reason.DISABLED,)
     Provocation(bench, enabled).check(base, (*ANY, *REASONS_OF[base]), state)
@@ -583,7 +605,7 @@ def test_the_first_reason_is_given_for_what_plays_stores(bench: Bench, base: str
 @case("ACK-003", "SAF-007/1", "BLK-008", needs=(Need.FAULTS,))
 @pytest.mark.parametrize("base", ["update", "slot", "output"])
 def test_the_first_reason_is_given_with_a_fault(bench: Bench, base: str) -> None:
-    """The same while a fault silences the outputs, where FAULT is behind what is wrong with the block."""
+    """The same while a fault silences the outputs: FAULT comes after what is wrong with the block."""
     require(bench, features_of(BASES[base]))
     provocation = Provocation(bench, enabled=False)
     bench.levers.cause(HotBoard(board=2, celsius=95))
@@ -595,7 +617,7 @@ def test_the_first_reason_is_given_with_a_fault(bench: Bench, base: str) -> None
 
 
 def restart(bench: Bench) -> None:
-    """Let the device forget what is stored."""
+    """Make the device forget what is stored."""
     bench.restart(lambda: bench.order(Request.RESET))
 
 
@@ -605,7 +627,7 @@ def restart(bench: Bench) -> None:
 @case("ACK-003", "BLK-008")
 @pytest.mark.parametrize("enabled", [True, False], ids=["enabled", "disabled"])
 def test_the_refused_blocks_of_the_vectors_are_refused(bench: Bench, enabled: bool) -> None:
-    """The blocks of vectors.json that every device refuses are refused for the reason given, in any state."""
+    """The blocks of vectors.json that every device refuses are refused in any state, with the reason given there."""
     if enabled:
         begin(bench)
     wrong = [
@@ -635,7 +657,7 @@ def test_the_valid_blocks_of_the_vectors_are_refused_for_their_state_only(bench:
 
 
 def may_be_sent(bench: Bench, body: Body) -> bool:
-    """Whether a block drives no more than is allowed here."""
+    """Whether a block's drive is within the limit here."""
     drives = body.pulses.total_drive if isinstance(body, Update | Slot) else 0
     return drives <= 1000 * bench.drive_limit or Risk.DRIVE in bench.allowed
 
@@ -649,20 +671,20 @@ def _reason_while_off(fields: dict[str, object], limit: int) -> Reason:
     return Reason.DRIVE if sum(power[width] * count for _, width, count in runs) > limit else Reason.ACCEPTED
 
 
-# What a refusal leaves as it is
+# What a refusal leaves unchanged
 
 
 @case("BLK-008", "BLK-003", "VER-002", outputs=("BLK-008",), features=STORES)
 @pytest.mark.parametrize("plays", ["update", "sequence"])
 def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> None:
-    """While something plays, modulated, and another waits, refused blocks of all kinds do not change the outputs."""
+    """While a modulated update plays and another waits, refused blocks of all kinds do not change the outputs."""
     begin(bench)
     bench.must(Slot(1, first := bench.weak()))
     bench.must(Entries((Entry(1, 1000),), 5))
     bench.must(Samples(b"\xc0", 7))
     let_stores_go(bench)
-    began = bench.must(Update(first) if plays == "update" else Sequence(5, 1)).commit_period
-    modulated_from = bench.must(Modulation(7, 1, 3)).commit_period
+    began = bench.must(Update(first) if plays == "update" else PlaySequence(5, 1)).commit_period
+    modulated_from = bench.must(AmplitudeModulation(7, 1, 3)).commit_period
     bench.wait_until(modulated_from)
     second = bench.weak()
     waits = bench.must(Update(second, later(bench))).commit_period
@@ -676,8 +698,8 @@ def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> 
         Wrong("SILENCE with first", forge(bench, Output(Action.SILENCE), first=1), Reason.FIELD),
         Wrong("DISABLE with payload", forge(bench, Output(Action.DISABLE), b"\1"), Reason.FIELD),
         Wrong("END_MODULATION with repeats", forge(bench, Output(Action.END_MODULATION), repeats=1), Reason.FIELD),
-        Wrong("a MODULATION without hold", forge(bench, Modulation(7, 1, 1), hold=0), Reason.FIELD),
-        Wrong("a SEQUENCE of none", forge(bench, Sequence(5, 1), count=0), Reason.FIELD),
+        Wrong("a MODULATION without hold", forge(bench, AmplitudeModulation(7, 1, 1), hold=0), Reason.FIELD),
+        Wrong("a SEQUENCE of no entries", forge(bench, PlaySequence(5, 1), count=0), Reason.FIELD),
         Wrong("SAMPLES that play", forge(bench, Samples(b"\0", 7)), Reason.IN_USE),
         Wrong("a SLOT with a phase of 127", forge(bench, Slot(1, SILENT), b"\x7f"), Reason.PULSE),
         Wrong("an UPDATE with a width of 31", forge(bench, Update(other), b"\x80\x0f"), Reason.PULSE),
@@ -697,12 +719,12 @@ def test_refused_blocks_leave_what_plays_and_waits(bench: Bench, plays: str) -> 
 
 @case("BLK-008", outputs=("BLK-008", "BLK-013", "BLK-014", "BLK-016"), features=STORES)
 def test_refused_stores_leave_what_is_stored(bench: Bench) -> None:
-    """A slot, entries and samples play as they were stored, though others for their places came and were refused."""
+    """A slot, entries and samples play as stored, although refused blocks for the same places came later."""
     bench.order(Request.LIMIT, 2)
-    stage = Stage(bench)
-    number = stage.send(NoOp()).sequence
-    stage.send_all([Slot(9, only(9)), Slot(10, only(70, 31, 20)), Entries((Entry(9, 3), Entry(10, 4)), 50)])
-    stage.send(Samples(b"\xff\x40\x80", 60))
+    player = Player(bench)
+    number = player.send(NoOp()).sequence
+    player.send_all([Slot(9, only(9)), Slot(10, only(70, 31, 20)), Entries((Entry(9, 3), Entry(10, 4)), 50)])
+    player.send(Samples(b"\xff\x40\x80", 60))
     let_stores_go(bench)
     slot, entries, samples = Slot(9, only(99)), Entries((Entry(10, 9), Entry(9, 9)), 50), Samples(b"\0\0\0", 60)
     wrong = [
@@ -714,28 +736,28 @@ def test_refused_stores_leave_what_is_stored(bench: Bench) -> None:
         Wrong("ENTRIES of slot 265", forge(bench, entries, bytes([10, 0, 9, 0, 9, 1, 9, 0])), Reason.FIELD),
         Wrong("ENTRIES without their checksum", forge(bench, entries, checksum=0), Reason.CHECKSUM),
         Wrong("ENTRIES with hold", forge(bench, entries, hold=1), Reason.FIELD),
-        Wrong("SAMPLES with more behind", forge(bench, samples, b"\0\0\0\1"), Reason.FIELD),
+        Wrong("SAMPLES with bytes after the last one", forge(bench, samples, b"\0\0\0\1"), Reason.FIELD),
         Wrong("SAMPLES of another version", forge(bench, samples, version=255), Reason.VERSION),
     ]
     refuse(bench, wrong)
-    began = play_stored(stage)
+    began = play_stored(player)
     refuse(bench, [Wrong("what plays", forge(bench, body), Reason.IN_USE) for body in (slot, entries, samples)])
-    bench.wait_until(stage.send(Output(Action.SILENCE)).commit_period)
-    stage.judge(began, play_stored(stage) + 40)
+    bench.wait_until(player.send(Output(Action.SILENCE)).commit_period)
+    player.judge(began, play_stored(player) + 40)
 
 
-def play_stored(stage: Stage) -> int:
-    """Play the entries and the samples of the case above; when both do."""
-    stage.send(Sequence(50, 2))
-    began = stage.send(Modulation(60, 3, 2)).commit_period
-    stage.bench.wait_until(began)
-    let_stores_go(stage.bench)
+def play_stored(player: Player) -> int:
+    """Play the entries and the samples of the case above; returns the period in which both play."""
+    player.send(PlaySequence(50, 2))
+    began = player.send(AmplitudeModulation(60, 3, 2)).commit_period
+    player.bench.wait_until(began)
+    let_stores_go(player.bench)
     return began
 
 
 @case("BLK-003", "BLK-008", "REQ-007", features=Feature.READ_BACK)
 def test_a_damaged_update_does_not_play(bench: Bench) -> None:
-    """PULSES answers the update that was accepted, after one with a wrong checksum and one with a wrong pulse came."""
+    """PULSES answers the accepted update, not the later ones with a wrong checksum or a wrong pulse."""
     begin(bench)
     pulses = bench.weak()
     began = bench.must(Update(pulses)).commit_period
@@ -750,4 +772,4 @@ def test_a_damaged_update_does_not_play(bench: Bench) -> None:
     bench.wait_until(began)
     reading = bench.read_back()
     expect("since_period in PULSES", reading.since_period, began)
-    assert reading.pulses == pulses, "PULSES are others than those that were accepted"
+    assert reading.pulses == pulses, "PULSES answers other pulses than those accepted"

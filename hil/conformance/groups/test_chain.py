@@ -1,6 +1,6 @@
-"""The chain: what goes wrong on it never plays, is counted and said, and ends in silence where it must (chapter CHN).
+"""The chain: damaged messages never play, are counted and reported, and lead to silence if they must (chapter CHN).
 
-What can be seen from outside of messages between controller and processors, and of faults that processors report.
+These cases judge what is visible from outside of the controller's messages and of the processors' faults.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from phasewire.hil.conformance.sight.waveforms import (
     expected_words,
     modulated,
 )
+from phasewire.hil.conformance.tools.player import check_in_time, soon
 from phasewire.hil.conformance.tools.playing import (
-    Field,
+    Played,
     check_falls_one_by_one,
     check_falls_silent,
     play,
     silent_from,
     told,
 )
-from phasewire.hil.conformance.tools.stage import check_in_time, soon
 from phasewire.hil.conformance.tools.steps import SILENT, enable, features_of, require
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
@@ -64,15 +64,15 @@ FAULTY_AND_SEEN = (*FAULTY, Need.CAPTURE)
 PERIODS_PER_MS = CARRIER_HZ // 1000
 TICKS_PER_MS = TICK_HZ // 1000
 ROUND_SECONDS = 0.012
-"""In which the controller has asked every processor (clause CHN-017), and the answers are there."""
+"""Time in which the controller asks every processor (clause CHN-017) and gets the answers."""
 ASKED_TICKS = 21 * TICKS_PER_MS // 2
-"""Within which what a processor sees is known: a question every 10 ms, and 0.5 ms to the answer (clause CHN-016)."""
+"""Time within which a processor's report is known: a question every 10 ms, 0.5 ms to the answer (clause CHN-016)."""
 DEAF_MS = 50
 NO_FAULTS = Fault(0)
 
 
-def begin(bench: Bench) -> Field:
-    """Play an update, on a device with a watchdog time that no case lasts."""
+def begin(bench: Bench) -> Played:
+    """Play an update, with a watchdog time longer than any case."""
     bench.must(NoOp())
     enable(bench)
     field = play(bench)
@@ -81,20 +81,20 @@ def begin(bench: Bench) -> Field:
 
 
 def mixed(words: Words, other: Words, *processors: int) -> Words:
-    """Outputs of one field, on some processors those of another."""
+    """The outputs of one field, with those of another on some processors."""
     result = words.copy()
     result[:, list(processors)] = other[:, list(processors)]
     return result
 
 
 def mixed_pulses(bench: Bench, pulses: Pulses, other: Pulses, *processors: int) -> Pulses:
-    """Pulses of one field, on some processors those of another."""
+    """The pulses of one field, with those of another on some processors."""
     there = np.isin(bench.wiring.channels // CHANNELS_PER_PROCESSOR, processors)
     return Pulses(np.where(there, other.phase, pulses.phase), np.where(there, other.width, pulses.width))
 
 
 def expect_counts(bench: Bench, missed: Mapping[int, int], damaged: Mapping[int, int]) -> None:
-    """Fail unless these processors, and no others, counted so many missed commits and damaged messages."""
+    """Fail unless exactly these processors counted so many missed commits and damaged messages."""
     reports = bench.processors()
     for what, counts, wanted in (
         ("missed commits", [report.missed_commits for report in reports], missed),
@@ -114,22 +114,22 @@ def expect_faults(bench: Bench, fault: Fault, *processors: int) -> None:
 
 
 def expect_told(bench: Bench, state: State, fault: Fault) -> Status:
-    """Fail unless the device has told of a fault unasked, once, with the state that it is in."""
+    """Fail unless the device has sent one unsolicited record, with this fault and the state."""
     said = told(bench)
-    expect("what is told unasked", [(status.state, status.faults) for status in said], [(state, fault)])
+    expect("the unsolicited records", [(status.state, status.faults) for status in said], [(state, fault)])
     return said[0]
 
 
 def last_told(bench: Bench, state: State) -> Status:
-    """What the device has told last unasked; fail unless that is a state."""
+    """The last unsolicited record; fails unless it names this state."""
     said = told(bench)
-    assert said, f"nothing is told unasked, should be that the state is {state.name}"
-    expect("the state that is told last", said[-1].state, state)
+    assert said, f"no unsolicited record comes, should name the state {state.name}"
+    expect("the state in the last record", said[-1].state, state)
     return said[-1]
 
 
 def expect_cleared(bench: Bench, state: State) -> None:
-    """Clear the faults: fail unless they are gone, which is told, and the device is in a state."""
+    """Clear the faults; fails unless they vanish, a record says so, and the device reaches a state."""
     bench.order(Request.CLEAR_FAULTS)
     expect_told(bench, state, NO_FAULTS)
     expect_faults(bench, NO_FAULTS)
@@ -137,7 +137,7 @@ def expect_cleared(bench: Bench, state: State) -> None:
 
 
 def lead(bench: Bench, periods: int) -> int:
-    """Periods in which what is prepared on a fast line in so many is prepared on this one."""
+    """The periods that this line needs for what a fast line prepares in so many."""
     return periods if bench.line.kind == "usb" else periods + 40_000
 
 
@@ -146,12 +146,12 @@ def processor_of(bench: Bench, first: int = 0, last: int = PROCESSORS - 1) -> in
     return bench.random.randint(first, last)
 
 
-# Messages that are damaged
+# Damaged messages
 
 
 @dataclass(frozen=True)
 class Damage:
-    """What befalls a message, and what the processor counts."""
+    """A defect of a message, and what the processor counts."""
 
     kind: type[DamagedMessage]
     message: str
@@ -192,7 +192,7 @@ OF_UPDATES = {
     needs=FAULTY_AND_SEEN,
 )
 def test_a_processor_that_misses_an_update_plays_on(bench: Bench, what: str) -> None:
-    """Where a message of an update is damaged, that processor alone plays on, which is counted and told."""
+    """If a message of an update is damaged, that processor alone plays on, which is counted and reported."""
     before, place, damage = begin(bench), processor_of(bench), OF_UPDATES[what]
     bench.levers.cause(damage.of(place))
     missed = play(bench)
@@ -216,7 +216,7 @@ def test_a_processor_that_misses_an_update_plays_on(bench: Bench, what: str) -> 
 @pytest.mark.parametrize("what", ["slice-with-a-wrong-bit", "commit-that-lost-a-byte"])
 @case("REQ-007", "CHN-016", "CHN-004/2", needs=FAULTY, features=Feature.READ_BACK)
 def test_reading_back_tells_that_a_processor_missed_an_update(bench: Bench, what: str) -> None:
-    """Where a processor plays on, PULSES answers what each processor plays, and says that they differ."""
+    """If a processor plays on, PULSES answers what each processor plays, and reports that they differ."""
     before, place = begin(bench), processor_of(bench)
     bench.levers.cause(OF_UPDATES[what].of(place))
     missed = play(bench)
@@ -225,13 +225,13 @@ def test_reading_back_tells_that_a_processor_missed_an_update(bench: Bench, what
     expect("the pulses", read.pulses, mixed_pulses(bench, missed.pulses, before.pulses, place))
     after = play(bench)
     read = bench.read_back()
-    expect("what plays since, behind the next update", read.since_period, after.period)
-    expect("the pulses behind the next update", read.pulses, after.pulses)
+    expect("what plays since, after the next update", read.since_period, after.period)
+    expect("the pulses after the next update", read.pulses, after.pulses)
 
 
 @case("CHN-011", "CHN-004/2", "CHN-010", needs=FAULTY_AND_SEEN)
 def test_no_flipped_bit_of_an_update_ever_plays(bench: Bench) -> None:
-    """Whichever bit of a slice or a commit is wrong, it is a missed commit: one checksum guards pulses and period."""
+    """Any wrong bit in a slice or a commit makes a missed commit: one checksum guards pulses and period."""
     first = begin(bench)
     steps, playing = [(first.period, first.words)], first.words
     missed = dict.fromkeys(range(PROCESSORS), 0)
@@ -252,7 +252,7 @@ def test_no_flipped_bit_of_an_update_ever_plays(bench: Bench) -> None:
 
 @case("CHN-004/1", "CHN-004/2", "CHN-011", needs=FAULTY_AND_SEEN)
 def test_a_commit_takes_its_slice_out_of_the_mailbox(bench: Bench) -> None:
-    """A slice whose commit was wrong is gone: when it is sent again, and damaged, the next commit finds nothing."""
+    """A slice with a wrong commit is dropped: if it is sent again, damaged, the next commit finds no slice."""
     before, place, pulses = begin(bench), processor_of(bench), bench.weak()
     bench.levers.cause(OF_UPDATES["commit-with-a-wrong-checksum"].of(place))
     first = play(bench, pulses)
@@ -266,7 +266,7 @@ def test_a_commit_takes_its_slice_out_of_the_mailbox(bench: Bench) -> None:
 
 @case("CHN-002", "CHN-010", "CHN-004/2", needs=FAULTY_AND_SEEN)
 def test_a_slice_without_its_end_takes_the_next_message_along(bench: Bench) -> None:
-    """Where END of a slice is lost, the slice behind it ends up in the same place: both processors play on."""
+    """If END of a slice is lost, the next slice goes to the same place: both processors play on."""
     before, place = begin(bench), processor_of(bench, last=PROCESSORS - 2)
     bench.levers.cause(faults.LostToken(message="slice", processor=place, token=51))
     missed = play(bench)
@@ -287,11 +287,11 @@ DAMAGES = {
 }
 
 
-def store_twice(bench: Bench, memory: str, between: Callable[[], None]) -> tuple[Words, Words, Body]:
-    """Store something, then something else in the same place: the outputs by the one and by the other, and a start."""
+def store_twice(bench: Bench, memory: str, between: Callable[[], object]) -> tuple[Words, Words, Body]:
+    """Store two contents in one place; returns the outputs of the first and the second, and a block that plays them."""
     old, new = bench.weak(), bench.weak()
     words = [expected_words(pulses, bench.wiring) for pulses in (old, new)]
-    start: Body = Sequence(0, 1)
+    start: Body = PlaySequence(0, 1)
     match memory:
         case "slot":
             stores: list[Body] = [Entries((Entry(0, 9),)), Slot(0, old), Slot(0, new)]
@@ -300,7 +300,7 @@ def store_twice(bench: Bench, memory: str, between: Callable[[], None]) -> tuple
         case _:
             field = play(bench, new)
             words = [field.words, expected_words(modulated(new, 100), bench.wiring)]
-            stores, start = [Samples(bytes([255])), Samples(bytes([100]))], Modulation(0, 1, 9)
+            stores, start = [Samples(bytes([255])), Samples(bytes([100]))], AmplitudeModulation(0, 1, 9)
     for body in stores[:-1]:
         bench.must(body)
     bench.wait(0.002)
@@ -316,7 +316,7 @@ MEMORIES = {"slot": Feature.SEQUENCES, "entries": Feature.SEQUENCES, "samples": 
 @pytest.mark.parametrize("memory", MEMORIES)
 @case("CHN-010", "CHN-012", "REQ-008", "ACK-006", needs=FAULTY_AND_SEEN)
 def test_a_damaged_load_stores_nothing(bench: Bench, memory: str, how: str) -> None:
-    """Where a store is damaged on its way to a processor, that one keeps what it had, and counts a damaged message."""
+    """If a store is damaged on its way to a processor, that one keeps its contents and counts a damaged message."""
     require(bench, MEMORIES[memory])
     begin(bench)
     place = processor_of(bench)
@@ -336,10 +336,10 @@ def test_a_damaged_load_stores_nothing(bench: Bench, memory: str, how: str) -> N
 @pytest.mark.parametrize("memory", ["entries", "samples"])
 @case("CHN-010", "CHN-014", "ACK-006", needs=FAULTY_AND_SEEN)
 def test_a_damaged_program_starts_nothing(bench: Bench, memory: str, how: str) -> None:
-    """Where the start of a sequence or a modulation is damaged on its way to a processor, that one plays on."""
+    """If the start of a sequence or a modulation is damaged on its way to a processor, that one plays on."""
     require(bench, MEMORIES[memory])
     before, place = begin(bench), processor_of(bench)
-    start_it: Body = Sequence(0, 1) if memory == "entries" else Modulation(0, 1, 7)
+    start_it: Body = PlaySequence(0, 1) if memory == "entries" else AmplitudeModulation(0, 1, 7)
     if memory == "entries":
         pulses = bench.weak()
         bench.must(Slot(0, pulses))
@@ -364,7 +364,7 @@ def test_a_damaged_program_starts_nothing(bench: Bench, memory: str, how: str) -
 @pytest.mark.parametrize("message", ["collect", "report"])
 @case("CHN-010", "CHN-017/2", "SAF-008", "ACK-006", needs=FAULTY_AND_SEEN)
 def test_one_damaged_question_or_answer_is_told_and_no_more(bench: Bench, message: str) -> None:
-    """A question or an answer that is damaged once raises CHAIN; the processor is not lost, and all plays on."""
+    """A single damaged question or answer raises CHAIN; the processor is not lost, and all outputs play on."""
     field, place = begin(bench), processor_of(bench)
     bench.levers.cause(faults.FlippedBit(message=message, processor=place, token=5, bit=2))
     bench.wait(4 * ROUND_SECONDS)
@@ -379,13 +379,13 @@ def test_one_damaged_question_or_answer_is_told_and_no_more(bench: Bench, messag
 @pytest.mark.parametrize("message", ["collect", "report"])
 @case("CHN-017/2", "SAF-007/1", "SAF-004/1", "STA-003", "REQ-011", needs=FAULTY_AND_SEEN)
 def test_a_processor_without_two_answers_is_lost(bench: Bench, message: str) -> None:
-    """Two questions running without a valid answer raise PROCESSOR: all outputs fall silent, until it is cleared."""
+    """Two questions in a row without a valid answer raise PROCESSOR: all outputs fall silent until it is cleared."""
     field, place = begin(bench), processor_of(bench)
     at = soon(bench)
     bench.levers.cause(faults.LostToken(message=message, processor=place, token=6, times=2, period=at))
     bench.wait_until(at + 40 * PERIODS_PER_MS)
     said = last_told(bench, State.FAULT)
-    expect("the faults that are told last", said.faults, Fault.CHAIN | Fault.PROCESSOR)
+    expect("the faults in the last record", said.faults, Fault.CHAIN | Fault.PROCESSOR)
     expect_lost_in_time(said, at)
     lost = said.now
     expect_cleared(bench, State.OFF)
@@ -393,7 +393,7 @@ def test_a_processor_without_two_answers_is_lost(bench: Bench, message: str) -> 
     bench.judge(field.period, end, lambda seen: check_falls_silent(seen, field.words, at * TICKS_PER_PERIOD, lost))
 
 
-# Messages that come too late
+# Late messages
 
 
 LATE: dict[str, Callable[[int, int], InjectedFault]] = {
@@ -403,10 +403,10 @@ LATE: dict[str, Callable[[int, int], InjectedFault]] = {
 
 
 def missed_by(bench: Bench, before: list[int]) -> list[int]:
-    """The processors that missed one commit, and no more, since they had missed so many."""
+    """The processors that missed exactly one commit since these counts."""
     bench.wait(ROUND_SECONDS)
     more = [report.missed_commits - count for report, count in zip(bench.processors(), before, strict=True)]
-    assert set(more) <= {0, 1}, f"the processors missed {more} commits, should have missed 1 at most"
+    assert set(more) <= {0, 1}, f"the processors missed {more} commits, should be 1 at most"
     before[:] = [count + one for count, one in zip(before, more, strict=True)]
     return [place for place, one in enumerate(more) if one]
 
@@ -414,7 +414,7 @@ def missed_by(bench: Bench, before: list[int]) -> list[int]:
 @pytest.mark.parametrize("what", LATE)
 @case("CHN-004/2", "CHN-014/3", "CHN-020", "SAF-008", "REQ-008", "REQ-011", needs=FAULTY_AND_SEEN)
 def test_a_processor_that_cannot_be_ready_in_time_plays_on(bench: Bench, what: str) -> None:
-    """Where an update or a sequence cannot be ready in time, just the processors that count it as missed play on."""
+    """If an update or a sequence cannot be ready in time, exactly the processors that count a missed commit play on."""
     require(bench, Feature.SEQUENCES)
     field = begin(bench)
     in_sequence = bench.weak()
@@ -429,7 +429,7 @@ def test_a_processor_that_cannot_be_ready_in_time_plays_on(bench: Bench, what: s
         began = bench.must(body).commit_period
         late = missed_by(bench, missed)
         missing = late == [place] if what == "slow-processor" else late
-        assert missing, f"{type(body).__name__.upper()} is missed by {late}, should be by processor {place}"
+        assert missing, f"{body.KIND.name} is missed by {late}, should be by processor {place}"
         playing = mixed(words, playing, *late)
         steps.append((began, playing))
     wanted = Fault.CHAIN | (Fault.OVERRUN if what == "slow-processor" else NO_FAULTS)
@@ -451,18 +451,18 @@ def test_a_processor_that_cannot_be_ready_in_time_plays_on(bench: Bench, what: s
 
 
 def changes(bench: Bench, in_sequence: Pulses) -> list[tuple[Body, Words]]:
-    """An update, a sequence and an update, and the outputs by them."""
+    """An update, a sequence and another update, and their outputs."""
     first, last = bench.weak(), bench.weak()
     return [
         (Update(first), expected_words(first, bench.wiring)),
-        (Sequence(0, 1), expected_words(in_sequence, bench.wiring)),
+        (PlaySequence(0, 1), expected_words(in_sequence, bench.wiring)),
         (Update(last), expected_words(last, bench.wiring)),
     ]
 
 
 @case("SAF-008", "SAF-007/1", "REQ-011", "ACK-006", needs=FAULTY)
 def test_an_overrun_is_told_and_silences_nothing(bench: Bench) -> None:
-    """OVERRUN is told, stays until it is cleared even where the processor is in time again, and silences nothing."""
+    """OVERRUN is reported, stays until it is cleared even if the processor recovers, and silences nothing."""
     begin(bench)
     place = processor_of(bench)
     lasts = lead(bench, 1000)
@@ -478,15 +478,15 @@ def test_an_overrun_is_told_and_silences_nothing(bench: Bench) -> None:
 
 
 def expect_lost_in_time(said: Status, at: int) -> None:
-    """Fail unless a processor was lost in time that answers no question from a period on.
+    """Fail unless a processor that answers no question from a period on is lost in time.
 
-    Two questions are left running, 10 ms each; they are when the third is due.
+    Two questions may go unanswered, 10 ms each; the processor is lost when the third is due.
     """
     latest = at * TICKS_PER_PERIOD + 31 * TICKS_PER_MS
     assert said.now <= latest, f"the processor is lost at tick {said.now}, should be by {latest}"
 
 
-# A chain that is broken
+# A broken chain
 
 
 BREAKS: dict[str, tuple[Callable[[int], InjectedFault], int]] = {
@@ -494,8 +494,9 @@ BREAKS: dict[str, tuple[Callable[[int], InjectedFault], int]] = {
     "commit": (lambda place: faults.LostToken(message="commit", processor=place, token=0), 31 * TICKS_PER_MS),
     "slow-link": (lambda place: faults.SlowLink(link=place, cycles_per_symbol=2047, token_delay=2047, periods=8000), 0),
 }
-"""What breaks the chain, and how much later a message is stuck: a commit for nobody fits the buffers of the last links,
-so that it may be a question to the last processors, of which some fit too until these are lost (clause CHN-017)."""
+"""What breaks the chain, and the delay until a message is stuck: a commit for an absent processor fits the buffers of
+the last links, so the stuck message may be a question to the last processors, some of which fit too (clause
+CHN-017)."""
 
 
 @pytest.mark.parametrize("how", BREAKS)
@@ -509,7 +510,7 @@ def test_a_broken_chain_is_told_and_ends_in_silence(bench: Bench, how: str) -> N
     broken_by = begins * TICKS_PER_PERIOD + later + TICKS_PER_MS
     bench.wait_until(broken_by // TICKS_PER_PERIOD + 1)
     said = last_told(bench, State.FAULT)
-    expect("the faults that are told last", said.faults, Fault.CHAIN | Fault.PROCESSOR)
+    expect("the faults in the last record", said.faults, Fault.CHAIN | Fault.PROCESSOR)
     assert said.now <= broken_by, f"the chain is broken at tick {said.now}, should be by {broken_by}"
     expect_refused_everywhere(bench)
     bench.wait(DEAF_MS / 1000)
@@ -530,19 +531,19 @@ def test_a_broken_chain_is_told_and_ends_in_silence(bench: Bench, how: str) -> N
 def expect_refused_everywhere(bench: Bench) -> None:
     """Fail unless a device with a silencing fault refuses every change and store with FAULT, and ENABLE with STALL.
 
-    What needs a feature that the device lacks it refuses with UNSUPPORTED, which is looked at before (clause ACK-003).
+    A block whose feature is missing is refused with UNSUPPORTED, which comes earlier in the order (clause ACK-003).
     """
     before = bench.status()
     bodies: list[Body] = [Update(SILENT), *(Output(action) for action in Action)]
-    bodies += [Slot(9, SILENT), Entries((Entry(9, 1),), 9), Sequence(9, 1), Sequence(0, 1, unattended=True)]
-    bodies += [Samples(b"\x09", 9), Modulation(9, 1, 1)]
+    bodies += [Slot(9, SILENT), Entries((Entry(9, 1),), 9), PlaySequence(9, 1), PlaySequence(0, 1, unattended=True)]
+    bodies += [Samples(b"\x09", 9), AmplitudeModulation(9, 1, 1)]
     for body in bodies:
         ack, lacks = bench.send(body), features_of(body) & ~bench.info.features
         reason = Reason.UNSUPPORTED if lacks else Reason.FAULT
-        expect(f"the reason for {type(body).__name__.upper()}", ack.reason, reason)
+        expect(f"the reason for {body.KIND.name}", ack.reason, reason)
         expect("the state in the acknowledgement", ack.state, State.FAULT)
     for harmless in (Clock(), NoOp()):
-        expect(f"the reason for {type(harmless).__name__}", bench.send(harmless).reason, Reason.ACCEPTED)
+        expect(f"the reason for {harmless.KIND.name}", bench.send(harmless).reason, Reason.ACCEPTED)
     assert not bench.try_order(Request.ENABLE), "ENABLE is carried out in FAULT"
     after = bench.status()
     expect("the count of refused blocks", after.refused, before.refused + len(bodies))
@@ -552,7 +553,7 @@ def expect_refused_everywhere(bench: Bench) -> None:
 
 
 def plays_everywhere(bench: Bench) -> None:
-    """Enable the outputs, and fail unless an update plays on all processors, and nothing is missed or wrong."""
+    """Enable the outputs; fails unless an update plays on all processors without a miss or a fault."""
     before = bench.status()
     enable(bench)
     field = play(bench)
@@ -564,13 +565,13 @@ def plays_everywhere(bench: Bench) -> None:
     bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
 
 
-# A silence that is lost
+# A lost silence
 
 
 @pytest.mark.parametrize("message", ["slice", "commit"])
 @case("CHN-030", "SAF-004/1", "CHN-016", "CHN-017/1", needs=FAULTY_AND_SEEN)
 def test_a_silence_that_a_processor_misses_is_sent_again(bench: Bench, message: str) -> None:
-    """Where the silence of DISABLE is lost for one processor, that one is silent 10 ms later at most."""
+    """If the silence of DISABLE is lost for one processor, that one falls silent at most 10 ms later."""
     field, place = begin(bench), processor_of(bench)
     bench.levers.cause(faults.LostToken(message=message, processor=place))
     before, after = disable(bench)
@@ -586,7 +587,7 @@ def test_a_silence_that_a_processor_misses_is_sent_again(bench: Bench, message: 
 
 @case("CHN-030", "CHN-018", "SAF-004/1", "CHN-017/2", needs=FAULTY_AND_SEEN)
 def test_a_processor_that_cannot_be_silenced_is_left_alone_until_it_is(bench: Bench) -> None:
-    """Where the silence is lost twice, that processor is asked nothing until it falls silent by itself."""
+    """If the silence is lost twice, that processor is not asked until it falls silent by itself."""
     field, place = begin(bench), processor_of(bench)
     bench.levers.cause(faults.LostToken(message="slice", processor=place, times=2))
     before, after = disable(bench)
@@ -606,25 +607,25 @@ def test_a_processor_that_cannot_be_silenced_is_left_alone_until_it_is(bench: Be
 
 
 def disable(bench: Bench) -> tuple[int, int]:
-    """DISABLE; the periods between which the request arrived."""
+    """DISABLE; returns the first and last period in which the request may have arrived."""
     before = bench.period()
     bench.order(Request.DISABLE)
     return before, bench.period()
 
 
-def check_disabled(bench: Bench, field: Field, before: int, latest: list[int]) -> None:
-    """Judge that each processor fell silent at its latest at a period."""
+def check_disabled(bench: Bench, field: Played, before: int, latest: list[int]) -> None:
+    """Judge that each processor is silent from a period on."""
     end = bench.period()
     earliest = [before + 1] * PROCESSORS
     bench.judge(field.period, end, lambda seen: check_falls_one_by_one(seen, field.words, earliest, latest))
 
 
-# Faults that silence
+# Silencing faults
 
 
 @dataclass(frozen=True)
 class Silencing:
-    """A fault of a board that silences, by its cause; the fault lasts until then."""
+    """A silencing fault of a board, by its cause; the fault lasts until then."""
 
     fault: Fault
     cause: Callable[[int, int, int], InjectedFault]
@@ -648,7 +649,7 @@ OF_BOARDS = {
 @pytest.mark.parametrize("what", OF_BOARDS)
 @case("SAF-007/1", "SAF-007/2", "SAF-008", "SAF-004/1", "REQ-008", "REQ-011", "CHN-017/1", needs=FAULTY_AND_SEEN)
 def test_a_fault_of_a_board_silences_it_at_once_and_then_all(bench: Bench, what: str) -> None:
-    """A board that is not well is silent at the next boundary, and all are when the controller learns of it."""
+    """A faulty board is silent at the next boundary, and all boards when the controller learns of it."""
     field, board = begin(bench), bench.random.randrange(bench.info.boards)
     places = places_of(board)
     at, lasts = soon(bench), 4000 if bench.line.kind == "usb" else 60_000
@@ -660,13 +661,13 @@ def test_a_fault_of_a_board_silences_it_at_once_and_then_all(bench: Bench, what:
     expect_faults(bench, silencing.fault, *places)
     expect_refused_everywhere(bench)
     bench.order(Request.CLEAR_FAULTS)
-    expect("what is told where nothing was cleared", told(bench), [])
+    expect("what the device sends though nothing was cleared", told(bench), [])
     expect("the faults while the cause lasts", bench.status().faults, silencing.fault)
     if bench.period() >= at + lasts:
         raise Inconclusive("this line is too slow: the fault was over before its case")
     bench.wait_until(at + lasts)
     bench.wait(ROUND_SECONDS)
-    expect("the state behind the cause", bench.status().state, State.FAULT)
+    expect("the state after the cause", bench.status().state, State.FAULT)
     expect_faults(bench, silencing.fault, *places)
     end = bench.period()
     bench.judge(field.period, end, lambda seen: check_board_first(seen, field.words, places, at, learned))
@@ -680,7 +681,7 @@ def places_of(board: int) -> list[int]:
 
 
 def expect_learned(said: Status, at: int) -> int:
-    """Fail unless the controller learned in time of what happened at a period; the period in which it did."""
+    """Fail unless the controller learned in time of an event at a period; returns the period in which it did."""
     latest = at * TICKS_PER_PERIOD + ASKED_TICKS
     assert said.now <= latest, f"the fault is told at tick {said.now}, should be by {latest}"
     return said.now // TICKS_PER_PERIOD
@@ -696,7 +697,7 @@ def check_board_first(seen: Seen, words: Words, places: list[int], at: int, lear
 
 @case("SAF-007/2", "SAF-007/1", "CHN-017/1", needs=FAULTY_AND_SEEN)
 def test_a_board_that_is_not_well_stays_silent_whatever_it_is_sent(bench: Bench) -> None:
-    """Updates that reach a board before the controller knows that it is too hot do not play there."""
+    """Updates that reach a hot board before the controller knows of its fault do not play there."""
     field, board = begin(bench), bench.random.randrange(bench.info.boards)
     later = [bench.weak() for _ in range(min(queue_length(bench), 12))]
     at = soon(bench, len(later))
@@ -722,7 +723,7 @@ def test_a_board_that_is_not_well_stays_silent_whatever_it_is_sent(bench: Bench)
 
 @case("SAF-007/2", "CHN-017/1", "REQ-003", "REQ-008", needs=FAULTY)
 def test_a_temperature_is_known_within_a_round_of_questions(bench: Bench) -> None:
-    """The temperature of a board is told within 10 ms, for both its processors; up to 85 °C it is no fault."""
+    """The temperature of a board is reported within 10 ms, for both its processors; up to 85 °C it is no fault."""
     begin(bench)
     for board, celsius in enumerate((85, 60, -40, 84, 30)[: bench.info.boards]):
         at, lasts = soon(bench), lead(bench, 4000)
@@ -744,7 +745,7 @@ def test_a_supply_at_its_limits_is_no_fault(bench: Bench, millivolts: int) -> No
     field = begin(bench)
     bench.levers.cause(faults.WrongSupply(millivolts=millivolts))
     bench.wait(2 * ROUND_SECONDS)
-    expect("what is told unasked", told(bench), [])
+    expect("the unsolicited records", told(bench), [])
     expect_faults(bench, NO_FAULTS)
     end = bench.period()
     bench.judge(field.period, end, lambda seen: check_play(seen, [(field.period, field.words)]))
@@ -753,7 +754,7 @@ def test_a_supply_at_its_limits_is_no_fault(bench: Bench, millivolts: int) -> No
 @pytest.mark.parametrize(("celsius", "clears"), [(80, False), (79, True)], ids=["80", "79"])
 @case("REQ-011", "SAF-008", needs=FAULTY)
 def test_too_hot_is_cleared_below_80_degrees(bench: Bench, celsius: int, clears: bool) -> None:
-    """TEMPERATURE can be cleared when the board has cooled below 80 °C, and not at 80."""
+    """TEMPERATURE can be cleared once the board has cooled below 80 °C, but not at 80 °C."""
     bench.must(NoOp())
     board, at = bench.random.randrange(bench.info.boards), soon(bench)
     bench.levers.cause(faults.HotBoard(board=board, celsius=90, period=at, periods=400))
@@ -765,14 +766,14 @@ def test_too_hot_is_cleared_below_80_degrees(bench: Bench, celsius: int, clears:
     told(bench)
     bench.order(Request.CLEAR_FAULTS)
     state, fault = (State.OFF, NO_FAULTS) if clears else (State.FAULT, Fault.TEMPERATURE)
-    expect("what is told unasked", [status.faults for status in told(bench)], [fault] * clears)
+    expect("the unsolicited records", [status.faults for status in told(bench)], [fault] * clears)
     expect_faults(bench, fault, *places_of(board))
     expect("the state", bench.status().state, state)
 
 
 @case("REQ-011", "SAF-008", "REQ-008", needs=FAULTY)
 def test_only_faults_whose_cause_is_gone_are_cleared(bench: Bench) -> None:
-    """CLEAR_FAULTS clears CHAIN and SUPPLY that is right again, and leaves a board that is too hot in FAULT."""
+    """CLEAR_FAULTS clears CHAIN and a SUPPLY that is right again, but leaves a board that is too hot in FAULT."""
     begin(bench)
     place, hot = processor_of(bench, last=3), 2 + bench.random.randrange(bench.info.boards - 2)
     bench.levers.cause(faults.FlippedBit(message="slice", processor=place))
@@ -797,14 +798,14 @@ def test_only_faults_whose_cause_is_gone_are_cleared(bench: Bench) -> None:
 
 
 def next_pulse(bench: Bench) -> int:
-    """The period of a pulse of the sync line, before which something can be made ready."""
+    """The period of a sync pulse, with enough time to prepare something before it."""
     return -(-soon(bench) // SYNC_PERIODS) * SYNC_PERIODS
 
 
 @pytest.mark.parametrize("where", ["one-board", "all-boards"])
 @case("CHN-027", "CHN-026", "SAF-007/2", "SAF-008", "REQ-011", needs=FAULTY_AND_SEEN, allow=(Risk.RESET,))
 def test_a_pulse_that_is_missing_is_a_lost_clock(bench: Bench, where: str) -> None:
-    """Where no pulse comes when one is due, the board is silent at the next boundary, and RESET alone clears SYNC."""
+    """If a due sync pulse is missing, the board is silent at the next boundary, and only RESET clears SYNC."""
     field = begin(bench)
     board = bench.random.randrange(bench.info.boards) if where == "one-board" else None
     places = list(range(PROCESSORS)) if board is None else places_of(board)
@@ -827,7 +828,7 @@ def test_a_pulse_that_is_missing_is_a_lost_clock(bench: Bench, where: str) -> No
 @pytest.mark.parametrize("ppm", [15, -15, 200, -200])
 @case("CHN-027", "SAF-007/1", "SAF-007/2", needs=FAULTY_AND_SEEN)
 def test_a_board_whose_clock_is_off_is_silenced(bench: Bench, ppm: int) -> None:
-    """A board that is more than a tick off when a pulse comes, early or late, has lost the common clock."""
+    """A board that is more than a tick early or late at a sync pulse has lost the common clock."""
     field, board = begin(bench), bench.random.randrange(bench.info.boards)
     begins = next_pulse(bench) + 1
     bench.levers.cause(faults.ClockError(board=board, ppm=ppm, period=begins))
@@ -850,28 +851,28 @@ def test_a_board_whose_clock_is_off_is_silenced(bench: Bench, ppm: int) -> None:
 @pytest.mark.parametrize("ppm", [4, -4])
 @case("CHN-027", needs=FAULTY)
 def test_a_board_that_is_less_than_a_tick_off_goes_on(bench: Bench, ppm: int) -> None:
-    """A board that was out of step for a while and is less than a tick off has not lost the common clock."""
+    """A board that drifted for a while but is less than a tick off has not lost the common clock."""
     begin(bench)
     board, begins = bench.random.randrange(bench.info.boards), next_pulse(bench) + 1
     bench.levers.cause(faults.ClockError(board=board, ppm=ppm, period=begins, periods=SYNC_PERIODS))
     bench.wait_until(begins + 3 * SYNC_PERIODS + 450)
-    expect("what is told unasked", told(bench), [])
+    expect("the unsolicited records", told(bench), [])
     expect_faults(bench, NO_FAULTS)
 
 
-# Processors that are not there
+# Missing processors
 
 
 @pytest.mark.parametrize("place", [0, 4, 9])
 @case("CHN-017/2", "CHN-018", "SAF-007/1", "REQ-011", needs=FAULTY_AND_SEEN)
 def test_a_processor_that_does_not_answer_any_more_silences_all(bench: Bench, place: int) -> None:
-    """A processor that dies is lost within 30 ms; what can be reached is silenced, and the rest by itself."""
+    """A processor that dies is lost within 30 ms; the reachable ones are silenced, and the rest silence themselves."""
     field = begin(bench)
     at = soon(bench)
     bench.levers.cause(faults.DeadProcessor(processor=place, period=at))
     bench.wait_until(at + 32 * PERIODS_PER_MS)
     lost = last_told(bench, State.FAULT)
-    assert Fault.PROCESSOR in lost.faults, f"the faults that are told are {lost.faults!r}, PROCESSOR is missing"
+    assert Fault.PROCESSOR in lost.faults, f"the faults in the record are {lost.faults!r}, PROCESSOR is missing"
     expect_lost_in_time(lost, at)
     bench.wait((DEAF_MS + 2) / 1000)
     bench.order(Request.CLEAR_FAULTS)
@@ -890,13 +891,13 @@ def check_each_silent(seen: Seen, latest: list[int]) -> None:
     """Fail unless each processor is silent from a period on."""
     for place, period in enumerate(latest):
         loud = (seen.words[max(period - seen.first_period, 0) * TICKS_PER_PERIOD :, place] & seen.observed[place]).any()
-        assert not loud, f"processor {place} plays behind period {period}, should be silent from then on"
+        assert not loud, f"processor {place} plays after period {period}, should be silent from then on"
 
 
 @pytest.mark.parametrize("place", [0, 1, 5, 9])
 @case("CHN-023", "CHN-024", "TIM-002/2", "REQ-008", "SAF-007/1", needs=FAULTY_AND_SEEN, allow=(Risk.RESET,))
 def test_a_device_without_all_its_processors_says_which_are_there(bench: Bench, place: int) -> None:
-    """After RESET with a dead processor those before it are there, the fault is PROCESSOR, and nothing plays."""
+    """After RESET with a dead processor those before it work, the fault is PROCESSOR, and nothing plays."""
     bench.levers.cause(faults.DeadProcessor(processor=place))
     well = bench.processors()[0]
     bench.restart(lambda: bench.order(Request.RESET))
@@ -914,22 +915,22 @@ def test_a_device_without_all_its_processors_says_which_are_there(bench: Bench, 
 
 
 def expect_there(bench: Bench, count: int, well: ProcessorReport) -> None:
-    """Fail unless so many processors are there, and of the others nothing is told but that they are not."""
+    """Fail unless so many processors are there, and the others are only reported as missing."""
     reports = bench.processors()
     expect(
-        "what the processors that are there tell",
+        "what the present processors report",
         [(report.bank, report.firmware, report.missed_commits) for report in reports[:count]],
         [(well.bank, well.firmware, 0)] * count,
     )
     answer = bench.ask(Request.PROCESSORS)
     absent = bytes([Fault.PROCESSOR.value]) + bytes(15)
-    expect("what is told of those that are not", answer[16 * count :], absent * (PROCESSORS - count))
+    expect("what is reported of the missing ones", answer[16 * count :], absent * (PROCESSORS - count))
 
 
 @pytest.mark.parametrize("message", ["number", "identity"])
 @case("CHN-023", "CHN-024", "CHN-010", "TIM-002/2", "CHN-021/2", needs=FAULTY_AND_SEEN, allow=(Risk.RESET,))
 def test_a_chain_that_is_not_numbered_comes_up_with_the_next_reset(bench: Bench, message: str) -> None:
-    """Where a number or an identity is damaged the chain ends there, until the next RESET numbers it anew."""
+    """If a number or an identity is damaged the chain ends there, until the next RESET numbers it again."""
     place, well = processor_of(bench), bench.processors()[0]
     bench.levers.cause(faults.FlippedBit(message=message, processor=place, token=5, bit=1))
     bench.restart(lambda: bench.order(Request.RESET))
@@ -944,11 +945,11 @@ def test_a_chain_that_is_not_numbered_comes_up_with_the_next_reset(bench: Bench,
     plays_everywhere(bench)
 
 
-# A chain on which nothing goes wrong
+# A chain without errors
 
 
 def check_nothing_missed(bench: Bench, before: Status) -> None:
-    """Fail where a commit was missed, a message damaged, a change late, or a fault raised."""
+    """Fail if a commit was missed, a message damaged, a change late, or a fault raised."""
     bench.wait(ROUND_SECONDS)
     after = bench.status()
     expect("the missed commits", after.missed_commits, before.missed_commits)
@@ -958,13 +959,13 @@ def check_nothing_missed(bench: Bench, before: Status) -> None:
 
 
 def queue_length(bench: Bench) -> int:
-    """How many changes a case queues at once: what the device takes, and the line in time."""
+    """How many changes a case queues at once: as many as the device takes and the line sends in time."""
     return min(bench.info.queue_blocks, 32 if bench.line.kind == "usb" else 10)
 
 
 @case("CHN-020", "BUD-004", outputs=("CHN-005", "CHN-007", "TIM-003"))
 def test_updates_at_the_rate_that_holds_play_on_all_processors(bench: Bench) -> None:
-    """Updates as close as INFO allows change all outputs in the same tick each, and no processor misses one."""
+    """Updates as close as INFO allows each change all outputs in the same tick, and no processor misses one."""
     enable(bench)
     before, first = bench.status(), soon(bench, queue_length(bench))
     steps = []
@@ -981,7 +982,7 @@ def test_updates_at_the_rate_that_holds_play_on_all_processors(bench: Bench) -> 
 
 @case("CHN-019", "CHN-020", "CHN-017/1", outputs=("CHN-019", "CHN-012/2"), features=Feature.SEQUENCES)
 def test_no_update_waits_for_stores_or_questions(bench: Bench) -> None:
-    """Updates take effect on time while stores go onto the chain and PULSES asks every processor what it plays."""
+    """Updates take effect on time while stores go onto the chain and PULSES reads back from every processor."""
     enable(bench)
     before, first = bench.status(), soon(bench, queue_length(bench))
     count, spacing = queue_length(bench), 3 * bench.info.periods_per_update
@@ -1001,7 +1002,7 @@ def test_no_update_waits_for_stores_or_questions(bench: Bench) -> None:
     played = steps[-1][0] + 20
     bench.wait_until(played)
     check_nothing_missed(bench, before)
-    began = bench.must(Sequence(100, 12)).commit_period
+    began = bench.must(PlaySequence(100, 12)).commit_period
     steps += [(began + 3 * number, expected_words(slots[number % 6], bench.wiring)) for number in range(12)]
     bench.judge(first, began + 36, lambda seen: check_play(seen, steps))
 
@@ -1009,14 +1010,14 @@ def test_no_update_waits_for_stores_or_questions(bench: Bench) -> None:
 @pytest.mark.parametrize("gap", [1, 2, 5])
 @case("CHN-014/2", outputs=("CHN-014/2", "CHN-014"), features=Feature.SEQUENCES)
 def test_sequences_close_to_each_other_begin_each_at_its_own_period(bench: Bench, gap: int) -> None:
-    """Sequences that follow each other closely each begin when their acknowledgements say, and none is missed."""
+    """Sequences in close succession each begin in the period of their acknowledgement, and none is missed."""
     enable(bench)
     slots = [bench.weak() for _ in range(4)]
     for number, pulses in enumerate(slots):
         bench.must(Slot(number, pulses))
     bench.must(Entries(tuple(Entry(number, 2) for number in range(4))))
     before, first = bench.status(), soon(bench, 4)
-    periods = [bench.must(Sequence(number, 1, first + gap * number)).commit_period for number in range(4)]
+    periods = [bench.must(PlaySequence(number, 1, first + gap * number)).commit_period for number in range(4)]
     expect("whether they follow each other", periods, sorted(set(periods)))
     bench.wait_until(periods[-1] + 20)
     bench.wait(ROUND_SECONDS)
@@ -1029,7 +1030,7 @@ def test_sequences_close_to_each_other_begin_each_at_its_own_period(bench: Bench
 
 @case("CHN-015", "CHN-012/2", "TIM-003", "TIM-004", needs=(Need.CAPTURE,), features=Feature.SEQUENCES)
 def test_steps_follow_from_the_period_alone(bench: Bench) -> None:
-    """Long after its start, with other traffic beside, a sequence is where its entries say, on all processors."""
+    """Long after its start, under other traffic, a sequence plays its right entry on all processors."""
     enable(bench)
     lengths = [bench.random.randint(1, 9) for _ in range(7)]
     words = []
@@ -1039,7 +1040,7 @@ def test_steps_follow_from_the_period_alone(bench: Bench) -> None:
         words.append(expected_words(pulses, bench.wiring))
     bench.must(Entries(tuple(Entry(20 + number, length) for number, length in enumerate(lengths)), 30))
     before = bench.status()
-    began = bench.must(Sequence(30, len(lengths))).commit_period
+    began = bench.must(PlaySequence(30, len(lengths))).commit_period
     for number in range(6):
         bench.must(Slot(number, SILENT))
         bench.wait_periods(bench.random.uniform(1, 900))

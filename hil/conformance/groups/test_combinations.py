@@ -1,6 +1,6 @@
-"""Two things at once: what plays, is queued or waits, and what replaces, ends or disables it.
+"""Two things at once: what plays, is queued or waits meets what replaces, ends or disables it.
 
-What STATUS, records and PULSES tell is judged without a capture, in cases of their own.
+STATUS, records and PULSES are judged without a capture, in cases of their own.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from phasewire.hil.conformance.tools.planning import (
     store,
     store_for_plans,
 )
+from phasewire.hil.conformance.tools.player import check_in_time, in_time, is_fast
 from phasewire.hil.conformance.tools.playing import (
     PLAYS,
     check_falls_one_by_one,
@@ -34,23 +35,31 @@ from phasewire.hil.conformance.tools.playing import (
     start,
     told,
 )
-from phasewire.hil.conformance.tools.stage import check_in_time, in_time, is_fast
 from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Change,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
 from phasewire.protocol.board import PROCESSORS, TICKS_PER_PERIOD
-from phasewire.protocol.codes import SILENT_PERIODS, Action, Feature, Request, State, StatusFlag
+from phasewire.protocol.codes import (
+    ENTRIES_PER_BLOCK,
+    SAMPLES_PER_BLOCK,
+    SILENT_PERIODS,
+    Action,
+    Feature,
+    Request,
+    State,
+    StatusFlag,
+)
 
 CAPTURE = (Need.CAPTURE,)
 FAULTY = (Need.FAULTS, Need.SPARE)
@@ -59,7 +68,7 @@ UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED
 SLOT = 9
 HOT_PERIODS = 400
 ROUND_SECONDS = 0.012
-"""In which the controller has asked every processor (clause CHN-017), and the answers are there."""
+"""Time in which the controller asks every processor (clause CHN-017) and gets the answers."""
 SHORT_MS = 10
 
 
@@ -68,18 +77,18 @@ SHORT_MS = 10
 
 @dataclass(frozen=True)
 class Ending:
-    """How the outputs are disabled, so that they can be enabled again.
+    """A way to disable the outputs, after which they can be enabled again.
 
     Parameters
     ----------
     happens : callable
-        Lets it happen.
+        Makes it happen.
     planned : callable, optional
-        What is queued for it, before anything else, for a period.
+        Queues, first of all, what happens at a period.
     state : State
-        In which the device is found then.
+        The state of the device afterwards.
     over : callable, optional
-        Brings the device to OFF, if it is not there.
+        Brings the device to OFF if it is not there.
     """
 
     happens: Callable[[Bench, int], None]
@@ -92,7 +101,7 @@ def let_watchdog_fire(bench: Bench, _: int) -> None:
     """Give no sign of life for the shortest watchdog time."""
     bench.order(Request.WATCHDOG, SHORT_MS)
     told_state = bench.await_unasked(1).state
-    expect("the state that is told when the watchdog has fired", told_state, State.OFF)
+    expect("the state in the record after the watchdog has fired", told_state, State.OFF)
     bench.order(Request.WATCHDOG, LONG_MS)
 
 
@@ -104,14 +113,14 @@ def suspend(bench: Bench, _: int) -> None:
 
 
 def heat(bench: Bench, _: int) -> None:
-    """A board is too hot for a while, until the controller knows."""
+    """Overheat a board for a while, until the controller knows."""
     board = bench.random.randrange(bench.info.boards)
     bench.levers.cause(HotBoard(board=board, celsius=90, periods=HOT_PERIODS))
     bench.wait(ROUND_SECONDS)
 
 
 def cool_down(bench: Bench) -> None:
-    """Wait until no board is too hot, and the controller knows, and clear the fault."""
+    """Wait until no board is too hot and the controller knows it, then clear the fault."""
     bench.wait_periods(HOT_PERIODS)
     bench.wait(ROUND_SECONDS)
     bench.order(Request.CLEAR_FAULTS)
@@ -136,20 +145,20 @@ BY_USB_HOST = ("set-configuration", "set-interface")
 
 
 def plan_beginnings(bench: Bench) -> int:
-    """Queue a change of each kind that begins something; from when on they would all play."""
+    """Queue one change of each kind that begins something; returns the period from which all would play."""
     due, features = bench.period() + some_time(bench), bench.info.features
     changes: list[Change] = [Update(bench.weak(), due)]
     if Feature.SEQUENCES in features:
-        changes.append(Sequence(PLACE, 1, due + APART, unattended=Feature.UNATTENDED in features))
+        changes.append(PlaySequence(PLACE, 1, due + APART, unattended=Feature.UNATTENDED in features))
     if Feature.MODULATION in features:
-        changes.append(Modulation(PLACE, 1, 1, due + 2 * APART))
+        changes.append(AmplitudeModulation(PLACE, 1, 1, due + 2 * APART))
     for change in changes:
         check_in_time(bench.must(change), change.period)
     return due + len(changes) * APART
 
 
 def plan_ends(bench: Bench) -> int:
-    """Queue a change of each kind that ends something; from when on they would all have taken effect."""
+    """Queue one change of each kind that ends something; returns the period by which all would have taken effect."""
     due, actions = bench.period() + some_time(bench), [Action.SILENCE, Action.DISABLE]
     if Feature.MODULATION in bench.info.features:
         actions.insert(0, Action.END_MODULATION)
@@ -159,9 +168,9 @@ def plan_ends(bench: Bench) -> int:
 
 
 def plan_last_repeat(bench: Bench, *, unattended: bool) -> int:
-    """Play a sequence with repeats, and wait until it does; when its last repeat would end."""
+    """Play a sequence with repeats and wait until it plays; returns the period in which its last repeat would end."""
     require(bench, UNATTENDED if unattended else Feature.SEQUENCES)
-    ack = bench.must(Sequence(PLACE, 1, repeats=2, unattended=unattended))
+    ack = bench.must(PlaySequence(PLACE, 1, repeats=2, unattended=unattended))
     bench.wait_until(ack.commit_period + 1)
     return ack.commit_period + 2 * (some_time(bench) // 2)
 
@@ -172,13 +181,13 @@ PLANS: dict[str, Callable[[Bench], int]] = {
     "last-repeat": lambda bench: plan_last_repeat(bench, unattended=False),
     "unattended-last-repeat": lambda bench: plan_last_repeat(bench, unattended=True),
 }
-"""What can be planned; each gives the period from which on all of it would have happened."""
+"""What can be planned; each function returns the period by which all of it would have happened."""
 QUEUED = ("beginnings", "ends")
-"""What of that is queued, the rest plays."""
+"""The planned things that are queued; the others play."""
 
 
 def check_stores_are_free(bench: Bench) -> None:
-    """Fail if anything that was planned is still in use (clause BLK-022)."""
+    """Fail if something that was planned is still in use (clause BLK-022)."""
     if Feature.SEQUENCES in bench.info.features:
         store(bench, 5)
     if Feature.MODULATION in bench.info.features:
@@ -186,14 +195,14 @@ def check_stores_are_free(bench: Bench) -> None:
 
 
 def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
-    """Plan something, let the outputs be disabled, and enable them again.
+    """Plan something, disable the outputs, and enable them again.
 
     Returns
     -------
     since : int
-        A period from which on the outputs must be silent.
+        The period from which the outputs must be silent.
     due : int
-        From when on all that was planned would have happened.
+        The period by which all that was planned would have happened.
     """
     ending = ENDINGS[how]
     store_for_plans(bench)
@@ -204,7 +213,7 @@ def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
         if plan in QUEUED:
             ending.planned(bench, ends)
         due = PLANS[plan](bench)
-        if plan not in QUEUED:  # for as soon as possible: what disables would come before it
+        if plan not in QUEUED:  # as soon as possible: what disables would come before it
             ending.planned(bench, ends)
     with in_time(bench, due - 3 * APART):
         ending.happens(bench, ends)
@@ -221,25 +230,25 @@ def disable_by(bench: Bench, how: str, plan: str) -> tuple[int, int]:
 
 
 def check_nothing_outlives(bench: Bench, how: str, plan: str) -> None:
-    """Disable and enable a device on which something is planned; fail if anything of it still happens."""
+    """Disable and enable a device with something planned; fails if any of it still happens."""
     _, due = disable_by(bench, how, plan)
     with in_time(bench, due - 3 * APART):
         before = bench.status()
         expect("the state after ENABLE", before.state, State.READY)
         if plan != "beginnings":  # what ends something needs something to end
             if Feature.MODULATION in bench.info.features:
-                bench.must(Modulation(PLACE, 1, 1))
+                bench.must(AmplitudeModulation(PLACE, 1, 1))
             play(bench)
             before = bench.status()
-            expect("the state when something new plays", before.state, State.PLAYING)
+            expect("the state after something new begins", before.state, State.PLAYING)
     bench.wait_until(due + SETTLED)
     after = bench.status()
-    expect("the state when what was planned is due", after.state, before.state)
+    expect("the state after the planned period", after.state, before.state)
     expect("what plays since", after.since_period, before.since_period)
     expect("the flags", after.flags, before.flags)
     expect("the free places", after.free, bench.info.queue_blocks)
     expect("the late changes", after.late, before.late)
-    expect("what is told unasked", [status.state for status in told(bench)], [])
+    expect("the unsolicited records", [status.state for status in told(bench)], [])
     if plan == "beginnings":
         check_nothing_is_read_back(bench, "when what was planned is due")
 
@@ -254,9 +263,9 @@ ENDED = [(plan, how) for plan in PLANS for how in BY_ANY_HOST if (plan, how) != 
 @pytest.mark.parametrize(("plan", "how"), ENDED)
 @case(*CLAUSES, "SAF-003", "BLK-018", "BLK-015")
 def test_nothing_that_was_planned_outlives_the_end(bench: Bench, plan: str, how: str) -> None:
-    """What was queued, or was to end by itself, when the outputs were disabled never happens: not to what plays next.
+    """What was queued, or was to end by itself, never happens after the outputs were disabled, nor to what plays next.
 
-    STATUS, the records and PULSES tell, without a look at the outputs.
+    STATUS, the records and PULSES show it; the outputs are not captured.
     """
     check_nothing_outlives(bench, how, plan)
 
@@ -265,7 +274,7 @@ def test_nothing_that_was_planned_outlives_the_end(bench: Bench, plan: str, how:
 @every_plan
 @case(*CLAUSES, "USB-003", "USB-016", line="usb")
 def test_nothing_that_was_planned_outlives_a_new_session(bench: Bench, plan: str, how: str) -> None:
-    """The same if a host configures the device anew."""
+    """The same if a host configures the device again."""
     check_nothing_outlives(bench, how, plan)
 
 
@@ -286,14 +295,14 @@ def test_nothing_that_was_planned_outlives_a_fault(bench: Bench, plan: str) -> N
 @pytest.mark.parametrize("how", BY_ANY_HOST)
 @case("SAF-004/2", "SAF-004/1", "STA-001", "BLK-018", needs=CAPTURE)
 def test_no_output_moves_when_what_was_planned_is_due(bench: Bench, how: str) -> None:
-    """Once the outputs are disabled, no output moves for what was queued, also when they are enabled again."""
+    """Once the outputs are disabled, queued changes move no output, even after the outputs are enabled again."""
     since, due = disable_by(bench, how, "beginnings")
     bench.judge(since, max(since, due) + SETTLED, check_silent)
 
 
 @case("BLK-018", "STA-003", "SAF-004")
 def test_the_first_of_two_disabling_blocks_disables(bench: Bench) -> None:
-    """Of two OUTPUTs that disable the first takes effect at its period, and the second is dropped with the queue."""
+    """Of two disabling OUTPUTs the first takes effect in its period, and the second is dropped with the queue."""
     enable(bench)
     field = play(bench)
     first = bench.period() + some_time(bench) // 2
@@ -308,7 +317,7 @@ def test_the_first_of_two_disabling_blocks_disables(bench: Bench) -> None:
     bench.wait_until(first + 1)
     seen = bench.status()
     if seen.now >= second * TICKS_PER_PERIOD:
-        raise TooSlow("this line is too slow: the second was due before the first could be looked at")
+        raise TooSlow("this line is too slow: the second was due before the first could be observed")
     check_rest(seen, bench, State.OFF, "after the first")
     bench.enable()
     again = play(bench)
@@ -319,7 +328,7 @@ def test_the_first_of_two_disabling_blocks_disables(bench: Bench) -> None:
 
 
 def begin_close_behind(bench: Bench, distance: int) -> tuple[int, Words, Words]:
-    """Queue an OUTPUT that disables, and an update some periods later; its period, and what plays before and after."""
+    """Queue a disabling OUTPUT, and an update some periods later; returns its period, and what plays around it."""
     enable(bench)
     field, following = play(bench), bench.weak()
     ends = bench.period() + some_time(bench) // 2
@@ -335,7 +344,7 @@ CLOSE = pytest.mark.parametrize("distance", [1, 2, 5])
 @CLOSE
 @case("BLK-018", "STA-001", "STA-003", "SAF-004")
 def test_a_change_close_behind_a_disabling_block_is_dropped(bench: Bench, distance: int) -> None:
-    """An UPDATE for a period just after that of an OUTPUT that disables is no event, and holds no place."""
+    """An UPDATE for a period just after a disabling OUTPUT has no effect and holds no place."""
     begin_close_behind(bench, distance)
     check_rest(bench.status(), bench, State.OFF, "after the period of both")
     check_nothing_is_read_back(bench, "after the period of both")
@@ -348,7 +357,7 @@ def test_a_change_close_behind_a_disabling_block_is_dropped(bench: Bench, distan
 @CLOSE
 @case("BLK-018", "STA-001", "SAF-004/1", needs=CAPTURE)
 def test_a_change_close_behind_a_disabling_block_falls_silent(bench: Bench, distance: int) -> None:
-    """An UPDATE just after an OUTPUT that disables begins on no output, or on all and is silent in six periods."""
+    """An UPDATE just after a disabling OUTPUT begins on no output, or on all and is silent within six periods."""
     ends, playing, following = begin_close_behind(bench, distance)
 
     def check(seen: Seen) -> None:
@@ -362,7 +371,7 @@ def test_a_change_close_behind_a_disabling_block_falls_silent(bench: Bench, dist
     bench.judge(ends - APART, ends + SETTLED, check)
 
 
-# What disables the outputs, and what waits or is done meanwhile
+# What disables the outputs, and what waits or happens meanwhile
 
 
 MEANWHILE: dict[str, Callable[[Bench], object]] = {
@@ -377,7 +386,7 @@ MEANWHILE: dict[str, Callable[[Bench], object]] = {
 @pytest.mark.parametrize("what", ["update", "unattended"])
 @case("SAF-004/1", "SAF-004", "REQ-005", needs=CAPTURE)
 def test_nothing_puts_off_the_silence_after_disable(bench: Bench, what: str, then: str) -> None:
-    """Six periods after DISABLE all outputs are silent, whatever the host asks for in these, another DISABLE too."""
+    """All outputs are silent six periods after DISABLE, whatever the host asks for meanwhile, even another DISABLE."""
     enable(bench)
     field = start(bench, what)
     before = bench.clock().now
@@ -392,7 +401,7 @@ def test_nothing_puts_off_the_silence_after_disable(bench: Bench, what: str, the
 @pytest.mark.parametrize("what", PLAYS)
 @case("SAF-004", "STA-003", "REQ-007", features=Feature.READ_BACK)
 def test_what_begins_right_after_enable_is_not_silenced(bench: Bench, what: str) -> None:
-    """An update that comes right after DISABLE and ENABLE plays on: the silence of before does not overtake it."""
+    """An update right after DISABLE and ENABLE plays on: the earlier silence does not overtake it."""
     enable(bench)
     start(bench, what)
     bench.order(Request.DISABLE)
@@ -408,22 +417,28 @@ def test_what_begins_right_after_enable_is_not_silenced(bench: Bench, what: str)
 
 
 STORED_AT_ONCE = 14
-"""Blocks that one after the other keep the chain busy for dozens of periods."""
+"""Blocks that together keep the chain busy for dozens of periods."""
 
 
 def stores(bench: Bench) -> list[Body]:
-    """Stores that are as large as can be, as many as keep the chain busy."""
+    """The largest stores, enough of them to keep the chain busy."""
     if Feature.SEQUENCES in bench.info.features:
-        return [Entries((Entry(SLOT, 1),) * 120, 120 * (number % 8)) for number in range(STORED_AT_ONCE)]
+        return [
+            Entries((Entry(SLOT, 1),) * ENTRIES_PER_BLOCK, ENTRIES_PER_BLOCK * (number % 8))
+            for number in range(STORED_AT_ONCE)
+        ]
     require(bench, Feature.MODULATION)
-    return [Samples(bytes([SAMPLE]) * 480, 480 * (number % 8)) for number in range(STORED_AT_ONCE)]
+    return [
+        Samples(bytes([SAMPLE]) * SAMPLES_PER_BLOCK, SAMPLES_PER_BLOCK * (number % 8))
+        for number in range(STORED_AT_ONCE)
+    ]
 
 
 AT_ONCE = {how: ENDINGS[how].happens for how in ("disable", *BY_USB_HOST)}
 
 
 def let_stores_wait(bench: Bench) -> None:
-    """Send stores in one go, of which some wait still when the next request comes."""
+    """Send stores in one go, so that some still wait when the next request comes."""
     if not is_fast(bench):
         raise Inconclusive("this line is slower than the chain: no store waits on the device")
     bench.send_all(stores(bench))
@@ -432,7 +447,7 @@ def let_stores_wait(bench: Bench) -> None:
 @pytest.mark.parametrize("how", AT_ONCE)
 @case("SAF-004/1", "CHN-019", "USB-003", needs=CAPTURE)
 def test_silence_does_not_wait_for_stores(bench: Bench, how: str) -> None:
-    """All outputs are silent six periods after DISABLE, or what acts like it, also while stores wait for the chain."""
+    """All outputs are silent six periods after DISABLE or an equivalent, even while stores wait for the chain."""
     enable(bench)
     field = play(bench)
     let_stores_wait(bench)
@@ -446,7 +461,7 @@ def test_silence_does_not_wait_for_stores(bench: Bench, how: str) -> None:
 @pytest.mark.parametrize("how", AT_ONCE)
 @case("SAF-004", "BLK-007", "USB-026", features=Feature.SEQUENCES | Feature.READ_BACK)
 def test_stores_that_wait_outlive_disable(bench: Bench, how: str) -> None:
-    """Stores that wait for the chain when the outputs are disabled are kept: what is accepted then plays them."""
+    """Stores that wait for the chain when the outputs are disabled are kept: later changes play them."""
     enable(bench)
     bench.must(Slot(SLOT, SILENT))
     let_stores_wait(bench)
@@ -454,7 +469,7 @@ def test_stores_that_wait_outlive_disable(bench: Bench, how: str) -> None:
     bench.send_all([Slot(SLOT, pulses), Entries((Entry(SLOT, 1000),), 1023)])
     AT_ONCE[how](bench, 0)
     bench.enable()
-    began = bench.must(Sequence(1023, 1)).commit_period
+    began = bench.must(PlaySequence(1023, 1)).commit_period
     bench.wait_until(began + 1)
     expect("whether PULSES answers what was stored", bench.read_back().pulses == pulses, True)
 
@@ -462,13 +477,13 @@ def test_stores_that_wait_outlive_disable(bench: Bench, how: str) -> None:
 @pytest.mark.parametrize("what", PLAYS)
 @case("SAF-007/2", "SAF-007/1", "SAF-004/1", "SAF-005", needs=(*FAULTY, *CAPTURE))
 def test_a_fault_silences_all_boards_whatever_plays(bench: Bench, what: str) -> None:
-    """When the controller learns that one board is too hot all ten processors fall silent."""
+    """When the controller learns that one board is too hot, all ten processors fall silent."""
     enable(bench)
     field = start(bench, what)
     at = bench.period()
     heat(bench, 0)
     learned = bench.await_unasked(1)
-    expect("the state that is told", learned.state, State.FAULT)
+    expect("the state in the record", learned.state, State.FAULT)
     latest = learned.now // TICKS_PER_PERIOD + SILENT_PERIODS
     bench.judge(
         field.period,

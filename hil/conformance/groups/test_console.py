@@ -1,4 +1,4 @@
-"""The text console: commands and their answers, editing, refusals, and what lies beneath it (chapter CON)."""
+"""The text console: commands and answers, editing, refusals, and effects (chapter CON)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,22 @@ import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, NotApplicable, Risk, TooSlow, case, expect
-from phasewire.hil.conformance.lines.serial import SerialLine
+from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.capture import Seen
 from phasewire.hil.conformance.sight.waveforms import SILENCE, check_play, expected_words, only
 from phasewire.hil.conformance.tools.filling import fill_queue
 from phasewire.hil.conformance.tools.frames import frame, request_frame
-from phasewire.protocol.blocks import Entries, Entry, Modulation, NoOp, Samples, Sequence, Slot, Update, pack
+from phasewire.protocol.blocks import (
+    AmplitudeModulation,
+    Entries,
+    Entry,
+    NoOp,
+    PlaySequence,
+    Samples,
+    Slot,
+    Update,
+    pack,
+)
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
     AckFlag,
@@ -41,7 +51,7 @@ TEST_WIDTH_TICKS = 2
 LONG_WATCHDOG_MS = 60_000
 TYPED_WATCHDOG_MS = 400
 LEAVE_SECONDS = 0.3
-"""After a device has said that it restarts, nobody answers any more."""
+"""After a device has said that it restarts, it answers no more."""
 
 INFO_KEYS = (
     "oldest_version newest_version hardware firmware boards unique_id carrier_hz features channels columns rows "
@@ -83,8 +93,8 @@ Answered = TypeVar("Answered")
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What a command is answered.
+class ConsoleReply:
+    """The answer to a command.
 
     Parameters
     ----------
@@ -112,8 +122,8 @@ class Answer:
         return values[0]
 
 
-def parse(answer: str) -> Answer:
-    """Take an answer apart, which must have the form of CON-002."""
+def parse(answer: str) -> ConsoleReply:
+    """Parse an answer; fails unless it has the form of CON-002."""
     assert answer.endswith("\r\n"), f"an answer ends with {answer[-10:]!r}, should with the end of a line, CR LF"
     *lines, last = answer.removesuffix("\r\n").split("\r\n")
     odd = [line for line in [*lines, last] if not re.fullmatch("[ -~]*", line)]
@@ -124,25 +134,25 @@ def parse(answer: str) -> Answer:
     error = re.fullmatch(r"error ([0-9]+) (\S.*)", last)
     assert last == "ok" or error, f"an answer should end with 'ok' or 'error CODE TEXT', not {last!r}"
     pairs = tuple((field[1], field[2]) for field in fields if field)
-    return Answer(pairs, int(error[1]) if error else None, error[2] if error else "")
+    return ConsoleReply(pairs, int(error[1]) if error else None, error[2] if error else "")
 
 
-def told(console: SerialLine, line: str) -> Answer:
-    """Give a command that has to be carried out; its answer."""
+def told(console: RawSerialLine, line: str) -> ConsoleReply:
+    """Give a command that must be carried out; returns its answer."""
     answer = parse(console.command(line))
     assert answer.code is None, f"{line!r} is answered with error {answer.code} {answer.text}, should be with ok"
     return answer
 
 
-def refused(console: SerialLine, line: str, code: int) -> str:
-    """Give a line that has to be refused with a code; the text of the refusal."""
+def refused(console: RawSerialLine, line: str, code: int) -> str:
+    """Give a line that must be refused with a code; returns the text of the refusal."""
     answer = parse(console.command(line))
     expect(f"the error of {line!r}", answer.code, code)
     return answer.text
 
 
-def by_request(bench: Bench, console: SerialLine, ask: Callable[[], Answered]) -> Answered:
-    """Do something by requests or blocks meanwhile; a line that carries these too goes over to frames for that."""
+def by_request(bench: Bench, console: RawSerialLine, ask: Callable[[], Answered]) -> Answered:
+    """Do something by requests or blocks meanwhile; a line that also carries those switches to frames for it."""
     if console is not bench.line:
         return ask()
     console.enter_frames()
@@ -151,24 +161,24 @@ def by_request(bench: Bench, console: SerialLine, ask: Callable[[], Answered]) -
     return answer
 
 
-def status_of(bench: Bench, console: SerialLine) -> Status:
+def status_of(bench: Bench, console: RawSerialLine) -> Status:
     """STATUS by request."""
     return by_request(bench, console, bench.status)
 
 
 def same_but(before: Status, after: Status, **changes: int) -> None:
-    """Fail where more has changed than what must; time and temperature go on."""
+    """Fail if something has changed that need not; time and temperature may."""
     wanted = asdict(replace(before, now=after.now, temperature_c=after.temperature_c))
     wanted |= {name: wanted[name] + change for name, change in changes.items()}
     for name, value in asdict(after).items():
         expect(f"{name} of STATUS", value, wanted[name])
 
 
-# What an answer says
+# Contents of an answer
 
 
 def says(text: str, value: object) -> bool:
-    """Whether a text says a value of a record as CON-007 puts it."""
+    """Whether a text shows a record's value as CON-007 prints it."""
     match value:
         case IntFlag():
             return text == ("+".join(str(flag.name) for flag in value) or "none")
@@ -182,7 +192,7 @@ def says(text: str, value: object) -> bool:
 
 
 def check_fields(fields: Iterable[tuple[str, str]], before: object, after: object) -> None:
-    """Fail unless values are those of a record that was asked for before or after, or numbers between."""
+    """Fail unless the values are those of a record read before or after, or numbers in between."""
     for key, text in fields:
         one, other = getattr(before, key), getattr(after, key)
         between = (
@@ -192,13 +202,13 @@ def check_fields(fields: Iterable[tuple[str, str]], before: object, after: objec
             and text == str(int(text))
         )
         assert between or says(text, one) or says(text, other), (
-            f"{key} is {text!r}; the record has {one!r} before and {other!r} behind it"
+            f"{key} is {text!r}; the record has {one!r} before and {other!r} after it"
         )
 
 
 @case("CON-002", "CON-005", "CON-007")
-def test_info_tells_the_record(bench: Bench, console: SerialLine) -> None:
-    """The command `info` has the keys and values of INFO, in its order, so that a person sees what a host does."""
+def test_info_tells_the_record(bench: Bench, console: RawSerialLine) -> None:
+    """The command `info` prints the keys and values of INFO, in its order, so that a person sees what a host does."""
     answer = told(console, "info")
     expect("the keys of info", answer.keys, INFO_KEYS)
     hardware = bench.info.hardware
@@ -207,16 +217,16 @@ def test_info_tells_the_record(bench: Bench, console: SerialLine) -> None:
 
 
 @case("CON-005", "CON-007")
-def test_version_tells_versions(bench: Bench, console: SerialLine) -> None:
-    """The command `version` tells the versions of protocol and firmware, which a person looks for first."""
+def test_version_tells_versions(bench: Bench, console: RawSerialLine) -> None:
+    """The command `version` prints the versions of protocol and firmware, which a person looks for first."""
     answer = told(console, "version")
     expect("the keys of version", answer.keys, VERSION_KEYS)
     check_fields(answer.fields, bench.info, bench.info)
 
 
 @case("CON-005", "CON-007")
-def test_status_tells_the_record(bench: Bench, console: SerialLine) -> None:
-    """The command `status` has the keys and values of STATUS, in its order, also when something has happened."""
+def test_status_tells_the_record(bench: Bench, console: RawSerialLine) -> None:
+    """The command `status` prints the keys and values of STATUS, in its order, even after many events."""
     told(console, "watchdog 12345")
     refused(console, "test 0", REFUSED)
     for _ in range(2):
@@ -230,8 +240,8 @@ def test_status_tells_the_record(bench: Bench, console: SerialLine) -> None:
 
 
 @case("CON-005", "CON-007")
-def test_clock_tells_the_record(bench: Bench, console: SerialLine) -> None:
-    """The command `clock` has the keys and values of CLOCK, in its order, and its time goes on."""
+def test_clock_tells_the_record(bench: Bench, console: RawSerialLine) -> None:
+    """The command `clock` prints the keys and values of CLOCK, in its order, and its time advances."""
     for _ in range(2):
         before = by_request(bench, console, bench.clock)
         answer = told(console, "clock")
@@ -242,14 +252,14 @@ def test_clock_tells_the_record(bench: Bench, console: SerialLine) -> None:
 
 
 @case("CON-005", "CON-007")
-def test_faults_tells_what_is_set(console: SerialLine) -> None:
-    """The command `faults` tells `none` where there is none, for a set of bits is told by its names."""
+def test_faults_tells_what_is_set(console: RawSerialLine) -> None:
+    """The command `faults` prints `none` if there is none, because a set of bits is printed by its names."""
     expect("the answer to faults", told(console, "faults").fields, (("faults", "none"),))
 
 
 @case("CON-005", "CON-007")
-def test_boards_tells_every_processor(bench: Bench, console: SerialLine) -> None:
-    """The command `boards` has a line for each of ten processors, with the fields of its report as name and value."""
+def test_boards_tells_every_processor(bench: Bench, console: RawSerialLine) -> None:
+    """The command `boards` prints a line for each of ten processors, with names and values of its report."""
     before = by_request(bench, console, bench.processors)
     answer = told(console, "boards")
     after = by_request(bench, console, bench.processors)
@@ -261,9 +271,9 @@ def test_boards_tells_every_processor(bench: Bench, console: SerialLine) -> None
 
 
 @case("CON-005", "CON-007", features=Feature.READ_BACK)
-def test_pulses_tells_what_a_transducer_plays(bench: Bench, console: SerialLine) -> None:
-    """The command `pulses` tells phase and width of each transducer as they were played, and 0 where nothing plays."""
-    asked = (0, 1, 2, 17, 31, 32, 160, 318, 319)
+def test_pulses_tells_what_a_transducer_plays(bench: Bench, console: RawSerialLine) -> None:
+    """The command `pulses` prints phase and width of each transducer as played, and 0 while nothing plays."""
+    asked = (0, 1, 2, 17, 31, 32, CHANNELS // 2, CHANNELS - 2, CHANNELS - 1)
     for transducer in asked[:2]:
         expect("pulses while nothing plays", told(console, f"pulses {transducer}").fields, fields_of(0, 0))
     pulses = bench.weak()
@@ -276,7 +286,7 @@ def test_pulses_tells_what_a_transducer_plays(bench: Bench, console: SerialLine)
     by_request(bench, console, play)
     loud = [int(transducer) for transducer in np.flatnonzero(pulses.width)[:4]]
     for transducer in (*asked, *loud):
-        if pulses.width[transducer]:  # the phase of silence says nothing
+        if pulses.width[transducer]:  # the phase of a silent pulse means nothing
             wanted = fields_of(int(pulses.phase[transducer]), int(pulses.width[transducer]))
             expect(f"pulses of transducer {transducer}", told(console, f"pulses {transducer}").fields, wanted)
         else:
@@ -289,21 +299,21 @@ def fields_of(phase: int, width: int) -> tuple[tuple[str, str], ...]:
 
 
 @case("CON-005", "CON-007")
-def test_help_lists_every_command(console: SerialLine) -> None:
-    """The command `help` tells each command as it is written, with its argument in capitals, and what it means."""
+def test_help_lists_every_command(console: RawSerialLine) -> None:
+    """The command `help` lists each command with its argument in capitals and its meaning."""
     answer = told(console, "help")
     expect("the number of lines of help", len(answer.fields), len(HELP))
     expect("help", dict(answer.fields), HELP)
 
 
 @case("CON-005", "CON-009")
-def test_frames_tells_the_way(bench: Bench, console: SerialLine) -> None:
-    """The command `frames` tells of the byte 00, changes nothing, and the byte it tells of leads to frames."""
+def test_frames_tells_the_way(bench: Bench, console: RawSerialLine) -> None:
+    """The command `frames` names the byte 00 and changes nothing, and that byte leads to frames."""
     answer = told(console, "frames")
     assert any("00" in value for _, value in answer.fields), f"frames should tell of the byte 00, not {answer.fields}"
     told(console, "echo 0")
     console.write(b"\0")
-    expect("what answers the byte 00", console.answer(), b"\0")
+    expect("the answer to the byte 00", console.answer(), b"\0")
     expect("INFO", console.request(Setup(0xC1, Request.INFO, 0, 0, 64)), bench.info.encode())
 
 
@@ -311,8 +321,8 @@ def test_frames_tells_the_way(bench: Bench, console: SerialLine) -> None:
 
 
 @case("CON-004/1", "CON-005")
-def test_commands_do_what_requests_do(bench: Bench, console: SerialLine) -> None:
-    """Commands that stand for a request have its effect, with their argument as its value: STATUS tells of each."""
+def test_commands_do_what_requests_do(bench: Bench, console: RawSerialLine) -> None:
+    """Commands that stand for a request have its effect, with their argument as its value: STATUS shows each."""
     for milliseconds in (10, 777, 60_000):
         told(console, f"watchdog {milliseconds}")
         expect("the watchdog time", status_of(bench, console).watchdog_ms, milliseconds)
@@ -330,16 +340,16 @@ def test_commands_do_what_requests_do(bench: Bench, console: SerialLine) -> None
 
 
 @case("CON-004/1", "CON-006", "REQ-010")
-def test_what_a_request_would_stall_is_refused(bench: Bench, console: SerialLine) -> None:
-    """Where a request would stall its command is REFUSED and has no effect, such as `limit` while enabled."""
+def test_what_a_request_would_stall_is_refused(bench: Bench, console: RawSerialLine) -> None:
+    """If a request would stall, its command is REFUSED and has no effect, such as `limit` while enabled."""
     told(console, f"watchdog {LONG_WATCHDOG_MS}")
     told(console, "enable")
     before = status_of(bench, console)
-    for transducers in (0, 5, 320):
+    for transducers in (0, 5, CHANNELS):
         refused(console, f"limit {transducers}", REFUSED)
     same_but(before, status_of(bench, console))
     told(console, "stop")
-    if bench.info.drive_limit < 320:
+    if bench.info.drive_limit < CHANNELS:
         refused(console, f"limit {bench.info.drive_limit + 1}", REFUSED)
     for board in range(bench.info.boards, 5):
         refused(console, f"identify {board}", REFUSED)
@@ -348,19 +358,19 @@ def test_what_a_request_would_stall_is_refused(bench: Bench, console: SerialLine
 
 
 def to_ready(bench: Bench) -> None:
-    """Enable, with time to type."""
+    """Enable the outputs, with time to type."""
     bench.order(Request.WATCHDOG, LONG_WATCHDOG_MS)
     bench.enable()
 
 
 def to_playing(bench: Bench) -> None:
-    """Let an update play."""
+    """Play an update."""
     to_ready(bench)
     bench.wait_until(bench.must(Update(bench.weak())).commit_period + 1)
 
 
 def to_unattended(bench: Bench) -> None:
-    """Let a sequence play that may go on without its host."""
+    """Play an unattended sequence."""
     if not {Feature.SEQUENCES, Feature.UNATTENDED} <= set(bench.info.features):
         raise NotApplicable("INFO does not name the features SEQUENCES and UNATTENDED")
     to_ready(bench)
@@ -368,10 +378,10 @@ def to_unattended(bench: Bench) -> None:
 
 
 def play_sequence(bench: Bench, unattended: bool = False) -> None:
-    """Let a sequence play for good."""
+    """Play an endless sequence."""
     bench.must(Slot(3, bench.weak()))
     bench.must(Entries((Entry(3, 50),), 0))
-    bench.wait_until(bench.must(Sequence(0, 1, unattended=unattended)).commit_period + 1)
+    bench.wait_until(bench.must(PlaySequence(0, 1, unattended=unattended)).commit_period + 1)
 
 
 WAYS: dict[str, tuple[State, Callable[[Bench], None]]] = {
@@ -384,8 +394,8 @@ WAYS: dict[str, tuple[State, Callable[[Bench], None]]] = {
 
 @case("CON-004/2", "STA-005", "SAF-004/1")
 @pytest.mark.parametrize("state", WAYS)
-def test_stop_works_in_every_state(bench: Bench, console: SerialLine, state: str) -> None:
-    """The command `stop` turns the outputs off in every state, for a person who is frightened types it first."""
+def test_stop_works_in_every_state(bench: Bench, console: RawSerialLine, state: str) -> None:
+    """The command `stop` turns the outputs off in every state, because an alarmed person types it first."""
     wanted, way = WAYS[state]
     by_request(bench, console, lambda: way(bench))
     expect("the state before", told(console, "status")["state"], wanted.name)
@@ -414,36 +424,36 @@ NO_SIGNS = (
     "echo 0",
     "foo",
     "enable 1",
-    "test 320",
+    f"test {CHANNELS}",
     "",
 )
 
 
 @case("CON-004/1", "CON-008", "SAF-003")
 @pytest.mark.parametrize("command", SIGNS)
-def test_commands_are_signs_of_life_where_requests_are(bench: Bench, console: SerialLine, command: str) -> None:
-    """Commands that stand for STATUS and ENABLE, and `test`, keep the outputs on, as what they stand for does."""
+def test_commands_are_signs_of_life_where_requests_are(bench: Bench, console: RawSerialLine, command: str) -> None:
+    """Commands that stand for STATUS and ENABLE, and `test`, keep the outputs on, as the requests do."""
     asked = type_for_long(bench, console, command)
     status = status_of(bench, console)
     gap = max(after - before for before, after in zip(asked[::2], [*asked[3::2], status.now], strict=True))
     if gap >= TYPED_WATCHDOG_MS * bench.slowness * TICK_HZ // 1000:
         raise TooSlow(f"up to {gap} ticks passed between two commands, which is longer than the watchdog's time")
-    expect(f"the state, though {command!r} was typed again and again", status.state, State.PLAYING)
+    expect(f"the state, although {command!r} was repeated", status.state, State.PLAYING)
     expect("the flags", status.flags, StatusFlag(0))
 
 
 @case("CON-004/1", "SAF-003")
 @pytest.mark.parametrize("command", NO_SIGNS, ids=lambda command: command.replace(" ", "-") or "an-empty-line")
-def test_other_commands_are_no_signs_of_life(bench: Bench, console: SerialLine, command: str) -> None:
-    """Commands that stand for no sign of life do not keep the outputs on, nor do lines that are refused."""
+def test_other_commands_are_no_signs_of_life(bench: Bench, console: RawSerialLine, command: str) -> None:
+    """Other commands, and refused lines, do not keep the outputs on: they are no signs of life."""
     type_for_long(bench, console, command)
     status = status_of(bench, console)
     expect("the state", status.state, State.OFF)
     expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
 
 
-def type_for_long(bench: Bench, console: SerialLine, command: str) -> list[int]:
-    """Let a test play, and type a command again and again, for longer than the watchdog's time.
+def type_for_long(bench: Bench, console: RawSerialLine, command: str) -> list[int]:
+    """Play a test, and repeat a command for longer than the watchdog's time.
 
     Returns
     -------
@@ -461,13 +471,13 @@ def type_for_long(bench: Bench, console: SerialLine, command: str) -> list[int]:
     return asked
 
 
-def clock_of(console: SerialLine) -> int:
-    """The device's tick, by the console."""
+def clock_of(console: RawSerialLine) -> int:
+    """The device's tick, read by the console."""
     return int(told(console, "clock")["now"])
 
 
-def wait_typing(bench: Bench, console: SerialLine, seconds: float) -> None:
-    """Let time pass for the device, by its own clock where that is not the host's."""
+def wait_typing(bench: Bench, console: RawSerialLine, seconds: float) -> None:
+    """Let time pass on the device, by its own clock if that is not the host's."""
     due = clock_of(console) + round(seconds * TICK_HZ) if bench.is_far else 0
     bench.wait(seconds)
     while bench.is_far and (left := due - clock_of(console)) > 0:
@@ -521,20 +531,20 @@ ERRORS: dict[str, tuple[str, int]] = {
     "watchdog-of-70-digits": ("watchdog " + 70 * "9", RANGE),
     "limit-of-321": ("limit 321", RANGE),
     "limit-of-16-bits-and-1": (f"limit {2**16 + 1}", RANGE),
-    "pulses-of-320": ("pulses 320", RANGE),
-    "test-of-320-while-disabled": ("test 320", RANGE),
+    "pulses-of-320": (f"pulses {CHANNELS}", RANGE),
+    "test-of-320-while-disabled": (f"test {CHANNELS}", RANGE),
     "test-of-8-bits-less-1-and-320": (f"test {2**16 - 1}", RANGE),
     "identify-of-5": ("identify 5", RANGE),
     "echo-of-2": ("echo 2", RANGE),
-    "test-while-disabled": ("test 319", REFUSED),
+    "test-while-disabled": (f"test {CHANNELS - 1}", REFUSED),
 }
-"""Lines, and the code of the first failure in the order of CON-006."""
+"""Lines, and the code of their first failure in the order of CON-006."""
 
 
 @case("CON-001", "CON-002", "CON-005", "CON-006")
 @pytest.mark.parametrize("what", ERRORS)
-def test_a_line_that_is_wrong_is_refused(bench: Bench, console: SerialLine, what: str) -> None:
-    """A wrong line is refused with the first code that applies, and changes nothing but what a refused test counts."""
+def test_a_line_that_is_wrong_is_refused(bench: Bench, console: RawSerialLine, what: str) -> None:
+    """A wrong line is refused with the first code that applies, and changes only the counts of a refused test."""
     line, code = ERRORS[what]
     before = status_of(bench, console)
     refused(console, line, code)
@@ -546,8 +556,8 @@ def test_a_line_that_is_wrong_is_refused(bench: Bench, console: SerialLine, what
 
 
 @case("CON-006")
-def test_range_comes_before_refusal(console: SerialLine) -> None:
-    """Arguments and their range are checked before the device is asked: the first failure must be the code given."""
+def test_range_comes_before_refusal(console: RawSerialLine) -> None:
+    """Arguments and their range are checked before the request: the first failure gives the code."""
     told(console, f"watchdog {LONG_WATCHDOG_MS}")
     told(console, "enable")
     for line, code in (("limit", ARGUMENTS), ("limit x", ARGUMENTS), ("limit 321", RANGE), ("limit 5", REFUSED)):
@@ -555,8 +565,8 @@ def test_range_comes_before_refusal(console: SerialLine) -> None:
 
 
 @case("CON-001")
-def test_spaces_do_not_matter(bench: Bench, console: SerialLine) -> None:
-    """Spaces before, behind and between words do not matter, up to 80 characters, for people type them."""
+def test_spaces_do_not_matter(bench: Bench, console: RawSerialLine) -> None:
+    """Spaces before, after and between words do not matter, up to 80 characters, because people type them."""
     for line in ("watchdog 500", "  watchdog 501", "watchdog 502   ", "watchdog    503", " watchdog 504".ljust(80)):
         told(console, line)
         expect("the watchdog time", status_of(bench, console).watchdog_ms, int(line.split()[1]))
@@ -564,8 +574,8 @@ def test_spaces_do_not_matter(bench: Bench, console: SerialLine) -> None:
 
 @case("CON-002")
 @pytest.mark.parametrize("line", ["", " ", LONG], ids=["empty", "a-space", "80-spaces"])
-def test_a_line_without_words_is_answered_with_the_prompt(console: SerialLine, line: str) -> None:
-    """A line without words is answered with the prompt alone, for a person presses return to see who is there."""
+def test_a_line_without_words_is_answered_with_the_prompt(console: RawSerialLine, line: str) -> None:
+    """A line without words is answered with only the prompt: a person presses return to see if the device is there."""
     expect("the answer before the prompt", console.command(line), "")
 
 
@@ -600,23 +610,23 @@ EDITS: dict[str, tuple[bytes, bytes]] = {
     "80-spaces": (80 * b" " + b"\r", 80 * b" " + b"\r\n> "),
     "81-characters-taken-back": (FULL_LINE + b"x\x15echo 1\r", FULL_LINE + b"\a" + 80 * BACK + b"echo 1\r\n" + OK),
 }
-"""What is typed with echo, and what is shown (clause CON-003)."""
+"""Typed bytes with echo, and the bytes that come back (clause CON-003)."""
 
 
 @case("CON-003", "CON-001", "CON-002")
 @pytest.mark.parametrize("what", EDITS)
-def test_what_is_typed_is_shown(console: SerialLine, what: str) -> None:
-    """What is typed is sent back as a terminal needs it, and the line that is left is what counts."""
+def test_what_is_typed_is_shown(console: RawSerialLine, what: str) -> None:
+    """Typed text comes back as a terminal needs it, and the edited line is what counts."""
     typed, shown = EDITS[what]
     told_with_echo(console)
     console.write(typed)
-    expect("what is shown", console.answer(len(shown)), shown)
+    expect("what comes back", console.answer(len(shown)), shown)
 
 
-def told_with_echo(console: SerialLine) -> None:
+def told_with_echo(console: RawSerialLine) -> None:
     """Turn the echo on."""
     console.write(b"echo 1\n")
-    expect("what answers echo 1 while the echo is off", console.answer(), OK)
+    expect("the answer to echo 1 while the echo is off", console.answer(), OK)
 
 
 @case("CON-003", "CON-006")
@@ -635,9 +645,9 @@ def told_with_echo(console: SerialLine) -> None:
     ids=["tab", "escape", "utf-8", "edges", "81-characters", "a-space-too-many", "81-spaces", "83-characters"],
 )
 def test_what_is_too_much_or_not_printable_is_refused(
-    console: SerialLine, typed: bytes, shown: bytes, code: int
+    console: RawSerialLine, typed: bytes, shown: bytes, code: int
 ) -> None:
-    """What is not printable is shown as ?, what is too much rings the bell, and the line is refused for either."""
+    """An unprintable character comes back as ?, an excess one as the bell, and either makes the line refused."""
     told_with_echo(console)
     console.write(typed)
     came = console.answer(len(shown))
@@ -650,8 +660,8 @@ def test_what_is_too_much_or_not_printable_is_refused(
 
 
 @case("CON-003")
-def test_a_character_too_many_can_be_taken_back(console: SerialLine) -> None:
-    """A line with 81 characters is carried out where one is taken back, for then it has no more than 80."""
+def test_a_character_too_many_can_be_taken_back(console: RawSerialLine) -> None:
+    """A line with 81 characters is carried out after one is deleted, because then it has 80."""
     for taken_back in (b"\b", b"\x7f"):
         console.write(FULL_LINE + b"x" + taken_back + b"\r")
         expect("the answer", console.answer(), OK)
@@ -660,35 +670,35 @@ def test_a_character_too_many_can_be_taken_back(console: SerialLine) -> None:
 
 
 @case("CON-003")
-def test_without_echo_only_answers_come(console: SerialLine) -> None:
-    """With `echo 0` nothing of what is typed is shown, no bell either, for programs do not read their own words."""
+def test_without_echo_only_answers_come(console: RawSerialLine) -> None:
+    """With `echo 0` no typed character comes back, not even a bell: programs do not want their own words."""
     for typed in (b"echo", b"\b\b\x7f\x03", b"\x01\t", b"\x15", 90 * b" ", b"\x15"):
         console.write(typed)
-        expect("what comes of it", console.rest(), b"")
+        expect("what comes back", console.rest(), b"")
     console.write(b"\r\n\r\n")
-    expect("what comes of two lines", console.answer(), b"> > ")
-    expect("what comes of a command", console.command("echo 0"), "ok\r\n")
+    expect("what comes back for two lines", console.answer(), b"> > ")
+    expect("what comes back for a command", console.command("echo 0"), "ok\r\n")
 
 
 @case("CON-003")
-def test_each_character_is_shown_at_once(bench: Bench, console: SerialLine) -> None:
-    """Each character is sent back as it is typed, and a line feed long after a return still belongs to it."""
+def test_each_character_is_shown_at_once(bench: Bench, console: RawSerialLine) -> None:
+    """Each character comes back as it is typed, and a line feed long after its return still belongs to it."""
     told_with_echo(console)
     for typed in "clock":
         console.write(typed.encode())
-        expect("what is shown of a character", console.answer(), typed.encode())
+        expect("what comes back for a character", console.answer(), typed.encode())
     console.write(b"\r")
     came = console.answer(200)
-    assert came.startswith(b"\r\n"), f"the end of a line is shown as {came[:4]!r}, should be as CR LF"
+    assert came.startswith(b"\r\n"), f"the end of a line comes back as {came[:4]!r}, should be as CR LF"
     assert came.endswith(OK), f"clock is answered {came!r}"
     bench.wait(0.2)
     console.write(b"\n")
-    expect("what is shown of the line feed of CR LF", console.rest(), b"")
+    expect("what comes back for the line feed of CR LF", console.rest(), b"")
 
 
 @case("CON-003", "SER-010")
-def test_a_line_starts_with_echo(bench: Bench, console: SerialLine) -> None:
-    """A line that a host hung up, or that was never used, shows what is typed, for a person comes next."""
+def test_a_line_starts_with_echo(bench: Bench, console: RawSerialLine) -> None:
+    """A line after a hang-up, or never used before, echoes typed text, because a person may come next."""
     console.command("echo 0")
     if bench.line.kind == "usb":
         bench.usb.set_configuration()
@@ -698,7 +708,7 @@ def test_a_line_starts_with_echo(bench: Bench, console: SerialLine) -> None:
     console.write(b"\x15clock")
     came = console.answer()
     if bench.line.kind == "usb":
-        expect("what is shown of a word", came, b"clock")
+        expect("what comes back for a word", came, b"clock")
     console.write(b"\x15\r")
     assert console.answer().endswith(b"> "), "the end of a line is not answered with the prompt"
 
@@ -707,9 +717,9 @@ def test_a_line_starts_with_echo(bench: Bench, console: SerialLine) -> None:
 
 
 @case("CON-008", "CON-004/1", features=Feature.READ_BACK)
-@pytest.mark.parametrize("transducer", [0, 1, 160, 319])
-def test_one_transducer_plays_alone(bench: Bench, console: SerialLine, transducer: int) -> None:
-    """`test N` lets transducer N play phase 0 and width 2, and silences all others, so that one can be listened to."""
+@pytest.mark.parametrize("transducer", [0, 1, CHANNELS // 2, CHANNELS - 1])
+def test_one_transducer_plays_alone(bench: Bench, console: RawSerialLine, transducer: int) -> None:
+    """`test N` plays phase 0 and width 2 on transducer N and silences all others, so that one can be heard alone."""
     by_request(bench, console, lambda: to_playing(bench))
     before = status_of(bench, console)
     told(console, f"test {transducer}")
@@ -722,15 +732,15 @@ def test_one_transducer_plays_alone(bench: Bench, console: SerialLine, transduce
     expect("the phase that plays", int(read.pulses.phase[transducer]), 0)
     now = before.now // TICKS_PER_PERIOD
     assert now < read.since_period <= after.now // TICKS_PER_PERIOD, (
-        f"it plays since period {read.since_period}, should since one behind {now}, when it was typed"
+        f"it plays since period {read.since_period}, should be since one after {now}, when it was typed"
     )
     same_but(before, after, accepted=1, since_period=read.since_period - before.since_period)
 
 
 @case("CON-008", "TIM-003", "PUL-004", needs=(Need.CAPTURE,))
-@pytest.mark.parametrize("transducer", [0, 45, 319])
-def test_the_outputs_play_one_transducer(bench: Bench, console: SerialLine, transducer: int) -> None:
-    """`test N` is seen as one pulse of two ticks round the beginning of the period, at the output of transducer N."""
+@pytest.mark.parametrize("transducer", [0, 45, CHANNELS - 1])
+def test_the_outputs_play_one_transducer(bench: Bench, console: RawSerialLine, transducer: int) -> None:
+    """`test N` gives one pulse of two ticks around the beginning of the period, at the output of transducer N."""
     by_request(bench, console, lambda: to_ready(bench))
     told(console, f"test {transducer}")
     wait_typing(bench, console, 0.01)
@@ -748,8 +758,8 @@ def test_the_outputs_play_one_transducer(bench: Bench, console: SerialLine, tran
 
 
 @case("CON-008", "CON-006")
-def test_a_test_is_refused_as_an_update_is(bench: Bench, console: SerialLine) -> None:
-    """`test N` is REFUSED, with the reason's name first, where an update would be, and counted like a refused block."""
+def test_a_test_is_refused_as_an_update_is(bench: Bench, console: RawSerialLine) -> None:
+    """`test N` is REFUSED if an update would be, with the reason's name first, and counts like a refused block."""
     before = status_of(bench, console)
     text = refused(console, "test 17", REFUSED)
     assert re.match(r"DISABLED\b", text), f"the refusal before enable should begin with DISABLED, not be {text!r}"
@@ -769,8 +779,8 @@ def test_a_test_is_refused_as_an_update_is(bench: Bench, console: SerialLine) ->
 
 
 @case("CON-008", "NUM-002")
-def test_a_test_has_no_number(bench: Bench, console: SerialLine) -> None:
-    """`test N` leaves the numbering of blocks as it is and is not acknowledged, for no host has sent it."""
+def test_a_test_has_no_number(bench: Bench, console: RawSerialLine) -> None:
+    """`test N` does not change the numbering of blocks and is not acknowledged, because no host has sent it."""
 
     def begin() -> None:
         to_ready(bench)
@@ -792,8 +802,8 @@ def test_a_test_has_no_number(bench: Bench, console: SerialLine) -> None:
 
 
 @case("CON-008", "BLK-012", features=Feature.SEQUENCES)
-def test_a_test_ends_a_sequence(bench: Bench, console: SerialLine) -> None:
-    """`test N` ends a sequence like an update, and needs no other word, for a person wants to hear that transducer."""
+def test_a_test_ends_a_sequence(bench: Bench, console: RawSerialLine) -> None:
+    """`test N` ends a sequence, as an update does, and needs no other command first."""
 
     def begin() -> None:
         to_ready(bench)
@@ -804,18 +814,18 @@ def test_a_test_ends_a_sequence(bench: Bench, console: SerialLine) -> None:
     told(console, "test 17")
     wait_typing(bench, console, 0.01)
     answer = told(console, "status")
-    expect("the flags behind it", answer["flags"], "none")
-    expect("the state behind it", answer["state"], "PLAYING")
+    expect("the flags after it", answer["flags"], "none")
+    expect("the state after it", answer["state"], "PLAYING")
 
 
 @case("CON-008", "BLK-012", features=Feature.MODULATION)
-def test_a_test_leaves_the_modulation(bench: Bench, console: SerialLine) -> None:
-    """`test N` leaves a modulation as it is, like an update."""
+def test_a_test_leaves_the_modulation(bench: Bench, console: RawSerialLine) -> None:
+    """`test N` does not change a modulation, as an update does not."""
 
     def begin() -> None:
         to_ready(bench)
         bench.must(Samples(bytes([255, 128]), 0))
-        bench.wait_until(bench.must(Modulation(0, 2, 100)).commit_period + 1)
+        bench.wait_until(bench.must(AmplitudeModulation(0, 2, 100)).commit_period + 1)
 
     by_request(bench, console, begin)
     told(console, "test 17")
@@ -826,8 +836,8 @@ def test_a_test_leaves_the_modulation(bench: Bench, console: SerialLine) -> None
 
 
 @case("CON-008", "SAF-003")
-def test_the_watchdog_silences_a_test(bench: Bench, console: SerialLine) -> None:
-    """A test ends when the watchdog fires, for a person who went away does not hear it."""
+def test_the_watchdog_silences_a_test(bench: Bench, console: RawSerialLine) -> None:
+    """A test ends when the watchdog fires, so that it does not go on after its person has left."""
     told(console, "watchdog 300")
     told(console, "enable")
     told(console, "test 17")
@@ -839,8 +849,8 @@ def test_the_watchdog_silences_a_test(bench: Bench, console: SerialLine) -> None
 
 
 @case("CON-008", "SER-011")
-def test_a_test_does_not_wait_for_room(bench: Bench, console: SerialLine) -> None:
-    """`test N` is REFUSED while the queue has no room, and does not come later: nobody would expect it then."""
+def test_a_test_does_not_wait_for_room(bench: Bench, console: RawSerialLine) -> None:
+    """`test N` is REFUSED while the queue has no room, and does not play later, when it would surprise."""
     by_request(bench, console, lambda: fill_queue(bench, 4))
     before = status_of(bench, console)
     refused(console, "test 17", REFUSED)
@@ -850,15 +860,15 @@ def test_a_test_does_not_wait_for_room(bench: Bench, console: SerialLine) -> Non
     told(console, "stop")
     told(console, "enable")
     wait_typing(bench, console, 0.01)
-    expect("what plays when there is room", status_of(bench, console).since_period, 0)
+    expect("what plays after there is room", status_of(bench, console).since_period, 0)
 
 
-# What is no text
+# Bytes that are no text
 
 
 @case("CON-009", "CON-006")
-def test_rubbish_is_refused_line_by_line(bench: Bench, console: SerialLine) -> None:
-    """Random bytes are read as lines and refused, with a prompt for each, and what is typed next is understood."""
+def test_rubbish_is_refused_line_by_line(bench: Bench, console: RawSerialLine) -> None:
+    """Random bytes are read as lines and refused, with a prompt for each, and the next command is understood."""
     before = status_of(bench, console)
     allowed = bytes(byte for byte in range(1, 256) if byte not in b"\b\n\r\x03\x15\x7f")
     for size in (1, 40, 79, 80, 81, 300):
@@ -873,13 +883,13 @@ def test_rubbish_is_refused_line_by_line(bench: Bench, console: SerialLine) -> N
     came = console.answer(5000)
     ends = len(re.findall(b"\r\n|\r|\n", mixed + b"\r"))
     expect("the prompts for rubbish with ends of lines in it", len(re.findall(rb"(?:^|\n|(?<=> ))> ", came)), ends)
-    expect("the answer to a command behind it", console.command("echo 0"), "ok\r\n")
+    expect("the answer to a command after it", console.command("echo 0"), "ok\r\n")
     same_but(before, status_of(bench, console))
 
 
 @case("CON-009", "SER-010", "SER-006")
-def test_frames_that_meet_a_console_lead_to_frames(bench: Bench, console: SerialLine) -> None:
-    """The zero that ends a frame leads a console to frames: that one is dropped uncounted, the next is understood."""
+def test_frames_that_meet_a_console_lead_to_frames(bench: Bench, console: RawSerialLine) -> None:
+    """The zero that ends a frame leads a console to frames: that frame is dropped uncounted, the next is understood."""
     before = status_of(bench, console)
     body = bytes([1]) + Setup(0x41, Request.ENABLE, 0, 0, 0).encode()
     first = frame(FrameKind.REQUEST, body)[: frame(FrameKind.REQUEST, body).index(b"\0")] + b"\0"
@@ -894,8 +904,8 @@ def test_frames_that_meet_a_console_lead_to_frames(bench: Bench, console: Serial
 
 
 @case("CON-004/1", "CON-005", "REQ-013", "CON-002", allow=(Risk.RESET,))
-def test_reset_is_answered_and_then_carried_out(bench: Bench, console: SerialLine) -> None:
-    """`reset` is answered with ok, then the device starts again with its counts, and says nothing by itself."""
+def test_reset_is_answered_and_then_carried_out(bench: Bench, console: RawSerialLine) -> None:
+    """`reset` is answered with ok, then the device starts with fresh counts and sends nothing by itself."""
     refused(console, "reset 1", ARGUMENTS)
     told(console, "watchdog 9999")
     told(console, "enable")
@@ -910,15 +920,15 @@ def test_reset_is_answered_and_then_carried_out(bench: Bench, console: SerialLin
     expect("the watchdog time", status.watchdog_ms, bench.info.watchdog_ms)
     expect("the count of accepted blocks", status.accepted, 0)
     if bench.line.kind == "usb":
-        expect("what comes of a console that starts", console.rest(), b"")
+        expect("what a console sends when it starts", console.rest(), b"")
         console.wire.set_dtr(True)
-        expect("what comes of it once DTR is set", console.rest(), b"")
+        expect("what it sends once DTR is set", console.rest(), b"")
     console.enter_console()
     expect("the state", told(console, "status")["state"], "OFF")
 
 
 @case("CON-004", "CON-005", "DFU-002", allow=(Risk.RESET,), line="usb")
-def test_dfu_leads_to_dfu_mode(bench: Bench, console: SerialLine) -> None:
+def test_dfu_leads_to_dfu_mode(bench: Bench, console: RawSerialLine) -> None:
     """`dfu` is answered with ok, silences the outputs and leads to DFU mode, as DETACH does; a bus reset leads back."""
     refused(console, "dfu now", ARGUMENTS)
     if Feature.DFU not in bench.info.features:
@@ -944,8 +954,8 @@ def test_dfu_leads_to_dfu_mode(bench: Bench, console: SerialLine) -> None:
 
 
 @case("CON-004/1", "CON-004/2", "CON-007", "SAF-007/1", needs=(Need.FAULTS,))
-def test_a_silencing_fault_refuses_commands(bench: Bench, console: SerialLine) -> None:
-    """In the state FAULT `enable` and `test` are REFUSED, `stop` is not, and `clear` ends it once the cause is gone."""
+def test_a_silencing_fault_refuses_commands(bench: Bench, console: RawSerialLine) -> None:
+    """In the state FAULT `enable` and `test` are REFUSED, `stop` is not, and `clear` works after the cause is gone."""
     bench.levers.cause(WrongSupply(millivolts=5000, periods=8000))
     bench.wait(0.1)
     expect("faults", told(console, "faults").fields, (("faults", "SUPPLY"),))
@@ -957,7 +967,7 @@ def test_a_silencing_fault_refuses_commands(bench: Bench, console: SerialLine) -
     told(console, "clear")
     expect("the state while the cause is there", told(console, "status")["state"], "FAULT")
     bench.wait(0.3)
-    expect("faults when the cause is gone", told(console, "faults").fields, (("faults", "SUPPLY"),))
+    expect("faults after the cause is gone", told(console, "faults").fields, (("faults", "SUPPLY"),))
     told(console, "clear")
-    expect("faults when they were cleared", told(console, "faults").fields, (("faults", "none"),))
-    expect("the state when they were cleared", status_of(bench, console).state, State.OFF)
+    expect("faults after they were cleared", told(console, "faults").fields, (("faults", "none"),))
+    expect("the state after they were cleared", status_of(bench, console).state, State.OFF)

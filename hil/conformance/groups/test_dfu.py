@@ -1,4 +1,4 @@
-"""DFU: the states of DFU 1.1, the times it names, and what it refuses (chapter DFU)."""
+"""DFU: the states of DFU 1.1, the device's poll times, and its refusals (chapter DFU)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import check_silent
-from phasewire.hil.conformance.tools.dfu import DfuLine, dfu_mode
+from phasewire.hil.conformance.tools.dfu import RawDfuLine, dfu_mode
 from phasewire.hil.conformance.tools.images import Forgery, large_image, of_whole_blocks
 from phasewire.hil.conformance.tools.steps import enable
 from phasewire.host.lines.usb_find import DFU_MODE, RUN_TIME
@@ -37,15 +37,15 @@ UNKNOWN_REQUEST = 7
 BLOCK = 2048
 SECTOR, PAGE = 4096, 256
 WRITING_SECONDS = 0.002
-"""No flash writes a block in less."""
+"""No flash writes a block faster."""
 LEAST_BUSY_SECONDS = 0.008
 """The shortest time that a device is busy (clause DFU-008/1)."""
 LEAST_SECONDS, MOST_SECONDS = 0.01, 1.0
 """Between DETACH and leaving the bus (clause DFU-002)."""
 AWAY_SECONDS = 0.01
-"""Off the bus, at least (clause DFU-002)."""
+"""The least time off the bus (clause DFU-002)."""
 CLOCK_ERROR = 0.001
-"""How far the clocks of host and device are apart at most."""
+"""The greatest difference between the clocks of host and device."""
 ASK_SECONDS = 0.001
 
 IDLE, SYNC, DNBUSY, DNLOAD_IDLE = DfuState.DFU_IDLE, DfuState.DNLOAD_SYNC, DfuState.DNBUSY, DfuState.DNLOAD_IDLE
@@ -64,14 +64,14 @@ DRAWN = {
     (UPLOAD_IDLE, "ABORT"): IDLE,
     (ERROR, "CLRSTATUS"): IDLE,
 }
-"""The arrows of DFU-006 that begin with a request, while the device is busy as long as it can be."""
+"""The transitions of DFU-006 that begin with a request, with the longest busy time before them."""
 DEAF = (DNBUSY, MANIFEST)
 
 
 class Walk:
     """A device in DFU mode, a large image, and the way to each state."""
 
-    def __init__(self, line: DfuLine, image: bytes) -> None:
+    def __init__(self, line: RawDfuLine, image: bytes) -> None:
         self.line = line
         self.image = image
 
@@ -93,13 +93,13 @@ class Walk:
         if state in DEAF:
             reply = self.line.status()
             if reply and reply.state in (DNLOAD_IDLE, IDLE) and self.line.since_download > WRITING_SECONDS:
-                raise TooSlow(f"the line was too slow: {state.name} was over when the device was asked")
+                raise TooSlow(f"the line was too slow: {state.name} had ended when the device was asked")
             expect("the state after GETSTATUS", reply and reply.state, state)
         else:
             expect("the state", self.line.state(), state)
 
     def ask(self, request: str, state: DfuState) -> bool:
-        """Make a request as it would be right if the state allowed it; whether it was answered."""
+        """Make a request that would be right in a fitting state; returns whether it was answered."""
         match request:
             case "DETACH":
                 return self.line.detach()
@@ -138,7 +138,7 @@ STATES = (IDLE, SYNC, DNBUSY, DNLOAD_IDLE, MANIFEST_SYNC, MANIFEST, UPLOAD_IDLE,
 @pytest.mark.parametrize("state", STATES, ids=lambda state: state.name.lower().replace("_", "-"))
 @flashing("DFU-006", "DFU-004", "DFU-003")
 def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench, state: DfuState) -> None:
-    """Each request in this state leads to the state that is drawn, or is answered with STALL and leads to dfuERROR."""
+    """Each request in this state leads to the specified state, or is answered with STALL and leads to dfuERROR."""
     with dfu_mode(bench) as line:
         walk = Walk(line, large_image(line))
         own = line.image()
@@ -146,7 +146,7 @@ def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench,
             line.rest()
             walk.reach(state)
             if (state, request) == (UPLOAD_IDLE, "UPLOAD") and len(own) < BLOCK:
-                continue  # it is over with its first block, and there is no other
+                continue  # the first block completes it, and there is no second
             began = bench.line.time.monotonic()
             answered = walk.ask(request, state)
             drawn = DRAWN.get((state, request))
@@ -155,11 +155,11 @@ def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench,
             after = ERROR if not answered else drawn if drawn is not None else state
             if (state, request) == (UPLOAD_IDLE, "UPLOAD") and len(own) < 2 * BLOCK:
                 after = IDLE
-            if after in DEAF:  # the answer said so, and to ask is an error now
+            if after in DEAF:  # the answer named that time, and asking earlier is an error
                 line.wait(1)
                 told = line.state()
                 if told is not None and bench.line.time.monotonic() - began > LEAST_BUSY_SECONDS:
-                    raise TooSlow(f"the line was too slow: {after.name} was over when the device was asked")
+                    raise TooSlow(f"the line was too slow: {after.name} had ended when the device was asked")
                 expect(f"whether GETSTATE is answered in {after.name}", told, None)
                 after = ERROR
             expect(f"the state after {request} in {state.name}", line.state(), after)
@@ -167,8 +167,8 @@ def test_every_request_in_every_state_leads_where_the_diagram_says(bench: Bench,
 
 @flashing("DFU-006", "USB-024")
 def test_run_time_mode_knows_the_questions_and_detach_alone(bench: Bench) -> None:
-    """In run-time mode GETSTATUS and GETSTATE say OK and appIDLE, and all else but DETACH is answered with STALL."""
-    line = DfuLine(bench)
+    """At run time GETSTATUS and GETSTATE answer OK and appIDLE, and all else except DETACH is answered with STALL."""
+    line = RawDfuLine(bench)
     status = line.status()
     assert status is not None, "GETSTATUS is answered with STALL at run time"
     expect("the status", (status.status, status.poll_ms, status.state), (DfuStatus.OK, 0, DfuState.APP_IDLE))
@@ -188,26 +188,26 @@ def test_run_time_mode_knows_the_questions_and_detach_alone(bench: Bench) -> Non
 
 @restarting("DFU-002", "DFU-006", "USB-024")
 def test_detach_is_answered_before_the_device_leaves_and_comes_back(bench: Bench) -> None:
-    """After DETACH the device says appDETACH, leaves after 10 to 1000 ms whatever is refused, and comes back as itself.
+    """After DETACH the device says appDETACH, leaves after 10 to 1000 ms despite refusals, and returns as itself.
 
-    What a host sees of it is when it answered last, and when it answered in DFU mode.
+    A host observes the last answer before it leaves and the first one in DFU mode.
     """
-    line, serial, now = DfuLine(bench), bench.usb.serial, bench.line.time.monotonic
+    line, serial, now = RawDfuLine(bench), bench.usb.serial, bench.line.time.monotonic
     asked = now()
     assert line.detach(), "DETACH is answered with STALL"
     try:
         there = check_leaves(bench, line, asked)
         bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
         away = now() - there
-        assert away >= AWAY_SECONDS, f"the device is back {away:.4f} s after it was there, should not before 10 ms"
+        assert away >= AWAY_SECONDS, f"the device is back {away:.4f} s after it was there, should be 10 ms or later"
         expect("the serial number in DFU mode", bench.usb.serial, serial)
         expect("the state in DFU mode", line.state(), IDLE)
     finally:
         _come_back(bench, line)
 
 
-def check_leaves(bench: Bench, line: DfuLine, asked: float) -> float:
-    """Watch a device leave the bus in time after DETACH; the host's time when it asked what was answered last."""
+def check_leaves(bench: Bench, line: RawDfuLine, asked: float) -> float:
+    """Watch a device leave the bus in time after DETACH; returns the host's time of the last answered question."""
     now = bench.line.time.monotonic
     assert line.detached is not None
     latest, there = line.detached + MOST_SECONDS * (1 + CLOCK_ERROR), asked
@@ -222,7 +222,7 @@ def check_leaves(bench: Bench, line: DfuLine, asked: float) -> float:
             seen = ask()
         except DeviceError as error:
             passed = now() - asked
-            assert passed >= LEAST_SECONDS, f"the device left {passed:.4f} s after DETACH, should not before 10 ms"
+            assert passed >= LEAST_SECONDS, f"the device left {passed:.4f} s after DETACH, should be 10 ms or later"
             if told:
                 raise Inconclusive(f"the device had left before this computer could ask all: {error}") from error
             return there
@@ -235,8 +235,8 @@ def check_leaves(bench: Bench, line: DfuLine, asked: float) -> float:
 
 @restarting("DFU-002")
 def test_a_bus_reset_after_detach_hastens_it(bench: Bench) -> None:
-    """A bus reset between DETACH and leaving has the same effect, as hosts that know no WillDetach do it."""
-    line = DfuLine(bench)
+    """A bus reset between DETACH and leaving has the same effect: hosts do so that do not know bitWillDetach."""
+    line = RawDfuLine(bench)
     assert line.detach(), "DETACH is answered with STALL"
     try:
         bench.usb.reset()
@@ -246,8 +246,8 @@ def test_a_bus_reset_after_detach_hastens_it(bench: Bench) -> None:
         _come_back(bench, line)
 
 
-def _come_back(bench: Bench, line: DfuLine) -> None:
-    """Bring the device to run-time mode, wherever a case left it on the way to DFU mode."""
+def _come_back(bench: Bench, line: RawDfuLine) -> None:
+    """Bring the device to run-time mode from any step on its way to DFU mode."""
     if bench.usb.mode != DFU_MODE:
         bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
     line.leave()
@@ -255,7 +255,7 @@ def _come_back(bench: Bench, line: DfuLine) -> None:
 
 @flashing("DFU-002", "SAF-004/1", "SAF-001", "STA-003", needs=(Need.CAPTURE,))
 def test_detach_silences_the_outputs_for_as_long_as_dfu_mode_lasts(bench: Bench) -> None:
-    """DETACH silences the outputs within six periods, and they stay low while firmware is loaded."""
+    """DETACH silences the outputs within six periods, and they stay low during the download."""
     enable(bench)
     ack = bench.must(Update(bench.weak()))
     bench.wait_until(ack.commit_period + 4)
@@ -271,7 +271,7 @@ def test_detach_silences_the_outputs_for_as_long_as_dfu_mode_lasts(bench: Bench)
 
 @flashing("DFU-008/1", "DFU-007", "DFU-008")
 def test_the_poll_times_are_those_of_the_flash(bench: Bench) -> None:
-    """Block 0 takes 128 ms, other even blocks 68 ms, odd ones 8 ms, and no answer but a busy one names a time."""
+    """Block 0 takes 128 ms, other even blocks 68 ms, odd ones 8 ms, and only a busy answer names a time."""
     with dfu_mode(bench) as line:
         image = large_image(line)
         for number in range(4):
@@ -284,13 +284,13 @@ def test_the_poll_times_are_those_of_the_flash(bench: Bench) -> None:
             expect("the answer after it", (reply.state, reply.poll_ms, reply.status), (DNLOAD_IDLE, 0, DfuStatus.OK))
 
 
-def busy_with(line: DfuLine, image: bytes, number: int) -> DfuReply:
-    """Send a block; what the device says while it is busy with it.
+def busy_with(line: RawDfuLine, image: bytes, number: int) -> DfuReply:
+    """Send a block; returns the device's answer while it is busy with it.
 
     Raises
     ------
     TooSlow
-        Where it had been asked so late that it could have written the block by then.
+        If the answer came so late that the block could have been written by then.
     """
     line.download(number, image[BLOCK * number :][:BLOCK])
     busy = line.status()
@@ -304,12 +304,12 @@ def busy_with(line: DfuLine, image: bytes, number: int) -> DfuReply:
 
 @flashing("DFU-008/2")
 def test_the_busy_state_ends_with_its_poll_time(bench: Bench) -> None:
-    """A device that named a time answers as soon as it is over: who waits as he was told must not meet a STALL."""
+    """A device answers as soon as its poll time is over: a host that waits that long must not meet a STALL."""
     with dfu_mode(bench) as line:
         image = large_image(line)
         for number in range(3):
             line.wait(busy_with(line, image, number).poll_ms)
-            expect("the state when the time is over", line.state(), SYNC)
+            expect("the state after the time is over", line.state(), SYNC)
             line.poll()
         line.send(image, 3)
         line.download(0, b"")
@@ -318,13 +318,13 @@ def test_the_busy_state_ends_with_its_poll_time(bench: Bench) -> None:
         expect("the state", busy.state, MANIFEST)
         expect("its poll time", busy.poll_ms, 2500)
         line.wait(busy.poll_ms)
-        expect("the state when the time is over", line.state(), MANIFEST_SYNC)
+        expect("the state after the time is over", line.state(), MANIFEST_SYNC)
         line.poll()
 
 
 @flashing("DFU-009", "DFU-006")
 def test_blocks_out_of_turn_are_refused_with_address(bench: Bench) -> None:
-    """A block with another number, a short one before the end, one too long or too many ends the download (ADDRESS)."""
+    """A wrong block number, a short block before the end, a block too long or too many ends the download (ADDRESS)."""
     with dfu_mode(bench) as line:
         image = large_image(line)
         last = (len(image) - 1) // BLOCK
@@ -334,7 +334,7 @@ def test_blocks_out_of_turn_are_refused_with_address(bench: Bench) -> None:
             ("block 0 twice", 1, lambda: line.download(0, image[:BLOCK])),
             ("a short block", 1, lambda: line.download(1, image[BLOCK : 2 * BLOCK - 4])),
             ("a last block that is too long", last, lambda: line.download(last, image[BLOCK * last :] + bytes(4))),
-            ("a block behind the last", last + 1, lambda: line.download(last + 1, bytes(4))),
+            ("a block after the last", last + 1, lambda: line.download(last + 1, bytes(4))),
         ]
         for what, blocks, send in tries:
             line.rest()
@@ -347,7 +347,7 @@ def test_blocks_out_of_turn_are_refused_with_address(bench: Bench) -> None:
 @pytest.mark.parametrize("how", ["clrstatus", "abort", "end"])
 @flashing("DFU-009", "DFU-006")
 def test_each_download_begins_with_block_0(bench: Bench, how: str) -> None:
-    """After a download that failed, was given up or came to its end no other goes on: the first block has number 0."""
+    """After a download that failed, was cancelled or was completed, the next one must begin with block 0."""
     with dfu_mode(bench) as line:
         image = large_image(line)
         last = (len(image) - 1) // BLOCK
@@ -368,7 +368,7 @@ def test_each_download_begins_with_block_0(bench: Bench, how: str) -> None:
                 line.rest()
 
 
-def _expect_error(line: DfuLine, status: DfuStatus, what: str, string: int | None = 0) -> None:
+def _expect_error(line: RawDfuLine, status: DfuStatus, what: str, string: int | None = 0) -> None:
     reply = line.status()
     assert reply is not None, f"GETSTATUS in dfuERROR is answered with STALL after {what}"
     expect(f"state and status after {what}", (reply.state, reply.status), (ERROR, status))
@@ -378,7 +378,7 @@ def _expect_error(line: DfuLine, status: DfuStatus, what: str, string: int | Non
 
 @flashing("DFU-009", "DFU-005")
 def test_a_download_must_not_end_early(bench: Bench) -> None:
-    """DNLOAD without data before the last block is NOTDONE, and in dfuIDLE STALLEDPKT: half an image is none."""
+    """DNLOAD without data before the last block gives NOTDONE, in dfuIDLE STALLEDPKT: half an image is no image."""
     with dfu_mode(bench) as line:
         image = large_image(line)
         assert not line.download(0, b""), "a download of nothing is not answered with STALL"
@@ -391,7 +391,7 @@ def test_a_download_must_not_end_early(bench: Bench) -> None:
 
 @flashing("DFU-006")
 def test_the_first_failure_is_the_one_that_is_told(bench: Bench) -> None:
-    """In dfuERROR the status stays that of the first failure, until CLRSTATUS sets it to OK."""
+    """In dfuERROR the status stays that of the first failure, until CLRSTATUS resets it to OK."""
     with dfu_mode(bench) as line:
         assert not line.download(5, large_image(line)[:BLOCK]), "block 5 at first is not answered with STALL"
         assert not line.abort(), "ABORT in dfuERROR is not answered with STALL"
@@ -404,7 +404,7 @@ def test_the_first_failure_is_the_one_that_is_told(bench: Bench) -> None:
 
 @flashing("DFU-010", "DFU-012", "FWU-015", "FWU-001", "DFU-009")
 def test_a_first_block_that_is_no_header_is_refused_for_its_length(bench: Bench) -> None:
-    """A first block that is shorter than header and table is refused as LENGTH before anything is erased."""
+    """A first block shorter than header and table is refused with LENGTH before anything is erased."""
     with dfu_mode(bench) as line:
         own = line.image()
         line.rest()
@@ -418,7 +418,7 @@ def test_a_first_block_that_is_no_header_is_refused_for_its_length(bench: Bench)
 @pytest.mark.parametrize("forgery", Forgery.of_headers(), ids=str)
 @flashing("DFU-010", "DFU-012", "FWU-015", "FWU-004", "FWU-005", "FWU-007", "FWU-008", "FWU-009")
 def test_a_wrong_header_is_refused_with_the_first_block(bench: Bench, forgery: Forgery) -> None:
-    """An image with this wrong in header or table is refused when block 0 has come, with its reason in words."""
+    """An image with this defect in header or table is refused after block 0, with the reason in words."""
     with dfu_mode(bench) as line:
         own = line.image()
         line.rest()
@@ -432,7 +432,7 @@ def test_a_wrong_header_is_refused_with_the_first_block(bench: Bench, forgery: F
 @pytest.mark.parametrize("forgery", Forgery.of_contents(), ids=str)
 @flashing("DFU-011", "DFU-012", "FWU-015", "FWU-009", "FWU-010", "FWU-011")
 def test_a_wrong_image_is_refused_when_it_has_come(bench: Bench, forgery: Forgery) -> None:
-    """An image with this wrong behind its header ends manifestation in dfuERROR, with its reason in words."""
+    """An image with this defect after its header ends manifestation in dfuERROR, with the reason in words."""
     with dfu_mode(bench) as line:
         own = line.image()
         line.rest()
@@ -443,7 +443,7 @@ def test_a_wrong_image_is_refused_when_it_has_come(bench: Bench, forgery: Forger
         expect("the image that would boot next", line.image(), own)
 
 
-def _expect_reason(line: DfuLine, poll: Callable[[], object], reason: ImageReason) -> None:
+def _expect_reason(line: RawDfuLine, poll: Callable[[], object], reason: ImageReason) -> None:
     poll()
     status = DfuStatus.TARGET if reason in (ImageReason.MAGIC, ImageReason.HARDWARE) else DfuStatus.FILE
     _expect_error(line, status, f"an image with a wrong {reason.name}", 16 + reason)
@@ -452,14 +452,14 @@ def _expect_reason(line: DfuLine, poll: Callable[[], object], reason: ImageReaso
 
 @flashing("DFU-014", "DFU-006")
 def test_an_upload_gives_the_image_block_by_block(bench: Bench) -> None:
-    """UPLOAD gives 2048 bytes a block, the last shorter, the same each time, and takes no number out of turn."""
+    """UPLOAD answers 2048 bytes a block, the last shorter, the same each time, and accepts no other number."""
     with dfu_mode(bench) as line:
         own = line.image()
-        expect("the state behind the last block", line.state(), IDLE if len(own) >= BLOCK else UPLOAD_IDLE)
+        expect("the state after the last block", line.state(), IDLE if len(own) >= BLOCK else UPLOAD_IDLE)
         line.rest()
         expect("its magic", own[:4], b"PWFW")
         expect("its size, as its header says", len(own), int.from_bytes(own[12:16], "little"))
-        expect("what a second upload gives", line.image(), own)
+        expect("the bytes of a second upload", line.image(), own)
         line.rest()
         for what, number, length in (
             ("an upload that begins with block 1", 1, BLOCK),
@@ -478,15 +478,15 @@ def test_an_upload_gives_the_image_block_by_block(bench: Bench) -> None:
 
 @flashing("DFU-014", "DFU-006")
 def test_an_upload_of_whole_blocks_ends_with_an_empty_one(bench: Bench) -> None:
-    """Where the image's last block is full, an empty answer ends the upload, or the host would wait for more."""
+    """If the image's last block is full, an empty answer ends the upload; otherwise the host would wait for more."""
     with dfu_mode(bench) as line:
         own = large_image(line)
         image = of_whole_blocks(own)
         line.flash(image)
         for number in range(len(image) // BLOCK):
             expect(f"block {number}", line.upload(number), image[BLOCK * number :][:BLOCK])
-        expect("the state behind the last full block", line.state(), UPLOAD_IDLE)
-        expect("what comes behind it", line.upload(len(image) // BLOCK), b"")
+        expect("the state after the last full block", line.state(), UPLOAD_IDLE)
+        expect("the answer after it", line.upload(len(image) // BLOCK), b"")
         expect("the state at the end", line.state(), IDLE)
         line.flash(own)
 
@@ -506,7 +506,7 @@ def test_a_device_waits_for_a_bus_reset_in_dfu_mode(bench: Bench) -> None:
 
 @flashing("DFU-016", "DFU-006", needs=(Need.SUSPEND,))
 def test_a_suspended_bus_leaves_a_download_where_it_is(bench: Bench) -> None:
-    """A host that sleeps in the middle of a download finds it as it was: the next block is taken."""
+    """A host that sleeps in the middle of a download finds it unchanged: the next block is accepted."""
     with dfu_mode(bench) as line:
         image = line.image()
         reply = line.send(image, last=1)
@@ -522,13 +522,13 @@ def test_a_suspended_bus_leaves_a_download_where_it_is(bench: Bench) -> None:
 
 @restarting("DFU-015")
 def test_resets_of_enumeration_do_not_boot_the_device(bench: Bench) -> None:
-    """A bus reset before a host has configured the device in DFU mode leaves it there: hosts reset more than once."""
-    line = DfuLine(bench)
+    """A bus reset before a host has configured the device in DFU mode does not end it: hosts reset more than once."""
+    line = RawDfuLine(bench)
     assert line.detach(), "DETACH is answered with STALL"
     try:
         bench.usb.wait_for(DFU_MODE, 15, configured=False)
         if bench.usb.is_configured:
-            raise Inconclusive("the computer configures the device by itself, before a program can reset it")
+            raise Inconclusive("the computer configures the device by itself before a program can reset it")
         for _ in range(2):
             bench.usb.reset(configured=False)
             expect("the mode after a reset", bench.usb.mode, DFU_MODE)
@@ -543,7 +543,7 @@ def test_resets_of_enumeration_do_not_boot_the_device(bench: Bench) -> None:
     "status", [DfuStatus.WRITE, DfuStatus.ERASE, DfuStatus.PROG, DfuStatus.VERIFY], ids=lambda status: status.name
 )
 def test_a_failure_of_the_flash_is_told_as_what_it_is(bench: Bench, status: DfuStatus) -> None:
-    """What fails while a block is written leads to dfuERROR with its own status; what ran before would still boot."""
+    """A failure while a block is written leads to dfuERROR with its own status; the previous image would still boot."""
     bank = Bank.B if bench.processors()[0].bank is Bank.A else Bank.A
     address = bank.image_address
     spoil = {

@@ -1,4 +1,4 @@
-"""Enumeration: descriptors, strings and standard requests, by the bytes that SPEC.md prints (chapter USB)."""
+"""Enumeration: descriptors, strings and standard requests, compared with the bytes in SPEC.md (chapter USB)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from phasewire.protocol.codes import Feature, Request, State
 from phasewire.protocol.requests import Setup
 
 VENDOR, PRODUCT = 0x1209, 0x0001
-"""Clause USB-001, where a profile does not say that the device was configured otherwise."""
+"""Clause USB-001, unless a profile says that the device was configured differently."""
 DEVICE, CONFIGURATION, STRING, INTERFACE, ENDPOINT, QUALIFIER, OTHER_SPEED, BOS = 1, 2, 3, 4, 5, 6, 7, 15
 WHOLE = 1024
 """More than any descriptor has."""
@@ -42,7 +42,7 @@ def ms_os_set(bench: Bench, length: int = WHOLE) -> bytes | None:
 
 
 def string(bench: Bench, index: int) -> str:
-    """A string in English; fails where it is not there, or not well formed."""
+    """A string in English; fails if it is missing or malformed."""
     data = descriptor(bench, STRING, index, ENGLISH, 255)
     assert data is not None, f"string {index} is answered with STALL"
     assert len(data) >= 2, f"string {index} is {data.hex(' ')}, should have a length and a type"
@@ -51,9 +51,9 @@ def string(bench: Bench, index: int) -> str:
 
 
 def stalls(bench: Bench, setup: Setup, data: bytes = b"") -> None:
-    """Fail unless a request is answered with STALL; inconclusive where this computer does not send it.
+    """Fail unless a request is answered with STALL; inconclusive if this computer does not send it.
 
-    Linux looks whether there is the interface that a request goes to, and says that there is none by itself.
+    Linux checks whether the interface of a request exists, and refuses by itself if it does not.
     """
     try:
         answer = bench.request(setup, data)
@@ -70,7 +70,7 @@ def is_full_speed(bench: Bench) -> bool:
 
 
 def configuration(full_speed: bool, kind: int = CONFIGURATION) -> bytes:
-    """The configuration of clause USB-009 at one speed: the other one differs by clause USB-010."""
+    """The configuration of clause USB-009 at one speed; clause USB-010 gives the differences of the other."""
     data, parts = example("USB_CONFIGURATION"), []
     while data:
         part, data = bytearray(data[: data[0]]), data[data[0] :]
@@ -109,8 +109,8 @@ def fixed_descriptors(bench: Bench) -> dict[int, bytes]:
 
 @contextmanager
 def unconfigured(bench: Bench) -> Iterator[None]:
-    """Take the configuration away for a while, behind the back of the computer."""
-    for interface in INTERFACES:  # so that the computer has been asked for them all
+    """Unconfigure the device for a while without the computer's knowledge."""
+    for interface in INTERFACES:  # so that the computer has cached them all
         bench.request(Setup(0x81, 10, 0, interface, 1))
     bench.request(Setup(0x00, 9, 0, 0, 0))
     try:
@@ -124,38 +124,38 @@ def unconfigured(bench: Bench) -> Iterator[None]:
 
 @case("USB-006", "USB-008", "USB-001", "FWU-004", line="usb")
 def test_the_device_descriptor_is_as_printed(bench: Bench) -> None:
-    """The device descriptor is that of USB-008 with the firmware's version, by which hosts choose their drivers."""
+    """The device descriptor is that of USB-008 with the firmware's version: hosts choose their drivers by it."""
     expect("the device descriptor", descriptor(bench, DEVICE), device_descriptor(bench))
 
 
 @case("USB-006", "USB-009", "USB-002", "USB-010", "USB-013", "USB-021", line="usb")
 def test_the_configuration_is_as_printed(bench: Bench) -> None:
-    """The configuration is that of USB-009, at full speed with smaller packets: class, endpoints, no remote wake-up."""
+    """The configuration is that of USB-009, with smaller packets at full speed: class, endpoints, no remote wake-up."""
     expect("the configuration", descriptor(bench, CONFIGURATION), configuration(is_full_speed(bench)))
 
 
 @case("USB-006", "USB-010", line="usb")
 def test_the_configuration_at_the_other_speed_differs_by_packets_alone(bench: Bench) -> None:
-    """The other speed's configuration is that of USB-009 but for its packets and an interval."""
+    """The other speed's configuration is that of USB-009 except for its packets and an interval."""
     wanted = configuration(not is_full_speed(bench), OTHER_SPEED)
     expect("the configuration at the other speed", descriptor(bench, OTHER_SPEED), wanted)
 
 
 @case("USB-006", "USB-010", line="usb")
 def test_the_device_qualifier_is_as_printed(bench: Bench) -> None:
-    """The device qualifier is that of USB-010, by which a host learns what another speed would bring."""
+    """The device qualifier is that of USB-010, from which a host learns what another speed would bring."""
     expect("the device qualifier", descriptor(bench, QUALIFIER), example("USB_QUALIFIER"))
 
 
 @case("USB-006", "USB-011", line="usb")
 def test_the_bos_is_as_printed(bench: Bench) -> None:
-    """The BOS is that of USB-011, by which Windows finds its own descriptors."""
+    """The BOS is that of USB-011, in which Windows finds its own descriptors."""
     expect("the BOS", descriptor(bench, BOS), example("USB_BOS"))
 
 
 @case("USB-012", line="usb")
 def test_the_descriptors_of_windows_are_as_printed(bench: Bench) -> None:
-    """The Microsoft OS 2.0 set is that of USB-012 with all of its 338 bytes, or Windows asks people for a driver."""
+    """The Microsoft OS 2.0 set is that of USB-012 with all 338 bytes; otherwise Windows asks people for a driver."""
     found = ms_os_set(bench)
     expect("the length of the set", None if found is None else len(found), 338)
     expect("the set", found, example("USB_MS_OS"))
@@ -164,21 +164,21 @@ def test_the_descriptors_of_windows_are_as_printed(bench: Bench) -> None:
 @case("USB-006", line="usb")
 @pytest.mark.parametrize("kind", [DEVICE, CONFIGURATION, QUALIFIER, OTHER_SPEED, BOS], ids=lambda kind: f"type-{kind}")
 def test_as_much_of_a_descriptor_comes_as_was_asked_for(bench: Bench, kind: int) -> None:
-    """Of each descriptor come the first wLength bytes, and never more than it has, for hosts ask for heads first."""
+    """Each descriptor is cut to wLength bytes and never longer than it is, because hosts ask for heads first."""
     whole = fixed_descriptors(bench)[kind]
     for length in sorted({1, 2, 8, 9, 63, 64, 65, len(whole) - 1, len(whole), len(whole) + 1, 255}):
-        expect(f"what {length} bytes of it are", descriptor(bench, kind, length=length), whole[:length])
+        expect(f"the first {length} bytes of it", descriptor(bench, kind, length=length), whole[:length])
 
 
 @case("USB-006", "USB-007", "USB-012", line="usb")
 def test_as_much_of_strings_and_of_the_set_comes_as_was_asked_for(bench: Bench) -> None:
-    """Strings and the set of Windows are cut off at wLength too, for Windows asks for ten bytes of the set at first."""
+    """Strings and the set of Windows are cut to wLength too: Windows first asks for ten bytes of the set."""
     for length in (2, 3, 10, 64, 255):
         whole = descriptor(bench, STRING, 1, ENGLISH, 255)
         assert whole is not None, "string 1 is answered with STALL"
-        expect(f"what {length} bytes of string 1 are", descriptor(bench, STRING, 1, ENGLISH, length), whole[:length])
+        expect(f"the first {length} bytes of string 1", descriptor(bench, STRING, 1, ENGLISH, length), whole[:length])
     for length in (1, 10, 64, 128, 337, 338):
-        expect(f"what {length} bytes of the set are", ms_os_set(bench, length), example("USB_MS_OS")[:length])
+        expect(f"the first {length} bytes of the set", ms_os_set(bench, length), example("USB_MS_OS")[:length])
 
 
 @case("USB-006", "USB-004", line="usb")
@@ -186,13 +186,13 @@ def test_as_much_of_strings_and_of_the_set_comes_as_was_asked_for(bench: Bench) 
     "kind", [0, 4, 5, 8, 9, 10, 11, 0x10, 0x21, 0x22, 0x24, 0x30, 0xFF], ids=lambda kind: f"{kind:02x}"
 )
 def test_other_types_of_descriptors_stall(bench: Bench, kind: int) -> None:
-    """A type that USB-006 does not offer, or that stands inside another descriptor, is answered with STALL."""
+    """A type that USB-006 does not offer, or that is part of another descriptor, is answered with STALL."""
     stalls(bench, Setup(0x80, 6, kind << 8, 0, WHOLE))
 
 
 @case("USB-006", "USB-004", line="usb")
 def test_other_indices_of_descriptors_stall(bench: Bench) -> None:
-    """Each descriptor has index 0 only; a device that answers others shows a host configurations that are not there."""
+    """Each descriptor has only index 0: other answers would show a host configurations that do not exist."""
     for kind in (DEVICE, CONFIGURATION, QUALIFIER, OTHER_SPEED, BOS):
         for index in (1, 2, 255):
             stalls(bench, Setup(0x80, 6, kind << 8 | index, 0, WHOLE))
@@ -212,7 +212,7 @@ def test_other_indices_of_descriptors_stall(bench: Bench) -> None:
     ids=["index-4", "index-8", "value-1", "request-33", "out", "interface-0"],
 )
 def test_requests_beside_that_of_windows_stall(bench: Bench, setup: Setup) -> None:
-    """Only the one request that the BOS names is answered with the set; all that is near it is unknown."""
+    """Only the exact request that the BOS names is answered with the set; similar ones are answered with STALL."""
     stalls(bench, setup)
 
 
@@ -221,13 +221,13 @@ def test_requests_beside_that_of_windows_stall(bench: Bench, setup: Setup) -> No
 
 @case("USB-007", line="usb")
 def test_the_strings_are_in_english_alone(bench: Bench) -> None:
-    """String 0 lists language 0409 and no other, by which hosts ask for all the rest."""
+    """String 0 lists only language 0409, in which hosts ask for all other strings."""
     expect("string 0", descriptor(bench, STRING, 0, 0, 255), bytes([4, 3, 0x09, 0x04]))
 
 
 @case("USB-007", "USB-001", line="usb")
 def test_every_string_that_a_descriptor_names_is_there(bench: Bench) -> None:
-    """Manufacturer, product, serial number and the interfaces' names can be read, so that people see what it is."""
+    """Manufacturer, product, serial number and the interfaces' names are readable, so that people see what it is."""
     for index in range(1, 7):
         text = string(bench, index)
         assert text.strip(), f"string {index} is empty"
@@ -246,7 +246,7 @@ def test_other_strings_and_languages_stall(bench: Bench) -> None:
 
 @case("USB-001", "USB-007", line="usb")
 def test_the_serial_number_is_made_of_safe_characters(bench: Bench) -> None:
-    """The serial number has 1 to 64 letters, digits, dots, hyphens and underscores, for it stands in URLs and paths."""
+    """The serial number has 1 to 64 letters, digits, dots, hyphens and underscores: URLs and paths contain it."""
     serial = string(bench, 3)
     assert SERIAL_NUMBER.fullmatch(serial), (
         f"the serial number is {serial!r}, should be 1 to 64 letters, digits, dots, hyphens and underscores"
@@ -255,7 +255,7 @@ def test_the_serial_number_is_made_of_safe_characters(bench: Bench) -> None:
 
 @case("USB-001", "REQ-013", allow=(Risk.RESET,), line="usb")
 def test_the_serial_number_is_kept_over_a_reset(bench: Bench) -> None:
-    """The serial number is the same after RESET, for it is how hosts find a device again."""
+    """The serial number is the same after RESET: hosts find a device again by it."""
     before = string(bench, 3)
     bench.restart(lambda: bench.order(Request.RESET))
     expect("the serial number", string(bench, 3), before)
@@ -263,7 +263,7 @@ def test_the_serial_number_is_kept_over_a_reset(bench: Bench) -> None:
 
 @case("USB-001", needs=(Need.POWER,), allow=(Risk.RESET,), line="usb")
 def test_the_serial_number_is_kept_over_a_loss_of_power(bench: Bench) -> None:
-    """The serial number is the same once power was lost: it is the device's own, and not made up when it starts."""
+    """The serial number is the same after power was lost: it is not drawn at each start."""
     before = string(bench, 3)
     bench.power_cycle()
     expect("the serial number", string(bench, 3), before)
@@ -279,7 +279,7 @@ def test_the_serial_number_is_kept_over_a_loss_of_power(bench: Bench) -> None:
     features=Feature.DFU,
 )
 def test_the_descriptors_in_dfu_mode_are_as_printed(bench: Bench) -> None:
-    """In DFU mode the device is the next product with one interface and the same serial number, for tools to find."""
+    """In DFU mode the device has the next product number, one interface and the same serial number, for tools."""
     serial, run_time = string(bench, 3), device_descriptor(bench)
     with dfu_mode(bench):
         check_dfu_mode(bench, serial, run_time)
@@ -287,7 +287,7 @@ def test_the_descriptors_in_dfu_mode_are_as_printed(bench: Bench) -> None:
 
 
 def check_dfu_mode(bench: Bench, serial: str, run_time: bytes) -> None:
-    """Everything that GET_DESCRIPTOR answers in DFU mode, and what it does not."""
+    """The answers to GET_DESCRIPTOR in DFU mode, and STALL for the descriptors that are missing there."""
     product = (int.from_bytes(run_time[10:12], "little") + 1).to_bytes(2, "little")
     wanted = run_time[:4] + bytes(3) + run_time[7:10] + product + run_time[12:]
     expect("the device descriptor", descriptor(bench, DEVICE), wanted)
@@ -314,13 +314,13 @@ def check_dfu_mode(bench: Bench, serial: str, run_time: bytes) -> None:
 
 @case("USB-014", "USB-021", line="usb")
 def test_get_status_of_the_device(bench: Bench) -> None:
-    """GET_STATUS of the device answers 01 00: it has a supply of its own, and does not wake its host."""
+    """GET_STATUS of the device answers 01 00: it is self-powered and does not wake its host."""
     expect("the status of the device", bench.request(Setup(0x80, 0, 0, 0, 2)), b"\x01\x00")
 
 
 @case("USB-014", line="usb")
 def test_get_status_of_interfaces_and_endpoints(bench: Bench) -> None:
-    """GET_STATUS answers 00 00 for each interface and each endpoint, the control endpoint too: none is halted."""
+    """GET_STATUS answers 00 00 for each interface and each endpoint, the control endpoint included: none is halted."""
     for interface in INTERFACES:
         expect(f"the status of interface {interface}", bench.request(Setup(0x81, 0, 0, interface, 2)), bytes(2))
     for endpoint in (*CONTROL_ENDPOINT, *ENDPOINTS):
@@ -329,7 +329,7 @@ def test_get_status_of_interfaces_and_endpoints(bench: Bench) -> None:
 
 @case("USB-014", "USB-005", line="usb")
 def test_configuration_and_settings_can_be_read(bench: Bench) -> None:
-    """GET_CONFIGURATION answers 1 and GET_INTERFACE 0, for there is one configuration, and one setting of each."""
+    """GET_CONFIGURATION answers 1 and GET_INTERFACE 0: there is one configuration, and one setting of each."""
     expect("the configuration", bench.request(Setup(0x80, 8, 0, 0, 1)), b"\x01")
     for interface in INTERFACES:
         expect(f"the setting of interface {interface}", bench.request(Setup(0x81, 10, 0, interface, 1)), b"\x00")
@@ -373,7 +373,7 @@ UNKNOWN = {
 @case("USB-014", "USB-004", "USB-021", line="usb")
 @pytest.mark.parametrize("setup", UNKNOWN.values(), ids=UNKNOWN)
 def test_unknown_requests_stall_and_change_nothing(bench: Bench, setup: Setup) -> None:
-    """A request that the device does not know, or not with this value, is answered with STALL and has no effect."""
+    """A request that is unknown, or has an unknown value, is answered with STALL and has no effect."""
     enable(bench)
     before = bench.status()
     stalls(bench, setup)
@@ -387,7 +387,7 @@ def test_unknown_requests_stall_and_change_nothing(bench: Bench, setup: Setup) -
 
 @case("USB-014", "USB-004", needs=(Need.POWER,), allow=(Risk.RESET,), line="usb")
 def test_test_mode_is_of_high_speed(bench: Bench) -> None:
-    """SET_FEATURE of TEST_MODE is done at high speed, where a loss of power ends it, and unknown at full speed."""
+    """SET_FEATURE of TEST_MODE works at high speed, until power is lost, and is unknown at full speed."""
     setup = Setup(0x00, 3, 2, 0x0300, 0)
     if is_full_speed(bench):
         stalls(bench, setup)
@@ -421,7 +421,7 @@ def test_test_mode_is_of_high_speed(bench: Bench) -> None:
     ids=lambda setup: f"{setup.request_type:02x}-{setup.request}-{setup.index:02x}",
 )
 def test_interfaces_are_not_there_before_configuration(bench: Bench, setup: Setup) -> None:
-    """While the device is not configured all that is asked of an interface or an endpoint is answered with STALL."""
+    """While the device is not configured requests to an interface or an endpoint are answered with STALL."""
     with unconfigured(bench):
         stalls(bench, setup)
     status = bench.status()
@@ -431,7 +431,7 @@ def test_interfaces_are_not_there_before_configuration(bench: Bench, setup: Setu
 
 @case("USB-006", "USB-012", "USB-014", line="usb")
 def test_descriptors_do_not_depend_on_a_configuration(bench: Bench) -> None:
-    """Not configured, the device says so, and still answers all descriptors and the status of its control endpoint."""
+    """While not configured the device says so, and still answers all descriptors and its control endpoint's status."""
     serial = string(bench, 3)
     with unconfigured(bench):
         expect("the configuration", bench.request(Setup(0x80, 8, 0, 0, 1)), b"\x00")

@@ -1,4 +1,4 @@
-"""Firmware in flash: banks, trials, power cuts, and the way back to the factory's image (chapter FWU)."""
+"""Firmware in flash: banks, trial boots, power cuts, and the return to the factory image (chapter FWU)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from phasewire.emulator import faults
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expect
-from phasewire.hil.conformance.tools.dfu import DfuLine, dfu_mode
+from phasewire.hil.conformance.tools.dfu import RawDfuLine, dfu_mode
 from phasewire.hil.conformance.tools.images import (
     UNTRUSTED,
     Forgery,
@@ -42,15 +42,15 @@ BLOCK = 2048
 DEVICE_DESCRIPTOR = Setup(0x80, 6, 0x0100, 0, 18)
 ASK_INFO = Setup(0xC1, Request.INFO, 0, 0, 64)
 STUCK_SECONDS = 12.0
-"""For how long a bit of the flash sticks: a restart takes less, and nothing is left of it for the next case."""
+"""For how long a bit of the flash sticks: less than a restart, so that the next case is not affected."""
 FOR_ITS_SIGNATURE = (DfuStatus.FILE, 16 + ImageReason.SIGNATURE)
 """Status and string of an image that is refused for its signature (clause DFU-012)."""
 UP_SECONDS = 5.0
-"""After which a device that was given its power back has come up, or started and failed to."""
+"""Time after which a device with power again has come up, or has tried and failed."""
 
 
 def bank_of(bench: Bench) -> Bank:
-    """The bank that all processors' firmware came from."""
+    """The bank from which all processors' firmware came."""
     first, *others = (report.bank for report in bench.processors())
     assert first is not None, "processor 0 names no bank that its firmware came from"
     for processor, bank in enumerate(others, start=1):
@@ -59,24 +59,24 @@ def bank_of(bench: Bench) -> Bank:
 
 
 def idle_bank(running: Bank) -> Bank:
-    """Where the next upgrade goes (clause FWU-018)."""
+    """The bank for the next upgrade (clause FWU-018)."""
     return Bank.B if running is Bank.A else Bank.A
 
 
 def settled(bench: Bench) -> Bank:
-    """The bank that runs after the device was begun like any case again."""
+    """The bank that runs after the device was prepared as for any case."""
     bench.begin_case("after a restart")
     return bank_of(bench)
 
 
 def upgraded(bench: Bench) -> Bank:
-    """Flash the device's own firmware once more; the bank that it then runs from."""
+    """Flash the device's own firmware once more; returns the bank that runs afterwards."""
     with dfu_mode(bench) as line:
         line.flash(_own(line))
     return settled(bench)
 
 
-def _own(line: DfuLine) -> bytes:
+def _own(line: RawDfuLine) -> bytes:
     image = line.image()
     line.rest()
     return image
@@ -84,7 +84,7 @@ def _own(line: DfuLine) -> bytes:
 
 @flashing("FWU-018/2", "FWU-018", "FWU-016", "FWU-019", "FWU-020/2", "DFU-011", "DFU-015")
 def test_upgrades_go_to_the_bank_that_does_not_run_and_boot_from_it(bench: Bench) -> None:
-    """Three upgrades with the same firmware boot from A and B in turn, A first where the factory's image ran."""
+    """Three upgrades with the same firmware boot from A and B in turn, A first if the factory image ran."""
     running = bank_of(bench)
     for _ in range(3):
         before, running = running, upgraded(bench)
@@ -95,12 +95,12 @@ def test_upgrades_go_to_the_bank_that_does_not_run_and_boot_from_it(bench: Bench
 @pytest.mark.parametrize("how", ["abort", "failure", "bus-reset"])
 @flashing("FWU-018/1", "FWU-018", "DFU-010", "FWU-019")
 def test_a_download_that_is_given_up_leaves_its_bank_empty(bench: Bench, how: str) -> None:
-    """A download that is given up over an upgrade leaves no record of it: what ran before boots, and nothing failed."""
+    """A cancelled download over an upgrade leaves no record of it: the previous image boots, without a fault."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
         image = large_image(line)
         line.flash(image)
-        expect("the state behind three blocks", line.send(image, 0, 3).state, DfuState.DNLOAD_IDLE)
+        expect("the state after three blocks", line.send(image, 0, 3).state, DfuState.DNLOAD_IDLE)
         if how == "abort":
             assert line.abort(), "ABORT between two blocks is answered with STALL"
         elif how == "failure":
@@ -112,7 +112,7 @@ def test_a_download_that_is_given_up_leaves_its_bank_empty(bench: Bench, how: st
 @pytest.mark.parametrize("forgery", Forgery.of_contents(), ids=str)
 @flashing("DFU-011", "FWU-018/1", "FWU-015", "FWU-019")
 def test_a_wrong_image_never_boots(bench: Bench, forgery: Forgery) -> None:
-    """After an image that is wrong after its header, what ran before boots, whatever the device has said of it."""
+    """After an image with a defect after its header the previous image boots, whatever the device has answered."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
         offer(line, forgery.of(_own(line)))
@@ -137,7 +137,7 @@ def test_a_refused_header_erases_nothing(bench: Bench) -> None:
 
 @flashing("FWU-020/2", "FWU-020", needs=(Need.POWER,))
 def test_an_image_that_came_up_boots_again_and_again(bench: Bench) -> None:
-    """Firmware that a host has configured once is confirmed: it boots again whenever power comes back."""
+    """Firmware that a host has configured once is confirmed: it boots again whenever power returns."""
     running = upgraded(bench)
     for _ in range(3):
         bench.power_cycle()
@@ -147,14 +147,14 @@ def test_an_image_that_came_up_boots_again_and_again(bench: Bench) -> None:
 
 @flashing("FWU-020/1", "FWU-020", "FWU-019", needs=(Need.POWER,))
 def test_an_image_that_never_came_up_does_not_boot_again(bench: Bench) -> None:
-    """New firmware that was started and not confirmed is given up for what ran before, and FLASH says so."""
+    """New firmware that was started and not confirmed is replaced by the previous one, and FLASH reports it."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
         line.flash(_own(line))
         _power(bench)  # it boots on trial, and no host configures it
         bench.power_cycle()
     expect("the bank that boots", settled_with_fault(bench), before)
-    upgraded(bench)  # over what never came up
+    upgraded(bench)  # over the image that never came up
 
 
 @pytest.mark.parametrize("what", ["bus-reset", "descriptors", "other-requests"])
@@ -167,7 +167,7 @@ def test_what_comes_before_configuration_does_not_confirm_an_image(bench: Bench,
         _power(bench)
         bench.usb.wait_for(RUN_TIME, UP_SECONDS, configured=False)
         if bench.usb.is_configured:
-            raise Inconclusive("the computer configures the device by itself, before a program can reset it")
+            raise Inconclusive("the computer configures the device by itself before a program can reset it")
         for _ in range(3):
             match what:
                 case "bus-reset":
@@ -202,9 +202,9 @@ def test_a_record_that_may_not_boot_is_gone_even_where_it_cannot_be_erased(bench
 
 @flashing("FWU-018/3", "FWU-018/2", needs=(Need.FAULTS, Need.POWER))
 def test_an_image_that_never_came_up_does_not_boot_after_a_cut_erasure(bench: Bench) -> None:
-    """Where an upgrade that overwrites such an image is cut short, what was given up does not boot after all."""
+    """If an upgrade over such an image is interrupted, the void image does not boot again."""
     before = upgraded(bench)
-    # Few bits change in the first bytes' time of an erasure: a record stays whole then, and a mark may not.
+    # Few bits change in the first bytes' time of an erasure: a record stays whole, but a mark may not.
     for byte in (20, 47, 50, 60, 500, 3000, *(1 + number % 12 for number in range(24))):
         with dfu_mode(bench) as line:
             image = large_image(line)
@@ -222,14 +222,14 @@ def test_an_image_that_never_came_up_does_not_boot_after_a_cut_erasure(bench: Be
 
 
 def settled_with_fault(bench: Bench) -> Bank:
-    """The bank that runs after a restart that has to report FLASH."""
+    """The bank that runs after a restart that must report FLASH."""
     faults_found = bench.status().faults
     assert Fault.FLASH in faults_found, f"the faults are {faults_found!r}; FLASH should be among them"
     return settled(bench)
 
 
 def _power(bench: Bench) -> None:
-    """Take power away and give it back, without a look at the bus."""
+    """Cut the power and restore it, without a look at the bus."""
     bench.levers.power_down()
     bench.wait(0.1)
     bench.levers.power_up()
@@ -238,7 +238,7 @@ def _power(bench: Bench) -> None:
 
 @flashing("FWU-018/1", "FWU-018/2", "DFU-010", "DFU-015", needs=(Need.POWER,))
 def test_power_may_go_at_any_time_of_a_download(bench: Bench) -> None:
-    """After a power cut anywhere in a download or manifestation the device boots, from a bank that is whole."""
+    """After a power cut anywhere in a download or manifestation the device boots from an intact bank."""
     running = bank_of(bench)
     for moment in range(10):
         with dfu_mode(bench) as line:
@@ -261,7 +261,7 @@ def test_power_may_go_at_any_time_of_a_download(bench: Bench) -> None:
 
 @flashing("FWU-018/1", "FWU-018/2", "FWU-018", needs=(Need.FAULTS, Need.POWER))
 def test_power_may_go_at_any_byte_that_is_written(bench: Bench) -> None:
-    """A write to the flash that is cut short at any byte leaves what ran before, or the new image whole."""
+    """A flash write that is cut short at any byte leaves the previous image, or the new one intact."""
     running = bank_of(bench)
     with dfu_mode(bench) as line:
         size = len(_own(line))
@@ -279,7 +279,7 @@ def test_power_may_go_at_any_byte_that_is_written(bench: Bench) -> None:
         running = found
 
 
-def _send_while_there(bench: Bench, line: DfuLine, image: bytes) -> None:
+def _send_while_there(bench: Bench, line: RawDfuLine, image: bytes) -> None:
     """Download an image until the device is gone."""
     try:
         line.flash(image)
@@ -293,7 +293,7 @@ def _send_while_there(bench: Bench, line: DfuLine, image: bytes) -> None:
 
 @flashing("FWU-019", "FWU-017", needs=(Need.FAULTS,))
 def test_an_image_that_has_gone_bad_does_not_boot(bench: Bench) -> None:
-    """Where the newest image is not what its record says, the one before it boots, and FLASH says so."""
+    """If the newest image does not match its record, the one before it boots, and FLASH reports it."""
     before = upgraded(bench)
     with dfu_mode(bench) as line:
         line.flash(_own(line))
@@ -303,21 +303,21 @@ def test_an_image_that_has_gone_bad_does_not_boot(bench: Bench) -> None:
 
 
 def _stick(bench: Bench, address: int, bit: int = 0, value: int = 1) -> None:
-    """Let a bit of the flash stick for a while; bit 0 makes 51h of 50h, with which images and records begin."""
+    """Let a bit of the flash stick for a while; bit 0 turns 50h, the first byte of images and records, into 51h."""
     periods = round(STUCK_SECONDS * CARRIER_HZ)
     bench.levers.cause(faults.StuckFlashBit(address=address, bit=bit, value=value, periods=periods))
 
 
 @flashing("DFU-009", "DFU-014", "FWU-007", "FWU-008", "FWU-019")
 def test_an_image_of_more_than_256_blocks_boots(bench: Bench) -> None:
-    """The firmware with zeros after it, of 258 blocks and one segment of 65 536, is taken, given back, and boots."""
+    """Firmware of 258 blocks, one segment of 65 536 and zeros after it, is accepted, uploaded unchanged, and boots."""
     before = bank_of(bench)
     with dfu_mode(bench) as line:
         own = _own(line)
         image = of_many_blocks(own, 258)
         line.flash(image)
         found = line.image()
-        assert found == image, f"an image of {len(image)} bytes is given back as another, of {len(found)} bytes"
+        assert found == image, f"an image of {len(image)} bytes is uploaded as another, of {len(found)} bytes"
     expect("the bank that boots", settled(bench), idle_bank(before))
     expect("the faults", bench.status().faults, Fault(0))
     with dfu_mode(bench) as line:
@@ -328,7 +328,7 @@ def test_an_image_of_more_than_256_blocks_boots(bench: Bench) -> None:
 @pytest.mark.parametrize("generation", [0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF], ids=lambda number: f"{number:X}")
 @reverting("FWU-017", "FWU-019", needs=(Need.FAULTS,))
 def test_an_upgrade_is_newer_whatever_generation_it_follows(bench: Bench, generation: int) -> None:
-    """After an upgrade of the largest generation of some bits, as its stuck record reads, the next one boots."""
+    """After an upgrade with the largest generation of some bits, as its stuck record reads, the next one boots."""
     bench.restart(lambda: bench.order(Request.REVERT))
     expect("the bank that boots", upgraded(bench), Bank.A)  # with generation 0, for there is no other record
     with dfu_mode(bench) as line:
@@ -346,7 +346,7 @@ def test_an_upgrade_is_newer_whatever_generation_it_follows(bench: Bench, genera
 
 @reverting("REQ-014", "FWU-022/1", "FWU-022")
 def test_revert_goes_back_to_the_factory_image(bench: Bench) -> None:
-    """REVERT boots the factory's image, gives up both upgrades for good, and resets everything as RESET does."""
+    """REVERT boots the factory image, voids both upgrades for good, and resets everything as RESET does."""
     upgraded(bench)
     upgraded(bench)
     accepted = bench.status().accepted
@@ -363,7 +363,7 @@ def test_revert_goes_back_to_the_factory_image(bench: Bench) -> None:
 
 @reverting("FWU-022/1", "REQ-014", needs=(Need.FAULTS, Need.POWER))
 def test_a_revert_that_is_cut_short_leaves_the_newer_image_or_the_factory_s(bench: Bench) -> None:
-    """Power that goes while REVERT writes leaves what would have booted without it, or the factory's image."""
+    """A power cut during REVERT leaves what would have booted without it, or the factory image."""
     for byte in (0, 1, 47, 48, 49, 95):
         upgraded(bench)
         newer = upgraded(bench)
@@ -379,7 +379,7 @@ def test_a_revert_that_is_cut_short_leaves_the_newer_image_or_the_factory_s(benc
 @pytest.mark.parametrize("what", ["image", "record"])
 @reverting("FWU-022/2", needs=(Need.FAULTS,))
 def test_revert_gives_up_nothing_where_the_factory_image_is_bad(bench: Bench, what: str) -> None:
-    """Where the factory's image is not what its record says, REVERT restarts the device with the upgrade it has."""
+    """If the factory image does not match its record, REVERT restarts the device with the current upgrade."""
     running = upgraded(bench)
     _stick(bench, Bank.FACTORY.image_address if what == "image" else Bank.FACTORY.record_address)
     bench.restart(lambda: bench.order(Request.REVERT))
@@ -389,7 +389,7 @@ def test_revert_gives_up_nothing_where_the_factory_image_is_bad(bench: Bench, wh
 
 @flashing("FWU-013/1", "FWU-004", "USB-008")
 def test_an_older_version_is_taken_like_a_newer_one(bench: Bench) -> None:
-    """An image of version 0.0.1 is taken and boots: a bad upgrade must be able to be undone."""
+    """An image of version 0.0.1 is accepted and boots: a bad upgrade must be reversible."""
     with dfu_mode(bench) as line:
         own = _own(line)
         line.flash(as_version(own, (0, 0, 1)))
@@ -404,7 +404,7 @@ def test_an_older_version_is_taken_like_a_newer_one(bench: Bench) -> None:
 
 @flashing("FWU-012", "FWU-011")
 def test_keys_decide_whose_images_are_taken(bench: Bench) -> None:
-    """Images that are not signed and those by an unknown key are both taken, or both refused for their signature."""
+    """Unsigned images and those by an unknown key are both accepted, or both refused for their signature."""
     stranger = key_of(bench)
     with dfu_mode(bench) as line:
         own = _own(line)
@@ -416,8 +416,8 @@ def test_keys_decide_whose_images_are_taken(bench: Bench) -> None:
             takes.append(reply.state is not DfuState.ERROR)
             line.rest()
         assert takes[0] == takes[1], (
-            f"unsigned images are {'taken' if takes[0] else 'refused'}, those of an unknown key "
-            f"{'taken' if takes[1] else 'refused'}: a device with keys refuses both, one without takes both"
+            f"unsigned images are {'accepted' if takes[0] else 'refused'}, those of an unknown key "
+            f"{'accepted' if takes[1] else 'refused'}: a device with keys refuses both, one without accepts both"
         )
         line.flash(own)
     settled(bench)
@@ -428,8 +428,8 @@ def key_of(bench: Bench) -> Ed25519PrivateKey:
     return Ed25519PrivateKey.from_private_bytes(bench.random.randbytes(32))
 
 
-def offer(line: DfuLine, image: bytes) -> DfuReply:
-    """Download an image to its end, whatever becomes of it; what the device says then."""
+def offer(line: RawDfuLine, image: bytes) -> DfuReply:
+    """Download an image to its end and return the device's last answer."""
     line.send(image)
     line.download(0, b"")
     return line.poll()
@@ -439,7 +439,7 @@ def offer(line: DfuLine, image: bytes) -> DfuReply:
 @pytest.mark.parametrize("runs", ["factory", "upgrade"])
 @flashing("FWU-012/1", "FWU-011", "FWU-015", needs=(Need.SPARE,))
 def test_a_device_with_keys_refuses_what_they_have_not_signed(bench: Bench, runs: str, what: str) -> None:
-    """An image that no trusted key has signed is refused, whichever image runs, and the one that runs boots again."""
+    """An image that no trusted key has signed is refused, whichever image runs, and that one boots again."""
     with bench.spare(key_of(bench)) as device:
         running = upgraded(device) if runs == "upgrade" else bank_of(device)
         with dfu_mode(device) as line:
@@ -454,7 +454,7 @@ def test_a_device_with_keys_refuses_what_they_have_not_signed(bench: Bench, runs
 
 @flashing("FWU-012", "FWU-013/1", "FWU-011", needs=(Need.SPARE,))
 def test_a_device_with_keys_takes_what_they_have_signed(bench: Bench) -> None:
-    """Images that the trusted key has signed are taken one after the other, older versions like newer ones."""
+    """Images signed by the trusted key are accepted one after the other, older versions as well as newer ones."""
     key = key_of(bench)
     with bench.spare(key) as device:
         running = bank_of(device)
@@ -469,7 +469,7 @@ def test_a_device_with_keys_takes_what_they_have_signed(bench: Bench) -> None:
 @pytest.mark.parametrize("processor", [0, 4, 9])
 @flashing("FWU-021", "CHN-024", "TIM-002/2", "SAF-007/1", needs=(Need.SPARE, Need.FAULTS, Need.POWER))
 def test_a_device_without_all_its_processors_stays_on_the_bus(bench: Bench, processor: int) -> None:
-    """Where a processor does not start, the device reports PROCESSOR, keeps its outputs off and takes firmware."""
+    """If a processor does not start, the device reports PROCESSOR, keeps its outputs off and accepts firmware."""
     with bench.spare() as broken:
         broken.levers.cause(faults.DeadProcessor(processor=processor))
         broken.power_cycle()

@@ -1,15 +1,14 @@
-"""Flow: the queue and its free places, what holds a host back, and the rate that the device promises."""
+"""Flow control: the queue and its free places, what holds a host back, and the rate that the device promises."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Sequence as Many
+from collections.abc import Iterable, Sequence
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, NotApplicable, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
-from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, check_in_time, is_fast, soon
+from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
@@ -21,22 +20,44 @@ from phasewire.hil.conformance.tools.steps import (
     raw_records,
     refuse,
 )
-from phasewire.protocol.blocks import Body, Clock, Entries, Entry, NoOp, Output, Samples, Sequence, Slot, Update, pack
-from phasewire.protocol.codes import SILENT_PERIODS, Action, Feature, Reason, Request, State
+from phasewire.protocol.blocks import (
+    Body,
+    Clock,
+    Entries,
+    Entry,
+    NoOp,
+    Output,
+    PlaySequence,
+    Samples,
+    Slot,
+    Update,
+    pack,
+)
+from phasewire.protocol.codes import (
+    BLOCK_BYTES,
+    ENTRIES_PER_BLOCK,
+    SAMPLES_PER_BLOCK,
+    SILENT_PERIODS,
+    Action,
+    Feature,
+    Reason,
+    Request,
+    State,
+)
 from phasewire.protocol.replies import Ack
 
 ENDPOINT_OUT = 0x01
 REFUSED_SECONDS = 0.02
-"""For a block that must be answered with NAK all the time."""
+"""For a block that must get NAK all the time."""
 PATIENCE_SECONDS = 5.0
-"""For what comes in tenths of a second; the rest is for a computer that is busy."""
+"""For what comes within tenths of a second, with a margin for a busy computer."""
 FEATURES = Feature.SEQUENCES | Feature.MODULATION
 SYMBOLS = {2: 10, 5: 4}
 """In a token, by the wires of a link (clause BUD-002)."""
 
 
 def fill(bench: Bench, left: int = 0) -> list[Ack]:
-    """Queue changes for periods that do not come, until so many places are left."""
+    """Queue changes for distant periods, until so many places are left."""
     named = far(bench)
     changes: list[Body] = [Update(SILENT, named + 100 * place) for place in range(bench.info.queue_blocks - left)]
     acks = send_many(bench, changes)
@@ -46,14 +67,14 @@ def fill(bench: Bench, left: int = 0) -> list[Ack]:
     return acks
 
 
-def send_many(bench: Bench, bodies: Many[Body]) -> list[Ack]:
-    """Send blocks in one go, or over a slow line in several; their acknowledgements."""
+def send_many(bench: Bench, bodies: Sequence[Body]) -> list[Ack]:
+    """Send blocks in one go, or in several over a slow line; returns their acknowledgements."""
     at_once = len(bodies) if is_fast(bench) else 10
     return [ack for at in range(0, len(bodies), at_once) for ack in bench.send_all(bodies[at : at + at_once])]
 
 
 def check_nak(bench: Bench, block: bytes) -> None:
-    """See that a block is not taken, and that nothing comes of it."""
+    """Check that a block is not taken and has no effect."""
     before = bench.status()
     expect("bytes taken while the device holds the host back", bench.usb.write(ENDPOINT_OUT, block, REFUSED_SECONDS), 0)
     after = bench.status()
@@ -66,7 +87,7 @@ def check_nak(bench: Bench, block: bytes) -> None:
 
 @case("BLK-024", "ACK-002", "REQ-003")
 def test_free_counts_the_places_of_the_queue(bench: Bench) -> None:
-    """As many changes as INFO says can wait; `free` says after each, and in STATUS, how many more can, down to none."""
+    """As many changes as INFO says can wait; `free` counts down to 0 after each, in STATUS too."""
     begin(bench)
     places = bench.info.queue_blocks
     expect("free in STATUS", bench.status().free, places)
@@ -79,7 +100,7 @@ def test_free_counts_the_places_of_the_queue(bench: Bench) -> None:
 
 @case("BLK-024", "REQ-003", "CHN-029")
 def test_a_place_is_free_again_when_its_change_has_gone(bench: Bench) -> None:
-    """`free` counts up as changes go onto the chain: not before their periods are near, and at these at the latest."""
+    """`free` counts up when changes go onto the chain: only near their periods, and by these at the latest."""
     begin(bench)
     places, gap = bench.info.queue_blocks, 120 * bench.slowness
     first = soon(bench, places)
@@ -99,30 +120,30 @@ def test_a_place_is_free_again_when_its_change_has_gone(bench: Bench) -> None:
             return
         bench.wait_periods(looks_every)
     raise AssertionError(
-        f"period {status.period} is told, should be past {periods[-1]}, for which was waited twice over"
+        f"period {status.period} is reported, should be past {periods[-1]}, after twice the waiting time"
     )
 
 
 @case("BLK-024", "BLK-009", "BLK-020", "BLK-019", features=FEATURES)
 def test_only_changes_take_a_place(bench: Bench) -> None:
-    """Stores, CLOCK and NO_OP take no place in the queue: with one left as many of them as one likes are accepted."""
+    """Stores, CLOCK and NO_OP take no place in the queue: with one place left any number of them is accepted."""
     begin(bench)
     fill(bench, left=1)
     bodies: list[Body] = [Slot(0, SILENT), Entries((Entry(0, 1),)), Samples(b"\1"), Clock(), NoOp()]
     for body in bodies * (4 if bench.line.kind == "usb" else 1):
         ack = bench.must(body)
-        assert ack.free in (0, 1), f"free is {ack.free} behind {type(body).__name__.upper()}, should be 1"
+        assert ack.free in (0, 1), f"free is {ack.free} after {body.KIND.name}, should be 1"
     for _ in range(100):
         if bench.status().free == 1:
             break
         bench.outlast(0.005)
     expect("free", bench.status().free, 1)
-    expect("free behind the last change", bench.must(Output(Action.SILENCE)).free, 0)
+    expect("free after the last change", bench.must(Output(Action.SILENCE)).free, 0)
 
 
 @case("BLK-024", "BLK-007", "ACK-001")
 def test_blocks_are_judged_when_they_arrive(bench: Bench) -> None:
-    """A block behind a change that waits is judged and acknowledged at once, not when the change has taken effect."""
+    """A block after a change that waits is judged and acknowledged at once, not after the change has taken effect."""
     begin(bench)
     named = far(bench)
     acks = bench.send_all([Update(SILENT, named), NoOp(), Update(SILENT, named + 50), Clock()])
@@ -136,17 +157,17 @@ def test_blocks_are_judged_when_they_arrive(bench: Bench) -> None:
 
 @case("BLK-009", "BLK-024", "ACK-007", line="usb")
 def test_a_full_queue_is_answered_with_nak(bench: Bench) -> None:
-    """While the queue has no room no block is taken, right or wrong and of any kind; requests are answered."""
+    """While the queue has no room no block is taken, valid or not and of any kind; requests are answered."""
     begin(bench)
     fill(bench)
     blocks = [pack(bench.numbered(body)) for body in (NoOp(), Clock(), Update(SILENT), Slot(0, SILENT))]
-    for block in (*blocks, bytes(512)):
+    for block in (*blocks, bytes(BLOCK_BYTES)):
         check_nak(bench, block)
     expect("the state", bench.status().state, State.READY)
     bench.disable()
     number = bench.must(NoOp()).sequence
     expect("the number taken", number, bench.numbered(NoOp()).sequence - 1 & 0xFFFFFFFF)
-    expect("what comes besides", bench.listen(), [])
+    expect("what else comes", bench.listen(), [])
 
 
 @case("BLK-009", "BLK-024", outputs=("BLK-009", "BLK-007"))
@@ -154,38 +175,38 @@ def test_more_updates_than_fit_all_play(bench: Bench) -> None:
     """Three times as many updates as the queue holds, sent in one go, are held back, and all play in order, in time."""
     if not is_fast(bench):
         raise Inconclusive("the line is so slow that the queue never fills")
-    stage = Stage(bench)
+    player = Player(bench)
     count, gap = 3 * bench.info.queue_blocks, 40 * bench.slowness
     first = soon(bench, bench.info.queue_blocks)
     updates = [bench.weak(0.2) for _ in range(7)]
-    acks = stage.send_all([Update(updates[number % 7], first + gap * number) for number in range(count)])
+    acks = player.send_all([Update(updates[number % 7], first + gap * number) for number in range(count)])
     arrived = [ack.now_period for ack in acks]
     assert arrived[-1] >= first, (
         f"the last of {count} updates was taken in period {arrived[-1]}, should have been held back to {first} at least"
     )
     if min(ack.free for ack in acks):
         raise TooSlow("the line was so slow that the queue never filled")
-    stage.judge(first - 10, first + gap * count)
+    player.judge(first - 10, first + gap * count)
 
 
 @case("BLK-009", "BLK-024", outputs=("BLK-009", "BLK-013"), features=Feature.SEQUENCES, line="usb")
 def test_more_stores_than_wait_are_all_kept(bench: Bench) -> None:
-    """A hundred slots in one transfer are all accepted and play as they were stored, be they held back by NAK."""
-    stage, many = Stage(bench), 100
+    """A hundred slots in one transfer are all accepted and play as stored, even if NAK holds them back."""
+    player, many = Player(bench), 100
     acks = bench.send_all([Entries(tuple(Entry(number, 1) for number in range(many)))])
     acks += bench.send_all(slots := [Slot(number, only(3 * number, number)) for number in range(many)])
     for ack in acks:
         expect("the reason", ack.reason, Reason.ACCEPTED)
-        assert ack.free in (0, bench.info.queue_blocks), f"free is {ack.free} behind a store"
+        assert ack.free in (0, bench.info.queue_blocks), f"free is {ack.free} after a store"
     let_stores_go(bench)
-    began = bench.must(Sequence(0, many)).commit_period
-    stage.score.play(began, [(slot.pulses, 1) for slot in slots])
-    stage.judge(began, began + 2 * many)
+    began = bench.must(PlaySequence(0, many)).commit_period
+    player.score.play(began, [(slot.pulses, 1) for slot in slots])
+    player.judge(began, began + 2 * many)
 
 
 @case("BLK-009", "SAF-003", line="usb")
 def test_a_block_that_is_held_back_is_no_sign_of_life(bench: Bench) -> None:
-    """While blocks are answered with NAK the watchdog runs, and fires: a host that waits asks for STATUS meanwhile."""
+    """While blocks get NAK the watchdog runs and fires: a waiting host must ask for STATUS."""
     begin(bench)
     fill(bench)
     bench.order(Request.WATCHDOG, 150)
@@ -194,7 +215,7 @@ def test_a_block_that_is_held_back_is_no_sign_of_life(bench: Bench) -> None:
     taken, end = 0, bench.line.time.monotonic() + PATIENCE_SECONDS
     while not taken and bench.line.time.monotonic() < end:
         taken = bench.usb.write(ENDPOINT_OUT, block, REFUSED_SECONDS)
-    expect("bytes taken when the watchdog has emptied the queue", taken, 512)
+    expect("bytes taken after the watchdog has emptied the queue", taken, BLOCK_BYTES)
     status = bench.status()
     expect("the state", status.state, State.OFF)
     assert status.watchdog_fired, "STATUS does not say that the watchdog has fired"
@@ -202,12 +223,12 @@ def test_a_block_that_is_held_back_is_no_sign_of_life(bench: Bench) -> None:
 
 @case("ACK-001", "ACK-007", "USB-015", line="usb")
 def test_records_that_are_not_read_hold_the_host_back(bench: Bench) -> None:
-    """With as many records waiting as INFO says no block is taken; all are there when they are read, in order."""
+    """With as many records waiting as INFO says no block is taken; reading finds them all, in order."""
     bench.must(NoOp())
     places = bench.info.queue_records
     blocks = [pack(bench.numbered(NoOp())) for _ in range(places + 1)]
     taken = bench.usb.write(ENDPOINT_OUT, b"".join(blocks), 0.2 + places / 1000)
-    expect("blocks taken", taken / 512, places)
+    expect("blocks taken", taken / BLOCK_BYTES, places)
     check_nak(bench, blocks[-1])
     bench.outlast(0.02)
     waiting = bench.listen(0.05)
@@ -231,8 +252,8 @@ def test_a_stream_at_the_rate_that_holds_is_played_in_full(bench: Bench) -> None
     """Updates as close as INFO says, far more than fit the queue, all play at their periods: none is late or missed."""
     if not is_fast(bench) or bench.line.kind == "serial":
         raise Inconclusive("the line is too slow for a stream")
-    stage, gap = Stage(bench), bench.info.periods_per_update
-    if bench.usb.bulk_bytes < 512:
+    player, gap = Player(bench), bench.info.periods_per_update
+    if bench.usb.bulk_bytes < BLOCK_BYTES:
         gap = max(gap, 20)  # a full-speed bus carries 2375 blocks a second (USB-010)
     places = bench.info.queue_blocks
     before = bench.status()
@@ -241,41 +262,46 @@ def test_a_stream_at_the_rate_that_holds_is_played_in_full(bench: Bench) -> None
     updates = list(stream(bench, first, gap, 20 * places))
     for at in range(0, len(updates), places):
         acks += bench.send_all(updates[at : at + places])
-    check_stream(bench, stage, updates, acks)
+    check_stream(bench, player, updates, acks)
     bench.wait_until(acks[-1].commit_period + 400)
     after = bench.status()
     expect("missed commits", after.missed_commits, before.missed_commits)
     expect("damaged messages", after.damaged_messages, before.damaged_messages)
     expect("faults", after.faults, before.faults)
-    stage.judge(first - 10, acks[-1].commit_period + 10)
+    player.judge(first - 10, acks[-1].commit_period + 10)
 
 
 @case("BUD-001/2", "BUD-004", outputs=("BUD-001/2", "BUD-007", "CHN-019", "CHN-020"), features=FEATURES)
 def test_a_stream_holds_its_rate_beside_stores(bench: Bench) -> None:
-    """A stream at the rate that holds is played in full while slots, entries and samples are stored between updates."""
-    stage, gap = Stage(bench), bench.info.periods_per_update
+    """A stream at the promised rate plays completely while slots, entries and samples are stored between updates."""
+    player, gap = Player(bench), bench.info.periods_per_update
     places = bench.info.queue_blocks - 2
     first = soon(bench, places + 3)
     before = bench.status()
     updates = list(stream(bench, first, gap, places))
-    bodies: list[Body] = [*updates, Slot(1, SILENT), Entries((Entry(1, 5),) * 120), Samples(bytes(480))]
+    bodies: list[Body] = [
+        *updates,
+        Slot(1, SILENT),
+        Entries((Entry(1, 5),) * ENTRIES_PER_BLOCK),
+        Samples(bytes(SAMPLES_PER_BLOCK)),
+    ]
     acks = send_many(bench, bodies)
-    check_stream(bench, stage, updates, acks[:places])
+    check_stream(bench, player, updates, acks[:places])
     expect("the reasons of stores", [ack.reason for ack in acks[places:]], [Reason.ACCEPTED] * 3)
     bench.wait_until(first + gap * places + 400)
     after = bench.status()
     expect("late changes", after.late, before.late)
     expect("missed commits", after.missed_commits, before.missed_commits)
     expect("faults", after.faults, before.faults)
-    stage.judge(first - 10, first + gap * places + 10)
+    player.judge(first - 10, first + gap * places + 10)
 
 
-def check_stream(bench: Bench, stage: Stage, updates: Iterable[Update], acks: Iterable[Ack]) -> None:
-    """See that each update that came in time takes effect in time, and write them all into the score."""
+def check_stream(bench: Bench, player: Player, updates: Iterable[Update], acks: Iterable[Ack]) -> None:
+    """Check that each update that came in time takes effect in time, and enter them all into the score."""
     margin = PROMISED_PERIODS + 2 * bench.info.periods_per_update
     in_time = behind = 0
     for update, ack in zip(updates, acks, strict=True):
-        stage.follow(update, ack)
+        player.follow(update, ack)
         if update.period < ack.now_period + margin or behind:
             behind += 1
             continue
@@ -291,7 +317,7 @@ def check_stream(bench: Bench, stage: Stage, updates: Iterable[Update], acks: It
 
 @case("BLK-023", "ACK-003", "BLK-008")
 def test_updates_closer_than_the_rate_are_refused(bench: Bench) -> None:
-    """An update later than the last that was named by less than u periods is refused with RATE, by u it is not."""
+    """An update less than u periods after the last named period is refused with RATE; u periods after, it is not."""
     begin(bench)
     u = needs_two(bench)
     named = far(bench)
@@ -319,7 +345,7 @@ def test_an_update_that_is_not_later_is_not_refused_for_its_rate(bench: Bench) -
 
 @case("BLK-023")
 def test_the_rate_counts_from_the_last_that_was_named(bench: Bench) -> None:
-    """RATE counts from what the last accepted UPDATE named, not from one for now, one refused, or other changes."""
+    """RATE counts from the period that the last accepted UPDATE named: not from now, refusals or other changes."""
     bench.order(Request.LIMIT, 1)
     begin(bench)
     needs_two(bench)
@@ -343,7 +369,7 @@ def test_the_rate_counts_from_the_last_that_was_named(bench: Bench) -> None:
 
 
 def name_anew(bench: Bench, period: int) -> None:
-    """Let an update for a period be the only one that is queued and the last that was named, as after ENABLE."""
+    """Queue only one update, for a period that becomes the last named one, as after ENABLE."""
     bench.disable()
     bench.enable()
     bench.must(Update(SILENT, period))
@@ -352,7 +378,7 @@ def name_anew(bench: Bench, period: int) -> None:
 @case("BLK-023", "SAF-002")
 @pytest.mark.parametrize("how", ["request", "block"])
 def test_the_rate_counts_anew_after_enable(bench: Bench, how: str) -> None:
-    """After the outputs were disabled and enabled again nothing has been named: any period is accepted."""
+    """After the outputs were disabled and enabled no period counts as named: any period is accepted."""
     begin(bench)
     needs_two(bench)
     named = far(bench)
@@ -368,7 +394,7 @@ def test_the_rate_counts_anew_after_enable(bench: Bench, how: str) -> None:
 
 
 def needs_two(bench: Bench) -> int:
-    """u, where updates can be closer than that at all."""
+    """u, if updates can be closer than that at all."""
     u = bench.info.periods_per_update
     if u == 1:
         raise NotApplicable("its links carry an update every period, so that none is too close")
@@ -377,7 +403,7 @@ def needs_two(bench: Bench) -> int:
 
 @case("BUD-004", "BUD-002", "BLK-023")
 def test_info_reports_a_rate_that_the_links_can_carry(bench: Bench) -> None:
-    """`periods_per_update` is no less than ten slices and ten commits take on links of this set-up."""
+    """`periods_per_update` is at least the time of ten slices and ten commits on links of this kind."""
     wires = bench.info.link_wires
     assert wires in SYMBOLS, f"link_wires is {wires}, should be 2 or 5"
     cycles = 680 * SYMBOLS[wires] * bench.info.cycles_per_symbol

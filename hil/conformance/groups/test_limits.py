@@ -1,4 +1,4 @@
-"""What protects array and amplifiers: the limit on the total drive, and the supply (chapter SAF), judged by answers."""
+"""Protection of array and amplifiers: the drive limit and the supply (chapter SAF), judged by answers."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import pytest
 from phasewire.emulator.faults import WrongSupply
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, case, expect
-from phasewire.hil.conformance.tools.stage import soon
+from phasewire.hil.conformance.tools.player import soon
 from phasewire.hil.conformance.tools.steps import SILENT, begin, enable, heavy, let_stores_go, set_limit, some
-from phasewire.protocol.blocks import Entries, Entry, Sequence, Slot, Update
+from phasewire.protocol.blocks import Entries, Entry, PlaySequence, Slot, Update
 from phasewire.protocol.board import CHANNELS
 from phasewire.protocol.codes import Fault, Feature, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
@@ -39,15 +39,15 @@ POWERS = {
     21: 938,
     22: 965,
 }
-"""Of pulses by their widths, in thousandths (clause SAF-006)."""
+"""Drive of pulses by their widths, in thousandths (clause SAF-006)."""
 WIDEST = 25
 NOTICED_SECONDS = 0.1
-"""After which a device has asked its boards how they are."""
+"""Time after which a device has asked its boards for their state."""
 
 
 @case("SAF-006", "REQ-010")
 def test_the_power_of_an_update_is_no_sum_of_widths(bench: Bench) -> None:
-    """Of updates whose widths sum up alike wide pulses are refused with DRIVE and narrow ones taken: power counts."""
+    """Of updates with equal sums of widths, wide pulses get DRIVE and narrow ones are accepted: power counts."""
     set_limit(bench, LIMIT)
     begin(bench)
     for width in some(bench, POWERS):
@@ -65,7 +65,7 @@ def many(count: int, width: int) -> Update:
 
 @case("SAF-006", "BLK-008", features=Feature.SEQUENCES | Feature.UNATTENDED)
 def test_one_slot_above_the_limit_refuses_its_sequence(bench: Bench) -> None:
-    """A SEQUENCE whose last entry alone is above a lowered limit is refused, for now or later, attended or not."""
+    """A SEQUENCE with only its last entry above a lowered limit is refused, for now or later, attended or not."""
     set_limit(bench, LIMIT)
     for store in (Slot(0, SILENT), Slot(7, heavy(LIMIT)), Entries((*(Entry(0, 1),) * 119, Entry(7, 1)))):
         bench.must(store)
@@ -73,15 +73,15 @@ def test_one_slot_above_the_limit_refuses_its_sequence(bench: Bench) -> None:
     enable(bench)
     let_stores_go(bench)
     refused = {
-        "now": Sequence(0, 120),
-        "later": Sequence(0, 120, soon(bench)),
-        "unattended": Sequence(0, 120, unattended=True),
+        "now": PlaySequence(0, 120),
+        "later": PlaySequence(0, 120, soon(bench)),
+        "unattended": PlaySequence(0, 120, unattended=True),
     }
     for what, body in refused.items():
         expect(f"the reason for a sequence {what}", bench.send(body).reason, Reason.DRIVE)
     status = bench.status()
     expect("state and what plays since", (status.state, status.since_period), (State.READY, 0))
-    expect("the reason without the last entry", bench.send(Sequence(0, 119)).reason, Reason.ACCEPTED)
+    expect("the reason without the last entry", bench.send(PlaySequence(0, 119)).reason, Reason.ACCEPTED)
 
 
 @case("SAF-008", "SAF-007/1", needs=(Need.FAULTS,))
@@ -91,7 +91,7 @@ def test_one_slot_above_the_limit_refuses_its_sequence(bench: Bench) -> None:
     ids=["11-V", "13-V", "17-V", "19-V", "24-V"],
 )
 def test_the_supply_may_have_12_to_18_volts(bench: Bench, millivolts: int, is_wrong: bool) -> None:
-    """A supply outside 12 to 18 V is the fault SUPPLY, which silences and stays; one within is none."""
+    """A supply outside 12 to 18 V is the fault SUPPLY, which silences and stays; one within is no fault."""
     begin(bench)
     bench.must(Update(bench.weak()))
     bench.levers.cause(WrongSupply(millivolts=millivolts))
@@ -99,4 +99,4 @@ def test_the_supply_may_have_12_to_18_volts(bench: Bench, millivolts: int, is_wr
     status = bench.status()
     state, faults = (State.FAULT, Fault.SUPPLY) if is_wrong else (State.PLAYING, Fault(0))
     expect("state and faults", (status.state, status.faults), (state, faults))
-    expect("whether ENABLE is done", bench.try_order(Request.ENABLE), not is_wrong)
+    expect("whether ENABLE is accepted", bench.try_order(Request.ENABLE), not is_wrong)

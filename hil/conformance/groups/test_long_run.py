@@ -1,4 +1,4 @@
-"""Long runs: what holds once must hold again and again, and nothing may run short."""
+"""Long runs: every promise holds again and again, and no resource runs out."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import time
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, case, expect
 from phasewire.hil.conformance.tools.clocks import compare_clocks
-from phasewire.hil.conformance.tools.stage import FAST_PERIODS, Stage, block_periods, is_fast
+from phasewire.hil.conformance.tools.player import FAST_PERIODS, Player, block_periods, is_fast
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
@@ -27,17 +27,17 @@ from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Status
 
 WALL_SECONDS = 8.0
-"""That a case may take where time is the host's own."""
+"""Time that a case may take if the device runs on the host's clock."""
 DEVICE_SECONDS = 300
 SETTLED_PERIODS = 400
 MOST_PPM = 1000
-"""By which two clocks of quartz may differ, and much more."""
+"""More than the greatest difference of two quartz clocks."""
 BOTH = Feature.SEQUENCES | Feature.MODULATION
 COUNTERS = ("refused", "late", "lost", "missed_commits", "damaged_messages", "dropped_frames")
 
 
 def check_counters(bench: Bench, before: Status, **counted: int) -> Status:
-    """Fail unless the counters went on by what was counted, and the others not at all; the status now."""
+    """Fail unless exactly these counters advanced, by these amounts; returns the status."""
     after = bench.status()
     for name in ("accepted", *COUNTERS):
         gone = getattr(after, name) - getattr(before, name)
@@ -47,7 +47,7 @@ def check_counters(bench: Bench, before: Status, **counted: int) -> Status:
 
 
 def let_pass(bench: Bench, seconds: float) -> float:
-    """Let the device's time pass with a sign of life a second, but not too much of ours; how much passed."""
+    """Let the device's time pass with a sign of life each second, within the host's time; returns how much passed."""
     wall, began = time.perf_counter() + WALL_SECONDS, bench.clock().now
     while (passed := (bench.clock().now - began) / TICK_HZ) < seconds and time.perf_counter() < wall:
         bench.keep_alive(min(1.0, seconds - passed), every=1.0)
@@ -57,19 +57,19 @@ def let_pass(bench: Bench, seconds: float) -> float:
 
 @case("BLK-005", "ACK-001", "NUM-002", "REQ-003", "BUD-001/2", outputs=("TIM-003", "BLK-005", "CHN-020"))
 def test_a_long_stream_of_updates_plays_whole(bench: Bench) -> None:
-    """Of two seconds of updates, 500 a second, none is late, missed or lost, and twelve stretches are seen to play.
+    """Of two seconds of updates, 500 a second, none is late, missed or lost, and twelve excerpts show them playing.
 
-    On a slow line they are fewer and further apart, for the queue alone bridges a time in which nothing comes.
+    On a slow line they are fewer and further apart, because only the queue bridges a gap in the transfers.
     """
-    stage = Stage(bench)
+    player = Player(bench)
     fast = is_fast(bench)
     count, spacing, at_once = (1024, 4 * FAST_PERIODS, 16) if fast else (16, 2 * block_periods(bench), 4)
     count, spacing = max(count // bench.slowness, 4 * at_once), spacing * bench.slowness
     patterns = [bench.weak() for _ in range(24)]
     before = bench.status()
-    first = stage.soon(at_once)
+    first = player.soon(at_once)
     for number in range(0, count, at_once):
-        stage.send_all(
+        player.send_all(
             Update(bench.random.choice(patterns), first + spacing * place) for place in range(number, number + at_once)
         )
     last = first + spacing * count
@@ -79,15 +79,15 @@ def test_a_long_stream_of_updates_plays_whole(bench: Bench) -> None:
     expect("since_period", after.since_period, last - spacing)
     for _ in range(12):
         at = bench.random.randrange(first, last - 200)
-        stage.judge(at, at + 200)
+        player.judge(at, at + 200)
 
 
 @case("BLK-024", "BLK-008", "REQ-003", "ACK-002", features=BOTH)
 def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
-    """After 5000 blocks of all kinds, some refused, the queue has as many places as at first, and holds as many."""
-    stage = Stage(bench)
-    stage.send_all([Slot(0, bench.weak()), Slot(1, bench.weak()), Entries((Entry(0, 1), Entry(1, 2)))])
-    stage.send(Samples(bytes([255, 0])))
+    """After 5000 blocks of all kinds, some refused, the queue has as many places as at first."""
+    player = Player(bench)
+    player.send_all([Slot(0, bench.weak()), Slot(1, bench.weak()), Entries((Entry(0, 1), Entry(1, 2)))])
+    player.send(Samples(bytes([255, 0])))
     bench.wait_periods(SETTLED_PERIODS)
     before = bench.status()
     expect("free places", before.free, bench.info.queue_blocks)
@@ -95,8 +95,8 @@ def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
     beyond = Update(Pulses.silent(CHANNELS), 2**64 - 1)
     kinds: list[Body] = [
         update,
-        Sequence(0, 2),
-        Modulation(0, 2, 1),
+        PlaySequence(0, 2),
+        AmplitudeModulation(0, 2, 1),
         Output(Action.END_MODULATION),
         Output(Action.SILENCE),
         Clock(),
@@ -119,8 +119,8 @@ def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
     expect("missed commits", after.missed_commits, before.missed_commits)
     expect("free places", after.free, bench.info.queue_blocks)
     places = bench.info.queue_blocks if is_fast(bench) else 4
-    far = stage.soon(places) + 2000
-    free = [ack.free for ack in stage.send_all(Update(update.pulses, far + 10 * place) for place in range(places))]
+    far = player.soon(places) + 2000
+    free = [ack.free for ack in player.send_all(Update(update.pulses, far + 10 * place) for place in range(places))]
     wanted = [bench.info.queue_blocks - 1 - place for place in range(places)]
     expect("free places as changes are queued", free, wanted)
     bench.disable()
@@ -129,74 +129,74 @@ def test_no_place_in_the_queue_is_lost(bench: Bench) -> None:
 
 @case("NUM-004", "NUM-002", "NUM-003", "BLK-020", "REQ-003")
 def test_many_sessions_follow_each_other(bench: Bench) -> None:
-    """Session after session begins with RESTART and a number of its own, and none is said to have lost anything."""
-    stage = Stage(bench)
+    """Session after session begins with RESTART and its own number, and none reports a loss."""
+    player = Player(bench)
     before = bench.status()
     sessions = 100 if is_fast(bench) else 5
     for _ in range(sessions):
         bench.must(NoOp(), restart=True, number=bench.random.randrange(2**32))
-        for ack in stage.send_all([Update(Pulses.silent(CHANNELS)), NoOp(), Clock()]):
+        for ack in player.send_all([Update(Pulses.silent(CHANNELS)), NoOp(), Clock()]):
             assert not ack.flags, f"flags of block {ack.sequence} of a session are {ack.flags!r}, should be none"
     check_counters(bench, before, accepted=4 * sessions)
 
 
 @case("STA-003", "SAF-002", "SAF-004", "REQ-005", "BLK-024", outputs=("SAF-002", "SAF-004"))
 def test_outputs_are_enabled_and_disabled_again_and_again(bench: Bench) -> None:
-    """Each time they are enabled an update plays, each time they are disabled it ends, and the queue is whole again."""
-    stage = Stage(bench)
+    """After each enabling an update plays, after each disabling it ends, and the queue is complete again."""
+    player = Player(bench)
     bench.disable()
     before = bench.status()
     times = 50 if is_fast(bench) else 5
     stretches = []
     for _ in range(times):
         bench.enable()
-        ack = stage.send(Update(bench.weak()))
-        stage.bench.send(Update(bench.weak(), ack.commit_period + 2**20))
+        ack = player.send(Update(bench.weak()))
+        player.bench.send(Update(bench.weak(), ack.commit_period + 2**20))
         bench.wait_until(ack.commit_period + 3)
         expect("the state", bench.status().state, State.PLAYING)
         bench.disable()
         off = bench.period() + 1
-        stage.score.silence(off)
+        player.score.silence(off)
         status = bench.status()
         expect("state and free places", (status.state, status.free), (State.OFF, bench.info.queue_blocks))
         bench.wait_periods(10)
         stretches.append((ack.commit_period, off))
     check_counters(bench, before, accepted=2 * times)
     for begin, off in bench.random.sample(stretches, 5):
-        stage.judge(begin, begin + 3)
-        stage.judge(off, off + 8)
+        player.judge(begin, begin + 3)
+        player.judge(off, off + 8)
 
 
 @case("TIM-001", "TIM-002")
 def test_the_clock_keeps_time(bench: Bench) -> None:
-    """Over five seconds the device's clock and the host's differ by less than a thousandth."""
+    """Over five seconds the clocks of device and host differ by less than a thousandth."""
     compare_clocks(bench, lambda: bench.wait(5), MOST_PPM / 1e6)
 
 
 @case("CHN-015", "BLK-015", "BLK-017", "TIM-004", features=BOTH, needs=[Need.CAPTURE])
 def test_a_modulated_sequence_stays_in_step_for_minutes(bench: Bench) -> None:
-    """After minutes, seconds where time is the host's own, entries and samples are where their starts say."""
-    stage = Stage(bench)
-    stage.send_all([Slot(number, bench.weak()) for number in range(3)])
-    stage.send_all([Entries((Entry(0, 3), Entry(1, 1), Entry(2, 7))), Samples(bytes([255, 180, 30, 90, 128]))])
-    stage.send_all([Modulation(0, 5, 3), Sequence(0, 3)])
+    """After minutes, or seconds on the host's clock, entries and samples are at the places that their starts imply."""
+    player = Player(bench)
+    player.send_all([Slot(number, bench.weak()) for number in range(3)])
+    player.send_all([Entries((Entry(0, 3), Entry(1, 1), Entry(2, 7))), Samples(bytes([255, 180, 30, 90, 128]))])
+    player.send_all([AmplitudeModulation(0, 5, 3), PlaySequence(0, 3)])
     bench.wait_periods(SETTLED_PERIODS)
     before = bench.status()
     let_pass(bench, DEVICE_SECONDS)
     check_counters(bench, before)
     last = bench.period()
-    stage.judge(last - 600, last)
+    player.judge(last - 600, last)
 
 
 @case("TIM-004", "CHN-018", needs=[Need.CAPTURE])
 def test_an_update_plays_on_for_minutes(bench: Bench) -> None:
-    """An update plays on unchanged for minutes, seconds where time is the host's own, and another follows in time."""
-    stage = Stage(bench)
-    stage.send(Update(bench.weak()))
+    """An update plays on unchanged for minutes, or seconds on the host's clock, and another follows in time."""
+    player = Player(bench)
+    player.send(Update(bench.weak()))
     bench.wait_periods(SETTLED_PERIODS)
     before = bench.status()
     let_pass(bench, DEVICE_SECONDS)
-    period = stage.soon()
-    stage.send(Update(bench.weak(), period))
+    period = player.soon()
+    player.send(Update(bench.weak(), period))
     check_counters(bench, before, accepted=1)
-    stage.judge(period - 300, period + 100)
+    player.judge(period - 300, period + 100)

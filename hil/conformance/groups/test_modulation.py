@@ -1,4 +1,4 @@
-"""Modulation: samples of the buffer, and what they do to whatever plays (clauses BLK-016 to BLK-018, BUD-006)."""
+"""Modulation: samples of the buffer, and their effect on what plays (clauses BLK-016 to BLK-018, BUD-006)."""
 
 from __future__ import annotations
 
@@ -9,37 +9,57 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
 from phasewire.hil.conformance.sight.waveforms import only
-from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage
+from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player
 from phasewire.hil.conformance.tools.steps import check_refused
 from phasewire.hil.conformance.tools.watchdog import check_not_yet
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Change,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
 from phasewire.protocol.board import TICKS_PER_PERIOD
-from phasewire.protocol.codes import SILENT_PERIODS, Action, Fault, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import (
+    MODULATION_SAMPLES,
+    SAMPLES_PER_BLOCK,
+    SILENT_PERIODS,
+    Action,
+    Fault,
+    Feature,
+    Reason,
+    Request,
+    State,
+    StatusFlag,
+)
 from phasewire.protocol.replies import Status
 
-BUFFER, SAMPLES_PER_BLOCK = 4096, 480
+PLACES = [
+    (0, 1),
+    (MODULATION_SAMPLES - 1, 1),
+    (MODULATION_SAMPLES - SAMPLES_PER_BLOCK, SAMPLES_PER_BLOCK),
+    (MODULATION_SAMPLES - 49, 49),
+    (SAMPLES_PER_BLOCK - 1, 3),
+    (47, 2),
+    (48, 50),
+]
+"""Of the first sample that modulates, and how many there are."""
 SETTLED_PERIODS = 400
-"""In which every store has gone onto the chain, and every change that was due has taken effect."""
+"""Time for all stores to go onto the chain, and for all due changes to take effect."""
 
 MODULATION = Feature.MODULATION
 BOTH = Feature.MODULATION | Feature.SEQUENCES
 CAPTURE = [Need.CAPTURE]
 
 
-def store(stage: Stage, samples: bytes, first: int = 0) -> None:
-    """Store samples, as many blocks as they need."""
-    stage.send_all(
+def store(player: Player, samples: bytes, first: int = 0) -> None:
+    """Store samples, in as many blocks as they need."""
+    player.send_all(
         Samples(samples[at : at + SAMPLES_PER_BLOCK], first + at) for at in range(0, len(samples), SAMPLES_PER_BLOCK)
     )
 
@@ -54,123 +74,124 @@ def noise(bench: Bench, count: int) -> bytes:
 
 @case("BLK-016", "BLK-017", "PUL-006", "TIM-003", "CHN-014", features=MODULATION, needs=CAPTURE)
 @pytest.mark.parametrize(
-    ("count", "hold"), [(1, 1), (2, 1), (3, 1), (5, 3), (2, 100), (7, 2), (3, 257), (2, 512), (49, 1), (480, 2)]
+    ("count", "hold"),
+    [(1, 1), (2, 1), (3, 1), (5, 3), (2, 100), (7, 2), (3, 257), (2, 512), (49, 1), (SAMPLES_PER_BLOCK, 2)],
 )
 def test_a_modulation_loops_without_a_gap(bench: Bench, count: int, hold: int) -> None:
-    """Each sample holds for its periods, and behind the last the first comes again with no period between."""
-    stage = Stage(bench)
-    first = bench.random.randrange(BUFFER - count)
-    store(stage, noise(bench, count), first)
-    stage.send(Update(bench.weak()))
-    begin = stage.soon()
-    stage.send(Modulation(first, count, hold, begin))
-    stage.judge(begin - 5, begin + 3 * count * hold + 7)
+    """Each sample holds for its periods, and the first follows the last without a gap."""
+    player = Player(bench)
+    first = bench.random.randrange(MODULATION_SAMPLES - count)
+    store(player, noise(bench, count), first)
+    player.send(Update(bench.weak()))
+    begin = player.soon()
+    player.send(AmplitudeModulation(first, count, hold, begin))
+    player.judge(begin - 5, begin + 3 * count * hold + 7)
 
 
 @case("BLK-016", "BLK-017", "CHN-012/2", "CHN-015", features=MODULATION, needs=CAPTURE)
 def test_the_whole_buffer_modulates(bench: Bench) -> None:
-    """A modulation by all 4096 samples plays every one of them in its period, and then the first again."""
-    stage = Stage(bench)
-    store(stage, noise(bench, BUFFER))
-    stage.send(Update(bench.weak()))
-    begin = stage.soon()
-    stage.send(Modulation(0, BUFFER, 1, begin))
-    stage.judge(begin - 2, begin + BUFFER + 100)
+    """A modulation by all 4096 samples plays each in its period, and then the first again."""
+    player = Player(bench)
+    store(player, noise(bench, MODULATION_SAMPLES))
+    player.send(Update(bench.weak()))
+    begin = player.soon()
+    player.send(AmplitudeModulation(0, MODULATION_SAMPLES, 1, begin))
+    player.judge(begin - 2, begin + MODULATION_SAMPLES + 100)
 
 
 @case("BLK-016", "BLK-017", features=MODULATION, needs=CAPTURE)
-@pytest.mark.parametrize(("first", "count"), [(0, 1), (4095, 1), (3616, 480), (4047, 49), (479, 3), (47, 2), (48, 50)])
+@pytest.mark.parametrize(("first", "count"), PLACES)
 def test_a_modulation_plays_its_part_of_the_buffer(bench: Bench, first: int, count: int) -> None:
-    """A modulation applies `count` samples from `first` on, up to the end of the buffer, and none beside them."""
-    stage = Stage(bench)
-    store(stage, bytes([180 + sample % 76 for sample in noise(bench, count)]), first)
-    stage.send_all(Samples(bytes(1), place) for place in (first - 1, first + count) if 0 <= place < BUFFER)
-    stage.send(Update(bench.weak()))
-    begin = stage.soon()
-    stage.send(Modulation(first, count, 1, begin))
-    stage.judge(begin - 2, begin + 2 * count + 5)
+    """A modulation applies exactly `count` samples from `first`, up to the end of the buffer."""
+    player = Player(bench)
+    store(player, bytes([180 + sample % 76 for sample in noise(bench, count)]), first)
+    player.send_all(Samples(bytes(1), place) for place in (first - 1, first + count) if 0 <= place < MODULATION_SAMPLES)
+    player.send(Update(bench.weak()))
+    begin = player.soon()
+    player.send(AmplitudeModulation(first, count, 1, begin))
+    player.judge(begin - 2, begin + 2 * count + 5)
 
 
 @case("BLK-016", "CHN-012", features=MODULATION, needs=CAPTURE)
 def test_what_is_stored_last_modulates(bench: Bench) -> None:
-    """Samples that are stored over others take their place, and leave those beside them as they were."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 200), 1000)
-    store(stage, noise(bench, 3), 1047)
-    store(stage, noise(bench, 60), 1090)
-    stage.send(Update(bench.weak()))
-    begin = stage.soon()
-    stage.send(Modulation(1000, 200, 1, begin))
-    stage.judge(begin - 2, begin + 205)
+    """Samples stored over others replace them, and do not change their neighbours."""
+    player = Player(bench)
+    store(player, noise(bench, 200), 1000)
+    store(player, noise(bench, 3), 1047)
+    store(player, noise(bench, 60), 1090)
+    player.send(Update(bench.weak()))
+    begin = player.soon()
+    player.send(AmplitudeModulation(1000, 200, 1, begin))
+    player.judge(begin - 2, begin + 205)
 
 
 @case("BLK-017", "CHN-015", features=MODULATION, needs=CAPTURE)
 def test_a_sample_holds_for_65535_periods(bench: Bench) -> None:
-    """The longest hold, 1.6 s, gives way to the next sample exactly behind its last period."""
-    stage = Stage(bench)
-    store(stage, bytes([70, 230]), 2048)
-    stage.send(Update(bench.weak()))
-    begin = stage.soon()
-    stage.send(Modulation(2048, 2, 65_535, begin))
+    """The longest hold, 1.6 s, ends exactly after its last period."""
+    player = Player(bench)
+    store(player, bytes([70, 230]), 2048)
+    player.send(Update(bench.weak()))
+    begin = player.soon()
+    player.send(AmplitudeModulation(2048, 2, 65_535, begin))
     for place in (0, 127, 255, 300, 32_767, 65_535):
-        stage.judge(begin + place - 5, begin + place + 20)
+        player.judge(begin + place - 5, begin + place + 20)
 
 
 @case("PUL-006", "PUL-002", "BLK-017", features=MODULATION, needs=CAPTURE)
 def test_sample_0_silences_and_sample_255_changes_nothing(bench: Bench) -> None:
-    """Under sample 0 all outputs are low, under 255 they are as without modulation, at full width and at one tick."""
-    stage = Stage(bench)
-    store(stage, bytes([0, 255]))
-    stage.send(Update(bench.weak()))
-    begin = stage.soon(3)
-    stage.send(Modulation(0, 2, 4, begin))
-    stage.send(Update(only(17, 31, 25), begin + 16))
-    stage.send(Update(only(300, 98, 1), begin + 32))
-    stage.judge(begin - 2, begin + 48)
+    """Under sample 0 all outputs are low; under 255 they are as without modulation, at full width and at one tick."""
+    player = Player(bench)
+    store(player, bytes([0, 255]))
+    player.send(Update(bench.weak()))
+    begin = player.soon(3)
+    player.send(AmplitudeModulation(0, 2, 4, begin))
+    player.send(Update(only(17, 31, 25), begin + 16))
+    player.send(Update(only(300, 98, 1), begin + 32))
+    player.judge(begin - 2, begin + 48)
 
 
 @case("BLK-012", "BLK-017", "CHN-015", features=BOTH, needs=CAPTURE)
 def test_a_modulation_counts_its_own_periods(bench: Bench) -> None:
-    """Whatever begins or ends beneath a modulation, its samples go on by the period at which it took effect."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 7), 3000)
-    stage.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(1, 3), Entry(2, 2)), 1000)])
-    stage.send(Update(bench.weak()))
-    begin = stage.soon(6)
+    """Whatever begins or ends under a modulation, its samples go on by the period at which it took effect."""
+    player = Player(bench)
+    store(player, noise(bench, 7), 3000)
+    player.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(1, 3), Entry(2, 2)), 1000)])
+    player.send(Update(bench.weak()))
+    begin = player.soon(6)
     apart = PROMISED_PERIODS + 6
     story: list[Change] = [
-        Modulation(3000, 7, 3),
+        AmplitudeModulation(3000, 7, 3),
         Update(bench.weak()),
-        Sequence(1000, 2),
-        Sequence(1001, 1, repeats=3),
+        PlaySequence(1000, 2),
+        PlaySequence(1001, 1, repeats=3),
         Update(bench.weak()),
-        Sequence(1000, 1),
+        PlaySequence(1000, 1),
     ]
-    stage.send_all(replace(change, period=begin + apart * number) for number, change in enumerate(story))
-    stage.judge(begin - 5, begin + apart * len(story) + 60)
+    player.send_all(replace(change, period=begin + apart * number) for number, change in enumerate(story))
+    player.judge(begin - 5, begin + apart * len(story) + 60)
 
 
 @case("BLK-017", "BLK-012", "CHN-015", features=BOTH, needs=CAPTURE)
 def test_a_modulation_of_a_sequence_keeps_both_in_step(bench: Bench) -> None:
     """Entries and samples of different lengths change each at its own periods, long after both have begun."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 11))
-    stage.send_all([Slot(slot, bench.weak()) for slot in (0, 1, 2)])
-    stage.send(Entries((Entry(0, 4), Entry(1, 1), Entry(2, 8))))
-    begin = stage.soon(2)
-    stage.send_all([Modulation(0, 11, 2, begin), Sequence(0, 3, begin + 7)])
-    stage.judge(begin - 5, begin + 300)
-    stage.judge(begin + 50_000, begin + 50_300)
+    player = Player(bench)
+    store(player, noise(bench, 11))
+    player.send_all([Slot(slot, bench.weak()) for slot in (0, 1, 2)])
+    player.send(Entries((Entry(0, 4), Entry(1, 1), Entry(2, 8))))
+    begin = player.soon(2)
+    player.send_all([AmplitudeModulation(0, 11, 2, begin), PlaySequence(0, 3, begin + 7)])
+    player.judge(begin - 5, begin + 300)
+    player.judge(begin + 50_000, begin + 50_300)
 
 
 @case("BLK-007", "BLK-012", "STA-001", "REQ-003", outputs=("BLK-007", "BLK-012", "BLK-017"), features=MODULATION)
 def test_a_modulation_over_silence_waits_for_what_plays(bench: Bench) -> None:
-    """A modulation over silence leaves the device silent and READY, and what begins later begins under its sample."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 5))
-    begin = stage.soon(2)
+    """A modulation over silence leaves the device silent and READY, and a later update begins under its sample."""
+    player = Player(bench)
+    store(player, noise(bench, 5))
+    begin = player.soon(2)
     follows = begin + SETTLED_PERIODS * bench.slowness
-    stage.send_all([Modulation(0, 5, 1, begin), Update(bench.weak(), follows)])
+    player.send_all([AmplitudeModulation(0, 5, 1, begin), Update(bench.weak(), follows)])
     bench.wait_until(begin + 1)
     status = bench.status()
     check_not_yet(bench, follows * TICKS_PER_PERIOD, status.now)
@@ -178,70 +199,70 @@ def test_a_modulation_over_silence_waits_for_what_plays(bench: Bench) -> None:
     bench.wait_until(follows + 1)
     status = bench.status()
     expect("state, flags and since_period", told(status), (State.PLAYING, StatusFlag.MODULATION, follows))
-    stage.judge(begin - 3, follows + 20)
+    player.judge(begin - 3, follows + 20)
 
 
 def told(status: Status) -> tuple[State, StatusFlag, int]:
-    """What a status says of what plays."""
+    """What a status says about what plays."""
     return status.state, status.flags, status.since_period
 
 
 @case("BLK-007", "BLK-017", "BUD-003", features=MODULATION, needs=CAPTURE)
 def test_an_update_follows_a_modulation_a_period_later(bench: Bench) -> None:
     """A host that wants both gets both: a modulation at one period, and an update at the next."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 5))
-    stage.send(Update(bench.weak()))
-    begin = stage.soon(2)
-    stage.send_all([Modulation(0, 5, 1, begin), Update(bench.weak(), begin + 1)])
-    stage.judge(begin - 3, begin + 40)
+    player = Player(bench)
+    store(player, noise(bench, 5))
+    player.send(Update(bench.weak()))
+    begin = player.soon(2)
+    player.send_all([AmplitudeModulation(0, 5, 1, begin), Update(bench.weak(), begin + 1)])
+    player.judge(begin - 3, begin + 40)
 
 
 @case("BUD-006", "BUD-004", "BUD-001/2", "SAF-008", outputs=("BUD-006", "BUD-001/2", "CHN-019"), features=MODULATION)
 def test_the_rate_holds_under_a_modulation(bench: Bench) -> None:
-    """Updates as fast as INFO says begin each at its period under a modulation of a sample a period: no overrun."""
-    stage = Stage(bench)
+    """Updates at the rate of INFO begin each at its period under a modulation of one sample a period: no overrun."""
+    player = Player(bench)
     spacing = bench.info.periods_per_update
     count = min(bench.info.queue_blocks - 1, 16)
-    store(stage, noise(bench, 48))
-    stage.send(Update(bench.weak()))
+    store(player, noise(bench, 48))
+    player.send(Update(bench.weak()))
     before = bench.status()
-    begin = stage.soon(count + 1)
-    stage.send(Modulation(0, 48, 1, begin))
+    begin = player.soon(count + 1)
+    player.send(AmplitudeModulation(0, 48, 1, begin))
     first = begin + PROMISED_PERIODS
-    stage.send_all(Update(bench.weak(), first + spacing * number) for number in range(count))
+    player.send_all(Update(bench.weak(), first + spacing * number) for number in range(count))
     bench.wait_until(first + spacing * count + SETTLED_PERIODS)
     after = bench.status()
     expect("missed commits", after.missed_commits, before.missed_commits)
     expect("late changes", after.late, before.late)
     expect("OVERRUN", Fault.OVERRUN in after.faults, False)
-    stage.judge(begin - 3, first + spacing * count + 60)
+    player.judge(begin - 3, first + spacing * count + 60)
 
 
 @case("CHN-014/2", outputs=("CHN-014/2", "BLK-012", "BLK-007"), features=MODULATION)
 def test_modulations_queued_behind_each_other_begin_in_time(bench: Bench) -> None:
-    """A modulation ends the one before at its own period, and begins with its own first sample."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 64))
-    stage.send(Update(bench.weak()))
+    """A modulation replaces the previous one at its own period, and begins with its own first sample."""
+    player = Player(bench)
+    store(player, noise(bench, 64))
+    player.send(Update(bench.weak()))
     before = bench.status()
-    begin = stage.soon(4)
+    begin = player.soon(4)
     apart = PROMISED_PERIODS + 1
-    stage.send_all(Modulation(9 * number, 8, 1 + number % 2, begin + apart * number) for number in range(4))
+    player.send_all(AmplitudeModulation(9 * number, 8, 1 + number % 2, begin + apart * number) for number in range(4))
     bench.wait_until(begin + 4 * apart)
     expect("missed commits", bench.status().missed_commits, before.missed_commits)
-    stage.judge(begin - 3, begin + 4 * apart + 40)
+    player.judge(begin - 3, begin + 4 * apart + 40)
 
 
 @case("REQ-007", "BLK-017", features=MODULATION | Feature.READ_BACK)
 def test_pulses_are_read_back_before_modulation(bench: Bench) -> None:
-    """PULSES answers what plays as it was sent, whatever sample modulates it, and since when it plays."""
-    stage = Stage(bench)
-    store(stage, bytes([0, 128, 10]))
+    """PULSES answers what plays as it was sent, under any sample, and since when it plays."""
+    player = Player(bench)
+    store(player, bytes([0, 128, 10]))
     pulses = bench.weak()
-    stage.send(Modulation(0, 3, 1))
+    player.send(AmplitudeModulation(0, 3, 1))
     bench.wait_periods(SETTLED_PERIODS)
-    ack = stage.send(Update(pulses))
+    ack = player.send(Update(pulses))
     bench.wait_until(ack.commit_period + 3)
     for _ in range(3):
         back = bench.read_back()
@@ -256,76 +277,76 @@ def test_pulses_are_read_back_before_modulation(bench: Bench) -> None:
 @pytest.mark.parametrize("beneath", ["update", "sequence"])
 def test_the_end_of_a_modulation_leaves_what_plays(bench: Bench, beneath: str) -> None:
     """END_MODULATION lets what plays go on unmodulated, in step and with the period of its own start."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 5))
-    stage.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(1, 3), Entry(2, 2)))])
-    ack = stage.send(Update(bench.weak()) if beneath == "update" else Sequence(0, 2))
+    player = Player(bench)
+    store(player, noise(bench, 5))
+    player.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Entries((Entry(1, 3), Entry(2, 2)))])
+    ack = player.send(Update(bench.weak()) if beneath == "update" else PlaySequence(0, 2))
     bench.wait_periods(SETTLED_PERIODS)
-    stage.send(Modulation(0, 5, 2))
-    end = stage.soon()
-    stage.send(Output(Action.END_MODULATION, end))
+    player.send(AmplitudeModulation(0, 5, 2))
+    end = player.soon()
+    player.send(Output(Action.END_MODULATION, end))
     bench.wait_until(end - 500 * bench.slowness)
     before = bench.status()
     check_not_yet(bench, end * TICKS_PER_PERIOD, before.now)
     playing = StatusFlag.SEQUENCE if beneath == "sequence" else StatusFlag(0)
     modulated = playing | StatusFlag.MODULATION
-    expect("what is told before", told(before), (State.PLAYING, modulated, ack.commit_period))
+    expect("the status before", told(before), (State.PLAYING, modulated, ack.commit_period))
     bench.wait_until(end + 1)
-    expect("what is told after", told(bench.status()), (State.PLAYING, playing, ack.commit_period))
-    stage.judge(end - 30, end + 30)
+    expect("the status after", told(bench.status()), (State.PLAYING, playing, ack.commit_period))
+    player.judge(end - 30, end + 30)
 
 
-def silenced(stage: Stage) -> None:
+def silenced(player: Player) -> None:
     """Let SILENCE end everything."""
-    ack = stage.send(Output(Action.SILENCE))
-    stage.bench.wait_until(ack.commit_period + 1)
+    ack = player.send(Output(Action.SILENCE))
+    player.bench.wait_until(ack.commit_period + 1)
 
 
-def disabled_by_output(stage: Stage) -> None:
+def disabled_by_output(player: Player) -> None:
     """Let an OUTPUT disable the outputs, and enable them again."""
-    ack = stage.send(Output(Action.DISABLE))
-    stage.bench.wait_until(ack.commit_period + SILENT_PERIODS + 1)
-    stage.bench.enable()
+    ack = player.send(Output(Action.DISABLE))
+    player.bench.wait_until(ack.commit_period + SILENT_PERIODS + 1)
+    player.bench.enable()
 
 
-def disabled_by_request(stage: Stage) -> None:
+def disabled_by_request(player: Player) -> None:
     """Let the request DISABLE end everything, and enable the outputs again."""
-    stage.bench.order(Request.DISABLE)
-    period = stage.bench.period() + SILENT_PERIODS + 1
-    stage.bench.wait_until(period)
-    stage.score.silence(period)
-    stage.bench.enable()
+    player.bench.order(Request.DISABLE)
+    period = player.bench.period() + SILENT_PERIODS + 1
+    player.bench.wait_until(period)
+    player.score.silence(period)
+    player.bench.enable()
 
 
 @case("BLK-018", "SAF-004", outputs=("BLK-018", "BLK-017"), features=MODULATION)
 @pytest.mark.parametrize(
     "end", [silenced, disabled_by_output, disabled_by_request], ids=["SILENCE", "DISABLE", "request-DISABLE"]
 )
-def test_silence_and_disable_end_a_modulation(bench: Bench, end: Callable[[Stage], None]) -> None:
-    """Behind SILENCE and behind DISABLE there is no modulation: the next update plays as it was sent."""
-    stage = Stage(bench)
-    store(stage, bytes([0, 60, 128]))
-    stage.send_all([Update(bench.weak()), Modulation(0, 3, 1)])
+def test_silence_and_disable_end_a_modulation(bench: Bench, end: Callable[[Player], None]) -> None:
+    """After SILENCE and after DISABLE there is no modulation: the next update plays as it was sent."""
+    player = Player(bench)
+    store(player, bytes([0, 60, 128]))
+    player.send_all([Update(bench.weak()), AmplitudeModulation(0, 3, 1)])
     bench.wait_periods(SETTLED_PERIODS)
-    end(stage)
-    expect("what is told", told(bench.status()), (State.READY, StatusFlag(0), 0))
-    ack = stage.send(Update(bench.weak()))
-    stage.judge(ack.commit_period - 2, ack.commit_period + 30)
+    end(player)
+    expect("the status", told(bench.status()), (State.READY, StatusFlag(0), 0))
+    ack = player.send(Update(bench.weak()))
+    player.judge(ack.commit_period - 2, ack.commit_period + 30)
 
 
 @case("BLK-018", "BLK-008", outputs=("BLK-018",), features=MODULATION)
 def test_the_end_of_no_modulation_is_accepted(bench: Bench) -> None:
-    """END_MODULATION is accepted where there is no modulation, over silence and over an update, and does nothing."""
-    stage = Stage(bench)
-    ack = stage.send(Output(Action.END_MODULATION))
+    """END_MODULATION without a modulation is accepted, over silence and over an update, and does nothing."""
+    player = Player(bench)
+    ack = player.send(Output(Action.END_MODULATION))
     bench.wait_until(ack.commit_period + 1)
-    expect("what is told", told(bench.status()), (State.READY, StatusFlag(0), 0))
-    update = stage.send(Update(bench.weak()))
-    end = stage.soon()
-    stage.send(Output(Action.END_MODULATION, end))
+    expect("the status", told(bench.status()), (State.READY, StatusFlag(0), 0))
+    update = player.send(Update(bench.weak()))
+    end = player.soon()
+    player.send(Output(Action.END_MODULATION, end))
     bench.wait_until(end + 1)
-    expect("what is told", told(bench.status()), (State.PLAYING, StatusFlag(0), update.commit_period))
-    stage.judge(end - 10, end + 20)
+    expect("the status", told(bench.status()), (State.PLAYING, StatusFlag(0), update.commit_period))
+    player.judge(end - 10, end + 20)
 
 
 NOT_ENDS: dict[str, Callable[[Bench], object]] = {
@@ -339,16 +360,16 @@ NOT_ENDS: dict[str, Callable[[Bench], object]] = {
 @case("BLK-017", "BLK-008", "REQ-005", outputs=("BLK-017",), features=MODULATION)
 @pytest.mark.parametrize("what", NOT_ENDS)
 def test_nothing_else_ends_a_modulation(bench: Bench, what: str) -> None:
-    """ENABLE, a new numbering, a refused OUTPUT and CLEAR_FAULTS leave a modulation going on in step."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 5))
-    stage.send_all([Update(bench.weak()), Modulation(0, 5, 3)])
+    """ENABLE, a new numbering, a refused OUTPUT and CLEAR_FAULTS do not disturb a modulation."""
+    player = Player(bench)
+    store(player, noise(bench, 5))
+    player.send_all([Update(bench.weak()), AmplitudeModulation(0, 5, 3)])
     bench.wait_periods(SETTLED_PERIODS)
     before = bench.period()
     NOT_ENDS[what](bench)
     bench.wait_periods(40)
     expect("the flags", bench.status().flags, StatusFlag.MODULATION)
-    stage.judge(before, bench.period())
+    player.judge(before, bench.period())
 
 
 # What may be stored while it plays
@@ -356,48 +377,54 @@ def test_nothing_else_ends_a_modulation(bench: Bench, what: str) -> None:
 
 @case("BLK-022", "BLK-008", outputs=("BLK-022", "BLK-008"), features=MODULATION)
 def test_what_modulates_is_not_overwritten(bench: Bench) -> None:
-    """Stores over a sample of a modulation, be it queued or begun, are refused with IN_USE, the same bytes too."""
-    stage = Stage(bench)
+    """A store over a sample of a modulation, queued or playing, is refused with IN_USE, even with the same bytes."""
+    player = Player(bench)
     samples = noise(bench, 10)
-    store(stage, samples, 500)
-    stage.send(Update(bench.weak()))
-    begin = stage.soon(8) + SETTLED_PERIODS
-    stage.send(Modulation(500, 10, 2, begin))
-    over = [Samples(samples[:1], 500), Samples(bytes(1), 509), Samples(bytes(2), 499), Samples(bytes(480), 509)]
+    store(player, samples, 500)
+    player.send(Update(bench.weak()))
+    begin = player.soon(8) + SETTLED_PERIODS
+    player.send(AmplitudeModulation(500, 10, 2, begin))
+    over = [
+        Samples(samples[:1], 500),
+        Samples(bytes(1), 509),
+        Samples(bytes(2), 499),
+        Samples(bytes(SAMPLES_PER_BLOCK), 509),
+    ]
     for body in over:
         check_refused(bench, body, Reason.IN_USE)
     bench.wait_until(begin + 2)
     for body in over:
         check_refused(bench, body, Reason.IN_USE)
     last = bench.period()
-    stage.judge(begin - 2, begin + 50)
-    stage.judge(last - 60, last)
+    player.judge(begin - 2, begin + 50)
+    player.judge(last - 60, last)
 
 
 @case("BLK-022", outputs=("BLK-022", "CHN-019"), features=MODULATION)
 def test_what_does_not_modulate_may_be_stored(bench: Bench) -> None:
-    """Beside the samples of a modulation all others may be stored, right up to them, and it goes on."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 10), 500)
-    stage.send_all([Update(bench.weak()), Modulation(500, 10, 2)])
+    """All other samples may be stored, right up to those of the modulation, which goes on."""
+    player = Player(bench)
+    store(player, noise(bench, 10), 500)
+    player.send_all([Update(bench.weak()), AmplitudeModulation(500, 10, 2)])
     bench.wait_periods(SETTLED_PERIODS)
-    stage.send_all([Samples(noise(bench, 480), 20), Samples(noise(bench, 480), 510), Samples(noise(bench, 1), 499)])
+    beside = [(20, SAMPLES_PER_BLOCK), (510, SAMPLES_PER_BLOCK), (499, 1)]
+    player.send_all(Samples(noise(bench, count), first) for first, count in beside)
     bench.wait_periods(SETTLED_PERIODS)
     last = bench.period()
-    stage.judge(last - SETTLED_PERIODS, last)
+    player.judge(last - SETTLED_PERIODS, last)
 
 
-def ended(stage: Stage) -> None:
+def ended(player: Player) -> None:
     """Let END_MODULATION end a modulation."""
-    ack = stage.send(Output(Action.END_MODULATION))
-    stage.bench.wait_until(ack.commit_period)
+    ack = player.send(Output(Action.END_MODULATION))
+    player.bench.wait_until(ack.commit_period)
 
 
-def replaced(stage: Stage) -> None:
+def replaced(player: Player) -> None:
     """Let another modulation end a modulation."""
-    store(stage, bytes(1), 4000)
-    ack = stage.send(Modulation(4000, 1, 1))
-    stage.bench.wait_until(ack.commit_period)
+    store(player, bytes(1), 4000)
+    ack = player.send(AmplitudeModulation(4000, 1, 1))
+    player.bench.wait_until(ack.commit_period)
 
 
 @case("BLK-022", features=MODULATION)
@@ -406,80 +433,82 @@ def replaced(stage: Stage) -> None:
     [ended, replaced, silenced, disabled_by_output, disabled_by_request],
     ids=["END_MODULATION", "modulation", "SILENCE", "DISABLE", "request-DISABLE"],
 )
-def test_what_modulates_no_longer_may_be_overwritten(bench: Bench, end: Callable[[Stage], None]) -> None:
-    """As soon as what ends a modulation has taken effect its samples may be stored again, and not before."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 4), 7)
-    stage.send_all([Update(bench.weak()), Modulation(7, 4, 1)])
+def test_what_modulates_no_longer_may_be_overwritten(bench: Bench, end: Callable[[Player], None]) -> None:
+    """A modulation's samples may be stored again as soon as its end has taken effect, and not before."""
+    player = Player(bench)
+    store(player, noise(bench, 4), 7)
+    player.send_all([Update(bench.weak()), AmplitudeModulation(7, 4, 1)])
     bench.wait_periods(SETTLED_PERIODS)
     check_refused(bench, Samples(bytes(1), 10), Reason.IN_USE)
-    end(stage)
+    end(player)
     bench.wait_periods(2)
-    stage.send(Samples(noise(bench, 4), 7))
+    player.send(Samples(noise(bench, 4), 7))
 
 
 @case("BLK-022", features=MODULATION)
 def test_an_update_frees_no_sample(bench: Bench) -> None:
     """What ends an update does not end the modulation: its samples stay in use."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 4))
-    stage.send_all([Update(bench.weak()), Modulation(0, 4, 1)])
-    ack = stage.send(Update(bench.weak()))
+    player = Player(bench)
+    store(player, noise(bench, 4))
+    player.send_all([Update(bench.weak()), AmplitudeModulation(0, 4, 1)])
+    ack = player.send(Update(bench.weak()))
     bench.wait_until(ack.commit_period + 2)
     check_refused(bench, Samples(bytes(1), 3), Reason.IN_USE)
 
 
 @case("BLK-007", "BLK-016", "CHN-019", features=MODULATION, needs=CAPTURE)
 def test_samples_take_effect_before_the_modulation_behind_them(bench: Bench) -> None:
-    """A modulation for now, sent in one go behind the store of its samples, plays them from its first period on."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 480), 600)
-    stage.send(Update(bench.weak()))
+    """A modulation for now, sent right after its samples, plays them from its first period on."""
+    player = Player(bench)
+    store(player, noise(bench, SAMPLES_PER_BLOCK), 600)
+    player.send(Update(bench.weak()))
     bench.wait_periods(SETTLED_PERIODS)
-    acks = stage.send_all([Samples(noise(bench, 480), 600), Modulation(600, 480, 1)])
-    stage.judge(acks[-1].commit_period, acks[-1].commit_period + 490)
+    acks = player.send_all(
+        [Samples(noise(bench, SAMPLES_PER_BLOCK), 600), AmplitudeModulation(600, SAMPLES_PER_BLOCK, 1)]
+    )
+    player.judge(acks[-1].commit_period, acks[-1].commit_period + 490)
 
 
 @case("BLK-016", "SAF-002", "SAF-004", outputs=("BLK-016",), features=MODULATION)
 def test_what_is_stored_stays_over_disable(bench: Bench) -> None:
-    """Samples are stored while the outputs are off too, and stay over DISABLE and another session."""
-    stage = Stage(bench)
+    """Samples can be stored while the outputs are off, and survive DISABLE and another session."""
+    player = Player(bench)
     bench.disable()
-    store(stage, noise(bench, 6), 90)
-    expect("the reason for a modulation while off", bench.send(Modulation(90, 6, 1)).reason, Reason.DISABLED)
+    store(player, noise(bench, 6), 90)
+    expect("the reason for a modulation while off", bench.send(AmplitudeModulation(90, 6, 1)).reason, Reason.DISABLED)
     bench.must(NoOp(), restart=True)
     bench.enable()
     bench.disable()
     bench.enable()
-    stage.send(Update(bench.weak()))
-    ack = stage.send(Modulation(90, 6, 1))
-    stage.judge(ack.commit_period, ack.commit_period + 10)
+    player.send(Update(bench.weak()))
+    ack = player.send(AmplitudeModulation(90, 6, 1))
+    player.judge(ack.commit_period, ack.commit_period + 10)
 
 
 @case("USB-026", outputs=("USB-026", "BLK-016"), features=MODULATION, line="usb")
 @pytest.mark.parametrize("how", ["SET_CONFIGURATION", "SET_INTERFACE"])
 def test_what_is_stored_stays_over_a_new_configuration(bench: Bench, how: str) -> None:
-    """Samples stay where a host configures the device anew, though what plays ends: they last until RESET."""
+    """Samples survive SET_CONFIGURATION, although what plays ends: they last until RESET."""
     again = {"SET_CONFIGURATION": bench.usb.set_configuration, "SET_INTERFACE": lambda: bench.usb.set_interface(0)}
     check_stored_over(bench, again[how])
 
 
 @case("USB-026", outputs=("USB-026", "BLK-016"), features=MODULATION, line="usb", allow=[Risk.RESET])
 def test_what_is_stored_stays_over_a_bus_reset(bench: Bench) -> None:
-    """Samples stay over a bus reset in run-time mode, which is no reset of the device."""
+    """Samples survive a bus reset in run-time mode, which does not reset the device."""
     check_stored_over(bench, bench.usb.reset)
 
 
 def check_stored_over(bench: Bench, disturb: Callable[[], None]) -> None:
-    """Fail unless what is stored plays behind a disturbance that ends what plays."""
-    stage = Stage(bench)
-    store(stage, noise(bench, 6), 90)
+    """Fail unless the stored data play after a disturbance that ends what plays."""
+    player = Player(bench)
+    store(player, noise(bench, 6), 90)
     bench.wait_periods(SETTLED_PERIODS)
     disturb()
     bench.enable()
-    stage.send(Update(bench.weak()))
-    ack = stage.send(Modulation(90, 6, 1))
-    stage.judge(ack.commit_period, ack.commit_period + 10)
+    player.send(Update(bench.weak()))
+    ack = player.send(AmplitudeModulation(90, 6, 1))
+    player.judge(ack.commit_period, ack.commit_period + 10)
 
 
 # What was never stored
@@ -489,15 +518,15 @@ def check_stored_over(bench: Bench, disturb: Callable[[], None]) -> None:
 def test_what_was_never_stored_does_not_modulate(bench: Bench) -> None:
     """After RESET samples are empty: a modulation is refused with EMPTY until all of its samples are stored."""
     bench.restart(lambda: bench.order(Request.RESET))
-    stage = Stage(bench)
-    check_refused(bench, Modulation(0, 1, 1), Reason.EMPTY)
-    check_refused(bench, Modulation(0, BUFFER, 1), Reason.EMPTY)
-    store(stage, noise(bench, 3), 100)
-    check_refused(bench, Modulation(100, 4, 1), Reason.EMPTY)
-    check_refused(bench, Modulation(99, 4, 1), Reason.EMPTY)
-    check_refused(bench, Modulation(103, 1, 1), Reason.EMPTY)
-    stage.send(Modulation(100, 3, 1))
-    store(stage, noise(bench, 3), 104)
-    check_refused(bench, Modulation(100, 7, 1), Reason.EMPTY)
-    store(stage, noise(bench, 1), 103)
-    stage.send(Modulation(100, 7, 1))
+    player = Player(bench)
+    check_refused(bench, AmplitudeModulation(0, 1, 1), Reason.EMPTY)
+    check_refused(bench, AmplitudeModulation(0, MODULATION_SAMPLES, 1), Reason.EMPTY)
+    store(player, noise(bench, 3), 100)
+    check_refused(bench, AmplitudeModulation(100, 4, 1), Reason.EMPTY)
+    check_refused(bench, AmplitudeModulation(99, 4, 1), Reason.EMPTY)
+    check_refused(bench, AmplitudeModulation(103, 1, 1), Reason.EMPTY)
+    player.send(AmplitudeModulation(100, 3, 1))
+    store(player, noise(bench, 3), 104)
+    check_refused(bench, AmplitudeModulation(100, 7, 1), Reason.EMPTY)
+    store(player, noise(bench, 1), 103)
+    player.send(AmplitudeModulation(100, 7, 1))

@@ -1,4 +1,4 @@
-"""The numbers of blocks: which follow, what is missing, and where they begin anew (chapter NUM)."""
+"""The numbers of blocks: which follow, which are missing, and when the numbering restarts (chapter NUM)."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ FIRST = NUMBERS - 3
 
 
 def send(bench: Bench, number: int, body: Body | None = None, *, restart: bool = False) -> Ack:
-    """Send a block with a number; its acknowledgement."""
+    """Send a block with a number; returns its acknowledgement."""
     (ack,) = bench.send_raw(pack(Block(body or NoOp(), number % NUMBERS, restart)))
     return ack
 
 
 def must(bench: Bench, number: int, body: Body | None = None, *, restart: bool = False, missing: int = 0) -> Ack:
-    """Send a block with a number that has to be accepted, so many numbers having been left out before it."""
+    """Send a block with a number that must be accepted, after so many missing numbers."""
     before = bench.status().lost
     ack = send(bench, number, body, restart=restart)
     expect(f"the reason for number {number % NUMBERS}", ack.reason, Reason.ACCEPTED)
@@ -52,7 +52,7 @@ def refused(number: int, body: Body | None = None) -> Wrong:
 
 @case("NUM-002", "NUM-003", "ACK-004")
 def test_numbers_follow_as_the_vectors_say(bench: Bench) -> None:
-    """The pairs of numbers of vectors.json follow each other or not, and are counted as missing, as they say there."""
+    """The pairs of numbers of vectors.json follow each other, or not, and count as missing, as stated there."""
     for vector in some(bench, vectors("block_numbers")):
         must(bench, vector["last"], restart=True)
         if vector["follows"]:
@@ -75,7 +75,7 @@ def test_numbers_wrap_without_a_gap(bench: Bench) -> None:
 
 @case("NUM-002", "NUM-003")
 def test_the_next_half_of_all_numbers_follows(bench: Bench) -> None:
-    """Wherever the count stands numbers up to 2³¹ − 1 ahead of it are accepted, and all others refused."""
+    """From any count, numbers up to 2³¹ − 1 ahead of it are accepted, and all others refused."""
     for _ in range(10 if bench.line.kind == "usb" else 2):
         last = bench.random.randrange(NUMBERS)
         ahead = bench.random.randrange(2, HALF)
@@ -88,7 +88,7 @@ def test_the_next_half_of_all_numbers_follows(bench: Bench) -> None:
 
 @case("NUM-002", "BLK-008")
 def test_a_block_that_comes_twice_is_carried_out_once(bench: Bench) -> None:
-    """An update that is sent again with its number is refused with SEQUENCE, and waits in the queue once."""
+    """An update that is sent again with its number is refused with SEQUENCE, and is queued only once."""
     begin(bench)
     block = pack(bench.numbered(Update(bench.weak(), far(bench))))
     (ack,) = bench.send_raw(block)
@@ -102,7 +102,7 @@ def test_a_block_that_comes_twice_is_carried_out_once(bench: Bench) -> None:
     "body", [Slot(3, SILENT), Samples(b"\x80", 3), Clock(), NoOp()], ids=["slot", "samples", "clock", "no-op"]
 )
 def test_blocks_of_all_kinds_are_counted(bench: Bench, body: Body) -> None:
-    """Stores, CLOCK and NO_OP have numbers of the same count as changes: old ones are refused, gaps are told."""
+    """Stores, CLOCK and NO_OP share the numbering of changes: old numbers are refused, gaps are reported."""
     must(bench, 100, restart=True)
     must(bench, 101, body)
     let_stores_go(bench)
@@ -113,7 +113,7 @@ def test_blocks_of_all_kinds_are_counted(bench: Bench, body: Body) -> None:
 
 @case("NUM-003", "NUM-002")
 def test_a_refused_block_leaves_its_number_free(bench: Bench) -> None:
-    """A number that was refused is one left out, unless it comes again, right, before a later one."""
+    """A refused number counts as missing, unless it comes again, valid, before a later one."""
     must(bench, 10, restart=True)
     for number, reason in ((11, Reason.DISABLED), (500, Reason.DISABLED)):
         refuse(bench, [Wrong("an update while off", pack(Block(Update(SILENT), number)), reason)])
@@ -126,7 +126,7 @@ def test_a_refused_block_leaves_its_number_free(bench: Bench) -> None:
 
 @case("NUM-002", "NUM-003")
 def test_a_number_that_does_not_follow_does_not_count(bench: Bench) -> None:
-    """After numbers that were refused with SEQUENCE the count goes on from the last that was accepted."""
+    """After numbers refused with SEQUENCE the count goes on from the last accepted one."""
     must(bench, 1000, restart=True)
     refuse(bench, [refused(1000), refused(999), refused(1000 + HALF), refused(1001 + HALF)])
     must(bench, 1001)
@@ -135,7 +135,7 @@ def test_a_number_that_does_not_follow_does_not_count(bench: Bench) -> None:
 
 @case("NUM-003", "ACK-004")
 def test_each_gap_in_a_transfer_is_told(bench: Bench) -> None:
-    """Of updates in one transfer, some missing, each behind a gap says so, and all that are missing are counted."""
+    """Of updates in one transfer, with gaps, each after a gap has GAP, and all missing numbers are counted."""
     begin(bench)
     number = bench.must(Update(SILENT)).sequence
     before = bench.status()
@@ -165,7 +165,7 @@ def test_a_repeat_within_a_transfer_is_refused(bench: Bench) -> None:
 
 @case("NUM-004")
 def test_a_block_with_restart_may_have_any_number(bench: Bench) -> None:
-    """A block with RESTART is accepted whatever its number, without a gap, and the count begins with it."""
+    """A block with RESTART is accepted with any number, without a gap, and the numbering begins with it."""
     must(bench, 5, restart=True)
     for number in (5, 4, 0, 5 + HALF, 6, 1_000_000, NUMBERS - 1):
         must(bench, number, restart=True)
@@ -177,7 +177,7 @@ def test_a_block_with_restart_may_have_any_number(bench: Bench) -> None:
 
 @case("NUM-004", "BLK-008")
 def test_a_refused_block_with_restart_begins_nothing(bench: Bench) -> None:
-    """A block with RESTART that is refused for something else leaves the count as it is."""
+    """A block with RESTART that is refused for another reason leaves the count as it is."""
     must(bench, 50, restart=True)
     wrong = Wrong("an update while off", pack(Block(Update(SILENT), 7, restart=True)), Reason.DISABLED)
     refuse(bench, [wrong, refused(8)])
@@ -187,7 +187,7 @@ def test_a_refused_block_with_restart_begins_nothing(bench: Bench) -> None:
 @case("NUM-004", "USB-026", line="usb")
 @pytest.mark.parametrize("how", ["set-configuration", "set-interface"])
 def test_any_number_is_accepted_after_the_host_came_anew(bench: Bench, how: str) -> None:
-    """After SET_CONFIGURATION and SET_INTERFACE any number is accepted without RESTART, and counts from there."""
+    """After SET_CONFIGURATION and SET_INTERFACE any number is accepted without RESTART, and the count begins there."""
     begin_anew = {
         "set-configuration": bench.usb.set_configuration,
         "set-interface": lambda: bench.usb.set_interface(0),
@@ -197,7 +197,7 @@ def test_any_number_is_accepted_after_the_host_came_anew(bench: Bench, how: str)
 
 @case("NUM-004", "USB-026", line="usb", allow=(Risk.RESET,))
 def test_any_number_is_accepted_after_a_bus_reset(bench: Bench) -> None:
-    """After a bus reset any number is accepted without RESTART, and counts from there."""
+    """After a bus reset any number is accepted without RESTART, and the count begins there."""
     check_begins_anew(bench, bench.usb.reset)
 
 
@@ -208,7 +208,7 @@ def test_any_number_is_accepted_after_a_restart(bench: Bench) -> None:
 
 
 def check_begins_anew(bench: Bench, begin_anew: Callable[[], None]) -> None:
-    """See that a number that would not follow is accepted after something."""
+    """Check that a number that would not follow is accepted after some event."""
     for last, number in ((1000, 1000), (1000, 7), (7, 7 + HALF)):
         must(bench, last, restart=True)
         refuse(bench, [refused(number)])
@@ -220,7 +220,7 @@ def check_begins_anew(bench: Bench, begin_anew: Callable[[], None]) -> None:
 
 @case("NUM-003", "REQ-003")
 def test_the_count_of_lost_blocks_wraps(bench: Bench) -> None:
-    """The count of lost blocks has 32 bits and wraps to 0 behind 2³² − 1, as all counters do."""
+    """The count of lost blocks has 32 bits and wraps to 0 after 2³² − 1, as all counters do."""
     for turn in range(3):
         must(bench, turn, restart=True)
         must(bench, turn + HALF - 1, missing=HALF - 2)

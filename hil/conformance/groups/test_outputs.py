@@ -1,4 +1,4 @@
-"""What ends something, what has no effect, and that nothing changes while the outputs are off (chapter BLK)."""
+"""Endings, blocks without an effect, and that no change takes effect while the outputs are off (chapter BLK)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Need, TooSlow, case, expect
 from phasewire.hil.conformance.sight.waveforms import SILENCE, Words, check_play, expected_words, modulated
-from phasewire.hil.conformance.tools.stage import check_in_time, in_time
+from phasewire.hil.conformance.tools.player import check_in_time, in_time
 from phasewire.hil.conformance.tools.steps import (
     SILENT,
     Wrong,
@@ -23,15 +23,15 @@ from phasewire.hil.conformance.tools.steps import (
     require,
 )
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
@@ -45,7 +45,7 @@ ended = pytest.mark.parametrize("action", list(Action), ids=lambda action: actio
 
 
 def play_modulated(bench: Bench) -> tuple[Pulses, int]:
-    """Let an update play under one sample, with a slot and an entry for more; the update, and since when."""
+    """Play an update under one sample, with a slot and an entry for more; returns the update and its period."""
     begin(bench)
     pulses = bench.weak()
     bench.must(Slot(4, bench.weak(0.5)))
@@ -53,7 +53,7 @@ def play_modulated(bench: Bench) -> tuple[Pulses, int]:
     bench.must(Samples(bytes([SAMPLE]), 40))
     let_stores_go(bench)
     bench.must(Update(pulses))
-    return pulses, bench.must(Modulation(40, 1, 9)).commit_period
+    return pulses, bench.must(AmplitudeModulation(40, 1, 9)).commit_period
 
 
 # OUTPUT
@@ -62,7 +62,7 @@ def play_modulated(bench: Bench) -> tuple[Pulses, int]:
 @case("BLK-018", "BLK-012", outputs=("BLK-018", "BLK-012"), features=FEATURES)
 @ended
 def test_an_output_ends_at_its_period(bench: Bench, action: Action) -> None:
-    """END_MODULATION leaves the update unmodulated, SILENCE and DISABLE leave nothing, from the named period on."""
+    """From its period END_MODULATION leaves the update unmodulated; SILENCE and DISABLE leave silence."""
     pulses, since = play_modulated(bench)
     named = later(bench)
     ack = bench.must(Output(action, named))
@@ -82,7 +82,7 @@ def test_an_output_ends_at_its_period(bench: Bench, action: Action) -> None:
 @case("BLK-018", "BLK-015", needs=(Need.CAPTURE,), features=FEATURES)
 @ended
 def test_an_output_ends_a_sequence(bench: Bench, action: Action) -> None:
-    """END_MODULATION lets the sequence go on, unmodulated and in step, SILENCE and DISABLE end it at their period."""
+    """END_MODULATION lets the sequence go on, unmodulated and in step; SILENCE and DISABLE end it at their period."""
     begin(bench)
     slots = [bench.weak(), bench.weak()]
     for number, pulses in enumerate(slots):
@@ -90,8 +90,8 @@ def test_an_output_ends_a_sequence(bench: Bench, action: Action) -> None:
     bench.must(Entries((Entry(0, 3), Entry(1, 2)), 60))
     bench.must(Samples(bytes([SAMPLE]), 40))
     let_stores_go(bench)
-    began = bench.must(Sequence(60, 2)).commit_period
-    since = bench.must(Modulation(40, 1, 1)).commit_period
+    began = bench.must(PlaySequence(60, 2)).commit_period
+    since = bench.must(AmplitudeModulation(40, 1, 1)).commit_period
     named = later(bench)
     bench.must(Output(action, named))
     plain = [expected_words(pulses, bench.wiring) for pulses in slots]
@@ -122,7 +122,7 @@ def test_silence_leaves_the_outputs_enabled(bench: Bench) -> None:
 @case("BLK-018", "BLK-007", features=FEATURES)
 @ended
 def test_an_output_with_nothing_to_end_is_accepted(bench: Bench, action: Action) -> None:
-    """Where nothing plays each action is accepted all the same, for its host need not know what has ended by itself."""
+    """If nothing plays each action is accepted all the same, because its host need not know what has ended."""
     begin(bench)
     ack = bench.must(Output(action))
     expect("flags", ack.flags, AckFlag(0))
@@ -133,7 +133,7 @@ def test_an_output_with_nothing_to_end_is_accepted(bench: Bench, action: Action)
 @case("BLK-018", "BLK-007", "SAF-004/1")
 @ended
 def test_an_output_takes_effect_behind_what_is_queued(bench: Bench, action: Action) -> None:
-    """An OUTPUT for as soon as possible takes effect behind all that waits, which the request DISABLE overtakes."""
+    """An OUTPUT as soon as possible takes effect after all queued changes; the request DISABLE overtakes them."""
     require(bench, features_of(Output(action)))
     begin(bench)
     named = far(bench)
@@ -151,7 +151,7 @@ def test_an_output_takes_effect_behind_what_is_queued(bench: Bench, action: Acti
 
 @case("BLK-018", "SAF-002", outputs=("BLK-018", "SAF-002"))
 def test_what_is_behind_a_disable_is_dropped(bench: Bench) -> None:
-    """Changes accepted behind OUTPUT with DISABLE are dropped with it: nothing plays, nothing is counted but blocks."""
+    """Changes accepted after OUTPUT with DISABLE are dropped with it: they never play, and count only as accepted."""
     begin(bench)
     pulses = bench.weak()
     began = bench.must(Update(pulses)).commit_period
@@ -184,7 +184,7 @@ def test_what_is_behind_a_disable_is_dropped(bench: Bench) -> None:
 @case("BLK-019", "BLK-020", "BLK-024", "ACK-002", features=FEATURES)
 @pytest.mark.parametrize("body", [Clock(), NoOp()], ids=["clock", "no-op"])
 def test_it_has_no_effect(bench: Bench, body: Clock | NoOp) -> None:
-    """CLOCK and NO_OP leave what plays and waits as it is, take no place in the queue, and count as accepted."""
+    """CLOCK and NO_OP do not change what plays or waits, take no place in the queue, and count as accepted."""
     play_modulated(bench)
     bench.must(Update(SILENT, far(bench)))
     bench.wait_until(bench.period() + 20)
@@ -209,7 +209,7 @@ def test_a_clock_tells_the_last_pulse_of_the_sync_line(bench: Bench) -> None:
 @case("BLK-020", "SAF-003")
 @pytest.mark.parametrize("body", [Clock(), NoOp()], ids=["clock", "no-op"])
 def test_it_is_a_sign_of_life(bench: Bench, body: Clock | NoOp) -> None:
-    """While CLOCK or NO_OP come the watchdog does not fire, for a host with nothing to change is there still."""
+    """While CLOCK or NO_OP come the watchdog does not fire: their host is present, with nothing to change."""
     bench.order(Request.WATCHDOG, ms := 200 * bench.slowness)
     bench.enable()
     acks = []
@@ -226,8 +226,8 @@ def test_it_is_a_sign_of_life(bench: Bench, body: Clock | NoOp) -> None:
 
 BODIES: dict[str, Body] = {
     "update": Update(SILENT),
-    "sequence": Sequence(30, 1),
-    "modulation": Modulation(40, 1, 9),
+    "sequence": PlaySequence(30, 1),
+    "modulation": AmplitudeModulation(40, 1, 9),
     "end-modulation": Output(Action.END_MODULATION),
     "silence": Output(Action.SILENCE),
     "disable": Output(Action.DISABLE),
@@ -241,7 +241,7 @@ CHANGES = ("update", "sequence", "modulation", "end-modulation", "silence", "dis
 
 
 def check_off(bench: Bench) -> None:
-    """See that changes are refused with DISABLED and all else is accepted."""
+    """Check that changes are refused with DISABLED and all else is accepted."""
     for name, body in BODIES.items():
         if name not in CHANGES:
             bench.must(body)
@@ -251,7 +251,7 @@ def check_off(bench: Bench) -> None:
 
 @case("SAF-002", "ACK-003", features=FEATURES)
 def test_changes_are_refused_until_enable(bench: Bench) -> None:
-    """Until ENABLE changes are refused with DISABLED, and stores, CLOCK and NO_OP accepted; after it all are."""
+    """Before ENABLE changes are refused with DISABLED, and stores, CLOCK and NO_OP accepted; afterwards all are."""
     bench.must(NoOp())
     check_off(bench)
     bench.order(Request.WATCHDOG, 5000)

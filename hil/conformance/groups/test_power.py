@@ -1,4 +1,4 @@
-"""Power and the bus: restarts, suspend and resume, an unplugged cable; what begins anew, and what goes on."""
+"""Power and the bus: restarts, suspend and resume, an unplugged cable; what they reset, and what goes on."""
 
 from __future__ import annotations
 
@@ -14,10 +14,20 @@ from phasewire.hil.conformance.cases import Inconclusive, Need, Risk, case, expe
 from phasewire.hil.conformance.sight.waveforms import check_play, check_silent, expected_words
 from phasewire.hil.conformance.tools.forge import forged
 from phasewire.hil.conformance.tools.steps import LONG_MS, check_sync, enable, require, suspended
-from phasewire.protocol.blocks import Entries, Entry, Modulation, NoOp, Samples, Sequence, Slot, Update, pack
+from phasewire.protocol.blocks import (
+    AmplitudeModulation,
+    Entries,
+    Entry,
+    NoOp,
+    PlaySequence,
+    Samples,
+    Slot,
+    Update,
+    pack,
+)
 from phasewire.protocol.board import CARRIER_HZ, PROCESSORS, TICK_HZ
 from phasewire.protocol.codes import AckFlag, Fault, Feature, FrameKind, Outcome, Reason, Request, State, StatusFlag
-from phasewire.protocol.framing import Mode, SerialReply
+from phasewire.protocol.framing import LineMode, SerialReply
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Ack, Status
 from phasewire.protocol.requests import Setup
@@ -25,11 +35,11 @@ from phasewire.protocol.requests import Setup
 RECORDS_IN = 0x81
 CONSOLE = 1
 OFF_PERIODS = 400
-"""10 ms, within which the outputs are off on a bus that fell silent (clause USB-020)."""
+"""10 ms, within which the outputs are off after the bus fell silent (clause USB-020)."""
 CLOCK_ERROR = 0.01
-"""How far the clocks of host and device are apart at most."""
+"""The greatest difference between the clocks of host and device."""
 MOST_JUDGED = 4000
-"""Periods of silence that are looked at, of many."""
+"""Periods of silence that are examined, out of many."""
 SOON = 5.0
 LEAVES_SECONDS = 2.0
 LINE_CODING = bytes([0x80, 0x25, 0, 0, 2, 1, 7])
@@ -49,7 +59,7 @@ def reset(bench: Bench) -> None:
 
 
 def cut_power(bench: Bench) -> None:
-    """Power is taken away and given back."""
+    """Cut the power and restore it."""
     if not bench.can(Need.POWER):
         raise Inconclusive(unmet(Need.POWER))
     bench.power_cycle()
@@ -60,7 +70,7 @@ either_restart = pytest.mark.parametrize("restart", [reset, cut_power], ids=["re
 
 
 def store_everything(bench: Bench) -> None:
-    """An entry of slot 3 at place 7, and two samples at place 9, as far as the device keeps them."""
+    """An entry of slot 3 at place 7, and two samples at place 9, if the device keeps them."""
     if Feature.SEQUENCES in bench.info.features:
         bench.must(Slot(3, bench.weak(0.5)))
         bench.must(Entries((Entry(3, 40),), 7))
@@ -69,7 +79,7 @@ def store_everything(bench: Bench) -> None:
 
 
 def play(bench: Bench) -> Ack:
-    """An update that plays, and that no watchdog ends."""
+    """An update that plays, with a watchdog time longer than any case."""
     enable(bench)
     ack = bench.must(Update(bench.weak(0.5)))
     bench.wait_until(ack.commit_period)
@@ -80,7 +90,7 @@ def play(bench: Bench) -> Ack:
 @case("REQ-013", "REQ-003", "STA-006", "SAF-006", "REQ-009", "REQ-010", "TIM-002", allow=(Risk.RESET,))
 @either_restart
 def test_everything_begins_anew_with_a_restart(bench: Bench, restart: Restart) -> None:
-    """After RESET and power-up the device is OFF, and counts, time, watchdog and limit are as at first."""
+    """After RESET and power-up the device is OFF, and counts, time, watchdog and limit have their initial values."""
     first = bench.must(NoOp())
     bench.must(NoOp(), number=(first.sequence + 5) % 2**32)
     bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=0))
@@ -88,7 +98,7 @@ def test_everything_begins_anew_with_a_restart(bench: Bench, restart: Restart) -
     play(bench)
     if Feature.MODULATION in bench.info.features:
         bench.must(Samples(bytes([255])))
-        bench.must(Modulation(0, 1, 1))
+        bench.must(AmplitudeModulation(0, 1, 1))
     began = bench.line.time.monotonic()
     restart(bench)
     status = bench.status()
@@ -105,7 +115,7 @@ def test_everything_begins_anew_with_a_restart(bench: Bench, restart: Restart) -
     expect("the drive limit", status.drive_limit, bench.info.drive_limit)
     most = passed * (1 + CLOCK_ERROR)
     assert status.now / TICK_HZ <= most, (
-        f"the time is {status.now / TICK_HZ:.6f} s, {passed:.6f} s after the restart was asked for; should begin anew"
+        f"the time is {status.now / TICK_HZ:.6f} s, {passed:.6f} s after the restart was requested; should begin at 0"
     )
 
 
@@ -122,36 +132,36 @@ def test_what_the_device_is_stays_over_a_restart(bench: Bench, restart: Restart)
 @case("BLK-013", "REQ-013", "BLK-021", features=Feature.SEQUENCES, allow=(Risk.RESET,))
 @either_restart
 def test_slots_and_entries_are_empty_after_a_restart(bench: Bench, restart: Restart) -> None:
-    """A sequence that was stored before RESET or power-up is refused as EMPTY until entry and slot are stored again."""
+    """A sequence from before RESET or power-up is refused with EMPTY until entry and slot are stored again."""
     store_everything(bench)
     restart(bench)
     bench.order(Request.LIMIT, bench.drive_limit)
     enable(bench)
-    expect("the reason without an entry", bench.send(Sequence(7, 1)).reason, Reason.EMPTY)
+    expect("the reason without an entry", bench.send(PlaySequence(7, 1)).reason, Reason.EMPTY)
     bench.must(Entries((Entry(3, 40),), 7))
-    expect("the reason without a slot", bench.send(Sequence(7, 1)).reason, Reason.EMPTY)
+    expect("the reason without a slot", bench.send(PlaySequence(7, 1)).reason, Reason.EMPTY)
     bench.must(Slot(3, bench.weak(0.5)))
-    bench.must(Sequence(7, 1))
+    bench.must(PlaySequence(7, 1))
 
 
 @case("BLK-021", "REQ-013", features=Feature.MODULATION, allow=(Risk.RESET,))
 @either_restart
 def test_samples_are_empty_after_a_restart(bench: Bench, restart: Restart) -> None:
-    """A modulation of samples from before RESET or power-up is refused as EMPTY until they are stored again."""
+    """A modulation of samples from before RESET or power-up is refused with EMPTY until they are stored again."""
     store_everything(bench)
     restart(bench)
     enable(bench)
-    expect("the reason without samples", bench.send(Modulation(9, 2, 1)).reason, Reason.EMPTY)
+    expect("the reason without samples", bench.send(AmplitudeModulation(9, 2, 1)).reason, Reason.EMPTY)
     bench.must(Samples(bytes([255]), 9))
-    expect("the reason with one of two", bench.send(Modulation(9, 2, 1)).reason, Reason.EMPTY)
+    expect("the reason with one of two", bench.send(AmplitudeModulation(9, 2, 1)).reason, Reason.EMPTY)
     bench.must(Samples(bytes([128]), 10))
-    bench.must(Modulation(9, 2, 1))
+    bench.must(AmplitudeModulation(9, 2, 1))
 
 
 @case("NUM-004", allow=(Risk.RESET,))
 @either_restart
 def test_any_number_is_accepted_after_a_restart(bench: Bench, restart: Restart) -> None:
-    """The first block after RESET or power-up is accepted whatever its number, and the count begins with it."""
+    """The first block after RESET or power-up is accepted with any number, and the numbering begins with it."""
     old = (bench.must(NoOp()).sequence - 1000) % 2**32
     expect("the reason for an old number", bench.send(NoOp(), number=old).reason, Reason.SEQUENCE)
     restart(bench)
@@ -164,7 +174,7 @@ def test_any_number_is_accepted_after_a_restart(bench: Bench, restart: Restart) 
 @case("TIM-002/2", "CHN-026", allow=(Risk.RESET,))
 @either_restart
 def test_a_device_that_answers_counts_periods_and_knows_its_processors(bench: Bench, restart: Restart) -> None:
-    """The first that a host hears after RESET or power-up knows all ten processors and a pulse on the sync line."""
+    """The first answer after RESET or power-up knows all ten processors and a pulse on the sync line."""
     restart(bench)
     clock, reports, status = bench.clock(), bench.processors(), bench.status()
     expect("the count of processors", len(reports), PROCESSORS)
@@ -180,7 +190,7 @@ def test_a_device_that_answers_counts_periods_and_knows_its_processors(bench: Be
 @case("SAF-001", "REQ-013", "STA-006", needs=(Need.CAPTURE,), allow=(Risk.RESET,))
 @either_restart
 def test_the_outputs_are_low_after_a_restart(bench: Bench, restart: Restart) -> None:
-    """All outputs are low from period 0 on, whatever played before, until a host enables them and sends something."""
+    """All outputs are low from period 0 on, whatever played before, until a host enables them and sends a change."""
     play(bench)
     restart(bench)
     bench.must(NoOp())
@@ -193,7 +203,7 @@ def test_the_outputs_are_low_after_a_restart(bench: Bench, restart: Restart) -> 
 @case("SAF-001", "REQ-013", needs=(Need.CAPTURE,), allow=(Risk.RESET,))
 @either_restart
 def test_the_outputs_are_low_while_a_device_starts(bench: Bench, restart: Restart) -> None:
-    """All outputs are low in the first periods after RESET and power-up, while nobody has asked for anything yet."""
+    """All outputs are low in the first periods after RESET and power-up, before the first request."""
     play(bench)
     restart(bench)
     bench.judge(0, min(bench.period(), MOST_JUDGED), check_silent)
@@ -213,7 +223,7 @@ def play_in(bench: Bench, state: State) -> None:
 @case("STA-003", "REQ-013", allow=(Risk.RESET,))
 @pytest.mark.parametrize("state", [State.OFF, State.READY, State.PLAYING, State.UNATTENDED], ids=NAME)
 def test_reset_leads_to_off_from_every_state(bench: Bench, state: State) -> None:
-    """RESET leads to OFF from every state in which nothing is wrong."""
+    """RESET leads to OFF from every state without a fault."""
     if state is State.UNATTENDED:
         require(bench, Feature.SEQUENCES | Feature.UNATTENDED)
     play_in(bench, state)
@@ -222,7 +232,7 @@ def test_reset_leads_to_off_from_every_state(bench: Bench, state: State) -> None
 
 @case("STA-003", "REQ-013", allow=(Risk.RESET,), needs=(Need.FAULTS,))
 def test_reset_leads_to_off_while_a_fault_waits(bench: Bench) -> None:
-    """RESET leads to OFF without faults also while one waits to be cleared."""
+    """RESET leads to OFF without faults even while a fault waits to be cleared."""
     enable(bench)
     bench.levers.cause(HotBoard(board=2, celsius=100, periods=4000))
     bench.wait(0.05)
@@ -231,7 +241,7 @@ def test_reset_leads_to_off_while_a_fault_waits(bench: Bench) -> None:
 
 
 def check_reset(bench: Bench, state: State) -> None:
-    """Reset a device that is in a state, and fail where it does not come up off, with all well."""
+    """Reset a device that is in a state; fails unless it comes up in OFF without faults."""
     expect("the state before", bench.status().state, state)
     reset(bench)
     status = bench.status()
@@ -242,7 +252,7 @@ def check_reset(bench: Bench, state: State) -> None:
 
 @case("REQ-013", "USB-004", allow=(Risk.RESET,), line="usb")
 def test_reset_leaves_the_bus(bench: Bench) -> None:
-    """RESET is answered, and then the device leaves the bus, so that the host's system forgets what it knew of it."""
+    """RESET is answered, then the device leaves the bus, so that the host's system forgets its state."""
     bench.order(Request.RESET)
     end, left = bench.line.time.monotonic() + LEAVES_SECONDS, False
     while not left and bench.line.time.monotonic() < end:
@@ -267,7 +277,7 @@ def test_reset_leaves_the_bus(bench: Bench) -> None:
     ids=["value", "index", "data", "in"],
 )
 def test_what_is_no_reset_restarts_nothing(bench: Bench, setup: Setup, data: bytes) -> None:
-    """RESET with another value, index or direction, or with data, is answered with STALL and nothing restarts."""
+    """RESET with a wrong value, index or direction, or with data, is answered with STALL and restarts nothing."""
     bench.must(NoOp())
     before = bench.status()
     answer = bench.request(setup, data)
@@ -286,13 +296,13 @@ def test_reset_over_a_serial_line_is_answered_first(bench: Bench) -> None:
     line.enter_frames()
     line.send_frame(FrameKind.REQUEST, bytes([0x5A]) + Setup(0x41, Request.RESET, 0, 0, 0).encode())
     try:
-        line.listen(line.patience(), lambda: line.mode is Mode.CONSOLE and line.events != [])
+        line.listen(line.patience(), lambda: line.mode is LineMode.CONSOLE and line.events != [])
     except DeviceError as error:
         bench.note("the line", error)
     seen, replies = list(line.events), [SerialReply.decode(body) for body in line.frames(FrameKind.REPLY)]
     bench.restart(lambda: None)
     expect("the list of replies", replies, [SerialReply(0x5A, Outcome.DONE)])
-    assert seen[-1:] == [Mode.CONSOLE], f"no CONSOLE follows the reply, but {seen}"
+    assert seen[-1:] == [LineMode.CONSOLE], f"no CONSOLE follows the reply, but {seen}"
     status = bench.status()
     expect("the state", status.state, State.OFF)
     expect("the count of accepted blocks", status.accepted, 0)
@@ -301,7 +311,7 @@ def test_reset_over_a_serial_line_is_answered_first(bench: Bench) -> None:
 @case("USB-026", "REQ-013", allow=(Risk.RESET,), line="usb")
 @either_restart
 def test_the_console_is_as_at_first_after_a_restart(bench: Bench, restart: Restart) -> None:
-    """Line coding and DTR are as at first after RESET and power-up."""
+    """Line coding and DTR have their initial values after RESET and power-up."""
     bench.request(Setup(0x21, 0x20, 0, CONSOLE, 7), LINE_CODING)
     restart(bench)
     coding = bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7))
@@ -314,15 +324,15 @@ def test_the_console_is_as_at_first_after_a_restart(bench: Bench, restart: Resta
 
 
 def play_unattended(bench: Bench, *, periods: int = 40, repeats: int = 0) -> tuple[Ack, Pulses]:
-    """A sequence of one slot that may go on without its host; what it plays."""
+    """An unattended sequence of one slot; returns what it plays."""
     pulses = bench.weak(0.5)
     bench.must(Slot(3, pulses))
     bench.must(Entries((Entry(3, periods),), 7))
     enable(bench)
-    ack = bench.must(Sequence(7, 1, repeats=repeats, unattended=True))
+    ack = bench.must(PlaySequence(7, 1, repeats=repeats, unattended=True))
     bench.wait_until(ack.commit_period)
     expect("the state before", bench.status().state, State.UNATTENDED)
-    bench.order(Request.WATCHDOG, bench.info.watchdog_ms)  # which what goes on without its host outlasts
+    bench.order(Request.WATCHDOG, bench.info.watchdog_ms)  # which an unattended sequence outlasts
     return ack, pulses
 
 
@@ -332,7 +342,7 @@ SUSPEND = (Need.SUSPEND,)
 @case("USB-020", "STA-003", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
 @pytest.mark.parametrize("state", [State.OFF, State.READY, State.PLAYING], ids=NAME)
 def test_suspend_turns_the_outputs_off(bench: Bench, state: State) -> None:
-    """A suspended bus turns the outputs off and empties the queue; after resume they stay off until ENABLE."""
+    """Suspend turns the outputs off and empties the queue; after resume they stay off until ENABLE."""
     play_in(bench, state)
     queued = None
     if state is not State.OFF:
@@ -352,13 +362,13 @@ def test_suspend_turns_the_outputs_off(bench: Bench, state: State) -> None:
     enable(bench)
     if queued is not None:
         bench.wait_until(queued.commit_period + 2)
-        expect("the state past the period of what was queued", bench.status().state, State.READY)
+        expect("the state after the period of what was queued", bench.status().state, State.READY)
     bench.must(Update(bench.weak()))
 
 
 @case("USB-020", "ACK-006", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
 def test_suspend_keeps_the_records(bench: Bench) -> None:
-    """Records that wait are kept over a suspension, and one status record behind them says what came of it."""
+    """Records that wait survive a suspension, and one status record after them reports the result."""
     blocks = [bench.numbered(NoOp()) for _ in range(3)]
     before = bench.status().accepted
     bench.usb.write(1, b"".join(map(pack, blocks)), SOON)
@@ -381,7 +391,7 @@ def test_suspend_keeps_the_records(bench: Bench) -> None:
 
 @case("USB-020", "NUM-004", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
 def test_a_device_that_resumes_is_configured_as_before(bench: Bench) -> None:
-    """Configuration, halts, numbering, line coding and stores are as before a suspension: no host has come or gone."""
+    """Configuration, halts, numbering, line coding and stores survive a suspension, which changes no host."""
     first = bench.must(NoOp())
     store_everything(bench)
     bench.request(Setup(0x21, 0x20, 0, CONSOLE, 7), LINE_CODING)
@@ -397,15 +407,15 @@ def test_a_device_that_resumes_is_configured_as_before(bench: Bench) -> None:
         bench.usb.clear_halt(0x83)
     expect("the reason for an old number", bench.send(NoOp(), number=first.sequence).reason, Reason.SEQUENCE)
     ack = bench.must(NoOp(), number=(last.sequence + 3) % 2**32)
-    expect("the flags behind two that are missing", ack.flags, AckFlag.GAP)
+    expect("the flags after two missing numbers", ack.flags, AckFlag.GAP)
     enable(bench)
     if Feature.SEQUENCES in bench.info.features:
-        bench.must(Sequence(7, 1))
+        bench.must(PlaySequence(7, 1))
 
 
 @case("USB-020", "TIM-002", needs=SUSPEND, allow=(Risk.RESET,), line="usb")
 def test_time_goes_on_while_the_bus_is_suspended(bench: Bench) -> None:
-    """The device counts its periods on while the bus is suspended, for time is never set."""
+    """The device counts its periods on while the bus is suspended, because time is never set."""
     before, began = bench.clock().now, bench.line.time.monotonic()
     with suspended(bench):
         bench.wait(0.3)
@@ -430,12 +440,12 @@ def test_the_outputs_are_off_while_the_bus_is_suspended(bench: Bench) -> None:
 
 @case("USB-020", "SAF-005", "STA-003", needs=SUSPEND, features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
 def test_what_plays_unattended_goes_on_while_the_bus_is_suspended(bench: Bench) -> None:
-    """A sequence with permission plays on through a suspension, and no status record says that anything changed."""
+    """An unattended sequence plays on through a suspension, and no status record reports a change."""
     ack, _ = play_unattended(bench)
     bench.listen()
     with suspended(bench):
         bench.wait(0.2)
-    expect("what comes of its own accord", bench.listen(), [])
+    expect("what comes unasked", bench.listen(), [])
     status = bench.status()
     expect("the state", status.state, State.UNATTENDED)
     expect("what plays since", status.since_period, ack.commit_period)
@@ -445,7 +455,7 @@ def test_what_plays_unattended_goes_on_while_the_bus_is_suspended(bench: Bench) 
     "USB-020", "SAF-005", needs=(*SUSPEND, Need.CAPTURE), features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb"
 )
 def test_the_outputs_go_on_unattended_while_the_bus_is_suspended(bench: Bench) -> None:
-    """The outputs play a sequence with permission all through a suspension, without a gap."""
+    """The outputs play an unattended sequence all through a suspension, without a gap."""
     ack, pulses = play_unattended(bench)
     with suspended(bench):
         bench.wait(0.03)
@@ -457,7 +467,7 @@ def test_the_outputs_go_on_unattended_while_the_bus_is_suspended(bench: Bench) -
 
 @case("STA-004", "SAF-005", needs=SUSPEND, features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
 def test_suspend_follows_where_a_sequence_ends_on_a_suspended_bus(bench: Bench) -> None:
-    """When a sequence with permission ends while the bus is suspended the device is suspended too: OFF after resume."""
+    """When an unattended sequence ends while the bus is suspended, the device is suspended too: OFF after resume."""
     play_unattended(bench, periods=2000, repeats=2)
     with suspended(bench):
         bench.wait(0.3)
@@ -465,7 +475,7 @@ def test_suspend_follows_where_a_sequence_ends_on_a_suspended_bus(bench: Bench) 
     expect("the state", status.state, State.OFF)
     expect("the flags", status.flags, StatusFlag(0))
     found = bench.listen()
-    expect("the states that are told unasked", [record.state.name for record in found], ["OFF"])
+    expect("the states of the unsolicited records", [record.state.name for record in found], ["OFF"])
 
 
 @case("STA-003", "SAF-007/1", needs=(*SUSPEND, Need.FAULTS), allow=(Risk.RESET,), line="usb")
@@ -479,7 +489,7 @@ def test_a_fault_while_suspended_waits_to_be_cleared(bench: Bench) -> None:
     expect("the faults", status.faults, Fault.TEMPERATURE)
     assert not bench.try_order(Request.ENABLE), "ENABLE is not answered with STALL in FAULT"
     bench.order(Request.CLEAR_FAULTS)
-    expect("the state once cleared", bench.status().state, State.OFF)
+    expect("the state after CLEAR_FAULTS", bench.status().state, State.OFF)
 
 
 # An unplugged cable
@@ -487,14 +497,12 @@ def test_a_fault_while_suspended_waits_to_be_cleared(bench: Bench) -> None:
 
 @contextmanager
 def unplugged(bench: Bench) -> Iterator[None]:
-    """The cable is pulled for a while."""
-    bench.note("lever", "unplug")
+    """Pull the cable for a while."""
     bench.levers.unplug()
     try:
         yield
     finally:
         bench.levers.plug()
-        bench.note("lever", "plug")
         bench.line.reopen(RETURN_SECONDS)
 
 
@@ -503,7 +511,7 @@ PLUG = (Need.PLUG,)
 
 @case("STA-006", "USB-020", "USB-026", "NUM-004", needs=PLUG, allow=(Risk.RESET,), line="usb")
 def test_an_unplugged_device_is_found_reset(bench: Bench) -> None:
-    """A host that opens the device after it was unplugged finds it off, with nothing queued and no old records."""
+    """A host that opens the device after it was unplugged finds it off, with an empty queue and no old records."""
     old = (bench.must(NoOp()).sequence - 1000) % 2**32
     store_everything(bench)
     bench.request(Setup(0x21, 0x20, 0, CONSOLE, 7), LINE_CODING)
@@ -520,20 +528,20 @@ def test_an_unplugged_device_is_found_reset(bench: Bench) -> None:
     expect("the count of accepted blocks", after.accepted, (before.accepted + 1) % 2**32)
     expect("the watchdog's time", after.watchdog_ms, LONG_MS)
     assert after.now > before.now, f"the time is {after.now}, should go on from {before.now}"
-    expect("what comes of its own accord", bench.listen(), [])
+    expect("what comes unasked", bench.listen(), [])
     expect("the line coding", bench.request(Setup(0xA1, 0x21, 0, CONSOLE, 7)), LINE_CODING_AT_FIRST)
     ack = bench.must(NoOp(), number=old)
     expect("the flags of any number", ack.flags, AckFlag(0))
     bench.wait_until(queued.commit_period + 2)
-    expect("the state past the period of what was queued", bench.status().state, State.OFF)
+    expect("the state after the period of what was queued", bench.status().state, State.OFF)
     bench.enable()
     if Feature.SEQUENCES in bench.info.features:
-        bench.must(Sequence(7, 1))
+        bench.must(PlaySequence(7, 1))
 
 
 @case("STA-006", "USB-020", needs=(*PLUG, Need.CAPTURE), allow=(Risk.RESET,), line="usb")
 def test_the_outputs_are_off_once_the_cable_is_pulled(bench: Bench) -> None:
-    """All outputs are low from 10 ms after the cable was pulled, and stay low when it is back."""
+    """All outputs are low from 10 ms after the cable was pulled, and stay low after it is plugged in."""
     play(bench)
     began = bench.line.time.monotonic()
     with unplugged(bench):
@@ -546,7 +554,7 @@ def test_the_outputs_are_off_once_the_cable_is_pulled(bench: Bench) -> None:
 
 @case("SAF-005", "USB-020", "USB-003", needs=PLUG, features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
 def test_what_plays_unattended_ends_with_the_next_host(bench: Bench) -> None:
-    """A sequence with permission ends when a host configures the device after it was unplugged."""
+    """An unattended sequence ends when a host configures the device after it was unplugged."""
     play_unattended(bench)
     with unplugged(bench):
         bench.wait(0.02)
@@ -557,7 +565,7 @@ def test_what_plays_unattended_ends_with_the_next_host(bench: Bench) -> None:
 
 @case("SAF-005", "USB-020", needs=(*PLUG, Need.CAPTURE), features=Feature.UNATTENDED, allow=(Risk.RESET,), line="usb")
 def test_the_outputs_go_on_unattended_while_the_cable_is_pulled(bench: Bench) -> None:
-    """The outputs play a sequence with permission while the cable is pulled, for it was to go on without its host."""
+    """The outputs play an unattended sequence while the cable is pulled, because it needs no host."""
     ack, pulses = play_unattended(bench)
     at, began = bench.period(), bench.line.time.monotonic()
     bench.levers.unplug()
@@ -569,7 +577,7 @@ def test_the_outputs_go_on_unattended_while_the_cable_is_pulled(bench: Bench) ->
     bench.judge(ack.commit_period, until, lambda seen: check_play(seen, [(ack.commit_period, words)]))
 
 
-# A device at a serial line alone
+# A device on a serial line alone
 
 
 @case("STA-006", needs=(Need.SUSPEND, Need.PLUG, Need.POWER), allow=(Risk.RESET,), line="serial")
@@ -580,9 +588,9 @@ def test_a_bus_that_configured_nothing_suspends_nothing(bench: Bench) -> None:
     check_plays_on(bench)
 
 
-@case("STA-006", "STA-003", needs=(Need.SUSPEND, Need.PLUG), allow=(Risk.RESET,), line="serial")
+@case("STA-006", "STA-003", needs=(Need.SUSPEND, Need.PLUG, Need.BUS), allow=(Risk.RESET,), line="serial")
 def test_a_device_that_was_unplugged_is_not_suspended_until_configured(bench: Bench) -> None:
-    """The voltage of the bus takes the configuration with it: what was unplugged and is not configured plays on."""
+    """Loss of bus voltage ends the configuration: a device that was unplugged and is not configured plays on."""
     needs_serial_alone(bench)
     bench.levers.configure()
     play(bench)
@@ -603,9 +611,9 @@ def test_a_device_that_was_unplugged_is_not_suspended_until_configured(bench: Be
 
 
 def needs_serial_alone(bench: Bench) -> None:
-    """Go on where the line of blocks is a serial one, beside which a bus can come and go."""
+    """Continue only if the line of blocks is serial, so that a bus can come and go."""
     if bench.line.kind != "serial":
-        raise Inconclusive("this concerns a device that is used over a serial line alone")
+        raise Inconclusive("this applies to a device that is used over a serial line alone")
 
 
 def check_plays_on(bench: Bench) -> None:

@@ -1,4 +1,4 @@
-"""Control requests: their answers, what they refuse, and what they change (chapter REQ)."""
+"""Control requests: their answers, refusals and effects (chapter REQ)."""
 
 from __future__ import annotations
 
@@ -30,22 +30,23 @@ from phasewire.hil.conformance.tools.steps import (
     vectors,
 )
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Block,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
     pack,
 )
-from phasewire.protocol.board import TICK_HZ, TICKS_PER_PERIOD
+from phasewire.protocol.board import CHANNELS, PROCESSORS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
+    PAYLOAD_BYTES,
     SERIAL_DATA_BYTES,
     SYNC_PERIODS,
     Action,
@@ -59,17 +60,17 @@ from phasewire.protocol.codes import (
 from phasewire.protocol.requests import Setup
 
 IN, OUT = 0xC1, 0x41
-SIZES = {1: 64, 2: 64, 3: 640, 9: 24, 10: 496, 11: 160}
+SIZES = {1: 64, 2: 64, 3: 2 * CHANNELS, 9: 24, 10: 16 + PAYLOAD_BYTES, 11: 16 * PROCESSORS}
 """Bytes of the answer to each request that has one (REQ-002 to REQ-008), by its number."""
 ORDERS = (4, 5, 6, 7, 8, 12)
-"""Requests without an answer, but for RESET and REVERT."""
+"""Requests without an answer, except RESET and REVERT."""
 RESTARTS = (13, 14)
 GOOD_VALUES = {6: 50, 7: 1, 12: 0}
-"""A value that is right, where 0 is not: WATCHDOG, LIMIT, IDENTIFY."""
+"""A valid value for the requests that do not take 0: WATCHDOG, LIMIT, IDENTIFY."""
 OTHERS = (1, 3, 256, 65_535)
-"""Values and indices that are wrong where 0 is right."""
+"""Values and indices that are wrong for requests that take only 0."""
 DATA = (b"\0", b"\1\2\3\4", bytes(64))
-"""That no request takes."""
+"""Values that no request takes."""
 ENTRIES_FEATURES = Feature.SEQUENCES | Feature.MODULATION
 COUNTERS = ("accepted", "refused", "late", "lost")
 
@@ -85,7 +86,7 @@ def is_there(bench: Bench, request: int) -> bool:
 
 
 def refuse_requests(bench: Bench, setups: list[tuple[Setup, bytes]]) -> None:
-    """Make requests that must be answered with STALL, and see that they have no effect."""
+    """Make requests that must be answered with STALL, and check that they have no effect."""
     before = bench.status()
     for setup, data in setups:
         answer = bench.request(setup, data)
@@ -96,22 +97,22 @@ def refuse_requests(bench: Bench, setups: list[tuple[Setup, bytes]]) -> None:
     expect("the last refusal", after.last_refusal, before.last_refusal)
 
 
-# What is asked for
+# Arguments
 
 
 @case("REQ-001")
 @pytest.mark.parametrize("request_number", list(SIZES), ids=lambda number: Request(number).name.lower())
 def test_an_answer_is_as_long_as_was_asked_for(bench: Bench, request_number: int) -> None:
-    """Of an answer the device sends as much as was asked for, from its beginning, and never more than there is."""
+    """Of an answer the device sends as many bytes as requested, from its beginning, and never more than there are."""
     if not is_there(bench, request_number):
-        expect("PULSES without READ_BACK", ask(bench, request_number, 496), None)
+        expect("PULSES without READ_BACK", ask(bench, request_number, SIZES[10]), None)
         return
     size = SIZES[request_number]
     most = SERIAL_DATA_BYTES if bench.line.kind == "serial" else 4096
     for length in sorted({0, 1, 2, 15, 16, size // 2, size - 1, size, min(size + 1, most), most}):
         answer = ask(bench, request_number, length)
         assert answer is not None, f"a length of {length} is answered with STALL"
-        expect(f"bytes of an answer of which {length} are asked for", len(answer), min(length, size))
+        expect(f"bytes of an answer if {length} are requested", len(answer), min(length, size))
         if request_number in (Request.INFO, Request.WIRING):
             expect("the bytes", answer, bench.ask(Request(request_number))[:length])
 
@@ -141,7 +142,7 @@ def test_requests_of_another_type_are_answered_with_stall(bench: Bench) -> None:
 
 @case("REQ-001", "USB-004")
 def test_another_value_or_index_is_answered_with_stall(bench: Bench) -> None:
-    """A request with another value or index than the table's is answered with STALL, without effect."""
+    """A request with a value or index other than the table's is answered with STALL, without effect."""
     wrong = []
     for number in (*SIZES, *ORDERS):
         kind, length = (IN, SIZES[number]) if number in SIZES else (OUT, 0)
@@ -164,7 +165,7 @@ def test_an_order_with_data_is_answered_with_stall(bench: Bench) -> None:
 
 
 def refuse_restart(bench: Bench, request: Request) -> None:
-    """See that a request that restarts the device is answered with STALL, and restarts nothing, if it is wrong."""
+    """Check that a malformed request for a restart is answered with STALL and restarts nothing."""
     before = bench.clock().now
     wrong = [(Setup(IN, request, 0, 0, 64), b"")]
     wrong += [(Setup(OUT, request, value, 0, 0), b"") for value in OTHERS]
@@ -177,19 +178,19 @@ def refuse_restart(bench: Bench, request: Request) -> None:
 
 @case("REQ-001", "REQ-013", "USB-004", allow=(Risk.RESET,))
 def test_a_wrong_reset_is_answered_with_stall(bench: Bench) -> None:
-    """RESET in the other direction, with another value or index, or with data, is answered with STALL and not done."""
+    """RESET in the other direction, with another value or index, or with data, is answered with STALL."""
     refuse_restart(bench, Request.RESET)
 
 
 @case("REQ-001", "REQ-014", "USB-004", allow=(Risk.RESET, Risk.FLASH))
 def test_a_wrong_revert_is_answered_with_stall(bench: Bench) -> None:
-    """REVERT, which changes the flash, is answered with STALL if anything about it is wrong, and has no effect."""
+    """REVERT, which changes the flash, is answered with STALL if anything in it is wrong, and has no effect."""
     refuse_restart(bench, Request.REVERT)
 
 
 @case("REQ-001", "USB-014", line="usb")
 def test_nothing_is_answered_while_not_configured(bench: Bench) -> None:
-    """While the device is not configured every vendor request is answered with STALL, and not afterwards."""
+    """While the device is not configured every vendor request is answered with STALL, afterwards none is."""
     expect("the answer to SET_CONFIGURATION 0", bench.request(Setup(0x00, 9, 0, 0, 0)), b"")
     try:
         for number, size in SIZES.items():
@@ -213,13 +214,13 @@ def test_the_refused_requests_of_the_vectors_are_refused(bench: Bench) -> None:
 
 
 def may_be_asked(bench: Bench, setup: Setup) -> bool:
-    """Whether a request asks for no more drive than is allowed here."""
+    """Whether a request asks for no more drive than the limit here."""
     return setup.request != Request.LIMIT or setup.value <= bench.drive_limit or Risk.DRIVE in bench.allowed
 
 
 @case("REQ-001")
 def test_the_requests_of_the_vectors_are_answered(bench: Bench) -> None:
-    """The vendor requests of vectors.json are answered, with as many bytes as they say there."""
+    """The vendor requests of vectors.json are answered, with as many bytes as given there."""
     for vector in vectors("requests"):
         setup = Setup(**vector["fields"])
         vendor = setup.request_type in (IN, OUT) and setup.request not in RESTARTS
@@ -234,7 +235,7 @@ def test_the_requests_of_the_vectors_are_answered(bench: Bench) -> None:
 
 
 def _enabled(bench: Bench) -> bool:
-    """Disable the outputs, if they are enabled; whether they still are."""
+    """Disable the outputs if they are enabled; returns whether they still are."""
     if bench.status().enabled:
         bench.disable()
     return bench.status().enabled
@@ -245,7 +246,7 @@ def _enabled(bench: Bench) -> bool:
 
 @case("REQ-002", "VER-001", "VER-003", "BLK-024", "ACK-001", "SAF-003", "SAF-006")
 def test_info_says_what_the_specification_demands(bench: Bench) -> None:
-    """INFO's 64 bytes fit the rest of the specification: clocks, grid, room, limits, and zeros in the last 16."""
+    """INFO's 64 bytes match the rest of the specification: clocks, grid, room, limits, and zeros in the last 16."""
     data = bench.ask(Request.INFO)
     oldest, newest, _, *firmware, boards = struct.unpack_from("<BBHBBBB", data)
     carrier, features, channels, columns, rows, pitch = struct.unpack_from("<IHHBBH", data, 16)
@@ -254,10 +255,10 @@ def test_info_says_what_the_specification_demands(bench: Bench) -> None:
     assert 1 <= oldest <= newest, f"it speaks versions {oldest} to {newest}"
     expect("boards", boards, 5)
     expect("processors_per_board", a_board, 2)
-    expect("channels", channels, 320)
-    expect("columns times rows", columns * rows, 320)
+    expect("channels", channels, CHANNELS)
+    expect("columns times rows", columns * rows, CHANNELS)
     expect("carrier_hz", carrier, 40_000)
-    expect("ticks_per_period", ticks, 50)
+    expect("ticks_per_period", ticks, TICKS_PER_PERIOD)
     expect("max_width_ticks", width, 25)
     assert pitch > 0, "pitch_um is 0"
     assert wires in (2, 5), f"link_wires is {wires}, should be 2 or 5"
@@ -265,7 +266,7 @@ def test_info_says_what_the_specification_demands(bench: Bench) -> None:
     assert queue >= 4, f"queue_blocks is {queue}, should be 4 or more"
     assert a_update >= 1, "periods_per_update is 0"
     assert records >= 16, f"queue_records is {records}, should be 16 or more"
-    assert 0 < limit <= 320, f"drive_limit is {limit}, should be 1 to 320"
+    assert 0 < limit <= CHANNELS, f"drive_limit is {limit}, should be 1 to {CHANNELS}"
     expect("watchdog_ms", watchdog, 100)
     expect("slots", slots, 256 if features & 1 else 0)
     expect("sequence_entries", entries, 1024 if features & 1 else 0)
@@ -273,12 +274,12 @@ def test_info_says_what_the_specification_demands(bench: Bench) -> None:
     if newest == 1:
         expect("the last 16 bytes", data[48:], bytes(16))
     expect("firmware", tuple(firmware), bench.info.firmware)
-    assert data[8:16] not in (bytes(8), b"\xff" * 8), "unique_id is no number of its own"
+    assert data[8:16] not in (bytes(8), b"\xff" * 8), "unique_id is all zeros or all ones"
 
 
 @case("REQ-002", "REQ-004", "VER-003")
 def test_info_and_wiring_do_not_change(bench: Bench) -> None:
-    """INFO and WIRING answer the same bytes whatever the device does, and whatever it was told."""
+    """INFO and WIRING answer the same bytes whatever the device does, and after any request."""
     info, wiring = bench.ask(Request.INFO), bench.ask(Request.WIRING)
     bench.order(Request.LIMIT, 1)
     bench.order(Request.WATCHDOG, 60_000)
@@ -288,16 +289,16 @@ def test_info_and_wiring_do_not_change(bench: Bench) -> None:
     expect("INFO while it plays", bench.ask(Request.INFO), info)
     expect("WIRING while it plays", bench.ask(Request.WIRING), wiring)
     bench.disable()
-    bench.outlast(1.05)  # a counter of seconds would have moved
+    bench.outlast(1.05)  # a counter of seconds would have changed
     expect("INFO a second later", bench.ask(Request.INFO), info)
     expect("WIRING a second later", bench.ask(Request.WIRING), wiring)
 
 
 @case("REQ-004")
 def test_each_channel_drives_one_transducer(bench: Bench) -> None:
-    """WIRING names each of the 320 channels once, in two bytes each, for two transducers cannot share an output."""
+    """WIRING names each of the 320 channels once, in two bytes each, because no two transducers share an output."""
     channels = struct.unpack("<320H", bench.ask(Request.WIRING))
-    expect("the channels, sorted", sorted(channels), list(range(320)))
+    expect("the channels, sorted", sorted(channels), list(range(CHANNELS)))
 
 
 # STATUS
@@ -322,7 +323,7 @@ def test_a_status_has_its_form(bench: Bench) -> None:
 
 @case("REQ-003", "BLK-008")
 def test_each_counter_counts_its_own(bench: Bench) -> None:
-    """Each of accepted, refused, late and lost moves when it should and only then, by as many as there were."""
+    """Each of accepted, refused, late and lost counts exactly its own events."""
     begin(bench)
     named, past = far(bench), bench.period()
     refusals = [bench.status().last_refusal]
@@ -348,7 +349,7 @@ def test_each_counter_counts_its_own(bench: Bench) -> None:
     step("a late update", forge(bench, Update(SILENT, past)), accepted=1, late=1)
     step("an update for now", forge(bench, Update(SILENT)), accepted=1)
     step("an update in time", forge(bench, Update(SILENT, named)), accepted=1)
-    step("an output behind it", forge(bench, Output(Action.SILENCE, named)), accepted=1, late=1)
+    step("an output after it", forge(bench, Output(Action.SILENCE, named)), accepted=1, late=1)
     step("a wrong checksum", forge(bench, NoOp(), checksum=0), refused=1)
     step("a wrong kind", forge(bench, NoOp(), kind=10), refused=1)
     step("a NO_OP with a gap of 2", forge(bench, NoOp()), accepted=1, lost=2)
@@ -361,7 +362,7 @@ def test_each_counter_counts_its_own(bench: Bench) -> None:
 
 @case("REQ-003")
 def test_requests_move_no_counter(bench: Bench) -> None:
-    """No request, right or wrong, moves a counter, and none but its own changes what is set."""
+    """No request, valid or not, changes a counter, and only its own request changes a setting."""
     begin(bench)
     bench.must(Update(SILENT))
     bench.wait_periods(8)
@@ -376,7 +377,7 @@ def test_requests_move_no_counter(bench: Bench) -> None:
 
 
 def accept(bench: Bench, *bodies: Body) -> int:
-    """Send blocks that have to be accepted, and wait for the last; how many they are."""
+    """Send blocks that must be accepted, and wait for the last; returns their number."""
     for body in bodies:
         ack = bench.must(body)
     bench.wait_until(ack.commit_period)
@@ -384,9 +385,9 @@ def accept(bench: Bench, *bodies: Body) -> int:
 
 
 def let_sequence_end(bench: Bench) -> int:
-    """Play a sequence to its last repeat; how many blocks that takes."""
+    """Play a sequence to its last repeat; returns the number of blocks that this takes."""
     require(bench, Feature.SEQUENCES)
-    count = accept(bench, Slot(0, SILENT), Entries((Entry(0, 3),)), Sequence(0, 1, repeats=2))
+    count = accept(bench, Slot(0, SILENT), Entries((Entry(0, 3),)), PlaySequence(0, 1, repeats=2))
     bench.await_unasked(1)
     return count
 
@@ -425,7 +426,7 @@ def configure_anew(bench: Bench) -> int:
 
 
 def choose_setting_anew(bench: Bench) -> int:
-    """Choose the setting of interface 0 once more."""
+    """Select the setting of interface 0 again."""
     bench.usb.set_interface(0)
     return 0
 
@@ -451,7 +452,7 @@ KEEPS: dict[str, Callable[[Bench], int]] = {
     "set-configuration": configure_anew,
     "set-interface": choose_setting_anew,
 }
-"""What leaves counters, last refusal and settings as they are; each tells how many blocks were accepted for it."""
+"""Events that leave counters, last refusal and settings unchanged; each returns the number of accepted blocks."""
 KEPT = (
     *("last_refusal", "refused", "late", "lost", "missed_commits", "damaged_messages"),
     *("dropped_frames", "faults", "watchdog_ms", "drive_limit"),
@@ -461,7 +462,7 @@ KEPT = (
 @case("REQ-003", "REQ-009", "REQ-010", "USB-026", "STA-003")
 @pytest.mark.parametrize("what", KEEPS)
 def test_counts_and_the_last_refusal_are_kept(bench: Bench, what: str) -> None:
-    """Counters, last refusal, watchdog time and limit in STATUS stay as they are, whatever the state changes to."""
+    """Counters, last refusal, watchdog time and limit in STATUS stay as they are through all changes of state."""
     bench.order(Request.LIMIT, 1)
     bench.order(Request.WATCHDOG, KEPT_MS)
     bench.enable()
@@ -480,7 +481,7 @@ def test_counts_and_the_last_refusal_are_kept(bench: Bench, what: str) -> None:
 
 @case("REQ-003", "STA-001", features=ENTRIES_FEATURES)
 def test_a_status_says_what_plays(bench: Bench) -> None:
-    """State, flags and since_period tell of updates, sequences and modulations from their beginning to their end."""
+    """State, flags and since_period follow updates, sequences and modulations from beginning to end."""
     begin(bench)
     for body in (Slot(0, SILENT), Entries((Entry(0, 30),)), Samples(b"\x80")):
         bench.must(body)
@@ -491,9 +492,9 @@ def test_a_status_says_what_plays(bench: Bench) -> None:
     check_plays(bench, "at first", State.READY, none, since)
     since = play(bench, Update(SILENT))
     check_plays(bench, "an update", playing, none, since)
-    since = play(bench, Sequence(0, 1))
+    since = play(bench, PlaySequence(0, 1))
     check_plays(bench, "a sequence", playing, sequence, since)
-    play(bench, Modulation(0, 1, 7))
+    play(bench, AmplitudeModulation(0, 1, 7))
     check_plays(bench, "a sequence, modulated", playing, sequence | modulation, since)
     since = play(bench, Update(SILENT))
     check_plays(bench, "an update, modulated", playing, modulation, since)
@@ -501,16 +502,16 @@ def test_a_status_says_what_plays(bench: Bench) -> None:
     check_plays(bench, "an update, unmodulated again", playing, none, since)
     play(bench, Output(Action.SILENCE))
     check_plays(bench, "silence", State.READY, none, 0)
-    play(bench, Modulation(0, 1, 7))
+    play(bench, AmplitudeModulation(0, 1, 7))
     check_plays(bench, "a modulation of nothing", State.READY, modulation, 0)
-    since = play(bench, Sequence(0, 1))
+    since = play(bench, PlaySequence(0, 1))
     check_plays(bench, "a sequence under it", playing, sequence | modulation, since)
     bench.disable()
     check_plays(bench, "DISABLE", State.OFF, none, 0)
 
 
-def play(bench: Bench, body: Update | Sequence | Modulation | Output) -> int:
-    """Send a change for a period to come, see that it says nothing before that, and wait for it; when it began."""
+def play(bench: Bench, body: Update | PlaySequence | AmplitudeModulation | Output) -> int:
+    """Send a change for a coming period; check STATUS before it, then wait for it; returns its period."""
     period = later(bench) if isinstance(body, Update) and not body.period else 0
     before = bench.status()
     began = bench.must(Update(body.pulses, period) if isinstance(body, Update) else body).commit_period
@@ -523,7 +524,7 @@ def play(bench: Bench, body: Update | Sequence | Modulation | Output) -> int:
 
 
 def check_plays(bench: Bench, what: str, state: State, flags: StatusFlag, since: int) -> None:
-    """See what a status says of what plays."""
+    """Check what a status says about what plays."""
     status = bench.status()
     expect(f"the state with {what}", status.state, state)
     expect(f"flags with {what}", status.flags, flags)
@@ -532,7 +533,7 @@ def check_plays(bench: Bench, what: str, state: State, flags: StatusFlag, since:
 
 @case("REQ-003", "SAF-003")
 def test_watchdog_fired_is_said_until_enable(bench: Bench) -> None:
-    """WATCHDOG_FIRED is said once the watchdog has disabled the outputs, until they are enabled; not after DISABLE."""
+    """WATCHDOG_FIRED is set after the watchdog has disabled the outputs, until ENABLE; not after DISABLE."""
     bench.enable()
     bench.disable()
     expect("flags after DISABLE", bench.status().flags, StatusFlag(0))
@@ -553,7 +554,7 @@ def test_watchdog_fired_is_said_until_enable(bench: Bench) -> None:
 
 @case("REQ-005", "BLK-023", "STA-003")
 def test_enable_while_enabled_changes_nothing(bench: Bench) -> None:
-    """ENABLE while the outputs are enabled leaves what plays, waits and counts as it is."""
+    """ENABLE while the outputs are enabled does not change what plays, what waits or the counts."""
     begin(bench)
     began = bench.must(Update(SILENT)).commit_period
     named = far(bench)
@@ -569,7 +570,7 @@ def test_enable_while_enabled_changes_nothing(bench: Bench) -> None:
 
 @case("REQ-005", "SAF-003")
 def test_enable_and_status_are_signs_of_life(bench: Bench) -> None:
-    """While ENABLE or STATUS come the watchdog does not fire; the other requests are no signs of life."""
+    """ENABLE and STATUS keep the watchdog from firing; the other requests are no signs of life."""
     for request in (Request.ENABLE, Request.STATUS):
         bench.order(Request.WATCHDOG, ms := 200 * bench.slowness)
         bench.enable()
@@ -614,19 +615,19 @@ def test_the_clock_tells_ticks_and_sync_pulses(bench: Bench) -> None:
         expect("the reserved bytes", reserved, 0)
         last = now
         bench.wait_periods(bench.random.randrange(500, 2500))
-    assert len(earlier) == 1, f"of {sorted(earlier)} pulses before period 0 CLOCK tells, should be one number"
+    assert len(earlier) == 1, f"of {sorted(earlier)} pulses before period 0 CLOCK reports, should be one number"
 
 
 @case("REQ-006", "TIM-001")
 def test_the_clock_runs_as_fast_as_the_hosts(bench: Bench) -> None:
-    """Between two readings of CLOCK half a second apart 2 million ticks a second pass, to one in a hundred."""
+    """Between two readings of CLOCK half a second apart 2 million ticks a second pass, within one per cent."""
     bench.clock()
     compare_clocks(bench, lambda: bench.wait(0.5), 0.01)
 
 
 @case("REQ-006", "REQ-003", "ACK-002")
 def test_all_tell_the_same_time(bench: Bench) -> None:
-    """CLOCK, STATUS and acknowledgements count the same ticks: asked in turn they never go back."""
+    """CLOCK, STATUS and acknowledgements count the same ticks: in any order of questions they never go back."""
     bench.must(NoOp())
     times = []
     for _ in range(5):
@@ -642,7 +643,7 @@ def test_all_tell_the_same_time(bench: Bench) -> None:
 
 @case("REQ-007", features=Feature.READ_BACK)
 def test_nothing_is_read_where_nothing_plays(bench: Bench) -> None:
-    """Where nothing plays all bytes of PULSES but read_period are 0: while off, after ENABLE, SILENCE and DISABLE."""
+    """If nothing plays all bytes of PULSES except read_period are 0: while off, after ENABLE, SILENCE and DISABLE."""
     check_nothing_plays(bench, "while off")
     begin(bench)
     check_nothing_plays(bench, "after ENABLE")
@@ -656,13 +657,13 @@ def test_nothing_is_read_where_nothing_plays(bench: Bench) -> None:
 
 
 def check_nothing_plays(bench: Bench, when: str) -> None:
-    """See that PULSES answers nothing but the period."""
+    """Check that PULSES answers only its read_period, and otherwise 0."""
     before = bench.period()
     data = bench.ask(Request.PULSES)
     after = bench.period()
     since, read = struct.unpack_from("<QQ", data)
     expect(f"since_period {when}", since, 0)
-    expect(f"pulses {when}", data[16:], bytes(480))
+    expect(f"pulses {when}", data[16:], bytes(PAYLOAD_BYTES))
     assert before <= read <= after, f"read_period is {read}, should be from {before} to {after}"
 
 
@@ -686,9 +687,10 @@ def test_the_update_that_plays_is_read(bench: Bench) -> None:
 
 @case("REQ-007", features=Feature.READ_BACK)
 def test_one_transducer_is_read_where_it_is(bench: Bench) -> None:
-    """An update that drives one transducer of a row, another phase each, is read at the same places of the array."""
+    """An update with one transducer in each row, each of another phase, is read back at the same places."""
     begin(bench)
-    for place in [0, 1, 19, 20, 159, 160, 318, 319][:: 1 if bench.line.kind == "usb" else 3]:
+    places = [0, 1, 19, 20, CHANNELS // 2 - 1, CHANNELS // 2, CHANNELS - 2, CHANNELS - 1]
+    for place in places[:: 1 if bench.line.kind == "usb" else 3]:
         payload = packed([(0, 0)] * place + [(place % 100, 3)])
         (ack,) = bench.send_raw(forge(bench, Update(SILENT), payload))
         expect("the reason", ack.reason, Reason.ACCEPTED)
@@ -698,7 +700,7 @@ def test_one_transducer_is_read_where_it_is(bench: Bench) -> None:
 
 @case("REQ-007", "BLK-015", features=Feature.READ_BACK | Feature.SEQUENCES)
 def test_the_entry_that_plays_is_read(bench: Bench) -> None:
-    """Of a sequence PULSES answers the slot that plays, and since when this entry does."""
+    """During a sequence PULSES answers the slot that plays, and the period since which this entry plays."""
     begin(bench)
     slots = [bench.weak(), bench.weak()]
     for number, pulses in enumerate(slots):
@@ -706,7 +708,7 @@ def test_the_entry_that_plays_is_read(bench: Bench) -> None:
     lasts = min(4000 * bench.slowness, 60_000) if bench.line.kind == "usb" else 12_000
     bench.must(Entries((Entry(0, lasts), Entry(1, lasts))))
     let_stores_go(bench)
-    began = bench.must(Sequence(0, 2)).commit_period
+    began = bench.must(PlaySequence(0, 2)).commit_period
     for turn in range(4):
         start = began + turn * lasts
         bench.wait_until(start + 100)
@@ -720,13 +722,13 @@ def test_the_entry_that_plays_is_read(bench: Bench) -> None:
 
 @case("REQ-007", "PUL-006", features=Feature.READ_BACK | Feature.MODULATION)
 def test_pulses_are_read_before_modulation(bench: Bench) -> None:
-    """PULSES answers what plays before any modulation, be it one that lets nothing be heard, and since when."""
+    """PULSES answers what plays before any modulation, even under sample 0, and since when."""
     begin(bench)
     bench.must(Samples(bytes(3)))
     let_stores_go(bench)
     pulses = bench.weak()
     began = bench.must(Update(pulses)).commit_period
-    bench.wait_until(bench.must(Modulation(0, 3, 1)).commit_period)
+    bench.wait_until(bench.must(AmplitudeModulation(0, 3, 1)).commit_period)
     reading = bench.read_back()
     expect("since_period", reading.since_period, began)
     assert reading.pulses == pulses, "PULSES are not those of the update"
@@ -734,9 +736,9 @@ def test_pulses_are_read_before_modulation(bench: Bench) -> None:
 
 @case("REQ-007", "CHN-016", features=Feature.READ_BACK)
 def test_pulses_of_two_updates_are_never_mixed(bench: Bench) -> None:
-    """While updates take turns PULSES answers one of them, with its period, or says that it could not tell."""
+    """While updates alternate PULSES answers one of them with its period, or reports that the processors differ."""
     if bench.line.kind == "serial":
-        raise Inconclusive("a serial line cannot bring updates while PULSES are read")
+        raise Inconclusive("a serial line cannot carry updates while PULSES are read")
     begin(bench)
     pulses = [bench.weak(), bench.weak()]
     for _ in range(6):
@@ -751,7 +753,7 @@ def test_pulses_of_two_updates_are_never_mixed(bench: Bench) -> None:
         if not reading.mixed and reading.since_period in periods:
             assert reading.pulses == periods[reading.since_period], "PULSES are a mixture"
         elif not reading.mixed:
-            assert reading.since_period < min(periods), f"since_period is {reading.since_period}, where nothing began"
+            assert reading.since_period < min(periods), f"since_period is {reading.since_period}, when nothing began"
         bench.wait_until(max(periods))
 
 
@@ -760,7 +762,7 @@ def test_pulses_of_two_updates_are_never_mixed(bench: Bench) -> None:
 
 @case("REQ-008", "FWU-016")
 def test_processors_say_how_they_are(bench: Bench) -> None:
-    """PROCESSORS answers for each of ten: no faults, one bank and firmware for all, and what adds up to STATUS."""
+    """PROCESSORS answers for each of ten: no faults, one bank and firmware for all, counts that add up to STATUS."""
     bench.outlast(0.03)
     data = bench.ask(Request.PROCESSORS)
     status = bench.status()
@@ -778,12 +780,12 @@ def test_processors_say_how_they_are(bench: Bench) -> None:
     boards = [{reports[2 * board][1], reports[2 * board + 1][1]} for board in range(5)]
     for board, temperatures in enumerate(boards):
         spread = max(temperatures) - min(temperatures)
-        assert spread <= 1, f"the processors of board {board} say {temperatures} °C, should say one temperature"
+        assert spread <= 1, f"the processors of board {board} report {temperatures} °C, should report one temperature"
 
 
 @case("REQ-008", "REQ-003", "CHN-017/1", needs=(Need.FAULTS,))
 def test_the_warmest_board_is_in_the_status(bench: Bench) -> None:
-    """A board's temperature is said by its two processors and, where it is the warmest, by STATUS, below 0 too."""
+    """A board's temperature is reported by its two processors and, if it is the warmest, by STATUS, below 0 too."""
     for board in range(5):
         bench.levers.cause(HotBoard(board=board, celsius=-7 - board))
     bench.levers.cause(HotBoard(board=3, celsius=-2))
@@ -795,7 +797,7 @@ def test_the_warmest_board_is_in_the_status(bench: Bench) -> None:
 
 @case("REQ-008", "REQ-003", "CHN-004/2", "SAF-008", needs=(Need.FAULTS,), features=Feature.SEQUENCES)
 def test_what_went_wrong_on_the_chain_is_added_up(bench: Bench) -> None:
-    """Damaged slices are missed commits and damaged loads damaged messages of their processors; STATUS adds them up."""
+    """Damaged slices count as missed commits and damaged loads as damaged messages; STATUS adds them up."""
     begin(bench)
     for processor in (2, 7, 7):
         bench.levers.cause(FlippedBit(message="slice", processor=processor, token=20))
@@ -818,7 +820,7 @@ def test_what_went_wrong_on_the_chain_is_added_up(bench: Bench) -> None:
 
 @case("REQ-009", "REQ-001")
 def test_the_watchdog_takes_10_to_60000_ms(bench: Bench) -> None:
-    """WATCHDOG takes 10 to 60 000 ms, as STATUS says then, and answers STALL to anything else, without effect."""
+    """WATCHDOG takes 10 to 60 000 ms, and STATUS shows it; anything else is answered with STALL, without effect."""
     for value in (10, 11, 60_000, 59_999, 255, 256, 1000):
         bench.order(Request.WATCHDOG, value)
         expect("watchdog_ms", bench.status().watchdog_ms, value)
@@ -828,7 +830,7 @@ def test_the_watchdog_takes_10_to_60000_ms(bench: Bench) -> None:
 
 @case("REQ-009", "SAF-003")
 def test_the_watchdogs_time_holds_at_once(bench: Bench) -> None:
-    """A shorter time holds at once, counted from the last sign of life: where that was long ago it fires."""
+    """A shorter time holds at once, counted from the last sign of life: if that is too long ago, the watchdog fires."""
     bench.order(Request.WATCHDOG, LONG_MS)
     bench.enable()
     bench.outlast(0.1)
@@ -844,7 +846,7 @@ def test_the_watchdogs_time_holds_at_once(bench: Bench) -> None:
 
 @case("REQ-009", "REQ-010", "USB-026")
 def test_watchdog_and_limit_stay(bench: Bench) -> None:
-    """The watchdog's time and the drive limit stay over ENABLE, DISABLE, blocks, and the host's coming anew."""
+    """Watchdog time and drive limit survive ENABLE, DISABLE, blocks, and a new session."""
     bench.order(Request.WATCHDOG, 4321)
     bench.order(Request.LIMIT, 1)
     bench.enable()
@@ -869,7 +871,7 @@ def test_watchdog_and_limit_are_infos_after_a_restart(bench: Bench) -> None:
 
 
 def check_settings(bench: Bench, watchdog_ms: int, limit: int) -> None:
-    """See what STATUS says of them."""
+    """Check what STATUS says of them."""
     status = bench.status()
     expect("watchdog_ms", status.watchdog_ms, watchdog_ms)
     expect("drive_limit", status.drive_limit, limit)
@@ -877,7 +879,7 @@ def check_settings(bench: Bench, watchdog_ms: int, limit: int) -> None:
 
 @case("REQ-010", "SAF-006", "REQ-001")
 def test_the_limit_can_be_lowered_and_raised(bench: Bench) -> None:
-    """LIMIT takes 0 and more, as STATUS says then, lower ones and higher ones again."""
+    """LIMIT takes 0 and more, and STATUS shows it, first lower values and then higher ones again."""
     most = bench.drive_limit
     for value in (most, 0, 1, most - 1):
         bench.order(Request.LIMIT, value)
@@ -886,7 +888,7 @@ def test_the_limit_can_be_lowered_and_raised(bench: Bench) -> None:
 
 @case("REQ-010", "SAF-006", "REQ-001", allow=(Risk.DRIVE,))
 def test_the_limit_takes_no_more_than_infos(bench: Bench) -> None:
-    """LIMIT takes all up to INFO's drive_limit, and answers STALL to more, which changes nothing."""
+    """LIMIT takes values up to INFO's drive_limit; more is answered with STALL and changes nothing."""
     most = bench.info.drive_limit
     for value in (most - 1, most):
         bench.order(Request.LIMIT, value)
@@ -896,7 +898,7 @@ def test_the_limit_takes_no_more_than_infos(bench: Bench) -> None:
 
 @case("REQ-010", "SAF-006")
 def test_the_limit_holds_at_once(bench: Bench) -> None:
-    """An update that LIMIT allows is accepted, and one of a thousandth of a transducer more refused with DRIVE."""
+    """An update exactly at the limit is accepted; one a thousandth of a transducer above is refused with DRIVE."""
     bench.order(Request.LIMIT, 1)
     begin(bench)
     bench.must(Update(heavy(1)))
@@ -924,7 +926,7 @@ def test_the_limit_is_set_while_the_outputs_are_off(bench: Bench) -> None:
 
 @case("REQ-011", "STA-005")
 def test_clear_faults_without_a_fault_does_nothing(bench: Bench) -> None:
-    """CLEAR_FAULTS is carried out in every state, and where there is no fault nothing changes, whatever plays."""
+    """CLEAR_FAULTS is carried out in every state, and without a fault it changes nothing, whatever plays."""
     bench.order(Request.CLEAR_FAULTS)
     expect("the state", bench.status().state, State.OFF)
     begin(bench)
@@ -938,7 +940,7 @@ def test_clear_faults_without_a_fault_does_nothing(bench: Bench) -> None:
 
 @case("REQ-011", "SAF-007/1", "SAF-008", "STA-003", needs=(Need.FAULTS,))
 def test_faults_are_cleared_when_their_cause_is_gone(bench: Bench) -> None:
-    """A board that is above 80 °C still keeps TEMPERATURE and the state FAULT; below, CLEAR_FAULTS clears them."""
+    """A board above 80 °C keeps TEMPERATURE and the state FAULT; below, CLEAR_FAULTS clears them."""
     bench.levers.cause(HotBoard(board=4, celsius=90))
     await_state(bench, State.FAULT)
     for celsius, cleared in ((90, False), (80, False), (79, True)):
@@ -949,12 +951,12 @@ def test_faults_are_cleared_when_their_cause_is_gone(bench: Bench) -> None:
         status = bench.status()
         expect(f"faults at {celsius} °C", status.faults, Fault(0) if cleared else Fault.TEMPERATURE)
         expect(f"the state at {celsius} °C", status.state, State.OFF if cleared else State.FAULT)
-        expect("whether ENABLE is done", bench.try_order(Request.ENABLE), cleared)
+        expect("whether ENABLE is accepted", bench.try_order(Request.ENABLE), cleared)
 
 
 @case("REQ-012", "REQ-001")
 def test_identify_knows_five_boards(bench: Bench) -> None:
-    """IDENTIFY is done for each board, again too, and answered with STALL for others; nothing else changes."""
+    """IDENTIFY works for each board, repeatedly, and is answered with STALL for others; nothing else changes."""
     begin(bench)
     bench.wait_until(bench.must(Update(SILENT)).commit_period)
     bench.wait_periods(8)

@@ -1,4 +1,4 @@
-"""Robustness: nonsense on every endpoint, the same for the same seed, between blocks that must get through."""
+"""Robustness: nonsense on every endpoint, reproducible by its seed, between blocks that must be accepted."""
 
 from __future__ import annotations
 
@@ -13,12 +13,22 @@ from phasewire.hil.conformance.tools.forge import FIELDS, forged
 from phasewire.hil.conformance.tools.steps import enable
 from phasewire.protocol.blocks import Block, Body, Clock, Entries, Entry, NoOp, Samples, Slot, Update, pack
 from phasewire.protocol.board import TICK_HZ
-from phasewire.protocol.codes import AckFlag, DfuRequest, Feature, FrameKind, Reason, Request, State
-from phasewire.protocol.framing import DELIMITER, Frame, encode
-from phasewire.protocol.replies import Ack, Status, records
+from phasewire.protocol.codes import (
+    BLOCK_BYTES,
+    SAMPLES_PER_BLOCK,
+    SERIAL_DATA_BYTES,
+    AckFlag,
+    DfuRequest,
+    Feature,
+    FrameKind,
+    Reason,
+    Request,
+    State,
+)
+from phasewire.protocol.framing import DELIMITER, SerialFrame, encode
+from phasewire.protocol.replies import ANSWER_BYTES, Ack, Status, records
 from phasewire.protocol.requests import Setup
 
-BLOCK_BYTES = 512
 ENDPOINTS = (0x01, 0x81, 0x82, 0x03, 0x83)
 INTERFACES = (0, 1, 2, 3)
 SOON = 5.0
@@ -31,20 +41,20 @@ IN = 0x80
 KNOWN_STANDARD = {0, 1, 3, 5, 6, 8, 9, 10, 11}
 """Clause USB-014."""
 LASTING = {VENDOR: (Request.RESET, Request.REVERT), CLASS: (DfuRequest.DETACH, DfuRequest.DNLOAD)}
-"""By type, requests that restart a device or change its firmware where it knows them, be they right or wrong."""
+"""Requests, by type, that restart a device or change its firmware if it knows them, valid or not."""
 LASTS = frozenset({Risk.FLASH, Risk.RESET})
 
 
-# What must hold afterwards
+# Checks afterwards
 
 
 def at_most(bench: Bench, count: int) -> int:
-    """So many, or few of them where the line is slow."""
+    """So many, or a few of them if the line is slow."""
     return count if bench.line.kind == "usb" else max(count // 8, 1)
 
 
 def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> None:
-    """INFO is what it was, counts say what was acknowledged and nothing else, and no endpoint is halted."""
+    """INFO is unchanged, counts match the acknowledgements, and no endpoint is halted."""
     expect("INFO", bench.ask(Request.INFO), bench.info.encode())
     after, end = bench.status(), bench.line.time.monotonic() + SOON
     while after.free != before.free and bench.line.time.monotonic() < end:  # stores may wait to go onto the chain
@@ -61,7 +71,7 @@ def check_sound(bench: Bench, before: Status, accepted: int, refused: int) -> No
 
 
 def play(bench: Bench) -> Ack:
-    """An update that plays, and that no watchdog ends."""
+    """An update that plays, with a watchdog time longer than any case."""
     enable(bench)
     ack = bench.must(Update(bench.weak()))
     bench.wait_until(ack.commit_period)
@@ -72,10 +82,11 @@ def play(bench: Bench) -> Ack:
 
 
 def good_block(bench: Bench) -> bytes:
-    """A block that is accepted in every state and whatever plays."""
+    """A block that is accepted in every state, whatever plays."""
     bodies: list[Body] = [NoOp(), Clock()]
     if Feature.MODULATION in bench.info.features:
-        bodies.append(Samples(bench.random.randbytes(bench.random.randint(1, 480)), bench.random.randrange(3000)))
+        samples = bench.random.randbytes(bench.random.randint(1, SAMPLES_PER_BLOCK))
+        bodies.append(Samples(samples, bench.random.randrange(3000)))
     if Feature.SEQUENCES in bench.info.features:
         bodies.append(Slot(bench.random.randrange(256), bench.weak(0.5)))
         bodies.append(Entries((Entry(bench.random.randrange(256), bench.random.randint(1, 65535)),), 1000))
@@ -83,24 +94,24 @@ def good_block(bench: Bench) -> bytes:
 
 
 def any_block(bench: Bench) -> bytes:
-    """A block that would be accepted if nothing were done to it, but for its number."""
+    """A valid block except for its number."""
     return pack(Block(NoOp(), bench.random.randrange(2**32)))
 
 
 def noise(bench: Bench) -> tuple[bytes, Reason]:
-    """Bytes that are no block at all."""
+    """Bytes that are no block."""
     return bench.random.randbytes(BLOCK_BYTES), Reason.CHECKSUM
 
 
 def uniform(bench: Bench) -> tuple[bytes, Reason]:
-    """The same byte all along, as a memory that was never written, or a line that is stuck, would send it."""
+    """One repeated byte, as from memory that was never written, or from a line that is stuck."""
     return bytes(
         [bench.random.choice([0x00, 0xFF, 0x55, 0xAA, bench.random.randrange(256)])] * BLOCK_BYTES
     ), Reason.CHECKSUM
 
 
 def flipped(bench: Bench) -> tuple[bytes, Reason]:
-    """A valid block with one to three bits flipped, anywhere, which its checksum always shows."""
+    """A valid block with one to three bits flipped anywhere, which its checksum always detects."""
     data = bytearray(any_block(bench))
     for at in bench.random.sample(range(8 * BLOCK_BYTES), bench.random.randint(1, 3)):
         data[at // 8] ^= 1 << at % 8
@@ -108,7 +119,7 @@ def flipped(bench: Bench) -> tuple[bytes, Reason]:
 
 
 def wrong_fields(bench: Bench) -> tuple[bytes, Reason]:
-    """A block whose header is nonsense under a checksum that is right; the reserved bytes are never 0."""
+    """A block with a nonsensical header and a valid checksum; the reserved bytes are never 0."""
     names = bench.random.sample([name for name in FIELDS if name not in ("checksum", "reserved")], 5)
     fields = {name: bench.random.randrange(256 ** FIELDS[name][1]) for name in names}
     data = forged(any_block(bench), None, reserved=bench.random.randint(1, 65535), **fields)
@@ -136,7 +147,7 @@ KINDS = {
 
 
 def send(bench: Bench, blocks: Iterable[bytes]) -> list[Ack]:
-    """Send blocks, whole ones in one go as far as nothing shorter comes between; their acknowledgements, in order."""
+    """Send blocks, consecutive whole ones in one go; returns their acknowledgements, in order."""
     acks: list[Ack] = []
     for whole, run in groupby(blocks, lambda block: len(block) == BLOCK_BYTES):
         for piece in [list(run)] if whole else [[block] for block in run]:
@@ -145,7 +156,7 @@ def send(bench: Bench, blocks: Iterable[bytes]) -> list[Ack]:
 
 
 def mixed(bench: Bench, kinds: Iterable[str], count: int) -> tuple[list[bytes], list[Reason]]:
-    """Blocks, some of them valid, and what the reasons of their acknowledgements must be."""
+    """Blocks, some of them valid, and the expected reasons of their acknowledgements."""
     names = list(kinds)
     made = [
         (good_block(bench), Reason.ACCEPTED) if number % 3 == 0 else KINDS[bench.random.choice(names)](bench)
@@ -155,7 +166,7 @@ def mixed(bench: Bench, kinds: Iterable[str], count: int) -> tuple[list[bytes], 
 
 
 def check_batch(bench: Bench, kinds: Iterable[str], count: int) -> None:
-    """Send a mixture; each block must have its answer, and the device must be as before but for its counts."""
+    """Send a mixture; each block must be answered, and the device must be unchanged except for its counts."""
     before = bench.status()
     blocks, reasons = mixed(bench, kinds, count)
     acks = send(bench, blocks)
@@ -173,7 +184,7 @@ def check_batch(bench: Bench, kinds: Iterable[str], count: int) -> None:
 @case("BLK-003", "BLK-008", "BLK-011", "ACK-001", "ACK-003", "REQ-003")
 @pytest.mark.parametrize("kind", ["noise", "one-byte", "flipped-bits", "wrong-fields"])
 def test_valid_blocks_get_through_between_wrong_ones(bench: Bench, kind: str) -> None:
-    """Among blocks that are nonsense each valid one is accepted, each other refused, and all are counted."""
+    """Among nonsensical blocks each valid one is accepted, each other one refused, and all are counted."""
     bench.must(NoOp())
     for _ in range(at_most(bench, 5)):
         check_batch(bench, [kind], at_most(bench, 36))
@@ -181,7 +192,7 @@ def test_valid_blocks_get_through_between_wrong_ones(bench: Bench, kind: str) ->
 
 @case("USB-015", "USB-017/1", "BLK-008", "ACK-001", line="usb")
 def test_valid_blocks_get_through_between_short_packets(bench: Bench) -> None:
-    """Among packets of any length each whole block is accepted, and no packet shifts the blocks behind it."""
+    """Among packets of any length each whole block is accepted, and no packet misaligns the next block."""
     bench.must(NoOp())
     for _ in range(5):
         check_batch(bench, ["cut-short", "noise"], 30)
@@ -210,7 +221,7 @@ def test_transfers_of_any_length_are_cut_into_blocks(bench: Bench) -> None:
 
 
 def collect(bench: Bench, count: int) -> list[Ack]:
-    """So many acknowledgements; fails where they do not come."""
+    """So many acknowledgements; fails if they do not come."""
     found: list[Ack] = []
     end = bench.line.time.monotonic() + SOON
     while len(found) < count:
@@ -221,7 +232,7 @@ def collect(bench: Bench, count: int) -> list[Ack]:
 
 @case("BLK-008", outputs=("BLK-008", "SAF-002", "SAF-001"))
 def test_nonsense_moves_no_output(bench: Bench) -> None:
-    """Whatever nonsense comes while the outputs are off, none of them ever goes high."""
+    """No nonsense raises an output while the outputs are off."""
     bench.must(NoOp())
     first = bench.period()
     for _ in range(at_most(bench, 3)):
@@ -232,7 +243,7 @@ def test_nonsense_moves_no_output(bench: Bench) -> None:
 
 @case("BLK-008", "BLK-003", outputs=("BLK-008", "BLK-003"))
 def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
-    """What plays goes on tick by tick through nonsense of every kind, for one flipped bit must not be heard."""
+    """What plays goes on tick by tick through nonsense of every kind: one flipped bit must not be heard."""
     pulses = bench.weak()
     enable(bench)
     ack = bench.must(Update(pulses))
@@ -248,7 +259,7 @@ def test_what_plays_goes_on_through_nonsense(bench: Bench) -> None:
 
 @case("SAF-003", "BLK-008")
 def test_nonsense_is_no_sign_of_life(bench: Bench) -> None:
-    """The watchdog fires while nothing but nonsense comes, for a host that sends it does not know what it does."""
+    """The watchdog fires while only nonsense comes, because the host that sends it is out of control."""
     watchdog = 150 if bench.line.kind == "usb" else 500
     bench.order(Request.WATCHDOG, watchdog)
     bench.enable()
@@ -267,7 +278,7 @@ def test_nonsense_is_no_sign_of_life(bench: Bench) -> None:
 
 
 def random_setups(bench: Bench) -> Iterator[tuple[Setup, bytes]]:
-    """Requests that no device knows, without end, and data for those that go out."""
+    """An endless series of requests that no device knows, with data for those that send some."""
     rng = bench.random
     while True:
         kind = rng.choice([STANDARD, CLASS, VENDOR, VENDOR, RESERVED]) | rng.choice([0, IN])
@@ -278,13 +289,15 @@ def random_setups(bench: Bench) -> Iterator[tuple[Setup, bytes]]:
             recipient, rng.choice([0, 7, rng.randrange(256)])
         )
         data = b"" if kind & IN else rng.randbytes(rng.choice([0, 0, 1, 7, 64]))
-        setup = Setup(kind | recipient, request, value, index, rng.choice([1, 64, 512]) if kind & IN else len(data))
+        setup = Setup(
+            kind | recipient, request, value, index, rng.choice([1, 64, BLOCK_BYTES]) if kind & IN else len(data)
+        )
         if is_unknown(setup) and (bench.allowed >= LASTS or not might_last(setup)):
             yield setup, data
 
 
 def is_unknown(setup: Setup) -> bool:
-    """Whether nothing in SPEC.md lets a device answer this, whatever its value and index are."""
+    """Whether no value or index lets a device answer this request, by SPEC.md."""
     kind, recipient = setup.request_type & 0x60, setup.request_type & 0x1F
     if kind == STANDARD:
         return setup.request not in KNOWN_STANDARD
@@ -298,13 +311,13 @@ def is_unknown(setup: Setup) -> bool:
 
 
 def might_last(setup: Setup) -> bool:
-    """Whether a device that looks at less of this than it should restarts, or changes its firmware."""
+    """Whether a device that checks this request too little restarts, or changes its firmware."""
     return setup.request in LASTING.get(setup.request_type & 0x60, ())
 
 
 @case("USB-004", "REQ-001", "USB-014", line="usb")
 def test_unknown_requests_stall_between_valid_blocks(bench: Bench) -> None:
-    """Requests drawn at random that no device knows are answered with STALL, and blocks between them get through."""
+    """Random requests that no device knows are answered with STALL, and blocks between them are accepted."""
     play(bench)
     before, setups = bench.status(), random_setups(bench)
     for _ in range(160):
@@ -318,10 +331,12 @@ def test_unknown_requests_stall_between_valid_blocks(bench: Bench) -> None:
 
 @case("REQ-001", "REQ-002", "REQ-003", "REQ-004")
 def test_as_much_of_an_answer_comes_as_was_asked_for(bench: Bench) -> None:
-    """Of every answer come the first bytes that were asked for, however few, and never more than it has."""
-    sizes = {Request.INFO: 64, Request.WIRING: 640, Request.STATUS: 64, Request.CLOCK: 24, Request.PROCESSORS: 160}
+    """Each answer is cut to the requested length, however short, and never longer than it is."""
+    asked = (Request.INFO, Request.WIRING, Request.STATUS, Request.CLOCK, Request.PROCESSORS)
+    sizes = {request: ANSWER_BYTES[request] for request in asked}
     for request, size in sizes.items():
-        for length in [1, size - 1, size, *(bench.random.randint(1, 640) for _ in range(at_most(bench, 8)))]:
+        others = [bench.random.randint(1, SERIAL_DATA_BYTES) for _ in range(at_most(bench, 8))]
+        for length in [1, size - 1, size, *others]:
             answer = bench.request(Setup(0xC1, request, 0, 0, length))
             found = None if answer is None else len(answer)
             expect(f"the length of {request.name} with wLength {length}", found, min(size, length))
@@ -331,7 +346,7 @@ def test_as_much_of_an_answer_comes_as_was_asked_for(bench: Bench) -> None:
 
 @case("REQ-001", "SAF-002")
 def test_orders_with_wrong_values_have_no_effect(bench: Bench) -> None:
-    """Orders with values, indices or data that they do not take are answered with STALL and change nothing."""
+    """Commands with values, indices or data that they do not take are answered with STALL and change nothing."""
     before, rng = bench.status(), bench.random
     orders = {
         Request.ENABLE: range(1),
@@ -361,7 +376,7 @@ def test_orders_with_wrong_values_have_no_effect(bench: Bench) -> None:
 
 @case("USB-015", "USB-025", "BLK-008", "USB-004", line="usb")
 def test_the_device_survives_nonsense_everywhere(bench: Bench) -> None:
-    """Valid blocks get through wrong ones, short packets, unknown requests and chatter, and what plays goes on."""
+    """Valid blocks are accepted among wrong ones, short packets, unknown requests and chatter; playing goes on."""
     first = play(bench)
     setups = random_setups(bench)
     for _ in range(10):
@@ -380,7 +395,7 @@ def test_the_device_survives_nonsense_everywhere(bench: Bench) -> None:
 
 
 def chatter(bench: Bench, size: int) -> bytes:
-    """Bytes as a terminal that was set up wrongly would send them: text, ends of lines, zeros, anything."""
+    """Bytes as a wrongly configured terminal might send them: text, ends of lines, zeros, anything."""
     rng = bench.random
     alphabets = [PRINTABLE, b"\r\n\x03\x08\x7f\x15 ", bytes(range(256)), b"\0\1\2\3\xff"]
     return bytes(rng.choice(rng.choice(alphabets)) for _ in range(size))
@@ -388,7 +403,7 @@ def chatter(bench: Bench, size: int) -> bytes:
 
 @case("SER-006", "SER-010/1", "CON-009", "USB-025", features=Feature.CONSOLE)
 def test_the_device_survives_noise_on_the_console(bench: Bench) -> None:
-    """Anything may come by a serial line: nothing is carried out, and frames work at once when asked for."""
+    """Any bytes may come by a serial line: none has an effect, and frames work at once when requested."""
     line = bench.serial
     line.enter_frames()
     played = play(bench)
@@ -418,12 +433,12 @@ def test_the_console_survives_long_lines(bench: Bench, size: int) -> None:
         f"a line of {size} characters is answered with {answer[-60:]!r}, should be with error 1"
     )
     answer = line.command("faults")
-    assert "faults: none" in answer, f"`faults` behind it is answered with {answer!r}, should be with `faults: none`"
+    assert "faults: none" in answer, f"`faults` after it is answered with {answer!r}, should be with `faults: none`"
 
 
 @case("SER-006", "SER-009/1", "SER-005", features=Feature.CONSOLE)
 def test_valid_frames_get_through_between_damaged_ones(bench: Bench) -> None:
-    """Among frames with flipped, missing and additional bytes each valid one is answered, no other has an effect."""
+    """Among frames with flipped, missing and additional bytes each valid one is answered; no other has an effect."""
     line, rng = bench.serial, bench.random
     line.enter_frames()
     before = bench.status()
@@ -452,13 +467,13 @@ def acknowledged(bodies: list[bytes]) -> list[Ack]:
 
 
 def damaged(bench: Bench) -> bytes:
-    """A valid frame without its zero, with something wrong in it that its checksum shows."""
+    """A valid frame without its zero, with a defect that its checksum detects."""
     rng = bench.random
     setup = Setup(0x41, Request.ENABLE, 0, 0, 0)
     frame = rng.choice(
         [
-            Frame(FrameKind.REQUEST, bytes([7]) + setup.encode()),
-            Frame(FrameKind.BLOCK, pack(Block(NoOp(), rng.randrange(2**32), restart=True))),
+            SerialFrame(FrameKind.REQUEST, bytes([7]) + setup.encode()),
+            SerialFrame(FrameKind.BLOCK, pack(Block(NoOp(), rng.randrange(2**32), restart=True))),
         ]
     )
     data = bytearray(encode(frame)[:-1])

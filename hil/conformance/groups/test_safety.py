@@ -1,4 +1,4 @@
-"""Safety: what silences the outputs and when, the watchdog, the limit on the total drive (chapter SAF)."""
+"""Safety: silencing and its times, the watchdog, and the limit on the total drive (chapter SAF)."""
 
 from __future__ import annotations
 
@@ -33,21 +33,22 @@ from phasewire.hil.conformance.tools.watchdog import (
     patience,
 )
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
     pack,
 )
 from phasewire.protocol.board import CHANNELS, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
+    BLOCK_BYTES,
     REQUEST_TYPE_IN,
     REQUEST_TYPE_OUT,
     SILENT_PERIODS,
@@ -77,7 +78,7 @@ ALL = tuple(PLAYS)
 @pytest.mark.parametrize("what", ["nothing", *ATTENDED])
 @case("SAF-003", "ACK-006", "STA-003", outputs=("SAF-004/1",))
 def test_the_watchdog_silences_what_plays(bench: Bench, what: str) -> None:
-    """Without a sign of life the watchdog fires, not sooner and a period later at most, and all outputs fall silent."""
+    """Without a sign of life the watchdog fires, not early and at most a period late, and all outputs fall silent."""
     ms = patience(bench)
     enable(bench)
     field = None if what == "nothing" else start_playing(bench, what)
@@ -112,7 +113,7 @@ def test_the_watchdog_has_its_default_time(bench: Bench) -> None:
 
 @case("SAF-003", "STA-003")
 def test_the_watchdog_starts_with_enable(bench: Bench) -> None:
-    """A host that enables the outputs and says no more is silenced too, one watchdog time after ENABLE."""
+    """A host that enables the outputs and then falls silent is silenced too, one watchdog time after ENABLE."""
     ms = patience(bench)
     bench.must(NoOp())
     bench.order(Request.WATCHDOG, ms)
@@ -125,7 +126,7 @@ def test_the_watchdog_starts_with_enable(bench: Bench) -> None:
 
 @case("SAF-003", "REQ-003", "STA-003")
 def test_the_watchdog_rests_while_the_outputs_are_off(bench: Bench) -> None:
-    """While the outputs are not enabled no watchdog fires, for there is nothing to silence."""
+    """While the outputs are not enabled no watchdog fires, because there is nothing to silence."""
     ms = patience(bench)
     bench.must(NoOp())
     bench.order(Request.WATCHDOG, ms)
@@ -134,13 +135,13 @@ def test_the_watchdog_rests_while_the_outputs_are_off(bench: Bench) -> None:
     bench.disable()
     check_not_yet(bench, before + ms * TICKS_PER_MS)
     came = bench.listen(2 * ms / 1000)
-    expect("what the device tells unasked", came, [])
+    expect("the unsolicited records", came, [])
     expect("the flags", bench.status().flags, StatusFlag(0))
 
 
 @case("REQ-003", "SAF-003", "REQ-005")
 def test_the_status_says_that_the_watchdog_fired_until_enable(bench: Bench) -> None:
-    """WATCHDOG_FIRED stays in the status until the outputs are enabled again, so that no host misses it."""
+    """WATCHDOG_FIRED stays in the status until the outputs are enabled again, so that the host sees it."""
     bench.order(Request.WATCHDOG, patience(bench))
     bench.enable()
     bench.await_unasked(2)
@@ -156,7 +157,7 @@ def test_the_status_says_that_the_watchdog_fired_until_enable(bench: Bench) -> N
 
 @case("REQ-009", "SAF-003")
 def test_a_shorter_watchdog_time_holds_at_once(bench: Bench) -> None:
-    """Where the last sign of life is longer ago than the new watchdog time, the watchdog fires with the request."""
+    """If the last sign of life is longer ago than the new watchdog time, the watchdog fires with the request."""
     enable(bench)
     bench.must(NoOp())
     bench.outlast(0.05)
@@ -164,7 +165,7 @@ def test_a_shorter_watchdog_time_holds_at_once(bench: Bench) -> None:
     bench.order(Request.WATCHDOG, 10)
     after = bench.clock().now
     told = bench.await_unasked(1)
-    assert told.watchdog_fired, f"the flags that are told are {told.flags!r}, should have WATCHDOG_FIRED"
+    assert told.watchdog_fired, f"the flags in the record are {told.flags!r}, should have WATCHDOG_FIRED"
     assert before <= told.now <= after + TICKS_PER_PERIOD, (
         f"the watchdog fired at tick {told.now}, should be from {before} to {after + TICKS_PER_PERIOD}"
     )
@@ -172,7 +173,7 @@ def test_a_shorter_watchdog_time_holds_at_once(bench: Bench) -> None:
 
 @case("REQ-009", "SAF-003")
 def test_a_longer_watchdog_time_counts_from_the_last_sign_of_life(bench: Bench) -> None:
-    """A watchdog time that is made longer before it is over is counted from the last sign of life, not from then."""
+    """A watchdog time that is extended before it is over counts from the last sign of life, not from the request."""
     short = patience(bench)
     long = 3 * short
     enable(bench)
@@ -194,11 +195,11 @@ def body_of(kind: str) -> Body:
         case "entries":
             return Entries((Entry(0, 1),))
         case "sequence":
-            return Sequence(0, 1)
+            return PlaySequence(0, 1)
         case "samples":
             return Samples(bytes([255]))
         case "modulation":
-            return Modulation(0, 1, 1)
+            return AmplitudeModulation(0, 1, 1)
         case "output":
             return Output(Action.SILENCE)
         case "clock":
@@ -210,7 +211,7 @@ KINDS = ("update", "slot", "entries", "sequence", "samples", "modulation", "outp
 
 
 def prepare(bench: Bench, kind: str) -> None:
-    """Store what a block of a kind refers to."""
+    """Store the data to which a block of a kind refers."""
     require(bench, features_of(body_of(kind)))
     if kind == "sequence":
         bench.must(Slot(0, SILENT))
@@ -222,7 +223,7 @@ def prepare(bench: Bench, kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @case("SAF-003", "BLK-019", "BLK-020")
 def test_an_accepted_block_is_a_sign_of_life(bench: Bench, kind: str) -> None:
-    """An accepted block of this kind puts the watchdog off, by the whole watchdog time from its last byte on."""
+    """An accepted block of this kind restarts the watchdog's full time from its last byte."""
     ms = patience(bench)
     prepare(bench, kind)
     enable(bench)
@@ -231,7 +232,7 @@ def test_an_accepted_block_is_a_sign_of_life(bench: Bench, kind: str) -> None:
     bench.wait(ms / 3000)
     ack = bench.send(body_of(kind))
     if ack.now >= first + ms * TICKS_PER_MS:
-        raise TooSlow("this line is too slow: the watchdog has fired before the block arrived")
+        raise TooSlow("this line is too slow: the watchdog fired before the block arrived")
     expect("the reason", ack.reason, Reason.ACCEPTED)
     await_firing(bench, ack.now, ack.now, ms)
 
@@ -239,7 +240,7 @@ def test_an_accepted_block_is_a_sign_of_life(bench: Bench, kind: str) -> None:
 @pytest.mark.parametrize("request_", [Request.STATUS, Request.ENABLE], ids=lambda request: request.name)
 @case("SAF-003", "REQ-005")
 def test_a_request_that_is_a_sign_of_life(bench: Bench, request_: Request) -> None:
-    """STATUS and, where the outputs are enabled, ENABLE put the watchdog off, for a host may have nothing to send."""
+    """STATUS and, while the outputs are enabled, ENABLE restart the watchdog: a host may have nothing to play."""
     ms = patience(bench)
     enable(bench)
     last = bench.must(NoOp()).now
@@ -258,14 +259,14 @@ def test_a_request_that_is_a_sign_of_life(bench: Bench, request_: Request) -> No
 
 @dataclass(frozen=True)
 class Refused:
-    """Blocks that are refused, and how a device is brought to refuse them.
+    """Blocks that are refused, and how to bring a device to refuse them.
 
     Parameters
     ----------
     blocks : callable
-        They, given the acknowledgement of the block that was accepted last.
+        The blocks, given the acknowledgement of the last accepted one.
     before : callable, optional
-        May prepare something, as long as the outputs are off; it gives what is to be accepted once they are not.
+        May prepare something while the outputs are off; returns what must be accepted after they are enabled.
     """
 
     blocks: Callable[[Bench, Ack], list[bytes]]
@@ -273,32 +274,32 @@ class Refused:
 
 
 ANY_FLAGS = (0, Flag.RESTART)
-"""That every kind may have (clause BLK-011)."""
+"""Flags that every kind may have (clause BLK-011)."""
 FLAGS_OF_A_SEQUENCE = (*ANY_FLAGS, Flag.UNATTENDED, Flag.RESTART | Flag.UNATTENDED)
 
 
 def with_flags(bench: Bench, bodies: Iterable[Body], payload: bytes | None = None, **fields: int) -> list[bytes]:
-    """Blocks that are wrong in the same place, each with all flags that its kind may have."""
+    """Blocks with the same defect, each with all flags that its kind may have."""
     return [
         forge(bench, body, payload, flags=flags, **fields)
         for body in bodies
-        for flags in (FLAGS_OF_A_SEQUENCE if isinstance(body, Sequence) else ANY_FLAGS)
+        for flags in (FLAGS_OF_A_SEQUENCE if isinstance(body, PlaySequence) else ANY_FLAGS)
     ]
 
 
 def wrong(kinds: Iterable[str], payload: bytes | None = None, **fields: int) -> Refused:
-    """Blocks of some kinds that are wrong in one place."""
+    """Blocks of some kinds with one defect."""
     return Refused(lambda bench, _: with_flags(bench, map(body_of, kinds), payload, **fields))
 
 
 def shortened(bench: Bench, _: Ack) -> list[bytes]:
-    """Blocks that end too early, with and without what stands at their ends."""
+    """Blocks that end too early, with and without the bytes at their ends."""
     return [pack(bench.numbered(NoOp(), restart=True))[:size] for size in (500, 27, 1)]
 
 
 def lacking(bench: Bench, _: Ack) -> list[bytes]:
     """Blocks that need a feature which the device lacks."""
-    bodies = [body_of(kind) for kind in KINDS] + [Sequence(0, 1, unattended=True), Output(Action.END_MODULATION)]
+    bodies = [body_of(kind) for kind in KINDS] + [PlaySequence(0, 1, unattended=True), Output(Action.END_MODULATION)]
     lacked = [body for body in bodies if features_of(body) & ~bench.info.features]
     if not lacked:
         raise NotApplicable("it has the feature of every block")
@@ -306,21 +307,21 @@ def lacking(bench: Bench, _: Ack) -> list[bytes]:
 
 
 def numbered_as(bench: Bench, last: Ack) -> list[bytes]:
-    """Blocks of all kinds that the device has, with a number that was accepted before."""
-    every = [*map(body_of, KINDS), Sequence(0, 1, unattended=True)]
+    """Blocks of all kinds that the device has, with a number that was already accepted."""
+    every = [*map(body_of, KINDS), PlaySequence(0, 1, unattended=True)]
     bodies = [body for body in every if not features_of(body) & ~bench.info.features]
     return [pack(bench.numbered(body, number=last.sequence)) for body in bodies]
 
 
 def what_plays(bench: Bench) -> list[Body]:
-    """The start of a sequence and of a modulation that are stored."""
+    """The start of a stored sequence and of a stored modulation."""
     require(bench, Feature.SEQUENCES)
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, 1000),)))
     if Feature.MODULATION not in bench.info.features:
-        return [Sequence(0, 1)]
+        return [PlaySequence(0, 1)]
     bench.must(Samples(bytes([255])))
-    return [Modulation(0, 1, 1), Sequence(0, 1)]
+    return [AmplitudeModulation(0, 1, 1), PlaySequence(0, 1)]
 
 
 def in_use(bench: Bench, _: Ack) -> list[bytes]:
@@ -330,14 +331,14 @@ def in_use(bench: Bench, _: Ack) -> list[bytes]:
 
 
 def named_update(bench: Bench) -> list[Body]:
-    """An update for a period that is not near, where the next must not follow at once."""
+    """An update for a distant period, on a device that refuses another directly after it."""
     if bench.info.periods_per_update < 2:
         raise NotApplicable("its chain can carry an update in every period")
     return [Update(SILENT, bench.period() + far_ahead(bench))]
 
 
 def without_drive(bench: Bench) -> list[Body]:
-    """Nothing, under a limit that lets no pulse through but one in a slot that was stored before."""
+    """None, under a limit that allows only one pulse in a slot that was stored before."""
     if Feature.SEQUENCES in bench.info.features:
         bench.must(Slot(0, WEAKEST))
         bench.must(Entries((Entry(0, 1),)))
@@ -346,13 +347,13 @@ def without_drive(bench: Bench) -> list[Body]:
 
 
 def too_strong(bench: Bench, _: Ack) -> list[bytes]:
-    """What would drive one transducer."""
-    stored: list[Body] = [Slot(1, WEAKEST), Sequence(0, 1)] if Feature.SEQUENCES in bench.info.features else []
+    """Blocks that would drive one transducer."""
+    stored: list[Body] = [Slot(1, WEAKEST), PlaySequence(0, 1)] if Feature.SEQUENCES in bench.info.features else []
     return with_flags(bench, [Update(WEAKEST), *stored])
 
 
 def without_stores(bench: Bench) -> list[Body]:
-    """Nothing, on a device that has nothing stored."""
+    """None, on a device that has nothing stored."""
     require(bench, Feature.SEQUENCES)
     if Risk.RESET not in bench.allowed:
         raise Inconclusive(not_allowed(Risk.RESET))
@@ -361,12 +362,12 @@ def without_stores(bench: Bench) -> list[Body]:
 
 
 def never_stored(bench: Bench, _: Ack) -> list[bytes]:
-    """What would play stores that are empty."""
-    modulation: list[Body] = [Modulation(0, 1, 1)] if Feature.MODULATION in bench.info.features else []
-    return with_flags(bench, [Sequence(0, 1), *modulation])
+    """Blocks that would play empty stores."""
+    modulation: list[Body] = [AmplitudeModulation(0, 1, 1)] if Feature.MODULATION in bench.info.features else []
+    return with_flags(bench, [PlaySequence(0, 1), *modulation])
 
 
-WEAKEST = only(319, width=1)
+WEAKEST = only(CHANNELS - 1, width=1)
 FEW_REFUSED = 2
 """Blocks that a slow serial line carries within the watchdog time."""
 NAMING = ("update", "sequence", "modulation", "output")
@@ -392,13 +393,13 @@ REFUSED: dict[Reason, Refused] = {
     Reason.EMPTY: Refused(never_stored, without_stores),
     Reason.IN_USE: Refused(in_use, what_plays),
 }
-"""All but FAULT and DISABLED, with which blocks are refused where no watchdog runs."""
+"""All reasons except FAULT and DISABLED, with which blocks are refused while no watchdog runs."""
 
 
 @pytest.mark.parametrize("reason", REFUSED, ids=lambda reason: reason.name.lower())
 @case("SAF-003", "BLK-003", "BLK-008")
 def test_a_refused_block_is_no_sign_of_life(bench: Bench, reason: Reason) -> None:
-    """A host whose blocks are refused counts as silent, whatever their kinds and flags: what it wants does not play."""
+    """A host whose blocks are refused counts as silent, whatever their kinds and flags: its wishes do not play."""
     if reason is Reason.LENGTH and bench.line.kind == "serial":
         raise NotApplicable("a frame of another length carries no block")
     ms, refused = patience(bench), REFUSED[reason]
@@ -418,16 +419,17 @@ def test_a_refused_block_is_no_sign_of_life(bench: Bench, reason: Reason) -> Non
 @case("SAF-003", "BLK-009", line="usb")
 def test_a_block_that_is_answered_with_nak_is_no_sign_of_life(bench: Bench) -> None:
     """A host whose blocks wait for room in the queue counts as silent, unless it asks for STATUS meanwhile."""
+    ms = patience(bench)
     enable(bench)
     far = bench.period() + LONG_MS * PERIODS_PER_MS
     for number in range(bench.info.queue_blocks):
         last = bench.must(Update(SILENT, far + number * bench.info.periods_per_update))
     expect("the free places", last.free, 0)
-    bench.order(Request.WATCHDOG, 60)
-    taken = bench.usb.write(ENDPOINT_OUT, pack(bench.numbered(NoOp())), 0.03)
-    check_not_yet(bench, last.now + 60 * TICKS_PER_MS)
-    assert taken < 512, "the device took a block although its queue has no room"
-    await_firing(bench, last.now, last.now, 60)
+    bench.order(Request.WATCHDOG, ms)
+    taken = bench.usb.write(ENDPOINT_OUT, pack(bench.numbered(NoOp())), ms / 2000)
+    check_not_yet(bench, last.now + ms * TICKS_PER_MS)
+    assert taken < BLOCK_BYTES, "the device took a block although its queue has no room"
+    await_firing(bench, last.now, last.now, ms)
     bench.usb.clear_halt(ENDPOINT_OUT)  # at full speed a part of the block may have been taken
 
 
@@ -447,7 +449,7 @@ NO_SIGNS = (
 @pytest.mark.parametrize("other", NO_SIGNS, ids=lambda request: request.name.lower().replace("_", "-"))
 @case("SAF-003")
 def test_another_request_is_no_sign_of_life(bench: Bench, other: Request) -> None:
-    """Requests but STATUS and ENABLE do not put the watchdog off: they may come from somebody who only looks on."""
+    """Requests other than STATUS and ENABLE do not restart the watchdog: an observer may send them."""
     ms = patience(bench)
     if other is Request.PULSES:
         require(bench, Feature.READ_BACK)
@@ -482,7 +484,7 @@ STALLED: dict[str, tuple[Setup, ...]] = {
 @pytest.mark.parametrize("what", STALLED)
 @case("SAF-003", "REQ-001")
 def test_a_request_that_is_answered_with_stall_is_no_sign_of_life(bench: Bench, what: str) -> None:
-    """What is answered with STALL, STATUS and ENABLE among it, does not put the watchdog off: it has no effect."""
+    """Requests that are answered with STALL, even STATUS and ENABLE, have no effect and do not restart the watchdog."""
     ms = patience(bench)
     enable(bench)
     last = bench.must(NoOp()).now
@@ -499,11 +501,11 @@ def use_endpoints(bench: Bench) -> None:
     """End a halt, send an empty packet and read."""
     bench.usb.clear_halt(ENDPOINT_OUT)
     bench.usb.write(ENDPOINT_OUT, b"", 0.01)
-    bench.usb.read(ENDPOINT_IN, 512, 0.001)
+    bench.usb.read(ENDPOINT_IN, BLOCK_BYTES, 0.001)
 
 
 def ask_all(*setups: Setup) -> Callable[[Bench], None]:
-    """Make requests, whatever is answered."""
+    """Make requests, and ignore the answers."""
 
     def ask(bench: Bench) -> None:
         for setup in setups:
@@ -522,13 +524,13 @@ ON_THE_BUS: dict[str, Callable[[Bench], None]] = {
     "class": ask_all(Setup(0xA1, ConsoleRequest.GET_LINE_CODING, 0, 1, 7), Setup(0xA1, DfuRequest.GETSTATUS, 0, 3, 6)),
     "endpoints": use_endpoints,
 }
-"""What no host does to keep something playing."""
+"""Actions that are no signs of life."""
 
 
 @pytest.mark.parametrize("what", ON_THE_BUS)
 @case("SAF-003", "USB-014", "USB-015", "USB-018", "USB-023", "USB-024", line="usb")
 def test_nothing_else_on_the_bus_is_a_sign_of_life(bench: Bench, what: str) -> None:
-    """Standard and class requests, a halt that ends, an empty packet and reading do not put the watchdog off."""
+    """Standard and class requests, the end of a halt, an empty packet and reading do not restart the watchdog."""
     ms = patience(bench)
     enable(bench)
     last = bench.must(NoOp()).now
@@ -539,7 +541,7 @@ def test_nothing_else_on_the_bus_is_a_sign_of_life(bench: Bench, what: str) -> N
     await_firing(bench, last, last, ms)
 
 
-# What goes on unattended
+# Unattended playing
 
 
 UNATTENDED = Feature.SEQUENCES | Feature.UNATTENDED
@@ -555,12 +557,12 @@ def store_sequence(bench: Bench, periods: int, place: int = 0) -> Pulses:
 
 @case("SAF-005", "STA-003", outputs=("SAF-005", "BLK-015"), features=UNATTENDED)
 def test_an_unattended_sequence_goes_on_without_its_host(bench: Bench) -> None:
-    """A sequence with the flag UNATTENDED plays on when the host falls silent for many watchdog times."""
+    """An unattended sequence plays on when the host falls silent for many watchdog times."""
     enable(bench)
     field = start_playing(bench, "unattended")
     bench.order(Request.WATCHDOG, 10)
     came = bench.listen(0.2)
-    expect("what the device tells unasked", came, [])
+    expect("the unsolicited records", came, [])
     status = bench.status()
     expect("the state", status.state, State.UNATTENDED)
     expect("the flags", status.flags, StatusFlag.SEQUENCE)
@@ -573,20 +575,20 @@ ENDS: dict[str, tuple[Callable[[int], Body] | None, State]] = {
     "last-repeat": (None, State.READY),
     "silence": (lambda period: Output(Action.SILENCE, period), State.READY),
     "update": (lambda period: Update(SILENT, period), State.PLAYING),
-    "attended-sequence": (lambda period: Sequence(0, 1, period), State.PLAYING),
+    "attended-sequence": (lambda period: PlaySequence(0, 1, period), State.PLAYING),
 }
-"""By which block an unattended sequence ends, and the state behind its end."""
+"""The block that ends an unattended sequence, and the state after its end."""
 
 
 @pytest.mark.parametrize("how", ENDS)
 @case("SAF-005", "SAF-003", "STA-003", features=UNATTENDED)
 def test_the_watchdog_starts_anew_when_an_unattended_sequence_ends(bench: Bench, how: str) -> None:
-    """When an unattended sequence ends and the outputs stay enabled, the watchdog time is counted from its end."""
+    """When an unattended sequence ends and the outputs stay enabled, the watchdog time counts from its end."""
     ms = patience(bench)
     body, state = ENDS[how]
     enable(bench)
     store_sequence(bench, 8000)
-    ended = bench.must(Sequence(0, 1, repeats=1 if body is None else 0, unattended=True)).commit_period + 8000
+    ended = bench.must(PlaySequence(0, 1, repeats=1 if body is None else 0, unattended=True)).commit_period + 8000
     if body is not None:
         expect("the period at which the end is due", bench.must(body(ended)).commit_period, ended)
     before = bench.status()
@@ -598,24 +600,24 @@ def test_the_watchdog_starts_anew_when_an_unattended_sequence_ends(bench: Bench,
     if how == "last-repeat":
         told = bench.await_unasked(1)
         check_not_yet(bench, ended * TICKS_PER_PERIOD + ms * TICKS_PER_MS, told.now)
-        expect("the state that is told at the end", told.state, state)
+        expect("the state in the record of the end", told.state, state)
     (refused,) = bench.send_raw(forged(pack(bench.numbered(NoOp())), checksum=1))  # which is no sign of life
     tick = ended * TICKS_PER_PERIOD
     check_not_yet(bench, tick + ms * TICKS_PER_MS, refused.now)
-    expect("the state behind the end", refused.state, state)
+    expect("the state after the end", refused.state, state)
     await_firing(bench, tick, tick, ms)
 
 
 @case("SAF-005", "SAF-003", "STA-003", features=Feature.SEQUENCES)
 def test_the_end_of_an_attended_sequence_is_no_sign_of_life(bench: Bench) -> None:
-    """Behind the last repeat of an attended sequence the watchdog counts on from the host's last sign of life."""
+    """After the last repeat of an attended sequence the watchdog counts on from the host's last sign of life."""
     ms = patience(bench)
     enable(bench)
     store_sequence(bench, 200)
-    last = bench.must(Sequence(0, 1, repeats=2))
+    last = bench.must(PlaySequence(0, 1, repeats=2))
     bench.order(Request.WATCHDOG, ms)
     told = bench.await_unasked(1)
-    expect("the state that is told at the end", told.state, State.READY)
+    expect("the state in the record of the end", told.state, State.READY)
     await_firing(bench, last.now, last.now, ms)
 
 
@@ -625,7 +627,7 @@ def test_the_end_of_an_attended_sequence_is_no_sign_of_life(bench: Bench) -> Non
 @pytest.mark.parametrize("what", PLAYS)
 @case("SAF-004", "STA-003", outputs=("SAF-004/1", "BLK-017", "CHN-029"))
 def test_disable_silences_what_plays(bench: Bench, what: str) -> None:
-    """On DISABLE all outputs fall silent together, at a boundary within six periods, and nothing plays or is queued."""
+    """On DISABLE all outputs fall silent together, at a boundary within six periods, and the queue is empty."""
     enable(bench)
     field = start_playing(bench, what)
     before = bench.clock().now
@@ -641,7 +643,7 @@ def test_disable_silences_what_plays(bench: Bench, what: str) -> None:
 
 
 def check_cut_short(seen: Seen, playing: Words, following: Words, begins: int, fires: int, last_fires: int) -> None:
-    """Fail unless what plays, or on all outputs what was to begin at a period, falls silent in time."""
+    """Fail unless what plays, or what was to begin on all outputs at a period, falls silent in time."""
     since = silent_from(seen)
     latest = last_fires // TICKS_PER_PERIOD + SILENT_PERIODS
     assert fires // TICKS_PER_PERIOD < since <= latest, (
@@ -656,9 +658,9 @@ def check_cut_short(seen: Seen, playing: Words, following: Words, begins: int, f
 
 @case("SAF-004/2", "SAF-004/1", "CHN-029", needs=CAPTURE)
 def test_a_change_close_to_the_end_begins_everywhere_or_nowhere(bench: Bench) -> None:
-    """A change that was to begin when the watchdog has just fired begins on all processors or on none, then all is low.
+    """A change due just after the watchdog fires begins on all processors or on none, then all outputs are low.
 
-    The watchdog tells to the tick when the outputs are disabled, whatever the line needs for a request.
+    The watchdog sets to the tick when the outputs are disabled, however long a request takes on the line.
     """
     found: set[int] = set()
     enable(bench)
@@ -697,7 +699,7 @@ def test_a_change_close_to_the_end_begins_everywhere_or_nowhere(bench: Bench) ->
 
 @case("SAF-004/2", "SAF-004", "REQ-003", "STA-003", outputs=("SAF-004/2",))
 def test_what_is_queued_is_dropped_by_disable(bench: Bench) -> None:
-    """Changes that were queued when DISABLE came never begin, not even when the outputs are enabled again."""
+    """Changes that were queued at DISABLE never begin, not even after the outputs are enabled again."""
     enable(bench)
     ahead = far_ahead(bench)
     first = bench.period() + ahead
@@ -724,7 +726,7 @@ def test_what_is_queued_is_dropped_by_disable(bench: Bench) -> None:
 
 @case("BLK-018", "SAF-004", "STA-003", "REQ-003", outputs=("BLK-018", "SAF-004"))
 def test_what_is_accepted_behind_a_disabling_block_is_dropped(bench: Bench) -> None:
-    """Changes that were accepted behind an OUTPUT that disables never begin, and are counted as accepted only."""
+    """Changes accepted after a disabling OUTPUT never begin, and are only counted as accepted."""
     enable(bench)
     field = play(bench)
     ends = bench.period() + far_ahead(bench)
@@ -748,27 +750,27 @@ def test_what_is_accepted_behind_a_disabling_block_is_dropped(bench: Bench) -> N
 
 
 def queue_of_everything(bench: Bench, period: int) -> int:
-    """Queue changes of all kinds that the device knows, the first of them for a period; how many they are."""
+    """Queue changes of all kinds that the device knows, the first of them for a period; returns their number."""
     features = bench.info.features
     bodies: list[Callable[[int], Body]] = [lambda at: Update(bench.weak(), at)]
     if Feature.SEQUENCES in features:
         store_sequence(bench, 3)
-        bodies.append(lambda at: Sequence(0, 1, at))
+        bodies.append(lambda at: PlaySequence(0, 1, at))
     if Feature.MODULATION in features:
         bench.must(Samples(bytes([200])))
-        bodies.append(lambda at: Modulation(0, 1, 1, at))
+        bodies.append(lambda at: AmplitudeModulation(0, 1, 1, at))
     for number, body in enumerate(bodies):
         bench.must(body(period + 20 * number))
     return len(bodies)
 
 
 def counts(status: Status) -> tuple[int, int, int, int]:
-    """What the device counted of blocks."""
+    """The device's counts of blocks."""
     return status.accepted, status.refused, status.late, status.lost
 
 
 def damage(status: Status) -> tuple[int, int]:
-    """What the device counted of the chain."""
+    """The device's counts of the chain."""
     return status.missed_commits, status.damaged_messages
 
 
@@ -790,7 +792,7 @@ def silence_by_watchdog(bench: Bench) -> None:
 @pytest.mark.parametrize("how", OFF)
 @case("SAF-004", outputs=("SAF-004", "CHN-012/2"), features=Feature.SEQUENCES)
 def test_what_is_stored_stays_when_the_outputs_are_disabled(bench: Bench, how: str) -> None:
-    """Slots, entries and samples are kept when the outputs are disabled, and play again once they are enabled."""
+    """Slots, entries and samples survive when the outputs are disabled, and play after the next ENABLE."""
     first, second = bench.weak(), bench.weak()
     bench.must(Slot(255, first))
     bench.must(Slot(0, second))
@@ -800,7 +802,7 @@ def test_what_is_stored_stays_when_the_outputs_are_disabled(bench: Bench, how: s
     OFF[how](bench)
     bench.wait_periods(SILENT_PERIODS)
     bench.enable()
-    began = bench.must(Sequence(1022, 2)).commit_period
+    began = bench.must(PlaySequence(1022, 2)).commit_period
     words = [expected_words(pulses, bench.wiring) for pulses in (first, second)]
     steps = [(began + at, words[at % 40 == 30]) for at in (0, 30, 40, 70, 80, 110)]
     bench.judge(began, began + 120, lambda seen: check_play(seen, steps))
@@ -809,7 +811,7 @@ def test_what_is_stored_stays_when_the_outputs_are_disabled(bench: Bench, how: s
 @pytest.mark.parametrize("how", OFF)
 @case("SAF-004", outputs=("SAF-004", "BLK-017"), features=Feature.MODULATION)
 def test_there_is_no_modulation_once_the_outputs_were_disabled(bench: Bench, how: str) -> None:
-    """A modulation ends when the outputs are disabled: the next update plays as it is, and samples are still there."""
+    """A modulation ends when the outputs are disabled: the next update plays as it is; the samples are kept."""
     enable(bench)
     start_playing(bench, "modulated")
     OFF[how](bench)
@@ -817,23 +819,23 @@ def test_there_is_no_modulation_once_the_outputs_were_disabled(bench: Bench, how
     expect("the flags", bench.status().flags & StatusFlag.MODULATION, StatusFlag(0))
     bench.enable()
     field = play(bench)
-    began = bench.must(Modulation(0, 1, 1)).commit_period
+    began = bench.must(AmplitudeModulation(0, 1, 1)).commit_period
     dimmed = expected_words(modulated(field.pulses, 128), bench.wiring)
     bench.judge(field.period, began + 20, lambda seen: check_play(seen, [(field.period, field.words), (began, dimmed)]))
 
 
 def changes(bench: Bench) -> list[Body]:
-    """One of each change that the device knows, which could all be accepted if the outputs were enabled."""
+    """One of each change that the device knows, all acceptable if the outputs were enabled."""
     bodies: list[Body] = [Update(SILENT), Output(Action.SILENCE), Output(Action.DISABLE)]
     if Feature.SEQUENCES in bench.info.features:
-        bodies += [Sequence(0, 1), Sequence(0, 1, repeats=3, period=bench.period() + 10_000)]
+        bodies += [PlaySequence(0, 1), PlaySequence(0, 1, repeats=3, period=bench.period() + 10_000)]
     if Feature.MODULATION in bench.info.features:
-        bodies += [Modulation(0, 1, 1), Output(Action.END_MODULATION)]
+        bodies += [AmplitudeModulation(0, 1, 1), Output(Action.END_MODULATION)]
     return bodies
 
 
 def store_for_changes(bench: Bench) -> list[Body]:
-    """Stores that the changes refer to, and what else needs no enabled outputs."""
+    """Stores for the changes, and other blocks that do not need enabled outputs."""
     bodies: list[Body] = [Clock(), NoOp()]
     if Feature.SEQUENCES in bench.info.features:
         bodies += [Slot(0, SILENT), Entries((Entry(0, 1),))]
@@ -857,7 +859,7 @@ def test_changes_are_refused_while_the_outputs_are_off(bench: Bench, how: str) -
     refused = changes(bench)
     for body in refused:
         ack = bench.send(body)
-        expect(f"the reason for {type(body).__name__.upper()}", ack.reason, Reason.DISABLED)
+        expect(f"the reason for {body.KIND.name}", ack.reason, Reason.DISABLED)
         expect("the state in the acknowledgement", ack.state, State.OFF)
         expect("the period at which it takes effect", ack.commit_period, 0)
     after = bench.status()
@@ -867,7 +869,7 @@ def test_changes_are_refused_while_the_outputs_are_off(bench: Bench, how: str) -
     expect("the free places", after.free, bench.info.queue_blocks)
     bench.enable()
     bench.wait_periods(100)
-    expect("the state, where nothing of it was queued", bench.status().state, State.READY)
+    expect("the state, as nothing of it was queued", bench.status().state, State.READY)
     for body in refused[:1]:
         bench.must(body)
 
@@ -885,7 +887,7 @@ def pulses_of(bench: Bench, total: int, width: int) -> Pulses:
 
 @case("SAF-006", "REQ-010", features=Feature.SEQUENCES)
 def test_the_power_of_every_width_is_counted(bench: Bench) -> None:
-    """A slot of exactly the limit is accepted, one of a thousandth more refused with DRIVE, whatever the widths."""
+    """A slot exactly at the limit is accepted, one a thousandth above is refused with DRIVE, for all widths."""
     set_limit(bench, 3)
     widths = list(range(1, 26))
     for width in widths if bench.line.kind == "usb" else bench.random.sample(widths, 8):
@@ -898,7 +900,7 @@ def test_the_power_of_every_width_is_counted(bench: Bench) -> None:
 @pytest.mark.parametrize("limit", [1, 2, 17, 31])
 @case("SAF-006", "REQ-010", "BLK-008", outputs=("SAF-006", "BLK-008"))
 def test_an_update_above_the_limit_is_refused(bench: Bench, limit: int) -> None:
-    """An update of exactly the limit plays; one of a little more is refused with DRIVE, and what plays goes on."""
+    """An update exactly at the limit plays; one slightly above is refused with DRIVE, and what plays goes on."""
     set_limit(bench, limit)
     enable(bench)
     most = np.zeros(CHANNELS, np.uint8)
@@ -919,7 +921,7 @@ def test_an_update_above_the_limit_is_refused(bench: Bench, limit: int) -> None:
 
 @case("SAF-006", "REQ-010", "BLK-008", features=Feature.SEQUENCES)
 def test_a_sequence_with_a_slot_above_a_lowered_limit_is_refused(bench: Bench) -> None:
-    """A slot that was stored under a higher limit does not play under a lower one, wherever it stands."""
+    """A slot that was stored under a higher limit does not play under a lower one, at any place in a sequence."""
     set_limit(bench, 3)
     bench.must(Slot(0, pulses_of(bench, 2000, 25)))
     bench.must(Slot(1, pulses_of(bench, 2001, 24)))
@@ -927,14 +929,14 @@ def test_a_sequence_with_a_slot_above_a_lowered_limit_is_refused(bench: Bench) -
     set_limit(bench, 2)
     enable(bench)
     for count, reason in ((3, Reason.DRIVE), (2, Reason.ACCEPTED), (3, Reason.DRIVE)):
-        ack = bench.send(Sequence(0, count))
+        ack = bench.send(PlaySequence(0, count))
         expect(f"the reason for {count} entries", ack.reason, reason)
     expect("the last refusal", bench.status().last_refusal, Reason.DRIVE)
-    expect("the reason for the entry alone", bench.send(Sequence(2, 1)).reason, Reason.DRIVE)
+    expect("the reason for the entry alone", bench.send(PlaySequence(2, 1)).reason, Reason.DRIVE)
     bench.disable()
     set_limit(bench, 3)
     bench.enable()
-    expect("the reason under the old limit", bench.send(Sequence(0, 3)).reason, Reason.ACCEPTED)
+    expect("the reason under the old limit", bench.send(PlaySequence(0, 3)).reason, Reason.ACCEPTED)
 
 
 @case("SAF-006", "REQ-010")
@@ -944,12 +946,12 @@ def test_a_limit_of_nothing_lets_only_silence_through(bench: Bench) -> None:
     expect("the limit in the status", bench.status().drive_limit, 0)
     enable(bench)
     expect("the reason for silence", bench.send(Update(SILENT)).reason, Reason.ACCEPTED)
-    expect("the reason for one pulse of a tick", bench.send(Update(only(319, width=1))).reason, Reason.DRIVE)
+    expect("the reason for one pulse of a tick", bench.send(Update(only(CHANNELS - 1, width=1))).reason, Reason.DRIVE)
 
 
 @case("REQ-010", "SAF-006")
 def test_the_limit_cannot_be_set_while_the_outputs_are_enabled(bench: Bench) -> None:
-    """LIMIT is answered with STALL, and changes nothing, while the outputs are enabled, and above the limit of INFO."""
+    """LIMIT is answered with STALL and changes nothing while the outputs are enabled, and above the limit of INFO."""
     set_limit(bench, 2)
     assert not bench.try_order(Request.LIMIT, bench.info.drive_limit + 1), "LIMIT takes more than INFO says"
     expect("the limit in the status", bench.status().drive_limit, 2)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Risk, TooSlow, case, expect
-from phasewire.hil.conformance.lines.serial import QUIET_SECONDS, SerialLine
+from phasewire.hil.conformance.lines.serial import QUIET_SECONDS, RawSerialLine
 from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
 from phasewire.hil.conformance.tools.clocks import unless_busy
 from phasewire.hil.conformance.tools.exchange import (
@@ -32,6 +32,7 @@ from phasewire.hil.conformance.tools.steps import LONG_MS, enable
 from phasewire.protocol.blocks import NoOp, Update, pack
 from phasewire.protocol.board import CHANNELS, TICK_HZ, TICKS_PER_PERIOD
 from phasewire.protocol.codes import (
+    BLOCK_BYTES,
     SERIAL_DATA_BYTES,
     AckFlag,
     Fault,
@@ -58,18 +59,18 @@ SHARED_WATCHDOG_MS = 200
 ANSWER_SECONDS = 0.02
 """Clause SER-013."""
 LEAVE_SECONDS = 0.3
-"""After a device has said that it restarts, nobody answers any more."""
+"""After a device has said that it restarts, it answers no more."""
 CLOCK_ERROR = 0.01
-"""By which the host's clock and the device's may differ, and much more."""
+"""More than the greatest difference between the clocks of host and device."""
 GRAIN_SECONDS = 0.002
-"""How finely a line tells when a byte came."""
+"""The resolution of a line's arrival times."""
 
 
-# What is asked and seen
+# Requests and answers
 
 
-def raw_frames(line: SerialLine, count: int = 1) -> list[bytes]:
-    """The next frames as they stand on the line, without their zeros; zeros in a row have nothing between them."""
+def raw_frames(line: RawSerialLine, count: int = 1) -> list[bytes]:
+    """The next frames as they stand on the line, without their zeros; zeros in a row enclose no frame."""
 
     def whole(data: bytes) -> list[bytes]:
         return [piece for piece in data.split(b"\0")[:-1] if piece]
@@ -79,8 +80,8 @@ def raw_frames(line: SerialLine, count: int = 1) -> list[bytes]:
     return whole(data)
 
 
-def exchange(line: SerialLine, data: bytes) -> bytes:
-    """Send bytes; the content of the one frame that answers, which must be COBS in its one form."""
+def exchange(line: RawSerialLine, data: bytes) -> bytes:
+    """Send bytes; returns the content of the one frame that answers, which must be in the one form of COBS."""
     line.write(data)
     (answer,) = raw_frames(line)
     line.forget()
@@ -95,11 +96,11 @@ def filled(bench: Bench, size: int) -> bytes:
 
 
 def refused_block(bench: Bench, tail: int | None = None) -> bytes:
-    """Bytes of a block's size that are none; in the frame's content so many bytes follow the last zero."""
+    """Bytes of a block's size that are no block; in the frame's content so many bytes follow the last zero."""
     while True:
-        block = bytearray(filled(bench, 512))
+        block = bytearray(filled(bench, BLOCK_BYTES))
         if tail is not None:
-            block[512 + 4 - tail - 1] = 0
+            block[BLOCK_BYTES + 4 - tail - 1] = 0
         if 0 not in sealed(BLOCK, bytes(block))[-4:]:
             return bytes(block)
 
@@ -114,8 +115,8 @@ def zero_free_pulses(bench: Bench) -> Pulses:
 
 
 @case("SER-002", "SER-003", "SER-007", "SER-008", "SER-009/1")
-def test_the_examples_are_understood_and_answered(frames: SerialLine) -> None:
-    """The frames that the specification prints byte by byte are understood, for all else is built like them."""
+def test_the_examples_are_understood_and_answered(frames: RawSerialLine) -> None:
+    """The frames that the specification prints byte by byte are understood: all others are built like them."""
     content = exchange(frames, bytes.fromhex("05 03 2A C1 02 01 01 01 02 40 05 CD C2 88 CE 00"))
     expect("kind, tag and outcome of the reply", content[:3], bytes([REPLY, 0x2A, DONE]))
     status = Status.decode(content[3:])
@@ -125,17 +126,17 @@ def test_the_examples_are_understood_and_answered(frames: SerialLine) -> None:
 
 
 @case("SER-003", "SER-008")
-def test_what_the_device_sends_has_its_one_form(frames: SerialLine) -> None:
-    """Replies of many lengths are COBS in the only form that SER-003 allows, for a strict host drops any other."""
+def test_what_the_device_sends_has_its_one_form(frames: RawSerialLine) -> None:
+    """Replies of many lengths are COBS in the only form that SER-003 allows, because a strict host drops any other."""
     for request, full in ((Request.WIRING, ask(frames, Request.WIRING)), (Request.INFO, ask(frames, Request.INFO))):
-        for length in (0, 1, 2, 5, 64, 253, 254, 255, 256, 508, 640):
+        for length in (0, 1, 2, 5, 64, 253, 254, 255, 256, 508, SERIAL_DATA_BYTES):
             content = exchange(frames, request_frame(length % 256, Setup(VENDOR_IN, request, 0, 0, length)))
             expect(f"{length} bytes of {request.name}", content, bytes([REPLY, length % 256, DONE]) + full[:length])
 
 
 @case("SER-003", features=Feature.READ_BACK)
-def test_no_empty_group_follows_a_full_one_at_the_end(bench: Bench, frames: SerialLine) -> None:
-    """Replies that end with 253 to 255 bytes without a zero have their one form: no group of no bytes ends them."""
+def test_no_empty_group_follows_a_full_one_at_the_end(bench: Bench, frames: RawSerialLine) -> None:
+    """Replies that end with 253 to 255 bytes without a zero have their one form, without an empty group at the end."""
     pulses = zero_free_pulses(bench)
     enable(bench)
     bench.wait_until(bench.must(Update(pulses)).commit_period + 2)
@@ -150,17 +151,17 @@ def test_no_empty_group_follows_a_full_one_at_the_end(bench: Bench, frames: Seri
         if 0 not in sealed(content[0], content[1:])[-4:]:
             seen.add(tail)
     if 254 not in seen:
-        raise Inconclusive("no reply ended with 254 bytes without a zero, for its checksum had one each time")
+        raise Inconclusive("no reply ended with 254 bytes without a zero, because its checksum had one each time")
 
 
 @case("SER-003", "SER-006")
 @pytest.mark.parametrize("tail", [253, 254, 255, 507, 508, 509])
-def test_full_groups_are_understood(bench: Bench, frames: SerialLine, tail: int) -> None:
-    """A frame with a long run of bytes without a zero at its end is understood, for pulses often have none."""
+def test_full_groups_are_understood(bench: Bench, frames: RawSerialLine, tail: int) -> None:
+    """A frame with a long run of bytes without a zero at its end is understood: pulses often contain none."""
     block = refused_block(bench, tail)
     before = bench.status()
     ack = send(frames, block)
-    expect("the reason, for these bytes are no block", ack.reason, Reason.CHECKSUM)
+    expect("the reason, as these bytes are no block", ack.reason, Reason.CHECKSUM)
     after = bench.status()
     expect("the count of damaged frames", after.dropped_frames, before.dropped_frames)
     expect("the count of refused blocks", after.refused, before.refused + 1)
@@ -168,22 +169,22 @@ def test_full_groups_are_understood(bench: Bench, frames: SerialLine, tail: int)
 
 @case("SER-003", "SER-006")
 @pytest.mark.parametrize("body", ["zeros", "no-zero", "every-byte"])
-def test_any_bytes_can_be_sent(bench: Bench, frames: SerialLine, body: str) -> None:
-    """Frames of zeros, of none, and of all values of a byte are understood, for a block may hold any bytes."""
+def test_any_bytes_can_be_sent(bench: Bench, frames: RawSerialLine, body: str) -> None:
+    """Frames of zeros, without zeros, and of all values of a byte are understood: a block may hold any bytes."""
     block = {
         "zeros": bytes(4) + bytes([7]) + bytes(507),
         "no-zero": refused_block(bench),
         "every-byte": bytes(range(256)) + bytes(range(255, -1, -1)),
     }[body]
     before = bench.status()
-    expect("the reason, for these bytes are no block", send(frames, block).reason, Reason.CHECKSUM)
+    expect("the reason, as these bytes are no block", send(frames, block).reason, Reason.CHECKSUM)
     expect("the count of damaged frames", bench.status().dropped_frames, before.dropped_frames)
 
 
 @case("SER-003", "SER-006")
 @pytest.mark.parametrize("tail", [254, 508])
-def test_an_empty_group_behind_a_full_one_is_refused(bench: Bench, frames: SerialLine, tail: int) -> None:
-    """A frame whose last full group is followed by one of no bytes is dropped, for no content has two encodings."""
+def test_an_empty_group_behind_a_full_one_is_refused(bench: Bench, frames: RawSerialLine, tail: int) -> None:
+    """A frame with an empty group after its last full one is dropped, because no content has two encodings."""
     good = frame(BLOCK, refused_block(bench, tail))
     damage(bench, frames, good[:-1] + b"\x01\0")
     frames.forget()
@@ -193,40 +194,42 @@ def test_an_empty_group_behind_a_full_one_is_refused(bench: Bench, frames: Seria
 
 
 @case("SER-004", "SER-005", "SER-006")
-def test_the_longest_frame_is_understood(bench: Bench, frames: SerialLine) -> None:
-    """A REQUEST with 640 bytes, of 658 bytes on the line, is answered, for a receiver must have room for it."""
+def test_the_longest_frame_is_understood(bench: Bench, frames: RawSerialLine) -> None:
+    """A REQUEST with 640 bytes, of 658 bytes on the line, is answered, because a receiver must have room for it."""
     data = request_frame(1, Setup(VENDOR_OUT, Request.ENABLE, 0, 0, MOST_DATA), filled(bench, MOST_DATA))
     expect("the length of the longest frame", len(data), MOST_FRAME_BYTES)
     before = bench.status()
-    expect("the reply, for ENABLE takes no data", exchange(frames, data), bytes([REPLY, 1, STALL]))
+    expect("the reply, as ENABLE takes no data", exchange(frames, data), bytes([REPLY, 1, STALL]))
     same_but(before, bench.status())
 
 
 @case("SER-005", "SER-006")
 @pytest.mark.parametrize("size", [MOST_FRAME_BYTES + 1, 2 * MOST_FRAME_BYTES, 3000])
-def test_a_frame_that_is_too_long_is_dropped(bench: Bench, frames: SerialLine, size: int) -> None:
+def test_a_frame_that_is_too_long_is_dropped(bench: Bench, frames: RawSerialLine, size: int) -> None:
     """A frame of more than 658 bytes is dropped up to its zero and counted once, and what follows is understood."""
     damage(bench, frames, filled(bench, size - 1) + b"\0")
 
 
 @case("SER-005")
 @pytest.mark.parametrize("what", ["request", "block"])
-def test_a_good_frame_at_the_end_of_a_long_one_is_dropped_with_it(bench: Bench, frames: SerialLine, what: str) -> None:
-    """A frame ends with its zero and nothing else: what looks like a frame at the end of too long a one is none."""
-    sizes = [512, 640, *range(655, 661), 1024]
+def test_a_good_frame_at_the_end_of_a_long_one_is_dropped_with_it(
+    bench: Bench, frames: RawSerialLine, what: str
+) -> None:
+    """A frame ends only with its zero: the end of a frame that is too long is not parsed as a frame."""
+    sizes = [BLOCK_BYTES, SERIAL_DATA_BYTES, *range(655, 661), 1024]
     good = request_frame(1, ENABLE) if what == "request" else frame(BLOCK, no_op(bench))
     damage(bench, frames, b"".join(size * b"\x01" + good for size in sizes), len(sizes))
 
 
 @case("SER-005")
-def test_zeros_in_a_row_are_no_frames(bench: Bench, frames: SerialLine) -> None:
-    """Zeros with nothing between them are neither answered nor counted, for a sender may put one before a frame."""
+def test_zeros_in_a_row_are_no_frames(bench: Bench, frames: RawSerialLine) -> None:
+    """Consecutive zeros are neither answered nor counted, because a sender may put one before a frame."""
     damage(bench, frames, bytes(20), count=0)
 
 
 @case("SER-005")
-def test_bytes_may_come_one_by_one(bench: Bench, frames: SerialLine) -> None:
-    """A frame whose bytes come one by one, with pauses, is understood, for there is no time-out between bytes."""
+def test_bytes_may_come_one_by_one(bench: Bench, frames: RawSerialLine) -> None:
+    """A frame whose bytes come one by one, with pauses, is understood: there is no time-out between bytes."""
     before = bench.status()
     for number, byte in enumerate(request_frame(77, ASK_CLOCK)):
         frames.write(bytes([byte]))
@@ -237,8 +240,8 @@ def test_bytes_may_come_one_by_one(bench: Bench, frames: SerialLine) -> None:
 
 
 @case("SER-005", "SER-006", "SER-009/1")
-def test_frames_may_be_cut_anywhere(bench: Bench, frames: SerialLine) -> None:
-    """Frames of many kinds, good and damaged, are told apart however the bytes are cut: a line knows no packets."""
+def test_frames_may_be_cut_anywhere(bench: Bench, frames: RawSerialLine) -> None:
+    """Frames of many kinds, valid and damaged, are told apart wherever the bytes are cut: a line knows no packets."""
     before = bench.status()
     blocks = [pack(bench.numbered(NoOp(), restart=True)) for _ in range(3)]
     stream, tags = b"", []
@@ -259,7 +262,7 @@ def test_frames_may_be_cut_anywhere(bench: Bench, frames: SerialLine) -> None:
 # Damage
 
 _ENABLE_BODY = bytes([1]) + ENABLE.encode()
-_RESTART = forged(bytes(512), magic=0x5750, version=1, kind=9, sequence=5, flags=1)
+_RESTART = forged(bytes(BLOCK_BYTES), magic=0x5750, version=1, kind=9, sequence=5, flags=1)
 _ACK = Ack(Reason.ACCEPTED, 1, 0, 0, AckFlag(0), 1, State.OFF).encode()
 
 DAMAGED: dict[str, bytes] = {
@@ -291,19 +294,19 @@ DAMAGED: dict[str, bytes] = {
     "request-out-with-too-little": request_frame(1, Setup(VENDOR_OUT, Request.ENABLE, 0, 0, 3), b"ab"),
     "request-out-with-too-much": request_frame(1, ENABLE, b"\1"),
 }
-"""Frames that are damaged in one way each; what could be read from them would have an effect."""
+"""Frames with one defect each; their contents would have an effect."""
 
 
 @case("SER-006", "SER-003", "SER-004", "SER-007")
 @pytest.mark.parametrize("what", DAMAGED)
-def test_a_damaged_frame_is_dropped(bench: Bench, frames: SerialLine, what: str) -> None:
-    """A frame that is damaged in any way is dropped, counted and not answered, and what follows is understood."""
+def test_a_damaged_frame_is_dropped(bench: Bench, frames: RawSerialLine, what: str) -> None:
+    """A frame with any damage is dropped, counted and not answered, and what follows is understood."""
     damage(bench, frames, DAMAGED[what])
 
 
 @case("SER-006", "SER-015")
-def test_flipped_bits_are_found(bench: Bench, frames: SerialLine) -> None:
-    """Frames with one to three flipped bits, or a burst of 32, have no effect, for CRC-32 finds them all."""
+def test_flipped_bits_are_found(bench: Bench, frames: RawSerialLine) -> None:
+    """Frames with one to three flipped bits, or a burst of 32, have no effect: CRC-32 detects them all."""
     content = sealed(REQUEST, _ENABLE_BODY)
     damaged: list[bytes] = []
     while len(damaged) < 12:
@@ -318,15 +321,15 @@ def test_flipped_bits_are_found(bench: Bench, frames: SerialLine) -> None:
 
 
 @case("SER-006", "SER-005")
-def test_a_frame_that_was_cut_off_spoils_no_other(bench: Bench, frames: SerialLine) -> None:
+def test_a_frame_that_was_cut_off_spoils_no_other(bench: Bench, frames: RawSerialLine) -> None:
     """Half a frame, ended by the zero that a sender puts before the next, is dropped alone: the next is understood."""
     for size in (1, 7, 200, 519):
         damage(bench, frames, frame(BLOCK, refused_block(bench))[:size] + b"\0")
 
 
 @case("SER-006", "SAF-003")
-def test_damaged_frames_are_no_sign_of_life(bench: Bench, frames: SerialLine) -> None:
-    """Damaged frames do not keep the outputs on, for whoever sends them may be no host at all."""
+def test_damaged_frames_are_no_sign_of_life(bench: Bench, frames: RawSerialLine) -> None:
+    """Damaged frames are no signs of life, because their sender may not be a host."""
     order(frames, Request.WATCHDOG, 300)
     order(frames, Request.ENABLE)
     for _ in range(4):
@@ -338,8 +341,8 @@ def test_damaged_frames_are_no_sign_of_life(bench: Bench, frames: SerialLine) ->
 
 
 @case("SER-006", "BLK-003", "ACK-003")
-def test_a_block_that_is_wrong_is_answered(bench: Bench, frames: SerialLine) -> None:
-    """A wrong block in an undamaged frame is judged as on USB and answered with its reason: it is no damaged frame."""
+def test_a_block_that_is_wrong_is_answered(bench: Bench, frames: RawSerialLine) -> None:
+    """A wrong block in an undamaged frame is judged as on USB and answered with its reason: the frame is intact."""
     good = no_op(bench)
     before = bench.status()
     for reason, block in (
@@ -388,12 +391,12 @@ REFUSED: dict[str, tuple[Setup, bytes]] = {
     "microsoft-descriptors": (Setup(0xC0, 0x20, 0, 7, 338), NO_DATA),
     "reserved-type": (Setup(0xE1, Request.STATUS, 0, 0, 64), NO_DATA),
 }
-"""Requests that are answered with STALL on a serial line (clauses REQ-001 and SER-006), and what goes with them."""
+"""Requests that are answered with STALL on a serial line (clauses REQ-001 and SER-006), and their data."""
 
 
 @case("SER-006", "SER-008", "SER-009/1", "REQ-001")
 @pytest.mark.parametrize("what", REFUSED)
-def test_a_request_that_is_refused_is_answered_with_stall(bench: Bench, frames: SerialLine, what: str) -> None:
+def test_a_request_that_is_refused_is_answered_with_stall(bench: Bench, frames: RawSerialLine, what: str) -> None:
     """A request that is unknown, or of a type other than C1 and 41, is answered with STALL and has no effect."""
     setup, data = REFUSED[what]
     before = bench.status()
@@ -404,8 +407,8 @@ def test_a_request_that_is_refused_is_answered_with_stall(bench: Bench, frames: 
 
 @case("SER-007", "SER-008", "SER-009/1", "REQ-001")
 @pytest.mark.parametrize("request_", ANSWER_BYTES, ids=lambda request: request.name.lower())
-def test_an_answer_is_as_long_as_was_asked_for(bench: Bench, frames: SerialLine, request_: Request) -> None:
-    """Of an answer so much comes as was asked for, and all where more was, as over USB, for `length` means the same."""
+def test_an_answer_is_as_long_as_was_asked_for(bench: Bench, frames: RawSerialLine, request_: Request) -> None:
+    """An answer has as many bytes as requested, or all if more were, as over USB: `length` means the same."""
     size = ANSWER_BYTES[request_]
     there = request_ is not Request.PULSES or Feature.READ_BACK in bench.info.features
     for length in sorted({0, 1, 7, size - 1, size, min(size + 1, MOST_DATA), MOST_DATA}):
@@ -413,22 +416,22 @@ def test_an_answer_is_as_long_as_was_asked_for(bench: Bench, frames: SerialLine,
         answer = frames.request(setup)
         expect("whether it is answered with data", answer is not None, there)
         if answer is not None:
-            expect(f"how many of {size} bytes come where {length} are asked for", len(answer), min(size, length))
+            expect(f"how many of {size} bytes come if {length} are requested", len(answer), min(size, length))
         if bench.line.kind == "usb":
             over_usb = bench.request(setup)
             expect("bytes over USB", over_usb and len(over_usb), answer and len(answer))
 
 
 @case("SER-007", "SER-016", "REQ-002", "REQ-004")
-def test_answers_are_the_same_over_every_line(bench: Bench, frames: SerialLine) -> None:
-    """INFO and WIRING are the same over a serial line as when the bench asked first, for it is one device."""
+def test_answers_are_the_same_over_every_line(bench: Bench, frames: RawSerialLine) -> None:
+    """INFO and WIRING over a serial line equal the bench's first answers, because it is one device."""
     expect("INFO", frames.request(Setup(VENDOR_IN, Request.INFO, 0, 0, 64)), bench.info.encode())
     expect("WIRING", ask(frames, Request.WIRING), bench.ask(Request.WIRING))
 
 
 @case("SER-007", "SER-008", "SER-016", "REQ-001")
-def test_requests_over_the_line_take_effect(bench: Bench, frames: SerialLine) -> None:
-    """Requests over the line do what they do over USB: STATUS tells of each, by whichever line it is asked for."""
+def test_requests_over_the_line_take_effect(bench: Bench, frames: RawSerialLine) -> None:
+    """Requests over the line have the effect that they have over USB: STATUS shows each on either line."""
     order(frames, Request.WATCHDOG, 10_000)
     expect("the watchdog time", bench.status().watchdog_ms, 10_000)
     order(frames, Request.LIMIT, 0)
@@ -451,20 +454,20 @@ def test_requests_over_the_line_take_effect(bench: Bench, frames: SerialLine) ->
 
 
 @case("SER-009/1")
-def test_every_tag_is_echoed_in_order(bench: Bench, frames: SerialLine) -> None:
-    """Each request is answered once, under its tag and in its place, also where a tag comes again."""
+def test_every_tag_is_echoed_in_order(bench: Bench, frames: RawSerialLine) -> None:
+    """Each request is answered once, under its tag and in its place, even if a tag repeats."""
     tags = [0, 255, 1, 0, 0, 128, *(bench.random.randrange(256) for _ in range(14))]
     for tag in tags:
         setup = Setup(VENDOR_IN, Request.CLOCK if tag % 2 else 99, 0, 0, 24)
         expect("kind and tag of the reply", exchange(frames, request_frame(tag, setup))[:2], bytes([REPLY, tag]))
     frames.write(b"".join(request_frame(tag, ASK_CLOCK) for tag in (9, 200, 9)))
     expect("the tags of three replies", [unstuffed(each)[1] for each in raw_frames(frames, 3)], [9, 200, 9])
-    expect("what comes behind them", frames.rest(), b"")
+    expect("what comes after them", frames.rest(), b"")
 
 
 @case("SER-001")
-def test_both_directions_may_be_busy_at_once(bench: Bench, frames: SerialLine) -> None:
-    """A block that arrives while the device sends a long reply is judged all the same, for a line carries both ways."""
+def test_both_directions_may_be_busy_at_once(bench: Bench, frames: RawSerialLine) -> None:
+    """A block that arrives while the device sends a long reply is judged: a line carries both directions."""
     wiring, block = bench.ask(Request.WIRING), no_op(bench)
     frames.forget()
     frames.write(request_frame(1, Setup(VENDOR_IN, Request.WIRING, 0, 0, MOST_DATA)) + frame(BLOCK, block))
@@ -477,40 +480,40 @@ def test_both_directions_may_be_busy_at_once(bench: Bench, frames: SerialLine) -
 
 @case("SER-010/1", "SER-010", "CON-003")
 @pytest.mark.parametrize("typed", ["", "enabl", "enable"])
-def test_a_zero_leads_from_the_console_to_frames(bench: Bench, console: SerialLine, typed: str) -> None:
-    """00 is answered with 00 and ends the text: a line that was not finished is dropped, and frames are understood."""
+def test_a_zero_leads_from_the_console_to_frames(bench: Bench, console: RawSerialLine, typed: str) -> None:
+    """00 is answered with 00 and ends the text: an unfinished line is dropped, and frames are understood."""
     console.write(typed.encode())
-    expect("what is sent back without echo", console.rest(), b"")
+    expect("what comes back without echo", console.rest(), b"")
     console.write(b"\0")
-    expect("what answers the byte 00", console.answer(), b"\0")
+    expect("the answer to the byte 00", console.answer(), b"\0")
     expect("INFO", ask(console, Request.INFO), bench.info.encode())
     expect("the state", Status.decode(ask(console, Request.STATUS)).state, State.OFF)
     console.write(console_frame())
-    expect("what answers CONSOLE", said(console), console_frame() + b"> ")
+    expect("the answer to CONSOLE", said(console), console_frame() + b"> ")
     console.write(b"\r")
-    expect("what answers a line without words", said(console), b"> ")
+    expect("the answer to a line without words", said(console), b"> ")
 
 
-def said(line: SerialLine) -> bytes:
-    """What comes up to a silence, but for a zero that a sender may put before a frame (clause SER-005)."""
+def said(line: RawSerialLine) -> bytes:
+    """The bytes up to a silence, without a zero that a sender may put before a frame (clause SER-005)."""
     return line.answer(MOST_FRAME_BYTES).lstrip(b"\0")
 
 
 @case("SER-010/2", "SER-010")
-def test_console_leads_from_frames_to_text(frames: SerialLine) -> None:
-    """CONSOLE is answered with CONSOLE and the prompt, and the byte behind its zero is the first one of text."""
+def test_console_leads_from_frames_to_text(frames: RawSerialLine) -> None:
+    """CONSOLE is answered with CONSOLE and the prompt, and the byte after its zero is the first one of text."""
     for _ in range(2):
         frames.write(console_frame() + b"echo 0\r")
         came = said(frames)
         head = console_frame() + b"> "
         assert came.startswith(head), f"CONSOLE is answered {came!r}, should be with {head!r}"
-        assert came.endswith(b"ok\r\n> "), f"a command right behind CONSOLE is answered {came!r}, should be with ok"
+        assert came.endswith(b"ok\r\n> "), f"a command right after CONSOLE is answered {came!r}, should be with ok"
         frames.enter_frames()
 
 
 @case("SER-010")
-def test_the_byte_before_the_zero_is_the_last_one_of_text(bench: Bench, console: SerialLine) -> None:
-    """Text, 00 and a frame in one go are each read as what they are, for the mode changes with a byte and no pause."""
+def test_the_byte_before_the_zero_is_the_last_one_of_text(bench: Bench, console: RawSerialLine) -> None:
+    """Text, 00 and a frame in one go are each read as what they are: the mode changes at a byte, without a pause."""
     console.write(b"watchdog 500\r\0" + request_frame(7, Setup(VENDOR_IN, Request.INFO, 0, 0, 1)))
     reply = frame(REPLY, bytes([7, DONE, bench.info.oldest_version]))
     text, _, answered = said(console).partition(b"\0")
@@ -521,8 +524,8 @@ def test_the_byte_before_the_zero_is_the_last_one_of_text(bench: Bench, console:
 
 @case("SER-010")
 @pytest.mark.parametrize("where", ["in-console", "in-a-line", "in-frames", "in-a-frame"])
-def test_a_host_that_does_not_know_the_mode_ends_in_frames(bench: Bench, frames: SerialLine, where: str) -> None:
-    """00, CONSOLE, 00 leads to frames in both directions whatever the mode was, so that any host can begin."""
+def test_a_host_that_does_not_know_the_mode_ends_in_frames(bench: Bench, frames: RawSerialLine, where: str) -> None:
+    """00, CONSOLE, 00 leads to frames in both directions from any mode, so that any host can begin."""
     if where in ("in-console", "in-a-line"):
         frames.write(console_frame())
         frames.rest()
@@ -536,8 +539,8 @@ def test_a_host_that_does_not_know_the_mode_ends_in_frames(bench: Bench, frames:
 
 @case("SER-010", "SER-006")
 @pytest.mark.parametrize("where", ["in-frames", "in-a-frame", "in-console", "in-a-line"])
-def test_a_host_that_hangs_up_leaves_a_console(bench: Bench, frames: SerialLine, where: str) -> None:
-    """A break, or DTR low, leads to the console without a word; a frame or a line that had begun is dropped."""
+def test_a_host_that_hangs_up_leaves_a_console(bench: Bench, frames: RawSerialLine, where: str) -> None:
+    """A break, or DTR low, leads silently to the console; a partial frame or line is dropped."""
     before = bench.status()
     if where in ("in-console", "in-a-line"):
         frames.enter_console()
@@ -545,18 +548,18 @@ def test_a_host_that_hangs_up_leaves_a_console(bench: Bench, frames: SerialLine,
     frames.write(begun)
     bench.wait(QUIET_SECONDS)
     frames.hang_up()
-    expect("what comes unasked of a console that begins", frames.rest(), b"")
+    expect("what a console sends when it begins", frames.rest(), b"")
     frames.write(b"\necho 0\r")
     answer = said(frames)
-    assert answer.endswith(b"ok\r\n> "), f"a command behind it is answered {answer!r}, should be with ok and the prompt"
-    assert b"error" not in answer, f"what was typed before is no part of the line behind it: {answer!r}"
+    assert answer.endswith(b"ok\r\n> "), f"a command after it is answered {answer!r}, should be with ok and the prompt"
+    assert b"error" not in answer, f"what was typed before is no part of the next line: {answer!r}"
     frames.enter_frames()
     same_but(before, bench.status(), dropped_frames=int(where == "in-a-frame"))
 
 
 @case("SER-010", line="usb")
-def test_an_answer_that_was_not_sent_is_dropped_with_the_mode(bench: Bench, frames: SerialLine) -> None:
-    """A reply that the host has not taken when DTR goes low is dropped: it would stand in the text of another host."""
+def test_an_answer_that_was_not_sent_is_dropped_with_the_mode(bench: Bench, frames: RawSerialLine) -> None:
+    """A reply that was not read when DTR goes low is dropped: it would stand in the text of another host."""
     frames.write(request_frame(1, Setup(VENDOR_IN, Request.WIRING, 0, 0, MOST_DATA)))
     bench.wait(QUIET_SECONDS)
     frames.hang_up()
@@ -564,22 +567,22 @@ def test_an_answer_that_was_not_sent_is_dropped_with_the_mode(bench: Bench, fram
 
 
 @case("SER-010", "ACK-006", "CON-002")
-def test_nothing_comes_unasked_of_a_console(bench: Bench, console: SerialLine) -> None:
-    """The watchdog's status record is sent among frames only, for a person at a terminal must not get bytes."""
+def test_nothing_comes_unasked_of_a_console(bench: Bench, console: RawSerialLine) -> None:
+    """The watchdog's status record is sent only in frames, because a person at a terminal must not get bytes."""
     for command in ("watchdog 20", "enable"):
         expect(f"the answer to {command}", console.command(command), "ok\r\n")
     bench.wait(0.1)
     expect("what comes when the watchdog fires", console.rest(), b"")
     console.enter_frames()
-    expect("what comes of it among frames later", console.rest(), b"")
+    expect("what comes in frames later", console.rest(), b"")
     status = Status.decode(ask(console, Request.STATUS))
     expect("the state", status.state, State.OFF)
     expect("the flags", status.flags, StatusFlag.WATCHDOG_FIRED)
 
 
 @case("ACK-006", "SER-010", "SER-004")
-def test_the_watchdog_says_so_among_frames(frames: SerialLine) -> None:
-    """When the watchdog fires a status record comes of its own accord, once, on a line that carries frames."""
+def test_the_watchdog_says_so_among_frames(frames: RawSerialLine) -> None:
+    """When the watchdog fires one unsolicited status record comes on a line that carries frames."""
     order(frames, Request.WATCHDOG, 200)
     order(frames, Request.ENABLE)
     frames.listen(frames.patience(), lambda: any(status.watchdog_fired for status in statuses(frames)))
@@ -589,17 +592,17 @@ def test_the_watchdog_says_so_among_frames(frames: SerialLine) -> None:
 
 
 @case("SER-010", "USB-023", line="usb")
-def test_frames_need_no_dtr_and_text_does(bench: Bench, frames: SerialLine) -> None:
-    """With DTR low frames are answered and text is not, for a program need not set it and a terminal does."""
+def test_frames_need_no_dtr_and_text_does(bench: Bench, frames: RawSerialLine) -> None:
+    """With DTR low frames are answered and text is not: a terminal sets DTR, a program may not."""
     frames.wire.set_dtr(False)
     frames.assume_console()
     frames.write(b"status\rhelp\rfoo\r")
     expect("what a console sends before DTR is set", frames.rest(), b"")
     frames.write(b"\0" + request_frame(5, Setup(VENDOR_IN, Request.INFO, 0, 0, 1)))
     answered = frame(REPLY, bytes([5, DONE, bench.info.oldest_version]))
-    expect("what answers a request", said(frames), answered)
+    expect("the answer to a request", said(frames), answered)
     frames.write(console_frame() + b"status\r")
-    expect("what answers CONSOLE and a command", said(frames), console_frame())
+    expect("the answer to CONSOLE and a command", said(frames), console_frame())
     frames.wire.set_dtr(True)
     bench.wait(QUIET_SECONDS)
     frames.rest()
@@ -609,8 +612,8 @@ def test_frames_need_no_dtr_and_text_does(bench: Bench, frames: SerialLine) -> N
 
 
 @case("SER-010", "USB-026", line="usb")
-def test_set_configuration_leads_to_the_console(bench: Bench, frames: SerialLine) -> None:
-    """SET_CONFIGURATION makes a console of the line, as at first: DTR low, echo on, a frame that had begun counted."""
+def test_set_configuration_leads_to_the_console(bench: Bench, frames: RawSerialLine) -> None:
+    """SET_CONFIGURATION resets the line to a console: DTR low, echo on, a partial frame counted."""
     before = bench.status()
     frames.write(request_frame(1, ENABLE)[:9])
     bench.usb.set_configuration()
@@ -619,8 +622,8 @@ def test_set_configuration_leads_to_the_console(bench: Bench, frames: SerialLine
 
 
 @case("SER-010", "USB-026", allow=(Risk.RESET,), line="usb")
-def test_a_bus_reset_leads_to_the_console(bench: Bench, frames: SerialLine) -> None:
-    """A bus reset makes a console of the line, as at first: DTR low, echo on, a frame that had begun counted."""
+def test_a_bus_reset_leads_to_the_console(bench: Bench, frames: RawSerialLine) -> None:
+    """A bus reset resets the line to a console: DTR low, echo on, a partial frame counted."""
     before = bench.status()
     frames.write(request_frame(1, ENABLE)[:9])
     bench.usb.reset()
@@ -628,8 +631,8 @@ def test_a_bus_reset_leads_to_the_console(bench: Bench, frames: SerialLine) -> N
     check_at_first(bench, frames, before)
 
 
-def check_at_first(bench: Bench, line: SerialLine, before: Status) -> None:
-    """Fail unless the line on USB is as at first (clause USB-026)."""
+def check_at_first(bench: Bench, line: RawSerialLine, before: Status) -> None:
+    """Fail unless the line on USB has its initial state (clause USB-026)."""
     same_but(before, bench.status(), dropped_frames=1)
     line.write(b"\r")
     expect("what comes while DTR is low", line.rest(), b"")
@@ -638,11 +641,11 @@ def check_at_first(bench: Bench, line: SerialLine, before: Status) -> None:
     line.rest()
     line.write(b"\rfoo")
     came = line.answer()
-    expect("what a line and a word are answered, for it is a console with echo", came, b"\r\n> foo")
+    expect("the answer to a line and a word on a console with echo", came, b"\r\n> foo")
 
 
 @case("SER-010", "REQ-013", allow=(Risk.RESET,))
-def test_reset_is_answered_before_it_is_carried_out(bench: Bench, frames: SerialLine) -> None:
+def test_reset_is_answered_before_it_is_carried_out(bench: Bench, frames: RawSerialLine) -> None:
     """RESET over the line is answered with its REPLY, then CONSOLE; then the device starts again, with a console."""
     old = bench.clock().now
     refused = frames.request(Setup(VENDOR_OUT, Request.RESET, 1, 0, 0))
@@ -654,7 +657,7 @@ def test_reset_is_answered_before_it_is_carried_out(bench: Bench, frames: Serial
     frames.write(request_frame(9, Setup(VENDOR_OUT, Request.RESET, 0, 0, 0)))
     answer = frame(REPLY, bytes([9, DONE])) + console_frame()
     came = frames.read(frames.patience(), lambda data: data.lstrip(b"\0").endswith(answer))
-    expect("what answers RESET", came.lstrip(b"\0"), answer)
+    expect("the answer to RESET", came.lstrip(b"\0"), answer)
     bench.restart(lambda: bench.wait(LEAVE_SECONDS))
     new = bench.clock().now
     most = (bench.line.time.monotonic() - began) * TICK_HZ * (1 + CLOCK_ERROR)
@@ -678,8 +681,10 @@ WAITING: dict[str, Callable[[Bench], bytes]] = {
     [("no-op", Reason.ACCEPTED), ("update", Reason.DISABLED), ("no-block", Reason.CHECKSUM)],
     ids=list(WAITING),
 )
-def test_one_block_waits_until_the_queue_has_room(bench: Bench, frames: SerialLine, what: str, reason: Reason) -> None:
-    """With a full queue a block of any kind waits while requests are answered, and is judged once there is room."""
+def test_one_block_waits_until_the_queue_has_room(
+    bench: Bench, frames: RawSerialLine, what: str, reason: Reason
+) -> None:
+    """With a full queue a block of any kind waits while requests are answered, and is judged when there is room."""
     fill(bench, frames, 2)
     block = WAITING[what](bench)
     put_to_wait(bench, frames, block)
@@ -693,8 +698,8 @@ def test_one_block_waits_until_the_queue_has_room(bench: Bench, frames: SerialLi
 
 
 @case("SER-011/1", "BLK-024")
-def test_a_block_that_waits_is_judged_when_a_change_leaves_the_queue(bench: Bench, frames: SerialLine) -> None:
-    """A block that waits is answered once the first change has left the queue, and plays behind those in it."""
+def test_a_block_that_waits_is_judged_when_a_change_leaves_the_queue(bench: Bench, frames: RawSerialLine) -> None:
+    """A block that waits is answered when the first change leaves the queue, and plays after those in it."""
     queued = fill(bench, frames, 0.5 * bench.slowness)
     waits, behind = (pack(bench.numbered(Update(Pulses.silent(CHANNELS)))) for _ in range(2))
     ack = send(frames, waits, 10)
@@ -702,14 +707,14 @@ def test_a_block_that_waits_is_judged_when_a_change_leaves_the_queue(bench: Benc
     if ack.now >= TICKS_PER_PERIOD * first:
         raise TooSlow("the queue could not be filled in time: a change had left it before the last block came")
     expect("the reason", ack.reason, Reason.ACCEPTED)
-    expect("the free places, for the block took the first that became free", ack.free, 0)
-    assert ack.commit_period > last, f"it plays from period {ack.commit_period} on, should behind period {last}"
-    expect("the reason of a block behind it", send(frames, behind, 10).reason, Reason.ACCEPTED)
+    expect("the free places, as the block took the first that became free", ack.free, 0)
+    assert ack.commit_period > last, f"it plays from period {ack.commit_period} on, should play after period {last}"
+    expect("the reason of a block after it", send(frames, behind, 10).reason, Reason.ACCEPTED)
 
 
 @case("SER-011/3")
-def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: SerialLine) -> None:
-    """A block that comes while another waits is dropped and counted as a damaged frame; the one that waits stays."""
+def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: RawSerialLine) -> None:
+    """A block that comes while another waits is dropped and counted as a damaged frame; the first one still waits."""
     fill(bench, frames, 3)
     first, second, third = (pack(bench.numbered(NoOp())) for _ in range(3))
     put_to_wait(bench, frames, first)
@@ -721,15 +726,15 @@ def test_a_second_block_that_would_wait_is_dropped(bench: Bench, frames: SerialL
     expect("the reason of the block that waited", await_ack(frames, first).reason, Reason.ACCEPTED)
     ack = send(frames, third)
     expect("the reason of a later block", ack.reason, Reason.ACCEPTED)
-    expect("its flags, for the dropped block is missing", ack.flags, AckFlag.GAP)
+    expect("its flags, as the dropped block is missing", ack.flags, AckFlag.GAP)
     after = bench.status()
     expect("the count of accepted blocks", after.accepted, before.accepted + 2)
     expect("the count of lost blocks", after.lost, before.lost + 1)
 
 
 @case("SER-011", "ACK-006/1", "SAF-003")
-def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: SerialLine) -> None:
-    """The watchdog does not count from a block that waits; when it fires, the block is judged, then it is told."""
+def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: RawSerialLine) -> None:
+    """A block that waits does not feed the watchdog; when it fires, the block is judged first, then the record sent."""
     milliseconds = 400
     last = fill(bench, frames, 5)[-1]
     bench.wait_until(bench.clock().now // TICKS_PER_PERIOD + 1)
@@ -744,7 +749,7 @@ def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: SerialLine)
     ack = await_ack(frames, block)
     fired = ClockReading.decode(ask(frames, Request.CLOCK)).now  # unless the device told when
     fired = min([fired, *(status.now for status in statuses(frames) if status.watchdog_fired)])
-    expect("the reason, for the watchdog has made room", ack.reason, Reason.ACCEPTED)
+    expect("the reason, as the watchdog has made room", ack.reason, Reason.ACCEPTED)
     expect("the state when it was judged", ack.state, State.OFF)
     assert last.now < ack.now <= sent, f"the block had arrived by tick {sent}; its acknowledgement says {ack.now}"
     least = TICK_HZ * milliseconds // 1000
@@ -754,14 +759,12 @@ def test_a_block_that_waits_is_no_sign_of_life(bench: Bench, frames: SerialLine)
     frames.rest()
     came = [record for body in frames.frames(RECORD) for record in records(body)]
     expect("the kinds of records that come", [type(record).__name__ for record in came], ["Ack", "Status"])
-    expect(
-        "accepted blocks in the record unasked", [status.accepted for status in statuses(frames)], [before.accepted + 1]
-    )
+    expect("accepted blocks in that record", [status.accepted for status in statuses(frames)], [before.accepted + 1])
 
 
 @case("SER-010", "SER-011")
-def test_the_later_answer_of_a_block_that_waits_is_dropped_with_the_mode(bench: Bench, frames: SerialLine) -> None:
-    """A block that waits when the line goes back to text is judged later all the same, but no longer answered."""
+def test_the_later_answer_of_a_block_that_waits_is_dropped_with_the_mode(bench: Bench, frames: RawSerialLine) -> None:
+    """A block that waits when the line returns to text is still judged later, but not answered."""
     fill(bench, frames, 3)
     put_to_wait(bench, frames, no_op(bench))
     before = bench.status()
@@ -777,8 +780,8 @@ def test_the_later_answer_of_a_block_that_waits_is_dropped_with_the_mode(bench: 
 
 
 @case("SER-012", "NUM-002")
-def test_a_block_that_is_repeated_is_carried_out_once(bench: Bench, frames: SerialLine) -> None:
-    """A block that comes twice is refused as SEQUENCE the second time, so that no block takes effect twice."""
+def test_a_block_that_is_repeated_is_carried_out_once(bench: Bench, frames: RawSerialLine) -> None:
+    """A block that comes twice is refused with SEQUENCE the second time, so that no block takes effect twice."""
     send(frames, no_op(bench))
     block = no_op(bench)
     before = bench.status()
@@ -788,8 +791,8 @@ def test_a_block_that_is_repeated_is_carried_out_once(bench: Bench, frames: Seri
 
 
 @case("SER-012", "NUM-003", "NUM-004")
-def test_a_block_that_was_lost_is_missed(bench: Bench, frames: SerialLine) -> None:
-    """Behind a damaged block the next is acknowledged with GAP; one with RESTART is accepted whatever its number."""
+def test_a_block_that_was_lost_is_missed(bench: Bench, frames: RawSerialLine) -> None:
+    """After a damaged block the next is acknowledged with GAP; one with RESTART is accepted with any number."""
     restart = pack(bench.numbered(NoOp(), restart=True))
     for _ in range(2):
         expect("the reason of a block with RESTART", send(frames, restart).reason, Reason.ACCEPTED)
@@ -803,8 +806,8 @@ def test_a_block_that_was_lost_is_missed(bench: Bench, frames: SerialLine) -> No
 
 
 @case("SER-012", "SER-009/1")
-def test_a_request_may_be_repeated(bench: Bench, frames: SerialLine) -> None:
-    """A request that is repeated under another tag is answered again, for a host repeats what got no answer."""
+def test_a_request_may_be_repeated(bench: Bench, frames: RawSerialLine) -> None:
+    """A request that is repeated under another tag is answered again: a host repeats what was not answered."""
     for tag in (10, 11, 12):
         reply = exchange(frames, request_frame(tag, Setup(VENDOR_OUT, Request.WATCHDOG, 1234, 0, 0)))
         expect("the reply", reply, bytes([REPLY, tag, DONE]))
@@ -812,15 +815,15 @@ def test_a_request_may_be_repeated(bench: Bench, frames: SerialLine) -> None:
 
 
 @case("SER-009/1", "SER-012")
-def test_the_same_request_again_is_carried_out_again(frames: SerialLine) -> None:
-    """A request with the bytes of the one before, its tag included, is answered anew: a host may use one tag only."""
+def test_the_same_request_again_is_carried_out_again(frames: RawSerialLine) -> None:
+    """A request equal to the previous one, tag included, is answered anew, because a host may use a single tag."""
     times = [ClockReading.decode(exchange(frames, request_frame(7, ASK_CLOCK))[3:]).now for _ in range(3)]
-    assert times[0] < times[1] < times[2], f"CLOCK answers ticks {times} under one tag, should be each time a later one"
+    assert times[0] < times[1] < times[2], f"CLOCK answers ticks {times} under one tag, should be later each time"
 
 
 @case("SER-009/1", "SER-016", "SAF-004")
-def test_disable_under_the_same_tag_disables_again(bench: Bench, frames: SerialLine) -> None:
-    """DISABLE under the tag of an earlier DISABLE turns off what was enabled in between, and is no repeated answer."""
+def test_disable_under_the_same_tag_disables_again(bench: Bench, frames: RawSerialLine) -> None:
+    """DISABLE under the tag of an earlier DISABLE turns off what was enabled in between: it is not a repeat."""
     tag = 9
     for _ in range(3):
         enable(bench)
@@ -836,12 +839,12 @@ def test_disable_under_the_same_tag_disables_again(bench: Bench, frames: SerialL
 
 @case("SER-013")
 @pytest.mark.parametrize("what", ["request", "refused-request", "pulses", "block", "refused-block"])
-def test_an_answer_begins_within_20_ms(bench: Bench, frames: SerialLine, what: str) -> None:
-    """Most answers to requests and blocks begin within 20 ms of the last byte, and what the line itself adds."""
+def test_an_answer_begins_within_20_ms(bench: Bench, frames: RawSerialLine, what: str) -> None:
+    """Most answers to requests and blocks begin within 20 ms of the last byte, plus the line's own delay."""
     ways: dict[str, Callable[[], bytes]] = {
         "request": lambda: request_frame(1, ASK_CLOCK),
         "refused-request": lambda: request_frame(1, Setup(VENDOR_IN, 99, 0, 0, 0)),
-        "pulses": lambda: request_frame(1, Setup(VENDOR_IN, Request.PULSES, 0, 0, 496)),
+        "pulses": lambda: request_frame(1, Setup(VENDOR_IN, Request.PULSES, 0, 0, ANSWER_BYTES[Request.PULSES])),
         "block": lambda: frame(BLOCK, no_op(bench)),
         "refused-block": lambda: frame(BLOCK, refused_block(bench)),
     }
@@ -850,35 +853,35 @@ def test_an_answer_begins_within_20_ms(bench: Bench, frames: SerialLine, what: s
 
 @case("SER-013", "CON-002")
 @pytest.mark.parametrize("command", ["status", "boards", "pulses 3", "help", "foo", ""])
-def test_a_command_is_answered_within_20_ms(bench: Bench, console: SerialLine, command: str) -> None:
-    """Most answers to a command begin within 20 ms of the end of its line, and what the line itself adds."""
+def test_a_command_is_answered_within_20_ms(bench: Bench, console: RawSerialLine, command: str) -> None:
+    """Most answers to a command begin within 20 ms of the end of its line, plus the line's own delay."""
     check_prompt(bench, console, [command.encode() + b"\r"] * 5)
 
 
-def check_prompt(bench: Bench, line: SerialLine, questions: Sequence[bytes]) -> None:
-    """Fail where the answers to questions do not mostly begin in time: one may be late by a pause of this computer."""
+def check_prompt(bench: Bench, line: RawSerialLine, questions: Sequence[bytes]) -> None:
+    """Fail unless most answers begin in time: one may be late by a pause of this computer."""
     passed = []
     for question in questions:
         line.rest()
         began = line.time.monotonic()
         line.write(question)
         first = line.read(line.patience(), bool)
-        assert first, f"nothing answers {question!r} within {line.patience():.2f} s"
+        assert first, f"no answer to {question!r} within {line.patience():.2f} s"
         passed.append(line.time.monotonic() - began - line.transit(len(question) + len(first)))
     line.rest(1000)
     bench.note("answers began after ms", ", ".join(f"{1000 * each:.2f}" for each in passed))
     limit, passes = ANSWER_SECONDS + line.latency + GRAIN_SECONDS, median(passed)
     if passes > limit:
         unless_busy(bench, f"answers begin after {1000 * min(passed):.1f} to {1000 * max(passed):.1f} ms")
-    assert passes <= limit, f"answers begin after {1000 * passes:.1f} ms, should within {1000 * limit:g} ms"
+    assert passes <= limit, f"answers begin after {1000 * passes:.1f} ms, should begin within {1000 * limit:g} ms"
 
 
 # Doors
 
 
 @case("SER-016", "ACK-001", line="usb")
-def test_each_door_gets_the_answers_to_what_came_by_it(bench: Bench, frames: SerialLine) -> None:
-    """A block by the serial line is acknowledged there, one by USB there, and neither at the other door."""
+def test_each_door_gets_the_answers_to_what_came_by_it(bench: Bench, frames: RawSerialLine) -> None:
+    """A block by the serial line is acknowledged only there, and one by USB only there."""
     block = no_op(bench)
     expect("the reason of a block by the serial line", send(frames, block).reason, Reason.ACCEPTED)
     expect("what comes by USB", bench.listen(), [])
@@ -888,8 +891,8 @@ def test_each_door_gets_the_answers_to_what_came_by_it(bench: Bench, frames: Ser
 
 
 @case("SER-016", "NUM-002", "NUM-003", line="usb")
-def test_doors_share_one_numbering(bench: Bench, frames: SerialLine) -> None:
-    """Blocks of one numbering come by turns by USB and by the serial line, for it is one device."""
+def test_doors_share_one_numbering(bench: Bench, frames: RawSerialLine) -> None:
+    """Blocks of one numbering come alternately by USB and by the serial line, because it is one device."""
     bench.must(NoOp())
     before = bench.status()
     block = no_op(bench)
@@ -904,7 +907,7 @@ def test_doors_share_one_numbering(bench: Bench, frames: SerialLine) -> None:
 
 
 @case("SER-016", "SER-011", line="usb")
-def test_doors_share_one_queue(bench: Bench, frames: SerialLine) -> None:
+def test_doors_share_one_queue(bench: Bench, frames: RawSerialLine) -> None:
     """Changes that came by USB fill the queue for the serial line too, and `free` counts those of all doors."""
     enable(bench)
     free = bench.must(NoOp()).free
@@ -913,12 +916,12 @@ def test_doors_share_one_queue(bench: Bench, frames: SerialLine) -> None:
     step = 10 * max(bench.info.periods_per_update, 1)
     ack = send(frames, pack(bench.numbered(Update(Pulses.silent(CHANNELS), first + step))))
     expect("the reason by the serial line", ack.reason, Reason.ACCEPTED)
-    expect("the free places behind one change by either door", ack.free, free - 2)
+    expect("the free places after one change by each door", ack.free, free - 2)
 
 
 @case("SER-016", "ACK-006", line="usb")
-def test_what_comes_by_one_door_is_told_the_others(bench: Bench, frames: SerialLine) -> None:
-    """A state that changes by what came through one door is told by a status record at the other, unasked."""
+def test_what_comes_by_one_door_is_told_the_others(bench: Bench, frames: RawSerialLine) -> None:
+    """A change of state through one door is told at the other by an unsolicited status record."""
     order(frames, Request.WATCHDOG, LONG_MS)
     order(frames, Request.ENABLE)
     expect("the state told by USB", bench.await_unasked(1).state, State.READY)
@@ -930,8 +933,8 @@ def test_what_comes_by_one_door_is_told_the_others(bench: Bench, frames: SerialL
     expect("the state told by USB", bench.await_unasked(1).state, State.OFF)
 
 
-def expect_told(line: SerialLine, state: State, act: Callable[[], object]) -> None:
-    """Do something by another door: the newest of the status records that come by this one must tell the state."""
+def expect_told(line: RawSerialLine, state: State, act: Callable[[], object]) -> None:
+    """Do something by another door: the newest status record at this one must name the state."""
     line.rest()
     line.forget()
     act()
@@ -941,7 +944,7 @@ def expect_told(line: SerialLine, state: State, act: Callable[[], object]) -> No
 
 
 @case("SER-016", "ACK-006", line="usb")
-def test_the_watchdog_is_told_at_all_doors(bench: Bench, frames: SerialLine) -> None:
+def test_the_watchdog_is_told_at_all_doors(bench: Bench, frames: RawSerialLine) -> None:
     """When the watchdog fires a status record comes by USB and by the line that carries frames."""
     bench.order(Request.WATCHDOG, 50)
     bench.enable()
@@ -952,8 +955,8 @@ def test_the_watchdog_is_told_at_all_doors(bench: Bench, frames: SerialLine) -> 
 
 
 @case("SER-016", "SAF-003", line="usb")
-def test_doors_share_one_watchdog(bench: Bench, frames: SerialLine) -> None:
-    """STATUS over the serial line keeps on what was enabled by USB, for there is one watchdog."""
+def test_doors_share_one_watchdog(bench: Bench, frames: RawSerialLine) -> None:
+    """STATUS over the serial line keeps on what was enabled by USB, because there is one watchdog."""
     bench.order(Request.WATCHDOG, ms := SHARED_WATCHDOG_MS * bench.slowness)
     bench.enable()
     asked = [bench.clock().now]
@@ -968,7 +971,7 @@ def test_doors_share_one_watchdog(bench: Bench, frames: SerialLine) -> None:
 
 
 @case("USB-003", "SER-016", "USB-026", line="usb")
-def test_what_was_enabled_by_the_serial_line_ends_with_the_session(bench: Bench, frames: SerialLine) -> None:
+def test_what_was_enabled_by_the_serial_line_ends_with_the_session(bench: Bench, frames: RawSerialLine) -> None:
     """SET_CONFIGURATION turns off what was enabled and plays by the serial line, whichever door it came by."""
     order(frames, Request.WATCHDOG, LONG_MS)
     order(frames, Request.ENABLE)
@@ -981,8 +984,8 @@ def test_what_was_enabled_by_the_serial_line_ends_with_the_session(bench: Bench,
 
 
 @case("USB-025", line="usb")
-def test_a_console_that_is_not_read_delays_no_block(bench: Bench, console: SerialLine) -> None:
-    """While a console is full of text that is not read, blocks and requests are answered by USB as before and after."""
+def test_a_console_that_is_not_read_delays_no_block(bench: Bench, console: RawSerialLine) -> None:
+    """While a console is full of unread text, blocks and requests are answered by USB as before and after."""
     before = exchanges(bench)
     for _ in range(400):
         if bench.usb.write(CONSOLE_OUT, b"help\r" * 12, 0.005) < 60:
@@ -990,16 +993,16 @@ def test_a_console_that_is_not_read_delays_no_block(bench: Bench, console: Seria
     beside = exchanges(bench)
     console.wire.set_dtr(False)
     after = exchanges(bench)
-    # A busy computer holds up some of them; a device that is held up by its console each of those beside it.
+    # A busy computer delays some of them; a device whose console blocks it delays each of those meanwhile.
     longest = max(before + after) + TICK_HZ // 1000
     assert min(beside) <= longest, (
-        f"a block and a request take {min(beside)} ticks or more beside a console that is not read, "
+        f"a block and a request take {min(beside)} ticks or more while a console is not read, "
         f"and {max(before + after)} or fewer before and after that"
     )
 
 
 def exchanges(bench: Bench) -> list[int]:
-    """How many ticks pass on the device for a block and a request, time after time."""
+    """The device's ticks for a block and a request, several times."""
     ticks = []
     for _ in range(20):
         began = bench.clock().now
@@ -1017,16 +1020,16 @@ CODINGS = (
     "00 00 00 00 00 00 00",
     "FF FF FF FF FF FF FF",
 )
-"""115 200 baud 8N1, 300 baud 7E2, 9600 baud with 1.5 stop bits, spaces and 16 bits, and what nobody means."""
+"""115 200 baud 8N1, 300 baud 7E2, 9600 baud with 1.5 stop bits, spaces and 16 bits, and nonsense."""
 
 
 @case("SER-001", "USB-023", line="usb")
-def test_every_line_coding_is_accepted_and_ignored(bench: Bench, frames: SerialLine) -> None:
-    """Any line coding is accepted and read back and changes nothing, for there is no UART behind CDC-ACM."""
+def test_every_line_coding_is_accepted_and_ignored(bench: Bench, frames: RawSerialLine) -> None:
+    """Any line coding is accepted and read back and changes nothing, because CDC-ACM has no UART."""
     for text in CODINGS:
         coding = bytes.fromhex(text)
         done = bench.request(Setup(0x21, ConsoleRequest.SET_LINE_CODING, 0, 1, 7), coding)
-        expect("whether SET_LINE_CODING is done", done is not None, True)
+        expect("whether SET_LINE_CODING is accepted", done is not None, True)
         expect("GET_LINE_CODING", bench.request(Setup(0xA1, ConsoleRequest.GET_LINE_CODING, 0, 1, 7)), coding)
         expect("INFO", ask(frames, Request.INFO), bench.info.encode())
 
@@ -1035,10 +1038,10 @@ def test_every_line_coding_is_accepted_and_ignored(bench: Bench, frames: SerialL
 
 
 @case("SER-001", "SER-014")
-def test_a_uart_sends_at_its_baud_rate(bench: Bench, frames: SerialLine) -> None:
-    """A reply of 640 bytes takes the time of ten bits a byte, for another baud rate or frame of bits is no 8N1."""
+def test_a_uart_sends_at_its_baud_rate(bench: Bench, frames: RawSerialLine) -> None:
+    """A reply of 640 bytes takes the time of ten bits a byte; another baud rate or character format shows."""
     if not frames.wire.has_break:
-        raise Inconclusive("this concerns UARTs")
+        raise Inconclusive("this applies to UARTs")
     passed = []
     for _ in range(5):
         frames.rest()

@@ -1,4 +1,4 @@
-"""States: what takes the device from one to another, what leaves it where it is, and what it tells (chapter STA)."""
+"""States: transitions, events without a transition, and what the device reports (chapter STA)."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from phasewire.emulator import faults
 from phasewire.errors import DeviceError
 from phasewire.hil.conformance.bench import RETURN_SECONDS, Bench
 from phasewire.hil.conformance.cases import Need, Risk, case, expect
-from phasewire.hil.conformance.lines.serial import SerialLine
+from phasewire.hil.conformance.lines.serial import RawSerialLine
 from phasewire.hil.conformance.sight.waveforms import check_silent
-from phasewire.hil.conformance.tools.dfu import DfuLine
+from phasewire.hil.conformance.tools.dfu import RawDfuLine
 from phasewire.hil.conformance.tools.forge import forged
+from phasewire.hil.conformance.tools.player import check_in_time, soon
 from phasewire.hil.conformance.tools.playing import play, start, told
-from phasewire.hil.conformance.tools.stage import check_in_time, soon
 from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, let_stores_go, require, suspended
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.host.lines.usb_find import DFU_MODE
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
     pack,
@@ -55,15 +55,15 @@ LEADS_TO: dict[str, dict[State, State]] = {
     "DETACH": {OFF: DFU, READY: DFU, PLAYING: DFU, UNATTENDED: DFU, FAULT: DFU},
     "RESTART": {OFF: OFF, READY: OFF, PLAYING: OFF, UNATTENDED: OFF, FAULT: OFF, DFU: OFF},
 }
-"""To which state an event leads from another (clause STA-003); the state itself where there is no transition."""
+"""The state to which an event leads from another (clause STA-003); the same state if there is no transition."""
 
 REACHED = (OFF, READY, PLAYING, UNATTENDED)
 ENABLED = (READY, PLAYING, UNATTENDED)
 SHORT_MS = 10
 HOT_PERIODS = 20_000
-"""Of a fault that is to be over in the end, but not before this has been seen on any line."""
+"""Duration of a fault that must end, but be seen before on any line."""
 ROUND_SECONDS = 0.012
-"""In which the controller has asked every processor (clause CHN-017), and the answers are there."""
+"""Time in which the controller asks every processor (clause CHN-017) and gets the answers."""
 
 
 def name(value: State | str) -> str:
@@ -72,7 +72,7 @@ def name(value: State | str) -> str:
 
 
 def reach(bench: Bench, state: State) -> None:
-    """Bring the device from OFF to a state, with a watchdog time that no case lasts."""
+    """Bring the device from OFF to a state, with a watchdog time longer than any case."""
     if state is UNATTENDED:
         require(bench, Feature.UNATTENDED)
     bench.must(NoOp())
@@ -88,14 +88,14 @@ def reach(bench: Bench, state: State) -> None:
 
 
 def expect_state(bench: Bench, state: State) -> None:
-    """Fail unless the device says in every way that it is in a state; a refused block asks for it without effect."""
+    """Fail unless all reports agree on a state; a refused block asks for it without effect."""
     (ack,) = bench.send_raw(forged(pack(bench.numbered(NoOp())), magic=0))
     expect("the state in an acknowledgement", ack.state, state)
     expect("the state in the status", bench.status().state, state)
 
 
 def carry_out(bench: Bench, body: Body, state: State) -> None:
-    """Send a change, and wait until it has taken effect; where the outputs are not enabled it must be refused."""
+    """Send a change and wait until it has taken effect; while the outputs are not enabled it must be refused."""
     ack = bench.send(body)
     if state in ENABLED:
         expect("the reason", ack.reason, Reason.ACCEPTED)
@@ -107,13 +107,13 @@ def carry_out(bench: Bench, body: Body, state: State) -> None:
 def sequence(bench: Bench, state: State, *, repeats: int = 0, unattended: bool = False) -> None:
     """Play a sequence of 20 periods."""
     require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
-    if state not in (UNATTENDED, FAULT):  # the slot is in use there, or no store accepted
+    if state not in (UNATTENDED, FAULT):  # the slot is in use there, or no store is accepted
         bench.must(Slot(0, SILENT))
         bench.must(Entries((Entry(0, 20),)))
     elif state is UNATTENDED:
         bench.must(Slot(1, SILENT))
         bench.must(Entries((Entry(1, 20),)))
-    carry_out(bench, Sequence(0, 1, repeats=repeats, unattended=unattended), state)
+    carry_out(bench, PlaySequence(0, 1, repeats=repeats, unattended=unattended), state)
 
 
 def last_repeat(bench: Bench, state: State) -> None:
@@ -123,7 +123,7 @@ def last_repeat(bench: Bench, state: State) -> None:
 
 
 def ask_to_enable(bench: Bench, state: State) -> None:
-    """ENABLE, which is answered with STALL where it leads nowhere (clause STA-005)."""
+    """ENABLE, which is answered with STALL if it leads nowhere (clause STA-005)."""
     expect("whether ENABLE is carried out", bench.try_order(Request.ENABLE), state is not FAULT)
 
 
@@ -146,11 +146,11 @@ WAYS: dict[str, tuple[str, Callable[[Bench, State], None]]] = {
     "WATCHDOG": ("WATCHDOG", let_watchdog_fire),
     "CLEAR_FAULTS": ("CLEAR", lambda bench, _: bench.order(Request.CLEAR_FAULTS)),
 }
-"""What a host can do to provoke an event, by which event it is."""
+"""Host actions that provoke an event, by event."""
 TELLING = ("WATCHDOG", "last repeat")
-"""What of that the device tells unasked, even at the door through which the host speaks (clause ACK-006)."""
+"""Events that the device reports unasked even at the door through which the host speaks (clause ACK-006)."""
 NO_CHANGE = ("ENABLE", "WATCHDOG", "CLEAR_FAULTS")
-"""What has no effect at all where it leads nowhere."""
+"""Events that have no effect at all if they lead nowhere."""
 
 
 STEPS = [(state, way) for state in REACHED for way in WAYS if way != "last repeat" or state in (PLAYING, UNATTENDED)]
@@ -159,7 +159,7 @@ STEPS = [(state, way) for state in REACHED for way in WAYS if way != "last repea
 @pytest.mark.parametrize(("state", "way"), STEPS, ids=name)
 @case("STA-001", "STA-002", "STA-003", "STA-005", "ACK-006", "REQ-005")
 def test_what_the_host_does_leads_to(bench: Bench, state: State, way: str) -> None:
-    """From this state this leads to the state of the table, as status and acknowledgements say, and is told or not."""
+    """From this state this leads to the state of the table, by status and acknowledgements, and is reported or not."""
     event, provoke = WAYS[way]
     reach(bench, state)
     before = bench.status()
@@ -168,7 +168,7 @@ def test_what_the_host_does_leads_to(bench: Bench, state: State, way: str) -> No
     said = told(bench)
     expect_state(bench, follows)
     wanted = [follows] if way in TELLING and (follows is not state or way == "last repeat") else []
-    expect("the states that are told unasked", [status.state for status in said], wanted)
+    expect("the states of the unsolicited records", [status.state for status in said], wanted)
     if follows is state and way in NO_CHANGE:
         after = bench.status()
         expect("what plays since", after.since_period, before.since_period)
@@ -178,17 +178,17 @@ def test_what_the_host_does_leads_to(bench: Bench, state: State, way: str) -> No
 
 FOLLOWERS: dict[str, tuple[Callable[[int], Body], State, list[State]]] = {
     "update": (lambda period: Update(SILENT, period), PLAYING, []),
-    "sequence": (lambda period: Sequence(0, 1, period), PLAYING, []),
+    "sequence": (lambda period: PlaySequence(0, 1, period), PLAYING, []),
     "silence": (lambda period: Output(Action.SILENCE, period), READY, []),
     "disable": (lambda period: Output(Action.DISABLE, period), OFF, []),
-    "modulation": (lambda period: Modulation(0, 1, 1, period), READY, [READY]),
+    "modulation": (lambda period: AmplitudeModulation(0, 1, 1, period), READY, [READY]),
     "end-of-modulation": (lambda period: Output(Action.END_MODULATION, period), READY, [READY]),
 }
-"""Changes for the period in which a sequence ends: the state then, and the states that are told unasked."""
+"""Changes for the period in which a sequence ends: the state then, and the states in unsolicited records."""
 
 
 def follow_sequence(bench: Bench, body: Callable[[int], Body], periods: int, *, unattended: bool) -> tuple[int, int]:
-    """Queue a sequence of one repeat, and a change for the period in which it ends; when it begins and ends."""
+    """Queue a sequence of one repeat, and a change for the period of its end; returns its begin and end."""
     require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
     enable(bench)
     bench.must(Slot(0, SILENT))
@@ -198,7 +198,7 @@ def follow_sequence(bench: Bench, body: Callable[[int], Body], periods: int, *, 
     let_stores_go(bench)
     begins = soon(bench, 2)
     ends = begins + periods
-    for change, period in ((Sequence(0, 1, begins, repeats=1, unattended=unattended), begins), (body(ends), ends)):
+    for change, period in ((PlaySequence(0, 1, begins, repeats=1, unattended=unattended), begins), (body(ends), ends)):
         check_in_time(bench.must(change), period)
     return begins, ends
 
@@ -209,17 +209,17 @@ def follow_sequence(bench: Bench, body: Callable[[int], Body], periods: int, *, 
 def test_a_change_in_the_period_in_which_a_sequence_ends_is_the_only_event(
     bench: Bench, what: str, unattended: bool
 ) -> None:
-    """What takes the place of a sequence just when it ends leaves no END, and none is told."""
+    """A change that replaces a sequence just when it ends leaves no END, and none is reported."""
     body, state, tells = FOLLOWERS[what]
     _, ends = follow_sequence(bench, body, 4000, unattended=unattended)
     bench.wait_until(ends + 1)
-    expect("the states that are told unasked", states_in(told(bench)), tells)
+    expect("the states of the unsolicited records", states_in(told(bench)), tells)
     expect_state(bench, state)
 
 
 @case("STA-002", "SAF-003", "SAF-005", features=Feature.SEQUENCES | Feature.UNATTENDED)
 def test_the_watchdog_starts_in_the_period_in_which_an_update_follows_an_unattended_sequence(bench: Bench) -> None:
-    """The watchdog counts from the period in which an UPDATE takes the place of an unattended sequence that ends."""
+    """The watchdog counts from the period in which an UPDATE replaces an unattended sequence at its end."""
     ms = patience(bench)
     begins, ends = follow_sequence(bench, FOLLOWERS["update"][0], 4 * ms * PERIODS_PER_MS, unattended=True)
     bench.wait_until(begins + 1)
@@ -239,20 +239,20 @@ BUS_RESETS: dict[str, Callable[[Bench], None]] = {
 @pytest.mark.parametrize("state", REACHED, ids=name)
 @case("STA-002", "STA-003", "USB-003", "USB-016", "SAF-005", line="usb")
 def test_a_host_that_configures_the_device_finds_it_off(bench: Bench, state: State, how: str) -> None:
-    """SET_CONFIGURATION, and SET_INTERFACE of interface 0, disable the outputs, what plays unattended included."""
+    """SET_CONFIGURATION, and SET_INTERFACE of interface 0, disable the outputs, unattended playing included."""
     reach(bench, state)
     BUS_RESETS[how](bench)
     expect_state(bench, LEADS_TO["BUS_RESET"][state])
     status = bench.status()
     expect("what plays since", status.since_period, 0)
     expect("the free places", status.free, bench.info.queue_blocks)
-    expect("what is told unasked", told(bench), [])
+    expect("the unsolicited records", told(bench), [])
 
 
 @pytest.mark.parametrize("state", REACHED, ids=name)
 @case("STA-002", "STA-003", "USB-003", line="usb", allow=(Risk.RESET,))
 def test_a_bus_reset_leads_to_off(bench: Bench, state: State) -> None:
-    """A bus reset disables the outputs, what plays unattended included."""
+    """A bus reset disables the outputs, unattended playing included."""
     reach(bench, state)
     bench.usb.reset()
     expect_state(bench, LEADS_TO["BUS_RESET"][state])
@@ -267,8 +267,8 @@ def test_a_restart_leads_to_off(bench: Bench, state: State) -> None:
     expect("the state", bench.status().state, LEADS_TO["RESTART"][state])
 
 
-def detach(bench: Bench, line: DfuLine, state: State) -> None:
-    """DETACH, and what the status says of it, where the device is still there to be asked: that may be 10 ms."""
+def detach(bench: Bench, line: RawDfuLine, state: State) -> None:
+    """DETACH, and the status after it if the device still answers: it may leave after 10 ms."""
     assert line.detach(), f"DETACH is answered with STALL in {state.name}"
     try:
         status = bench.status()
@@ -281,14 +281,14 @@ def detach(bench: Bench, line: DfuLine, state: State) -> None:
 @pytest.mark.parametrize("state", REACHED, ids=name)
 @case("STA-003", "STA-005", "DFU-002", line="usb", allow=(Risk.RESET,), features=Feature.DFU)
 def test_detach_leads_to_dfu_mode_and_a_bus_reset_back(bench: Bench, state: State) -> None:
-    """DETACH is carried out in this state and leads to DFU mode; the bus reset that ends that leads to OFF."""
+    """DETACH is carried out in this state and leads to DFU mode; the bus reset that ends it leads to OFF."""
     reach(bench, state)
-    line = DfuLine(bench)
+    line = RawDfuLine(bench)
     detach(bench, line, state)
     bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
     try:
         answer = bench.request(Setup(0xC1, Request.STATUS, 0, 0, Status.BYTES))
-        expect("what STATUS answers in DFU mode, where there is no vendor interface", answer, None)
+        expect("the answer to STATUS in DFU mode, which has no vendor interface", answer, None)
     finally:
         line.leave()
     expect("the state", bench.status().state, LEADS_TO["RESTART"][DFU])
@@ -300,17 +300,17 @@ def test_detach_leads_to_dfu_mode_and_a_bus_reset_back(bench: Bench, state: Stat
 @pytest.mark.parametrize("state", REACHED, ids=name)
 @case("STA-002", "STA-003", "STA-004", "ACK-006", "SAF-005", line="usb", needs=(Need.SUSPEND,), allow=(Risk.RESET,))
 def test_a_suspended_bus_disables_what_needs_its_host(bench: Bench, state: State) -> None:
-    """While the bus is suspended nothing plays but what does so unattended; then ENABLE is needed anew."""
+    """While the bus is suspended only unattended sequences play; then ENABLE is needed again."""
     reach(bench, state)
     with suspended(bench):
         bench.wait(0.02)
     said = [status.state for status in told(bench)]
     if state is UNATTENDED:
         expect_state(bench, UNATTENDED)
-        expect("the states that are told unasked", said, [])
+        expect("the states of the unsolicited records", said, [])
     else:
         expect_state(bench, LEADS_TO["RESUME"][LEADS_TO["SUSPEND"][state]])
-        expect("the states that are told unasked, of which the newest waits", said, [OFF])
+        expect("the states of the unsolicited records, of which the newest waits", said, [OFF])
         assert not bench.status().watchdog_fired, "the watchdog fired while the outputs were not enabled"
 
 
@@ -329,7 +329,7 @@ def test_what_ends_unattended_on_a_suspended_bus_leaves_the_device_suspended(ben
     pulses = bench.weak()
     bench.must(Slot(0, pulses))
     bench.must(Entries((Entry(0, 600),)))
-    began = bench.must(Sequence(0, 1, repeats=2, unattended=True)).commit_period
+    began = bench.must(PlaySequence(0, 1, repeats=2, unattended=True)).commit_period
     with suspended(bench):
         bench.wait(1600 / CARRIER_HZ)
     expect_state(bench, OFF)
@@ -356,7 +356,7 @@ HOT_C = 90
 
 
 def heat(bench: Bench, periods: int | None = None) -> None:
-    """Let a board be too hot, for some periods or for good, and wait until the controller knows (clause CHN-017)."""
+    """Overheat a board, for some periods or for good, and wait until the controller knows (clause CHN-017)."""
     bench.levers.cause(faults.HotBoard(board=bench.random.randrange(bench.info.boards), celsius=HOT_C, periods=periods))
     bench.wait(ROUND_SECONDS)
 
@@ -364,12 +364,12 @@ def heat(bench: Bench, periods: int | None = None) -> None:
 @pytest.mark.parametrize("state", REACHED, ids=name)
 @case("STA-003", "STA-001", "SAF-007/1", "SAF-005", "ACK-006", needs=FAULTY)
 def test_a_silencing_fault_leads_to_fault_and_clearing_it_to_off(bench: Bench, state: State) -> None:
-    """A silencing fault leads from this state to FAULT, which is told; CLEAR_FAULTS leads to OFF once it is over."""
+    """A silencing fault leads from this state to FAULT with a record; after its end CLEAR_FAULTS leads to OFF."""
     reach(bench, state)
     heat(bench, HOT_PERIODS)
     said = told(bench)
-    expect("the states that are told unasked", [status.state for status in said], [LEADS_TO["FAULT"][state]])
-    expect("the faults that are told", said[0].faults, Fault.TEMPERATURE)
+    expect("the states of the unsolicited records", [status.state for status in said], [LEADS_TO["FAULT"][state]])
+    expect("the faults in the records", said[0].faults, Fault.TEMPERATURE)
     status = bench.status()
     expect("the state", status.state, FAULT)
     expect("what plays since", status.since_period, 0)
@@ -385,7 +385,7 @@ def test_a_silencing_fault_leads_to_fault_and_clearing_it_to_off(bench: Bench, s
 @pytest.mark.parametrize("way", [way for way in WAYS if way != "last repeat"], ids=name)
 @case("STA-003", "STA-005", "SAF-007/1", "REQ-011", "ACK-006", needs=FAULTY)
 def test_nothing_leaves_fault_while_its_cause_lasts(bench: Bench, way: str) -> None:
-    """In FAULT changes are refused, ENABLE is answered with STALL, and the state stays, whatever is asked."""
+    """In FAULT changes are refused, ENABLE is answered with STALL, and the state stays after any request."""
     bench.must(NoOp())
     heat(bench)
     expect_state(bench, FAULT)
@@ -393,7 +393,7 @@ def test_nothing_leaves_fault_while_its_cause_lasts(bench: Bench, way: str) -> N
     WAYS[way][1](bench, FAULT)
     expect_state(bench, FAULT)
     expect("the faults", bench.status().faults, Fault.TEMPERATURE)
-    expect("what is told unasked", told(bench), [])
+    expect("the unsolicited records", told(bench), [])
 
 
 @pytest.mark.parametrize("how", BUS_RESETS, ids=name)
@@ -409,11 +409,11 @@ def test_configuring_the_device_does_not_leave_fault(bench: Bench, how: str) -> 
 @pytest.mark.parametrize("state", [OFF, UNATTENDED], ids=name)
 @case("STA-003", "STA-004", "SAF-007/1", "ACK-006", needs=(*FAULTY, Need.SUSPEND), line="usb", allow=(Risk.RESET,))
 def test_a_fault_while_the_bus_is_suspended_leads_to_fault(bench: Bench, state: State) -> None:
-    """A silencing fault while the bus is suspended leads to FAULT, which resuming the bus does not leave."""
+    """A silencing fault while the bus is suspended leads to FAULT, and resume does not leave it."""
     reach(bench, state)
     with suspended(bench):
         heat(bench)
-    expect("the newest state that is told unasked", [status.state for status in told(bench)][-1:], [FAULT])
+    expect("the newest state in the unsolicited records", [status.state for status in told(bench)][-1:], [FAULT])
     expect_state(bench, LEADS_TO["RESUME"][FAULT])
 
 
@@ -422,7 +422,7 @@ def test_a_device_with_a_fault_goes_to_dfu_mode(bench: Bench) -> None:
     """DETACH is carried out in FAULT too, so that firmware can be sent; the restart begins without the fault."""
     heat(bench, HOT_PERIODS)
     expect_state(bench, FAULT)
-    line = DfuLine(bench)
+    line = RawDfuLine(bench)
     detach(bench, line, FAULT)
     bench.usb.wait_for(DFU_MODE, RETURN_SECONDS)
     bench.wait_periods(HOT_PERIODS)
@@ -432,7 +432,7 @@ def test_a_device_with_a_fault_goes_to_dfu_mode(bench: Bench) -> None:
 
 @case("STA-003", "REQ-013", "REQ-011", needs=FAULTY, allow=(Risk.RESET,))
 def test_a_restart_leaves_fault_where_its_cause_is_gone(bench: Bench) -> None:
-    """After RESET the device is in OFF where the fault is over, and in FAULT where it lasts."""
+    """After RESET the device is in OFF if the fault is over, and in FAULT if it lasts."""
     heat(bench, 2 * HOT_PERIODS)
     bench.restart(lambda: bench.order(Request.RESET))
     status = bench.status()
@@ -449,7 +449,7 @@ def test_a_restart_leaves_fault_where_its_cause_is_gone(bench: Bench) -> None:
 
 
 @contextmanager
-def console_in_frames(bench: Bench) -> Iterator[SerialLine]:
+def console_in_frames(bench: Bench) -> Iterator[RawSerialLine]:
     """The console of a device on USB as a second door, with frames."""
     line = bench.serial
     line.enter_frames()
@@ -459,7 +459,7 @@ def console_in_frames(bench: Bench) -> Iterator[SerialLine]:
         line.enter_console()
 
 
-def order_by(line: SerialLine, request: Request, value: int = 0) -> None:
+def order_by(line: RawSerialLine, request: Request, value: int = 0) -> None:
     """Make a request through the second door."""
     assert line.request(Setup(REQUEST_TYPE_OUT, request, value, 0, 0)) is not None, f"{request.name} is stalled"
 
@@ -469,7 +469,7 @@ def states_in(statuses: list[Status]) -> list[State]:
     return [status.state for status in statuses]
 
 
-def heard(line: SerialLine) -> list[Status]:
+def heard(line: RawSerialLine) -> list[Status]:
     """The status records that came through the second door."""
     line.rest()
     found = [record for body in line.frames(FrameKind.RECORD) for record in records(body)]
@@ -479,7 +479,7 @@ def heard(line: SerialLine) -> list[Status]:
 
 @case("ACK-006/1", "SER-016", line="usb", features=Feature.CONSOLE)
 def test_a_change_of_state_through_another_door_is_told(bench: Bench) -> None:
-    """What one host does to the state through a door, the host at the other door is told, and itself is not."""
+    """A change of state by one host is told to the host at the other door, but not to itself."""
     bench.must(NoOp())
     bench.order(Request.WATCHDOG, LONG_MS)
     with console_in_frames(bench) as line:
@@ -500,7 +500,7 @@ def test_a_change_of_state_through_another_door_is_told(bench: Bench) -> None:
 
 @case("ACK-006", "SER-016", "SAF-003", line="usb", features=Feature.CONSOLE)
 def test_the_watchdog_is_told_at_every_door(bench: Bench) -> None:
-    """That the watchdog fired, no host has done: it is told at both doors, with one record each."""
+    """The watchdog's firing, which no host caused, is told at both doors, with one record each."""
     bench.must(NoOp())
     bench.order(Request.WATCHDOG, LONG_MS)
     with console_in_frames(bench) as line:
@@ -509,25 +509,23 @@ def test_the_watchdog_is_told_at_every_door(bench: Bench) -> None:
         bench.order(Request.WATCHDOG, SHORT_MS)
         bench.outlast(3 * SHORT_MS / 1000)
         for where, said in (("over USB", told(bench)), ("in frames", heard(line))):
-            expect(f"the states that are told {where}", states_in(said), [OFF])
-            assert said[0].watchdog_fired, f"the flags that are told {where} are {said[0].flags!r}"
+            expect(f"the states in the records {where}", states_in(said), [OFF])
+            assert said[0].watchdog_fired, f"the flags in the record {where} are {said[0].flags!r}"
 
 
 @case("ACK-006", "ACK-001", line="usb", features=Feature.SEQUENCES)
 def test_what_is_told_unasked_comes_behind_the_acknowledgements_that_wait(bench: Bench) -> None:
-    """A status record that nobody asked for does not overtake acknowledgements, and a newer one takes its place."""
+    """An unsolicited status record does not overtake acknowledgements, and a newer one replaces it."""
     enable(bench)
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(0, 2000),)))
     told(bench)
-    bodies = (Sequence(0, 1, repeats=1), NoOp(), NoOp())
+    bodies = (PlaySequence(0, 1, repeats=1), NoOp(), NoOp())
     blocks = b"".join(pack(bench.numbered(body)) for body in bodies)
     expect("the bytes that the device took", bench.line.send_blocks(blocks, 1), len(blocks))
     bench.order(Request.WATCHDOG, 100)
     bench.outlast(0.15)
     came = bench.listen()
     kinds = [type(record).__name__ for record in came]
-    expect(
-        "the kinds of records, where the end of a sequence and the watchdog followed", kinds, ["Ack"] * 3 + ["Status"]
-    )
-    expect("the state that is told last", came[-1].state, OFF)
+    expect("the kinds of records, after the end of a sequence and the watchdog", kinds, ["Ack"] * 3 + ["Status"])
+    expect("the state in the last record", came[-1].state, OFF)

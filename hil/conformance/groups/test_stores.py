@@ -1,8 +1,8 @@
-"""Stores: slots, entries and samples are missed where they are not there, and guarded while they play."""
+"""Stores: slots, entries and samples are required before they play, and protected while they play."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 from phasewire.hil.conformance.bench import Bench
@@ -20,23 +20,43 @@ from phasewire.hil.conformance.tools.steps import (
     refuse,
     some,
 )
-from phasewire.protocol.blocks import Body, Entries, Entry, Modulation, Output, Samples, Sequence, Slot, Update
-from phasewire.protocol.codes import Action, Feature, Reason, Request, State
+from phasewire.protocol.blocks import (
+    AmplitudeModulation,
+    Body,
+    Entries,
+    Entry,
+    Output,
+    PlaySequence,
+    Samples,
+    Slot,
+    Update,
+)
+from phasewire.protocol.codes import (
+    ENTRIES_PER_BLOCK,
+    MODULATION_SAMPLES,
+    SAMPLES_PER_BLOCK,
+    SEQUENCE_ENTRIES,
+    SLOTS,
+    Action,
+    Feature,
+    Reason,
+    Request,
+    State,
+)
 
-SLOTS, TABLE, BUFFER = 256, 1024, 4096
 FIRST_ENTRY, PLAYED_ENTRIES, FIRST_SAMPLE, PLAYED_SAMPLES = 10, 3, 102, 4
 """What plays in the cases of IN_USE: entries 10 to 12, of slots 1 and 2, and samples 102 to 105."""
 SAMPLES = bytes(range(100, 100 + 12))
 ENTRIES = (Entry(1, 40), Entry(2, 30), Entry(1, 20), Entry(3, 10))
 
 
-def must_all(bench: Bench, bodies: list[Slot] | list[Entries] | list[Samples]) -> None:
+def must_all(bench: Bench, bodies: Sequence[Body]) -> None:
     """Send stores in one go; all must be accepted."""
     for body, ack in zip(bodies, bench.send_all(bodies), strict=True):
-        expect(f"the reason for {type(body).__name__.upper()}", ack.reason, Reason.ACCEPTED)
+        expect(f"the reason for {body.KIND.name}", ack.reason, Reason.ACCEPTED)
 
 
-def entries_blocks(entries: list[Entry], first: int, size: int = 120) -> list[Entries]:
+def entries_blocks(entries: list[Entry], first: int, size: int = ENTRIES_PER_BLOCK) -> list[Entries]:
     """Blocks that store entries from a place on."""
     return [Entries(tuple(entries[at : at + size]), first + at) for at in range(0, len(entries), size)]
 
@@ -45,29 +65,29 @@ def entries_blocks(entries: list[Entry], first: int, size: int = 120) -> list[En
 
 
 def forget(bench: Bench) -> None:
-    """Let the device forget what is stored, and enable it."""
+    """Make the device forget what is stored, and enable it."""
     bench.restart(lambda: bench.order(Request.RESET))
     begin(bench)
 
 
 @case("BLK-021", "BLK-013", "BLK-014", allow=(Risk.RESET,), features=Feature.SEQUENCES)
 def test_a_sequence_of_what_was_never_stored_is_refused(bench: Bench) -> None:
-    """After a restart no entry and no slot is there: a SEQUENCE that plays one of them is refused with EMPTY."""
+    """After a restart no entry and no slot is stored: a SEQUENCE of them is refused with EMPTY."""
     forget(bench)
-    places = [0, 1, TABLE - 1, *(bench.random.randrange(TABLE) for _ in range(20))]
-    wrong = [Wrong(f"entry {place}", forge(bench, Sequence(place, 1)), Reason.EMPTY) for place in places]
-    wrong.append(Wrong("all entries", forge(bench, Sequence(0, TABLE)), Reason.EMPTY))
+    places = [0, 1, SEQUENCE_ENTRIES - 1, *(bench.random.randrange(SEQUENCE_ENTRIES) for _ in range(20))]
+    wrong = [Wrong(f"entry {place}", forge(bench, PlaySequence(place, 1)), Reason.EMPTY) for place in places]
+    wrong.append(Wrong("all entries", forge(bench, PlaySequence(0, SEQUENCE_ENTRIES)), Reason.EMPTY))
     refuse(bench, some(bench, wrong))
     blocks = entries_blocks([Entry(number, 1) for number in range(SLOTS)], 0)
     must_all(bench, blocks)
     let_stores_go(bench)
     numbers = some(bench, range(SLOTS))
-    refuse(bench, [Wrong(f"slot {number}", forge(bench, Sequence(number, 1)), Reason.EMPTY) for number in numbers])
+    refuse(bench, [Wrong(f"slot {number}", forge(bench, PlaySequence(number, 1)), Reason.EMPTY) for number in numbers])
 
 
 @case("BLK-021", allow=(Risk.RESET,), features=Feature.SEQUENCES)
 def test_one_gap_in_a_sequence_is_enough(bench: Bench) -> None:
-    """A SEQUENCE is refused with EMPTY if its first, its last or one between is missing, and not once it is there."""
+    """A SEQUENCE is refused with EMPTY if its first, its last or one between is missing, until it is stored."""
     forget(bench)
     must_all(bench, [Entries((Entry(0, 50), Entry(1, 50), Entry(0, 50)), 20), Entries((Entry(0, 50),), 24)])
     must_all(bench, [Slot(0, SILENT)])
@@ -75,10 +95,10 @@ def test_one_gap_in_a_sequence_is_enough(bench: Bench) -> None:
     refuse(
         bench,
         [
-            Wrong(what, forge(bench, Sequence(first, count)), Reason.EMPTY)
+            Wrong(what, forge(bench, PlaySequence(first, count)), Reason.EMPTY)
             for what, first, count in (
                 ("an entry before the first", 19, 2),
-                ("an entry behind the last", 22, 2),
+                ("an entry after the last", 22, 2),
                 ("an entry between", 22, 3),
                 ("a slot at the end", 20, 2),
                 ("a slot at the beginning", 21, 2),
@@ -86,41 +106,45 @@ def test_one_gap_in_a_sequence_is_enough(bench: Bench) -> None:
             )
         ],
     )
-    bench.must(Sequence(20, 1))
-    bench.must(Sequence(22, 1))
+    bench.must(PlaySequence(20, 1))
+    bench.must(PlaySequence(22, 1))
     bench.must(Slot(1, SILENT))
-    bench.must(Sequence(20, 3))
-    refuse(bench, [Wrong("an entry that is missing still", forge(bench, Sequence(20, 4)), Reason.EMPTY)])
+    bench.must(PlaySequence(20, 3))
+    refuse(bench, [Wrong("an entry that is still missing", forge(bench, PlaySequence(20, 4)), Reason.EMPTY)])
     bench.must(Entries((Entry(1, 50),), 23))
-    bench.must(Sequence(20, 5))
+    bench.must(PlaySequence(20, 5))
 
 
 @case("BLK-021", "BLK-016", allow=(Risk.RESET,), features=Feature.MODULATION)
 def test_a_modulation_of_what_was_never_stored_is_refused(bench: Bench) -> None:
-    """After a restart no sample is there: a MODULATION that needs one is refused with EMPTY, until it was stored."""
+    """After a restart no sample is stored: a MODULATION is refused with EMPTY until its samples are stored."""
     forget(bench)
-    places = [0, BUFFER - 1, *(bench.random.randrange(BUFFER) for _ in range(20))]
-    wrong = [Wrong(f"sample {place}", forge(bench, Modulation(place, 1, 1)), Reason.EMPTY) for place in places]
-    wrong.append(Wrong("all samples", forge(bench, Modulation(0, BUFFER, 1)), Reason.EMPTY))
+    places = [0, MODULATION_SAMPLES - 1, *(bench.random.randrange(MODULATION_SAMPLES) for _ in range(20))]
+    wrong = [Wrong(f"sample {place}", forge(bench, AmplitudeModulation(place, 1, 1)), Reason.EMPTY) for place in places]
+    wrong.append(Wrong("all samples", forge(bench, AmplitudeModulation(0, MODULATION_SAMPLES, 1)), Reason.EMPTY))
     refuse(bench, some(bench, wrong))
     must_all(bench, [Samples(bytes(5), 30), Samples(bytes(5), 36)])
     let_stores_go(bench)
     refuse(
         bench,
         [
-            Wrong(f"samples {first} to {first + count - 1}", forge(bench, Modulation(first, count, 1)), Reason.EMPTY)
+            Wrong(
+                f"samples {first} to {first + count - 1}",
+                forge(bench, AmplitudeModulation(first, count, 1)),
+                Reason.EMPTY,
+            )
             for first, count in ((29, 2), (34, 2), (35, 2), (30, 11), (40, 2))
         ],
     )
-    bench.must(Modulation(30, 5, 1))
-    bench.must(Modulation(36, 5, 1))
+    bench.must(AmplitudeModulation(30, 5, 1))
+    bench.must(AmplitudeModulation(36, 5, 1))
     bench.must(Samples(bytes(1), 35))
-    bench.must(Modulation(30, 11, 1))
+    bench.must(AmplitudeModulation(30, 11, 1))
 
 
 @case("BLK-021", "BLK-008", allow=(Risk.RESET,), features=Feature.SEQUENCES | Feature.MODULATION)
 def test_what_was_refused_was_not_stored(bench: Bench) -> None:
-    """A slot, entries and samples that were refused are not there, for a refused block has no effect."""
+    """A refused slot, entries or samples count as never stored, because a refused block has no effect."""
     forget(bench)
     bench.must(Slot(0, SILENT))
     bench.must(Entries((Entry(5, 10),), 1))
@@ -131,9 +155,9 @@ def test_what_was_refused_was_not_stored(bench: Bench) -> None:
             Wrong("a SLOT whose last phase is 127", forge(bench, Slot(5, SILENT), late_phase(SILENT)), Reason.PULSE),
             Wrong("ENTRIES without a checksum", forge(bench, Entries((Entry(0, 10),)), checksum=0), Reason.CHECKSUM),
             Wrong("SAMPLES with hold", forge(bench, Samples(b"\1"), hold=1), Reason.FIELD),
-            Wrong("the slot", forge(bench, Sequence(1, 1)), Reason.EMPTY),
-            Wrong("the entry", forge(bench, Sequence(0, 1)), Reason.EMPTY),
-            Wrong("the sample", forge(bench, Modulation(0, 1, 1)), Reason.EMPTY),
+            Wrong("the slot", forge(bench, PlaySequence(1, 1)), Reason.EMPTY),
+            Wrong("the entry", forge(bench, PlaySequence(0, 1)), Reason.EMPTY),
+            Wrong("the sample", forge(bench, AmplitudeModulation(0, 1, 1)), Reason.EMPTY),
         ],
     )
 
@@ -152,13 +176,13 @@ def store_all(bench: Bench) -> None:
 
 
 def play_slots(bench: Bench, period: int = 0) -> int:
-    """Let entries play without end; the period at which they begin."""
-    return bench.must(Sequence(FIRST_ENTRY, PLAYED_ENTRIES, period)).commit_period
+    """Play entries without end; returns the period at which they begin."""
+    return bench.must(PlaySequence(FIRST_ENTRY, PLAYED_ENTRIES, period)).commit_period
 
 
 def play_samples(bench: Bench, period: int = 0) -> int:
-    """Let samples modulate without end; the period at which they begin."""
-    return bench.must(Modulation(FIRST_SAMPLE, PLAYED_SAMPLES, 2, period)).commit_period
+    """Modulate by samples without end; returns the period at which this begins."""
+    return bench.must(AmplitudeModulation(FIRST_SAMPLE, PLAYED_SAMPLES, 2, period)).commit_period
 
 
 TAKEN: dict[str, list[Body]] = {
@@ -168,7 +192,10 @@ TAKEN: dict[str, list[Body]] = {
         Entries(ENTRIES[:3], 10),
     ],
     "samples": [
-        *(Samples(bytes(count), first) for first, count in ((102, 1), (105, 1), (101, 2), (105, 2), (0, 480))),
+        *(
+            Samples(bytes(count), first)
+            for first, count in ((102, 1), (105, 1), (101, 2), (105, 2), (0, SAMPLES_PER_BLOCK))
+        ),
         Samples(SAMPLES[2:6], 102),
     ],
 }
@@ -176,9 +203,11 @@ TAKEN: dict[str, list[Body]] = {
 FREE: dict[str, list[Body]] = {
     "slots": [Slot(0, SILENT), Slot(3, SILENT), Slot(255, SILENT)],
     "entries": [*(Entries((Entry(0, 1),) * count, first) for first, count in ((9, 1), (13, 1), (0, 10), (13, 120)))],
-    "samples": [*(Samples(bytes(count), first) for first, count in ((101, 1), (106, 1), (0, 102), (106, 480)))],
+    "samples": [
+        *(Samples(bytes(count), first) for first, count in ((101, 1), (106, 1), (0, 102), (106, SAMPLES_PER_BLOCK)))
+    ],
 }
-"""Stores beside what plays."""
+"""Stores next to what plays."""
 
 of_each = pytest.mark.parametrize("what", ["slots", "entries", "samples"])
 FEATURES = Feature.SEQUENCES | Feature.MODULATION
@@ -188,7 +217,7 @@ FEATURES = Feature.SEQUENCES | Feature.MODULATION
 @of_each
 @pytest.mark.parametrize("when", ["playing", "queued"])
 def test_a_store_cannot_overwrite_what_plays(bench: Bench, what: str, when: str) -> None:
-    """A store that overlaps what plays or waits is refused with IN_USE, with the same bytes too; others are not."""
+    """A store that overlaps what plays or waits is refused with IN_USE, even with the same bytes; others are not."""
     store_all(bench)
     period = 0 if when == "playing" else far(bench)
     began = play_samples(bench, period) if what == "samples" else play_slots(bench, period)
@@ -205,7 +234,7 @@ def test_a_store_cannot_overwrite_what_plays(bench: Bench, what: str, when: str)
 
 @case("BLK-022", features=FEATURES)
 def test_what_does_not_end_it_does_not_free_it(bench: Bench) -> None:
-    """A MODULATION frees no slot, and an UPDATE no sample: each ends only its like."""
+    """A MODULATION frees no slot, and an UPDATE no sample: each ends only its own kind."""
     store_all(bench)
     play_slots(bench)
     play_samples(bench)
@@ -223,10 +252,10 @@ def test_what_does_not_end_it_does_not_free_it(bench: Bench) -> None:
 
 ENDS: dict[str, Callable[[int], Body]] = {
     "update": lambda period: Update(SILENT, period),
-    "sequence": lambda period: Sequence(0, 1, period),
+    "sequence": lambda period: PlaySequence(0, 1, period),
     "silence": lambda period: Output(Action.SILENCE, period),
     "disable": lambda period: Output(Action.DISABLE, period),
-    "modulation": lambda period: Modulation(0, 1, 1, period),
+    "modulation": lambda period: AmplitudeModulation(0, 1, 1, period),
     "end-modulation": lambda period: Output(Action.END_MODULATION, period),
 }
 """Changes that end something, by their period."""
@@ -252,15 +281,15 @@ def test_a_store_is_free_when_the_end_has_taken_effect(bench: Bench, what: str, 
 
 @case("BLK-022", "BLK-015", features=Feature.SEQUENCES)
 def test_a_store_is_free_when_the_last_repeat_has_played(bench: Bench) -> None:
-    """What a sequence with repeats plays is IN_USE until its last repeat is over, and free from then on."""
+    """The data of a sequence with repeats are IN_USE until its last repeat is over, and free afterwards."""
     store_all(bench)
     repeats = 40 * bench.slowness if bench.line.kind == "usb" else 200
-    began = bench.must(Sequence(FIRST_ENTRY, PLAYED_ENTRIES, repeats=repeats)).commit_period
+    began = bench.must(PlaySequence(FIRST_ENTRY, PLAYED_ENTRIES, repeats=repeats)).commit_period
     free_from(bench, TAKEN["entries"][1], began + 90 * repeats)
 
 
 def free_from(bench: Bench, body: Body, period: int) -> None:
-    """Send a store again and again: refused with IN_USE before a period, and accepted from it on."""
+    """Send a store repeatedly: it must be refused with IN_USE before a period, and accepted from it on."""
     refused = 0
     while (ack := bench.send(body)).reason is Reason.IN_USE:
         now = ack.now_period
@@ -277,7 +306,7 @@ def free_from(bench: Bench, body: Body, period: int) -> None:
 @of_each
 @pytest.mark.parametrize("when", ["playing", "queued"])
 def test_disable_frees_what_played(bench: Bench, what: str, when: str) -> None:
-    """Once DISABLE has silenced the outputs nothing is in use, neither what played nor what waited to."""
+    """After DISABLE has silenced the outputs nothing is in use, neither what played nor what waited."""
     store_all(bench)
     period = 0 if when == "playing" else far(bench)
     play_slots(bench, period)

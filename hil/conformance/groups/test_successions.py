@@ -1,4 +1,4 @@
-"""What follows what: a sequence and its successor, what plays unattended and the watchdog, a change and the next."""
+"""Successions: a sequence and the next change, unattended playing and the watchdog, a change and the next."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from phasewire.hil.conformance.tools.planning import (
     store,
     store_for_plans,
 )
+from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.playing import (
     play,
     start,
     told,
 )
-from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.steps import LONG_MS, SILENT, enable, require
 from phasewire.hil.conformance.tools.watchdog import PERIODS_PER_MS, TICKS_PER_MS, await_firing, check_not_yet, patience
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Change,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
     pack,
@@ -55,7 +55,7 @@ SHORT_MS = 10
 
 
 def by_silence(bench: Bench, period: int) -> int:
-    """Let SILENCE end what plays, and an update begin after it."""
+    """End what plays by SILENCE, then begin an update."""
     bench.must(Output(Action.SILENCE, period))
     return bench.must(Update(bench.weak(), period + APART)).commit_period
 
@@ -63,24 +63,24 @@ def by_silence(bench: Bench, period: int) -> int:
 SUCCESSORS: dict[str, tuple[Callable[[Bench, int], int], State]] = {
     "update": (lambda bench, at: bench.must(Update(bench.weak(), at)).commit_period, State.PLAYING),
     "silence-and-update": (by_silence, State.PLAYING),
-    "sequence": (lambda bench, at: bench.must(Sequence(PLACE + 1, 1, at)).commit_period, State.PLAYING),
+    "sequence": (lambda bench, at: bench.must(PlaySequence(PLACE + 1, 1, at)).commit_period, State.PLAYING),
     "unattended-sequence": (
-        lambda bench, at: bench.must(Sequence(PLACE + 1, 1, at, unattended=True)).commit_period,
+        lambda bench, at: bench.must(PlaySequence(PLACE + 1, 1, at, unattended=True)).commit_period,
         State.UNATTENDED,
     ),
 }
-"""What can take the place of a sequence at a period; it gives the one at which what plays then began."""
+"""What can replace a sequence at a period; each returns the period at which what plays then began."""
 
 
 def check_successor(bench: Bench, by: str, unattended: bool, at: Callable[[int, int], int]) -> None:
-    """Let something replace a sequence at a period of its time; fail unless it goes on when that is over."""
+    """Replace a sequence during its time; fails unless the replacement plays on after that time."""
     successor, state = SUCCESSORS[by]
     needed = UNATTENDED if unattended or state is State.UNATTENDED else Feature.SEQUENCES
     require(bench, needed)
     store(bench, some_time(bench) // 2)
     store(bench, 7, PLACE + 1)
     enable(bench)
-    began = bench.must(Sequence(PLACE, 1, repeats=2, unattended=unattended)).commit_period
+    began = bench.must(PlaySequence(PLACE, 1, repeats=2, unattended=unattended)).commit_period
     ends = began + 2 * (some_time(bench) // 2)
     replaced = at(began, ends)
     since = successor(bench, replaced)
@@ -104,45 +104,45 @@ attended_or_not = pytest.mark.parametrize("unattended", [False, True], ids=["att
 @every_successor
 @case("STA-003", "BLK-012", "BLK-015", "ACK-006", features=Feature.SEQUENCES)
 def test_a_sequence_that_was_replaced_does_not_end(bench: Bench, by: str, unattended: bool) -> None:
-    """When the time of a sequence that something has replaced is over nothing happens to what plays, nor is told."""
+    """After the time of a replaced sequence has passed what plays goes on, and no record comes."""
     check_successor(bench, by, unattended, lambda began, ends: (began + ends) // 2)
-    expect("what is told unasked", [status.state for status in told(bench)], [])
+    expect("the unsolicited records", [status.state for status in told(bench)], [])
 
 
 @attended_or_not
 @every_successor
 @case("STA-003", "BLK-012", "BLK-015", "SAF-003", "SAF-005", features=Feature.SEQUENCES)
 def test_what_begins_as_a_sequence_ends_goes_on(bench: Bench, by: str, unattended: bool) -> None:
-    """A change for the very period in which a sequence has played its last repeat begins there, and goes on.
+    """A change for the very period after a sequence's last repeat begins there, and goes on.
 
-    The watchdog runs then where what plays needs its host, and rests where it does not.
+    The watchdog then runs if what plays needs its host, and rests if it does not.
     """
     check_successor(bench, by, unattended, lambda _, ends: ends)
     told(bench)
     bench.order(Request.WATCHDOG, SHORT_MS)
     if SUCCESSORS[by][1] is State.UNATTENDED:
         bench.wait(3 * SHORT_MS / 1000)
-        expect("what is told while the watchdog rests", [status.state for status in told(bench)], [])
+        expect("the records while the watchdog rests", [status.state for status in told(bench)], [])
     else:
-        expect("the state that is told when the watchdog has fired", bench.await_unasked(1).state, State.OFF)
+        expect("the state in the record after the watchdog has fired", bench.await_unasked(1).state, State.OFF)
 
 
 @attended_or_not
 @case("STA-003", "BLK-015", "ACK-006", features=Feature.SEQUENCES)
 def test_a_sequence_that_begins_anew_ends_once(bench: Bench, unattended: bool) -> None:
-    """A sequence with repeats that replaces itself ends when its second run is over, and this is told once."""
+    """A sequence with repeats that replaces itself ends after its second run, and this is reported once."""
     require(bench, UNATTENDED if unattended else Feature.SEQUENCES)
     lasts = some_time(bench) // 2
     store(bench, lasts)
     enable(bench)
-    began = bench.must(Sequence(PLACE, 1, repeats=1, unattended=unattended)).commit_period
+    began = bench.must(PlaySequence(PLACE, 1, repeats=1, unattended=unattended)).commit_period
     again = began + lasts // 2
-    if bench.must(Sequence(PLACE, 1, again, repeats=1, unattended=unattended)).commit_period != again:
+    if bench.must(PlaySequence(PLACE, 1, again, repeats=1, unattended=unattended)).commit_period != again:
         raise TooSlow("this line is too slow: the first run was over before the second could be queued")
     bench.wait_until(again + lasts + SETTLED)
     check_rest(bench.status(), bench, State.READY, "after both runs")
     ends = [(status.state, status.now // TICKS_PER_PERIOD) for status in told(bench)]
-    expect("the states that are told unasked, and when", ends, [(State.READY, again + lasts)])
+    expect("the states of the unsolicited records, and their periods", ends, [(State.READY, again + lasts)])
 
 
 # What plays unattended, and the watchdog
@@ -155,18 +155,18 @@ def over_unattended(bench: Bench, body: Body) -> None:
 
 
 def modulate(bench: Bench, *, ends: bool = False) -> None:
-    """Let a modulation begin, and end."""
+    """Begin and end a modulation."""
     require(bench, Feature.MODULATION)
     bench.must(Samples(bytes([SAMPLE]), PLACE))
-    over_unattended(bench, Modulation(PLACE, 1, 1))
+    over_unattended(bench, AmplitudeModulation(PLACE, 1, 1))
     if ends:
         over_unattended(bench, Output(Action.END_MODULATION))
 
 
 def follow(bench: Bench) -> None:
-    """Let another unattended sequence begin."""
+    """Begin another unattended sequence."""
     store(bench, 7, PLACE + 1)
-    over_unattended(bench, Sequence(PLACE + 1, 1, unattended=True))
+    over_unattended(bench, PlaySequence(PLACE + 1, 1, unattended=True))
 
 
 DISTURBANCES: dict[str, Callable[[Bench], object]] = {
@@ -183,7 +183,7 @@ DISTURBANCES: dict[str, Callable[[Bench], object]] = {
     "enable": lambda bench: bench.enable(),
     "clear-faults": lambda bench: bench.order(Request.CLEAR_FAULTS),
 }
-"""What ends no sequence."""
+"""Actions that end no sequence."""
 
 
 @pytest.mark.parametrize("what", DISTURBANCES)
@@ -192,7 +192,7 @@ DISTURBANCES: dict[str, Callable[[Bench], object]] = {
 def test_nothing_but_its_end_starts_the_watchdog_of_what_plays_unattended(
     bench: Bench, what: str, set_before: bool
 ) -> None:
-    """Whatever is sent, accepted or takes effect over an unattended sequence, the watchdog rests until that ends."""
+    """Whatever is sent, accepted or takes effect over an unattended sequence, the watchdog rests until it ends."""
     enable(bench)
     field = start(bench, "unattended")
     if set_before:
@@ -201,7 +201,7 @@ def test_nothing_but_its_end_starts_the_watchdog_of_what_plays_unattended(
     if not set_before:
         bench.order(Request.WATCHDOG, SHORT_MS)
     came = [record for record in bench.listen(4 * SHORT_MS / 1000) if isinstance(record, Status)]
-    expect("what the device tells unasked", [*bench.unasked, *came], [])
+    expect("the unsolicited records", [*bench.unasked, *came], [])
     status = bench.status()
     expect("the state", status.state, State.UNATTENDED)
     assert not status.watchdog_fired, "the watchdog fired while a sequence played unattended"
@@ -215,9 +215,9 @@ def beginning(kind: str, period: int) -> Change:
         case "update":
             return Update(SILENT, period)
         case "sequence":
-            return Sequence(PLACE, 1, period)
+            return PlaySequence(PLACE, 1, period)
         case "modulation":
-            return Modulation(PLACE, 1, 1, period)
+            return AmplitudeModulation(PLACE, 1, 1, period)
         case "end-of-modulation":
             return Output(Action.END_MODULATION, period)
     return Output(Action.SILENCE, period)
@@ -229,7 +229,7 @@ NEEDED = {"sequence": Feature.SEQUENCES, "modulation": Feature.MODULATION, "end-
 @pytest.mark.parametrize("kind", ["update", "sequence", "modulation", "end-of-modulation", "silence"])
 @case("SAF-003", "BLK-005")
 def test_what_takes_effect_is_no_sign_of_life(bench: Bench, kind: str) -> None:
-    """A queued change that takes effect does not put the watchdog off: the host was heard when it was accepted."""
+    """A queued change that takes effect is no sign of life: its acceptance was."""
     ms = patience(bench)
     require(bench, NEEDED.get(kind, Feature(0)))
     store_for_plans(bench)
@@ -243,12 +243,12 @@ def test_what_takes_effect_is_no_sign_of_life(bench: Bench, kind: str) -> None:
     await_firing(bench, last.now, last.now, ms)
 
 
-# What plays, and how soon a change can follow
+# The shortest notice for a change
 
 
 def restart_sequence(bench: Bench, unattended: bool) -> None:
-    """Let a sequence play, and nothing be queued or on the chain."""
-    ack = bench.must(Sequence(PLACE, 2, unattended=unattended))
+    """Play a sequence, with nothing queued or on the chain."""
+    ack = bench.must(PlaySequence(PLACE, 2, unattended=unattended))
     bench.wait_until(ack.commit_period + 2)
 
 
@@ -259,7 +259,7 @@ def restart_sequence(bench: Bench, unattended: bool) -> None:
 def test_the_fifth_period_is_promised_while_a_sequence_plays(
     bench: Bench, kind: str, modulated: bool, unattended: bool
 ) -> None:
-    """A change for the fifth period after its block's arrival is in time also while a sequence plays, modulated too."""
+    """A change five periods after its block's arrival is in time even while a sequence plays, modulated or not."""
     require(bench, UNATTENDED if unattended else Feature.SEQUENCES)
     bench.must(Slot(SLOT, bench.weak()))
     bench.must(Entries((Entry(SLOT, 1), Entry(SLOT, 2)), PLACE))
@@ -271,7 +271,7 @@ def test_the_fifth_period_is_promised_while_a_sequence_plays(
     hits, latency = 0, PROMISED_PERIODS
     for _ in range(rounds):
         if modulated:
-            bench.must(Modulation(PLACE, 2, 1))
+            bench.must(AmplitudeModulation(PLACE, 2, 1))
         restart_sequence(bench, unattended)
         bench.wait_periods(bench.random.random())
         asked = bench.period()
@@ -290,17 +290,17 @@ def test_the_fifth_period_is_promised_while_a_sequence_plays(
         raise Inconclusive(f"in {rounds} attempts no block came exactly {PROMISED_PERIODS} periods ahead of its change")
 
 
-# What has just gone onto the chain when the outputs are disabled
+# Changes that are on the chain when the outputs are disabled
 
 CHAIN_TICKS = 3 * TICKS_PER_PERIOD
-"""So long before its period a change has gone onto the chain (chapter BUD)."""
+"""The greatest lead with which a change goes onto the chain before its period (chapter BUD)."""
 TRIES = 100
 
 
 def fire_over_the_chain(bench: Bench, change: Callable[[int], Change]) -> tuple[int, int]:
     """Let the watchdog fire within `CHAIN_TICKS` before the period of a change.
 
-    The watchdog fires a whole number of milliseconds after the last sign of life, so that the right one has to be met.
+    The watchdog fires a whole number of milliseconds after the last sign of life, so the right moment must be met.
 
     Returns
     -------
@@ -316,7 +316,7 @@ def fire_over_the_chain(bench: Bench, change: Callable[[int], Change]) -> tuple[
         if 0 < rest <= CHAIN_TICKS:
             bench.order(Request.WATCHDOG, ms)
             fired = bench.await_unasked(ms / 1000 + 1)
-            expect("the state that is told when the watchdog has fired", fired.state, State.OFF)
+            expect("the state in the record after the watchdog has fired", fired.state, State.OFF)
             if fired.now >= due * TICKS_PER_PERIOD:
                 break
             bench.order(Request.WATCHDOG, LONG_MS)
@@ -327,14 +327,14 @@ def fire_over_the_chain(bench: Bench, change: Callable[[int], Change]) -> tuple[
 
 BEGINNINGS: dict[str, Callable[[Bench], Callable[[int], Change]]] = {
     "update": lambda bench: partial(Update, bench.weak()),
-    "sequence": lambda _: partial(Sequence, PLACE, 1),
+    "sequence": lambda _: partial(PlaySequence, PLACE, 1),
 }
 
 
 @pytest.mark.parametrize("what", BEGINNINGS)
 @case("SAF-004/1", "STA-001", "SAF-003", needs=(Need.CAPTURE,))
 def test_no_output_moves_for_what_was_on_the_chain(bench: Bench, what: str) -> None:
-    """When the watchdog fires while nothing plays but a change is on the chain, that change is silenced too."""
+    """If the watchdog fires while only a change on the chain is about to play, that change is silenced too."""
     if what == "sequence":
         require(bench, Feature.SEQUENCES)
     store_for_plans(bench)
@@ -349,7 +349,7 @@ def test_no_modulation_outlives_disable_that_was_on_the_chain(bench: Bench) -> N
     store_for_plans(bench)
     enable(bench)
     play(bench)
-    fire_over_the_chain(bench, partial(Modulation, PLACE, 1, 1))
+    fire_over_the_chain(bench, partial(AmplitudeModulation, PLACE, 1, 1))
     bench.enable()
     field = play(bench)
     bench.wait_until(field.period + SETTLED)

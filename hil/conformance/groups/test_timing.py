@@ -1,4 +1,4 @@
-"""Time: when changes take effect, and what the device says of its clock (chapters TIM and BLK, the sync line)."""
+"""Time: when changes take effect, and the device's clock (chapters TIM and BLK, the sync line)."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.tools.clocks import compare_clocks
-from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, Stage, check_in_time, is_fast, soon
+from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, Player, check_in_time, is_fast, soon
 from phasewire.hil.conformance.tools.steps import check_sync
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Change,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
@@ -33,13 +33,13 @@ from phasewire.protocol.replies import Ack
 COUNTER_TICKS = 65_536
 HORIZON_PERIODS = 2**32
 SETTLED_PERIODS = 200
-"""In which every store has gone onto the chain, and every change that was due has taken effect."""
+"""Time for all stores to go onto the chain, and for all due changes to take effect."""
 
 
 BOTH = Feature.SEQUENCES | Feature.MODULATION
 
 
-class Kind(StrEnum):
+class ChangeKind(StrEnum):
     """Changes of every kind."""
 
     UPDATE = "update"
@@ -49,50 +49,50 @@ class Kind(StrEnum):
     SILENCE = "silence"
 
 
-EVERY_KIND = pytest.mark.parametrize("kind", list(Kind), ids=str)
+EVERY_KIND = pytest.mark.parametrize("kind", list(ChangeKind), ids=str)
 NEEDED = {
-    Kind.SEQUENCE: Feature.SEQUENCES,
-    Kind.MODULATION: Feature.MODULATION,
-    Kind.END_MODULATION: Feature.MODULATION,
+    ChangeKind.SEQUENCE: Feature.SEQUENCES,
+    ChangeKind.MODULATION: Feature.MODULATION,
+    ChangeKind.END_MODULATION: Feature.MODULATION,
 }
 
 
 def behind_periods(bench: Bench) -> int:
-    """Within how many periods of one change the next takes effect, where its block had arrived long before.
+    """Within how many periods of one change the next takes effect, if its block had arrived long before.
 
-    Five are promised where nothing waits (clause BLK-005); behind another change the chain may need longer (BLK-023).
+    Five are promised if nothing waits (clause BLK-005); after another change the chain may need longer (BLK-023).
     """
     return max(PROMISED_PERIODS, bench.info.periods_per_update)
 
 
-def changes(stage: Stage, kind: Kind) -> Callable[[int], Change]:
-    """Changes of a kind, one for each period asked for; what they need is stored, and an update plays, modulated."""
-    bench = stage.bench
+def changes(player: Player, kind: ChangeKind) -> Callable[[int], Change]:
+    """Changes of a kind, one for each requested period; their data are stored, and a modulated update plays."""
+    bench = player.bench
     if NEEDED.get(kind, Feature(0)) & ~bench.info.features:
         raise NotApplicable(f"INFO does not name the feature {NEEDED[kind].name}")
     pulses = [bench.weak(), bench.weak()]
-    stage.send(Update(pulses[0]))
-    if kind is Kind.SEQUENCE:
-        stage.send_all([Slot(7, bench.weak()), Slot(200, bench.weak())])
-        stage.send(Entries((Entry(200, 3), Entry(7, 2)), 500))
+    player.send(Update(pulses[0]))
+    if kind is ChangeKind.SEQUENCE:
+        player.send_all([Slot(7, bench.weak()), Slot(200, bench.weak())])
+        player.send(Entries((Entry(200, 3), Entry(7, 2)), 500))
     if Feature.MODULATION in NEEDED.get(kind, Feature(0)):
-        stage.send(Samples(bytes([250, 90, 200, 140]), 1000))
-    if kind is Kind.END_MODULATION:
-        stage.send(Modulation(1000, 4, 2))
+        player.send(Samples(bytes([250, 90, 200, 140]), 1000))
+    if kind is ChangeKind.END_MODULATION:
+        player.send(AmplitudeModulation(1000, 4, 2))
     bench.wait_periods(SETTLED_PERIODS)
 
     def change(period: int) -> Change:
         match kind:
-            case Kind.UPDATE:
+            case ChangeKind.UPDATE:
                 pulses.reverse()
                 return Update(pulses[0], period)
-            case Kind.SEQUENCE:
-                return Sequence(500, 2, period)
-            case Kind.MODULATION:
-                return Modulation(1000, 4, 1, period)
-            case Kind.END_MODULATION:
+            case ChangeKind.SEQUENCE:
+                return PlaySequence(500, 2, period)
+            case ChangeKind.MODULATION:
+                return AmplitudeModulation(1000, 4, 1, period)
+            case ChangeKind.END_MODULATION:
                 return Output(Action.END_MODULATION, period)
-            case Kind.SILENCE:
+            case ChangeKind.SILENCE:
                 return Output(Action.SILENCE, period)
 
     return change
@@ -103,24 +103,24 @@ def changes(stage: Stage, kind: Kind) -> Callable[[int], Change]:
 
 @case("BLK-005", "BUD-003", "TIM-003", "CHN-005", needs=[Need.CAPTURE])
 @EVERY_KIND
-def test_a_change_plays_from_the_period_that_it_names(bench: Bench, kind: Kind) -> None:
-    """A change that names a period well ahead begins at the first tick of that period on all ten processors."""
-    stage = Stage(bench)
-    change = changes(stage, kind)
-    period = stage.soon()
-    stage.send(change(period))
-    stage.judge(period - 20, period + 60)
+def test_a_change_plays_from_the_period_that_it_names(bench: Bench, kind: ChangeKind) -> None:
+    """A change for a distant period begins at the first tick of that period on all ten processors."""
+    player = Player(bench)
+    change = changes(player, kind)
+    period = player.soon()
+    player.send(change(period))
+    player.judge(period - 20, period + 60)
 
 
 @case("BLK-005", "BUD-003")
 @EVERY_KIND
-def test_a_change_for_now_is_never_late(bench: Bench, kind: Kind) -> None:
-    """A change for period 0 takes effect as early as a named one is promised to, and is not counted as late."""
-    stage = Stage(bench)
-    change = changes(stage, kind)
+def test_a_change_for_now_is_never_late(bench: Bench, kind: ChangeKind) -> None:
+    """A change for period 0 takes effect as early as a named one is promised to, and does not count as late."""
+    player = Player(bench)
+    change = changes(player, kind)
     before = bench.status()
     for _ in range(4):
-        ack = stage.send(change(NOW))
+        ack = player.send(change(NOW))
         assert ack.commit_period <= ack.now_period + PROMISED_PERIODS, (
             f"a change for now takes effect at period {ack.commit_period}, its block had arrived in {ack.now_period}"
         )
@@ -130,24 +130,24 @@ def test_a_change_for_now_is_never_late(bench: Bench, kind: Kind) -> None:
 
 @case("BLK-005", "BUD-003", "TIM-003", needs=[Need.CAPTURE])
 @EVERY_KIND
-def test_a_change_for_now_plays_from_the_period_acknowledged(bench: Bench, kind: Kind) -> None:
-    """A change for period 0 begins exactly at the period that its acknowledgement names, which the device chose."""
-    stage = Stage(bench)
-    change = changes(stage, kind)
+def test_a_change_for_now_plays_from_the_period_acknowledged(bench: Bench, kind: ChangeKind) -> None:
+    """A change for period 0 begins exactly at the period in its acknowledgement, which the device chose."""
+    player = Player(bench)
+    change = changes(player, kind)
     first = bench.period()
     for _ in range(3):
-        ack = stage.send(change(NOW))
+        ack = player.send(change(NOW))
         bench.wait_until(ack.commit_period + 3)
-    stage.judge(first, ack.commit_period + 20)
+    player.judge(first, ack.commit_period + 20)
 
 
 @case("BLK-005/1", "REQ-003")
 @EVERY_KIND
 @pytest.mark.parametrize("back", [0, 1, 300, 2**40], ids=["this-period", "one-ago", "long-ago", "at-the-beginning"])
-def test_a_late_change_is_counted_and_said(bench: Bench, kind: Kind, back: int) -> None:
+def test_a_late_change_is_counted_and_said(bench: Bench, kind: ChangeKind, back: int) -> None:
     """A change for a period that has begun is late: accepted with LATE, counted once, and plays within five periods."""
-    stage = Stage(bench)
-    change = changes(stage, kind)
+    player = Player(bench)
+    change = changes(player, kind)
     before = bench.status()
     ack = bench.must(change(max(bench.period() - back, 1)))
     expect("LATE", ack.late, True)
@@ -157,12 +157,12 @@ def test_a_late_change_is_counted_and_said(bench: Bench, kind: Kind, back: int) 
     expect("the count of accepted blocks", after.accepted - before.accepted, 1)
     expect("the count of refused blocks", after.refused - before.refused, 0)
     bench.wait_until(ack.commit_period)
-    since = {Kind.UPDATE: ack.commit_period, Kind.SEQUENCE: ack.commit_period, Kind.SILENCE: 0}
+    since = {ChangeKind.UPDATE: ack.commit_period, ChangeKind.SEQUENCE: ack.commit_period, ChangeKind.SILENCE: 0}
     expect("since_period", bench.status().since_period, since.get(kind, before.since_period))
 
 
 def check_late(ack: Ack) -> None:
-    """Fail unless a late change with nothing before it takes effect at a period that can still be met, and soon."""
+    """Fail unless a late change, with none before it, takes effect soon, at a period that can still be met."""
     assert ack.now_period < ack.commit_period <= ack.now_period + PROMISED_PERIODS, (
         f"a late change takes effect at period {ack.commit_period}, should be within {PROMISED_PERIODS} of "
         f"{ack.now_period}, in which its block had arrived"
@@ -171,23 +171,23 @@ def check_late(ack: Ack) -> None:
 
 @case("BLK-005/1", "TIM-003", needs=[Need.CAPTURE])
 @EVERY_KIND
-def test_a_late_change_plays_at_the_period_acknowledged(bench: Bench, kind: Kind) -> None:
-    """A late change is not dropped: it plays from the very period that its acknowledgement names."""
-    stage = Stage(bench)
-    change = changes(stage, kind)
+def test_a_late_change_plays_at_the_period_acknowledged(bench: Bench, kind: ChangeKind) -> None:
+    """A late change is not dropped: it plays from the period in its acknowledgement."""
+    player = Player(bench)
+    change = changes(player, kind)
     body = change(bench.period())
     ack = bench.must(body)
     expect("LATE", ack.late, True)
-    stage.follow(body, ack)
-    stage.judge(ack.commit_period - 10, ack.commit_period + 40)
+    player.follow(body, ack)
+    player.judge(ack.commit_period - 10, ack.commit_period + 40)
 
 
 @case("BLK-005/2", "BLK-005/1")
 @EVERY_KIND
-def test_the_fifth_period_is_promised(bench: Bench, kind: Kind) -> None:
-    """A change for the fifth period after its block's arrival is in time, one for a period that has begun is late."""
-    stage = Stage(bench)
-    change = changes(stage, kind)
+def test_the_fifth_period_is_promised(bench: Bench, kind: ChangeKind) -> None:
+    """A change five periods after its block's arrival is in time, one for a period that has begun is late."""
+    player = Player(bench)
+    change = changes(player, kind)
     rounds, wanted = (160, 12) if is_fast(bench) else (16, 1)
     late = bench.status().late
     hits, latency = 0, 0
@@ -219,84 +219,84 @@ def test_the_fifth_period_is_promised(bench: Bench, kind: Kind) -> None:
 
 @case("BLK-007", "BLK-005/1", "BLK-005", outputs=("BLK-007", "CHN-007"))
 def test_changes_take_effect_in_the_order_of_acceptance(bench: Bench) -> None:
-    """Behind a queued change one for the same period, an earlier one, or none, begins next, as their order was."""
-    stage = Stage(bench)
+    """After a queued change one for the same period, an earlier one, or none, begins next, in the order of arrival."""
+    player = Player(bench)
     pulses = [bench.weak(), bench.weak()]
-    stage.send(Update(pulses[1]))
+    player.send(Update(pulses[1]))
     before = bench.status()
-    period = stage.soon(4)
+    period = player.soon(4)
     bodies = [Update(pulses[number % 2], named) for number, named in enumerate([period, period, period - 30, NOW])]
     acks = bench.send_all(bodies)
     check_in_time(acks[0], period)
     expect("LATE", [ack.late for ack in acks], [False, True, True, False])
     for one, other in pairwise(acks):
         assert one.commit_period < other.commit_period <= one.commit_period + behind_periods(bench), (
-            f"behind a change at period {one.commit_period} the next takes effect at {other.commit_period}"
+            f"after a change at period {one.commit_period} the next takes effect at {other.commit_period}"
         )
     for body, ack in zip(bodies, acks, strict=True):
-        stage.follow(body, ack)
+        player.follow(body, ack)
     after = bench.status()
     expect("the count of late changes", after.late - before.late, 2)
     expect("missed commits", after.missed_commits, before.missed_commits)
-    stage.judge(period - 40, acks[-1].commit_period + 30)
+    player.judge(period - 40, acks[-1].commit_period + 30)
 
 
 @case("BLK-007", "BLK-012", "CHN-014/2", outputs=("BLK-007", "BLK-012", "CHN-029", "TIM-003"), features=BOTH)
 def test_changes_of_all_kinds_follow_each_other(bench: Bench) -> None:
     """Updates, sequences, modulations and their ends queued a few periods apart begin each at its own period."""
-    stage = Stage(bench)
-    stage.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Samples(bytes([0, 255, 30, 180, 90]), 9)])
-    stage.send_all([Entries((Entry(1, 1), Entry(2, 3), Entry(1, 2)), 9), Update(bench.weak())])
+    player = Player(bench)
+    player.send_all([Slot(1, bench.weak()), Slot(2, bench.weak()), Samples(bytes([0, 255, 30, 180, 90]), 9)])
+    player.send_all([Entries((Entry(1, 1), Entry(2, 3), Entry(1, 2)), 9), Update(bench.weak())])
     before = bench.status()
-    period = stage.soon(12)
+    period = player.soon(12)
     story: list[Change] = [
-        Modulation(9, 3, 2),
+        AmplitudeModulation(9, 3, 2),
         Update(bench.weak()),
-        Sequence(9, 3),
-        Modulation(10, 4, 1),
-        Sequence(10, 2, repeats=2),
+        PlaySequence(9, 3),
+        AmplitudeModulation(10, 4, 1),
+        PlaySequence(10, 2, repeats=2),
         Output(Action.END_MODULATION),
         Update(bench.weak()),
         Output(Action.SILENCE),
-        Modulation(9, 5, 3),
-        Sequence(10, 1),
+        AmplitudeModulation(9, 5, 3),
+        PlaySequence(10, 1),
         Update(bench.weak()),
     ]
     apart = behind_periods(bench) + 2
-    stage.send_all(replace(change, period=period + apart * number) for number, change in enumerate(story))
+    player.send_all(replace(change, period=period + apart * number) for number, change in enumerate(story))
     last = period + apart * len(story)
     bench.wait_until(last + SETTLED_PERIODS)
     after = bench.status()
     expect("missed commits", after.missed_commits, before.missed_commits)
     expect("late changes", after.late, before.late)
     expect("the period since which the last one plays", after.since_period, last - apart)
-    stage.judge(period - 10, last + 30)
+    player.judge(period - 10, last + 30)
 
 
 @case("BLK-007", "BLK-005/1", outputs=("BLK-007", "BLK-005/1"), features=Feature.MODULATION)
 def test_an_update_and_a_modulation_cannot_begin_together(bench: Bench) -> None:
-    """An update for the period of a modulation that was accepted before it is late, and begins soon behind it."""
-    stage = Stage(bench)
-    stage.send_all([Update(bench.weak()), Samples(bytes([60, 250, 128]))])
-    period = stage.soon(2)
+    """An update for the period of a modulation that was accepted before it is late, and begins soon after it."""
+    player = Player(bench)
+    player.send_all([Update(bench.weak()), Samples(bytes([60, 250, 128]))])
+    period = player.soon(2)
     update = Update(bench.weak(), period)
-    first, second = bench.send_all([Modulation(0, 3, 1, period), update])
+    first, second = bench.send_all([AmplitudeModulation(0, 3, 1, period), update])
     expect("LATE of the modulation", first.late, False)
     expect("LATE of the update", second.late, True)
     assert period < second.commit_period <= period + behind_periods(bench), (
-        f"the update takes effect at period {second.commit_period}, should be soon behind {period}"
+        f"the update takes effect at period {second.commit_period}, should be soon after {period}"
     )
-    stage.score.modulate(first.commit_period, [60, 250, 128], 1)
-    stage.score.update(second.commit_period, update.pulses)
-    stage.judge(period - 10, period + 30)
+    player.score.modulate(first.commit_period, [60, 250, 128], 1)
+    player.score.update(second.commit_period, update.pulses)
+    player.judge(period - 10, period + 30)
 
 
 @case("BLK-010", "TIM-002")
 @EVERY_KIND
-def test_the_horizon_is_exact(bench: Bench, kind: Kind) -> None:
-    """A change 2³² periods ahead of its block's arrival is accepted, and refused with HORIZON one period more ahead."""
-    stage = Stage(bench)
-    change = changes(stage, kind)
+def test_the_horizon_is_exact(bench: Bench, kind: ChangeKind) -> None:
+    """A change 2³² periods after its block's arrival is accepted, and one a period later refused with HORIZON."""
+    player = Player(bench)
+    change = changes(player, kind)
     asked = bench.period()
     latency = bench.must(Clock()).now_period - asked
     seen = set()
@@ -327,15 +327,15 @@ def test_the_horizon_is_exact(bench: Bench, kind: Kind) -> None:
 
 @case("CHN-020", "BLK-023", "BUD-001/1", "BUD-004", outputs=("CHN-005", "CHN-007", "TIM-003", "BUD-001/1"))
 def test_all_processors_change_in_the_same_tick(bench: Bench) -> None:
-    """Updates as fast as INFO says begin on all ten processors at their periods, none late and none missed."""
-    stage = Stage(bench)
+    """Updates at the rate of INFO begin on all ten processors at their periods, none late and none missed."""
+    player = Player(bench)
     spacing = bench.info.periods_per_update
     count = min(bench.info.queue_blocks, 16)
-    stage.send(Update(bench.weak()))
+    player.send(Update(bench.weak()))
     before = bench.status()
-    period = stage.soon(count)
+    period = player.soon(count)
     last = period + count * spacing
-    stage.send_all([Update(bench.weak(), named) for named in range(period, last, spacing)])
+    player.send_all([Update(bench.weak(), named) for named in range(period, last, spacing)])
     bench.wait_until(last + SETTLED_PERIODS)
     after = bench.status()
     expect("missed commits", after.missed_commits - before.missed_commits, 0)
@@ -343,36 +343,36 @@ def test_all_processors_change_in_the_same_tick(bench: Bench) -> None:
     expect("late changes", after.late - before.late, 0)
     expect("faults", after.faults, before.faults)
     expect("the period since which the last one plays", after.since_period, last - spacing)
-    stage.judge(period - 10, last + 10)
+    player.judge(period - 10, last + 10)
 
 
 # The count of ticks and periods
 
 
 def wraps(first: int) -> list[int]:
-    """The first periods, from one on, in which a counter of 16 bits that counts ticks comes to 0 again."""
+    """The first periods, from one on, in which a 16-bit counter of ticks returns to 0."""
     number = -(-first * TICKS_PER_PERIOD // COUNTER_TICKS)
     return [(number + wrap) * COUNTER_TICKS // TICKS_PER_PERIOD for wrap in range(64)]
 
 
 @case("TIM-004", "TIM-003", needs=[Need.CAPTURE])
 def test_outputs_stay_in_step_across_wraps_of_the_port_counter(bench: Bench) -> None:
-    """Pulses keep their place in the period where a 16-bit counter wraps, and changes there begin at first ticks."""
-    stage = Stage(bench)
+    """Pulses keep their place in the period when a 16-bit counter wraps, and changes there begin at first ticks."""
+    player = Player(bench)
     spacing = bench.info.periods_per_update
-    ack = stage.send(Update(bench.weak()))
+    ack = player.send(Update(bench.weak()))
     begun = ack.commit_period
     for places in ([0, spacing], [-spacing, 0], [1], []):
-        wrap = wraps(stage.soon(3))[0]
-        stage.send_all([Update(bench.weak(), wrap + place) for place in places])
+        wrap = wraps(player.soon(3))[0]
+        player.send_all([Update(bench.weak(), wrap + place) for place in places])
         bench.wait_until(wrap + 10)
     for wrap in [wrap for wrap in wraps(begun + 8) if wrap + 8 <= bench.period()]:
-        stage.judge(wrap - 7, wrap + 8)
+        player.judge(wrap - 7, wrap + 8)
 
 
 @case("TIM-001", "TIM-002", "BLK-019", "REQ-006", "REQ-003", "ACK-002")
 def test_every_clock_tells_the_same_time(bench: Bench) -> None:
-    """Acknowledgements, CLOCK and STATUS count the same ticks, and what was asked later tells a later tick."""
+    """Acknowledgements, CLOCK and STATUS count the same ticks, and a later answer names a later tick."""
     bench.order(Request.WATCHDOG, 60_000)
     told = []
     for _ in range(12):
@@ -382,20 +382,20 @@ def test_every_clock_tells_the_same_time(bench: Bench) -> None:
         told.append(("the acknowledgement of a CLOCK", bench.must(Clock()).now))
         bench.wait(bench.random.random() / 100)
     for (name, tick), (next_name, next_tick) in pairwise(told):
-        assert tick < next_tick, f"{next_name} tells tick {next_tick} after {name} told {tick}: should be later"
+        assert tick < next_tick, f"{next_name} names tick {next_tick} after {name} named {tick}: should be later"
     acks = bench.send_all([NoOp()] * 8)
     ticks = [ack.now for ack in acks]
     assert all(one < other for one, other in pairwise(ticks)), (
-        f"blocks that came one after the other had arrived at ticks {ticks}: should be rising"
+        f"consecutive blocks had arrived at ticks {ticks}: should be rising"
     )
 
 
 TOLERANCE = 0.01
-"""Of the host's clock and of waiting, coarse."""
+"""Tolerance for the host's clock and for waiting, coarse."""
 
 
 def check_clock_runs_on(bench: Bench, disturb: Callable[[], object]) -> None:
-    """Fail where the device's ticks over a disturbance are not those of the host's clock."""
+    """Fail if the device's ticks over a disturbance do not match the host's clock."""
 
     def meanwhile() -> None:
         disturb()
@@ -406,7 +406,7 @@ def check_clock_runs_on(bench: Bench, disturb: Callable[[], object]) -> None:
 
 @case("TIM-002", "TIM-001")
 def test_nothing_that_a_host_asks_for_sets_the_clock(bench: Bench) -> None:
-    """Ticks run on through ENABLE, DISABLE, new numbering and all else: they are never shifted or begun anew."""
+    """Ticks run on through ENABLE, DISABLE, new numbering and all else: they are never shifted or reset."""
 
     def disturb() -> None:
         bench.order(Request.WATCHDOG, 60_000)
@@ -428,14 +428,14 @@ def test_nothing_that_a_host_asks_for_sets_the_clock(bench: Bench) -> None:
 @case("TIM-002", line="usb")
 @pytest.mark.parametrize("how", ["SET_CONFIGURATION", "SET_INTERFACE"])
 def test_configuring_the_device_anew_does_not_set_the_clock(bench: Bench, how: str) -> None:
-    """Ticks run on when a host configures the device anew, though that ends everything else."""
+    """Ticks run on when a host configures the device again, although that ends everything else."""
     again = {"SET_CONFIGURATION": bench.usb.set_configuration, "SET_INTERFACE": lambda: bench.usb.set_interface(0)}
     check_clock_runs_on(bench, again[how])
 
 
 @case("TIM-002", line="usb", allow=[Risk.RESET])
 def test_a_bus_reset_does_not_set_the_clock(bench: Bench) -> None:
-    """Ticks run on over a bus reset in run-time mode, which is no reset of the device."""
+    """Ticks run on over a bus reset in run-time mode, which does not reset the device."""
     check_clock_runs_on(bench, bench.usb.reset)
 
 
@@ -445,7 +445,7 @@ LONGEST_WAIT_PERIODS = 10 * CARRIER_HZ
 @case("TIM-002/1", "TIM-002", needs=[Need.CAPTURE])
 @pytest.mark.parametrize("unit", ["ticks", "periods"])
 def test_counts_go_on_beyond_32_bits(bench: Bench, unit: str) -> None:
-    """Beyond 2³² ticks (36 minutes) and periods (30 hours) the counts go on, and changes at the edge begin in time."""
+    """Beyond 2³² ticks (36 minutes) and periods (30 hours) the counts go on, and changes near them begin in time."""
     edge = 2**32 // TICKS_PER_PERIOD if unit == "ticks" else 2**32
     if bench.can(Need.SPARE):  # the time of such a device costs nothing
         with bench.spare() as fresh:
@@ -455,24 +455,24 @@ def test_counts_go_on_beyond_32_bits(bench: Bench, unit: str) -> None:
 
 
 def check_counts_beyond(bench: Bench, edge: int, longest_wait: int) -> None:
-    """Fail unless counts go on and changes begin in time beyond a period, for which so many periods may be waited."""
+    """Fail unless counts go on and changes begin in time beyond a period that may be waited for."""
     left = edge - bench.period()
     if left > 0:
         if left > longest_wait:
             raise Inconclusive(f"the device has been on for too short a time: {left} periods are left")
         bench.wait_periods(edge - 4 * (soon(bench, 4) - bench.period()) - bench.period())
-    stage = Stage(bench)
+    player = Player(bench)
     apart = max(bench.info.periods_per_update, 3)
-    middle = edge if left > 0 else stage.soon(3) + apart
+    middle = edge if left > 0 else player.soon(3) + apart
     periods = [middle - apart, middle, middle + apart]
-    stage.send(Update(bench.weak()))
-    stage.send_all([Update(bench.weak(), period) for period in periods])
+    player.send(Update(bench.weak()))
+    player.send_all([Update(bench.weak(), period) for period in periods])
     bench.wait_until(periods[-1] + 20)
     reading, status = bench.clock(), bench.status()
-    assert reading.now // TICKS_PER_PERIOD > periods[-1], f"the clock tells tick {reading.now}"
+    assert reading.now // TICKS_PER_PERIOD > periods[-1], f"the clock names tick {reading.now}"
     expect("the period since which the last update plays", status.since_period, periods[-1])
     check_sync(bench)
-    stage.judge(periods[0] - 10, periods[-1] + 10)
+    player.judge(periods[0] - 10, periods[-1] + 10)
 
 
 # The sync line
@@ -480,7 +480,7 @@ def check_counts_beyond(bench: Bench, edge: int, longest_wait: int) -> None:
 
 @case("CHN-026", "REQ-006")
 def test_a_sync_pulse_comes_every_4096_periods(bench: Bench) -> None:
-    """CLOCK tells the newest multiple of 4096 periods and one more pulse for each, by which devices are compared."""
+    """CLOCK answers the newest multiple of 4096 periods and one more pulse for each, for comparing devices."""
     check_sync(bench)
     first = bench.clock()
     for _ in range(2):
@@ -495,13 +495,13 @@ def test_a_sync_pulse_comes_every_4096_periods(bench: Bench) -> None:
 @case("BLK-019", "CHN-026", "BLK-024", "ACK-002")
 def test_a_clock_block_tells_the_sync_period_and_does_nothing(bench: Bench) -> None:
     """A CLOCK is answered with the period of the last sync pulse, and changes neither what plays nor the queue."""
-    stage = Stage(bench)
-    update = stage.send(Update(bench.weak()))
+    player = Player(bench)
+    update = player.send(Update(bench.weak()))
     bench.wait_until(update.commit_period + 2)
     before = bench.status()
     for _ in range(2):
         bench.wait_until((bench.period() // SYNC_PERIODS + 1) * SYNC_PERIODS + 2)
-        ack = stage.send(Clock())
+        ack = player.send(Clock())
         expect("commit_period of a CLOCK", ack.commit_period, ack.now_period - ack.now_period % SYNC_PERIODS)
         expect("free places", ack.free, before.free)
         expect("the state", ack.state, State.PLAYING)
@@ -510,27 +510,27 @@ def test_a_clock_block_tells_the_sync_period_and_does_nothing(bench: Bench) -> N
     expect("since_period", after.since_period, before.since_period)
     expect("accepted blocks", after.accepted - before.accepted, 2)
     if Feature.READ_BACK in bench.info.features:
-        expect("PULSES", bench.read_back().pulses == stage.score.at(before.since_period)[0], True)
+        expect("PULSES", bench.read_back().pulses == player.score.at(before.since_period)[0], True)
 
 
-# The beginning
+# The start
 
 
 def check_complete(bench: Bench) -> None:
-    """Fail unless the first pulse on the sync line had come, and the chain was complete, before the device answered."""
-    first = bench.clock()  # nothing is asked before
+    """Fail unless the first sync pulse had come, and the chain was complete, before the device answered."""
+    first = bench.clock()  # this is the first question
     assert first.sync_pulses >= 1, f"at tick {first.now} no pulse on the sync line had come, should one at period 0"
     processors = bench.processors()
     status = bench.status()
     missing = [number for number, report in enumerate(processors) if report.bank is None]
     if Fault.PROCESSOR not in status.faults:
-        expect("processors that are not there", missing, [])
+        expect("missing processors", missing, [])
     check_sync(bench)
 
 
 @case("TIM-002/2", "TIM-002", "CHN-026", allow=[Risk.RESET])
 def test_after_a_reset_the_device_answers_from_period_0_on(bench: Bench) -> None:
-    """After RESET time begins anew, and what answers first knows the processors and the sync pulse of period 0."""
+    """After RESET time restarts at 0, and the first answer knows the processors and the sync pulse of period 0."""
     now = bench.line.time.monotonic
     bench.order(Request.WATCHDOG, 60_000)
     bench.enable()
@@ -540,13 +540,13 @@ def test_after_a_reset_the_device_answers_from_period_0_on(bench: Bench) -> None
     tick = bench.clock().now
     elapsed = now() - began
     assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
-        f"{elapsed:.3f} s after RESET the clock tells tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
+        f"{elapsed:.3f} s after RESET the clock names tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
     )
 
 
 @case("TIM-002/2", "TIM-002", "CHN-026", allow=[Risk.RESET], needs=[Need.POWER])
 def test_after_power_up_the_device_answers_from_period_0_on(bench: Bench) -> None:
-    """After power-up time begins anew, and what answers first knows the processors and the sync pulse of period 0."""
+    """After power-up time restarts at 0, and the first answer knows the processors and the sync pulse of period 0."""
     now = bench.line.time.monotonic
     began = now()
     bench.power_cycle()
@@ -554,5 +554,5 @@ def test_after_power_up_the_device_answers_from_period_0_on(bench: Bench) -> Non
     tick = bench.clock().now
     elapsed = now() - began
     assert tick <= elapsed * TICK_HZ * (1 + TOLERANCE), (
-        f"{elapsed:.3f} s after power was cut the clock tells tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
+        f"{elapsed:.3f} s after power was cut the clock names tick {tick}, should be less than {elapsed * TICK_HZ:.0f}"
     )

@@ -1,4 +1,4 @@
-"""Versions and features: what a device says that it speaks, and what it does with the rest (chapter VER)."""
+"""Versions and features: what a device claims to support, and what it does with the rest (chapter VER)."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from phasewire.hil.conformance.cases import NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.lines.usb import CONSOLE_OUT
 from phasewire.hil.conformance.tools.steps import SILENT, Wrong, begin, cut, far, forge, raw_records, refuse, some
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Clock,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
 from phasewire.protocol.codes import Action, Feature, Reason, Request, State
+from phasewire.protocol.replies import ANSWER_BYTES
 from phasewire.protocol.requests import Setup
 
 IN, OUT = 0xC1, 0x41
@@ -31,7 +32,7 @@ IN, OUT = 0xC1, 0x41
 
 @case("VER-001", "VER-002")
 def test_every_version_that_info_names_is_spoken(bench: Bench) -> None:
-    """A NO_OP of each version from the oldest to the newest is accepted, for a device speaks all between."""
+    """A NO_OP of each version from the oldest to the newest is accepted, because a device supports all between."""
     bench.must(NoOp())
     for version in range(bench.info.oldest_version, bench.info.newest_version + 1):
         (ack,) = bench.send_raw(forge(bench, NoOp(), version=version))
@@ -40,7 +41,7 @@ def test_every_version_that_info_names_is_spoken(bench: Bench) -> None:
 
 @case("VER-001", "VER-003", "USB-005")
 def test_info_says_version_1(bench: Bench) -> None:
-    """INFO names a range of versions with version 1 in it: protocol 01 of interface 0, and SPEC.md, are version 1."""
+    """INFO names a range of versions that includes 1: protocol 01 of interface 0, and SPEC.md, are version 1."""
     oldest, newest = bench.ask(Request.INFO)[:2]
     assert oldest <= 1 <= newest, f"it speaks versions {oldest} to {newest}, should speak version 1"
     if bench.line.kind == "usb":
@@ -66,7 +67,7 @@ def test_an_unknown_version_is_answered_so_that_all_understand(bench: Bench) -> 
 
 @case("VER-002", "BLK-008", "NUM-004")
 def test_a_block_of_another_version_has_no_effect(bench: Bench) -> None:
-    """A block of a version that is not spoken is refused whatever its kind and flags, and moves no number."""
+    """A block of an unsupported version is refused whatever its kind and flags, and changes no number."""
     begin(bench)
     other = (bench.info.newest_version + 1) % 256
     named = far(bench)
@@ -75,18 +76,18 @@ def test_a_block_of_another_version_has_no_effect(bench: Bench) -> None:
     wrong = [Wrong("another version", forge(bench, body, version=other, flags=1), Reason.VERSION) for body in bodies]
     refuse(bench, wrong)
     ack = bench.must(NoOp(), number=(number + 1) % 2**32)
-    expect("flags behind them", ack.flags, 0)
+    expect("flags after them", ack.flags, 0)
 
 
 # Features
 
 NEEDED: dict[str, tuple[Feature, list[Body]]] = {
-    "sequences": (Feature.SEQUENCES, [Slot(0, SILENT), Entries((Entry(0, 1),)), Sequence(0, 1)]),
+    "sequences": (Feature.SEQUENCES, [Slot(0, SILENT), Entries((Entry(0, 1),)), PlaySequence(0, 1)]),
     "modulation": (
         Feature.MODULATION,
-        [Samples(b"\1"), Modulation(0, 1, 1), Output(Action.END_MODULATION)],
+        [Samples(b"\1"), AmplitudeModulation(0, 1, 1), Output(Action.END_MODULATION)],
     ),
-    "unattended": (Feature.UNATTENDED, [Sequence(0, 1, unattended=True)]),
+    "unattended": (Feature.UNATTENDED, [PlaySequence(0, 1, unattended=True)]),
 }
 """Blocks that need a feature."""
 
@@ -94,7 +95,7 @@ NEEDED: dict[str, tuple[Feature, list[Body]]] = {
 @case("VER-005", "ACK-003", "REQ-002")
 @pytest.mark.parametrize("name", list(NEEDED))
 def test_a_block_that_needs_a_feature_is_unsupported_without_it(bench: Bench, name: str) -> None:
-    """Without the feature its blocks are refused with UNSUPPORTED, off as well as on, and behind FIELD and PULSE."""
+    """Without the feature its blocks are refused with UNSUPPORTED, off or on, and after FIELD and PULSE."""
     feature, bodies = NEEDED[name]
     if feature in bench.info.features:
         raise NotApplicable(f"it has the feature {feature.name}")
@@ -111,33 +112,33 @@ def test_a_feature_that_info_names_is_there(bench: Bench, name: str) -> None:
     """With the feature in INFO none of its blocks is refused with UNSUPPORTED."""
     feature, bodies = NEEDED[name]
     if feature not in bench.info.features:
-        raise NotApplicable(f"it has not the feature {feature.name}")
+        raise NotApplicable(f"it lacks the feature {feature.name}")
     begin(bench)
     for body in bodies:
         reason = bench.send(body).reason
-        assert reason in (Reason.ACCEPTED, Reason.EMPTY), f"{type(body).__name__.upper()} is refused with {reason.name}"
+        assert reason in (Reason.ACCEPTED, Reason.EMPTY), f"{body.KIND.name} is refused with {reason.name}"
 
 
 @case("VER-005", "REQ-001", "REQ-007")
 def test_pulses_is_answered_with_stall_without_read_back(bench: Bench) -> None:
-    """A device without READ_BACK answers STALL to PULSES, in whatever state, rather than something made up."""
-    check_stall(bench, Feature.READ_BACK, Setup(IN, Request.PULSES, 0, 0, 496))
+    """A device without READ_BACK answers STALL to PULSES in every state, instead of invented data."""
+    check_stall(bench, Feature.READ_BACK, Setup(IN, Request.PULSES, 0, 0, ANSWER_BYTES[Request.PULSES]))
 
 
 @case("VER-005", line="usb", allow=(Risk.RESET,))
 def test_detach_is_answered_with_stall_without_dfu(bench: Bench) -> None:
-    """A device that takes no firmware over USB answers STALL to DETACH, and stays as it is."""
+    """A device that takes no firmware over USB answers STALL to DETACH, and does not change."""
     check_stall(bench, Feature.DFU, Setup(0x21, 0, 1000, 3, 0))
 
 
 @case("VER-005", "REQ-001", "REQ-014", allow=(Risk.RESET, Risk.FLASH))
 def test_revert_is_answered_with_stall_without_its_feature(bench: Bench) -> None:
-    """A device that cannot go back to a factory image answers STALL to REVERT, and does not restart."""
+    """A device without a factory image answers STALL to REVERT, and does not restart."""
     check_stall(bench, Feature.REVERT, Setup(OUT, Request.REVERT, 0, 0, 0))
 
 
 def check_stall(bench: Bench, feature: Feature, setup: Setup) -> None:
-    """See that a request is answered with STALL while off and while something plays, where a feature is not there."""
+    """Check that a request is answered with STALL while off and while something plays, if a feature is missing."""
     if feature in bench.info.features:
         raise NotApplicable(f"it has the feature {feature.name}")
     expect(f"the answer without {feature.name} while off", bench.request(setup), None)
@@ -150,7 +151,7 @@ def check_stall(bench: Bench, feature: Feature, setup: Setup) -> None:
 
 @case("VER-005", "REQ-007", features=Feature.READ_BACK)
 def test_read_back_is_there(bench: Bench) -> None:
-    """With READ_BACK in INFO PULSES is answered, in every state that a case can bring about by itself."""
+    """With READ_BACK in INFO PULSES is answered in every state that a case can bring about by itself."""
     bench.read_back()
     begin(bench)
     bench.read_back()
@@ -160,9 +161,9 @@ def test_read_back_is_there(bench: Bench) -> None:
 
 @case("VER-005", "VER-008", "SER-010", "CON-002")
 def test_frames_and_text_come_together(bench: Bench) -> None:
-    """With CONSOLE in INFO a serial line has frames and text; without it the device has no serial line at all."""
+    """With CONSOLE in INFO a serial line has frames and text; without it the device has no serial line."""
     if bench.line.kind == "usb" and Feature.CONSOLE not in bench.info.features:
-        expect("bytes that a console that is not there takes", bench.usb.write(CONSOLE_OUT, b"\r", 0.05), 0)
+        expect("bytes that a missing console takes", bench.usb.write(CONSOLE_OUT, b"\r", 0.05), 0)
         return
     assert Feature.CONSOLE in bench.info.features, "INFO does not name CONSOLE, and this is a serial line"
     line = bench.serial
@@ -175,7 +176,7 @@ def test_frames_and_text_come_together(bench: Bench) -> None:
 
 @case("VER-007", "ACK-002", "REQ-003", "REQ-006", "REQ-008")
 def test_version_1_sends_nothing_but_version_1(bench: Bench) -> None:
-    """A device that speaks version 1 sends no codes, bits and reserved bytes but those of version 1."""
+    """A device that supports version 1 sends only the codes, bits and reserved bytes of version 1."""
     begin(bench)
     blocks = [
         forge(bench, NoOp()),

@@ -1,6 +1,6 @@
-"""Widths of numbers: sums, products, differences and counts that need more bits than firmware may give them.
+"""Widths of numbers: sums, products, differences and counts that need more bits than firmware may use.
 
-Each case chooses numbers of which too few bits leave almost nothing, so that a mistake shows within milliseconds.
+Each case chooses numbers of which too few bits leave almost nothing, so that a mistake shows in milliseconds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import pytest
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Inconclusive, Need, NotApplicable, Risk, case, expect
 from phasewire.hil.conformance.tools.drives import widths_for
-from phasewire.hil.conformance.tools.stage import PROMISED_PERIODS, in_time, soon
+from phasewire.hil.conformance.tools.player import PROMISED_PERIODS, in_time, soon
 from phasewire.hil.conformance.tools.steps import (
     LONG_MS,
     SILENT,
@@ -31,52 +31,62 @@ from phasewire.hil.conformance.tools.steps import (
 )
 from phasewire.hil.conformance.tools.watchdog import await_firing
 from phasewire.protocol.blocks import (
+    AmplitudeModulation,
     Body,
     Change,
     Entries,
     Entry,
-    Modulation,
     NoOp,
     Output,
+    PlaySequence,
     Samples,
-    Sequence,
     Slot,
     Update,
 )
 from phasewire.protocol.board import CARRIER_HZ, CHANNELS, TICK_HZ, TICKS_PER_PERIOD
-from phasewire.protocol.codes import Action, Feature, Reason, Request, State, StatusFlag
+from phasewire.protocol.codes import (
+    ENTRIES_PER_BLOCK,
+    HORIZON_PERIODS,
+    MODULATION_SAMPLES,
+    SAMPLES_PER_BLOCK,
+    SEQUENCE_ENTRIES,
+    Action,
+    Feature,
+    Reason,
+    Request,
+    State,
+    StatusFlag,
+)
 from phasewire.protocol.pulses import Pulses
 
 TICKS_PER_MS = TICK_HZ // 1000
-HORIZON_PERIODS = 2**32
 MOST_MS = 60_000
-TABLE, BUFFER, MOST_ENTRY_PERIODS = 1024, 4096, 65_535
-ENTRIES_PER_BLOCK, SAMPLES_PER_BLOCK = 120, 480
+MOST_ENTRY_PERIODS = 65_535
 BITS = (8, 15, 16, 24, 31, 32)
-"""Of too narrow a number; 15 and 31 stand for signed ones of 16 and 32 bits."""
-PER_PERIOD = {"periods": 1, "ticks": 50, "cycles of a timer at 100 MHz": 2_500, "core cycles": 10_000}
-"""In what firmware may count time, and how many there are in a period."""
+"""Widths in bits that are too narrow; 15 and 31 stand for signed numbers of 16 and 32 bits."""
+PER_PERIOD = {"periods": 1, "ticks": TICKS_PER_PERIOD, "cycles of a timer at 100 MHz": 2_500, "core cycles": 10_000}
+"""Units in which firmware may count time, and how many there are in a period."""
 PER_MS = {"ms": 1, "µs": 1_000, **{name: 40 * count for name, count in PER_PERIOD.items()}}
 
 
-class Span(NamedTuple):
+class NarrowTime(NamedTuple):
     """A time of which a narrow number keeps almost nothing."""
 
     what: str
     time: int
 
 
-def spans(units: dict[str, int], least: int, most: int = 2**63) -> list[Span]:
-    """For each unit and width the shortest time, not below the least, that leaves less than 1 in that width.
+def spans(units: dict[str, int], least: int, most: int = 2**63) -> list[NarrowTime]:
+    """For each unit and width the shortest time, not below the minimum, that leaves less than 1 in that width.
 
-    It is an odd multiple, so that a signed number of one bit more is negative.
+    It is an odd multiple, so that a signed number of one more bit is negative.
 
     Parameters
     ----------
     units : dict of str to int
-        How many of each there are in one of what is returned.
+        How many of each there are in one unit of the result.
     least, most : int
-        Longer times than the most are left out.
+        Times longer than ``most`` are left out.
     """
     found = []
     for name, count in units.items():
@@ -84,7 +94,7 @@ def spans(units: dict[str, int], least: int, most: int = 2**63) -> list[Span]:
             laps = -(-least * count // 2**bits) | 1
             time = -(-laps * 2**bits // count)
             if time <= most:
-                found.append(Span(f"{bits} bits of {name}", time))
+                found.append(NarrowTime(f"{bits} bits of {name}", time))
     return found
 
 
@@ -93,7 +103,7 @@ def spans(units: dict[str, int], least: int, most: int = 2**63) -> list[Span]:
 
 @case("REQ-009", "SAF-003")
 def test_a_watchdog_time_is_counted_whole(bench: Bench) -> None:
-    """Watchdog times that leave next to nothing in few bits of ms, µs, ticks or cycles do not fire at once."""
+    """Watchdog times that leave almost nothing in few bits of ms, µs, ticks or cycles do not fire at once."""
     bench.must(NoOp())
     for what, ms in some(bench, spans(PER_MS, 2000, MOST_MS)):
         bench.order(Request.WATCHDOG, LONG_MS)
@@ -109,7 +119,7 @@ def test_a_watchdog_time_is_counted_whole(bench: Bench) -> None:
 
 @case("SAF-003", "REQ-009", "STA-003")
 def test_a_long_watchdog_time_ends(bench: Bench) -> None:
-    """A watchdog time beyond 2³² core cycles fires in time: 10.7 s, and 60 s on a device whose time costs nothing."""
+    """A watchdog time beyond 2³² core cycles fires in time: 10.7 s, and 60 s on a device that simulates time."""
     ms = MOST_MS if bench.can(Need.SPARE) else 2**32 // PER_MS["core cycles"] + 1
     bench.order(Request.WATCHDOG, ms)
     bench.enable()
@@ -124,7 +134,7 @@ TOTAL_BITS = range(7, 19)
 
 
 def totals(limit: int) -> list[int]:
-    """Total drives above a limit, in thousandths, of which a narrow number keeps half of that, or is negative."""
+    """Total drives above a limit, in thousandths; a narrow number keeps at most half of the limit, or is negative."""
     return [2**bits + 500 * limit for bits in TOTAL_BITS if 2**bits > 1000 * limit]
 
 
@@ -135,7 +145,7 @@ def driven(total: int) -> Pulses:
 
 
 def too_heavy(bench: Bench, body: Slot | Update, limit: int) -> list[Wrong]:
-    """Blocks like one that is silent, with each of the total drives, which are above a limit."""
+    """Blocks like a given silent one, with each of the total drives, which are above a limit."""
     payloads = {total: packed((0, width) for width in widths_for(total)) for total in totals(limit)}
     return [
         Wrong(f"a total drive of {total} thousandths", forge(bench, body, payload), Reason.DRIVE)
@@ -146,19 +156,19 @@ def too_heavy(bench: Bench, body: Slot | Update, limit: int) -> list[Wrong]:
 @case("SAF-006", "REQ-010", features=Feature.SEQUENCES)
 @LIMITS
 def test_the_drive_of_a_slot_is_summed_up_whole(bench: Bench, limit: int) -> None:
-    """Above a low limit a slot is refused with DRIVE whatever it drives, up to 262 transducers; none of them plays."""
+    """Above a low limit a slot is refused with DRIVE for any drive up to 262 transducers; none of them plays."""
     bench.order(Request.LIMIT, limit)
     bench.must(NoOp())
     try:
         refuse(bench, too_heavy(bench, Slot(0, SILENT), limit))
     finally:
-        bench.must(Slot(0, SILENT))  # nothing heavy is left, whatever came of it
+        bench.must(Slot(0, SILENT))  # in any case no heavy slot is left
 
 
 @case("SAF-006", "REQ-010", allow=(Risk.DRIVE,))
 @LIMITS
 def test_the_drive_of_an_update_is_summed_up_whole(bench: Bench, limit: int) -> None:
-    """Above a low limit an update is refused with DRIVE whatever it drives, up to 262 transducers."""
+    """Above a low limit an update is refused with DRIVE for any drive up to 262 transducers."""
     bench.order(Request.LIMIT, limit)
     begin(bench)
     refuse(bench, too_heavy(bench, Update(SILENT), limit))
@@ -167,7 +177,7 @@ def test_the_drive_of_an_update_is_summed_up_whole(bench: Bench, limit: int) -> 
 @case("SAF-006", "REQ-010", features=Feature.SEQUENCES)
 @LIMITS
 def test_the_drive_of_a_stored_slot_is_kept_whole(bench: Bench, limit: int) -> None:
-    """No slot that was stored under a higher limit plays above a low one, whatever it drives."""
+    """No slot that was stored under a higher limit plays above a lower one, for any drive."""
     stored = some(bench, [total for total in totals(limit) if total <= 1000 * bench.drive_limit])
     for slot, total in enumerate(stored):
         bench.must(Slot(slot, driven(total)))
@@ -178,7 +188,7 @@ def test_the_drive_of_a_stored_slot_is_kept_whole(bench: Bench, limit: int) -> N
     refuse(
         bench,
         [
-            Wrong(f"a slot of {total} thousandths", forge(bench, Sequence(slot, 1)), Reason.DRIVE)
+            Wrong(f"a slot of {total} thousandths", forge(bench, PlaySequence(slot, 1)), Reason.DRIVE)
             for slot, total in enumerate(stored)
         ],
     )
@@ -187,7 +197,7 @@ def test_the_drive_of_a_stored_slot_is_kept_whole(bench: Bench, limit: int) -> N
 @case("SAF-006", "REQ-010", allow=(Risk.DRIVE,), features=Feature.SEQUENCES)
 @pytest.mark.parametrize("limit", [33, 66, 132, 197, 256, 263])
 def test_a_drive_limit_is_kept_whole(bench: Bench, limit: int) -> None:
-    """Limits of which 8 or 16 bits of transducers or of their thousandths leave almost nothing let 20 through."""
+    """Limits of which 8 or 16 bits of transducers or of their thousandths leave almost nothing still allow 20."""
     if limit > bench.info.drive_limit:
         raise NotApplicable(f"the device allows {bench.info.drive_limit} transducers at most")
     bench.order(Request.LIMIT, limit)
@@ -198,28 +208,29 @@ def test_a_drive_limit_is_kept_whole(bench: Bench, limit: int) -> None:
 # Sequences
 
 LONG_PERIODS = 40_000
-"""A second: in less a case has looked at what plays."""
+"""A second: a case examines what plays in less."""
 AT_ONCE_PERIODS = 400
-"""By when a sequence is over that a narrow count of its periods ends."""
+"""Time after which a sequence is over if a narrow number counts its periods."""
 
 
 def parts(periods: int) -> tuple[list[int], int]:
-    """Entries and repeats of a sequence that lasts so long, or up to a repeat longer, with few repeats."""
-    repeats = -(-periods // (TABLE * MOST_ENTRY_PERIODS))
+    """Entries and repeats of a sequence of such a duration, or up to one repeat longer, with few repeats."""
+    repeats = -(-periods // (SEQUENCE_ENTRIES * MOST_ENTRY_PERIODS))
     once = -(-periods // repeats)
     whole, rest = divmod(once, MOST_ENTRY_PERIODS)
     return [MOST_ENTRY_PERIODS] * whole + [rest] * (rest > 0), repeats
 
 
+LONGEST_PERIODS = SEQUENCE_ENTRIES * MOST_ENTRY_PERIODS * 100
 DURATIONS = [
-    *((what, *parts(time + 1)) for what, time in spans(PER_PERIOD, LONG_PERIODS, TABLE * MOST_ENTRY_PERIODS * 100)),
+    *((what, *parts(time + 1)) for what, time in spans(PER_PERIOD, LONG_PERIODS, LONGEST_PERIODS)),
     ("16 bits of periods, 256 times 256", [256], 256),
     ("32 bits of periods, 131 072 times 32 768", [65_535, 65_535, 2], 32_768),
     ("16 bits of an entry's end, twice", [40_000, 25_600], 2),
     ("15 bits of repeats", [1], 40_000),
     ("the longest entry, as often as can be", [65_535], 65_535),
 ]
-"""Of each what would keep too little of it, the periods of its entries, and its repeats."""
+"""For each the defect that it shows, the periods of its entries, and its repeats."""
 
 
 def store_entries(bench: Bench, entries: list[Entry]) -> None:
@@ -230,14 +241,14 @@ def store_entries(bench: Bench, entries: list[Entry]) -> None:
 
 @case("BLK-015", "STA-003", "BLK-022", "REQ-003", features=Feature.SEQUENCES)
 def test_the_duration_of_a_sequence_is_counted_whole(bench: Bench) -> None:
-    """Sequences whose duration leaves next to nothing in few bits play on, and what they play stays in use."""
+    """Sequences whose duration leaves almost nothing in few bits play on, and their data stay in use."""
     enable(bench)
     pulses = bench.weak()
     bench.must(Slot(7, pulses))
     for what, periods, repeats in some(bench, DURATIONS):
         store_entries(bench, [Entry(7, each) for each in periods])
         bench.unasked.clear()
-        began = bench.must(Sequence(0, len(periods), repeats=repeats)).commit_period
+        began = bench.must(PlaySequence(0, len(periods), repeats=repeats)).commit_period
         bench.wait_until(began + AT_ONCE_PERIODS)
         ack = bench.send(Slot(7, SILENT))
         status = bench.status()
@@ -247,7 +258,7 @@ def test_the_duration_of_a_sequence_is_counted_whole(bench: Bench) -> None:
         wanted = (State.PLAYING, StatusFlag.SEQUENCE, began)
         expect(f"state, flags and since_period of a sequence that is too long for {what}", told, wanted)
         expect(f"the reason for a slot of a sequence that is too long for {what}", ack.reason, Reason.IN_USE)
-        expect("what is told unasked", bench.unasked, [])
+        expect("the unsolicited records", bench.unasked, [])
         bench.wait_until(bench.must(Output(Action.SILENCE)).commit_period)
 
 
@@ -256,27 +267,27 @@ def test_the_duration_of_a_sequence_is_counted_whole(bench: Bench) -> None:
     ("once", "repeats"), [(16, 16), (1, 257), (256, 256), (65_535, 1), (2, 32_769), (1, 65_535)], ids=str
 )
 def test_a_sequence_ends_with_the_last_period_of_its_duration(bench: Bench, once: int, repeats: int) -> None:
-    """A sequence whose duration is a round number of bits, or near one, ends in time: the device tells the tick."""
+    """A sequence whose duration is a power of two, or near one, ends in time, to the tick."""
     enable(bench)
     bench.must(Slot(7, bench.weak()))
     bench.must(Entries((Entry(7, once),)))
     bench.unasked.clear()
-    began = bench.must(Sequence(0, 1, repeats=repeats)).commit_period
+    began = bench.must(PlaySequence(0, 1, repeats=repeats)).commit_period
     told = bench.await_unasked((once * repeats + 4000) / CARRIER_HZ + 1)
-    expect("the state that is told", (told.state, told.since_period), (State.READY, 0))
+    expect("the state in the record", (told.state, told.since_period), (State.READY, 0))
     expect("the tick of the end", told.now, (began + once * repeats) * TICKS_PER_PERIOD)
 
 
 @case("REQ-007", "BLK-015", "CHN-015", features=Feature.SEQUENCES | Feature.READ_BACK)
 def test_the_place_in_a_sequence_is_counted_whole(bench: Bench) -> None:
-    """After 2¹⁶ periods of a sequence PULSES tells the entry that plays, in the first turn and in the second."""
+    """After 2¹⁶ periods of a sequence PULSES answers the entry that plays, in the first pass and in the second."""
     enable(bench)
     slots = [bench.weak(), bench.weak()]
     for number, pulses in enumerate(slots):
         bench.must(Slot(number, pulses))
     bench.must(Entries((Entry(0, 40_000), Entry(1, 30_000))))
     let_stores_go(bench)
-    began = bench.must(Sequence(0, 2)).commit_period
+    began = bench.must(PlaySequence(0, 2)).commit_period
     for at, since, slot in ((66_000, 40_000, 1), (71_000, 70_000, 0)):
         bench.wait_until(began + at)
         reading = bench.read_back()
@@ -288,13 +299,13 @@ def test_the_place_in_a_sequence_is_counted_whole(bench: Bench) -> None:
 
 # What is stored and looked for
 
-LATE_ENTRIES = (120, 255, 256, 512, 1023)
-LATE_SAMPLES = (480, 511, 512, 1024, 2048, 4095)
-"""Places behind the first block of either, and where a table of 8 bits or another power of two would end."""
+LATE_ENTRIES = (ENTRIES_PER_BLOCK, 255, 256, 512, 1023)
+LATE_SAMPLES = (SAMPLES_PER_BLOCK, 511, 512, 1024, 2048, 4095)
+"""Places after the first block of either, and at the ends of tables of 8 bits or other powers of two."""
 
 
 def store_but(bench: Bench, size: int, gaps: tuple[int, ...], at_once: int, store: Callable[[int, int], Body]) -> None:
-    """Store everything of a table or a buffer but what stands at some places."""
+    """Store everything of a table or a buffer except some places."""
     for gap, behind in pairwise((-1, *gaps, size)):
         for first in range(gap + 1, behind, at_once):
             bench.must(store(first, min(at_once, behind - first)))
@@ -306,8 +317,8 @@ def silent_entries(first: int, count: int) -> Body:
 
 
 def empty(bench: Bench, what: str, body: Body) -> None:
-    """See that a block is refused with EMPTY."""
-    refuse(bench, [Wrong(f"all, where {what} was never stored", forge(bench, body), Reason.EMPTY)])
+    """Check that a block is refused with EMPTY."""
+    refuse(bench, [Wrong(f"all, if {what} was never stored", forge(bench, body), Reason.EMPTY)])
 
 
 @case("BLK-021", "BLK-014", allow=(Risk.RESET,), features=Feature.SEQUENCES)
@@ -316,16 +327,16 @@ def test_what_a_sequence_lacks_is_missed_wherever_it_stands(bench: Bench) -> Non
     bench.restart(lambda: bench.order(Request.RESET))
     begin(bench)
     bench.must(Slot(0, SILENT))
-    store_but(bench, TABLE, LATE_ENTRIES, ENTRIES_PER_BLOCK, silent_entries)
+    store_but(bench, SEQUENCE_ENTRIES, LATE_ENTRIES, ENTRIES_PER_BLOCK, silent_entries)
     for place in LATE_ENTRIES:
-        empty(bench, f"entry {place}", Sequence(0, TABLE))
+        empty(bench, f"entry {place}", PlaySequence(0, SEQUENCE_ENTRIES))
         bench.must(silent_entries(place, 1))
     for slot, place in enumerate(LATE_ENTRIES, 1):
         bench.must(Entries((Entry(slot, 1),), place))
     for slot, place in enumerate(LATE_ENTRIES, 1):
-        empty(bench, f"the slot of entry {place}", Sequence(0, TABLE))
+        empty(bench, f"the slot of entry {place}", PlaySequence(0, SEQUENCE_ENTRIES))
         bench.must(Slot(slot, SILENT))
-    bench.must(Sequence(0, TABLE))
+    bench.must(PlaySequence(0, SEQUENCE_ENTRIES))
 
 
 @case("BLK-021", "BLK-016", allow=(Risk.RESET,), features=Feature.MODULATION)
@@ -333,26 +344,28 @@ def test_what_a_modulation_lacks_is_missed_wherever_it_stands(bench: Bench) -> N
     """A MODULATION of all 4096 samples is refused with EMPTY for one sample from place 480 on."""
     bench.restart(lambda: bench.order(Request.RESET))
     begin(bench)
-    store_but(bench, BUFFER, LATE_SAMPLES, SAMPLES_PER_BLOCK, lambda first, count: Samples(b"\xff" * count, first))
+    store_but(
+        bench, MODULATION_SAMPLES, LATE_SAMPLES, SAMPLES_PER_BLOCK, lambda first, count: Samples(b"\xff" * count, first)
+    )
     for place in LATE_SAMPLES:
-        empty(bench, f"sample {place}", Modulation(0, BUFFER, 1))
+        empty(bench, f"sample {place}", AmplitudeModulation(0, MODULATION_SAMPLES, 1))
         bench.must(Samples(b"\xff", place))
-    bench.must(Modulation(0, BUFFER, 1))
+    bench.must(AmplitudeModulation(0, MODULATION_SAMPLES, 1))
 
 
 @case("SAF-006", "BLK-022", "REQ-010", features=Feature.SEQUENCES)
 @pytest.mark.parametrize("place", LATE_ENTRIES)
 def test_a_slot_is_judged_and_guarded_wherever_it_stands(bench: Bench, place: int) -> None:
-    """Of a SEQUENCE of the whole table a late entry's slot is judged by the limit, and is in use while it plays."""
+    """The slot of a late entry of a whole-table SEQUENCE is judged by the limit, and is in use while it plays."""
     bench.must(Slot(0, SILENT))
     bench.must(Slot(1, driven(1004)))
-    store_but(bench, TABLE, (), ENTRIES_PER_BLOCK, silent_entries)
+    store_but(bench, SEQUENCE_ENTRIES, (), ENTRIES_PER_BLOCK, silent_entries)
     bench.must(Entries((Entry(1, 1),), place))
     bench.order(Request.LIMIT, 1)
     enable(bench)
-    refuse(bench, [Wrong("a slot above the limit", forge(bench, Sequence(0, TABLE)), Reason.DRIVE)])
+    refuse(bench, [Wrong("a slot above the limit", forge(bench, PlaySequence(0, SEQUENCE_ENTRIES)), Reason.DRIVE)])
     bench.must(Slot(1, SILENT))
-    bench.must(Sequence(0, TABLE))
+    bench.must(PlaySequence(0, SEQUENCE_ENTRIES))
     let_stores_go(bench)
     over = (Slot(1, SILENT), silent_entries(place, 1))
     refuse(bench, [Wrong("a store over what plays", forge(bench, body), Reason.IN_USE) for body in over])
@@ -360,10 +373,10 @@ def test_a_slot_is_judged_and_guarded_wherever_it_stands(bench: Bench, place: in
 
 @case("BLK-022", features=Feature.MODULATION)
 def test_a_sample_is_guarded_wherever_it_stands(bench: Bench) -> None:
-    """While all 4096 samples modulate none of them can be overwritten, from place 480 on either."""
+    """While all 4096 samples modulate none of them can be overwritten, not even from place 480 on."""
     enable(bench)
-    store_but(bench, BUFFER, (), SAMPLES_PER_BLOCK, lambda first, count: Samples(b"\xff" * count, first))
-    bench.must(Modulation(0, BUFFER, 1))
+    store_but(bench, MODULATION_SAMPLES, (), SAMPLES_PER_BLOCK, lambda first, count: Samples(b"\xff" * count, first))
+    bench.must(AmplitudeModulation(0, MODULATION_SAMPLES, 1))
     let_stores_go(bench)
     refuse(
         bench,
@@ -375,8 +388,8 @@ def test_a_sample_is_guarded_wherever_it_stands(bench: Bench) -> None:
 
 CHANGES: dict[str, Callable[[int], Change]] = {
     "update": lambda period: Update(SILENT, period),
-    "sequence": lambda period: Sequence(0, 1, period),
-    "modulation": lambda period: Modulation(0, 1, 1, period),
+    "sequence": lambda period: PlaySequence(0, 1, period),
+    "modulation": lambda period: AmplitudeModulation(0, 1, 1, period),
     "end-of-modulation": lambda period: Output(Action.END_MODULATION, period),
     "silence": lambda period: Output(Action.SILENCE, period),
     "disable": lambda period: Output(Action.DISABLE, period),
@@ -385,7 +398,7 @@ FAR_SPANS = spans(PER_PERIOD, LONG_PERIODS, HORIZON_PERIODS - LONG_PERIODS)
 
 
 def store_what_changes_play(bench: Bench) -> None:
-    """Store what the changes refer to, as far as the device knows it."""
+    """Store the data of the changes, as far as the device supports them."""
     stores: tuple[Body, ...] = (Slot(0, SILENT), Entries((Entry(0, 1),)), Samples(b"\xff"))
     for body in stores:
         if features_of(body) in bench.info.features:
@@ -396,7 +409,7 @@ def store_what_changes_play(bench: Bench) -> None:
 @case("BLK-005", "BLK-010", "BLK-018", "TIM-002")
 @pytest.mark.parametrize("kind", CHANGES)
 def test_a_change_waits_for_its_period_however_far_it_is(bench: Bench, kind: str) -> None:
-    """A change for a period that is near in few bits of periods, ticks or cycles takes a place, and no effect."""
+    """A change for a period that is near in few bits of periods, ticks or cycles takes a place, and has no effect."""
     change = CHANGES[kind]
     require(bench, features_of(change(0)))
     enable(bench)
@@ -406,7 +419,7 @@ def test_a_change_waits_for_its_period_however_far_it_is(bench: Bench, kind: str
         playing = bench.must(Update(SILENT)).commit_period
         modulated = kind == "end-of-modulation"
         if modulated:
-            bench.wait_until(bench.must(Modulation(0, 1, 1)).commit_period)
+            bench.wait_until(bench.must(AmplitudeModulation(0, 1, 1)).commit_period)
         near = soon(bench, 2)
         ack = bench.must(change(near + ahead))
         told = (ack.commit_period, ack.late)
@@ -430,7 +443,7 @@ def test_what_is_beyond_the_horizon_is_refused_however_it_is_counted(bench: Benc
     """Periods that are near in 32 to 63 bits, or in 64 bits of ticks or cycles, are refused, whatever is queued."""
     begin(bench)
     near = soon(bench, 20)
-    bench.must(Output(Action.SILENCE, near + 2**31))  # it is the arrival that counts, not what is queued
+    bench.must(Output(Action.SILENCE, near + 2**31))  # the arrival counts, not what is queued
     beyond = {f"{bits} bits of periods": 2**bits for bits in (32, 33, 40, 48, 56, 62, 63)}
     for name, count in PER_PERIOD.items():
         beyond |= {f"{bits} bits of {name}": -(-(2**bits) // count) for bits in (63, 64) if count > 1}
@@ -441,7 +454,7 @@ def test_what_is_beyond_the_horizon_is_refused_however_it_is_counted(bench: Benc
 
 @case("BLK-023")
 def test_how_far_updates_are_apart_is_counted_whole(bench: Bench) -> None:
-    """Two updates that are far apart, and one period in few bits, are not refused for their rate."""
+    """Two updates that are far apart, but one period apart in few bits, are not refused with RATE."""
     if bench.info.periods_per_update == 1:
         raise NotApplicable("its chain can carry an update in every period")
     enable(bench)
@@ -452,17 +465,17 @@ def test_how_far_updates_are_apart_is_counted_whole(bench: Bench) -> None:
         bench.disable()
 
 
-# Where counts wrap
+# Wraps of counters
 
 PER_SECOND = {"ms": 1_000, "µs": 1_000_000, **{name: 40_000 * count for name, count in PER_PERIOD.items()}}
 AROUND_SECONDS = 20
-"""So long before and after a wrap, for what counts may have begun some seconds before period 0."""
+"""The time before and after a wrap, because a counter may have started some seconds before period 0."""
 
 
 @case("TIM-002/1", "SAF-003", "SAF-005", "BLK-005", "BLK-015", "CHN-026", needs=(Need.SPARE,))
 @pytest.mark.parametrize("unattended", [False, True], ids=["attended", "unattended"])
 def test_nothing_goes_wrong_where_a_count_wraps(bench: Bench, unattended: bool) -> None:
-    """Watchdog, queue, sequences and lateness hold where 31 and 32 bits of ms, µs, ticks, cycles or periods end."""
+    """Watchdog, queue, sequences and lateness hold when 31 and 32 bits of ms, µs, ticks, cycles or periods wrap."""
     require(bench, Feature.SEQUENCES | Feature.READ_BACK | (Feature.UNATTENDED if unattended else Feature(0)))
     for name, count in PER_SECOND.items():
         for bits in (31, 32):
@@ -475,14 +488,14 @@ def test_nothing_goes_wrong_where_a_count_wraps(bench: Bench, unattended: bool) 
 
 
 def check_wrap(device: Bench, edge: int, unattended: bool) -> None:
-    """Let a sequence end, an update begin and the watchdog fire about where a count wraps."""
+    """Let a sequence end, an update begin and the watchdog fire near the wrap of a counter."""
     enable(device)
     device.must(Slot(0, SILENT))
     device.must(Slot(1, pulses := device.weak()))
     device.must(Entries((Entry(0, 30),)))
     device.unasked.clear()
-    ends = edge + (-10 if unattended else 250)  # from the end of an unattended one on the watchdog's time counts
-    device.must(Sequence(0, 1, ends - 300, repeats=10, unattended=unattended))
+    ends = edge + (-10 if unattended else 250)  # the watchdog's time counts from the end of an unattended one
+    device.must(PlaySequence(0, 1, ends - 300, repeats=10, unattended=unattended))
     device.must(Update(pulses, edge + 1000))
     last = device.must(NoOp()).now
     since = ends * TICKS_PER_PERIOD if unattended else last
@@ -496,7 +509,7 @@ def check_wrap(device: Bench, edge: int, unattended: bool) -> None:
 
 
 def check_beyond(device: Bench) -> None:
-    """See that lateness and the horizon are judged right, by a clock that is told right."""
+    """Check lateness, the horizon, and the clock itself."""
     enable(device)
     ack = device.must(Update(SILENT, 1))
     expect("LATE of a change for period 1", ack.late, True)

@@ -1,6 +1,6 @@
-"""Raw lines to a device under test: they send what they are told to, right or wrong, and show all that comes back.
+"""Raw lines to a device under test: they send anything, valid or not, and show every answer.
 
-The host's transports do what is right; these must be able to do what is wrong.
+The host's transports only do what is right; these must be able to do what is wrong.
 """
 
 from __future__ import annotations

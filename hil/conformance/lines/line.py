@@ -12,9 +12,9 @@ __all__ = ["RawLine"]
 
 
 class RawLine(Protocol):
-    """A line by which blocks and requests reach the device, whether they are right or wrong.
+    """A line that carries blocks and requests to the device, valid or not.
 
-    Methods raise a `DeviceError` where the line or the device fails.
+    Methods raise a `DeviceError` if the line or the device fails.
     """
 
     @property
@@ -23,23 +23,23 @@ class RawLine(Protocol):
 
     @property
     def name(self) -> str:
-        """What is at its other end, for people."""
+        """A name of the device, for people."""
 
     @property
     def time(self) -> Timekeeper:
-        """The time by which it is waited for."""
+        """The clock for all waiting."""
 
     def send_blocks(self, blocks: bytes, seconds: float) -> int:
-        """Send blocks of 512 bytes one behind the other; how many bytes were taken in time."""
+        """Send blocks of 512 bytes one after the other; returns how many bytes were taken in time."""
 
     def receive_records(self, seconds: float) -> bytes:
-        """Wait for what the device sends by itself: whole records as they came, none where none came in time."""
+        """Wait for unsolicited data: whole records, none if none came in time."""
 
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
-        """Make a control request; what came back, None for STALL."""
+        """Make a control request; returns the answer, or None for STALL."""
 
     def reopen(self, seconds: float) -> None:
-        """Find the device again in run-time mode, once it has left; it may take so long to come back."""
+        """Find the device again in run-time mode after it has left, within this time."""
 
     def close(self) -> None:
-        """Give the line back."""
+        """Close the line."""

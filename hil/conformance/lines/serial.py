@@ -1,4 +1,4 @@
-"""The raw serial line: bytes, frames right or wrong, requests and the console, over a UART or the console's endpoints.
+"""The raw serial line: bytes, any frames, requests and the console, over a UART or the console's endpoints.
 
 A `Wire` carries the bytes: a port of pyserial, or endpoints 03 and 83 of a device on USB.
 """
@@ -22,35 +22,35 @@ from ....protocol.framing import (
     DELIMITER,
     MAX_FRAME_BYTES,
     UART_BITS_PER_BYTE,
-    Frame,
-    Line,
     LineEvent,
-    Mode,
+    LineMode,
+    LineReader,
+    SerialFrame,
     SerialReply,
     encode,
 )
 from ....protocol.replies import ClockReading
 from ....protocol.requests import ConsoleRequest, Setup
 from ..cases import Inconclusive, LineKind
-from .usb import CONSOLE_IN, CONSOLE_OUT, UsbLine
+from .usb import CONSOLE_IN, CONSOLE_OUT, RawUsbLine
 
-__all__ = ["QUIET_SECONDS", "CdcWire", "PortWire", "SerialLine", "Wire"]
+__all__ = ["QUIET_SECONDS", "CdcWire", "PortWire", "RawSerialLine", "Wire"]
 
 PATIENCE_SECONDS = 10.0
-"""For any answer, besides the time that its bytes take; the rest is for a computer that is busy."""
+"""Time for any answer, besides that of its bytes, with margin for a busy computer."""
 QUIET_SECONDS = 0.05
-"""Where nothing comes for so long, besides the time that bytes under way take, nothing was to come."""
+"""After so long without data, besides the time of bytes under way, none are expected."""
 SLOWER = 0.9
-"""How much of the longest time that an answer took is expected of the next one."""
+"""Share of the longest recent answer time that is expected of the next answer."""
 READ_SECONDS = 0.002
-"""How long a port waits for bytes at a time; some ports take long to change that."""
+"""How long a port waits for bytes at a time; some ports are slow to change that."""
 LOOK_SECONDS = 0.05
 BREAK_SECONDS = 0.02
 CDC_BYTES_PER_SECOND = 1e6
 FAR_LATENCY_SECONDS = 0.03
-"""What a line to a real device and the programs at its end may add to an answer, the timers of adapters included."""
+"""The delay that a real line and the programs at its end may add to an answer, with the timers of adapters."""
 PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
-"""Where Linux and macOS have them."""
+"""Their place on Linux and macOS."""
 PROMPT = b"> "
 TAGS = 256
 
@@ -60,7 +60,7 @@ class Wire(Protocol):
 
     @property
     def name(self) -> str:
-        """What is at its other end, for people."""
+        """A name of its other end, for people."""
 
     @property
     def time(self) -> Timekeeper:
@@ -72,7 +72,7 @@ class Wire(Protocol):
 
     @property
     def has_break(self) -> bool:
-        """Whether it is a UART, whose line can be held low; where it is none, DTR can be lowered instead."""
+        """Whether it is a UART, whose line can be held low; otherwise DTR can be lowered instead."""
 
     @property
     def is_connection(self) -> bool:
@@ -85,16 +85,16 @@ class Wire(Protocol):
         """Wait until something comes, or the time is over."""
 
     def set_dtr(self, on: bool) -> None:
-        """Raise or lower DTR, where the line has one."""
+        """Raise or lower DTR, if the line has one."""
 
     def hang_up(self) -> None:
         """Hold the line low for longer than a byte, or lower DTR and raise it again."""
 
     def reopen(self, seconds: float) -> None:
-        """Open it again, once the device has left."""
+        """Open it again, after the device has left."""
 
     def close(self) -> None:
-        """Give it back."""
+        """Close it."""
 
 
 class PortWire:
@@ -103,19 +103,19 @@ class PortWire:
     Parameters
     ----------
     url : str
-        By which the host finds ports.
+        The URL by which the host finds ports.
 
     Raises
     ------
     DeviceError
-        Where there is no such port, or it may not be used.
+        If there is no such port, or it may not be used.
     """
 
     def __init__(self, url: str) -> None:
         self._port: Any = load_by_scheme(PORTS, url)(url)
         self.name: str = self._port.name
         self.time: Timekeeper = getattr(self._port, "time", time)
-        # A port that has no baud rate leads to the device by USB; a socket and a pseudo-terminal carry bytes alone.
+        # A port without a baud rate leads to the device by USB; a socket and a pseudo-terminal carry bytes alone.
         self._has_dtr = hasattr(self._port, "bytes_per_second")
         self.is_connection: bool = url.startswith("socket:")
         bare = self.is_connection or str(Path(self.name).resolve()).startswith(PSEUDO_TERMINALS)
@@ -152,7 +152,7 @@ class PortWire:
             self._port.dtr = on
 
     def hang_up(self) -> None:
-        """Hold the line low for 20 ms, or lower DTR and raise it again; inconclusive where neither can be done."""
+        """Hold the line low for 20 ms, or lower DTR and raise it again; inconclusive if neither is possible."""
         if self.has_break:
             self._port.send_break(BREAK_SECONDS)
         elif self._has_dtr:
@@ -162,7 +162,7 @@ class PortWire:
             raise Inconclusive(f"{self.name} carries bytes alone: it has neither a break nor DTR to hang up with")
 
     def reopen(self, seconds: float) -> None:
-        """Open the port anew."""
+        """Open the port again."""
         end = self.time.monotonic() + seconds
         self._port.close()
         while True:
@@ -181,11 +181,11 @@ class PortWire:
 
 
 class CdcWire:
-    """The console's endpoints of a device on USB; DTR is as the device has it at first, low.
+    """The console's endpoints of a device on USB; DTR has its initial state, low.
 
     Parameters
     ----------
-    usb : UsbLine
+    usb : RawUsbLine
         The device.
     """
 
@@ -193,7 +193,7 @@ class CdcWire:
     is_connection = False
     bytes_per_second = CDC_BYTES_PER_SECOND
 
-    def __init__(self, usb: UsbLine) -> None:
+    def __init__(self, usb: RawUsbLine) -> None:
         self._usb = usb
         self.name = f"console of {usb.name}"
         self._packet_bytes = usb.bulk_bytes
@@ -204,13 +204,13 @@ class CdcWire:
         return self._usb.time
 
     def write(self, data: bytes) -> None:
-        """Send bytes; raise `DeviceTimeoutError` where they are not taken."""
+        """Send bytes; raises `DeviceTimeoutError` if they are not taken."""
         taken = self._usb.write(CONSOLE_OUT, data, PATIENCE_SECONDS)
         if taken < len(data):
             raise DeviceTimeoutError(f"{self.name} takes {taken} of {len(data)} bytes in {PATIENCE_SECONDS:g} s")
 
     def read(self, seconds: float) -> bytes:
-        """Wait until a packet comes, or the time is over; a device need not end a stream of bytes by a short one."""
+        """Wait until a packet comes, or the time is over; a device need not end a stream of bytes with a short one."""
         end = self.time.monotonic() + seconds
         while True:
             data = self._usb.read(CONSOLE_IN, self._packet_bytes, max(end - self.time.monotonic(), 0))
@@ -229,7 +229,7 @@ class CdcWire:
         self.set_dtr(True)
 
     def reopen(self, _seconds: float) -> None:
-        """Go on with the device that the USB line has found."""
+        """Continue with the device that the USB line has found."""
         self._packet_bytes = self._usb.bulk_bytes
 
     def close(self) -> None:
@@ -237,7 +237,7 @@ class CdcWire:
         self.set_dtr(False)
 
 
-class SerialLine:
+class RawSerialLine:
     """A line that frames and the console share; it starts with the console.
 
     Parameters
@@ -248,9 +248,9 @@ class SerialLine:
     ----------
     wire : Wire
     events : list of LineEvent
-        All that came since `forget`: text, frames, why others were damaged, modes that began.
+        Everything since `forget`: text, frames, defects of other frames, modes that began.
     damaged : list of FrameError
-        Why frames that came since `enter_frames` were damaged; one that goes to devices is.
+        Defects of frames since `enter_frames`; a frame for devices counts as one.
     """
 
     kind: LineKind = "serial"
@@ -259,14 +259,14 @@ class SerialLine:
         self.wire = wire
         self.events: list[LineEvent] = []
         self.damaged: list[FrameError] = []
-        self._incoming = Line()
+        self._incoming = LineReader()
         self._given = 0
         self._tag = 0
         self._slow = 0.0
 
     @property
     def name(self) -> str:
-        """What is at its other end, for people."""
+        """A name of its other end, for people."""
         return self.wire.name
 
     @property
@@ -275,17 +275,17 @@ class SerialLine:
         return self.wire.time
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> LineMode:
         """What the device sends: text or frames."""
         return self._incoming.mode
 
     @property
     def latency(self) -> float:
-        """What this line may add to an answer, in seconds: nothing where the device lives in this process."""
+        """The delay that this line may add to an answer, in seconds: 0 if the device is in this process."""
         return FAR_LATENCY_SECONDS if self.time is time else 0.0
 
     def patience(self, size: int = 0) -> float:
-        """How long to wait for an answer behind so many bytes under way, in seconds."""
+        """How long to wait for an answer after so many bytes under way, in seconds."""
         return PATIENCE_SECONDS + self.transit(size + 2 * MAX_FRAME_BYTES)
 
     def transit(self, size: int) -> float:
@@ -293,18 +293,18 @@ class SerialLine:
         return size / self.wire.bytes_per_second
 
     def forget(self) -> None:
-        """Forget what came."""
+        """Forget the received data."""
         self.events.clear()
         self._given = 0
 
     # Bytes
 
     def write(self, data: bytes) -> None:
-        """Send bytes as they are."""
+        """Send bytes unchanged."""
         self.wire.write(data)
 
     def _hear(self, seconds: float) -> bytes:
-        """Take in what comes first, as bytes and as events."""
+        """Take the next data, as bytes and as events."""
         data = self.wire.read(seconds)
         came = self._incoming.feed(data)
         self.events += came
@@ -312,45 +312,45 @@ class SerialLine:
             match event:
                 case FrameError():
                     self.damaged.append(event)
-                case Frame(FrameKind.BLOCK | FrameKind.REQUEST as kind):
+                case SerialFrame(FrameKind.BLOCK | FrameKind.REQUEST as kind):
                     self.damaged.append(FrameError(f"a frame of kind {kind.name} goes to devices"))
         return data
 
     def listen(self, seconds: float, enough: Callable[[], bool] = lambda: False) -> list[LineEvent]:
-        """Take in what comes until there is enough, or the time is over; all events since `forget`."""
+        """Take data until there is enough, or the time is over; returns all events since `forget`."""
         end = self.time.monotonic() + seconds + self.latency
         while not enough() and (left := end - self.time.monotonic()) > 0:
             self._hear(left)
         return self.events
 
     def read(self, seconds: float, enough: Callable[[bytes], bool] = lambda _: False) -> bytes:
-        """Take in bytes as they come until there are enough, or the time is over; they show as events too."""
+        """Take bytes until there are enough, or the time is over; they show as events too."""
         end, found = self.time.monotonic() + seconds, b""
         while not enough(found) and (left := end - self.time.monotonic()) > 0:
             found += self._hear(left)
         return found
 
     def rest(self, size: int = 0) -> bytes:
-        """Take in bytes until nothing more comes, where so many may still be under way."""
+        """Take bytes until no more come, if so many may still be under way."""
         found = b""
-        quiet = QUIET_SECONDS + max(self.latency, self._slow)  # what answers took of late on a busy computer
+        quiet = QUIET_SECONDS + max(self.latency, self._slow)  # the recent answer times on a busy computer
         while data := self.read(quiet + self.transit(size + MAX_FRAME_BYTES), bool):
             found += data
         return found
 
     def answer(self, size: int = 0) -> bytes:
-        """Wait for bytes, where so many may come, and take in what comes until nothing more does."""
+        """Wait for bytes, of which so many may come, and take them until no more come."""
         return self.read(self.patience(size), bool) + self.rest(size)
 
     # Modes
 
     def enter_frames(self) -> None:
-        """Go over to frames, whatever the line carries now (clause SER-010), and forget what came before.
+        """Switch to frames from any mode (clause SER-010), and forget earlier data.
 
         Raises
         ------
         DeviceTimeoutError
-            Where no request is answered then.
+            If no request is answered afterwards.
         """
         self.write(DELIMITER + encode(CONSOLE_FRAME) + DELIMITER)
         self.request(Setup(REQUEST_TYPE_IN, Request.CLOCK, 0, 0, ClockReading.BYTES))
@@ -358,7 +358,7 @@ class SerialLine:
         self.damaged.clear()
 
     def enter_console(self) -> None:
-        """Go over to the console, whatever the line carries now, to its prompt, without echo (clause SER-010)."""
+        """Switch to the console from any mode, to its prompt, without echo (clause SER-010)."""
         self.wire.set_dtr(True)
         self.enter_frames()
         self.write(encode(CONSOLE_FRAME))
@@ -373,19 +373,19 @@ class SerialLine:
         self.assume_console()
 
     def assume_console(self) -> None:
-        """Take note that the device has returned to the console by itself, as on SET_CONFIGURATION."""
+        """Note that the device has returned to the console by itself, as on SET_CONFIGURATION."""
         self._incoming.hang_up()
         self.forget()
 
-    # What any line can do
+    # Methods of any line
 
     def send_frame(self, kind: FrameKind, body: bytes = b"") -> None:
-        """Send a frame behind a zero."""
-        self.write(DELIMITER + encode(Frame(kind, body)))
+        """Send a frame, preceded by a zero."""
+        self.write(DELIMITER + encode(SerialFrame(kind, body)))
 
     def frames(self, kind: FrameKind) -> list[bytes]:
-        """The bodies of the undamaged frames of a kind that came since `forget`."""
-        return [event.body for event in self.events if isinstance(event, Frame) and event.kind is kind]
+        """The bodies of the undamaged frames of a kind since `forget`."""
+        return [event.body for event in self.events if isinstance(event, SerialFrame) and event.kind is kind]
 
     def send_blocks(self, blocks: bytes, _seconds: float) -> int:
         """Send blocks in frames; a serial line cannot refuse them."""
@@ -394,22 +394,22 @@ class SerialLine:
         return len(blocks)
 
     def receive_records(self, seconds: float) -> bytes:
-        """Wait for records in frames: those that have not been given yet."""
+        """Wait for records in frames: those that were not returned yet."""
         self.listen(seconds, lambda: len(self.frames(FrameKind.RECORD)) > self._given)
         found = self.frames(FrameKind.RECORD)[self._given :]
         self._given += len(found)
         return b"".join(found)
 
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
-        """Make a control request in a frame; what came back, None for STALL.
+        """Make a control request in a frame; returns the answer, or None for STALL.
 
         Raises
         ------
         DeviceTimeoutError
-            Where no reply with its tag comes.
+            If no reply with its tag comes.
         """
         self._tag = (self._tag + 1) % TAGS
-        before = len(self.events)  # among which replies to others with this tag may be
+        before = len(self.events)  # which may include replies to others with this tag
         asked = self.time.monotonic()
         self.send_frame(FrameKind.REQUEST, bytes([self._tag]) + setup.encode() + data)
         self.listen(self.patience(BLOCK_BYTES), lambda: self._answered(before) is not None)
@@ -419,20 +419,20 @@ class SerialLine:
         if self.latency:
             self._slow = max(self.time.monotonic() - asked, SLOWER * self._slow)
         event = self.events.pop(place)
-        assert isinstance(event, Frame)
+        assert isinstance(event, SerialFrame)
         reply = SerialReply.decode(event.body)
         return reply.data if reply.outcome is Outcome.DONE else None
 
     def _answered(self, first: int) -> int | None:
-        """The place of the reply with the newest tag among the events, those before the first left out."""
+        """The place of the reply with the newest tag among the events, ignoring those before the first."""
         for place, event in enumerate(self.events[first:], first):
             match event:
-                case Frame(FrameKind.REPLY, body) if SerialReply.decode(body).tag == self._tag:
+                case SerialFrame(FrameKind.REPLY, body) if SerialReply.decode(body).tag == self._tag:
                     return place
         return None
 
     def reopen(self, seconds: float) -> None:
-        """Open the wire again and go over to frames."""
+        """Open the wire again and switch to frames."""
         self.wire.reopen(seconds)
         self.assume_console()
         end = self.time.monotonic() + seconds
@@ -446,7 +446,7 @@ class SerialLine:
                 return
 
     def close(self) -> None:
-        """Leave the line to the console, with echo, and give it back, even one whose other end is gone."""
+        """Leave the line to the console, with echo, and close it, even if its other end is gone."""
         with suppress(DeviceError):
             self.write(DELIMITER + encode(CONSOLE_FRAME) + b"echo 1\r")
         self.wire.close()
@@ -454,12 +454,12 @@ class SerialLine:
     # Console
 
     def command(self, line: str) -> str:
-        """Give a command, with echo off; its answer, without the prompt.
+        """Give a command, with echo off; returns its answer, without the prompt.
 
         Raises
         ------
         DeviceTimeoutError
-            Where no prompt comes.
+            If no prompt comes.
         """
         self.write(line.encode("ascii") + b"\r")
         return self._await_prompt(line).removesuffix(PROMPT).decode("latin-1")
@@ -472,5 +472,5 @@ class SerialLine:
 
 
 def ends_with_prompt(text: bytes) -> bool:
-    """Whether text ends with the prompt, which stands at the beginning of a line or behind what ends frames."""
+    """Whether text ends with the prompt, at the beginning of a line or after the end of frames."""
     return text == PROMPT or text.endswith((b"\n" + PROMPT, DELIMITER + PROMPT))

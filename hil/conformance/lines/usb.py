@@ -12,51 +12,51 @@ import usb.util
 
 from ....errors import DeviceError, DeviceLostError, DeviceStalledError
 from ....host.lines.transport import Timekeeper
-from ....host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Mode, Sighting, UsbBus, configure, translated
+from ....host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, DeviceMode, Sighting, UsbFinder, configure, translated
 from ....protocol.codes import BLOCK_BYTES, StandardRequest
 from ....protocol.enumeration import ENDPOINT_IN, ENDPOINT_OUT
 from ....protocol.requests import DIRECTION_IN, Setup
 from ..cases import Inconclusive, LineKind
 
-__all__ = ["CONSOLE_IN", "CONSOLE_OUT", "REQUEST_SECONDS", "UsbLine"]
+__all__ = ["CONSOLE_IN", "CONSOLE_OUT", "REQUEST_SECONDS", "RawUsbLine"]
 
 REQUEST_SECONDS = 10.0
-"""A device answers at once; the rest is for a computer that is busy."""
+"""A device answers at once; the rest is margin for a busy computer."""
 READ_BYTES = 32 * BLOCK_BYTES
 CONSOLE_OUT, CONSOLE_IN = 0x03, 0x83
 """Clause USB-005."""
 CONFIGURATION = 1
 NOT_LET_THROUGH = (errno.ENOENT, errno.EINVAL, errno.EIO)
-"""What libusb says of a request to an endpoint that no configuration has: Linux does not send it."""
+"""The text of libusb for a request to an endpoint that no configuration has: Linux does not send it."""
 RECIPIENT, ENDPOINT = 0x1F, 0x02
-"""In the type of a request (USB 2.0, table 9-2)."""
+"""Bits in the type of a request (USB 2.0, table 9-2)."""
 
 
-class UsbLine:
-    """A device on a USB bus, from its first sight; it may leave the bus and come back in either mode.
+class RawUsbLine:
+    """A device on a USB bus, which may leave the bus and come back in either mode.
 
     Parameters
     ----------
     url : str
-        As `UsbBus` reads it.
+        As `UsbFinder` reads it.
 
     Attributes
     ----------
     device : usb.core.Device
-        As pyusb knows it now.
+        The present pyusb device.
     from_kernel : set of int
-        The interfaces that a driver of the kernel has had, and has again after a restart.
+        The interfaces that a kernel driver held, and holds again after a restart.
 
     Raises
     ------
     DeviceError
-        Where there is none, or it may not be opened.
+        If there is none, or it may not be opened.
     """
 
     kind: LineKind = "usb"
 
     def __init__(self, url: str) -> None:
-        self._bus = UsbBus(url)
+        self._bus = UsbFinder(url)
         self.from_kernel: set[int] = set()
         self.device: Any = None
         try:
@@ -82,7 +82,7 @@ class UsbLine:
                 self._claim()
 
     def _claim(self) -> None:
-        """Hold all interfaces; those of the console are taken from the kernel, which gets them back in `close`."""
+        """Claim all interfaces; those of the console are taken from the kernel, which gets them back in `close`."""
         for interface in self.device.get_active_configuration():
             number = interface.bInterfaceNumber
             with suppress(usb.core.USBError, NotImplementedError):
@@ -92,7 +92,7 @@ class UsbLine:
             usb.util.claim_interface(self.device, number)
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> DeviceMode:
         """Whether the device plays or waits for firmware, as last seen."""
         return self._seen.mode
 
@@ -111,10 +111,10 @@ class UsbLine:
             if endpoint.bEndpointAddress == ENDPOINT_OUT
         )
 
-    # What any line can do
+    # Methods of any line
 
     def send_blocks(self, blocks: bytes, seconds: float) -> int:
-        """Send blocks to 01 OUT in one transfer; how many bytes were taken in time."""
+        """Send blocks to 01 OUT in one transfer; returns how many bytes were taken in time."""
         return self.write(ENDPOINT_OUT, blocks, seconds)
 
     def receive_records(self, seconds: float) -> bytes:
@@ -122,7 +122,7 @@ class UsbLine:
         return self.read(ENDPOINT_IN, READ_BYTES, seconds) or b""
 
     def request(self, setup: Setup, data: bytes = b"") -> bytes | None:
-        """Make a control request; what came back, None for STALL."""
+        """Make a control request; returns the answer, or None for STALL."""
         what = setup.length if setup.is_in else data or None
         with translated(setup.name):
             try:
@@ -133,13 +133,13 @@ class UsbLine:
                 if error.errno == errno.EPIPE:
                     return None
                 to_endpoint = setup.request_type & RECIPIENT == ENDPOINT
-                if to_endpoint and error.errno in NOT_LET_THROUGH and self._is_there:
-                    raise Inconclusive("this computer's own system does not let such a request through") from error
+                if to_endpoint and error.errno in NOT_LET_THROUGH and self.is_there:
+                    raise Inconclusive("this computer's system does not send such a request") from error
                 raise
         return bytes(answer) if setup.is_in else b""
 
     @property
-    def _is_there(self) -> bool:
+    def is_there(self) -> bool:
         """Whether the device still answers GET_STATUS."""
         try:
             self.device.ctrl_transfer(DIRECTION_IN, StandardRequest.GET_STATUS, 0, 0, 2, round(1000 * REQUEST_SECONDS))
@@ -147,15 +147,15 @@ class UsbLine:
             return False
         return True
 
-    def reopen(self, seconds: float, modes: Collection[Mode] = (RUN_TIME,), *, configured: bool = True) -> None:
-        """Find the device again in one of some modes, and configure it unless it is to be left as it came."""
+    def reopen(self, seconds: float, modes: Collection[DeviceMode] = (RUN_TIME,), *, configured: bool = True) -> None:
+        """Find the device again in one of some modes, and configure it unless told otherwise."""
         usb.util.dispose_resources(self.device)
         end = self.time.monotonic() + seconds
         while True:
             seen = self._bus.find_again(self._seen, modes, max(end - self.time.monotonic(), 0))
             try:
                 self._take(seen, configured=configured)
-            except (DeviceLostError, DeviceStalledError):  # it left once more
+            except (DeviceLostError, DeviceStalledError):  # it left again
                 if self.time.monotonic() >= end:
                     raise
                 self.time.sleep(0.05)
@@ -163,7 +163,7 @@ class UsbLine:
                 return
 
     def close(self) -> None:
-        """Give the device back, and to the kernel what was the kernel's."""
+        """Release the device, and return to the kernel the interfaces that it held."""
         if self.device is None:
             return
         usb.util.dispose_resources(self.device)
@@ -172,15 +172,15 @@ class UsbLine:
                 self.device.attach_kernel_driver(number)
         usb.util.dispose_resources(self.device)
 
-    # What only USB can do
+    # Methods of USB alone
 
     def write(self, endpoint: int, data: bytes, seconds: float) -> int:
-        """Send bytes to an endpoint in one transfer, an empty packet where there are none; how many were taken in time.
+        """Send bytes to an endpoint in one transfer, or an empty packet; returns how many were taken in time.
 
         Raises
         ------
         DeviceStalledError
-            Where the endpoint is halted.
+            If the endpoint is halted.
         """
         with translated(f"sending to endpoint {endpoint:02X}"):
             try:
@@ -189,12 +189,12 @@ class UsbLine:
                 return 0
 
     def read(self, endpoint: int, size: int, seconds: float) -> bytes | None:
-        """Receive one transfer of at most so many bytes, which ends with a short packet; None where none came.
+        """Receive one transfer of at most so many bytes, which ends with a short packet; None if none came.
 
         Raises
         ------
         DeviceStalledError
-            Where the endpoint is halted.
+            If the endpoint is halted.
         """
         with translated(f"receiving from endpoint {endpoint:02X}"):
             try:
@@ -208,21 +208,21 @@ class UsbLine:
             self.device.clear_halt(endpoint)
 
     def set_configuration(self) -> None:
-        """Configure the device anew."""
+        """Configure the device again."""
         with translated("configuring the device"):
             usb.util.dispose_resources(self.device)
             self.device.set_configuration(CONFIGURATION)
             self._claim()
 
     def set_interface(self, interface: int) -> None:
-        """Choose setting 0 of an interface, as a kernel does it."""
-        with translated(f"choosing setting 0 of interface {interface}"):
+        """Select setting 0 of an interface, as a kernel does."""
+        with translated(f"selecting setting 0 of interface {interface}"):
             usb.util.claim_interface(self.device, interface)
             self.device.set_interface_altsetting(interface, 0)
 
     @property
     def is_configured(self) -> bool:
-        """Whether the device is configured, as the computer knows it."""
+        """Whether the device is configured, as far as the computer knows."""
         try:
             self.device.get_active_configuration()
         except usb.core.USBError:
@@ -230,7 +230,7 @@ class UsbLine:
         return True
 
     def reset(self, *, configured: bool = True) -> None:
-        """Reset the bus; a configured device is configured again, and one that came back as another found again."""
+        """Reset the bus; a configured device is configured again, and found again if it came back as another."""
         with translated("resetting the bus"):
             try:
                 self.device.reset()
@@ -238,9 +238,12 @@ class UsbLine:
                 if error.errno not in (errno.ENOENT, errno.ENODEV):
                     raise
                 self.reopen(10, ANY_MODE, configured=configured)
+            else:
+                if self.mode == RUN_TIME and self.is_configured:
+                    self._claim()  # pyusb has let go of all of them
 
-    def wait_for(self, mode: Mode, seconds: float, *, configured: bool = True) -> None:
-        """Wait until the device is back on the bus in a mode, and configure it unless it is to be left as it came."""
+    def wait_for(self, mode: DeviceMode, seconds: float, *, configured: bool = True) -> None:
+        """Wait until the device is back on the bus in a mode, and configure it unless told otherwise."""
         self.reopen(seconds, (mode,), configured=configured)
 
 

@@ -1,5 +1,5 @@
-"""Reports: what came of a run, as a terminal, a program, a CI system and a browser show it.
+"""Reports: the result of a run for a terminal, a program, a CI system and a browser.
 
-They take a `Run` and a `Matrix`, and judge nothing: what breaks a run, `verdicts` says, and what they all say of it is
-in `summary`. Text that comes from a device or a file is never trusted: see `markup`.
+They take a `Run` and a `Matrix`, and judge nothing: `verdicts` says what breaks a run, and `summary` holds what all of
+them say. Text from a device or a file is never trusted: see `markup`.
 """

@@ -1,8 +1,8 @@
 """A run as JUnit XML, as CI systems read it.
 
-Each group is a suite and each case a test; what could not be judged, does not apply, or fails as is known is skipped,
-and says why. JUnit has no warning: such a case passes, and tells it in its output. What is wrong with the run itself
-is an error of a suite of its own.
+Each group is a suite and each case a test. A case that could not be judged, does not apply, or fails as known is
+skipped with the reason. JUnit has no warning: such a case passes, and its output says so. Trouble of the run itself is
+an error in a suite of its own.
 """
 
 from __future__ import annotations

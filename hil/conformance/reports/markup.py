@@ -1,4 +1,4 @@
-"""Elements of XML and HTML, in which text from anywhere is nothing but text."""
+"""Elements of XML and HTML, in which text from any source stays text."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element
 
 __all__ = ["element", "legible"]
 
-# Controls move a terminal's cursor, and most of them, and what is no character, no XML may hold.
+# Controls move a terminal's cursor; XML forbids most of them, and code points that are no characters.
 _ILLEGIBLE = re.compile("[^\t\n\x20-\x7e\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -24,9 +24,9 @@ def element(tag: str, /, *content: Element | str, **attributes: str) -> Element:
     tag : str
         Its name.
     *content : Element or str
-        What it holds, in order; text is escaped when it is written.
+        Its children, in order; text is escaped when it is written.
     **attributes : str
-        As they stand in its tag; ``class_`` stands for ``class``.
+        The attributes of its tag; ``class_`` stands for ``class``.
     """
     made = Element(tag, {key.rstrip("_"): legible(value) for key, value in attributes.items()})
     for part in content:

@@ -1,7 +1,7 @@
-"""A run as one page of HTML, which needs nothing besides itself: no script, no font, no picture, no network.
+"""A run as one self-contained page of HTML: no script, no font, no picture, no network.
 
-What broke comes first, then each clause of SPEC.md with its cases, then each case with what was seen. It is made of
-elements, never of pieces of text, so that nothing that a device says becomes markup.
+What broke comes first, then each clause of SPEC.md with its cases, then each case with its evidence. The page is built
+from elements, never from pieces of text, so that no answer of a device becomes markup.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from urllib.parse import quote
 from xml.etree.ElementTree import Element, tostring
 
-from ..matrix import Chapter, ClauseRows, Level, Matrix, Row
+from ..matrix import Chapter, ClauseRows, Level, Matrix, MatrixRow
 from ..verdicts import Evidence, Result, Run, Verdict
 from .markup import element
 from .style import STYLE
@@ -29,7 +29,7 @@ from .summary import (
 __all__ = ["page"]
 
 SEALED = "default-src 'none'; style-src 'unsafe-inline'"
-"""The page may load nothing, whatever were to slip into it."""
+"""The page may load nothing, whatever text it contains."""
 MARKS = {
     Standing.FAIL: "✗",
     Standing.UNEXPECTED_PASS: "✗",
@@ -77,11 +77,11 @@ def _sections(run: Run, matrix: Matrix) -> Iterator[Element | None]:
     rows = (element("div", element("dt", name), element("dd", text)) for name, text in provenance_rows(run.provenance))
     yield _section("provenance", "Provenance", element("dl", *rows))
     yield _section("counts", "Counts", _scrolling(_counts(run)))
-    yield _listed("trouble", "Wrong with the run itself", (element("li", text) for text in run.trouble))
+    yield _listed("trouble", "Trouble of the run itself", (element("li", text) for text in run.trouble))
     yield _listed("broke", "What broke", map(_finding, told[Standing.FAIL] + told[Standing.UNEXPECTED_PASS]))
-    yield _listed("warnings", "What should be otherwise", map(_finding, told[Standing.WARN]))
+    yield _listed("warnings", "Warnings", map(_finding, told[Standing.WARN]))
     yield _listed("inconclusive", "What could not be judged here", _reasons(told[Standing.INCONCLUSIVE]))
-    yield _listed("known", "What failed as is known", map(_finding, told[Standing.KNOWN_FAILURE]))
+    yield _listed("known", "What failed as known", map(_finding, told[Standing.KNOWN_FAILURE]))
     yield _listed("not-applicable", "What did not apply", _reasons(told[Standing.NOT_APPLICABLE]))
     results = {result.case: result for result in run.results}
     yield _section("clauses", "Clauses", *(_chapter(chapter, results) for chapter in matrix.chapters))
@@ -93,24 +93,24 @@ def _section(name: str, heading: str, *content: Element) -> Element:
 
 
 def _listed(name: str, heading: str, items: Iterable[Element]) -> Element | None:
-    """A section that is a list; none where nothing is in it."""
+    """A section with a list; none if the list is empty."""
     found = list(items)
     return _section(name, heading, element("ul", *found, class_="findings")) if found else None
 
 
 def _scrolling(table: Element) -> Element:
-    """A table that is moved by itself where the window is narrow; keys reach it too."""
+    """A table that scrolls by itself if the window is narrow; keys reach it too."""
     return element("div", table, class_="scrolling", tabindex="0")
 
 
 def _badge(kind: Standing) -> Element:
-    """Where something stands, in a word; sign and colour only say it again."""
+    """A standing in a word; sign and colour only repeat it."""
     sign = element("span", MARKS[kind], **{"aria-hidden": "true"})
     return element("span", sign, f" {kind.value}", class_=f"badge {kind.name.lower()}")
 
 
 def _place(case: str) -> str:
-    """The name of a case's place in the page."""
+    """The anchor of a case in the page."""
     return quote(case)
 
 
@@ -119,12 +119,12 @@ def _link(result: Result) -> Element:
 
 
 def _finding(result: Result) -> Element:
-    """A result that must be looked at."""
+    """A result that needs attention."""
     return element("li", _badge(standing(result)), " ", _link(result), *_about(result))
 
 
 def _about(result: Result) -> Iterator[Element]:
-    """What a case does, why it came to its verdict, and what it shows."""
+    """The sentence of a case, the reason of its verdict, and its evidence."""
     yield element("p", result.sentence)
     if result.reason:
         yield element("p", why(result), class_="reason")
@@ -137,7 +137,7 @@ def _about(result: Result) -> Iterator[Element]:
 
 
 def _reasons(results: Iterable[Result]) -> Iterator[Element]:
-    """How many have each reason, and which."""
+    """How many cases have each reason, and which."""
     for reason, found in by_reason(results).items():
         cases = element("ul", *(element("li", _link(result)) for result in found))
         number = f"{len(found)} {'case' if len(found) == 1 else 'cases'}"
@@ -146,7 +146,7 @@ def _reasons(results: Iterable[Result]) -> Iterator[Element]:
 
 
 def _counts(run: Run) -> Element:
-    """How many came to which verdict, of each group and of all."""
+    """How many came to which verdict, in each group and in all."""
     kinds = [Standing(verdict.value) for verdict in Verdict]
     head = element(
         "tr",
@@ -166,7 +166,7 @@ def _count_row(name: str, verdicts: list[Verdict]) -> Element:
 
 
 def _chapter(chapter: Chapter, results: Mapping[str, Result]) -> Element:
-    """A chapter of SPEC.md: its clauses, what shows each, and what came of it."""
+    """A chapter of SPEC.md: its clauses, the cases of each, and their results."""
     head = element("tr", *(element("th", name, scope="col") for name in ("clause", "says", "shown by", "verdict")))
     bodies = (_clause(clause, results) for clause in chapter.clauses)
     table = element("table", element("thead", head), *bodies, class_="clauses")
@@ -187,7 +187,7 @@ def _clause(clause: ClauseRows, results: Mapping[str, Result]) -> Element:
     return element("tbody", *rows, id=clause.clause.identifier)
 
 
-def _row(row: Row, results: Mapping[str, Result]) -> Element:
+def _row(row: MatrixRow, results: Mapping[str, Result]) -> Element:
     found = [results[case] for case in row.cases if case in results]
     verdict = worst(result.verdict for result in found)
     cases = [element("li", _badge(standing(result)), " ", _link(result)) for result in found]
@@ -217,7 +217,7 @@ def _group(name: str, results: Iterable[Result]) -> Iterator[Element]:
 
 
 def _case(result: Result) -> Element:
-    """A case with all that was seen; open where it broke."""
+    """A case with its evidence; open if it broke."""
     opened = {"open": ""} if result.breaks else {}
     summary = element("summary", _badge(standing(result)), " ", element("span", result.case, class_="case"))
     return element("details", summary, *_about(result), *_evidence(result.evidence), id=_place(result.case), **opened)

@@ -1,4 +1,4 @@
-"""A run as a record that programs read: its format is ``phasewire-conformance-1``."""
+"""A run as a JSON record for programs: its format is ``phasewire-conformance-1``."""
 
 from __future__ import annotations
 
@@ -16,15 +16,14 @@ FORMAT = "phasewire-conformance-1"
 
 
 def record(run: Run, matrix: Matrix) -> dict[str, Any]:
-    """All of a run, as JSON takes it; the order of the keys is always the same.
+    """All of a run as JSON; the order of the keys is always the same.
 
     Returns
     -------
     dict
-        ``outcome`` is ``fail``, ``pass``, or ``part`` where nothing broke but not all has been shown; that of a run
-        that something interrupted is ``fail``. ``counts`` has
-        each verdict, and beside them what was expected. A row of the matrix has the worst verdict of its cases; null
-        where none of them ran.
+        ``outcome`` is ``fail``, ``pass``, or ``part`` if nothing broke but not all was shown; an interrupted run is
+        ``fail``. ``counts`` has each verdict, and in addition what was expected. A row of the matrix has the worst
+        verdict of its cases; null if none of them ran.
     """
     verdicts = {result.case: result.verdict for result in run.results}
     standings = [standing(result) for result in run.results]
@@ -62,7 +61,7 @@ def _result(result: Result) -> dict[str, Any]:
 
 
 def _matrix(matrix: Matrix, verdicts: Mapping[str, Verdict]) -> dict[str, Any]:
-    """The matrix's own record, and in each row what came of its cases."""
+    """The matrix's own record, with the results of the cases in each row."""
     found = matrix.record()
     for chapter in found["chapters"]:
         for clause in chapter["clauses"]:

@@ -54,7 +54,7 @@ KINDS = {
     "not_applicable": "none",
     "pass": "pass",
 }
-"""Which pair of colours a badge has, or the verdict of the run."""
+"""The pair of colours of a badge, or of the run's verdict."""
 
 
 def _variables(colours: dict[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""What every report says of a run: where each result stands, how many stand there, and the line that sums up."""
+"""What every report says of a run: the standing of each result, their counts, and the summary line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import StrEnum
 from ..verdicts import Provenance, Result, Run, Verdict
 
 __all__ = [
-    "Outcome",
+    "RunOutcome",
     "Standing",
     "by_reason",
     "groups",
@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"\d[\d.,]*")
 
 
 class Standing(StrEnum):
-    """Where a result stands once it is known what was expected; the order is that in which they are told."""
+    """The standing of a result in view of what was expected; in the order of reports."""
 
     FAIL = "fail"
     UNEXPECTED_PASS = "unexpected pass"
@@ -38,19 +38,19 @@ class Standing(StrEnum):
     PASS = "pass"
 
 
-class Outcome(StrEnum):
-    """What came of a run as a whole."""
+class RunOutcome(StrEnum):
+    """The outcome of a run as a whole."""
 
     FAIL = "fail"
     """Something broke."""
     PART = "part"
-    """Nothing broke, but not all that was to be shown has been."""
+    """Nothing broke, but not everything was shown."""
     PASS = "pass"
-    """All that was to be shown has been."""
+    """Everything was shown."""
 
 
 def standing(result: Result) -> Standing:
-    """Where a result stands."""
+    """The standing of a result."""
     if result.known is not None and result.verdict is Verdict.FAIL:
         return Standing.KNOWN_FAILURE
     if result.known is not None and result.breaks:
@@ -58,17 +58,17 @@ def standing(result: Result) -> Standing:
     return Standing(result.verdict.value)
 
 
-def outcome(run: Run) -> Outcome:
-    """What came of a run; one of which anything is inconclusive, or nothing passed, is no whole pass."""
+def outcome(run: Run) -> RunOutcome:
+    """The outcome of a run; one with an inconclusive result, or without a pass, is no whole pass."""
     if not run.passed:
-        return Outcome.FAIL
+        return RunOutcome.FAIL
     clean = {Standing.PASS, Standing.NOT_APPLICABLE}
     whole = run.count(Verdict.PASS) and all(standing(result) in clean for result in run.results)
-    return Outcome.PASS if whole else Outcome.PART
+    return RunOutcome.PASS if whole else RunOutcome.PART
 
 
 def verdict_line(run: Run) -> str:
-    """A run in one line; it promises no more than was seen."""
+    """A run in one line; it claims no more than was seen."""
     standings = [standing(result) for result in run.results]
     passed, of = standings.count(Standing.PASS), len(standings)
     broken = sum(result.breaks for result in run.results)
@@ -89,8 +89,8 @@ def verdict_line(run: Run) -> str:
     else:
         said = [f"PASS: nothing broke; {_cases(passed)} passed"]
     others = (
-        (Standing.WARN, "should do otherwise"),
-        (Standing.KNOWN_FAILURE, "failed as is known"),
+        (Standing.WARN, "warned"),
+        (Standing.KNOWN_FAILURE, "failed as known"),
         (Standing.INCONCLUSIVE, "could not be judged here"),
         (Standing.NOT_APPLICABLE, "did not apply"),
     )
@@ -103,7 +103,7 @@ def _cases(number: int) -> str:
 
 
 def why(result: Result) -> str:
-    """Why a case came to its verdict, and of a failure how often."""
+    """The reason of a case's verdict and, for a failure, how often it failed."""
     return ": ".join(filter(None, (result.tally, result.reason)))
 
 
@@ -116,7 +116,7 @@ def groups(run: Run) -> dict[str, list[Result]]:
 
 
 def by_reason(results: Iterable[Result]) -> dict[str, list[Result]]:
-    """Results by the reason that they have, the most frequent first; reasons that differ in numbers alone are one."""
+    """Results by reason, the most frequent first; reasons that differ only in numbers are one."""
     found: dict[str, list[Result]] = {}
     for result in results:
         found.setdefault(_NUMBER.sub("", result.reason), []).append(result)
@@ -125,15 +125,15 @@ def by_reason(results: Iterable[Result]) -> dict[str, list[Result]]:
 
 
 def _in_common(results: Sequence[Result]) -> str:
-    """A reason for all of them: the first one's, and that others have other numbers, if they do."""
+    """A reason for all of them: the first one's, with a note if the numbers of others differ."""
     first = results[0].reason
     return first if all(result.reason == first for result in results) else f"{first} (others: other numbers)"
 
 
 def worst(verdicts: Iterable[Verdict]) -> Verdict | None:
-    """What several cases show together, the worst of all; None where there is none.
+    """The verdict of several cases together, the worst of all; None if there is none.
 
-    Something that could not be judged is not made good by something else that passed.
+    A pass does not outweigh a case that could not be judged.
     """
     found = set(verdicts)
     order = (Verdict.FAIL, Verdict.WARN, Verdict.INCONCLUSIVE, Verdict.PASS, Verdict.NOT_APPLICABLE)
@@ -141,7 +141,7 @@ def worst(verdicts: Iterable[Verdict]) -> Verdict | None:
 
 
 def provenance_rows(provenance: Provenance) -> Iterator[tuple[str, str]]:
-    """Who asked whom, when, and with what: a name and what stands there, in order."""
+    """Who tested what, when, and with what: names and values, in order."""
     yield from provenance.device.items()
     yield "suite", f"phasewire {provenance.suite}"
     yield "specification", provenance.specification
@@ -149,13 +149,14 @@ def provenance_rows(provenance: Provenance) -> Iterator[tuple[str, str]]:
     yield "took", f"{provenance.seconds:.1f} s"
     yield "profile", provenance.profile
     yield "capture", provenance.capture
+    yield "levers", ", ".join(provenance.levers) or "none"
     yield "allowed", ", ".join(provenance.allowed) or "nothing"
     yield "seed", str(provenance.seed)
     yield "computer", _computer(provenance)
 
 
 def _computer(provenance: Provenance) -> str:
-    """What ran the suite, and how busy it was."""
+    """The computer that ran the suite, and its load."""
     cores = f"{provenance.cores} {'core' if provenance.cores == 1 else 'cores'}"
     if provenance.load is None:
         return cores

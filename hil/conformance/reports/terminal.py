@@ -1,6 +1,6 @@
-"""A run on a terminal: the case that runs, then what came of all.
+"""A run on a terminal: first the current case, then all results.
 
-Off a terminal nothing is written that is taken back.
+If the output is no terminal, nothing is erased.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..plugin import Watcher
 from ..verdicts import Evidence, Result, Run, Verdict
 from .markup import legible
 from .summary import (
-    Outcome,
+    RunOutcome,
     Standing,
     by_reason,
     groups,
@@ -32,12 +32,12 @@ from .summary import (
     why,
 )
 
-__all__ = ["Line", "LiveLine", "print_run"]
+__all__ = ["LiveLine", "StatusLine", "print_run"]
 
 INDENT = 4
 MOST_EVIDENCE = 8
 MOST_CHARACTERS = 400
-"""Of one piece of evidence; the other reports hold all of it."""
+"""Lines of one piece of evidence; the other reports hold all of it."""
 STYLES = {
     Standing.FAIL: "bold red",
     Standing.UNEXPECTED_PASS: "bold red",
@@ -47,13 +47,13 @@ STYLES = {
     Standing.NOT_APPLICABLE: "dim",
     Standing.PASS: "green",
 }
-OUTCOME_STYLES = {Outcome.FAIL: "bold red", Outcome.PART: "bold yellow", Outcome.PASS: "bold green"}
+OUTCOME_STYLES = {RunOutcome.FAIL: "bold red", RunOutcome.PART: "bold yellow", RunOutcome.PASS: "bold green"}
 
 
-class Line:
-    """A line on a terminal that says what goes on now, between lines that stay.
+class StatusLine:
+    """A status line on a terminal, between lines that stay.
 
-    It is a context manager, at the end of which the line is gone. Off a terminal there is none.
+    It is a context manager, at the end of which the line is erased. Without a terminal there is none.
     """
 
     def __init__(self, console: Console) -> None:
@@ -68,7 +68,7 @@ class Line:
         self._erase()
 
     def _show(self, text: str, number: int, of: int) -> None:
-        """Say what goes on, and that it is so many of how many."""
+        """Show the current activity, and its number of how many."""
         if not self._console.is_terminal:
             return
         self._erase()
@@ -77,7 +77,7 @@ class Line:
         self._console.print(line, end="")
 
     def _keep(self, line: Text) -> None:
-        """Say something that stays."""
+        """Print a line that stays."""
         self._erase()
         self._console.print(line)
 
@@ -85,8 +85,8 @@ class Line:
         self._console.control(Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2)))
 
 
-class LiveLine(Line, Watcher):
-    """Tells of cases while they run: what breaks, on a terminal which one runs, elsewhere which groups are done."""
+class LiveLine(StatusLine, Watcher):
+    """Prints progress: failures, on a terminal the current case, elsewhere the groups that are done."""
 
     def __init__(self, console: Console) -> None:
         super().__init__(console)
@@ -98,7 +98,7 @@ class LiveLine(Line, Watcher):
         if self._group and case.partition("/")[0] != self._group[0].group:
             self._tell_group()
         if number == 1:
-            self._done = 0  # what a recording shows is judged after the run, and counted anew
+            self._done = 0  # the recording is judged after the run, and counted from 1 again
         self._of = of
         self._show(case, number, of)
 
@@ -112,7 +112,7 @@ class LiveLine(Line, Watcher):
             self._keep(_headed(result).append(f": {reason}" if reason else ""))
 
     def waits(self, what: str) -> None:
-        """Somebody has to do something before the run can go on."""
+        """Somebody must do something before the run can go on."""
         if self._group:
             self._tell_group()
         self._keep(Text(f"Now: {legible(what)}", "bold"))
@@ -125,7 +125,7 @@ class LiveLine(Line, Watcher):
             self._tell_group()
 
     def _tell_group(self) -> None:
-        """Off a terminal: what came of a group, and how many cases are done."""
+        """If the output is no terminal: the results of a group, and how many cases are done."""
         verdicts = [result.verdict for result in self._group]
         counts = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in Verdict if verdict in verdicts)
         if not self._console.is_terminal:
@@ -134,7 +134,7 @@ class LiveLine(Line, Watcher):
 
 
 def print_run(out: Console, run: Run) -> None:
-    """Say what came of a run: how many in each group, what must be looked at, where it comes from, and the verdict."""
+    """Print the results of a run: counts for each group, what needs attention, where it comes from, and the verdict."""
     told = {kind: [result for result in run.results if standing(result) is kind] for kind in Standing}
     out.print(_table(run))
     for kind in (Standing.FAIL, Standing.UNEXPECTED_PASS, Standing.WARN):
@@ -146,11 +146,11 @@ def print_run(out: Console, run: Run) -> None:
     ):
         _print_reasons(out, heading, told[kind])
     if told[Standing.KNOWN_FAILURE]:
-        out.print("\nFailed as is known:")
+        out.print("\nFailed as known:")
         for result in told[Standing.KNOWN_FAILURE]:
             _print_indented(out, Text(f"{legible(result.case)}: {legible(result.known or '')} ({result.tally})"))
     if run.trouble:
-        out.print("\nWrong with the run itself:", style="bold red")
+        out.print("\nTrouble of the run itself:", style="bold red")
         for trouble in run.trouble:
             _print_indented(out, Text(legible(trouble)))
     _print_provenance(out, run)
@@ -158,13 +158,13 @@ def print_run(out: Console, run: Run) -> None:
 
 
 def _headed(result: Result) -> Text:
-    """Where a case stands, and its name."""
+    """The standing of a case, and its name."""
     kind = standing(result)
     return Text.assemble((kind.value, STYLES[kind]), "  ", (legible(result.case), "bold"))
 
 
 def _table(run: Run) -> Table:
-    """How many came to which verdict, of each group and of all."""
+    """How many came to which verdict, in each group and in all."""
     numbers = (Column(verdict.value, justify="right", no_wrap=True) for verdict in Verdict)
     table = Table("group", *numbers, box=box.SIMPLE_HEAD, pad_edge=False)
     for group, results in groups(run).items():
@@ -181,7 +181,7 @@ def _counts(results: Sequence[Result]) -> list[Text]:
 
 
 def _print_whole(out: Console, result: Result) -> None:
-    """All of a result that somebody needs who is to repair it."""
+    """Everything in a result that its repair needs."""
     out.print()
     out.print(_headed(result))
     _print_indented(out, Text(legible(result.sentence)))
@@ -191,7 +191,7 @@ def _print_whole(out: Console, result: Result) -> None:
         _print_indented(out, Text(legible(why(result)), "bold"))
     _print_indented(out, Text(f"shows {', '.join(map(legible, result.clauses))}", "dim"))
     if (left := len(result.evidence) - MOST_EVIDENCE) > 0:
-        _print_indented(out, Text(f"… and {left} before these, which --html and --json tell", "dim"))
+        _print_indented(out, Text(f"… and {left} before these, in --html and --json", "dim"))
     for item in result.evidence[-MOST_EVIDENCE:]:
         _print_indented(out, _evidence(item))
 
@@ -204,7 +204,7 @@ def _evidence(item: Evidence) -> Text:
 
 
 def _print_reasons(out: Console, heading: str, results: Iterable[Result]) -> None:
-    """How many have each reason."""
+    """How many cases have each reason."""
     found = by_reason(results)
     if found:
         out.print(f"\n{heading}")
@@ -213,14 +213,14 @@ def _print_reasons(out: Console, heading: str, results: Iterable[Result]) -> Non
 
 
 def _print_provenance(out: Console, run: Run) -> None:
-    """The device in a line, and in another who asked it, when and with what."""
+    """The device in one line; who tested it, when and with what in another."""
     rows = [legible(f"{name} {text}") for name, text in provenance_rows(run.provenance)]
     of_device = len(run.provenance.device)
     out.print(Text(f"\n{', '.join(rows[:of_device])}\n{', '.join(rows[of_device:])}", "dim"))
 
 
 def _print_indented(out: Console, text: Text) -> None:
-    """A paragraph: wrapped on a terminal; elsewhere each of its lines is whole, so that it can be searched."""
+    """A paragraph: wrapped on a terminal; elsewhere on one line, so that it can be searched."""
     if out.is_terminal:
         out.print(Padding.indent(text, INDENT), soft_wrap=False)
         return

@@ -1,7 +1,7 @@
-"""What is seen of the 320 outputs, by whose eyes, and what should be seen.
+"""Observation of the 320 outputs: who sees them, and what should be seen.
 
-An emulator keeps what its outputs did (`capture`); a logic analyser's recording (`sigrok`) is laid beside the device's
-time by marks (`marks`). What outputs must do is written from the specification alone (`waveforms`).
+An emulator keeps its outputs (`capture`); a logic analyser's recording (`sigrok`) is aligned with the device's time by
+marks (`marks`). The expected outputs follow from the specification alone (`waveforms`).
 """
 
 from __future__ import annotations

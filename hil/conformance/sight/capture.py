@@ -1,14 +1,15 @@
-"""What a case can see of the 320 outputs, and by whose eyes.
+"""What a case can see of the 320 outputs, and who sees it.
 
-A `Sight` hands out stretches of the device's time as `Seen`: whole periods of port words, be it those that an emulator
-kept or those that a logic analyser recorded (`sigrok`). Nothing here lets time pass, and nothing here judges.
+An `Observer` returns intervals of the device's time as `Seen`: whole periods of port words, kept by an emulator or
+recorded by a logic analyser (`sigrok`). This module neither lets time pass nor judges.
 """
 
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,31 +17,32 @@ from numpy.typing import NDArray
 from ....emulator import Emulator
 from ....protocol.board import CHANNELS, CHANNELS_PER_PROCESSOR, PROCESSORS, TICKS_PER_PERIOD
 from ....protocol.wiring import Pin
+from .marks import Mark
 
-__all__ = ["NOT_ONE", "EmulatorSight", "Seen", "SeenPulses", "Sight", "Unseen", "check_stretch"]
+__all__ = ["NOT_ONE", "EmulatorObserver", "Observer", "Seen", "SeenPulses", "Unseen", "check_stretch"]
 
 NOT_ONE = -1
-"""Start and width of what is not one pulse, or was not seen."""
+"""Start and width of an output that has not exactly one pulse, or was not observed."""
 
 PERIODS_AT_A_TIME = 256  # 4 MB of levels
 
 
 class Unseen(Exception):
-    """Something of the outputs could not be seen; the message says why."""
+    """A part of the outputs could not be observed; the message says why."""
 
 
 class SeenPulses(NamedTuple):
     """The one pulse of each period and output channel, (n, 320) int8 each."""
 
     start: NDArray[np.int8]
-    """Tick of the period at which it begins, 0 to 49; 0 for silence, `NOT_ONE` where there is not one pulse."""
+    """Tick of the period at which it begins, 0 to 49; 0 for silence, `NOT_ONE` if there is not exactly one pulse."""
     width: NDArray[np.int8]
-    """Ticks, round the end of the period if need be (clause PUL-004); 0 for silence, `NOT_ONE` as above."""
+    """Ticks, around the end of the period if need be (clause PUL-004); 0 for silence, `NOT_ONE` as above."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The outputs over a stretch of whole periods.
+    """The outputs over an interval of whole periods.
 
     Parameters
     ----------
@@ -48,14 +50,14 @@ class Seen:
         Periods of the device; the last is not included.
     words : (50 · periods, 10) uint32
         The port words of each tick, one column per processor in the order of the chain; bit b is output b of its port,
-        0 where it was not observed.
+        0 if it was not observed.
     observed : (10,) uint32
         Which outputs were observed, as bits of their processors' words.
 
     Raises
     ------
     ValueError
-        Where the stretch is none, or the words are not of its length.
+        If the interval is empty, or the words have another length.
     """
 
     first_period: int
@@ -64,7 +66,7 @@ class Seen:
     observed: NDArray[np.uint32]
 
     def __post_init__(self) -> None:
-        """Check the shapes, and let nobody write."""
+        """Check the shapes, and make the arrays read-only."""
         check_stretch(self.first_period, self.last_period)
         shape = (self.last_period - self.first_period) * TICKS_PER_PERIOD, PROCESSORS
         if self.words.shape != shape:
@@ -95,7 +97,7 @@ class Seen:
         Raises
         ------
         ValueError
-            Where they are not within the stretch.
+            If they are not within the interval.
         """
         words = self._periods(first, last)
         pulses = SeenPulses(
@@ -129,16 +131,21 @@ class Seen:
         return by_period[first - self.first_period : last - self.first_period]
 
 
-class Sight(Protocol):
-    """What sees the outputs."""
+class Observer:
+    """What sees the outputs.
 
-    @property
-    def name(self) -> str:
-        """``emulator`` or ``sigrok:FILE``."""
+    A capture of another kind derives from this class, or makes a `RecordedObserver` of samples.
 
-    @property
-    def deferred(self) -> bool:
-        """Whether what happens can be seen after the run only."""
+    Attributes
+    ----------
+    name : str
+        For reports, such as ``emulator`` or ``sigrok:FILE``.
+    deferred : bool
+        Whether what happens can be seen after the run only. Then cases play marks, by which it is found.
+    """
+
+    name: str
+    deferred = False
 
     def seen(self, first_period: int, last_period: int) -> Seen:
         """The outputs over some periods of the device, the last not included.
@@ -146,27 +153,48 @@ class Sight(Protocol):
         Raises
         ------
         Unseen
-            Where they were not recorded.
+            If they were not recorded.
         ValueError
-            Where these are no periods.
+            If these are no periods.
+        """
+        raise NotImplementedError
+
+    def between(self, before: Mark, after: Mark) -> Observer:  # noqa: ARG002  # for what is seen later
+        """The same, from one mark to another alone, if what happens is seen after the run."""
+        return self
+
+    def finish(self, tell: Callable[[str], object]) -> None:
+        """End a recording once all cases have played, for what is seen after the run.
+
+        Parameters
+        ----------
+        tell : callable
+            Tells people what they have to do.
         """
 
+    def close(self) -> None:
+        """Give back what it holds."""
 
-@dataclass(frozen=True)
-class EmulatorSight:
-    """Sees all outputs of an emulator, in its present life: as far back as its last start."""
 
-    emulator: Emulator
+class EmulatorObserver(Observer):
+    """Sees all outputs of an emulator, in its present life: as far back as its last start.
+
+    Parameters
+    ----------
+    emulator : Emulator
+    """
 
     name = "emulator"
-    deferred = False
+
+    def __init__(self, emulator: Emulator) -> None:
+        self._emulator = emulator
 
     def seen(self, first_period: int, last_period: int) -> Seen:
-        """The outputs over some periods, all of which must be over; see `Sight`."""
+        """The outputs over some periods, all of which must be over; see `Observer`."""
         check_stretch(first_period, last_period)
-        if self.emulator.controller is None:
+        if self._emulator.controller is None:
             raise Unseen("the emulated device does not run, and counts no periods")
-        capture = self.emulator.capture()
+        capture = self._emulator.capture()
         kept = -(-capture.start_tick // TICKS_PER_PERIOD)
         if not kept <= first_period < last_period <= capture.periods:
             raise Unseen(
@@ -178,10 +206,10 @@ class EmulatorSight:
 
 
 def check_stretch(first_period: int, last_period: int) -> None:
-    """Raise `ValueError` where two numbers are not the bounds of a stretch of periods."""
+    """Raise `ValueError` if two numbers are not the bounds of an interval of periods."""
     if not 0 <= operator.index(first_period) < operator.index(last_period):
         raise ValueError(
-            f"{first_period} to {last_period} are no stretch of periods: from 0 on, and the last beyond the first"
+            f"{first_period} to {last_period} are no interval of periods: from 0 on, and the last beyond the first"
         )
 
 

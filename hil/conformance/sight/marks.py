@@ -1,8 +1,8 @@
-"""Marks: what a device plays so that a recording of its outputs can be laid beside its own count of periods.
+"""Marks: patterns that a device plays to align a recording of its outputs with its own count of periods.
 
 A mark is a few changes between a weak pulse on all outputs and silence, a random number of periods apart, so that no
-two are alike. Where its pattern stands in a recording, the recording's time is known; between two marks that are near
-each other it runs evenly (`TimeBase`). Nothing here reads a file.
+two are alike. The place of the pattern in a recording gives the recording's time; between two marks that are close
+together it runs evenly (`TimeBase`). This module reads no file.
 """
 
 from __future__ import annotations
@@ -23,38 +23,39 @@ __all__ = ["LONGEST_PULSE_GAP", "MARK_PULSES", "Anchor", "Mark", "TimeBase", "fi
 
 WIDTH = 3
 MARK_PULSES = Pulses(np.full(CHANNELS, WIDTH), np.full(CHANNELS, WIDTH))
-"""What a mark plays where it is on. It begins with the period and lasts 3 ticks (clause PUL-004), so that neither its
-first pulse nor its last is cut."""
+"""The pulses of a mark while it is on. They begin with the period and last 3 ticks (clause PUL-004), so that neither
+the first pulse nor the last is cut."""
 
 CHANGES = 13
 LEAST_GAP, MOST_GAP = 2, 40
-"""Periods between two changes of a mark: at least, and as they are drawn."""
+"""Periods between two changes of a mark: the minimum, and the random range."""
 
 LONGEST_PULSE_GAP = 2 * TICKS_PER_PERIOD - WIDTH
-"""Ticks; what is silent for longer is silent on purpose. Within a mark pulses are 47 ticks apart, or 147 and more."""
+"""Ticks; longer silence is intended. Within a mark pulses are 47 ticks apart, or 147 and more."""
 
 CLOCK_TOLERANCE = 200e-6
-"""That the recorder's clock may be off the device's."""
+"""The greatest relative error of the recorder's clock against the device's."""
 JITTER_SAMPLES = 2
-"""That two edges may be nearer to each other or farther apart than they were: a sample each."""
+"""The error of the distance of two edges: one sample each."""
 LONGEST_STRETCH_TICKS = 10 * TICK_HZ
-"""How far apart two marks may be: for so long clocks run evenly enough."""
+"""The greatest distance of two marks: clocks run evenly enough for so long."""
 
 
 @dataclass(frozen=True)
 class Mark:
-    """What was played, and when.
+    """A mark as it was played.
 
     Parameters
     ----------
     changes : tuple of (period, on)
-        From which period on all outputs play `MARK_PULSES`, or are silent: in turn, at least 2 periods apart. Where the
-        first is on, all was silent before for at least 2 periods; the last is off, and so it stays for 2 periods.
+        The periods from which all outputs play `MARK_PULSES`, or are silent: in turn, at least 2 periods apart. Before
+        the first, which is on, all is silent for at least 2 periods; the last is off, and silence follows for 2
+        periods.
 
     Raises
     ------
     ValueError
-        Where these are not the changes of a mark.
+        If these are not the changes of a mark.
     """
 
     changes: tuple[tuple[int, bool], ...]
@@ -72,26 +73,26 @@ class Mark:
 
     @staticmethod
     def plan(rng: Random) -> list[tuple[int, bool]]:
-        """Draw a mark that is to be played: how many periods after the change before, and whether on or off.
+        """Draw a mark to be played: the periods after the previous change, and whether on or off.
 
-        It begins with silence, whatever was played before. A mark may be played otherwise than it was drawn; what
-        counts is what was acknowledged.
+        It begins with silence, whatever was played before. A mark may be played otherwise than drawn; the acknowledged
+        periods count.
         """
         return [(rng.randint(LEAST_GAP, MOST_GAP), number % 2 == 1) for number in range(CHANGES)]
 
     @property
     def first_period(self) -> int:
-        """In which it is on for the first time."""
+        """The period in which it is on for the first time."""
         return int(self.edges[0]) // TICKS_PER_PERIOD
 
     @property
     def last_period(self) -> int:
-        """From which on it is off."""
+        """The period from which it is off."""
         return self.changes[-1][0]
 
     @property
     def edges(self) -> NDArray[np.int64]:
-        """Ticks at which a stretch of pulses begins or ends, in turn: the first rise and the last fall."""
+        """Ticks at which an interval of pulses begins or ends, in turn: the first rise and the last fall."""
         known = self.changes if self.changes[0][1] else self.changes[1:]
         periods = np.array([period for period, _ in known], np.int64).reshape(-1, 2)
         return np.ravel(periods * TICKS_PER_PERIOD + np.array([0, WIDTH - TICKS_PER_PERIOD]))
@@ -102,9 +103,9 @@ class Anchor(NamedTuple):
 
     mark: Mark
     tick: float
-    """Of the device, in the middle of the mark."""
+    """Tick of the device, in the middle of the mark."""
     sample: float
-    """Of the recording, at that moment."""
+    """Sample of the recording, at that moment."""
 
 
 def find_mark(mark: Mark, silences: NDArray[np.int64], samples_per_tick: float) -> Anchor | None:
@@ -115,18 +116,18 @@ def find_mark(mark: Mark, silences: NDArray[np.int64], samples_per_tick: float) 
     mark : Mark
         What to look for.
     silences : (s, 2) int
-        Where in the recording silences begin and end that are longer than `LONGEST_PULSE_GAP`: the first sample that is
-        low, and the first that is high again.
+        The places in the recording at which silences longer than `LONGEST_PULSE_GAP` begin and end: the first sample
+        that is low, and the first that is high again.
     samples_per_tick : float
         As far as it is known: to `CLOCK_TOLERANCE`.
 
     Returns
     -------
     Anchor or None
-        None where it stands nowhere, or in several places.
+        None if it is nowhere, or in several places.
     """
     edges, ticks = silences.ravel(), mark.edges
-    at = np.arange(1, edges.size - ticks.size + 1, 2)  # the rises, at each of which it may begin
+    at = np.arange(1, edges.size - ticks.size + 1, 2)  # the rises; the mark may begin at each
     for place, gap in enumerate((np.diff(ticks) * samples_per_tick).tolist()):
         seen = edges[at + place + 1] - edges[at + place]
         at = at[np.abs(seen - gap) <= CLOCK_TOLERANCE * gap + JITTER_SAMPLES]
@@ -154,12 +155,12 @@ class TimeBase:
 
     @property
     def samples_per_tick(self) -> float:
-        """How fast the recorder's clock runs by the device's, on the whole."""
+        """The mean rate of the recorder's clock by the device's."""
         first, last = self.anchors[0], self.anchors[-1]
         return (last.sample - first.sample) / (last.tick - first.tick)
 
     def samples_at(self, ticks: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Where in the recording, in samples, ticks of the device are."""
+        """The places in the recording, in samples, of ticks of the device."""
         _, known_ticks, known_samples = map(np.array, zip(*self.anchors, strict=True))
         lines = np.clip(np.searchsorted(known_ticks, ticks) - 1, 0, len(self.anchors) - 2)
         slopes = np.diff(known_samples) / np.diff(known_ticks)
@@ -167,13 +168,13 @@ class TimeBase:
 
 
 def time_bases(anchors: Iterable[Anchor], samples_per_tick: float) -> Iterator[TimeBase]:
-    """The stretches of a recording whose time is known.
+    """The intervals of a recording whose time is known.
 
     Parameters
     ----------
     anchors : iterable of Anchor
-        In the order in which the marks were played. Between two of which the device began anew there is no stretch, for
-        its count does not go on from the one to the other.
+        In the order in which the marks were played. There is no interval between two marks if the device restarted
+        between them, because its count restarts.
     samples_per_tick : float
         As far as it is known: to `CLOCK_TOLERANCE`.
     """

@@ -1,6 +1,6 @@
-"""What the outputs must do, from the formulae of SPEC.md alone, and how it differs from what they did.
+"""The expected outputs, from the formulae of SPEC.md alone, and their differences from the observed ones.
 
-Nothing here knows how a device, emulated or real, comes to its outputs.
+This module does not know how a device, emulated or real, makes its outputs.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ CHUNK_PERIODS = 2048
 
 
 def expected_words(pulses: Pulses, wiring: Wiring) -> Words:
-    """The outputs in a period in which these pulses play, (50, 10) uint32.
+    """The outputs in a period of these pulses, (50, 10) uint32.
 
     A pulse begins at tick ⌊(phase − width)/2⌋ modulo 50 and lasts `width` ticks (clause PUL-004).
 
@@ -52,7 +52,7 @@ def expected_words(pulses: Pulses, wiring: Wiring) -> Words:
     pulses : Pulses
         Of 320 transducers.
     wiring : Wiring
-        Which output drives each.
+        The output of each.
     """
     width = pulses.width.astype(np.int64)
     start = (pulses.phase.astype(np.int64) - width) // 2 % TICKS_PER_PERIOD
@@ -65,7 +65,9 @@ def expected_words(pulses: Pulses, wiring: Wiring) -> Words:
 
 def modulated_width(width: int, sample: int) -> int:
     """The width of a pulse under a modulation sample, by the formula of clause PUL-006."""
-    return math.floor(50 / math.pi * math.asin(sample / 255 * math.sin(math.pi * width / 50)) + 1 / 2)
+    return math.floor(
+        TICKS_PER_PERIOD / math.pi * math.asin(sample / 255 * math.sin(math.pi * width / TICKS_PER_PERIOD)) + 1 / 2
+    )
 
 
 def modulated(pulses: Pulses, sample: int) -> Pulses:
@@ -88,45 +90,45 @@ def only(transducer: int, phase: int = 0, width: int = 25) -> Pulses:
 
 
 def silent(seen: Seen, first: int | None = None, last: int | None = None) -> bool:
-    """Whether all outputs that are seen are low, from a period to another, not included."""
+    """Whether all observed outputs are low, from a period to another, not included."""
     return not _stretch(seen, first, last).any()
 
 
 def check_silent(seen: Seen, first: int | None = None, last: int | None = None) -> None:
-    """Fail where an output that is seen is not low throughout, from a period to another, not included."""
+    """Fail if an observed output is not low throughout, from a period to another, not included."""
     first = seen.first_period if first is None else first
     last = seen.last_period if last is None else last
     check_play(seen, [(first, SILENCE)], last)
 
 
 def check_play(seen: Seen, steps: Iterable[tuple[int, Words]], last: int | None = None) -> None:
-    """Fail where the outputs did something else than these steps, each of which plays until the next begins.
+    """Fail if the outputs did anything but these steps, each of which plays until the next begins.
 
     Parameters
     ----------
     seen : Seen
         Outputs that are not observed are not judged.
     steps : iterable of (int, (50, 10) uint32)
-        The period from which on the outputs do this in every period, in rising order. What was before the first of
-        them is not judged.
+        The period from which the outputs do this in every period, in rising order. What came before the first step is
+        not judged.
     last : int, optional
-        Period before which the last step ends, otherwise the end of what is seen.
+        Period before which the last step ends, otherwise the end of what was seen.
 
     Raises
     ------
     Inconclusive
-        Where something should play, and none of the outputs that do is seen.
+        If something should play, but none of its outputs is observed.
     AssertionError
-        Naming the first difference: its period, tick and output, what was seen there, and what should have been.
+        With the first difference: its period, tick and output, what was seen there, and what should be.
     """
     last = seen.last_period if last is None else last
     known = list(steps)
     numbers = np.array([period for period, _ in known])
-    patterns = {id(words): words for _, words in known}  # few, where they come again and again
+    patterns = {id(words): words for _, words in known}  # few, as they repeat
     whole = np.stack(list(patterns.values()))
     play = whole & seen.observed
     if whole.any() and not play.any():
-        raise Inconclusive("none of the outputs that this lets play is seen; a probe at one of them would do")
+        raise Inconclusive("none of the outputs that should play is observed; a probe at one of them is enough")
     places = {key: place for place, key in enumerate(patterns)}
     pattern = np.array([places[id(words)] for _, words in known])
     within = seen.first_period <= numbers[0] <= last <= seen.last_period
@@ -151,7 +153,7 @@ def _stretch(seen: Seen, first: int | None, last: int | None) -> Words:
 
 
 def output_name(channel: int) -> str:
-    """An output as recordings name it."""
+    """An output's name in recordings."""
     processor, bit = divmod(channel, CHANNELS_PER_PROCESSOR)
     board, number = divmod(processor, PROCESSORS_PER_BOARD)
     return f"b{board}p{number}_{bit:02}"

@@ -1,6 +1,6 @@
-"""What cases share: steps that many take, a stage for what plays, and blocks, frames and images that are wrong.
+"""What cases share: common steps, a player, and invalid blocks, frames and images.
 
-What is wrong is made here from the specification's words, not by the encoders of the protocol's own room.
+Invalid data are made here from the specification's words, not by the encoders of `protocol`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The device's clock beside the host's, on a computer that may be busy."""
+"""The device's clock against the host's, on a computer that may be busy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["compare_clocks", "load_average", "unless_busy"]
 
 STRETCHES = 4
 CATCHES_UP = 3
-"""A simulated device that had fallen behind catches up; it is never as many times as fast as the host's clock."""
+"""A simulated device that lags catches up; it is never this many times as fast as the host's clock."""
 
 
 def load_average() -> float | None:
@@ -22,23 +22,23 @@ def load_average() -> float | None:
 
 
 def unless_busy(bench: Bench, what: str) -> None:
-    """Go on to judge how soon something came, unless this computer alone may have delayed it.
+    """Continue to judge a delay, unless this computer alone may have caused it.
 
     Raises
     ------
     Inconclusive
-        If the device's time is not the host's own, and more programs want to run here than there are cores.
+        If the device's time is not the host's, and more programs want to run here than there are cores.
     """
     load, cores = load_average(), os.cpu_count() or 1
     if bench.is_far and load is not None and load > cores:
-        raise Inconclusive(f"{what}, on a computer with a load of {load:.1f} on {cores} cores: that is no judge of it")
+        raise Inconclusive(f"{what}, on a computer with a load of {load:.1f} on {cores} cores: it cannot judge that")
 
 
 def compare_clocks(bench: Bench, meanwhile: Callable[[], object], tolerance: float) -> None:
-    """Fail if the device's ticks over some time are not those of the host's clock.
+    """Fail if the device's ticks over some time do not match the host's clock.
 
-    The device's clock and its reading are in order if they agree at once. A clock that is wrong is wrong again by as
-    much. A computer that is busy holds up the host, or a simulated device, by another time at each attempt.
+    The device's clock and its reading are right if they agree at once. A wrong clock is wrong by the same share again.
+    A busy computer delays the host, or a simulated device, by another time at each attempt.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def compare_clocks(bench: Bench, meanwhile: Callable[[], object], tolerance: flo
     meanwhile : callable
         Lets the time pass.
     tolerance : float
-        By how much the rates of the two may differ, as a share.
+        The greatest relative difference of the two rates.
 
     Raises
     ------

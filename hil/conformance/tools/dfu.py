@@ -1,6 +1,6 @@
-"""The raw line of firmware upgrade: any DFU request in either mode of the device, and what a whole download asks.
+"""The raw line of firmware upgrade: any DFU request in either mode of the device, and whole downloads.
 
-It polls no sooner than it was told (clause DFU-008), but does nothing else that a case has not asked for.
+It polls no earlier than the device allows (clause DFU-008), and otherwise only does what a case asks for.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from ....protocol.enumeration import DFU_INTERFACE, LANGUAGE
 from ....protocol.requests import DIRECTION_IN, Setup
 from ..bench import Bench
 
-__all__ = ["BUSY", "DfuLine", "dfu_mode"]
+__all__ = ["BUSY", "RawDfuLine", "dfu_mode"]
 
 DETACH_MS = 1000
 RETURN_SECONDS = 15.0
-"""Until a device is back in either mode."""
+"""Time until a device is back in either mode."""
 SPARE_MS = 10
-"""Waited besides where it is not the point how long a device is busy: to ask too soon ends a download."""
+"""Extra wait if the busy time itself is not judged: polling too early ends a download."""
 MOST_POLLS = 200
 BUSY = (DfuState.DNBUSY, DfuState.MANIFEST)
 STRING = 3
 GET_DESCRIPTOR = 6
 
 
-class DfuLine:
+class RawDfuLine:
     """DFU requests to a device.
 
     Parameters
@@ -46,7 +46,7 @@ class DfuLine:
     Attributes
     ----------
     detached : float or None
-        The host's time when DETACH was answered last, in seconds.
+        The host's time when DETACH was last answered, in seconds.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -56,7 +56,7 @@ class DfuLine:
         self._usb = bench.usb
 
     def request(self, request: int, value: int = 0, length: int = 0, data: bytes = b"") -> bytes | None:
-        """Make any class request to the DFU interface; what came back, None for STALL. A length makes it go in."""
+        """Make any class request to the DFU interface; returns the answer, or None for STALL. A length makes it IN."""
         interface = 0 if self._usb.mode == DFU_MODE else DFU_INTERFACE
         kind = CLASS_REQUEST_TYPE_IN if length else CLASS_REQUEST_TYPE_OUT
         return self._bench.request(Setup(kind, request, value, interface, length or len(data)), data)
@@ -72,20 +72,20 @@ class DfuLine:
         return None if answer is None else DfuState(answer[0])
 
     def detach(self) -> bool:
-        """DETACH; whether it was not answered with STALL."""
+        """DETACH; returns False for STALL."""
         answered = self.request(DfuRequest.DETACH, DETACH_MS) is not None
         if answered:
             self.detached = self._bench.line.time.monotonic()
         return answered
 
     def download(self, number: int, data: bytes) -> bool:
-        """DNLOAD of one block, or its end without data; whether it was not answered with STALL."""
+        """DNLOAD of one block, or its end without data; returns False for STALL."""
         self._downloaded = self._bench.line.time.monotonic()
         return self.request(DfuRequest.DNLOAD, number, data=data) is not None
 
     @property
     def since_download(self) -> float:
-        """How long ago the last DNLOAD was begun, in seconds of the host's time."""
+        """How long ago the last DNLOAD began, in seconds of the host's time."""
         return self._bench.line.time.monotonic() - self._downloaded
 
     def upload(self, number: int, length: int = DFU_TRANSFER_BYTES) -> bytes | None:
@@ -93,11 +93,11 @@ class DfuLine:
         return self.request(DfuRequest.UPLOAD, number, length)
 
     def abort(self) -> bool:
-        """ABORT; whether it was not answered with STALL."""
+        """ABORT; returns False for STALL."""
         return self.request(DfuRequest.ABORT) is not None
 
     def clear(self) -> bool:
-        """CLRSTATUS; whether it was not answered with STALL."""
+        """CLRSTATUS; returns False for STALL."""
         return self.request(DfuRequest.CLRSTATUS) is not None
 
     def string(self, index: int) -> str | None:
@@ -109,15 +109,15 @@ class DfuLine:
         """Let time pass."""
         self._bench.wait(milliseconds / 1000)
 
-    # Steps that take more than one request
+    # Steps of more than one request
 
     def poll(self) -> DfuReply:
-        """Ask for the status, as often as the device says that it is busy, no sooner than it says.
+        """Ask for the status while the device says that it is busy, no earlier than it allows.
 
         Raises
         ------
         AssertionError
-            Where the device stalls, or is busy without end.
+            If the device stalls, or stays busy.
         """
         for _ in range(MOST_POLLS):
             reply = self.status()
@@ -129,9 +129,9 @@ class DfuLine:
         raise AssertionError(f"the device is still busy after {MOST_POLLS} polls")
 
     def send(self, image: bytes, first: int = 0, last: int | None = None) -> DfuReply:
-        """Download the blocks of an image from one to another, not included; what the last poll said.
+        """Download the blocks of an image from one to another, not included; returns the last poll.
 
-        It stops with the first that is refused or fails.
+        It stops at the first one that is refused or fails.
         """
         blocks = [image[at : at + DFU_TRANSFER_BYTES] for at in range(0, len(image), DFU_TRANSFER_BYTES)]
         for number in range(first, len(blocks) if last is None else last):
@@ -143,11 +143,11 @@ class DfuLine:
 
     def end(self) -> DfuReply:
         """End a download, and wait until the image is judged."""
-        assert self.download(0, b""), "a DNLOAD without data behind the last block is answered with STALL"
+        assert self.download(0, b""), "a DNLOAD without data after the last block is answered with STALL"
         return self.poll()
 
     def flash(self, image: bytes) -> None:
-        """Download an image that must be taken."""
+        """Download an image that must be accepted."""
         reply = self.send(image)
         assert reply.state is DfuState.DNLOAD_IDLE, f"the download ends in {reply.state.name}, {reply.status.name}"
         reply = self.end()
@@ -163,15 +163,15 @@ class DfuLine:
             if len(block) < DFU_TRANSFER_BYTES:
                 return found
             assert len(found) <= IMAGE_MAX_BYTES, (
-                f"the upload goes on behind {IMAGE_MAX_BYTES} bytes, which the largest image has"
+                f"the upload goes on after {IMAGE_MAX_BYTES} bytes, the size of the largest image"
             )
             number += 1
 
     def rest(self) -> None:
-        """Come to dfuIDLE from any state in which requests are answered, or that ends by itself."""
+        """Reach dfuIDLE from any state in which requests are answered, or that ends by itself."""
         for _ in range(4):
             state = self.state()
-            if state is None:  # busy: to ask was an error
+            if state is None:  # busy: asking was an error
                 state = self.state()
             if state is DfuState.DFU_IDLE:
                 return
@@ -195,9 +195,9 @@ class DfuLine:
 
 
 @contextmanager
-def dfu_mode(bench: Bench) -> Iterator[DfuLine]:
-    """A device in DFU mode, brought back to run-time mode in the end, however the case ends."""
-    line = DfuLine(bench)
+def dfu_mode(bench: Bench) -> Iterator[RawDfuLine]:
+    """A device in DFU mode, returned to run-time mode however the case ends."""
+    line = RawDfuLine(bench)
     line.enter()
     try:
         yield line

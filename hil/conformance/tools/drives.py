@@ -1,4 +1,4 @@
-"""Pulses of a chosen total drive, by the formula of clause SAF-006 and not by a device's table."""
+"""Pulses of a given total drive, by the formula of clause SAF-006 and not by a device's table."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ __all__ = ["power", "widths_for"]
 
 FULL_WIDTH, FULL_POWER = 25, 1000
 MOST_BY_SEARCH = 3001
-"""Totals up to this are made up of any widths; of larger ones the rest is full pulses."""
+"""Totals up to this use any widths; the rest of larger ones is full pulses."""
 
 
 def power(width: int) -> int:
-    """Of a pulse, in thousandths of that of 25 ticks, by the formula of clause SAF-006."""
+    """The power of a pulse, in thousandths of one of 25 ticks, by the formula of clause SAF-006."""
     return int(POWERS[width])
 
 
 @cache
 def _last_widths() -> list[int]:
-    """For each total up to the most, the width of one of as few pulses as make it up; 0 where none do."""
+    """For each total up to the greatest, the width of one of the fewest pulses that make it up; 0 if none do."""
     most = MOST_BY_SEARCH
     fewest, last = [0] + [most] * most, [0] * (most + 1)
     powers = [(width, power(width)) for width in range(1, 26)]
@@ -32,7 +32,7 @@ def _last_widths() -> list[int]:
 
 
 def widths_for(total: int) -> list[int]:
-    """As few widths as can be, but for a few, whose powers make up a total in thousandths."""
+    """Nearly the fewest widths whose powers make up a total in thousandths."""
     full = max(total - MOST_BY_SEARCH + FULL_POWER - 1, 0) // FULL_POWER
     widths, left = [FULL_WIDTH] * full, total - full * FULL_POWER
     while left:

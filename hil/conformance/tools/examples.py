@@ -1,6 +1,6 @@
-"""The worked examples of SPEC.md, byte for byte, so that what a device answers is held against the text itself.
+"""The worked examples of SPEC.md, byte for byte, so that answers are compared with the text itself.
 
-Nothing here knows what the bytes mean.
+This module does not know the meaning of the bytes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def example(name: str) -> bytes:
     Raises
     ------
     ValueError
-        Where there is none.
+        If there is none.
     """
     known = _examples()
     if name not in known:
@@ -40,7 +40,7 @@ def _examples() -> Mapping[str, bytes]:
 
 
 def _bytes(body: str) -> bytes:
-    """What stands before the comments, in hexadecimal; ``00 × N`` are N zeros."""
+    """The text before the comments, in hexadecimal; ``00 × N`` are N zeros."""
     said = [line.partition("#")[0].strip() for line in body.splitlines()]
     runs = [_ZEROS.fullmatch(line) for line in said]
     return b"".join(bytes(int(run[1])) if run else bytes.fromhex(line) for line, run in zip(said, runs, strict=True))

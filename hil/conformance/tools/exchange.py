@@ -1,4 +1,4 @@
-"""What a case says to a device over a serial line, and what must come of it (chapter SER)."""
+"""What a case sends to a device over a serial line, and the answers that must come (chapter SER)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ....protocol.replies import ANSWER_BYTES, Ack, Status, records
 from ....protocol.requests import Setup
 from ..bench import Bench
 from ..cases import expect
-from ..lines.serial import SerialLine
+from ..lines.serial import RawSerialLine
 from .filling import fill_queue
 from .frames import frame
 
@@ -29,37 +29,37 @@ __all__ = [
 ]
 
 
-def ask(line: SerialLine, request: Request) -> bytes:
-    """Ask for all of an answer over this line."""
+def ask(line: RawSerialLine, request: Request) -> bytes:
+    """Request a whole answer over this line."""
     answer = line.request(Setup(REQUEST_TYPE_IN, request, 0, 0, ANSWER_BYTES[request]))
     assert answer is not None, f"{request.name} is answered with STALL over the serial line"
     return answer
 
 
-def order(line: SerialLine, request: Request, value: int = 0) -> None:
+def order(line: RawSerialLine, request: Request, value: int = 0) -> None:
     """Make a request without an answer over this line."""
     done = line.request(Setup(REQUEST_TYPE_OUT, request, value, 0, 0)) is not None
     assert done, f"{request.name} with value {value} is answered with STALL over the serial line"
 
 
-def acks(line: SerialLine) -> list[Ack]:
-    """The acknowledgements that came since `forget`."""
+def acks(line: RawSerialLine) -> list[Ack]:
+    """The acknowledgements since `forget`."""
     return [record for body in line.frames(FrameKind.RECORD) for record in records(body) if isinstance(record, Ack)]
 
 
-def statuses(line: SerialLine) -> list[Status]:
-    """The status records that came since `forget`."""
+def statuses(line: RawSerialLine) -> list[Status]:
+    """The status records since `forget`."""
     return [record for body in line.frames(FrameKind.RECORD) for record in records(body) if isinstance(record, Status)]
 
 
-def send(line: SerialLine, block: bytes, seconds: float = 0) -> Ack:
-    """Send a block over this line, which may wait for so many seconds; its acknowledgement."""
+def send(line: RawSerialLine, block: bytes, seconds: float = 0) -> Ack:
+    """Send a block over this line, which may wait for so many seconds; returns its acknowledgement."""
     line.forget()
     line.write(b"\0" + frame(FrameKind.BLOCK, block))
     return await_ack(line, block, seconds)
 
 
-def await_ack(line: SerialLine, block: bytes, seconds: float = 0) -> Ack:
+def await_ack(line: RawSerialLine, block: bytes, seconds: float = 0) -> Ack:
     """The acknowledgement of a block, which must be the only one."""
     seconds += line.patience(len(block))
     line.listen(seconds, lambda: bool(acks(line)))
@@ -71,22 +71,22 @@ def await_ack(line: SerialLine, block: bytes, seconds: float = 0) -> Ack:
 
 
 def same_but(before: Status, after: Status, **changes: int) -> None:
-    """Fail if more has changed than what must; time and temperature go on."""
+    """Fail if something has changed that need not; time and temperature may."""
     wanted = asdict(replace(before, now=after.now, temperature_c=after.temperature_c))
     wanted |= {name: wanted[name] + change for name, change in changes.items()}
     for name, value in asdict(after).items():
         expect(f"{name} of STATUS", value, wanted[name])
 
 
-def damage(bench: Bench, line: SerialLine, data: bytes, count: int = 1) -> None:
-    """Send bytes that end with a zero: so many frames must be dropped and counted, and nothing else may come of it."""
+def damage(bench: Bench, line: RawSerialLine, data: bytes, count: int = 1) -> None:
+    """Send bytes that end with a zero: so many frames must be dropped and counted, without any other effect."""
     before = bench.status()
     line.forget()
     bench.note("damaged", data)
     line.write(data)
     bench.wait(line.transit(len(data)))
     expect("the clock", len(ask(line, Request.CLOCK)), 24)  # what follows is understood, and answers keep their order
-    expect("what is answered to a damaged frame", line.events, [])
+    expect("the answer to a damaged frame", line.events, [])
     same_but(before, bench.status(), dropped_frames=count)
 
 
@@ -95,18 +95,18 @@ def no_op(bench: Bench) -> bytes:
     return pack(bench.numbered(NoOp()))
 
 
-def fill(bench: Bench, line: SerialLine, seconds: float) -> list[Ack]:
-    """Fill the queue by the bench's own line, and forget what this line was told of it."""
+def fill(bench: Bench, line: RawSerialLine, seconds: float) -> list[Ack]:
+    """Fill the queue by the bench's own line, and forget the records that reached this line."""
     found = fill_queue(bench, seconds)
     line.rest()
     line.forget()
     return found
 
 
-def put_to_wait(bench: Bench, line: SerialLine, block: bytes) -> None:
-    """Send a block that must wait for room in the queue: requests are answered meanwhile, the block is not."""
+def put_to_wait(bench: Bench, line: RawSerialLine, block: bytes) -> None:
+    """Send a block that must wait for room in the queue: meanwhile requests are answered, the block is not."""
     before = bench.status()
     line.write(b"\0" + frame(FrameKind.BLOCK, block))
     expect("the clock", len(ask(line, Request.CLOCK)), 24)
-    expect("what comes of a block while the queue has no room", line.rest(), b"")
+    expect("the answer to a block while the queue has no room", line.rest(), b"")
     same_but(before, bench.status())

@@ -1,4 +1,4 @@
-"""A queue that is full of changes for later, which leave it in their time or all at once on DISABLE."""
+"""A queue full of future changes, which leave it in their time or all at once on DISABLE."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from ....protocol.pulses import Pulses
 from ....protocol.replies import Ack
 from ..bench import Bench
 from ..cases import Inconclusive, expect
-from ..lines.serial import SerialLine
+from ..lines.serial import RawSerialLine
 
 __all__ = ["fill_queue"]
 
 WATCHDOG_MS = 60_000
 MOST_SECONDS = 5
 FAR_TIMES = 5
-"""How often as long the queue is full for a real device, since the computer may be busy."""
+"""The factor on that time for a real device, because the computer may be busy."""
 FAR_SECONDS = 0.03
-"""For a block and its acknowledgement over a line to a real device, at worst."""
+"""Time for a block and its acknowledgement over a line to a real device, at worst."""
 
 
 def fill_queue(bench: Bench, seconds: float) -> list[Ack]:
@@ -29,20 +29,20 @@ def fill_queue(bench: Bench, seconds: float) -> list[Ack]:
     ----------
     bench : Bench
     seconds : float
-        How long the queue is full at least, before the first of them leaves it.
+        The least time for which the queue is full, before the first of them leaves it.
 
     Returns
     -------
     list of Ack
-        Of the updates.
+        Those of the updates.
 
     Raises
     ------
     Inconclusive
-        Where that takes too long over this line.
+        If that takes too long over this line.
     """
     rooms, step = bench.info.queue_blocks, 10 * max(bench.info.periods_per_update, 1)
-    carries = bench.line.transit(2 * MAX_FRAME_BYTES) if isinstance(bench.line, SerialLine) else 0.0
+    carries = bench.line.transit(2 * MAX_FRAME_BYTES) if isinstance(bench.line, RawSerialLine) else 0.0
     fills = rooms * (carries + FAR_SECONDS)
     if fills > MOST_SECONDS:
         raise Inconclusive(f"to fill a queue of {rooms} changes over this line may take {fills:.0f} s")

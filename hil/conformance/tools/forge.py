@@ -1,10 +1,10 @@
-"""Blocks that are wrong in one place: the fields of a header by their names in SPEC.md, and the checksum put right."""
+"""Blocks with one defect: header fields by their names in SPEC.md, with a matching checksum."""
 
 from __future__ import annotations
 
 import zlib
 
-from ....protocol.codes import BLOCK_BYTES
+from ....protocol.codes import HEADER_BYTES
 
 __all__ = ["FIELDS", "forged", "seal"]
 
@@ -29,7 +29,7 @@ CHECKSUM = slice(28, 32)
 
 
 def seal(block: bytes) -> bytes:
-    """A block with the checksum that belongs to its other bytes (clause BLK-003)."""
+    """A block with a matching checksum (clause BLK-003)."""
     blank = block[: CHECKSUM.start] + bytes(4) + block[CHECKSUM.stop :]
     checksum = zlib.crc32(blank).to_bytes(4, "little")
     return block[: CHECKSUM.start] + checksum + block[CHECKSUM.stop :]
@@ -43,7 +43,7 @@ def forged(block: bytes, payload: bytes | None = None, **fields: int) -> bytes:
     block : bytes
         512 bytes.
     payload : bytes, optional
-        At most 480 bytes, which begin it.
+        At most 480 bytes, which replace the beginning.
     **fields : int
         By their names in clause BLK-002; any value that fits its bytes.
     """
@@ -52,5 +52,5 @@ def forged(block: bytes, payload: bytes | None = None, **fields: int) -> bytes:
         offset, size = FIELDS[name]
         data[offset : offset + size] = value.to_bytes(size, "little")
     if payload is not None:
-        data[BLOCK_BYTES - 480 : BLOCK_BYTES - 480 + len(payload)] = payload
+        data[HEADER_BYTES : HEADER_BYTES + len(payload)] = payload
     return bytes(data) if "checksum" in fields else seal(bytes(data))

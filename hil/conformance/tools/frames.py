@@ -1,6 +1,6 @@
-"""Frames on a serial line, right and wrong, by the words of clauses SER-002 and SER-003 and by nothing of ours.
+"""Frames on a serial line, valid and not, from the words of clauses SER-002 and SER-003 alone.
 
-What a device is judged by must not share a mistake with what it was made of: nothing here uses `protocol.framing`.
+The judge must not share a mistake with the implementation: nothing here uses `protocol.framing`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def stuffed(content: bytes) -> bytes:
 
 
 def _groups(piece: bytes) -> bytes:
-    """The groups of 254 bytes, which stand for no zero, at the head of a piece."""
+    """The groups of 254 bytes, without a zero, at the head of a piece."""
     heads = (piece[at : at + GROUP_BYTES] for at in range(0, len(piece) - GROUP_BYTES + 1, GROUP_BYTES))
     return b"".join(bytes([FULL]) + head for head in heads)
 
@@ -44,7 +44,7 @@ def unstuffed(coded: bytes) -> bytes:
     Raises
     ------
     AssertionError
-        Where these are not the bytes that stand for a content.
+        If these bytes do not encode a content.
     """
     content, at, goes_on = bytearray(), 0, False
     while at < len(coded):
@@ -57,7 +57,7 @@ def unstuffed(coded: bytes) -> bytes:
         goes_on = length < FULL
         content += b"\0" if goes_on else b""
     found = bytes(content[:-1] if goes_on else content)
-    assert stuffed(found) == coded, f"a frame has not the one form of SER-003: {coded.hex(' ')}"
+    assert stuffed(found) == coded, f"a frame is not in the one form of SER-003: {coded.hex(' ')}"
     return found
 
 
@@ -78,5 +78,5 @@ def request_frame(tag: int, setup: Setup, data: bytes = b"") -> bytes:
 
 
 def console_frame() -> bytes:
-    """The frame behind which text follows."""
+    """The frame after which text follows."""
     return frame(CONSOLE)

@@ -1,6 +1,6 @@
-"""Firmware images for a device under test: its own, and its own with one thing wrong (chapter FWU).
+"""Firmware images for a device under test: its own, and its own with one defect (chapter FWU).
 
-Nothing here makes firmware up: what is flashed to the end is what the device itself gave.
+No firmware is invented here: an image that is flashed completely came from the device itself.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from ....protocol.board import PROCESSORS
 from ....protocol.codes import ImageReason, Target
 from ..cases import Inconclusive, NotApplicable
-from .dfu import DfuLine
+from .dfu import RawDfuLine
 
 __all__ = [
     "UNTRUSTED",
@@ -39,8 +39,8 @@ LARGEST_SEGMENT = 65_536
 Edit = Callable[[bytearray], None]
 
 
-def large_image(line: DfuLine) -> bytes:
-    """The device's own image, where it has at least five blocks, which is needed to see sectors and pages at work."""
+def large_image(line: RawDfuLine) -> bytes:
+    """The device's own image, if it has at least the five blocks that show sectors and pages at work."""
     image = line.image()
     line.rest()
     if len(image) < LEAST_BLOCKS * BLOCK:
@@ -49,15 +49,15 @@ def large_image(line: DfuLine) -> bytes:
 
 
 def reseal(image: bytes | bytearray) -> bytes:
-    """An image with the checksum that belongs to its header and table (clause FWU-003)."""
+    """An image with a matching checksum of header and table (clause FWU-003)."""
     table = image[HEADER : HEADER + ENTRY * image[5]]
     return bytes(image[:28]) + zlib.crc32(table, zlib.crc32(image[:28])).to_bytes(4, "little") + bytes(image[HEADER:])
 
 
 def as_version(image: bytes, version: tuple[int, int, int]) -> bytes:
-    """The same firmware under another version, not signed; not applicable where it is signed."""
+    """The same firmware under another version, unsigned; not applicable if it is signed."""
     if image[16:24] != bytes(8):
-        raise NotApplicable("the firmware is signed, so that nobody but its maker can give it another version")
+        raise NotApplicable("the firmware is signed, so that only its maker can give it another version")
     return _renamed(image, version)
 
 
@@ -66,12 +66,12 @@ def _renamed(image: bytes, version: tuple[int, int, int]) -> bytes:
 
 
 def of_whole_blocks(image: bytes) -> bytes:
-    """The same firmware with zeros behind its last segment, so that its last block is full; not signed.
+    """The same firmware with zeros after its last segment, so that its last block is full; unsigned.
 
-    Not applicable where it is signed.
+    Not applicable if it is signed.
     """
     if image[16:24] != bytes(8):
-        raise NotApplicable("the firmware is signed, so that nobody but its maker can make it longer")
+        raise NotApplicable("the firmware is signed, so that only its maker can make it longer")
     if len(image) % BLOCK == 0:
         return image
     grown = bytearray(image[:-SIGNATURE] + bytes(-len(image) % BLOCK) + image[-SIGNATURE:])
@@ -88,12 +88,12 @@ def of_whole_blocks(image: bytes) -> bytes:
 
 
 def of_many_blocks(image: bytes, blocks: int) -> bytes:
-    """The same firmware in a segment for each processor, with zeros after each, so that it has so many blocks at least.
+    """The same firmware in a segment for each processor, with zeros after each, so that it has at least so many blocks.
 
-    The first segment is as large as one can be. It is not signed; not applicable if the firmware is.
+    The first segment is as large as possible. It is unsigned; not applicable if the firmware is signed.
     """
     if image[16:24] != bytes(8):
-        raise NotApplicable("the firmware is signed, so that nobody but its maker can make it longer")
+        raise NotApplicable("the firmware is signed, so that only its maker can make it longer")
     found = [_segment(image, number) for number in range(image[5])]
     *programs, controller = (image[begin:end] for begin, end in found)
     each = -(-(blocks * BLOCK - LARGEST_SEGMENT) // (PROCESSORS - 1))
@@ -121,18 +121,18 @@ def boot_record(image: bytes, generation: int) -> bytes:
 
 @dataclass(frozen=True)
 class Forgery:
-    """Something wrong with an image.
+    """A defect of an image.
 
     Parameters
     ----------
     what : str
-        In a few words.
+        A few words.
     reason : ImageReason
-        For which it must be refused.
+        The reason of its refusal.
     edit : callable
-        Makes it wrong.
+        Makes the defect.
     sealed : bool
-        Whether the checksum of header and table is put right behind it.
+        Whether the checksum of header and table is corrected afterwards.
     """
 
     what: str
@@ -145,13 +145,13 @@ class Forgery:
         return self.what.replace(" ", "-")
 
     def of(self, image: bytes) -> bytes:
-        """An image with this wrong."""
+        """An image with this defect."""
         wrong = bytearray(image)
         self.edit(wrong)
         return reseal(wrong) if self.sealed else bytes(wrong)
 
     def with_later(self, later: Forgery) -> Self:
-        """Both, of which the earlier reason counts."""
+        """Both defects, of which the earlier reason counts."""
 
         def edit(image: bytearray) -> None:
             self.edit(image)
@@ -161,7 +161,7 @@ class Forgery:
 
     @classmethod
     def of_headers(cls) -> list[Self]:
-        """What is wrong in header or table, each alone, and each with the next of another reason."""
+        """Defects of header or table, each alone, and each with the next one of another reason."""
         alone = [
             cls("magic", ImageReason.MAGIC, _put(0, b"PWFX")),
             cls("version of the container", ImageReason.VERSION, _put(4, b"\x02")),
@@ -191,7 +191,7 @@ class Forgery:
 
     @classmethod
     def of_contents(cls) -> list[Self]:
-        """What is wrong behind header and table."""
+        """Defects after header and table."""
         return [
             cls("padding", ImageReason.PADDING, _spoil_padding),
             cls("a byte of a segment", ImageReason.HASH, _spoil_segment),
@@ -236,7 +236,7 @@ def _segment(image: bytes | bytearray, number: int = 0) -> tuple[int, int]:
 def _spoil_padding(image: bytearray) -> None:
     _, end = _segment(image)
     if end % 4 == 0:
-        raise NotApplicable("the first segment of the firmware has no padding behind it")
+        raise NotApplicable("the first segment of the firmware has no padding after it")
     image[end] = 1
 
 
@@ -275,4 +275,4 @@ UNTRUSTED: Mapping[str, Callable[[bytes, Ed25519PrivateKey], bytes]] = {
     "signed-before-it-was-changed": lambda image, _: _renamed(image, (0, 0, 1)),
     "signed-without-a-key": lambda image, _: reseal(image[:16] + bytes(8) + image[24:]),
 }
-"""What may become of a signed image in the hands of who has another key only: none of them is trusted (FWU-012)."""
+"""Forgeries of a signed image by somebody with another key: none of them is trusted (FWU-012)."""

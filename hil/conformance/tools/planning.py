@@ -1,14 +1,14 @@
-"""Two things at once: what cases plan for a period, and what a device is like when nothing of it is left."""
+"""Two things at once: what cases plan for a period, and a device on which nothing of it is left."""
 
 from __future__ import annotations
 
 from ....protocol.blocks import Entries, Entry, Samples, Slot
-from ....protocol.codes import Feature, Request, State, StatusFlag
+from ....protocol.codes import PAYLOAD_BYTES, Feature, Request, State, StatusFlag
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
 from ..bench import Bench
 from ..cases import expect
-from .stage import is_fast
+from .player import is_fast
 from .watchdog import far_ahead
 
 __all__ = [
@@ -25,7 +25,7 @@ __all__ = [
 
 PLACE, SAMPLE = 40, 128
 APART = 20
-"""Periods between changes that are queued one after the other: any chain can carry that."""
+"""Periods between consecutive queued changes: any chain can carry that."""
 MOST_PERIODS = 120_000
 """Half of it is the duration of a sequence's entry, which has 16 bits."""
 SETTLED = 60
@@ -33,7 +33,7 @@ SETTLED = 60
 
 
 def some_time(bench: Bench) -> int:
-    """Periods within which a case can queue what it needs, let it be disabled, and begin something new."""
+    """Periods within which a case can queue what it needs, disable it, and begin something new."""
     return min(4 * far_ahead(bench), MOST_PERIODS) if is_fast(bench) else 60_000
 
 
@@ -54,14 +54,14 @@ def check_rest(status: Status, bench: Bench, state: State, what: str) -> None:
 
 
 def check_nothing_is_read_back(bench: Bench, what: str) -> None:
-    """Fail unless the processors say that they play nothing, if they can be asked."""
+    """Fail unless the processors report that they play nothing, if they can be asked."""
     if Feature.READ_BACK in bench.info.features:
         answer = bench.ask(Request.PULSES)
-        expect(f"PULSES {what}, without read_period", answer[:8] + answer[16:], bytes(8 + 480))
+        expect(f"PULSES {what}, without read_period", answer[:8] + answer[16:], bytes(8 + PAYLOAD_BYTES))
 
 
 def store_for_plans(bench: Bench) -> None:
-    """Store what plans and what comes after them refer to, while the outputs are off."""
+    """Store the data of the plans and of what comes after them, while the outputs are off."""
     if Feature.SEQUENCES in bench.info.features:
         store(bench, some_time(bench) // 2)
     if Feature.MODULATION in bench.info.features:

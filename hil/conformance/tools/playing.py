@@ -1,16 +1,15 @@
-"""A device that plays, and falls silent again: what cases of several groups do with it, and what they see of it."""
+"""A device that plays and falls silent: steps of several groups, and their observations."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from collections.abc import Sequence as Seq
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....protocol.blocks import Body, Entries, Entry, Modulation, Samples, Sequence, Slot, Update
+from ....protocol.blocks import AmplitudeModulation, Body, Entries, Entry, PlaySequence, Samples, Slot, Update
 from ....protocol.board import PROCESSORS, PROCESSORS_PER_BOARD, TICKS_PER_PERIOD
 from ....protocol.codes import SILENT_PERIODS, Feature
 from ....protocol.pulses import Pulses
@@ -23,7 +22,7 @@ from .steps import require
 
 __all__ = [
     "PLAYS",
-    "Field",
+    "Played",
     "check_falls_one_by_one",
     "check_falls_silent",
     "play",
@@ -37,17 +36,17 @@ SLOT, PLACE = 7, 5
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
-    """What plays.
+class Played:
+    """Something that plays.
 
     Parameters
     ----------
     pulses : Pulses
         As the host sent them.
     words : (50, 10) uint32
-        What the outputs do in each period.
+        The outputs in each period.
     period : int
-        At which it took effect.
+        The period at which it took effect.
     """
 
     pulses: Pulses
@@ -55,40 +54,40 @@ class Field:
     period: int
 
 
-def play(bench: Bench, pulses: Pulses | None = None) -> Field:
-    """Play an update, some weak one by default, and wait until it does."""
+def play(bench: Bench, pulses: Pulses | None = None) -> Played:
+    """Play an update, some weak one by default, and wait until it plays."""
     return _play(bench, pulses or bench.weak(), Update)
 
 
-def start(bench: Bench, what: str) -> Field:
-    """Play one of `PLAYS`, whose outputs are the same in all periods, and wait until it does."""
+def start(bench: Bench, what: str) -> Played:
+    """Play one of `PLAYS`, whose outputs are the same in all periods, and wait until it plays."""
     return PLAYS[what](bench)
 
 
-def _play(bench: Bench, pulses: Pulses, change: Callable[[Pulses], Body]) -> Field:
+def _play(bench: Bench, pulses: Pulses, change: Callable[[Pulses], Body]) -> Played:
     ack = bench.must(change(pulses))
     bench.wait_until(ack.commit_period + 1)
-    return Field(pulses, expected_words(pulses, bench.wiring), ack.commit_period)
+    return Played(pulses, expected_words(pulses, bench.wiring), ack.commit_period)
 
 
-def _modulated(bench: Bench) -> Field:
+def _modulated(bench: Bench) -> Played:
     require(bench, Feature.MODULATION)
     bench.must(Samples(bytes([SAMPLE])))
     pulses = play(bench).pulses
-    ack = bench.must(Modulation(first=0, count=1, hold=3))
+    ack = bench.must(AmplitudeModulation(first=0, count=1, hold=3))
     bench.wait_until(ack.commit_period + 1)
-    return Field(pulses, expected_words(modulated(pulses, SAMPLE), bench.wiring), ack.commit_period)
+    return Played(pulses, expected_words(modulated(pulses, SAMPLE), bench.wiring), ack.commit_period)
 
 
-def _sequence(bench: Bench, *, unattended: bool = False) -> Field:
+def _sequence(bench: Bench, *, unattended: bool = False) -> Played:
     require(bench, Feature.SEQUENCES | (Feature.UNATTENDED if unattended else Feature(0)))
     pulses = bench.weak()
     bench.must(Slot(SLOT, pulses))
     bench.must(Entries((Entry(SLOT, 3),), PLACE))
-    return _play(bench, pulses, lambda _: Sequence(PLACE, 1, unattended=unattended))
+    return _play(bench, pulses, lambda _: PlaySequence(PLACE, 1, unattended=unattended))
 
 
-PLAYS: Mapping[str, Callable[[Bench], Field]] = MappingProxyType(
+PLAYS: Mapping[str, Callable[[Bench], Played]] = MappingProxyType(
     {
         "update": play,
         "modulated": _modulated,
@@ -100,22 +99,22 @@ PLAYS: Mapping[str, Callable[[Bench], Field]] = MappingProxyType(
 
 
 def told(bench: Bench) -> list[Status]:
-    """What the device has told unasked, in the order in which it came."""
+    """The unsolicited records, in order."""
     came = bench.listen()
     statuses, bench.unasked = [*bench.unasked, *(record for record in came if isinstance(record, Status))], []
     return statuses
 
 
 def silent_from(seen: Seen) -> int:
-    """The period from which on all outputs that are seen are low, to the end of what is seen."""
+    """The period from which all observed outputs are low, to the end of what was seen."""
     loud = np.flatnonzero((seen.words & seen.observed).any(axis=1))
     return seen.first_period + (int(loud[-1]) // TICKS_PER_PERIOD + 1 if loud.size else 0)
 
 
 def check_falls_silent(seen: Seen, words: Words, first_tick: int, last_tick: int) -> None:
-    """Fail unless all outputs fall silent at one boundary, for what happened at one of some ticks (clause SAF-004).
+    """Fail unless all outputs fall silent at one boundary, after an event at one of some ticks (clause SAF-004).
 
-    They must play in every period before, and be low in every one behind.
+    They must play in every period before, and be low in every one after.
 
     Parameters
     ----------
@@ -124,15 +123,15 @@ def check_falls_silent(seen: Seen, words: Words, first_tick: int, last_tick: int
     words : (50, 10) uint32
         What they play.
     first_tick, last_tick : int
-        When it happened at the earliest, and at the latest.
+        The earliest and the latest tick of the event.
 
     Raises
     ------
     Inconclusive
-        Where none of the outputs that are seen plays.
+        If none of the observed outputs plays.
     """
     if not (words & seen.observed).any():
-        raise Inconclusive("none of the outputs that are seen was driven")
+        raise Inconclusive("none of the observed outputs was driven")
     since = silent_from(seen)
     earliest = -(-first_tick // TICKS_PER_PERIOD)
     latest = last_tick // TICKS_PER_PERIOD + SILENT_PERIODS
@@ -143,12 +142,12 @@ def check_falls_silent(seen: Seen, words: Words, first_tick: int, last_tick: int
 
 
 def _silent_since(first_period: int, loud: NDArray[np.bool_]) -> int | None:
-    """The period from which on a processor is silent, given whether it is not; None where it always is."""
+    """The period from which a processor is silent, given whether it is in each; None if it always is."""
     return first_period + int(np.flatnonzero(loud)[-1]) + 1 if loud.any() else None
 
 
-def check_falls_one_by_one(seen: Seen, words: Words, earliest: Seq[int], latest: Seq[int]) -> None:
-    """Fail unless the outputs of each processor fall silent at a boundary, which need not be that of the others.
+def check_falls_one_by_one(seen: Seen, words: Words, earliest: Sequence[int], latest: Sequence[int]) -> None:
+    """Fail unless the outputs of each processor fall silent at a boundary, which may differ from that of the others.
 
     Parameters
     ----------
@@ -157,7 +156,7 @@ def check_falls_one_by_one(seen: Seen, words: Words, earliest: Seq[int], latest:
     words : (50, 10) uint32
         What they play in every period before.
     earliest, latest : sequence of int
-        From which period on each of the ten may be silent, and must be.
+        The first period in which each of the ten may be silent, and the first in which it must be.
     """
     loud = np.asarray((seen.words & seen.observed).reshape(-1, TICKS_PER_PERIOD, PROCESSORS).any(axis=1))
     since = [_silent_since(seen.first_period, loud[:, place]) for place in range(PROCESSORS)]

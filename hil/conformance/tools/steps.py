@@ -1,27 +1,26 @@
-"""Steps that cases of several groups take: to begin, to store something, to see that a refusal changes nothing.
+"""Steps of several groups: beginning, storing, checking that a refusal changes nothing.
 
-They speak to the device and judge nothing but what they say.
+They speak to the device and judge only what they say.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
-from collections.abc import Sequence as Many
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from ....protocol.blocks import Body, Entries, Modulation, NoOp, Output, Samples, Sequence, Slot, pack
+from ....protocol.blocks import AmplitudeModulation, Body, Entries, NoOp, Output, PlaySequence, Samples, Slot, pack
 from ....protocol.board import CHANNELS, TICKS_PER_PERIOD
-from ....protocol.codes import SYNC_PERIODS, AckFlag, Action, Feature, Reason, Request, State
+from ....protocol.codes import BLOCK_BYTES, RECORD_BYTES, SYNC_PERIODS, AckFlag, Action, Feature, Reason, Request, State
 from ....protocol.pulses import Pulses
 from ....protocol.replies import Status
 from ..bench import Bench
 from ..cases import Inconclusive, NotApplicable, expect
 from .forge import forged
-from .stage import soon
+from .player import soon
 
 __all__ = [
     "FAR_PERIODS",
@@ -55,13 +54,13 @@ __all__ = [
 Item = TypeVar("Item")
 
 LONG_MS = 60_000
-"""A watchdog time that no case outlasts: the longest that there is (clause REQ-009)."""
+"""The longest watchdog time, longer than any case (clause REQ-009)."""
 FAR_PERIODS = 2_000_000
-"""50 s: what names a period so far ahead stays in the queue as long as a case takes."""
+"""50 s: a change so far ahead stays in the queue during the whole case."""
 LATER_BLOCKS = 12
-"""That a case can send before a period that it names."""
+"""How many a case can send before a period that it names."""
 FEW = 6
-"""Of many blocks of one sort those that go over a serial line, where each takes up to 45 ms."""
+"""How many of the blocks of one sort go over a serial line, on which each takes up to 45 ms."""
 
 SILENT = Pulses.silent(CHANNELS)
 
@@ -76,18 +75,18 @@ class Wrong(NamedTuple):
     """A block that must be refused."""
 
     what: str
-    """What is wrong with it."""
+    """Its defect."""
     block: bytes
     reason: Reason
 
 
 def require(bench: Bench, features: Feature) -> None:
-    """Go on only where the device has some features.
+    """Continue only if the device has some features.
 
     Raises
     ------
     NotApplicable
-        Where it lacks one.
+        If it lacks one.
     """
     if missing := features & ~bench.info.features:
         raise NotApplicable(f"INFO does not name the feature {missing.name}")
@@ -96,23 +95,23 @@ def require(bench: Bench, features: Feature) -> None:
 def features_of(body: Body) -> Feature:
     """The features that a block needs (clause VER-005)."""
     match body:
-        case Sequence(unattended=True):
+        case PlaySequence(unattended=True):
             return Feature.SEQUENCES | Feature.UNATTENDED
-        case Slot() | Entries() | Sequence():
+        case Slot() | Entries() | PlaySequence():
             return Feature.SEQUENCES
-        case Samples() | Modulation() | Output(action=Action.END_MODULATION):
+        case Samples() | AmplitudeModulation() | Output(action=Action.END_MODULATION):
             return Feature.MODULATION
     return Feature(0)
 
 
 def enable(bench: Bench) -> None:
-    """Enable the outputs, out of the watchdog's reach."""
+    """Enable the outputs, with a long watchdog time."""
     bench.order(Request.WATCHDOG, LONG_MS)
     bench.enable()
 
 
 def begin(bench: Bench) -> None:
-    """Enable the outputs, out of the watchdog's reach, and begin the numbering."""
+    """Enable the outputs, with a long watchdog time, and restart the numbering."""
     enable(bench)
     bench.must(NoOp())
 
@@ -128,21 +127,19 @@ def await_state(bench: Bench, state: State) -> None:
 
 @contextmanager
 def suspended(bench: Bench) -> Iterator[None]:
-    """The bus is suspended for a while."""
-    bench.note("lever", "suspend")
+    """Suspend the bus for a while."""
     bench.levers.suspend()
     try:
         yield
     finally:
         bench.levers.resume()
-        bench.note("lever", "resume")
 
 
 def check_refused(bench: Bench, body: Body, reason: Reason) -> None:
-    """Send a block that has to be refused, and see that it is told and counted."""
+    """Send a block that must be refused, and check the reason and the count."""
     before = bench.status()
     ack = bench.send(body)
-    expect(f"the reason for {type(body).__name__.upper()}", ack.reason, reason)
+    expect(f"the reason for {body.KIND.name}", ack.reason, reason)
     expect("the commit period", ack.commit_period, 0)
     after = bench.status()
     expect("the count of refused blocks", after.refused - before.refused, 1)
@@ -150,14 +147,14 @@ def check_refused(bench: Bench, body: Body, reason: Reason) -> None:
 
 
 def set_limit(bench: Bench, transducers: int) -> None:
-    """Set the limit, inconclusive where it is above what this bench or the device allows."""
+    """Set the limit; inconclusive if it is above what this bench or the device allows."""
     if transducers > bench.drive_limit:
         raise Inconclusive(f"this needs a limit of {transducers} transducers; {bench.drive_limit} are allowed here")
     bench.order(Request.LIMIT, transducers)
 
 
 def far(bench: Bench) -> int:
-    """A period that does not come while the case runs."""
+    """A period that does not come during the case."""
     return bench.period() + FAR_PERIODS
 
 
@@ -177,12 +174,12 @@ def some(bench: Bench, items: Iterable[Item], few: int = FEW) -> list[Item]:
 
 
 def forge(bench: Bench, body: Body, payload: bytes | None = None, /, **fields: int) -> bytes:
-    """A block with the next number and other values in its header, or another payload, under the right checksum."""
+    """A block with the next number and other values in its header, or another payload, with a matching checksum."""
     return forged(pack(bench.numbered(body)), payload, **fields)
 
 
-def refuse(bench: Bench, blocks: Many[Wrong]) -> None:
-    """Send blocks that must be refused, each for its reason, and see that nothing comes of them but their refusal."""
+def refuse(bench: Bench, blocks: Sequence[Wrong]) -> None:
+    """Send blocks that must be refused, each for its reason, and check that they have no other effect."""
     before = bench.status()
     acks = bench.send_raw(*(wrong.block for wrong in blocks))
     after = bench.status()
@@ -201,18 +198,18 @@ def refuse(bench: Bench, blocks: Many[Wrong]) -> None:
 
 
 def check_same(before: Status, after: Status, **changes: object) -> None:
-    """Fail where two statuses differ in more than time, temperature and refusals, and the changes that are named."""
+    """Fail if two statuses differ in more than time, temperature, refusals and the named changes."""
     for name in UNTOUCHED:
         expect(f"{name} in STATUS", getattr(after, name), changes.get(name, getattr(before, name)))
 
 
 def check_sync(bench: Bench) -> None:
-    """Fail unless CLOCK tells the newest multiple of 4096 periods, and at least one pulse for each that began.
+    """Fail unless CLOCK names the newest multiple of 4096 periods, and at least one pulse for each that began.
 
-    A device that shares its sync line may have heard more, before its own period 0 (clause CHN-026).
+    A device that shares its sync line may have counted more, before its own period 0 (clause CHN-026).
     """
     reading = bench.clock()
-    if reading.now // TICKS_PER_PERIOD % SYNC_PERIODS in (0, SYNC_PERIODS - 1):  # a pulse comes just now
+    if reading.now // TICKS_PER_PERIOD % SYNC_PERIODS in (0, SYNC_PERIODS - 1):  # a pulse comes at this moment
         bench.wait_periods(2)
         reading = bench.clock()
     period = reading.now // TICKS_PER_PERIOD
@@ -240,7 +237,7 @@ def heavy(transducers: int) -> Pulses:
 
 
 def packed(pulses: Iterable[tuple[int, int]]) -> bytes:
-    """Phases and widths as clause PUL-005 packs them, whatever they are; the rest of 320 silent with phase 0."""
+    """Any phases and widths, packed as in clause PUL-005; the rest of 320 silent with phase 0."""
     words = [phase | width << 7 for phase, width in pulses]
     words += [0] * (CHANNELS - len(words))
     pairs = zip(words[::2], words[1::2], strict=True)
@@ -248,22 +245,22 @@ def packed(pulses: Iterable[tuple[int, int]]) -> bytes:
 
 
 def late_phase(pulses: Pulses) -> bytes:
-    """The payload of these pulses, but for the last, which has a phase of 127."""
+    """The payload of these pulses, except the last, which has a phase of 127."""
     pairs = list(zip(pulses.phase.tolist(), pulses.width.tolist(), strict=True))
     return packed([*pairs[:-1], (127, 0)])
 
 
-def raw_records(bench: Bench, blocks: Many[bytes], seconds: float = 10.0) -> list[bytes]:
-    """Send blocks, at most as many as the device can hold records; the bytes of what is answered, cut by the magic.
+def raw_records(bench: Bench, blocks: Sequence[bytes], seconds: float = 10.0) -> list[bytes]:
+    """Send blocks, at most as many as the device can hold records; returns the answers, cut at the magic.
 
     Waits until there is one record for each block.
     """
     found = b""
     data, sent = b"".join(blocks), 0
     end = bench.line.time.monotonic() + seconds + len(blocks) / 10
-    at_once = len(data) if bench.line.kind == "usb" else 512
+    at_once = len(data) if bench.line.kind == "usb" else BLOCK_BYTES
     while sent < len(data) or len(found) < 32 * len(blocks):
-        if sent < len(data) and (bench.line.kind == "usb" or len(found) >= sent // 512 * 32):
+        if sent < len(data) and (bench.line.kind == "usb" or len(found) >= sent // BLOCK_BYTES * RECORD_BYTES):
             sent += bench.line.send_blocks(data[sent : sent + at_once], 0.1)
         found += bench.line.receive_records(0.01)
         assert len(found) >= 32 * len(blocks) or bench.line.time.monotonic() < end, (
@@ -274,7 +271,7 @@ def raw_records(bench: Bench, blocks: Many[bytes], seconds: float = 10.0) -> lis
 
 
 def cut(found: bytes) -> list[bytes]:
-    """Cut bytes from bulk IN into records: 64 bytes behind the magic of a status, else 32 (clause ACK-005)."""
+    """Cut bytes from bulk IN into records: 64 bytes after the magic of a status, else 32 (clause ACK-005)."""
     records = []
     while found:
         size = 64 if found[:2] == b"PS" else 32

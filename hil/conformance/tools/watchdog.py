@@ -1,4 +1,4 @@
-"""The watchdog: how long it waits in cases, and whether it fires in time after the last sign of life (SAF-003)."""
+"""The watchdog: its time in cases, and whether it fires in time after the last sign of life (SAF-003)."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def patience(bench: Bench) -> int:
 
 
 def far_ahead(bench: Bench) -> int:
-    """Periods within which some blocks arrive on this line, and the queue can be looked at."""
+    """Periods within which some blocks arrive on this line, and the queue can be examined."""
     return bench.slowness * (2_000 if bench.line.kind == "usb" else 40_000)
 
 
 def check_fired(told: Status, first_sign: int, last_sign: int, ms: int) -> None:
     """Fail unless the watchdog fired in time after a sign of life that arrived between two ticks."""
-    expect("the state that is told", told.state, State.OFF)
-    assert told.watchdog_fired, f"the flags that are told are {told.flags!r}, should have WATCHDOG_FIRED"
+    expect("the state in the record", told.state, State.OFF)
+    assert told.watchdog_fired, f"the flags in the record are {told.flags!r}, should have WATCHDOG_FIRED"
     after_ms = ms * TICKS_PER_MS
     earliest, latest = first_sign + after_ms, last_sign + after_ms + TICKS_PER_PERIOD
     assert earliest <= told.now <= latest, (
@@ -44,8 +44,8 @@ def await_firing(bench: Bench, first_sign: int, last_sign: int, ms: int) -> Stat
 
 
 def check_not_yet(bench: Bench, tick: int, now: int | None = None) -> None:
-    """Be inconclusive if a tick has come before a case was ready for it: by now, or when the device said so."""
+    """Inconclusive if a tick has come before a case was ready for it: by now, or when the device said so."""
     if now is None:
         now = bench.clock().now
     if now >= tick:
-        raise TooSlow(f"this line is too slow: it is tick {now}, and the case should have been at {tick} before")
+        raise TooSlow(f"this line is too slow: it is tick {now}, and the case should have been ready before {tick}")

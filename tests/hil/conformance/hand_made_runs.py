@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from phasewire.hil.conformance.clauses import Clause
-from phasewire.hil.conformance.matrix import Chapter, ClauseRows, Level, Matrix, Row
+from phasewire.hil.conformance.matrix import Chapter, ClauseRows, Level, Matrix, MatrixRow
 from phasewire.hil.conformance.verdicts import Evidence, Provenance, Result, Run, Verdict
 
 __all__ = ["CLEAN", "EVERY", "HOSTILE", "MATRIX", "PROVENANCE"]
@@ -21,6 +21,7 @@ PROVENANCE = Provenance(
     seconds=12.34,
     profile="none",
     capture="none",
+    levers=("command:power=relay {}", "scpi:1"),
     allowed=("reset", "drive"),
     seed=7,
     cores=2,
@@ -66,7 +67,7 @@ EVERY = Run(
 CLEAN = replace(EVERY, results=EVERY.results[:1], trouble=())
 
 
-def _clause(identifier: str, title: str, *rows: Row) -> ClauseRows:
+def _clause(identifier: str, title: str, *rows: MatrixRow) -> ClauseRows:
     return ClauseRows(Clause(identifier, identifier[:3], title, tuple(row.sentence for row in rows), ()), rows)
 
 
@@ -79,15 +80,15 @@ MATRIX = Matrix(
                 _clause(
                     "BLK-003",
                     "blocks & more",
-                    Row("BLK-003", "Damage MUST be refused.", Level.MUST, ("blocks/good", "blocks/bad[a b]")),
+                    MatrixRow("BLK-003", "Damage MUST be refused.", Level.MUST, ("blocks/good", "blocks/bad[a b]")),
                 ),
                 _clause(
                     "BLK-006",
                     "blocks & more",
-                    Row("BLK-006/1", "It MUST <heal>.", Level.MUST, ("blocks/known", "blocks/healed")),
-                    Row("BLK-006/2", "It MUST not be seen.", Level.MUST, (), "nobody can see it"),
-                    Row("BLK-006/3", "It MUST be forgotten.", Level.MUST, ()),
-                    Row("BLK-006", "It is so.", Level.NONE, ("blocks/left-out",)),
+                    MatrixRow("BLK-006/1", "It MUST <heal>.", Level.MUST, ("blocks/known", "blocks/healed")),
+                    MatrixRow("BLK-006/2", "It MUST not be seen.", Level.MUST, (), "nobody can see it"),
+                    MatrixRow("BLK-006/3", "It MUST be forgotten.", Level.MUST, ()),
+                    MatrixRow("BLK-006", "It is so.", Level.NONE, ("blocks/left-out",)),
                 ),
             ),
         ),
@@ -95,8 +96,12 @@ MATRIX = Matrix(
             "USB",
             "enumeration",
             (
-                _clause("USB-001", "enumeration", Row("USB-001", "It SHOULD be quick.", Level.SHOULD, ("usb/slow",))),
-                _clause("USB-002", "enumeration", Row("USB-002", "Lines.", Level.NONE, ("usb/lines", "usb/more"))),
+                _clause(
+                    "USB-001", "enumeration", MatrixRow("USB-001", "It SHOULD be quick.", Level.SHOULD, ("usb/slow",))
+                ),
+                _clause(
+                    "USB-002", "enumeration", MatrixRow("USB-002", "Lines.", Level.NONE, ("usb/lines", "usb/more"))
+                ),
             ),
         ),
     ),

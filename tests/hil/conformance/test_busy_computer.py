@@ -13,8 +13,8 @@ from typing import Any, cast
 import pytest
 from phasewire.hil.conformance.bench import MOST_SLOWNESS, Bench
 from phasewire.hil.conformance.cases import Inconclusive
-from phasewire.hil.conformance.lines.usb import UsbLine
-from phasewire.hil.conformance.running import Options, open_bench, run_conformance
+from phasewire.hil.conformance.lines.usb import RawUsbLine
+from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
 from phasewire.hil.conformance.tools.clocks import compare_clocks, unless_busy
 from phasewire.hil.conformance.tools.steps import SILENT, enable
 from phasewire.hil.conformance.tools.watchdog import check_not_yet
@@ -26,7 +26,7 @@ from phasewire.protocol.board import TICK_HZ
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     """An emulated device that the suite takes for one with a time of its own."""
     monkeypatch.setattr(Bench, "is_far", True)
-    with open_bench(Options("emulator:")) as opened:
+    with open_bench(RunOptions("emulator:")) as opened:
         yield opened
 
 
@@ -65,15 +65,15 @@ def test_a_tick_that_has_passed_makes_a_case_inconclusive(bench: Bench) -> None:
 @pytest.mark.parametrize(("seconds", "verdict"), [(0.0, "pass"), (0.2, "pass"), (20.0, "inconclusive")])
 def test_a_case_has_more_time_on_a_slow_line(monkeypatch: pytest.MonkeyPatch, seconds: float, verdict: str) -> None:
     """It names periods further ahead until its blocks come in time, or cannot be judged."""
-    send = UsbLine.send_blocks
+    send = RawUsbLine.send_blocks
 
-    def send_late(line: UsbLine, blocks: bytes, patience: float) -> int:
+    def send_late(line: RawUsbLine, blocks: bytes, patience: float) -> int:
         line.time.sleep(seconds)
         return send(line, blocks, patience)
 
     monkeypatch.setattr(Bench, "is_far", True)
-    monkeypatch.setattr(UsbLine, "send_blocks", send_late)
-    run = run_conformance(Options("emulator:", only=("flow/a-place-is-free-again",)))
+    monkeypatch.setattr(RawUsbLine, "send_blocks", send_late)
+    run = run_conformance(RunOptions("emulator:", only=("flow/a-place-is-free-again",)))
     assert [result.verdict for result in run.results] == [verdict], run.results
 
 
@@ -93,7 +93,7 @@ def test_a_line_that_holds_up_one_transfer_or_another_fails_no_case(monkeypatch:
     drawn = random.Random(1)
 
     def held_up(transfer: Callable[..., object]) -> Callable[..., object]:
-        def later(line: UsbLine, *arguments: object) -> object:
+        def later(line: RawUsbLine, *arguments: object) -> object:
             line.time.sleep(drawn.uniform(0.002, 0.008) if drawn.random() < 0.95 else drawn.uniform(0.05, 0.15))
             return transfer(line, *arguments)
 
@@ -101,8 +101,8 @@ def test_a_line_that_holds_up_one_transfer_or_another_fails_no_case(monkeypatch:
 
     monkeypatch.setattr(Bench, "is_far", True)
     for name in ("read", "write", "request"):
-        monkeypatch.setattr(UsbLine, name, held_up(getattr(UsbLine, name)))
-    run = run_conformance(Options("emulator:", only=HELD_UP))
+        monkeypatch.setattr(RawUsbLine, name, held_up(getattr(RawUsbLine, name)))
+    run = run_conformance(RunOptions("emulator:", only=HELD_UP))
     told = {result.case: f"{result.verdict} {result.reason}" for result in run.results}
     assert [case for case, what in told.items() if not re.match("pass|inconclusive in .* attempts", what)] == [], told
 

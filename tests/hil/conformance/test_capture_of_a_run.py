@@ -15,7 +15,8 @@ from phasewire.emulator.ports.export import export
 from phasewire.hil.conformance import Result, Run, Verdict, running
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.plugin import Watcher
-from phasewire.hil.conformance.running import Options, run_conformance
+from phasewire.hil.conformance.running import RunOptions, run_conformance
+from phasewire.hil.conformance.sight import sigrok
 
 CASES = '''
 from __future__ import annotations
@@ -35,7 +36,7 @@ def test_what_is_right(bench: Bench) -> None:
 
 @case("PUL-004", needs=(Need.CAPTURE,))
 def test_what_is_wrong(bench: Bench) -> None:
-    """The outputs are said to be silent, and are not."""
+    """The mark claims silent outputs, and they are not."""
     bench.enable()
     start = bench.must(Update(bench.weak())).commit_period
     bench.judge(start, start + 40, check_silent)
@@ -82,7 +83,7 @@ def verdicts(run: Run) -> list[Verdict]:
 def test_a_recording_is_judged_after_the_run(emulator: Emulator, tmp_path: Path) -> None:
     path = tmp_path / "later.sr"
     watcher = Saves(emulator, path)
-    run = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), watcher)
+    run = run_conformance(RunOptions(emulator.url, capture=f"sigrok:{path}"), watcher)
     assert verdicts(run) == [Verdict.PASS, Verdict.FAIL]
     assert "first difference is in period" in run.results[1].reason
     assert run.provenance.capture == f"sigrok:{path}"
@@ -98,7 +99,7 @@ def test_a_signal_ends_the_judging_of_a_recording(emulator: Emulator, tmp_path: 
                 raise KeyboardInterrupt
 
     path = tmp_path / "later.sr"
-    run = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), Interrupts(emulator, path))
+    run = run_conformance(RunOptions(emulator.url, capture=f"sigrok:{path}"), Interrupts(emulator, path))
     assert verdicts(run) == [Verdict.PASS, Verdict.INCONCLUSIVE]
     assert run.results[1].reason == "Ctrl-C ended the run before its outputs were judged"
 
@@ -110,7 +111,7 @@ def test_what_only_the_outputs_show_is_judged_from_the_recording(
     cases = CASES.replace('"PUL-004", needs=(Need.CAPTURE,)', '"BLK-005", outputs=("PUL-004",)')
     blind = '@case("BLK-005", outputs=("PUL-004",))\ndef test_blind(bench: Bench) -> None:\n    """It never looks."""\n'
     (groups / "test_seen_later.py").write_text(cases + blind, encoding="utf-8")
-    run = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), Saves(emulator, path))
+    run = run_conformance(RunOptions(emulator.url, capture=f"sigrok:{path}"), Saves(emulator, path))
     assert {result.case.partition("/")[2]: (result.verdict, result.tally) for result in run.results} == {
         "what-is-right": (Verdict.PASS, ""),
         "what-is-right#outputs": (Verdict.PASS, ""),
@@ -124,10 +125,10 @@ def test_what_only_the_outputs_show_is_judged_from_the_recording(
 def test_what_no_recording_shows_is_inconclusive(
     emulator: Emulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(running, "RECORDING_SECONDS", 0.2)
-    monkeypatch.setattr(running, "LOOK_SECONDS", 0.05)
+    monkeypatch.setattr(sigrok, "RECORDING_SECONDS", 0.2)
+    monkeypatch.setattr(sigrok, "LOOK_SECONDS", 0.05)
     path = tmp_path / "never.sr"
-    run = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"))
+    run = run_conformance(RunOptions(emulator.url, capture=f"sigrok:{path}"))
     assert verdicts(run) == [Verdict.INCONCLUSIVE] * 2
     assert "never.sr" in run.results[0].reason
 
@@ -136,7 +137,7 @@ def test_the_recording_of_another_run_is_none_of_this(
     emulator: Emulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "old.sr"
-    run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), Saves(emulator, path))
+    run_conformance(RunOptions(emulator.url, capture=f"sigrok:{path}"), Saves(emulator, path))
     kept = path.read_bytes()
 
     class SavesOld(Watcher):
@@ -144,7 +145,7 @@ def test_the_recording_of_another_run_is_none_of_this(
             time.sleep(0.01)
             path.write_bytes(kept)
 
-    run = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), SavesOld())
+    run = run_conformance(RunOptions(emulator.url, capture=f"sigrok:{path}"), SavesOld())
     assert verdicts(run) == [Verdict.INCONCLUSIVE] * 2
     assert "was not recorded during this run" in run.results[0].reason
 
@@ -218,5 +219,5 @@ def test_a_slow_host_does_not_end_a_mark(
 
     monkeypatch.setattr(Bench, "period", late)
     path = tmp_path / "later.sr"
-    (result,) = run_conformance(Options(emulator.url, capture=f"sigrok:{path}"), Saves(emulator, path)).results
+    (result,) = run_conformance(RunOptions(emulator.url, capture=f"sigrok:{path}"), Saves(emulator, path)).results
     assert (result.verdict, result.reason) == (Verdict.PASS, "")

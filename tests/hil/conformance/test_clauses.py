@@ -152,5 +152,5 @@ def test_a_clause_ends_with_the_next_one_or_a_heading() -> None:
 
 @pytest.mark.parametrize("text", ["**DEF-001** One.", "## ABC: letters\n\n**DEF-001** One."])
 def test_a_clause_of_another_chapter_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r"DEF-001 stands in chapter (none|ABC); it belongs into DEF"):
+    with pytest.raises(ValueError, match=r"DEF-001 stands in chapter (none|ABC); it belongs in DEF"):
         list(read_clauses(text))

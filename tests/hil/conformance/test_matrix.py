@@ -6,7 +6,7 @@ import json
 
 import pytest
 from phasewire.hil.conformance.clauses import clauses, requirements
-from phasewire.hil.conformance.matrix import Claim, Level, Matrix, Row
+from phasewire.hil.conformance.matrix import Claim, Level, Matrix, MatrixRow
 from phasewire.hil.conformance.unobserved import REASONS
 from rich.console import Console
 
@@ -16,7 +16,7 @@ FLIPPED = Claim("blocks/flipped[update]", ("BLK-003", "BLK-005/2"), "A flipped b
 WHOLE = Claim("blocks/late", ("BLK-005", "BLK-012"), "A late change plays.")
 
 
-def rows(matrix: Matrix, clause: str) -> tuple[Row, ...]:
+def rows(matrix: Matrix, clause: str) -> tuple[MatrixRow, ...]:
     (found,) = (
         each.rows for chapter in matrix.chapters for each in chapter.clauses if each.clause.identifier == clause
     )

@@ -8,13 +8,16 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from phasewire.emulator.control import agenda, controller, watchdog
-from phasewire.emulator.control.controller import Controller
+from phasewire.emulator.control import agenda, batches, dispatch, requests, watchdog
+from phasewire.emulator.control.admission import Admission
+from phasewire.emulator.control.device_state import DeviceState
+from phasewire.emulator.control.dispatch import Dispatch
+from phasewire.emulator.control.requests import Requests
 from phasewire.emulator.door import Stall
 from phasewire.emulator.interfaces import usb_device, usb_functions
 from phasewire.errors import BlockError
 from phasewire.hil.conformance import running
-from phasewire.hil.conformance.running import Options, open_bench, run_conformance
+from phasewire.hil.conformance.running import RunOptions, open_bench, run_conformance
 from phasewire.hil.conformance.tools.steps import features_of
 from phasewire.hil.conformance.verdicts import Result, Verdict
 from phasewire.mutants.patching import Patch
@@ -29,16 +32,16 @@ Device = Callable[[Patch], None]
 
 def inform(patch: Patch, **fields: object) -> None:
     """Let INFO say something else."""
-    patch.wrap(Controller, "info", lambda info: lambda self: replace(info(self), **fields))
+    patch.wrap(Requests, "info", lambda info: lambda self: replace(info(self), **fields))
 
 
 def set_room(patch: Patch, changes: int, stores: int, records: int) -> None:
     """Let as many changes, stores and records wait."""
-    for module in (agenda, controller):
+    for module in (agenda, batches, dispatch, requests):
         patch.replace(module, "QUEUE_BLOCKS", changes)
-    for module in (controller, usb_functions):
-        patch.replace(module, "RECORDS", records)
-    patch.replace(controller, "STORES", stores)
+    for module in (requests, usb_functions):
+        patch.replace(module, "QUEUE_RECORDS", records)
+    patch.replace(dispatch, "STORES", stores)
 
 
 def of_the_least_sizes(patch: Patch) -> None:
@@ -57,11 +60,11 @@ def set_rate(patch: Patch, periods: int) -> None:
     def slow(init: Callable[..., None]) -> Callable[..., None]:
         def made(self: Any, *arguments: Any, **named: Any) -> None:
             init(self, *arguments, **named)
-            self._periods_per_update = periods
+            self.periods_per_update = periods
 
         return made
 
-    patch.wrap(Controller, "__init__", slow)
+    patch.wrap(Dispatch, "__init__", slow)
 
 
 def slower_than_its_links(patch: Patch) -> None:
@@ -78,42 +81,42 @@ def slow_and_small(patch: Patch) -> None:
 def weaker(patch: Patch) -> None:
     """At most 100 transducers' worth of drive (clause SAF-006)."""
     inform(patch, drive_limit=100)
-    patch.replace(controller, "VALUES", {**VALUES, Request.LIMIT: range(101)})
+    patch.replace(requests, "VALUES", {**VALUES, Request.LIMIT: range(101)})
 
     def limited(init: Callable[..., None]) -> Callable[..., None]:
         def made(self: Any, *arguments: Any, **named: Any) -> None:
             init(self, *arguments, **named)
-            self._drive_limit = 100
+            self.drive_limit = 100
 
         return made
 
-    patch.wrap(Controller, "__init__", limited)
+    patch.wrap(DeviceState, "__init__", limited)
 
 
 def without_features(patch: Patch) -> None:
     """It lacks what a device may lack but console and DFU, and says so (clause VER-005)."""
     features = Feature.CONSOLE | Feature.DFU
-    patch.replace(controller, "FEATURES", features)
+    patch.replace(requests, "FEATURES", features)
     inform(patch, slots=0, sequence_entries=0, modulation_samples=0)
 
-    def judging(judge: Callable[[Controller, Body], None]) -> Callable[[Controller, Body], None]:
-        def judged(self: Controller, body: Body) -> None:
+    def judging(judge: Callable[[Admission, Body], None]) -> Callable[[Admission, Body], None]:
+        def judged(self: Admission, body: Body) -> None:
             if features_of(body) & ~features:
-                raise BlockError(f"{type(body).__name__} is not there", Reason.UNSUPPORTED)
+                raise BlockError(f"{body.KIND.name} is not there", Reason.UNSUPPORTED)
             judge(self, body)
 
         return judged
 
     def answering(request: Callable[..., bytes]) -> Callable[..., bytes]:
-        def answered(self: Controller, setup: Setup, *more: Any) -> bytes:
+        def answered(self: Requests, setup: Setup, *more: Any) -> bytes:
             if setup.request in (Request.PULSES, Request.REVERT):
                 raise Stall(f"request {setup.request} is not there")
             return request(self, setup, *more)
 
         return answered
 
-    patch.wrap(Controller, "_judge_state", judging)
-    patch.wrap(Controller, "request", answering)
+    patch.wrap(Admission, "_judge_state", judging)
+    patch.wrap(Requests, "request", answering)
 
 
 def of_another_make(patch: Patch) -> None:
@@ -124,7 +127,7 @@ def of_another_make(patch: Patch) -> None:
 
 def slower_watchdog(patch: Patch) -> None:
     """Half a second instead of a tenth: the one that SAF-003 does not allow."""
-    for module in (watchdog, controller):
+    for module in (watchdog, requests):
         patch.replace(module, "WATCHDOG_MS", 500)
 
 
@@ -172,7 +175,7 @@ def being(device: Device) -> Iterator[None]:
 def results(device: Device, url: str, only: tuple[str, ...]) -> list[Result]:
     """What comes of cases on such a device."""
     with being(device):
-        run = run_conformance(Options(url, only=only))
+        run = run_conformance(RunOptions(url, only=only))
     assert not run.trouble
     assert {one.case.partition("/")[0] for one in run.results} >= {*only}
     return list(run.results)
@@ -185,9 +188,9 @@ def broken(found: list[Result]) -> list[str]:
 
 @pytest.mark.parametrize(("device", "url", "_", "fields"), DEVICES, ids=NAMES)
 def test_the_devices_say_how_they_differ(device: Device, url: str, _: object, fields: dict[str, object]) -> None:
-    with being(device), open_bench(Options(url)) as bench:
+    with being(device), open_bench(RunOptions(url)) as bench:
         assert {name: getattr(bench.info, name) for name in fields} == fields
-    with open_bench(Options(url)) as bench:
+    with open_bench(RunOptions(url)) as bench:
         assert all(getattr(bench.info, name) != value for name, value in fields.items() if name != "link_wires")
 
 

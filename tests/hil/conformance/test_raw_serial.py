@@ -10,12 +10,12 @@ import usb.util
 from phasewire.emulator import Emulator
 from phasewire.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from phasewire.hil.conformance.cases import Inconclusive
-from phasewire.hil.conformance.lines.serial import CdcWire, PortWire, SerialLine
-from phasewire.hil.conformance.lines.usb import UsbLine
+from phasewire.hil.conformance.lines.serial import CdcWire, PortWire, RawSerialLine
+from phasewire.hil.conformance.lines.usb import RawUsbLine
 from phasewire.hil.conformance.tools.frames import console_frame, request_frame
-from phasewire.host.lines.usb_find import UsbBus
+from phasewire.host.lines.usb_find import UsbFinder
 from phasewire.protocol.codes import FrameKind, Request
-from phasewire.protocol.framing import Mode
+from phasewire.protocol.framing import LineMode
 from phasewire.protocol.replies import Info, Status
 from phasewire.protocol.requests import Setup
 
@@ -26,10 +26,10 @@ STATUS = Setup(0xC1, Request.STATUS, 0, 0, Status.BYTES)
 
 
 @pytest.fixture(params=["UART", "USB"])
-def line(request: pytest.FixtureRequest) -> Iterator[SerialLine]:
+def line(request: pytest.FixtureRequest) -> Iterator[RawSerialLine]:
     with Emulator() as emulator:
-        wire = PortWire(f"{emulator.url}?door=serial") if request.param == "UART" else CdcWire(UsbLine(emulator.url))
-        opened = SerialLine(wire)
+        wire = PortWire(f"{emulator.url}?door=serial") if request.param == "UART" else CdcWire(RawUsbLine(emulator.url))
+        opened = RawSerialLine(wire)
         yield opened
         opened.close()
 
@@ -37,20 +37,21 @@ def line(request: pytest.FixtureRequest) -> Iterator[SerialLine]:
 def test_all_interfaces_are_held_while_the_line_is_open() -> None:
     """A kernel complains of who uses an interface that it has not claimed, and its serial driver must not have it."""
     with Emulator() as emulator:
-        line = UsbLine(emulator.url)
-        other = UsbBus(emulator.url).find().device
+        line = RawUsbLine(emulator.url)
+        other = UsbFinder(emulator.url).find().device
         for interface in range(3):
             with pytest.raises(usb.core.USBError, match="busy"):
                 usb.util.claim_interface(other, interface)
-        line.set_configuration()
-        with pytest.raises(usb.core.USBError, match="busy"):
-            usb.util.claim_interface(other, 2)
+        for anew in (line.set_configuration, line.reset):
+            anew()
+            with pytest.raises(usb.core.USBError, match="busy"):
+                usb.util.claim_interface(other, 2)
         line.close()
         for interface in range(3):
             usb.util.claim_interface(other, interface)
 
 
-def dropped(line: SerialLine) -> int:
+def dropped(line: RawSerialLine) -> int:
     return Status.decode(line.request(STATUS) or b"").dropped_frames
 
 
@@ -58,47 +59,47 @@ def dropped(line: SerialLine) -> int:
     "before", [b"", b"stat", b"\0", b"\0" + request_frame(1, INFO)[:7], b"\0" + console_frame() + b"ech"]
 )
 @pytest.mark.parametrize("deaf", [False, True], ids=["heard", "unheard"])
-def test_frames_are_entered_from_everywhere(line: SerialLine, before: bytes, deaf: bool) -> None:
+def test_frames_are_entered_from_everywhere(line: RawSerialLine, before: bytes, deaf: bool) -> None:
     line.write(before)
     if not deaf:
         line.rest()
     line.enter_frames()
-    assert line.mode is Mode.FRAMES
+    assert line.mode is LineMode.FRAMES
     assert (line.events, line.damaged) == ([], [])
     assert Info.decode(line.request(INFO) or b"").channels == 320
 
 
-def test_a_console_is_entered_without_echo_and_frames_again(line: SerialLine) -> None:
+def test_a_console_is_entered_without_echo_and_frames_again(line: RawSerialLine) -> None:
     for _ in range(2):
         line.enter_console()
         assert line.command("watchdog 500") == "ok\r\n"
         assert line.command("") == ""
         assert line.command("halt").startswith("error 3 ")
-        assert line.mode is Mode.CONSOLE
+        assert line.mode is LineMode.CONSOLE
         line.enter_frames()
         assert Status.decode(line.request(STATUS) or b"").watchdog_ms == 500
 
 
-def test_who_hangs_up_is_at_a_console_with_a_frame_dropped(line: SerialLine) -> None:
+def test_who_hangs_up_is_at_a_console_with_a_frame_dropped(line: RawSerialLine) -> None:
     line.wire.set_dtr(True)
     line.enter_frames()
     line.write(request_frame(1, INFO)[:7])
     line.rest()
     line.hang_up()
-    assert line.mode is Mode.CONSOLE
+    assert line.mode is LineMode.CONSOLE
     line.write(b"\r")
     assert line.rest() == b"\r\n> "
     line.enter_frames()
     assert dropped(line) == 1
 
 
-def test_a_console_that_does_not_answer_is_no_console(line: SerialLine) -> None:
+def test_a_console_that_does_not_answer_is_no_console(line: RawSerialLine) -> None:
     line.enter_frames()
     with pytest.raises(DeviceTimeoutError, match="shows no prompt after 'status'"):
         line.command("status")
 
 
-def test_a_request_is_told_from_a_late_answer(line: SerialLine) -> None:
+def test_a_request_is_told_from_a_late_answer(line: RawSerialLine) -> None:
     line.enter_frames()
     line.write(request_frame(99, STATUS))
     assert Info.decode(line.request(INFO) or b"").carrier_hz == 40_000
@@ -115,19 +116,19 @@ def test_a_port_that_is_not_there_or_goes_away_is_said() -> None:
         with pytest.raises(DeviceLostError, match="the port is gone"):
             wire.write(b"x")
         wire.reopen(1)
-        SerialLine(wire).enter_frames()
+        RawSerialLine(wire).enter_frames()
 
 
 def test_only_a_uart_has_a_break() -> None:
     with Emulator() as emulator:
         assert PortWire(f"{emulator.url}?door=serial").has_break
-        assert not CdcWire(UsbLine(emulator.url)).has_break
+        assert not CdcWire(RawUsbLine(emulator.url)).has_break
 
 
 def test_a_pseudo_terminal_and_a_socket_cannot_hang_up() -> None:
     for scheme in ("serial", "socket"):
         with served_url(scheme) as (url, _):
-            line = SerialLine(PortWire(url))
+            line = RawSerialLine(PortWire(url))
             line.wire.set_dtr(True)  # of which nothing comes
             line.enter_frames()
             assert not line.wire.has_break
@@ -138,7 +139,7 @@ def test_a_pseudo_terminal_and_a_socket_cannot_hang_up() -> None:
 
 def test_a_line_whose_other_end_is_gone_can_be_closed() -> None:
     with served_url("serial") as (url, _):
-        line = SerialLine(PortWire(url))
+        line = RawSerialLine(PortWire(url))
     with pytest.raises(DeviceLostError):
         line.write(bytes(4096))
     line.close()
@@ -146,7 +147,7 @@ def test_a_line_whose_other_end_is_gone_can_be_closed() -> None:
 
 def test_a_reply_to_an_older_request_with_the_same_tag_is_not_taken_for_the_answer() -> None:
     with Emulator() as emulator:
-        line = SerialLine(PortWire(f"{emulator.url}?door=serial"))
+        line = RawSerialLine(PortWire(f"{emulator.url}?door=serial"))
         line.enter_frames()
         line.write(request_frame(2, INFO))
         line.listen(1, lambda: bool(line.frames(FrameKind.REPLY)))

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 from phasewire.emulator import Emulator
-from phasewire.emulator.control.controller import Controller
+from phasewire.emulator.control.requests import Requests
 from phasewire.errors import DeviceError, DeviceNotFoundError
 from phasewire.hil.conformance import Result, Run, Verdict, running
 from phasewire.hil.conformance.bench import Bench
 from phasewire.hil.conformance.cases import Risk
 from phasewire.hil.conformance.plugin import Watcher
 from phasewire.hil.conformance.profile import Profile
-from phasewire.hil.conformance.running import Options, catalogue, run_conformance
+from phasewire.hil.conformance.running import RunOptions, catalogue, run_conformance
 from phasewire.protocol.codes import State
 
 HEAD = """
@@ -95,7 +95,7 @@ def judged(run: Run) -> dict[str, Verdict]:
 
 def test_what_a_case_does_decides_its_verdict(groups: Path) -> None:
     write(groups, "some_things", ALL_VERDICTS)
-    run = run_conformance(Options("emulator:"))
+    run = run_conformance(RunOptions("emulator:"))
     assert judged(run) == {
         "some-things/that-passes": Verdict.PASS,
         "some-things/that-fails": Verdict.FAIL,
@@ -124,7 +124,7 @@ def test_what_a_case_does_decides_its_verdict(groups: Path) -> None:
 
 def test_a_case_leaves_its_blocks_requests_and_answers_as_evidence(groups: Path) -> None:
     write(groups, "one", ALL_VERDICTS)
-    (result,) = run_conformance(Options("emulator:", only=("one/that-passes",))).results
+    (result,) = run_conformance(RunOptions("emulator:", only=("one/that-passes",))).results
     labels = [evidence.label for evidence in result.evidence]
     assert labels[:2] == ["block", "acknowledged"]
     assert result.evidence[0].text.startswith("50 57 01 09 ")
@@ -146,12 +146,12 @@ def test_a_case_leaves_its_blocks_requests_and_answers_as_evidence(groups: Path)
 )
 def test_only_what_was_asked_for_runs(groups: Path, only: str, names: int) -> None:
     write(groups, "some_things", ALL_VERDICTS)
-    assert len(run_conformance(Options("emulator:", only=(only,))).results) == names
+    assert len(run_conformance(RunOptions("emulator:", only=(only,))).results) == names
 
 
 def test_a_run_may_end_when_enough_broke(groups: Path) -> None:
     write(groups, "some_things", ALL_VERDICTS)
-    run = run_conformance(Options("emulator:", enough=2))
+    run = run_conformance(RunOptions("emulator:", enough=2))
     assert sum(result.breaks for result in run.results) == 2
     assert run.results[-1].case == "some-things/that-is-wrong-itself"
 
@@ -159,12 +159,12 @@ def test_a_run_may_end_when_enough_broke(groups: Path) -> None:
 def test_known_failures_do_not_break_a_run_but_their_passes_and_unknown_ones_do(groups: Path) -> None:
     write(groups, "some_things", ALL_VERDICTS)
     known = {f"some-things/{name}": "we know" for name in ("that-fails", "that-is-wrong-itself", "that-asks-in-vain")}
-    run = run_conformance(Options("emulator:", known=known))
+    run = run_conformance(RunOptions("emulator:", known=known))
     assert run.passed
     assert {result.known for result in run.results} == {None, "we know"}
-    unexpected = run_conformance(Options("emulator:", known=known | {"some-things/that-passes": "we thought"}))
+    unexpected = run_conformance(RunOptions("emulator:", known=known | {"some-things/that-passes": "we thought"}))
     assert [result.case for result in unexpected.results if result.breaks] == ["some-things/that-passes"]
-    unknown = run_conformance(Options("emulator:", known=known | {"no/such-case": "it was renamed"}))
+    unknown = run_conformance(RunOptions("emulator:", known=known | {"no/such-case": "it was renamed"}))
     assert unknown.trouble == ("the known failure 'no/such-case' names no case",)
     assert not unknown.passed
 
@@ -186,17 +186,17 @@ def test_a_known_failure_without_parameter_stands_for_all_parts(groups: Path) ->
             """None fails."""
         ''',
     )
-    run = run_conformance(Options("emulator:", known={"parts/it": "we know"}))
+    run = run_conformance(RunOptions("emulator:", known={"parts/it": "we know"}))
     assert run.passed
     assert [result.known for result in run.results] == [None, "we know", None, None]
-    mended = run_conformance(Options("emulator:", known={"parts/it": "we know", "parts/that": "we knew"}))
+    mended = run_conformance(RunOptions("emulator:", known={"parts/it": "we know", "parts/that": "we knew"}))
     assert mended.trouble == ("the known failure 'parts/that' fails in none of its parts",)
 
 
 def test_a_profile_takes_out_what_does_not_apply(groups: Path) -> None:
     write(groups, "some_things", ALL_VERDICTS)
     profile = Profile("mine", {"ACK-001": "no records", "some-things/that-is-wrong-itself": "gone"})
-    run = run_conformance(Options("emulator:", profile=profile))
+    run = run_conformance(RunOptions("emulator:", profile=profile))
     verdicts = judged(run)
     assert verdicts["some-things/that-fails"] is Verdict.NOT_APPLICABLE
     assert verdicts["some-things/that-is-wrong-itself"] is Verdict.NOT_APPLICABLE
@@ -227,14 +227,14 @@ def test_usb(bench: Bench) -> None:
 
 def test_what_is_not_allowed_or_not_there_is_inconclusive(groups: Path) -> None:
     write(groups, "gated", GATED)
-    allowed = judged(run_conformance(Options("emulator:")))
+    allowed = judged(run_conformance(RunOptions("emulator:")))
     assert set(allowed.values()) == {Verdict.PASS}
-    run = run_conformance(Options("emulator:?door=serial", capture="none", allowed=frozenset({Risk.DRIVE})))
+    run = run_conformance(RunOptions("emulator:?door=serial", capture="none", allowed=frozenset({Risk.DRIVE})))
     assert [(result.verdict, result.reason) for result in run.results] == [
         (Verdict.INCONCLUSIVE, "not allowed: pass --allow reset"),
         (Verdict.INCONCLUSIVE, "needs a capture of the outputs: pass --capture sigrok:FILE"),
         (Verdict.PASS, ""),
-        (Verdict.INCONCLUSIVE, "not this line: it concerns USB, and the device is at the end of a serial line"),
+        (Verdict.INCONCLUSIVE, "not on this line: it is about USB, and the device is on a serial line"),
     ]
 
 
@@ -261,7 +261,7 @@ CUT_SHORT = "the case failed before its outputs were judged"
 
 def test_what_only_the_outputs_show_has_a_verdict_of_its_own(groups: Path) -> None:
     write(groups, "half", HALF_SEEN)
-    run = run_conformance(Options("emulator:", again=False))
+    run = run_conformance(RunOptions("emulator:", again=False))
     assert {result.case: (result.clauses, result.verdict, result.reason) for result in run.results} == {
         "half/it[sound]": (("STA-003",), Verdict.PASS, ""),
         "half/it#outputs[sound]": (("SAF-001",), Verdict.PASS, ""),
@@ -280,7 +280,7 @@ def test_what_only_the_outputs_show_has_a_verdict_of_its_own(groups: Path) -> No
 
 def test_without_sight_answers_are_judged_and_outputs_are_not(groups: Path) -> None:
     write(groups, "half", HALF_SEEN)
-    run = run_conformance(Options("emulator:", capture="none", again=False))
+    run = run_conformance(RunOptions("emulator:", capture="none", again=False))
     answers = [(result.case, result.verdict) for result in run.results if "#" not in result.case]
     assert answers == [
         ("half/it[sound]", Verdict.PASS),
@@ -297,18 +297,18 @@ def test_without_sight_answers_are_judged_and_outputs_are_not(groups: Path) -> N
 def test_the_part_at_the_outputs_is_called_by_its_name(groups: Path) -> None:
     write(groups, "half", HALF_SEEN)
     assert [entry.identifier for entry in catalogue()][:2] == ["half/it[sound]", "half/it#outputs[sound]"]
-    assert len(run_conformance(Options("emulator:", only=("SAF-001",))).results) == 12  # with the cases themselves
-    parts = Options("emulator:", only=("half/it#outputs",), known={"half/it#outputs": "we know"})
+    assert len(run_conformance(RunOptions("emulator:", only=("SAF-001",))).results) == 12  # with the cases themselves
+    parts = RunOptions("emulator:", only=("half/it#outputs",), known={"half/it#outputs": "we know"})
     known = run_conformance(parts)
     assert [result.case for result in known.results if result.known] == [
         "half/it#outputs[outputs]",
         "half/it#outputs[both]",
     ]
     assert [result.tally for result in known.results if result.known] == ["failed 2 of 2"] * 2
-    waived = run_conformance(Options("emulator:", profile=Profile("mine", {"SAF-001": "no outputs"}), again=False))
+    waived = run_conformance(RunOptions("emulator:", profile=Profile("mine", {"SAF-001": "no outputs"}), again=False))
     assert judged(waived)["half/it[outputs]"] is Verdict.PASS
     assert judged(waived)["half/it#outputs[outputs]"] is Verdict.NOT_APPLICABLE
-    cut = run_conformance(Options("emulator:", enough=2, again=False))
+    cut = run_conformance(RunOptions("emulator:", enough=2, again=False))
     assert [result.whole for result in cut.results if result.breaks] == ["half/it[answers]", "half/it[outputs]"]
 
 
@@ -326,7 +326,7 @@ def test_a_case_that_names_no_clause_or_says_nothing_cannot_be_collected(groups:
     with pytest.raises(RuntimeError, match=what):
         catalogue()
     write(groups, "bad", cases)
-    run = run_conformance(Options("emulator:"))
+    run = run_conformance(RunOptions("emulator:"))
     assert len(run.trouble) == 1
     assert what in run.trouble[0]
     assert not run.passed
@@ -352,8 +352,8 @@ def test_third(bench: Bench) -> None:
 
 def test_a_device_that_is_lost_is_brought_back_where_that_is_allowed(groups: Path) -> None:
     write(groups, "losing", LOSING)
-    assert list(judged(run_conformance(Options("emulator:"))).values()) == [Verdict.PASS] * 3
-    run = run_conformance(Options("emulator:", allowed=frozenset()))
+    assert list(judged(run_conformance(RunOptions("emulator:"))).values()) == [Verdict.PASS] * 3
+    run = run_conformance(RunOptions("emulator:", allowed=frozenset()))
     assert list(judged(run).values()) == [Verdict.PASS, Verdict.FAIL, Verdict.INCONCLUSIVE]
     assert "cannot be brought back" in run.results[1].reason
     assert not run.passed
@@ -370,7 +370,7 @@ def test_a_watcher_is_told_of_every_case(groups: Path) -> None:
         def ended(self, result: Result) -> None:
             told.append((result.case,))
 
-    run = run_conformance(Options("emulator:"), Told())
+    run = run_conformance(RunOptions("emulator:"), Told())
     names = [result.case for result in run.results]
     assert told == [
         entry for number, name in enumerate(names, start=1) for entry in ((name, number, len(names)), (name,))
@@ -395,26 +395,26 @@ def test_as_much_as_is_allowed(bench: Bench) -> None:
 
 def test_the_drive_is_low_unless_more_is_allowed(groups: Path) -> None:
     write(groups, "driving", DRIVING)
-    run = run_conformance(Options("emulator:", allowed=frozenset({Risk.RESET})))
+    run = run_conformance(RunOptions("emulator:", allowed=frozenset({Risk.RESET})))
     first, second = run.results
     assert "a case drives 320 transducers; 32 are allowed here" in first.reason
     assert second.verdict is Verdict.PASS
     assert ("drive limit", "32") in [(evidence.label, evidence.text) for evidence in second.evidence]
-    assert run_conformance(Options("emulator:")).results[0].verdict is Verdict.PASS
+    assert run_conformance(RunOptions("emulator:")).results[0].verdict is Verdict.PASS
 
 
 def test_a_device_that_is_not_there_is_no_run(groups: Path) -> None:
     with pytest.raises(DeviceNotFoundError):
-        run_conformance(Options("emulator:NO-SUCH"))
+        run_conformance(RunOptions("emulator:NO-SUCH"))
     with pytest.raises(ValueError, match="not emulated in this process"):
-        run_conformance(Options("usb:", capture="emulator"))
+        run_conformance(RunOptions("usb:", capture="emulator"))
 
 
 def test_pytest_that_cannot_begin_is_trouble_of_the_run(
     groups: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(running, "GROUPS", groups / "missing")
-    run = run_conformance(Options("emulator:"))
+    run = run_conformance(RunOptions("emulator:"))
     assert not run.passed
     (trouble,) = run.trouble
     assert re.fullmatch(r"pytest \S+ could not begin; standard error says why", trouble)
@@ -438,7 +438,7 @@ def test_a_spare_device_breaks_alone(groups: Path) -> None:
             expect("the device", bench.status().state, State.OFF)
         ''',
     )
-    (result,) = run_conformance(Options("emulator:")).results
+    (result,) = run_conformance(RunOptions("emulator:")).results
     assert (result.verdict, result.reason) == (Verdict.PASS, "")
 
 
@@ -456,7 +456,7 @@ def test_changes(bench: Bench) -> None:
 def test_a_device_is_left_as_at_power_up(groups: Path) -> None:
     write(groups, "leaving", LEAVING)
     with Emulator() as emulator:
-        run_conformance(Options(emulator.url, allowed=frozenset()))
+        run_conformance(RunOptions(emulator.url, allowed=frozenset()))
         status = emulator.running.status()
     assert status.state is State.OFF
     assert (status.watchdog_ms, status.drive_limit) == (100, 320)
@@ -495,7 +495,7 @@ def test_a_signal_ends_a_run_which_tells_what_was_judged_and_what_was_not(
             ended.append(result.case)
 
     with Emulator() as emulator:
-        run = run_conformance(Options(emulator.url), Told())
+        run = run_conformance(RunOptions(emulator.url), Told())
         assert emulator.running.status().state is State.OFF
     assert ended == ["ending/first"]
     assert list(judged(run).values()) == [Verdict.PASS, Verdict.INCONCLUSIVE, Verdict.INCONCLUSIVE]
@@ -512,7 +512,7 @@ def test_a_signal_between_cases_ends_a_run_too(groups: Path, capfd: pytest.Captu
             if number == 2:
                 raise SystemExit(143)
 
-    run = run_conformance(Options("emulator:"), Impatient())
+    run = run_conformance(RunOptions("emulator:"), Impatient())
     assert list(judged(run).values()) == [Verdict.PASS, Verdict.INCONCLUSIVE, Verdict.INCONCLUSIVE]
     assert run.signal == signal.SIGTERM
     assert capfd.readouterr() == ("", "")
@@ -548,7 +548,7 @@ def test_the_same_is_drawn(bench: Bench) -> None:
 
 def test_a_case_that_fails_is_run_again_and_stays_a_failure(groups: Path) -> None:
     write(groups, "flaky", FLAKY)
-    run = run_conformance(Options("emulator:", known={"flaky/always": "we know"}))
+    run = run_conformance(RunOptions("emulator:", known={"flaky/always": "we know"}))
     assert [(result.verdict, result.tally, result.reason) for result in run.results] == [
         (Verdict.FAIL, "failed 1 of 2", "the number of tries is 1, should be 2; the other time: pass"),
         (Verdict.FAIL, "failed 2 of 2", "the state is OFF, should be PLAYING"),
@@ -564,7 +564,7 @@ def test_a_case_that_fails_is_run_again_and_stays_a_failure(groups: Path) -> Non
 
 def test_a_case_is_run_once_if_that_is_asked_for(groups: Path) -> None:
     write(groups, "flaky", FLAKY)
-    run = run_conformance(Options("emulator:", again=False, only=("flaky/now",)))
+    run = run_conformance(RunOptions("emulator:", again=False, only=("flaky/now",)))
     assert [result.tally for result in run.results] == ["failed 1 of 1"]
 
 
@@ -583,7 +583,7 @@ def test_what_is_not_acknowledged_is_told_with_the_counter_that_moved(
             bench.must(NoOp())
         ''',
     )
-    (result,) = run_conformance(Options("emulator:?door=serial", again=False)).results
+    (result,) = run_conformance(RunOptions("emulator:?door=serial", again=False)).results
     assert re.fullmatch(
         r"block \d+ is not acknowledged within 0.1 s; since the case began dropped_frames rose by 1", result.reason
     ), result.reason
@@ -600,14 +600,14 @@ def test_what_cannot_be_judged_sends_nothing(groups: Path, monkeypatch: pytest.M
         genuine(bench, name)
 
     monkeypatch.setattr(Bench, "begin_case", begin)
-    run = run_conformance(Options("emulator:?door=serial", capture="none", allowed=frozenset({Risk.DRIVE})))
+    run = run_conformance(RunOptions("emulator:?door=serial", capture="none", allowed=frozenset({Risk.DRIVE})))
     assert begun == ["gated/a-fault", "later/it"]
     assert run.passed
 
 
 def test_the_load_of_the_computer_stands_in_the_provenance(groups: Path) -> None:
     write(groups, "gated", GATED)
-    provenance = run_conformance(Options("emulator:")).provenance
+    provenance = run_conformance(RunOptions("emulator:")).provenance
     assert provenance.cores == os.cpu_count()
     assert provenance.load is not None
     assert all(load >= 0 for load in provenance.load)
@@ -620,7 +620,7 @@ def test_a_mistake_of_the_suite_is_trouble(groups: Path) -> None:
         def ended(self, result: Result) -> None:
             raise TypeError("oh")
 
-    run = run_conformance(Options("emulator:"), Mistaken())
+    run = run_conformance(RunOptions("emulator:"), Mistaken())
     assert run.trouble == ("the suite failed by itself: TypeError: oh",)
     assert not run.passed
 
@@ -628,7 +628,7 @@ def test_a_mistake_of_the_suite_is_trouble(groups: Path) -> None:
 def test_a_profile_that_names_nothing_is_trouble(groups: Path) -> None:
     write(groups, "some_things", ALL_VERDICTS)
     profile = Profile("mine", {"SER-999": "no", "wheels": "no", "some-things/of-kinds": "no", "SER-001": "no"})
-    run = run_conformance(Options("emulator:", profile=profile))
+    run = run_conformance(RunOptions("emulator:", profile=profile))
     assert [("SER-999" in text, "wheels" in text) for text in run.trouble] == [(True, False), (False, True)]
 
 
@@ -637,10 +637,10 @@ def test_a_device_of_other_versions_is_not_judged(
     groups: Path, monkeypatch: pytest.MonkeyPatch, versions: tuple[int, int]
 ) -> None:
     write(groups, "some_things", ALL_VERDICTS)
-    genuine = Controller.info
+    genuine = Requests.info
     oldest, newest = versions
     monkeypatch.setattr(
-        Controller, "info", lambda self: replace(genuine(self), oldest_version=oldest, newest_version=newest)
+        Requests, "info", lambda self: replace(genuine(self), oldest_version=oldest, newest_version=newest)
     )
     with pytest.raises(DeviceError, match="speaks versions"):
-        run_conformance(Options("emulator:"))
+        run_conformance(RunOptions("emulator:"))

@@ -16,13 +16,13 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from phasewire import Emulator
 from phasewire.emulator.control.controller import Controller
 from phasewire.emulator.doors.umockdev import run_under_mock
-from phasewire.emulator.firmware.loader import Identity, make_flash
+from phasewire.emulator.firmware.loader import DeviceIdentity, make_flash
 from phasewire.hil.conformance import Run, Verdict
 from phasewire.hil.conformance.cases import NOT_USB, Need, Risk, unmet
 from phasewire.hil.conformance.matrix import Matrix
-from phasewire.hil.conformance.plugin import Entry
+from phasewire.hil.conformance.plugin import CatalogueCase
 from phasewire.hil.conformance.profile import Profile
-from phasewire.hil.conformance.running import GROUPS, Options, catalogue, run_conformance
+from phasewire.hil.conformance.running import GROUPS, RunOptions, catalogue, run_conformance
 from phasewire.protocol.codes import State, Target
 from phasewire.protocol.firmware import Image, Segment, sign
 from phasewire.protocol.versions import Version
@@ -36,17 +36,19 @@ from tests.host.serving import served_url
 
 
 @pytest.fixture(scope="module")
-def entries() -> list[Entry]:
+def entries() -> list[CatalogueCase]:
     return catalogue()
 
 
-def test_every_must_has_a_case_or_a_reason_and_none_has_both(entries: list[Entry]) -> None:
+def test_every_must_has_a_case_or_a_reason_and_none_has_both(entries: list[CatalogueCase]) -> None:
     matrix = Matrix.of(entry.claim for entry in entries)
     assert [row.name for row in matrix.missing()] == []
     assert [row.name for row in matrix.needless()] == []
 
 
-def test_every_case_has_a_name_of_its_own_and_says_in_one_or_two_sentences_what_it_does(entries: list[Entry]) -> None:
+def test_every_case_has_a_name_of_its_own_and_says_in_one_or_two_sentences_what_it_does(
+    entries: list[CatalogueCase],
+) -> None:
     names = [entry.identifier for entry in entries]
     assert len(set(names)) == len(names) > 1000
     for entry in entries:
@@ -55,7 +57,7 @@ def test_every_case_has_a_name_of_its_own_and_says_in_one_or_two_sentences_what_
         assert len(re.findall(r"\.(?= [A-Z])", sentence)) <= 1, f"{entry.identifier}: {sentence}"
 
 
-def test_no_file_of_a_group_is_without_cases(entries: list[Entry]) -> None:
+def test_no_file_of_a_group_is_without_cases(entries: list[CatalogueCase]) -> None:
     files = {path.stem.removeprefix("test_").replace("_", "-") for path in GROUPS.glob("test_*.py")}
     assert {entry.group for entry in entries} == files
 
@@ -63,14 +65,19 @@ def test_no_file_of_a_group_is_without_cases(entries: list[Entry]) -> None:
 # A sound device
 
 YOUNG = "the device has been on for too short a time: N periods are left"
-NO_CONNECTION = "this line is no connection that could be closed, as one by socket: is"
-OF_A_BUS = {"this concerns UARTs", "this concerns a device that is used over a serial line alone", NO_CONNECTION, YOUNG}
-PARTS = "a part of a block can arrive at full speed only, and this bus runs at high speed"
+NO_CONNECTION = "this line has no connection to close; one by socket: has"
+OF_A_BUS = {
+    "this applies to UARTs",
+    "this applies to a device that is used over a serial line alone",
+    NO_CONNECTION,
+    YOUNG,
+}
+PARTS = "only at full speed can a part of a block arrive, and this bus runs at high speed"
 """A packet of 512 bytes is a whole block."""
 OF_A_UART = {
     NOT_USB,
     YOUNG,
-    "a serial line cannot bring updates while PULSES are read",
+    "a serial line cannot carry updates while PULSES are read",
     "the line is too slow for a stream",
     NO_CONNECTION,
     "the line is so slow that the queue never fills",
@@ -93,14 +100,14 @@ def alike(reasons: Iterable[str]) -> set[str]:
 
 
 def check_sound(run: Run) -> None:
-    """Fail where anything speaks against a device that is sound."""
+    """Fail if anything speaks against a device that is sound."""
     against = [result for result in run.results if result.verdict in (Verdict.FAIL, Verdict.WARN)]
     assert not against, "\n".join(f"{result.case}: {result.reason}" for result in against)
     assert run.passed, run.trouble
 
 
 def check_no_case_speaks_against(url: str, only: tuple[str, ...] = ()) -> Run:
-    run = run_conformance(Options(url, only=only))
+    run = run_conformance(RunOptions(url, only=only))
     check_sound(run)
     assert alike(result.reason for result in run.results if result.verdict is Verdict.INCONCLUSIVE) <= REASONS[url]
     return run
@@ -121,8 +128,8 @@ def test_nothing_speaks_against_the_emulator_by_another_line(url: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("url", ["emulator:", "emulator:?door=serial&baud=3000000"])
-def test_what_is_not_allowed_or_cannot_be_seen_is_never_passed(entries: list[Entry], url: str) -> None:
-    run = run_conformance(Options(url, capture="none", allowed=frozenset()))
+def test_what_is_not_allowed_or_cannot_be_seen_is_never_passed(entries: list[CatalogueCase], url: str) -> None:
+    run = run_conformance(RunOptions(url, capture="none", allowed=frozenset()))
     check_sound(run)
     needy = {entry.identifier for entry in entries if entry.about.risks or Need.CAPTURE in entry.about.needs}
     passed = {result.case for result in run.results if result.verdict is Verdict.PASS}
@@ -143,16 +150,16 @@ IMAGE = Image(
 
 @pytest.mark.slow
 def test_nothing_speaks_against_a_device_that_trusts_a_key() -> None:
-    flash = make_flash(Identity("TRUSTS-A-KEY", Wiring.strips(), (KEY.public_key(),)), sign(IMAGE, KEY))
+    flash = make_flash(DeviceIdentity("TRUSTS-A-KEY", Wiring.strips(), (KEY.public_key(),)), sign(IMAGE, KEY))
     with Emulator(flash=flash) as emulator:
-        run = run_conformance(Options(emulator.url, only=("dfu", "flash")))
+        run = run_conformance(RunOptions(emulator.url, only=("dfu", "flash")))
     check_sound(run)
     by_name = {result.case: result for result in run.results}
     assert by_name["flash/keys-decide-whose-images-are-taken"].verdict is Verdict.PASS
     assert {result.reason for result in run.results if result.verdict is not Verdict.PASS} == {
-        "the firmware is signed, so that nobody but its maker can make it longer",
-        "the firmware is signed, so that nobody but its maker can give it another version",
-        "the first segment of the firmware has no padding behind it",
+        "the firmware is signed, so that only its maker can make it longer",
+        "the firmware is signed, so that only its maker can give it another version",
+        "the first segment of the firmware has no padding after it",
     }
 
 
@@ -180,7 +187,7 @@ NO_BREAK = Profile(
 @pytest.mark.parametrize("scheme", ["serial", "socket", "rfc2217"])
 def test_nothing_speaks_against_the_emulator_at_the_end_of_a_line(scheme: str) -> None:
     with served_url(scheme) as (url, _):
-        run = run_conformance(Options(url, only=SOME, profile=NO_BREAK if scheme == "rfc2217" else Profile()))
+        run = run_conformance(RunOptions(url, only=SOME, profile=NO_BREAK if scheme == "rfc2217" else Profile()))
     check_sound(run)
     assert run.count(Verdict.PASS) > 100
 
@@ -202,8 +209,8 @@ NO_LEVERS = {
     *map(unmet, Need),
     "the line was too slow: the device was asked N.N s after it had block N",
     "this line is too slow: the watchdog may have fired before the request arrived",
-    "this computer's own system does not let such a request through",
-    "the computer configures the device by itself, before a program can reset it",
+    "this computer's system does not send such a request",
+    "the computer configures the device by itself before a program can reset it",
     PARTS,
     *OF_A_BUS,
 }
@@ -218,7 +225,7 @@ def test_nothing_speaks_against_the_emulator_on_the_bus_of_a_kernel(groups: tupl
     options = [f"--profile={tmp_path / 'busy.toml'}", f"--json={tmp_path / 'run.json'}"]
     options += [f"--allow={risk}" for risk in Risk] + [f"--only={group}/" for group in groups]
     command = [sys.executable, str(tmp_path / "conformance.py"), *options]
-    flash = make_flash(Identity("ON-A-BUS", Wiring.strips()), IMAGE)
+    flash = make_flash(DeviceIdentity("ON-A-BUS", Wiring.strips()), IMAGE)
     with (tmp_path / "output").open("wb") as output:
         bounded = ["timeout", "--signal=KILL", "300", *command]
         code = run_under_mock(bounded, [Emulator(flash=flash)], stdout=output, stderr=output)

@@ -38,6 +38,18 @@ def test_a_kernel_packed_otherwise_is_refused() -> None:
         kernel.unpack(image(b"\x1f\x8b gzip"))
 
 
+@pytest.mark.skipif(not (shutil.which("busybox") and shutil.which("cpio")), reason="busybox or cpio is not installed")
+def test_first_files_take_the_place_of_older_ones(tmp_path: Path) -> None:
+    there = kernel.GuestKernel(tmp_path, "6.1-amd64")
+    modules = tmp_path / "lib/modules/6.1-amd64"
+    modules.mkdir(parents=True)
+    for name in (modules / "modules.dep", tmp_path / "initramfs-01234567", tmp_path / "vmlinux"):
+        name.touch()
+    kernel._make_initramfs(there)
+    assert sorted(path for path in tmp_path.iterdir() if path.is_file()) == [there.initramfs, there.image]
+    assert there.initramfs.read_bytes().startswith(b"070701"), "the format that the kernel reads"
+
+
 def test_a_suite_of_its_own_changes_nothing_of_this_computer_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every folder that apt writes to is in the cache, and old lists serve where no new ones can be had."""
     asked: list[tuple[str, ...]] = []
@@ -53,7 +65,7 @@ def test_a_suite_of_its_own_changes_nothing_of_this_computer_s(tmp_path: Path, m
     monkeypatch.setattr(kernel, "_run", run)
     built = tmp_path / "guest/linux-image-7.1-amd64"
     built.mkdir(parents=True)
-    there = kernel.Kernel(built, "7.1-amd64")
+    there = kernel.GuestKernel(built, "7.1-amd64")
     there.image.touch()
     there.initramfs.touch()
     old, young = (tmp_path / f"guest/linux-image-{release}" for release in ("5.1-amd64", "6.1-amd64"))

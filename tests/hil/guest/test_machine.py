@@ -16,10 +16,10 @@ PATIENCE = 20.0
 START = """
 import sys, tempfile
 from pathlib import Path
-from phasewire.hil.guest import Guest, Kernel
+from phasewire.hil.guest import Guest, GuestKernel
 tempfile.tempdir = sys.argv[1]
 Guest._warm_up = lambda self: {}
-Guest(Kernel(Path("nowhere"), "none")).__enter__()
+Guest(GuestKernel(Path("nowhere"), "none")).__enter__()
 """
 QEMU = """#!/bin/sh
 echo $$ > "$PID_FILE.new" && mv "$PID_FILE.new" "$PID_FILE"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from phasewire.errors import InputFileError, TrackerError, TrackerLostError, TrackerNotFoundError
 from phasewire.host.hands import open_hands
 from phasewire.host.hands import video as video_module
-from phasewire.host.hands.sight import Seen, View
+from phasewire.host.hands.picture_tracker import SeenHand, View
 from phasewire.host.hands.video import CAMERA, MODEL_VARIABLE, VIDEO, CameraHands, Landmarker, video_frames
 from phasewire.solver.contact.hand import Hand
 
@@ -59,12 +59,12 @@ class Finder:
         self.closed = Event()
         self.fails = fails
 
-    def find(self, picture: NDArray[np.uint8], time: float) -> list[Seen]:
+    def find(self, picture: NDArray[np.uint8], time: float) -> list[SeenHand]:
         assert picture.flags.c_contiguous
         self.asked.append((picture[0, 0].tolist(), time))
         if self.fails is not None:
             raise self.fails
-        return [Seen(MARKS, "left")]
+        return [SeenHand(MARKS, "left")]
 
     def close(self) -> None:
         self.closed.set()

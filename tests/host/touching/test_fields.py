@@ -7,14 +7,14 @@ import pytest
 from numpy.typing import NDArray
 from phasewire import Pulses, TransducerArray, pressure
 from phasewire.host.touching.fading import Fading
-from phasewire.host.touching.fields import Fields
+from phasewire.host.touching.fields import PoseSolver
 
 POSITIONS = np.array([[-0.04, -0.03, 0.2], [0.04, -0.03, 0.2], [0.04, 0.03, 0.2], [-0.04, 0.03, 0.2]])
 
 
 def felt(array: TransducerArray, levels: list[float], amplitudes: list[float]) -> NDArray[np.float64]:
     """The larger |p| of both fields at each point, in Pa."""
-    frames = Fields(array, "wgs", 200.0).solve(
+    frames = PoseSolver(array, "wgs", 200.0).solve(
         Fading(np.arange(4), POSITIONS, np.array(amplitudes, float), np.array(levels, float))
     )
     drives = [Pulses(*rows).to_drive() for rows in zip(frames.phase, frames.width, strict=True)]

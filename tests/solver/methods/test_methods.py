@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from phasewire import ControlPoints, TransducerArray, solve
+from phasewire.cli.solving import method_help
+from phasewire.solver.acoustics.propagation import transfer_matrix
 from phasewire.solver.methods import methods
 from phasewire.solver.methods.methods import GROUP, Method, Methods, Problem, options_of
 
@@ -20,32 +25,49 @@ def _first_alone(problem: Problem) -> NDArray[np.complex128]:
 
 FIRST = Method("the first point alone", "phase", ("gamma",), _first_alone)
 NOT_A_METHOD = "text"
+HERE = {"first": "FIRST", "text": "NOT_A_METHOD", "gone": "MISSING", "wgs": "FIRST"}
+GUIDE = Path(__file__).parents[3] / "docs/solver.md"
+MODULES = {
+    "mypackage": re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)[0],
+    "unknown_option": "from phasewire.solver import Method\nFOUND = Method('text', 'phase', ('sharpness',), len)",
+    "raises": "raise RuntimeError('no licence')",
+}
 
 
 @pytest.fixture
-def known(monkeypatch: pytest.MonkeyPatch) -> Methods:
-    """The registry on a computer on which another package has methods."""
-    there = {"first": "FIRST", "text": "NOT_A_METHOD", "gone": "MISSING", "wgs": "FIRST"}
-    entries = [EntryPoint(name, f"{__name__}:{value}", GROUP) for name, value in there.items()]
+def known(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Methods:
+    """The registry on a computer on which other packages have methods."""
+    for module, text in MODULES.items():
+        (tmp_path / f"{module}.py").write_text(text, encoding="utf-8")
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    there = {name: f"{__name__}:{value}" for name, value in HERE.items()} | {
+        "matched": "mypackage:MATCHED",
+        "sharp": "unknown_option:FOUND",
+        "broken": "raises:FOUND",
+    }
+    entries = [EntryPoint(name, value, GROUP) for name, value in there.items()]
     monkeypatch.setattr(methods, "entry_points", lambda group: [entry for entry in entries if entry.group == group])
-    monkeypatch.setattr(EntryPoint, "load", lambda entry: globals()[entry.attr] if entry.attr in globals() else _gone())
     found = Methods()
-    for module in ("methods", "reference_engine", "solve"):
-        monkeypatch.setattr(f"phasewire.solver.methods.{module}.METHODS", found)
+    for module in ("solver.methods.methods", "solver.methods.reference_engine", "solver.methods.solve", "cli.solving"):
+        monkeypatch.setattr(f"phasewire.{module}.METHODS", found)
     return found
-
-
-def _gone() -> None:
-    raise AttributeError("there is none")
 
 
 def test_a_method_of_another_package_solves(known: Methods) -> None:
     array = TransducerArray.grid()
-    assert list(known)[-3:] == ["first", "text", "gone"]
+    assert list(known)[-6:] == ["first", "text", "gone", "matched", "sharp", "broken"]
     assert len(known) == len(list(known))
     assert options_of("first", {"gamma": 0.5}).output == "phase"
     expected = solve(array, ControlPoints(POINTS.positions[:1]), "multiplex", precision="double")
     np.testing.assert_allclose(solve(array, POINTS, "first").drive, expected.drive, atol=1e-12)
+
+
+def test_the_example_of_the_guide_is_the_conjugate_of_the_sum(known: Methods) -> None:
+    array = TransducerArray.grid()
+    total = transfer_matrix(array, POINTS.positions).sum(axis=0)
+    drive = solve(array, POINTS, "matched").drive
+    np.testing.assert_allclose(drive, total.conj() / np.abs(total).max(), atol=1e-12)
 
 
 def test_a_name_of_this_package_stays_its_own(known: Methods) -> None:
@@ -53,8 +75,19 @@ def test_a_name_of_this_package_stays_its_own(known: Methods) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("text", "must be a Method, not 'text'"), ("gone", "cannot be loaded: there is none")]
+    ("name", "message"),
+    [
+        ("text", "must be a Method, not 'text'"),
+        ("gone", "cannot be loaded: .* has no attribute 'MISSING'"),
+        ("sharp", "cannot be loaded: a method has no option 'sharpness'; Options has gamma, .*"),
+        ("broken", "cannot be loaded: no licence"),
+    ],
 )
 def test_what_is_no_method_is_named(known: Methods, name: str, message: str) -> None:
-    with pytest.raises(ValueError, match=f"method '{name}' of the entry point .* {message}"):
-        solve(TransducerArray.grid(), POINTS, name)
+    """By `solve`, whatever its options, and in the command line's help beside all other methods."""
+    expected = f"method '{name}' of the entry point .* {message}"
+    with pytest.raises(ValueError, match=expected):
+        solve(TransducerArray.grid(), POINTS, name, sharpness=1)
+    heads = [line for line in method_help().splitlines() if not line.startswith(" ")]
+    assert [head.partition(":")[0] for head in heads] == list(known)
+    assert re.fullmatch(f"{name}: {expected}", heads[list(known).index(name)])

@@ -10,8 +10,9 @@ from phasewire.solver import Solver, TwoSidedSolver
 from phasewire.solver.acoustics.propagation import Precision
 from phasewire.solver.methods.compiled_pair import CompiledPair
 from phasewire.solver.methods.methods import options_of
-from phasewire.solver.methods.paired import EnginePair, pair_engine
+from phasewire.solver.methods.paired import EnginePair
 from phasewire.solver.methods.solve import engine_for
+from phasewire.solver.methods.two_sided import pair_engine
 
 ARRAY = TransducerArray.grid()
 

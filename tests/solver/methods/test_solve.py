@@ -123,6 +123,17 @@ def test_only_the_ratio_of_amplitudes_matters(array: TransducerArray, method: st
 
 
 @pytest.mark.parametrize("method", METHOD_NAMES)
+@pytest.mark.parametrize("amplitudes", [(1, 0.5), (0.5, 1)])
+def test_a_point_of_half_the_amplitude_is_weaker(
+    array: TransducerArray, method: str, amplitudes: tuple[float, float]
+) -> None:
+    """Of two points far apart; if amplitudes were ignored, both would be alike."""
+    pressures = felt(solve(array, ControlPoints([[-0.05, 0, 0.2], [0.05, 0, 0.2]], amplitudes), method))
+    strong = int(np.argmax(amplitudes))
+    assert pressures[1 - strong] < 0.6 * pressures[strong]
+
+
+@pytest.mark.parametrize("method", METHOD_NAMES)
 def test_the_same_frames_give_the_same_bits(array: TransducerArray, method: str) -> None:
     frames = [Sphere(palm=height).sample() for height in (0.18, 0.19, 0.2, 0.2, 0.21)]
     first, second = Solver(array, method), Solver(array, method)

@@ -48,7 +48,7 @@ def test_what_trimesh_wrote_is_read(kind: str, upper: bool, tmp_path: Path) -> N
     data = exported(SHAPE, kind) if kind != "ply_ascii" else SHAPE.export(file_type="ply", encoding="ascii")
     path = written(tmp_path, kind.upper() if upper else kind, data)
     said: list[str] = []
-    mesh = Mesh.load(str(path), status=said.append)
+    mesh = read_mesh(str(path), status=said.append)
     assert mesh.repairs == ()
     assert len(mesh.faces) == len(SHAPE.faces)
     assert their_view(mesh).is_watertight
@@ -64,7 +64,7 @@ def test_a_scene_is_flattened_with_its_places(tmp_path: Path) -> None:
     mirrored[:3, 3] = 0.5, 0, 0
     scene.add_geometry(box, node_name="one", geom_name="box")
     scene.add_geometry(box, node_name="two", geom_name="box", transform=mirrored)
-    mesh = Mesh.load(written(tmp_path, "glb", scene.export(file_type="glb")))
+    mesh = read_mesh(written(tmp_path, "glb", scene.export(file_type="glb")))
     assert mesh.repairs == ()
     assert their_view(mesh).volume == pytest.approx(2e-3)
     np.testing.assert_allclose(their_view(mesh).bounds, [[-0.05, -0.05, -0.05], [0.55, 0.05, 0.05]], atol=1e-7)
@@ -74,12 +74,12 @@ def test_an_obj_with_polygons_materials_and_other_files(tmp_path: Path) -> None:
     lines = ["mtllib /etc/passwd", "o cube", *(f"v {x} {y} {z}" for x, y, z in CUBE.vertices)]
     lines += ["vt 0 0", "usemtl red", *(f"f {a + 1}/1 {b + 1}/1 {c + 1}/1" for a, b, c in CUBE.faces[:6])]
     lines += ["usemtl blue", *(f"f {a + 1}/1 {b + 1}/1 {c + 1}/1" for a, b, c in CUBE.faces[6:])]
-    mesh = Mesh.load(written(tmp_path, "obj", "\n".join(lines).encode()))
+    mesh = read_mesh(written(tmp_path, "obj", "\n".join(lines).encode()))
     assert len(mesh.vertices) == 8
     assert their_view(mesh).volume == pytest.approx(1e-3)
     square = ["f 1 2 4 3", "f 5 7 8 6", "f 1 5 6 2", "f 3 4 8 7", "f 1 3 7 5", "f 2 6 8 4"]
     corners = [f"v {x} {y} {z}" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)]
-    mesh = Mesh.load(written(tmp_path, "obj", "\n".join(corners + square).encode()))
+    mesh = read_mesh(written(tmp_path, "obj", "\n".join(corners + square).encode()))
     assert their_view(mesh).volume == pytest.approx(1e-3)
 
 
@@ -96,26 +96,26 @@ def test_an_obj_with_polygons_materials_and_other_files(tmp_path: Path) -> None:
 def test_another_unit_is_asked_for(size: float, message: str, kind: str, tmp_path: Path) -> None:
     path = written(tmp_path, kind, exported(trimesh.creation.box(extents=[size] * 3), kind))
     with pytest.raises(InputFileError, match=message):
-        Mesh.load(path)
-    mesh = Mesh.load(path, scale=0.08 / size)
+        read_mesh(path)
+    mesh = read_mesh(path, scale=0.08 / size)
     assert their_view(mesh).volume == pytest.approx(0.08**3, rel=1e-5)
 
 
 @pytest.mark.parametrize("scale", [0, -1, float("nan"), float("inf")])
 def test_what_is_no_scale_is_refused(scale: float, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"^scale .* must be positive"):
-        Mesh.load(written(tmp_path, "stl", binary_stl(CUBE)), scale=scale)
+        read_mesh(written(tmp_path, "stl", binary_stl(CUBE)), scale=scale)
 
 
 def test_repairs_are_reported(tmp_path: Path) -> None:
     double = Mesh.of(CUBE.vertices, np.concatenate([CUBE.faces, CUBE.faces[:2]]))
-    assert Mesh.load(written(tmp_path, "stl", binary_stl(double))).repairs == ("2 duplicate faces removed",)
+    assert read_mesh(written(tmp_path, "stl", binary_stl(double))).repairs == ("2 duplicate faces removed",)
 
 
 def test_an_open_mesh_is_refused_by_name(tmp_path: Path) -> None:
     path = written(tmp_path, "stl", binary_stl(Mesh.of(CUBE.vertices, CUBE.faces[1:])))
     with pytest.raises(InputFileError, match=rf"^{path}: it is not closed: it has 1 hole"):
-        Mesh.load(path)
+        read_mesh(path)
 
 
 def glb(content: dict[str, Any], binary: bytes = b"") -> bytes:
@@ -201,13 +201,13 @@ def test_what_is_no_mesh_is_refused_by_name(name: str, tmp_path: Path) -> None:
     kind, data, message = HOSTILE[name]
     path = written(tmp_path, kind, data)
     with pytest.raises(InputFileError, match=rf"(?s)^{path}.*({message})"):
-        Mesh.load(path)
+        read_mesh(path)
 
 
 def test_what_trimesh_logs_is_not_printed(tmp_path: Path) -> None:
     path = written(tmp_path, "stl", b"solid\nfacet normal a b c\nvertex 0 0 0\nvertex 0 0 1\nvertex 0 1 0\nendsolid\n")
     code = (
-        f"import phasewire as p; from contextlib import suppress\nwith suppress(ValueError): p.Mesh.load({str(path)!r})"
+        f"import phasewire as p; from contextlib import suppress\nwith suppress(ValueError): p.read_mesh({str(path)!r})"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert ended.stderr == ""
@@ -216,7 +216,7 @@ def test_what_trimesh_logs_is_not_printed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["cup.step", "cup", "cup.stl.gz"])
 def test_other_formats_are_refused(name: str) -> None:
     with pytest.raises(InputFileError, match=f"{name}: meshes are read from .stl, .obj, .ply, .glb files"):
-        Mesh.load(name)
+        read_mesh(name)
 
 
 @pytest.mark.parametrize("kind", [suffix[1:] for suffix in MESH_FILES] + ["stl_ascii"])
@@ -233,10 +233,10 @@ def test_a_million_faces_are_read_and_more_are_refused(tmp_path: Path) -> None:
     records = np.zeros(len(faces), dtype="V50").tobytes()
     path = written(tmp_path, "stl", bytes(80) + struct.pack("<I", len(faces)) + records)
     with pytest.raises(InputFileError, match="its parts have 1000001 faces together; at most 1000000 are possible"):
-        Mesh.load(path)
+        read_mesh(path)
     path = written(tmp_path, "stl", bytes(80) + struct.pack("<I", len(faces) - 1) + records[50:])
     with pytest.raises(InputFileError, match="too small"):
-        Mesh.load(path)
+        read_mesh(path)
 
 
 def test_nothing_else_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -254,5 +254,5 @@ def test_nothing_else_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr("io.open", listening)
     monkeypatch.setattr("builtins.open", listening)
-    Mesh.load(path)
+    read_mesh(path)
     assert opened == [str(path)]

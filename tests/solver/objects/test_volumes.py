@@ -15,7 +15,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from phasewire import Mesh
+from phasewire import Mesh, read_volume_mesh
 from phasewire.errors import InputFileError
 from phasewire.solver.objects import volumes
 from phasewire.solver.objects.volumes import read_volume
@@ -92,10 +92,10 @@ COUNTS: NDArray[np.int16] = np.round((np.maximum(BALL, -30) + 20) * 100).astype(
 def test_an_array_and_its_spacing(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", ball((60, 60, 60), np.full(3, 0.0017)))
     said: list[str] = []
-    is_the_ball(Mesh.from_volume(tmp_path / "a.npy", 0, spacing=0.0017, status=said.append))
+    is_the_ball(read_volume_mesh(tmp_path / "a.npy", 0, spacing=0.0017, status=said.append))
     assert said[:2] == [f"reading {tmp_path}/a.npy", f"{tmp_path}/a.npy: making a surface from 216000 values"]
     np.savez_compressed(tmp_path / "a.npz", volume=BALL, spacing=STEPS)
-    is_the_ball(Mesh.from_volume(str(tmp_path / "a.npz"), 0))
+    is_the_ball(read_volume_mesh(str(tmp_path / "a.npz"), 0))
 
 
 @pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "A.NII"])
@@ -103,7 +103,7 @@ def test_an_array_and_its_spacing(tmp_path: Path) -> None:
 def test_nifti(name: str, unit: str, metres: float, tmp_path: Path) -> None:
     affine = np.diag([*STEPS / metres, 1])
     affine[:3, 3] = np.array([0.1, -0.2, 0.3]) / metres
-    mesh = Mesh.from_volume(nifti(tmp_path / name, BALL, affine, unit), 0)
+    mesh = read_volume_mesh(nifti(tmp_path / name, BALL, affine, unit), 0)
     is_the_ball(mesh, CENTRE + np.array([0.1, -0.2, 0.3]))
 
 
@@ -112,7 +112,7 @@ def test_a_mirrored_and_turned_grid(tmp_path: Path) -> None:
     affine[:3, :3] = [[-STEPS[0] * 1000, 0, 0], [0, 0, STEPS[2] * 1000], [0, STEPS[1] * 1000, 0]]
     for sign in (1, -1):
         affine[2] *= sign
-        mesh = Mesh.from_volume(nifti(tmp_path / "a.nii", BALL, affine), 0)
+        mesh = read_volume_mesh(nifti(tmp_path / "a.nii", BALL, affine), 0)
         is_the_ball(mesh, CENTRE[[0, 2, 1]] * [-1, 1, sign])
 
 
@@ -121,14 +121,14 @@ def test_nifti_s_values_are_scaled(tmp_path: Path) -> None:
     image.header.set_xyzt_units("mm")
     image.header.set_slope_inter(0.01, -20)
     nibabel.save(image, tmp_path / "a.nii")
-    is_the_ball(Mesh.from_volume(tmp_path / "a.nii", 0))
+    is_the_ball(read_volume_mesh(tmp_path / "a.nii", 0))
 
 
 def test_a_dicom_folder(tmp_path: Path) -> None:
     folder = dicom(tmp_path / "series", COUNTS)
     (folder / "notes.txt").write_text("of another kind")
     (folder / "DICOMDIR").write_bytes(bytes(128) + b"DICM")
-    is_the_ball(Mesh.from_volume(folder, 0))
+    is_the_ball(read_volume_mesh(folder, 0))
     volume = read_volume(folder)
     np.testing.assert_allclose(volume.values.transpose(2, 1, 0), np.maximum(BALL, -30), atol=0.0051)
 
@@ -153,7 +153,7 @@ def test_a_dicom_folder(tmp_path: Path) -> None:
 def test_what_is_no_series_is_refused(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
     folder = dicom(tmp_path / "series", COUNTS, **changes)
     with pytest.raises(InputFileError, match=rf"^{folder}.*({message})"):
-        Mesh.from_volume(folder, 0)
+        read_volume_mesh(folder, 0)
 
 
 def test_compressed_slices_are_refused_before_they_are_unpacked(tmp_path: Path) -> None:
@@ -162,24 +162,24 @@ def test_compressed_slices_are_refused_before_they_are_unpacked(tmp_path: Path) 
     piece.file_meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
     piece.save_as(folder / "000.dcm")
     with pytest.raises(InputFileError, match=r"000.dcm is compressed \(1.2.840.10008.1.2.1.99\)"):
-        Mesh.from_volume(folder, 0)
+        read_volume_mesh(folder, 0)
 
 
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match="it has 0 slices in DICOM files; at least 2 are needed"):
-        Mesh.from_volume(tmp_path, 0)
+        read_volume_mesh(tmp_path, 0)
 
 
 def test_it_is_closed_at_the_border(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", BALL[:20])
-    shape = their_view(Mesh.from_volume(tmp_path / "a.npy", 0, spacing=0.002))
+    shape = their_view(read_volume_mesh(tmp_path / "a.npy", 0, spacing=0.002))
     assert shape.is_watertight
     assert shape.volume > 0
 
 
 def test_a_larger_step_takes_means(tmp_path: Path) -> None:
     path = nifti(tmp_path / "a.nii", BALL, np.diag([*STEPS * 1000, 1]))
-    fine, coarse = Mesh.from_volume(path, 0), Mesh.from_volume(path, 0, step=2)
+    fine, coarse = read_volume_mesh(path, 0), read_volume_mesh(path, 0, step=2)
     is_the_ball(coarse, rough=6e-4)
     assert len(coarse.faces) < 0.3 * len(fine.faces)
 
@@ -188,7 +188,7 @@ def test_noise_is_refused_with_the_step_that_helps(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(volumes, "MOST_FACES", 10_000)
     path = nifti(tmp_path / "a.nii", BALL + np.random.default_rng(0).normal(0, 20, BALL.shape), np.diag([2, 2, 2, 1]))
     with pytest.raises(InputFileError, match=r"faces; at most 10000 are possible: pass a larger step, such as \d"):
-        Mesh.from_volume(path, 0)
+        read_volume_mesh(path, 0)
 
 
 @given(seed=st.integers(0, 2**32 - 1), level=st.sampled_from([0.5, 1.0, 1.5]))
@@ -219,7 +219,7 @@ def test_any_values_have_a_closed_surface(seed: int, level: float) -> None:
 def test_what_is_no_surface_is_refused(options: Any, message: str, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", BALL)
     with pytest.raises(ValueError, match=message):
-        Mesh.from_volume(tmp_path / "a.npy", **options)
+        read_volume_mesh(tmp_path / "a.npy", **options)
 
 
 HOSTILE: dict[str, tuple[str, Any, str]] = {
@@ -245,14 +245,14 @@ def test_what_is_no_volume_is_refused_by_name(name: str, tmp_path: Path) -> None
     else:
         np.save(path, content)
     with pytest.raises(InputFileError, match=rf"^{path}.*{message}"):
-        Mesh.from_volume(path, 0, spacing=0.001)
+        read_volume_mesh(path, 0, spacing=0.001)
 
 
 def test_what_nibabel_dislikes_is_not_printed(tmp_path: Path) -> None:
     whole = bytearray(nifti(tmp_path / "a.nii", BALL, np.eye(4)).read_bytes())
     whole[70:72] = bytes(2)  # the type of the values
     (tmp_path / "a.nii").write_bytes(whole)
-    code = f"import phasewire\ntry: phasewire.Mesh.from_volume({str(tmp_path / 'a.nii')!r}, 0)\n"
+    code = f"import phasewire\ntry: phasewire.read_volume_mesh({str(tmp_path / 'a.nii')!r}, 0)\n"
     code += "except ValueError as error: print(error)"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert ended.stdout.endswith("NIfTI file: it is damaged (HeaderDataError: data code 0 not supported)\n")
@@ -264,21 +264,21 @@ def test_claims_of_a_nifti_header(tmp_path: Path) -> None:
     whole[42:48] = (30000).to_bytes(2, "little") * 3
     (tmp_path / "a.nii").write_bytes(whole)
     with pytest.raises(InputFileError, match=r"it announces \(30000, 30000, 30000\) values"):
-        Mesh.from_volume(tmp_path / "a.nii", 0)
+        read_volume_mesh(tmp_path / "a.nii", 0)
 
 
 def test_a_nifti_without_a_unit_is_asked_for_it(tmp_path: Path) -> None:
     path = nifti(tmp_path / "a.nii", ball((60, 60, 60), np.full(3, 0.0017)), np.eye(4), None)
     with pytest.raises(InputFileError, match="does not say its unit of length: pass spacing"):
-        Mesh.from_volume(path, 0)
-    is_the_ball(Mesh.from_volume(path, 0, spacing=0.0017))
+        read_volume_mesh(path, 0)
+    is_the_ball(read_volume_mesh(path, 0, spacing=0.0017))
 
 
 def test_a_small_archive_of_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(volumes, "MOST_BYTES", 10_000_000)
     (tmp_path / "a.nii.gz").write_bytes(gzip.compress(bytes(10_000_001)))
     with pytest.raises(InputFileError, match="unpacked it has more than 10000000 bytes"):
-        Mesh.from_volume(tmp_path / "a.nii.gz", 0)
+        read_volume_mesh(tmp_path / "a.nii.gz", 0)
 
 
 @pytest.mark.parametrize(
@@ -291,4 +291,4 @@ def test_a_missing_library_is_named(module: str, package: str, tmp_path: Path, m
     monkeypatch.setitem(sys.modules, module, None)
     message = rf"{package} is needed for this, and is not installed: pip install 'phasewire\[volumes\]'"
     with pytest.raises(InputFileError, match=message):
-        Mesh.from_volume(path, 0)
+        read_volume_mesh(path, 0)

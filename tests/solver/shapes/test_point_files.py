@@ -2,14 +2,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from phasewire.errors import InputFileError
 from phasewire.solver.shapes.point_files import read_points
-
-ONE_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.mark.parametrize(
@@ -64,15 +59,3 @@ def test_bad_point_files_are_named(tmp_path: Path, name: str, text: str, message
     (tmp_path / name).write_text(text)
     with pytest.raises(InputFileError, match=message):
         read_points(tmp_path / name)
-
-
-@ONE_FOLDER
-@given(st.binary(max_size=200), st.sampled_from([".csv", ".json", ".txt"]))
-def test_any_bytes_are_read_or_refused(tmp_path: Path, data: bytes, suffix: str) -> None:
-    path = tmp_path / f"p{suffix}"
-    path.write_bytes(data)
-    try:
-        points = read_points(path)
-    except InputFileError:
-        return
-    assert np.isfinite(points.positions).all()

@@ -16,7 +16,7 @@ VOID = ("meta", "br", "hr", "img", "link", "input")
 
 
 class Reader(HTMLParser):
-    """The tags of a page with their attributes and the texts in them; fails where tags do not match."""
+    """The tags of a page with their attributes and the texts in them; fails if tags do not match."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -87,11 +87,11 @@ def test_sections_stand_in_the_order_in_which_they_matter() -> None:
     assert headings == [
         "Provenance",
         "Counts",
-        "Wrong with the run itself",
+        "Trouble of the run itself",
         "What broke",
-        "What should be otherwise",
+        "Warnings",
         "What could not be judged here",
-        "What failed as is known",
+        "What failed as known",
         "What did not apply",
         "Clauses",
         "Cases",

@@ -71,26 +71,3 @@ def test_every_field_of_a_result_is_told_and_texts_are_left_as_they_were() -> No
         ("known failure", False),
         ("unexpected pass", True),
     ]
-
-
-def test_provenance_is_told_whole() -> None:
-    told = written()["provenance"]
-    assert (told["device"]["unique id"], told["seed"], told["allowed"]) == ("A&B", 7, ["reset", "drive"])
-    assert (told["cores"], told["load"]) == (2, [7.9, 8.1])
-    assert (told["began"], told["specification"]) == ("2026-11-20T16:00:00Z", "1 (0123456789abcdef)")
-
-
-def test_each_row_of_the_matrix_has_the_worst_verdict_of_its_cases() -> None:
-    rows = [
-        row for chapter in written()["matrix"]["chapters"] for clause in chapter["clauses"] for row in clause["rows"]
-    ]
-    assert {row["name"]: row["verdict"] for row in rows} == {
-        "BLK-003": "fail",
-        "BLK-006/1": "fail",
-        "BLK-006/2": None,
-        "BLK-006/3": None,
-        "BLK-006": None,
-        "USB-001": "warn",
-        "USB-002": "inconclusive",
-    }
-    assert (rows[0]["cases"], rows[2]["reason"]) == (["blocks/good", "blocks/bad[a b]"], "nobody can see it")

@@ -7,7 +7,15 @@ from itertools import combinations_with_replacement
 from signal import SIGINT, SIGTERM
 
 import pytest
-from phasewire.hil.conformance.reports.summary import Outcome, by_reason, groups, outcome, standing, verdict_line, worst
+from phasewire.hil.conformance.reports.summary import (
+    RunOutcome,
+    by_reason,
+    groups,
+    outcome,
+    standing,
+    verdict_line,
+    worst,
+)
 from phasewire.hil.conformance.verdicts import Result, Run, Verdict
 
 from tests.hil.conformance.hand_made_runs import CLEAN, EVERY, PROVENANCE
@@ -24,29 +32,31 @@ PASS, FAIL, WARN, OPEN, NONE = Verdict
 @pytest.mark.parametrize(
     ("found", "line", "came"),
     [
-        (EVERY, "FAIL: 2 of 9 cases broke, 1 passed, 1 should do otherwise, 1 failed as is known, "
-         "3 could not be judged here, 1 did not apply", Outcome.FAIL),
-        (CLEAN, "PASS: nothing broke; the only case that ran passed", Outcome.PASS),
-        (run(PASS, PASS), "PASS: nothing broke; all 2 cases that ran passed", Outcome.PASS),
-        (run(PASS, PASS, OPEN), "PASS: nothing broke; 2 cases passed, 1 could not be judged here", Outcome.PART),
-        (run(PASS, WARN), "PASS: nothing broke; 1 case passed, 1 should do otherwise", Outcome.PART),
-        (run(PASS, NONE), "PASS: nothing broke; 1 case passed, 1 did not apply", Outcome.PASS),
-        (run(PASS, FAIL), "FAIL: 1 of 2 cases broke, 1 passed", Outcome.FAIL),
-        (run(FAIL, known="x"), "NOTHING SHOWN: nothing broke, and no case passed, 1 failed as is known", Outcome.PART),
-        (run(PASS, known="x"), "FAIL: 1 of 1 case broke", Outcome.FAIL),
-        (run(OPEN), "NOTHING SHOWN: nothing broke, and no case passed, 1 could not be judged here", Outcome.PART),
-        (run(NONE), "NOTHING SHOWN: nothing broke, and no case passed, 1 did not apply", Outcome.PART),
-        (run(), "NOTHING SHOWN: nothing broke, and no case passed", Outcome.PART),
+        (EVERY, "FAIL: 2 of 9 cases broke, 1 passed, 1 warned, 1 failed as known, "
+         "3 could not be judged here, 1 did not apply", RunOutcome.FAIL),
+        (CLEAN, "PASS: nothing broke; the only case that ran passed", RunOutcome.PASS),
+        (run(PASS, PASS), "PASS: nothing broke; all 2 cases that ran passed", RunOutcome.PASS),
+        (run(PASS, PASS, OPEN), "PASS: nothing broke; 2 cases passed, 1 could not be judged here", RunOutcome.PART),
+        (run(PASS, WARN), "PASS: nothing broke; 1 case passed, 1 warned", RunOutcome.PART),
+        (run(PASS, NONE), "PASS: nothing broke; 1 case passed, 1 did not apply", RunOutcome.PASS),
+        (run(PASS, FAIL), "FAIL: 1 of 2 cases broke, 1 passed", RunOutcome.FAIL),
+        (run(FAIL, known="x"), "NOTHING SHOWN: nothing broke, and no case passed, 1 failed as known",
+         RunOutcome.PART),
+        (run(PASS, known="x"), "FAIL: 1 of 1 case broke", RunOutcome.FAIL),
+        (run(OPEN), "NOTHING SHOWN: nothing broke, and no case passed, 1 could not be judged here", RunOutcome.PART),
+        (run(NONE), "NOTHING SHOWN: nothing broke, and no case passed, 1 did not apply", RunOutcome.PART),
+        (run(), "NOTHING SHOWN: nothing broke, and no case passed", RunOutcome.PART),
         (Run(PROVENANCE, (replace(EVERY.results[1], again=PASS), EVERY.results[0])),
-         "FAIL: 1 of 2 cases broke (1 of them failed 1 of 2), 1 passed", Outcome.FAIL),
-        (replace(EVERY, signal=SIGINT), "INTERRUPTED by Ctrl-C: 2 of 9 cases broke so far, 1 passed, 1 should do "
-         "otherwise, 1 failed as is known, 3 could not be judged here, 1 did not apply", Outcome.FAIL),
+         "FAIL: 1 of 2 cases broke (1 of them failed 1 of 2), 1 passed", RunOutcome.FAIL),
+        (replace(EVERY, signal=SIGINT), "INTERRUPTED by Ctrl-C: 2 of 9 cases broke so far, 1 passed, 1 warned, "
+         "1 failed as known, 3 could not be judged here, 1 did not apply", RunOutcome.FAIL),
         (replace(run(PASS, OPEN), signal=SIGTERM), "INTERRUPTED by SIGTERM: nothing broke so far, 1 passed, "
-         "1 could not be judged here", Outcome.FAIL),
-        (run(PASS, trouble=("x",)), "FAIL: no case broke, but the run itself is not in order, 1 passed", Outcome.FAIL),
+         "1 could not be judged here", RunOutcome.FAIL),
+        (run(PASS, trouble=("x",)), "FAIL: no case broke, but the run itself is not in order, 1 passed",
+         RunOutcome.FAIL),
     ],
 )  # fmt: skip
-def test_a_run_is_summed_up_in_a_line(found: Run, line: str, came: Outcome) -> None:
+def test_a_run_is_summed_up_in_a_line(found: Run, line: str, came: RunOutcome) -> None:
     assert (verdict_line(found), outcome(found)) == (line, came)
 
 
@@ -56,14 +66,14 @@ def test_what_is_inconclusive_is_always_told_and_never_a_whole_pass() -> None:
             found = run(OPEN, *others, known=known)
             assert f"{found.count(OPEN)} could not be judged here" in verdict_line(found)
             assert "conform" not in verdict_line(found)
-            assert outcome(found) is not Outcome.PASS
+            assert outcome(found) is not RunOutcome.PASS
 
 
 def test_the_line_and_the_outcome_agree_with_the_run() -> None:
     for verdicts in combinations_with_replacement(Verdict, 3):
         for known in (None, "x"):
             found = run(*verdicts, known=known)
-            assert verdict_line(found).startswith("FAIL") == (not found.passed) == (outcome(found) is Outcome.FAIL)
+            assert verdict_line(found).startswith("FAIL") == (not found.passed) == (outcome(found) is RunOutcome.FAIL)
 
 
 def test_results_stand_where_they_were_expected() -> None:

@@ -85,14 +85,6 @@ def test_the_live_line_fits_into_the_terminal() -> None:
     assert line.endswith("…")
 
 
-def test_counts_stand_in_a_row_for_each_group() -> None:
-    rows = [line.split() for line in told(EVERY).splitlines()]
-    assert ["blocks", "2", "2", "0", "0", "0"] in rows
-    assert ["usb", "0", "0", "1", "3", "0"] in rows
-    assert ["serial", "0", "0", "0", "0", "1"] in rows
-    assert ["all", "2", "2", "1", "3", "1"] in rows
-
-
 def test_a_failure_is_told_with_what_somebody_needs_to_repair_it() -> None:
     text = told(EVERY)
     after = text.partition("\nfail  blocks/bad[a b]\n")[2].partition("\n\n")[0].splitlines()
@@ -100,7 +92,7 @@ def test_a_failure_is_told_with_what_somebody_needs_to_repair_it() -> None:
         "A bad block is refused, for damage must not play.",
         "failed 2 of 2: the state is OFF, should be READY",
         "shows BLK-003, ACK-003/1",
-        "… and 3 before these, which --html and --json tell",
+        "… and 3 before these, in --html and --json",
         *(f"step {number}: {number:02x} 00" for number in range(4, 11)),
         "device: <script>alert(1)</script> & \"quoted\" 'text' ]]> [31m [red] Ωµ",
     ]
@@ -129,10 +121,6 @@ def test_failures_come_before_warnings_before_what_was_not_judged_and_the_verdic
     ]
     assert places == sorted(places)
     assert text.splitlines()[-1].startswith("FAIL: 2 of 9")
-
-
-def test_the_load_of_the_computer_is_told() -> None:
-    assert "seed 7, computer 2 cores, load average 7.9 at the beginning and 8.1 at the end" in told(EVERY)
 
 
 def test_a_clean_run_says_little() -> None:

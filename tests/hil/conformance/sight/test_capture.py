@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from phasewire import Emulator, Pulses, Wiring, open_device
-from phasewire.hil.conformance.sight.capture import EmulatorSight, Seen, Unseen
+from phasewire.hil.conformance.sight.capture import EmulatorObserver, Seen, Unseen
 
 from tests import from_spec
 from tests.hand_made import HandMade
@@ -24,11 +24,11 @@ def seen_of(waves: dict[int, str], first_period: int = 0, observed: np.ndarray =
 def test_an_emulator_s_outputs_are_those_of_its_capture() -> None:
     rng = np.random.default_rng(7)
     with Emulator() as emulator, open_device(emulator.url) as device:
-        sight = EmulatorSight(emulator)
+        observer = EmulatorObserver(emulator)
         ack = device.show(Pulses(rng.integers(0, 100, 320), rng.integers(0, 26, 320)))
         emulator.run_until(ack.commit_period + 7)
         now = emulator.scheduler.now
-        seen = sight.seen(ack.commit_period - 2, ack.commit_period + 5)
+        seen = observer.seen(ack.commit_period - 2, ack.commit_period + 5)
         assert emulator.scheduler.now == now
         capture = emulator.capture()
     expected = capture.bits((ack.commit_period - 2) * 50, (ack.commit_period + 5) * 50)
@@ -37,41 +37,41 @@ def test_an_emulator_s_outputs_are_those_of_its_capture() -> None:
     assert np.array_equal(seen.period(ack.commit_period + 4), expected[6 * 50 :])
     assert np.array_equal(seen.observed, ALL)
     assert seen.channels.all()
-    assert (sight.name, sight.deferred) == ("emulator", False)
+    assert (observer.name, observer.deferred) == ("emulator", False)
 
 
 def test_what_is_not_over_or_forgotten_is_unseen() -> None:
     with Emulator(history_periods=100) as emulator:
-        sight = EmulatorSight(emulator)
+        observer = EmulatorObserver(emulator)
         emulator.run_until(50)
-        sight.seen(49, 50)
+        observer.seen(49, 50)
         with pytest.raises(Unseen, match="periods 49 to 51 are not among those that the emulator kept, 0 to 50"):
-            sight.seen(49, 51)
+            observer.seen(49, 51)
         emulator.run_until(1000)
         kept = emulator.capture().start_tick // 50
         assert kept > 0
-        sight.seen(kept, kept + 1)
+        observer.seen(kept, kept + 1)
         with pytest.raises(Unseen, match=f"emulator kept, {kept} to 1000"):
-            sight.seen(kept - 1, kept + 1)
+            observer.seen(kept - 1, kept + 1)
 
 
 def test_only_the_present_life_is_seen() -> None:
     with Emulator() as emulator:
-        sight = EmulatorSight(emulator)
+        observer = EmulatorObserver(emulator)
         emulator.run_until(1000)
         emulator.restart()
         with pytest.raises(Unseen, match="does not run"):
-            sight.seen(0, 1)
+            observer.seen(0, 1)
         emulator.run_until_started()
         emulator.run_until(20)
         with pytest.raises(Unseen, match="0 to 20"):
-            sight.seen(900, 901)
+            observer.seen(900, 901)
 
 
 @pytest.mark.parametrize(("first", "last"), [(-1, 3), (3, 3), (4, 3)])
 def test_no_stretch_is_a_wrong_question(first: int, last: int) -> None:
-    with Emulator() as emulator, pytest.raises(ValueError, match="no stretch of periods"):
-        EmulatorSight(emulator).seen(first, last)
+    with Emulator() as emulator, pytest.raises(ValueError, match="no interval of periods"):
+        EmulatorObserver(emulator).seen(first, last)
 
 
 @settings(max_examples=10)

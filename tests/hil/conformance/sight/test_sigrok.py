@@ -17,9 +17,10 @@ from phasewire import Wiring
 from phasewire.emulator.ports.export import export
 from phasewire.errors import InputFileError
 from phasewire.hil.conformance.profile import Profile
-from phasewire.hil.conformance.sight import sigrok
+from phasewire.hil.conformance.sight import recorded, sigrok
 from phasewire.hil.conformance.sight.capture import Seen, Unseen
-from phasewire.hil.conformance.sight.sigrok import SessionFile, SigrokSight
+from phasewire.hil.conformance.sight.recorded import silences
+from phasewire.hil.conformance.sight.sigrok import SessionFile, SigrokObserver
 
 from tests.hil.conformance.recorded import Analyser, Played, play, write
 
@@ -54,19 +55,19 @@ def record(
 @pytest.mark.parametrize("channels", [range(320), range(64, 192), [319, 5, 167]])
 def test_our_own_export_is_read_to_the_bit(played: Played, channels: list[int], tmp_path: Path) -> None:
     export(played.capture, tmp_path / "a.sr", list(channels))
-    sight = SigrokSight(tmp_path / "a.sr", {}, played.marks)
-    assert equal(sight.seen(*played.stretch), played, dict.fromkeys(channels))
-    assert (sight.name, sight.deferred) == (f"sigrok:{tmp_path / 'a.sr'}", True)
+    observer = SigrokObserver(tmp_path / "a.sr", {}, played.marks)
+    assert equal(observer.seen(*played.stretch), played, dict.fromkeys(channels))
+    assert (observer.name, observer.deferred) == (f"sigrok:{tmp_path / 'a.sr'}", True)
 
 
 def test_an_export_that_begins_in_the_middle_is_read_from_its_second_mark(played: Played, tmp_path: Path) -> None:
     begin = played.marks[1].changes[0][0] * 50 + 17
     export(played.capture, tmp_path / "a.sr", ticks=(begin, played.capture.end_tick))
-    sight = SigrokSight(tmp_path / "a.sr", {}, played.marks)
+    observer = SigrokObserver(tmp_path / "a.sr", {}, played.marks)
     last = played.stretch[1]
-    assert equal(sight.seen(played.marks[1].last_period, last), played, dict.fromkeys(range(320)))
+    assert equal(observer.seen(played.marks[1].last_period, last), played, dict.fromkeys(range(320)))
     with pytest.raises(Unseen, match=rf"periods {played.stretch[0]} to {last} lie nowhere in .*a\.sr between"):
-        sight.seen(played.stretch[0], last)
+        observer.seen(played.stretch[0], last)
 
 
 @pytest.mark.parametrize("ppm", [-60.0, 0.0, 60.0])
@@ -76,7 +77,7 @@ def test_an_analyser_s_clock_does_not_matter(
 ) -> None:
     """Two boards, a clock of its own, jitter of a sample, and a start in the middle of a tick."""
     record(tmp_path / "a.sr", played, Analyser(rate, per_tick, ppm, jitter=True), TWO_BOARDS, start=1234.56)
-    seen = SigrokSight(tmp_path / "a.sr", {}, played.marks).seen(*played.stretch)
+    seen = SigrokObserver(tmp_path / "a.sr", {}, played.marks).seen(*played.stretch)
     assert equal(seen, played, TWO_BOARDS)
 
 
@@ -98,12 +99,12 @@ def test_any_rate_and_any_start_will_do(
     path = tmp_path_factory.mktemp("any") / "a.sr"
     jitter = rate[1] >= 4
     record(path, played, Analyser(*rate, ppm, jitter), SEVEN, start, seed)
-    assert equal(SigrokSight(path, {}, played.marks).seen(*played.stretch), played, SEVEN)
+    assert equal(SigrokObserver(path, {}, played.marks).seen(*played.stretch), played, SEVEN)
 
 
 def test_one_probe_is_enough(played: Played, tmp_path: Path) -> None:
     record(tmp_path / "a.sr", played, Analyser("24 MHz", 12.0, 20.0), {167: "D7"}, start=5000.1)
-    seen = SigrokSight(tmp_path / "a.sr", {"D7": 167}, played.marks).seen(*played.stretch)
+    seen = SigrokObserver(tmp_path / "a.sr", {"D7": 167}, played.marks).seen(*played.stretch)
     assert equal(seen, played, {167: ""})
 
 
@@ -112,31 +113,32 @@ def test_probes_are_where_the_profile_says(played: Played, tmp_path: Path, scram
     record(tmp_path / "a.sr", played, Analyser("10 MHz", 5.0), names)
     channels = Profile(probes={"D0": "b2p1_10", "left = right": "t160"}).channels(scrambled)
     assert channels == {"D0": 170, "left = right": scrambled.channels[160]}
-    assert equal(SigrokSight(tmp_path / "a.sr", channels, played.marks).seen(*played.stretch), played, names)
+    assert equal(SigrokObserver(tmp_path / "a.sr", channels, played.marks).seen(*played.stretch), played, names)
 
 
 def test_probes_that_are_nowhere_may_share_a_name(tmp_path: Path) -> None:
     path = archive(tmp_path / "a.sr", metadata("probe1=b0p0_00", "probe1=NC\nprobe2=NC\nprobe3=b0p0_00\nprobe17=NC"))
     with pytest.raises(InputFileError, match="was not recorded during this run"):
-        SigrokSight(path, {}, []).seen(1, 2)
+        SigrokObserver(path, {}, []).seen(1, 2)
 
 
 def test_small_pieces_give_the_same(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is read at a time bounds the memory; here some samples, some ticks."""
     export(played.capture, tmp_path / "a.sr", range(160, 200))
     monkeypatch.setattr(sigrok, "PIECE_BYTES", 999)
-    monkeypatch.setattr(sigrok, "TICKS_AT_A_TIME", 77)
-    sight = SigrokSight(tmp_path / "a.sr", {}, played.marks)
+    monkeypatch.setattr(recorded, "TICKS_AT_A_TIME", 77)
+    observer = SigrokObserver(tmp_path / "a.sr", {}, played.marks)
     first, _ = played.stretch
-    assert equal(sight.seen(first - 10, first + 100), played, dict.fromkeys(range(160, 200)))
+    assert equal(observer.seen(first - 10, first + 100), played, dict.fromkeys(range(160, 200)))
 
 
 def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     path = archive(tmp_path / "a.sr", {"logic-1-1": bytes(2**27)}, ZIP_DEFLATED)
     file = SessionFile.open(path)
     tracemalloc.start()
-    assert file.silences([0], 1.0).tolist() == [[0, 2**26]]
-    assert not file.at(np.array([2**26 - 1])).any()
+    assert silences(file, [0], 1.0).tolist() == [[0, 2**26]]
+    ((_, last),) = file.pieces(2**26 - 1, 2**26)
+    assert not last.any()
     assert tracemalloc.get_traced_memory()[1] < 2**26
     tracemalloc.stop()
 
@@ -155,9 +157,9 @@ def test_silences_of_a_recording_written_by_hand(piece: int, tmp_path: Path, mon
     text = METADATA.replace("probe1=b0p0_00\n", probes).replace("unitsize=2", "unitsize=1")
     file = SessionFile.open(archive(tmp_path / "a.sr", {"metadata": text, "logic-1-1": bytes(samples)}))
     monkeypatch.setattr(sigrok, "PIECE_BYTES", piece)
-    assert file.silences([0, 1, 2], 2).tolist() == [[0, 3], [6, 11], [13, 16], [17, 22]]
-    assert file.silences([0, 1, 2], 3).tolist() == [[6, 11], [17, 22]]
-    assert file.silences([3], 0).tolist() == []
+    assert silences(file, [0, 1, 2], 2).tolist() == [[0, 3], [6, 11], [13, 16], [17, 22]]
+    assert silences(file, [0, 1, 2], 3).tolist() == [[6, 11], [17, 22]]
+    assert silences(file, [3], 0).tolist() == []
 
 
 def test_a_recording_of_another_run_is_refused_and_looked_through_once(
@@ -165,23 +167,23 @@ def test_a_recording_of_another_run_is_refused_and_looked_through_once(
 ) -> None:
     export(played.capture, tmp_path / "a.sr", range(64))
     other = play(77, updates=1)
-    sight = SigrokSight(tmp_path / "a.sr", {}, other.marks)
+    observer = SigrokObserver(tmp_path / "a.sr", {}, other.marks)
     for _ in range(2):
         with pytest.raises(InputFileError, match=r"a\.sr was not recorded during this run: none of the 3 marks"):
-            sight.seen(*other.stretch)
-        monkeypatch.delattr(SessionFile, "silences", raising=False)
+            observer.seen(*other.stretch)
+        monkeypatch.delattr(recorded, "silences", raising=False)
 
 
 def test_a_mark_that_is_missing_does_no_harm_but_to_what_is_next_to_it(played: Played, tmp_path: Path) -> None:
     export(played.capture, tmp_path / "a.sr", range(64))
     foreign = play(77, updates=1).marks[0]
     assert equal(
-        SigrokSight(tmp_path / "a.sr", {}, [played.marks[0], foreign, *played.marks[2:]]).seen(*played.stretch),
+        SigrokObserver(tmp_path / "a.sr", {}, [played.marks[0], foreign, *played.marks[2:]]).seen(*played.stretch),
         played,
         dict.fromkeys(range(64)),
     )
     with pytest.raises(Unseen, match="nowhere"):
-        SigrokSight(tmp_path / "a.sr", {}, [played.marks[0], foreign]).seen(*played.stretch)
+        SigrokObserver(tmp_path / "a.sr", {}, [played.marks[0], foreign]).seen(*played.stretch)
 
 
 def test_a_device_that_began_anew_passes_the_same_periods_again(tmp_path: Path) -> None:
@@ -190,29 +192,29 @@ def test_a_device_that_began_anew_passes_the_same_periods_again(tmp_path: Path) 
     words = [life.capture.bits(0, life.capture.end_tick) for life in lives]
     write(tmp_path / "a.sr", "2 MHz", np.concatenate([words[0], np.zeros((1003, 10), np.uint32), words[1]]), SEVEN)
     marks = [mark for life in lives for mark in life.marks]
-    sight = SigrokSight(tmp_path / "a.sr", {}, marks)
+    observer = SigrokObserver(tmp_path / "a.sr", {}, marks)
     for life in lives:
-        assert equal(sight.between(*life.marks).seen(*life.stretch), life, SEVEN)
+        assert equal(observer.between(*life.marks).seen(*life.stretch), life, SEVEN)
     first = max(life.stretch[0] for life in lives)
     with pytest.raises(Unseen, match="more than once"):
-        sight.seen(first, first + 10)
+        observer.seen(first, first + 10)
     with pytest.raises(Unseen, match="nowhere"):
-        sight.between(marks[1], marks[2]).seen(first, first + 10)
+        observer.between(marks[1], marks[2]).seen(first, first + 10)
 
 
 def test_2_mhz_are_enough_for_the_device_s_own_clock_alone(played: Played, tmp_path: Path) -> None:
     record(tmp_path / "a.sr", played, Analyser("2 MHz", 1.0, 0.0), SEVEN, start=77.3)
-    assert equal(SigrokSight(tmp_path / "a.sr", {}, played.marks).seen(*played.stretch), played, SEVEN)
+    assert equal(SigrokObserver(tmp_path / "a.sr", {}, played.marks).seen(*played.stretch), played, SEVEN)
     record(tmp_path / "b.sr", played, Analyser("2 MHz", 1.0, 60.0), SEVEN, start=77.3)
     with pytest.raises(Unseen, match=r"b\.sr was sampled at 2 MHz by another clock .*; 8 MHz would do"):
-        SigrokSight(tmp_path / "b.sr", {}, played.marks).seen(*played.stretch)
+        SigrokObserver(tmp_path / "b.sr", {}, played.marks).seen(*played.stretch)
 
 
 @pytest.mark.parametrize(("rate", "told"), [("5 MHz", "5 MHz"), ("7.999999 MHz", "8 MHz"), ("1 MHz", "1 MHz")])
 def test_too_slow_an_analyser_is_refused(played: Played, rate: str, told: str, tmp_path: Path) -> None:
     write(tmp_path / "a.sr", rate, np.zeros((9, 10), np.uint32), SEVEN)
     with pytest.raises(InputFileError, match=rf"a\.sr was sampled at {told}; it must be 8 MHz or more, or 2, 4 or 6"):
-        SigrokSight(tmp_path / "a.sr", {}, played.marks).seen(1, 2)
+        SigrokObserver(tmp_path / "a.sr", {}, played.marks).seen(1, 2)
 
 
 @pytest.mark.parametrize(
@@ -277,39 +279,39 @@ def test_what_is_wrong_with_a_file_is_said(
 ) -> None:
     path = archive(tmp_path / "a.sr", members)
     with pytest.raises(InputFileError, match=rf"a\.sr.*{complaint}"):
-        SigrokSight(path, {}, played.marks).seen(1, 2)
+        SigrokObserver(path, {}, played.marks).seen(1, 2)
 
 
 def test_a_map_of_other_probes_is_said(played: Played, tmp_path: Path) -> None:
     path = archive(tmp_path / "a.sr", metadata("probe1=b0p0_00", "probe1=b0p0_00\nprobe2=D1"))
     with pytest.raises(InputFileError, match=r"a\.sr has no probe 'D7'; it has b0p0_00, D1"):
-        SigrokSight(path, {"D7": 5}, played.marks).seen(1, 2)
+        SigrokObserver(path, {"D7": 5}, played.marks).seen(1, 2)
     with pytest.raises(InputFileError, match=r"a\.sr: two probes are at output b0p0_00"):
-        SigrokSight(path, {"D1": 0}, played.marks).seen(1, 2)
+        SigrokObserver(path, {"D1": 0}, played.marks).seen(1, 2)
 
 
 def test_what_is_no_archive_or_a_part_of_one_is_said(played: Played, tmp_path: Path) -> None:
     path = tmp_path / "a.sr"
     path.write_text("b0p0_00,0,0,1\n")
     with pytest.raises(InputFileError, match=r"a\.sr is no sigrok session file, or damaged"):
-        SigrokSight(path, {}, played.marks).seen(1, 2)
+        SigrokObserver(path, {}, played.marks).seen(1, 2)
     export(played.capture, path, range(64))
     path.write_bytes(path.read_bytes()[:-500])
     with pytest.raises(InputFileError, match=r"a\.sr is no sigrok session file, or damaged"):
-        SigrokSight(path, {}, played.marks).seen(1, 2)
+        SigrokObserver(path, {}, played.marks).seen(1, 2)
 
 
 def test_a_flipped_bit_in_the_samples_is_said(played: Played, tmp_path: Path) -> None:
     path = archive(tmp_path / "a.sr", {"logic-1-2": bytes(1000) + b"here" + bytes(1000)})
     path.write_bytes(path.read_bytes().replace(b"here", b"hera"))
     with pytest.raises(InputFileError, match=r"a\.sr is damaged: .*logic-1-2"):
-        SigrokSight(path, {}, played.marks).seen(1, 2)
+        SigrokObserver(path, {}, played.marks).seen(1, 2)
 
 
 def test_a_file_that_is_not_there_is_an_os_error(played: Played, tmp_path: Path) -> None:
-    sight = SigrokSight(tmp_path / "a.sr", {}, played.marks)
+    observer = SigrokObserver(tmp_path / "a.sr", {}, played.marks)
     with pytest.raises(FileNotFoundError):
-        sight.seen(1, 2)
+        observer.seen(1, 2)
 
 
 @pytest.mark.slow
@@ -319,5 +321,5 @@ def test_what_sigrok_writes_is_read(played: Played, tmp_path: Path) -> None:
     export(played.capture, tmp_path / "a.sr", list(TWO_BOARDS))
     command = ["sigrok-cli", "-i", str(tmp_path / "a.sr"), "-o", str(tmp_path / "b.sr")]
     subprocess.run(command, check=True, timeout=60, capture_output=True)
-    seen = SigrokSight(tmp_path / "b.sr", {}, played.marks).seen(*played.stretch)
+    seen = SigrokObserver(tmp_path / "b.sr", {}, played.marks).seen(*played.stretch)
     assert equal(seen, played, TWO_BOARDS)

@@ -120,7 +120,7 @@ def test_what_is_not_observed_is_not_judged() -> None:
 def test_where_nothing_is_seen_of_what_plays_there_is_no_verdict() -> None:
     others = ALL.copy()
     others[0] ^= 1 << 3
-    with pytest.raises(Inconclusive, match="none of the outputs that this lets play is seen"):
+    with pytest.raises(Inconclusive, match="none of the outputs that should play is observed"):
         check_play(seen(SILENCE.copy(), observed=others), [(100, expected_words(only(3), WIRING))])
 
 

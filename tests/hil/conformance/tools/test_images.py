@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from phasewire.hil.conformance.cases import Inconclusive, NotApplicable
-from phasewire.hil.conformance.running import Options, open_bench
+from phasewire.hil.conformance.running import RunOptions, open_bench
 from phasewire.hil.conformance.tools.dfu import dfu_mode
 from phasewire.hil.conformance.tools.images import of_whole_blocks
 from phasewire.mutants.catalogue import MUTANTS
@@ -42,9 +42,9 @@ def test_an_image_that_cannot_grow_is_left_alone() -> None:
 def test_an_upload_without_end_is_given_up() -> None:
     with (
         applied(MUTANTS["upload-never-ends"]),
-        open_bench(Options("emulator:")) as bench,
+        open_bench(RunOptions("emulator:")) as bench,
         dfu_mode(bench) as line,
-        pytest.raises(AssertionError, match="the upload goes on behind 721520 bytes"),
+        pytest.raises(AssertionError, match="the upload goes on after 721520 bytes"),
     ):
         line.image()
 
@@ -52,7 +52,7 @@ def test_an_upload_without_end_is_given_up() -> None:
 def test_a_clock_that_begins_anew_is_not_waited_for_without_end() -> None:
     with (
         applied(MUTANTS["ticks-wrap-at-32-bits"]),
-        open_bench(Options("emulator:")) as bench,
-        pytest.raises(AssertionError, match="the clock does not come to tick"),
+        open_bench(RunOptions("emulator:")) as bench,
+        pytest.raises(AssertionError, match="the clock does not reach tick"),
     ):
         bench.wait_until(2**32 // 50 + 100)

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from ...protocol.chain import SLICE_BYTES
 from ...protocol.codes import AMPLITUDES
 
-__all__ = ["FULL", "SILENT", "Reel", "Segments"]
+__all__ = ["FULL", "SILENT", "History", "Segments"]
 
 FULL = AMPLITUDES - 1
 """The modulation sample that leaves pulses as they are."""
 BEFORE_ALL = -(2**62)
 SILENT = 0
-"""Row of the silent pulses, which every reel begins with."""
+"""Row of the silent pulses, which every history begins with."""
 
 
 MORE = 4
@@ -60,7 +60,7 @@ class Rows:
         return view
 
 
-class Turns(NamedTuple):
+class PortSequence(NamedTuple):
     """A sequence that plays."""
 
     ends: NDArray[np.int64]
@@ -90,16 +90,16 @@ UNMODULATED = Overlay(np.array([FULL], np.uint8), 1)
 
 
 class Segments(NamedTuple):
-    """A reel as it was at some moment."""
+    """A history as it was at some moment."""
 
     starts: NDArray[np.int64]
     """Period at which each segment begins, (s,), ascending, the first before all time; of several in one period the
     last counts."""
     refs: NDArray[np.int64]
-    """What plays in it, (s,): a row of `slices`, or if negative -1 - the place in `turns`."""
+    """What plays in it, (s,): a row of `slices`, or if negative -1 - the place in `sequences`."""
     slices: NDArray[np.uint8]
     """Packed pulses, (r, 48)."""
-    turns: tuple[Turns, ...]
+    sequences: tuple[PortSequence, ...]
     overlay_starts: tuple[int, ...]
     overlays: tuple[Overlay, ...]
 
@@ -119,9 +119,9 @@ class Segments(NamedTuple):
         if (running := np.flatnonzero(refs < 0)).size:
             for ref in np.unique(refs[running]):
                 here = running[refs[running] == ref]
-                turns = self.turns[-1 - ref]
-                entry = turns.entries(periods[here] - self.starts[segment[here]])
-                refs[here] = np.where(entry < 0, SILENT, turns.rows[entry])
+                sequence = self.sequences[-1 - ref]
+                entry = sequence.entries(periods[here] - self.starts[segment[here]])
+                refs[here] = np.where(entry < 0, SILENT, sequence.rows[entry])
         samples = np.full(periods.size, FULL, np.uint8)
         if self.overlays:
             overlay = np.searchsorted(np.array(self.overlay_starts), periods, side="right") - 1
@@ -138,17 +138,17 @@ class Segments(NamedTuple):
         if since == BEFORE_ALL:
             return 0, bytes(SLICE_BYTES)
         if row < 0:
-            turns = self.turns[-1 - row]
+            sequence = self.sequences[-1 - row]
             elapsed = period - since
-            entry = int(turns.entries(np.array([elapsed]))[0])
+            entry = int(sequence.entries(np.array([elapsed]))[0])
             if entry < 0:
-                return since + int(turns.ends[-1]) * turns.repeats, bytes(SLICE_BYTES)
-            begins = int(turns.ends[entry - 1]) if entry else 0
-            since, row = period - elapsed % int(turns.ends[-1]) + begins, int(turns.rows[entry])
+                return since + int(sequence.ends[-1]) * sequence.repeats, bytes(SLICE_BYTES)
+            begins = int(sequence.ends[entry - 1]) if entry else 0
+            since, row = period - elapsed % int(sequence.ends[-1]) + begins, int(sequence.rows[entry])
         return since, self.slices[row].tobytes()
 
 
-class Reel:
+class History:
     """What a port plays, as it comes to be known."""
 
     def __init__(self) -> None:
@@ -156,7 +156,7 @@ class Reel:
         self._refs = Rows.of(np.array([SILENT], np.int64))
         self._slices = Rows((SLICE_BYTES,), np.uint8)
         self._slices.extend(np.zeros((1, SLICE_BYTES), np.uint8))
-        self._turns: list[Turns] = []
+        self._sequences: list[PortSequence] = []
         self._overlays: list[tuple[int, Overlay]] = []
 
     def play(self, periods: NDArray[np.int64], slices: NDArray[np.uint8]) -> None:
@@ -189,8 +189,8 @@ class Reel:
         """
         first = self._slices.extend([np.frombuffer(slot, np.uint8) for slot in slots])
         self._starts.extend([period])
-        self._refs.extend([-1 - len(self._turns)])
-        self._turns.append(Turns(np.cumsum(periods), first + entries, repeats))
+        self._refs.extend([-1 - len(self._sequences)])
+        self._sequences.append(PortSequence(np.cumsum(periods), first + entries, repeats))
 
     def modulate(self, period: int, samples: bytes, hold: int) -> None:
         """Let amplitudes lie over what plays from a period on; none of them end that."""
@@ -208,7 +208,7 @@ class Reel:
             self._starts.view(),
             self._refs.view(),
             self._slices.view(),
-            tuple(self._turns),
+            tuple(self._sequences),
             tuple(start for start, _ in self._overlays),
             tuple(overlay for _, overlay in self._overlays),
         )
@@ -221,12 +221,12 @@ class Reel:
         if stale <= 0:
             return
         starts, refs, slices = self._starts.view()[stale:], self._refs.view()[stale:], self._slices.view()
-        turns = [self._turns[-1 - ref] for ref in refs[refs < 0]]
-        used = np.concatenate([refs[refs > SILENT], *(turn.rows for turn in turns)])
+        sequences = [self._sequences[-1 - ref] for ref in refs[refs < 0]]
+        used = np.concatenate([refs[refs > SILENT], *(each.rows for each in sequences)])
         dropped = int(used.min(initial=self._slices.size)) - 1  # rows are in the order of the segments
-        self._turns = [turn._replace(rows=turn.rows - dropped) for turn in turns]
+        self._sequences = [each._replace(rows=each.rows - dropped) for each in sequences]
         renamed = np.where(refs > SILENT, refs - dropped, refs)
-        renamed[refs < 0] = -1 - np.arange(len(turns))
+        renamed[refs < 0] = -1 - np.arange(len(sequences))
         kept = Rows((SLICE_BYTES,), np.uint8, MORE * (self._slices.size - dropped))
         kept.extend(slices[:1])
         kept.extend(slices[dropped + 1 :])

@@ -1,4 +1,8 @@
-"""Loads on their way to the processors' memories: one after the other, if they fit between changes (CHN-019)."""
+"""Store loading: sends what blocks store to the processors' memories, one load at a time (clause CHN-019).
+
+A load goes when it fits between the changes of the `Agenda` and the questions of the `Supervisor`. `Stores` knows what
+is stored and in use; this module knows only which loads have not gone.
+"""
 
 from __future__ import annotations
 

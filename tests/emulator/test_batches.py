@@ -1,4 +1,4 @@
-"""Streams of updates: sent in one transfer, they are taken exactly as one by one."""
+"""Batches: updates that are sent in one transfer are taken exactly as one by one."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from phasewire.emulator.control.controller import Controller
 from phasewire.emulator.doors.backend import EmulatorBackend, Handle
 from phasewire.protocol import Clock, NoOp, Output, Slot, State, Status, Update, pack
 from phasewire.protocol.blocks import Block
+from phasewire.protocol.board import CYCLES_PER_MS, WATCHDOG_MS
 from phasewire.protocol.codes import Action, Reason, Request
 from phasewire.protocol.replies import Ack, records
 from phasewire.protocol.requests import Setup
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE, Link
+from phasewire.protocol.updates import pack_updates
 
 from tests.emulator.passing import now
 
@@ -27,9 +29,9 @@ FULL = Pulses([0] * 320, [25] * 320)
 Sent = tuple[str, int]
 
 
-def packets(sent: list[Sent], since_period: int) -> list[bytes]:
-    """The blocks of a program, numbered, with what is wrong about some of them."""
-    made, number, named = [], 1, since_period + 6
+def packets(sent: list[Sent], since_period: int, number: int) -> list[bytes]:
+    """The blocks of a program, numbered from a number on, with what is wrong about some of them."""
+    made, named = [], since_period + 6
     for what, value in sent:
         body: Any = Update(PULSES[value % 7])
         match what:
@@ -45,7 +47,7 @@ def packets(sent: list[Sent], since_period: int) -> list[bytes]:
             case "gap":
                 number += value
             case "back":
-                number -= min(value, number)
+                number -= value
             case "silence":
                 body = Output(Action.SILENCE)
             case "slot":
@@ -54,7 +56,7 @@ def packets(sent: list[Sent], since_period: int) -> list[bytes]:
                 body = Clock()
             case "nothing":
                 body = NoOp()
-        block = bytearray(pack(Block(body, number, restart=what == "restart")))
+        block = bytearray(pack(Block(body, number % 2**32, restart=what == "restart")))
         if what == "damaged":
             block[40 + value] ^= 1
         made.append(bytes(block))
@@ -63,7 +65,7 @@ def packets(sent: list[Sent], since_period: int) -> list[bytes]:
 
 
 def started(link: Link) -> tuple[Emulator, EmulatorBackend, Handle]:
-    emulator = Emulator(link=link, serial="STREAM")
+    emulator = Emulator(link=link, serial="BATCH")
     bus = EmulatorBackend([emulator])
     emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
     emulator.usb.control(Setup(0x41, Request.LIMIT, 200, 0, 0))
@@ -91,13 +93,14 @@ KINDS = ["now"] * 8 + ["named"] * 6 + ["late", "far", "loud", "gap", "back", "si
     st.lists(st.tuples(st.sampled_from([*KINDS, "restart", "damaged"]), st.integers(0, 60)), min_size=2, max_size=80),
     st.integers(1, 40),
     st.sampled_from([0, 0, QUEUE_BLOCKS - 2]),
+    st.sampled_from([1, 2**32 - 5]),
 )
-def test_one_transfer_is_as_many(link: Link, sent: list[Sent], length: int, crowd: int) -> None:
-    """Times, acknowledgements, counters and bits are the same, wherever transfers begin and end."""
+def test_one_transfer_is_as_many(link: Link, sent: list[Sent], length: int, crowd: int, number: int) -> None:
+    """Times, acknowledgements, counters and bits are the same, wherever transfers begin and end and numbers wrap."""
     results = []
     for per_transfer in (1, length):
         emulator, bus, handle = started(link)
-        made = packets([("named", 2)] * crowd + sent, now(emulator) // 10_000)
+        made = packets([("named", 2)] * crowd + sent, now(emulator) // 10_000, number)
         for first in range(0, len(made), per_transfer):
             data = b"".join(made[first : first + per_transfer])
             assert bus.bulk_write(handle, 0x01, 0, data, 10_000) == len(data)
@@ -111,16 +114,16 @@ def test_one_transfer_is_as_many(link: Link, sent: list[Sent], length: int, crow
 
 @pytest.mark.parametrize(("link", "apart"), [(FIVE_WIRE, 1), (TWO_WIRE, 2)])
 def test_a_fresh_field_in_every_period_streams_on(link: Link, apart: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """500 updates in transfers of 100 are nearly all taken as a stream, and all play at their period."""
+    """500 updates in transfers of 100 are nearly all taken in batches, and all play at their period."""
     taken: list[int] = []
-    genuine = Controller.stream
+    genuine = Controller.take
 
     def noting(self: Controller, *arguments: Any) -> tuple[int, int]:
         count, ended = genuine(self, *arguments)
         taken.append(count)
         return count, ended
 
-    monkeypatch.setattr(Controller, "stream", noting)
+    monkeypatch.setattr(Controller, "take", noting)
     emulator, bus, handle = started(link)
     first = now(emulator) // 10_000 + 8
     made = [pack(Block(Update(PULSES[n % 7], first + apart * n), n)) for n in range(500)]
@@ -137,6 +140,21 @@ def test_a_fresh_field_in_every_period_streams_on(link: Link, apart: int, monkey
     for latches in emulator.capture().latches:
         assert latches == [50 * (first + apart * n) for n in range(500)]
     assert emulator.running.state is State.PLAYING
+
+
+def test_a_stream_is_a_sign_of_life() -> None:
+    """Nothing but 80 transfers of 100 updates keeps the device playing for 0.2 s, twice the watchdog's time."""
+    emulator, bus, handle = started(FIVE_WIRE)
+    began = now(emulator)
+    frames = [PULSES[n % 7] for n in range(100)]
+    phase, width = (np.array([getattr(frame, name) for frame in frames], np.uint8) for name in ("phase", "width"))
+    for first in range(0, 8000, 100):
+        assert bus.bulk_write(handle, 0x01, 0, pack_updates(phase, width, first).tobytes(), 1000) == 51_200
+        while isinstance(emulator.usb.bulk_in(0x81), bytes):
+            pass
+    status = emulator.running.status()
+    assert (status.state, status.accepted, status.refused) == (State.PLAYING, 8000, 0)
+    assert now(emulator) - began > 1.9 * WATCHDOG_MS * CYCLES_PER_MS
 
 
 def test_a_time_out_takes_what_arrived_before() -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from phasewire.host.hands.sight import Seen, Sight, View
+from phasewire.host.hands.picture_tracker import PictureTracker, SeenHand, View
 from phasewire.solver.contact.hand import Hand, Side
 
 from tests.host.hands.pictures import project
@@ -17,11 +17,11 @@ def hand_at(x: float, side: Side = "right") -> Hand:
     return Hand.flat([x, 0.02, 0.4], side, curl=0.2)
 
 
-def seen(hand: Hand, view: View = VIEW) -> Seen:
+def seen(hand: Hand, view: View = VIEW) -> SeenHand:
     if view.mirrored:
         side: Side = "left" if hand.side == "right" else "right"
-        return Seen(project(hand.landmarks * [-1, 1, 1], ASPECT, view.fov), side)
-    return Seen(project(hand.landmarks, ASPECT, view.fov), hand.side)
+        return SeenHand(project(hand.landmarks * [-1, 1, 1], ASPECT, view.fov), side)
+    return SeenHand(project(hand.landmarks, ASPECT, view.fov), hand.side)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -29,7 +29,7 @@ def seen(hand: Hand, view: View = VIEW) -> Seen:
 def test_a_hand_is_placed_where_it_is(side: Side, mirrored: bool) -> None:
     view = replace(VIEW, mirrored=mirrored)
     hand = hand_at(0.03, side)
-    frame = Sight(view).frame(12.5, [seen(hand, view)], ASPECT)
+    frame = PictureTracker(view).frame(12.5, [seen(hand, view)], ASPECT)
     assert (frame.time, frame.number, frame.notes, len(frame.hands)) == (12.5, 0, (), 1)
     assert frame.hands[0].hand.side == side
     np.testing.assert_allclose(frame.hands[0].hand.landmarks, hand.landmarks, atol=1e-12)
@@ -38,32 +38,32 @@ def test_a_hand_is_placed_where_it_is(side: Side, mirrored: bool) -> None:
 def test_hands_of_another_size_are_as_far_as_their_size_says() -> None:
     hand = Hand.flat([0, 0, 0.4], length=0.14)
     picture = project(hand.landmarks, ASPECT, 70)
-    frame = Sight(replace(VIEW, length=0.14)).frame(0, [Seen(picture, "right")], ASPECT)
+    frame = PictureTracker(replace(VIEW, length=0.14)).frame(0, [SeenHand(picture, "right")], ASPECT)
     np.testing.assert_allclose(frame.hands[0].hand.landmarks, hand.landmarks, atol=1e-12)
 
 
 def test_hands_keep_their_numbers_in_whatever_order_they_are_seen() -> None:
-    sight = Sight(VIEW)
+    tracker = PictureTracker(VIEW)
     places: list[tuple[float, Side]] = [(-0.2, "right"), (0.2, "right"), (0.21, "left")]
     generator = np.random.default_rng(1)
     numbers = []
     for step in range(20):
         order = generator.permutation(3)
         hands = [hand_at(x + 0.005 * step, side) for x, side in places]
-        frame = sight.frame(step / 30, [seen(hands[index]) for index in order], ASPECT)
+        frame = tracker.frame(step / 30, [seen(hands[index]) for index in order], ASPECT)
         numbers.append(tuple(frame.hands[int(np.flatnonzero(order == index)[0])].id for index in range(3)))
     assert len(set(numbers)) == 1
     assert sorted(numbers[0]) == [0, 1, 2]
 
 
 def test_a_hand_that_was_away_for_long_or_is_of_the_other_side_is_another_one() -> None:
-    sight = Sight(VIEW)
+    tracker = PictureTracker(VIEW)
     frames = [
-        sight.frame(0, [seen(hand_at(0))], ASPECT),
-        sight.frame(0.1, [], ASPECT),
-        sight.frame(0.2, [seen(hand_at(0.01))], ASPECT),
-        sight.frame(2, [seen(hand_at(0.01))], ASPECT),
-        sight.frame(2.1, [seen(hand_at(0.01, "left"))], ASPECT),
+        tracker.frame(0, [seen(hand_at(0))], ASPECT),
+        tracker.frame(0.1, [], ASPECT),
+        tracker.frame(0.2, [seen(hand_at(0.01))], ASPECT),
+        tracker.frame(2, [seen(hand_at(0.01))], ASPECT),
+        tracker.frame(2.1, [seen(hand_at(0.01, "left"))], ASPECT),
     ]
     assert [[tracked.id for tracked in frame.hands] for frame in frames] == [[0], [], [0], [1], [2]]
     assert [frame.number for frame in frames] == [0, 1, 2, 3, 4]
@@ -71,7 +71,7 @@ def test_a_hand_that_was_away_for_long_or_is_of_the_other_side_is_another_one() 
 
 def test_what_no_hand_can_be_is_left_out_and_said() -> None:
     landmarks = np.full((21, 3), [0.5, 0.5, 0.0])
-    frame = Sight(VIEW).frame(0, [Seen(landmarks, "right"), seen(hand_at(0, "left"))], ASPECT)
+    frame = PictureTracker(VIEW).frame(0, [SeenHand(landmarks, "right"), seen(hand_at(0, "left"))], ASPECT)
     assert [tracked.hand.side for tracked in frame.hands] == ["left"]
     assert frame.notes == ("a right hand was left out: wrist and knuckles are one point in the picture",)
 
@@ -79,6 +79,6 @@ def test_what_no_hand_can_be_is_left_out_and_said() -> None:
 def test_what_is_repaired_is_said() -> None:
     landmarks = hand_at(0).landmarks.copy()
     landmarks[8] = landmarks[7]
-    frame = Sight(VIEW).frame(0, [Seen(project(landmarks, ASPECT, 70), "right")], ASPECT)
+    frame = PictureTracker(VIEW).frame(0, [SeenHand(project(landmarks, ASPECT, 70), "right")], ASPECT)
     assert len(frame.hands) == 1
     assert "index finger's bone from landmark 7 to 8" in frame.notes[0]

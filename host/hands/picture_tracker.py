@@ -11,7 +11,7 @@ from .following import Follower
 from .frames import HandFrame, TrackedHand
 from .pinhole import Landmarks, in_space, unmirrored
 
-__all__ = ["Seen", "Sight", "View"]
+__all__ = ["PictureTracker", "SeenHand", "View"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SeenHand:
     """A hand in a picture.
 
     Parameters
@@ -54,7 +54,7 @@ class Seen:
 
 
 @dataclass
-class Sight:
+class PictureTracker:
     """Turns what is seen in pictures, one after the other, into frames of hands in camera coordinates.
 
     MediaPipe numbers no hands, so each one that is seen gets a new number, and a `Follower` finds which ones stay.
@@ -65,7 +65,7 @@ class Sight:
     _seen: int = 0
     _frames: int = 0
 
-    def frame(self, time: float, seen: Sequence[Seen], aspect: float) -> HandFrame:
+    def frame(self, time: float, seen: Sequence[SeenHand], aspect: float) -> HandFrame:
         """The hands that are seen in a picture whose height is ``aspect`` times its width."""
         notes, tracked = [], []
         for each in seen:

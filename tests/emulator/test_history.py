@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from phasewire.emulator.ports.reel import Reel, Segments
+from phasewire.emulator.ports.history import History, Segments
 
 PERIODS = 60
 GAPS = st.integers(1, 7)  # eight of them stay within the periods
@@ -33,21 +33,21 @@ OPERATIONS = st.lists(
 )
 
 
-def carried_out(operations: list[Any]) -> tuple[Reel, list[int], list[int]]:
-    """The reel, and for each period the number that it plays and the sample over it."""
-    reel, numbers, samples, period = Reel(), [0] * PERIODS, [255] * PERIODS, 0
+def carried_out(operations: list[Any]) -> tuple[History, list[int], list[int]]:
+    """The history, and for each period the number that it plays and the sample over it."""
+    history, numbers, samples, period = History(), [0] * PERIODS, [255] * PERIODS, 0
     for operation in operations:
         period += operation[1]
         match operation:
             case "play", _, number:
-                reel.play(np.array([period]), np.frombuffer(pulses(number), np.uint8)[None])
+                history.play(np.array([period]), np.frombuffer(pulses(number), np.uint8)[None])
                 numbers[period:] = [number] * (PERIODS - period)
             case "silence", _:
-                reel.silence(period)
+                history.silence(period)
                 numbers[period:] = [0] * (PERIODS - period)
             case "run", _, entries, repeats:
                 slots = sorted({slot for slot, _ in entries})
-                reel.run(
+                history.run(
                     period,
                     [pulses(slot) for slot in slots],
                     np.array([slots.index(slot) for slot, _ in entries]),
@@ -58,10 +58,10 @@ def carried_out(operations: list[Any]) -> tuple[Reel, list[int], list[int]]:
                 played = once * (repeats or PERIODS) + [0] * PERIODS
                 numbers[period:] = played[: PERIODS - period]
             case "modulate", _, values, hold:
-                reel.modulate(period, values, hold)
+                history.modulate(period, values, hold)
                 held = [value for value in values for _ in range(hold)] * PERIODS or [255] * PERIODS
                 samples[period:] = held[: PERIODS - period]
-    return reel, numbers, samples
+    return history, numbers, samples
 
 
 def read(segments: Segments, first: int) -> tuple[list[int], list[int]]:
@@ -71,35 +71,37 @@ def read(segments: Segments, first: int) -> tuple[list[int], list[int]]:
 
 @given(OPERATIONS)
 def test_every_period_plays_what_was_said_last(operations: list[Any]) -> None:
-    reel, numbers, samples = carried_out(operations)
-    assert read(reel.segments(), 0) == (numbers, samples)
+    history, numbers, samples = carried_out(operations)
+    assert read(history.segments(), 0) == (numbers, samples)
 
 
 @given(OPERATIONS, st.integers(0, PERIODS - 1))
 def test_what_is_forgotten_changes_nothing_after_it(operations: list[Any], period: int) -> None:
-    reel, numbers, samples = carried_out(operations)
-    before = reel.segments()
-    reel.forget(period)
-    assert read(reel.segments(), period) == (numbers[period:], samples[period:])
+    history, numbers, samples = carried_out(operations)
+    before = history.segments()
+    history.forget(period)
+    assert read(history.segments(), period) == (numbers[period:], samples[period:])
     assert read(before, 0) == (numbers, samples)
-    assert len(reel.segments().starts) <= len(before.starts)
+    assert len(history.segments().starts) <= len(before.starts)
 
 
 @given(OPERATIONS, st.integers(0, PERIODS - 1))
 def test_what_plays_in_a_period_and_since_when(operations: list[Any], period: int) -> None:
-    reel, numbers, _ = carried_out(operations)
-    since, packed = reel.segments().at(period)
+    history, numbers, _ = carried_out(operations)
+    since, packed = history.segments().at(period)
     assert packed == pulses(numbers[period])
     assert 0 <= since <= period
     assert len(set(numbers[since : period + 1])) == 1
 
 
-def test_a_reel_holds_what_was_sent_not_time() -> None:
+def test_a_history_holds_what_was_sent_not_time() -> None:
     """An hour of a looped sequence is one segment more."""
-    reel = Reel()
-    reel.run(5, [pulses(1), pulses(2)], np.array([0, 1]), np.array([100, 100]), 0)
-    assert len(reel.segments().starts) == 2
-    assert [int.from_bytes(reel.segments().at(period)[1][:4], "little") for period in (144_000_005, 144_000_105)] == [
+    history = History()
+    history.run(5, [pulses(1), pulses(2)], np.array([0, 1]), np.array([100, 100]), 0)
+    assert len(history.segments().starts) == 2
+    assert [
+        int.from_bytes(history.segments().at(period)[1][:4], "little") for period in (144_000_005, 144_000_105)
+    ] == [
         1,
         2,
     ]

@@ -1,21 +1,31 @@
-"""The stage: an enabled device, and the score of what it must play by the words of SPEC.md.
+"""The player: it sends what shall play, and holds the score of what must play by the words of SPEC.md.
 
-A case sends blocks through a `Stage`, which holds the device to what it acknowledged and writes the `Score`; then it
-lets the outputs be judged by that. Nothing here knows how a device comes to its outputs.
+A case sends blocks through a `Player`, which checks the acknowledgements and writes the `Score`; then the outputs are
+judged by the score. This module does not know how a device makes its outputs.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
-from collections.abc import Sequence as Many
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import accumulate
 from math import ceil
 from typing import Generic, TypeVar
 
-from ....protocol.blocks import Body, Change, Entries, Entry, Modulation, Output, Samples, Sequence, Slot, Update
+from ....protocol.blocks import (
+    AmplitudeModulation,
+    Body,
+    Change,
+    Entries,
+    Entry,
+    Output,
+    PlaySequence,
+    Samples,
+    Slot,
+    Update,
+)
 from ....protocol.board import CARRIER_HZ, CHANNELS
 from ....protocol.codes import NOW, Action, Reason, Request
 from ....protocol.pulses import Pulses
@@ -26,14 +36,14 @@ from ..cases import TooSlow
 from ..sight.capture import Seen
 from ..sight.waveforms import Words, check_play, expected_words, modulated
 
-__all__ = ["PROMISED_PERIODS", "Score", "Stage", "block_periods", "check_in_time", "in_time", "is_fast", "soon"]
+__all__ = ["PROMISED_PERIODS", "Player", "Score", "block_periods", "check_in_time", "in_time", "is_fast", "soon"]
 
 PROMISED_PERIODS = 5
-"""Clause BLK-005: a change that names this period after the one of its block's arrival is in time."""
+"""Clause BLK-005: a change this many periods after its block's arrival is in time."""
 PATIENCE_MS = 60_000
-"""Of the watchdog: the longest that there is (clause REQ-009)."""
+"""The longest watchdog time (clause REQ-009)."""
 LATENCY_PERIODS = 2000
-"""For what a host, its drivers and the line need besides carrying the blocks: 50 ms."""
+"""Time of a host, its drivers and the line besides carrying the blocks: 50 ms."""
 FAST_PERIODS = 20
 """A USB line carries a block in this time even at full speed."""
 SERIAL_BLOCK_BYTES = 600
@@ -45,34 +55,32 @@ Item = TypeVar("Item")
 
 
 def block_periods(bench: Bench) -> int:
-    """How many periods the line needs for a block, on a serial one with the acknowledgement that is waited for."""
+    """The periods that the line needs for a block, on a serial one with its acknowledgement."""
     if bench.line.kind == "usb":
         return FAST_PERIODS
     return ceil((bench.serial.transit(SERIAL_BLOCK_BYTES) + bench.serial.latency) * CARRIER_HZ)
 
 
 def is_fast(bench: Bench) -> bool:
-    """Whether thousands of blocks are no matter."""
+    """Whether the line is fast enough for thousands of blocks."""
     return block_periods(bench) <= FAST_PERIODS
 
 
 def soon(bench: Bench, blocks: int = 1) -> int:
-    """A period before which so many blocks, which are sent now, have arrived long since."""
+    """A period before which so many blocks, if sent now, have certainly arrived."""
     return bench.period() + bench.slowness * (LATENCY_PERIODS + blocks * block_periods(bench))
 
 
 @contextmanager
 def in_time(bench: Bench, period: int) -> Iterator[None]:
-    """What is done here must be over before a period begins; inconclusive if the host or the line was too slow."""
+    """The statements here must end before a period begins; inconclusive if the host or the line was too slow."""
     failure: Exception | None = None
     try:
         yield
-    except Exception as error:  # which may have come of that slowness; a signal has not
+    except Exception as error:  # slowness may have caused it; a signal was not
         failure = error
     if (now := bench.period()) >= period:
-        raise TooSlow(
-            f"what had to be over before period {period} was over in period {now} only: a slow line"
-        ) from failure
+        raise TooSlow(f"what had to be over before period {period} was over in period {now}: a slow line") from failure
     if failure is not None:
         raise failure
 
@@ -82,12 +90,12 @@ class _Loop(Generic[Item]):
     """Items one after the other, each for its periods, and again from the first: so many times, or for ever."""
 
     begin: int
-    items: Many[Item]
-    ends: Many[int]
+    items: Sequence[Item]
+    ends: Sequence[int]
     repeats: int = 0
 
     def at(self, period: int) -> tuple[Item | None, int]:
-        """The item of a period, None behind the last repeat, and the period that is no longer its."""
+        """The item of a period, None after the last repeat, and the first period after it."""
         total = self.ends[-1]
         played, place = divmod(period - self.begin, total)
         if self.repeats and played >= self.repeats:
@@ -102,7 +110,7 @@ def _loop(begin: int, items: Iterable[tuple[Item, int]], repeats: int = 0) -> _L
 
 
 class Score:
-    """What must play in which period.
+    """What must play in each period.
 
     Parameters
     ----------
@@ -117,7 +125,7 @@ class Score:
         self._words: dict[tuple[int, int], Words] = {}
 
     def play(self, begin: int, items: Iterable[tuple[Pulses, int]], repeats: int = 0) -> None:
-        """From a period on play pulses, each for its periods; it must be later than all that was written before."""
+        """From a period on play pulses, each for its periods; the period must be later than all before."""
         self._played.append(_loop(begin, items, repeats))
 
     def update(self, begin: int, pulses: Pulses) -> None:
@@ -138,7 +146,7 @@ class Score:
         self.end_modulation(begin)
 
     def at(self, period: int) -> tuple[Pulses, int, int]:
-        """The pulses of a period, the sample that modulates them, and the period with which one of the two changes."""
+        """The pulses of a period, the sample that modulates them, and the period of the next change."""
         play, next_play = _current(self._played, period)
         modulation, next_modulation = _current(self._modulating, period)
         pulses, pulses_end = play.at(period)
@@ -147,7 +155,7 @@ class Score:
         return pulses or self._silence, sample, min(pulses_end, sample_end, next_play, next_modulation)
 
     def steps(self, first: int, last: int) -> list[tuple[int, Words]]:
-        """What the outputs must do from a period to another, not included, as `check_play` takes it."""
+        """The expected outputs from a period to another, not included, as `check_play` takes them."""
         steps = []
         while first < last:
             pulses, sample, end = self.at(first)
@@ -156,7 +164,7 @@ class Score:
         return steps
 
     def check(self, seen: Seen) -> None:
-        """Fail where the outputs did anything else in what is seen."""
+        """Fail if the observed outputs differ."""
         check_play(seen, self.steps(seen.first_period, seen.last_period))
 
     def _expected(self, pulses: Pulses, sample: int) -> Words:
@@ -167,13 +175,13 @@ class Score:
 
 
 def _current(loops: list[_Loop[Item]], period: int) -> tuple[_Loop[Item], int]:
-    """What was begun last, and when the next begins."""
+    """What began last, and when the next begins."""
     after = bisect_right(loops, period, key=lambda loop: loop.begin)
     return loops[after - 1], loops[after].begin if after < len(loops) else FOREVER
 
 
-class Stage:
-    """An enabled device whose watchdog does not disturb.
+class Player:
+    """An enabled device whose watchdog does not interfere.
 
     Parameters
     ----------
@@ -182,7 +190,7 @@ class Stage:
     Attributes
     ----------
     score : Score
-        Of all that was accepted.
+        Of all accepted blocks.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -195,11 +203,11 @@ class Stage:
         bench.enable()
 
     def soon(self, blocks: int = 1) -> int:
-        """A period before which so many blocks, which are sent now, have arrived long since."""
+        """A period before which so many blocks, if sent now, have certainly arrived."""
         return soon(self.bench, blocks)
 
     def send(self, body: Body) -> Ack:
-        """Send a block that has to be accepted and, if it names a period far enough ahead, to be in time."""
+        """Send a block that must be accepted and, if it names a period far enough ahead, be in time."""
         return self.send_all([body])[0]
 
     def send_all(self, bodies: Iterable[Body]) -> list[Ack]:
@@ -213,8 +221,8 @@ class Stage:
         return acks
 
     def follow(self, body: Body, ack: Ack) -> None:
-        """Write the score from a block that has to be accepted, and may be late."""
-        name = type(body).__name__.upper()
+        """Enter a block, which must be accepted and may be late, into the score."""
+        name = body.KIND.name
         assert ack.reason is Reason.ACCEPTED, f"{name} is refused with {ack.reason.name}"
         begin = ack.commit_period
         match body:
@@ -226,10 +234,10 @@ class Stage:
                 self._samples.update(enumerate(body.samples, body.first))
             case Update():
                 self.score.update(begin, body.pulses)
-            case Sequence():
+            case PlaySequence():
                 entries = [self._entries[place] for place in range(body.first, body.first + body.count)]
                 self.score.play(begin, [(self._slots[slot], periods) for slot, periods in entries], body.repeats)
-            case Modulation():
+            case AmplitudeModulation():
                 samples = [self._samples[place] for place in range(body.first, body.first + body.count)]
                 self.score.modulate(begin, samples, body.hold)
             case Output(action=Action.END_MODULATION):
@@ -240,27 +248,27 @@ class Stage:
                 pass
 
     def judge(self, first: int, last: int) -> None:
-        """Let the outputs be judged by the score, from a period to another, not included."""
+        """Judge the outputs by the score, from a period to another, not included."""
         self.bench.judge(first, last, self.score.check)
 
 
 def check_in_time(ack: Ack, named: int) -> None:
-    """Fail unless an accepted change takes effect at the period that it named, or behind its arrival where at none.
+    """Fail unless an accepted change takes effect at its named period or, without one, after its arrival.
 
     Raises
     ------
     TooSlow
-        Where its block came too late for that to be promised.
+        If its block arrived too late for that promise.
     """
     assert ack.commit_period > ack.now_period, (
-        f"a change takes effect at period {ack.commit_period}, its block had arrived in period {ack.now_period} only"
+        f"a change takes effect at period {ack.commit_period}, its block had arrived in period {ack.now_period}"
     )
     if named == NOW:
-        assert not ack.late, "a change for as soon as possible is said to be late"
+        assert not ack.late, "a change as soon as possible is reported as late"
     elif ack.late and ack.now_period + PROMISED_PERIODS > named:
-        raise TooSlow(f"the block for period {named} had arrived in period {ack.now_period} only: a slow line")
+        raise TooSlow(f"the block for period {named} had arrived in period {ack.now_period}: a slow line")
     else:
         assert not ack.late, (
-            f"a change for period {named} is said to be late, though its block had arrived in period {ack.now_period}"
+            f"a change for period {named} is reported as late, though its block had arrived in period {ack.now_period}"
         )
         assert ack.commit_period == named, f"a change for period {named} takes effect at period {ack.commit_period}"

@@ -1,4 +1,4 @@
-"""Compiled kernels for streams of updates: judged and planned as one by one, and sorted (see `controller`)."""
+"""Compiled kernels of `batches`: they judge and plan many updates by the rules for one, and sort their pulses."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ import numpy as np
 
 from ...compiling import kernel
 from ...protocol.board import CYCLES_PER_PERIOD
+from ...protocol.numbering import follows, missing
+from .admission import judge_numbers
 from .planning import plan
 
-__all__ = ["plan_stream", "sort_pulses"]
+__all__ = ["plan_updates", "sort_pulses"]
 
 compiled_plan = kernel(plan)
+compiled_judge_numbers = kernel(judge_numbers)
+compiled_follows = kernel(follows)
+compiled_missing = kernel(missing)
 
 
 @kernel
@@ -24,12 +29,12 @@ def _total_drive(width: Any, power: Any) -> int:
 
 
 @kernel
-def plan_stream(
+def plan_updates(
     packets: Any,
     reasons: Any,
     restarts: Any,
     sequences: Any,
-    periods: Any,
+    requested: Any,
     widths: Any,
     power: Any,
     recent: Any,
@@ -37,33 +42,33 @@ def plan_stream(
     times: Any,
     arrivals: Any,
     starts: Any,
-    taken: Any,
+    periods: Any,
+    gaps: Any,
     free: Any,
 ) -> int:
-    """Judge and plan a stream of updates up to the first that is not quite regular.
+    """Judge and plan updates that arrive back to back, up to the first that is not quite regular.
 
     Parameters
     ----------
     packets : int
         How many there are.
-    reasons, restarts, sequences, periods : (k,) int
-        As `protocol.unpack_updates` reads them.
+    reasons, restarts, sequences, requested : (k,) int
+        As `protocol.unpack_updates` reads them; `requested` are the periods that they name.
     widths : (k, 320) uint8
         Of their pulses.
     power : (26,) int
         Power of a pulse of each width, in thousandths (clause SAF-006).
     recent : (q,) int64
         When the last q changes left or leave the queue of q places, oldest first; written.
-    numbers : (6,) int64
+    numbers : (5,) int64
         The last sequence number, the last named period (-1 for none), the drive limit in thousandths, periods per
-        update, the horizon in periods, and how many numbers were left out so far; the first two and the last are
-        written.
+        update, and the horizon in periods; the first two are written.
     times : (11,) int64
         Origin, now, cycles of a packet, cycles to sort, end of the time there is, then the tail (sent, period, table)
         and the cost (occupies, forward, lead) of an update; now and the tail are written.
-    arrivals, starts, taken, free : (k,) int64
-        Written: when each has arrived, when it goes onto the chain, the period that it gets, and the free places of the
-        queue when it was judged, itself included.
+    arrivals, starts, periods, gaps, free : (k,) int64
+        Written: when each has arrived, when it goes onto the chain, the period that it gets, how many numbers were left
+        out before it, and the free places of the queue when it was judged, itself included.
 
     Returns
     -------
@@ -75,32 +80,26 @@ def plan_stream(
     places = recent.size
     index = 0
     while index < packets:
-        step = (sequences[index] - numbers[0]) & 0xFFFFFFFF
-        requested = periods[index]
+        sequence, asked = sequences[index], requested[index]
         arrival = max(now + packet, recent[0])
         at = (arrival - origin) // CYCLES_PER_PERIOD
-        too_close = requested != 0 and numbers[1] >= 0 and 0 < requested - numbers[1] < numbers[3]
-        if (
-            reasons[index] != 0
-            or restarts[index]
-            or not 0 < step < 2**31
-            or requested > at + numbers[4]
-            or too_close
-            or arrival > end
-            or _total_drive(widths[index], power) > numbers[2]
-        ):
+        if reasons[index] != 0 or restarts[index] or arrival > end:
             break
-        start, period = compiled_plan(origin, arrival + sort, sent, table, period, requested, times[9], times[10])
+        drive = _total_drive(widths[index], power)
+        in_order, furthest = compiled_follows(sequence, numbers[0]), at + numbers[4]
+        if compiled_judge_numbers(in_order, asked, furthest, numbers[1], numbers[3], drive, numbers[2]) != 0:
+            break
+        start, period = compiled_plan(origin, arrival + sort, sent, table, period, asked, times[9], times[10])
         table, sent = period, start + times[8]
         queued = 1
         for place in range(places - 1):
             recent[place] = recent[place + 1]
             queued += recent[place] > arrival
         recent[places - 1] = start
-        arrivals[index], starts[index], taken[index], free[index] = arrival, start, period, places - queued
-        numbers[0], numbers[5] = sequences[index], numbers[5] + step - 1
-        if requested:
-            numbers[1] = requested
+        arrivals[index], starts[index], periods[index], free[index] = arrival, start, period, places - queued
+        gaps[index], numbers[0] = compiled_missing(sequence, numbers[0]), sequence
+        if asked:
+            numbers[1] = asked
         now = arrival
         times[1], times[5], times[6], times[7] = now, sent, period, table
         index += 1

@@ -1,0 +1,64 @@
+"""What is plugged in to the bench by the scheme of a text, ``SCHEME:REST``: levers, and captures of the outputs.
+
+This package has some schemes of its own; other packages add theirs as entry points of the same group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ...emulator import Emulator
+from ...emulator.machine import open_emulator
+from ...host.lines.opening import entries
+
+__all__ = ["named_emulator", "opener"]
+
+
+def opener(group: str, own: Mapping[str, Callable[..., Any]], text: str) -> tuple[Callable[..., Any], str]:
+    """What opens a text by its scheme.
+
+    Parameters
+    ----------
+    group : str
+        Of entry points, whose names are schemes of other packages.
+    own : mapping
+        The schemes of this package.
+    text : str
+        ``SCHEME:REST``.
+
+    Returns
+    -------
+    callable, str
+        What opens it, and the rest of the text.
+
+    Raises
+    ------
+    ValueError
+        If the scheme is unknown, and the known ones are named; or if it cannot be loaded.
+    """
+    scheme, colon, rest = text.partition(":")
+    there = entries(group)
+    if not colon or scheme not in own | there.keys():
+        known = ", ".join(f"{name}:" for name in sorted({*own, *there}))
+        raise ValueError(f"{text!r} is not known in {group}; it should begin with one of {known}")
+    if scheme in own:
+        return own[scheme], rest
+    try:
+        return there[scheme].load(), rest
+    except Exception as error:  # another package may raise whatever it likes
+        raise ValueError(f"{text!r}: {there[scheme].value}, which should open it, cannot be loaded: {error}") from error
+
+
+def named_emulator(serial: str) -> Emulator:
+    """The emulated device of this process with a serial number.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    emulator = open_emulator(serial)
+    if emulator is None:
+        raise ValueError(f"emulator:{serial} goes with a device that is emulated in this process alone")
+    return emulator
