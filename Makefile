@@ -23,10 +23,10 @@ test-slow: $(VENV)/ready     ## the tests that take seconds each
 	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "slow and not guest" $(PYTEST_ARGS)
 
 test-usb: $(VENV)/ready      ## a Linux kernel in QEMU judges the emulated device; it needs Debian's packages
-	@timeout --foreground --kill-after=60 1200 $(BIN)/pytest -q -rs -n 0 -m "guest and not guest_slow" tests/guest $(PYTEST_ARGS)
+	@timeout --foreground --kill-after=60 1800 $(BIN)/pytest -q -rs -n 0 -m "guest and not guest_slow and not guest_newest" tests/guest $(PYTEST_ARGS)
 
-test-usb-all: $(VENV)/ready  ## all of it, and on a second, newer kernel
-	@timeout --foreground --kill-after=60 7200 $(BIN)/pytest -q -rs -n 0 -m guest tests/guest $(PYTEST_ARGS)
+test-usb-all: $(VENV)/ready  ## that on a newer kernel too, and what takes longer
+	@timeout --foreground --kill-after=60 7200 $(BIN)/pytest -q -rs -n 0 -m "guest and not (guest_slow and guest_newest)" tests/guest $(PYTEST_ARGS)
 
 fuzz: $(VENV)/fuzz           ## throw bytes at every decoder, FUZZ_SECONDS (60) at each group of them
 	@$(BIN)/python -m tests.fuzz $(FUZZ_SECONDS)
@@ -37,12 +37,13 @@ soak: $(VENV)/ready          ## a stream of SOAK_MINUTES (120) of the device's t
 mutants: $(VENV)/ready       ## the conformance suite against every broken emulator, in a quarter of an hour
 	@$(BIN)/phasewire conformance --mutants --jobs $(TEST_PROCESSES)
 
-lint: $(VENV)/ready          ## style, types, and the floors of the house
+lint: $(VENV)/ready          ## style, types, the floors of the house, and its English
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/mypy tests benchmarks examples
 	@$(BIN)/lint-imports --no-cache
+	@$(BIN)/python tests/style.py
 
 format: $(VENV)/ready        ## rewrite the code in the house style
 	@$(BIN)/ruff check --fix .
