@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import itertools
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -331,6 +332,21 @@ def test_a_clock_that_is_off_is_found(
     finding = found_by(emulator.url)["clock"]
     assert finding.verdict is verdict
     assert float(finding.seen.split()[0]) == pytest.approx(ppm, abs=150)
+
+
+def test_a_device_that_is_held_up_once_has_no_oscillator_that_is_off(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A busy computer answers for an emulated device with times that it had 20 ms ago."""
+    genuine, readings = ClockReading.encode, itertools.count()
+    held_up = range(device_checks.CLOCK_READINGS, 2 * device_checks.CLOCK_READINGS)
+
+    def late(self: ClockReading) -> bytes:
+        return genuine(dataclasses.replace(self, now=self.now - (40_000 if next(readings) in held_up else 0)))
+
+    monkeypatch.setattr(ClockReading, "encode", late)
+    assert found_by(emulator.url)["clock"].verdict is OK
+    assert next(readings) > held_up.stop
 
 
 def test_an_oscillator_is_not_blamed_for_time_that_is_computed() -> None:
