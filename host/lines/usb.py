@@ -20,7 +20,7 @@ from .usb_find import REQUEST_MS, RUN_TIME, Sighting, UsbFinder, configure, find
 __all__ = ["USB", "UsbTransport", "open_usb"]
 
 READ_BYTES = 32 * BLOCK_BYTES
-WINDOWS = 4
+WINDOWS = 8
 """How many times as many blocks may be unanswered as the device can acknowledge, if records are read as they come."""
 LEFT_OVER_SECONDS = 0.001
 MOST_LEFT_OVER = 64

@@ -62,8 +62,8 @@ NO_FAULTS = Fault(0)
 DAMAGED = [int(reason) for reason in DAMAGE]
 TURN_PERIODS = 200
 """5 ms, for which a transfer may wait for room in the queue: others wait for their turn meanwhile."""
-POSTED_PERIODS = 1200
-"""30 ms, by which frames that are there already go early on a line that carries blocks by itself, the first of a
+POSTED_PERIODS = 2400
+"""60 ms, by which frames that are there already go early on a line that carries blocks by itself, the first of a
 transfer by two thirds of it; as long they may wait for room, so that the host need not."""
 POSTED_SHARE = 0.8
 """Of the blocks that may be unanswered: those that wait for their time. Answers to the others are on their way."""
