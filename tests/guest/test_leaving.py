@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import random
 import signal
+from pathlib import Path
 
 import pytest
 from phasewire.hil.guest import Done
+from phasewire.protocol.firmware import Image, build
 
-from tests.host.upgrades import FILE
+from tests.host.upgrades import FILE, made
 
 from .conftest import PATIENCE, Bench, pulses
+from .test_flashing import SLOW, firmware
 
 pytestmark = pytest.mark.guest
 
@@ -189,14 +192,32 @@ def test_a_stream_that_is_cut_off_leaves_silent_outputs_and_a_device_that_answer
 
 
 @pytest.mark.guest_slow
-def test_an_upgrade_whose_program_is_killed_can_be_done_again(bench: Bench) -> None:
+def test_an_upgrade_does_itself_again_after_a_reset_and_can_be_done_again_if_its_program_is_killed(
+    bench: Bench, tmp_path: Path
+) -> None:
     bench.attach("--loop")
-    flash = ("phasewire", "flash", bench.guest.share("new.dfu", FILE), "--device", "usb:")
-    program = bench.guest.start(*flash, seconds=240)
-    bench.python(IN_DFU_MODE.format(seconds=random.random()), seconds=240)
-    interrupt(bench, program, "killed")
-    assert "2.3.4" in bench.check(*flash, seconds=240)
-    assert "EMU-0001" in bench.check("phasewire", "info", "--device", "usb:")
+
+    def flash(image: Image) -> tuple[str, ...]:
+        name = bench.guest.share(f"{image.version}.dfu", build(image))
+        return "phasewire", "flash", name, "--device", "usb:"
+
+    def begin(command: tuple[str, ...]) -> int:
+        program = bench.guest.start(*command, seconds=SLOW)
+        bench.python(IN_DFU_MODE.format(seconds=2 * random.random()), seconds=SLOW)
+        return program
+
+    program = begin(flash(made(4, size=60_000)))
+    bench.check("sh", "-c", INTERRUPTIONS["reset"])
+    done = bench.guest.wait(program)
+    assert "4.3.4" in done.out, done
+    newer = flash(made(5, size=60_000))
+    interrupt(bench, begin(newer), "killed")
+    bench.end_server(signal.SIGKILL)  # the power goes too
+    bench.serve("--flash", str(tmp_path / "flash"))
+    bench.attach("--loop")
+    assert firmware(bench) in ("0434", "0534")
+    assert "5.3.4" in bench.check(*newer, seconds=SLOW)
+    assert firmware(bench) == "0534"
 
 
 def interrupt(bench: Bench, program: int, how: str) -> None:
