@@ -26,7 +26,6 @@ __all__ = ["NEWEST", "PACKAGE", "GuestKernel", "fetch_kernel", "missing_programs
 PACKAGE = "linux-image-amd64"
 NEWEST = "trixie-backports"
 """Debian's suite with the newest kernel, besides the one of this computer."""
-MIRROR = "http://deb.debian.org/debian"
 KEYS = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
 LIST_SECONDS = 86400.0
 """The age after which a list of packages is fetched again."""
@@ -182,7 +181,7 @@ def _lists(suite: str, folder: Path) -> tuple[str, ...]:
     if not fetched.exists() or time.time() - fetched.stat().st_mtime > LIST_SECONDS:
         for place in ("state/lists/partial", "cache/archives/partial"):
             (folder / place).mkdir(parents=True, exist_ok=True)
-        sources.write_text(f"deb [arch=amd64 signed-by={KEYS}] {MIRROR} {suite} main\n")
+        sources.write_text(f"deb [arch=amd64 signed-by={KEYS}] {_archive()} {suite} main\n")
         try:
             _run("apt-get", *given, "update", "--quiet", "--error-on=any")
             fetched.touch()
@@ -190,6 +189,14 @@ def _lists(suite: str, folder: Path) -> tuple[str, ...]:
             if not fetched.exists():
                 raise
     return given
+
+
+def _archive() -> str:
+    """Debian's archive from which this computer installs packages."""
+    known = _run("apt-get", "indextargets", "--format", "$(REPO_URI)", "Identifier: Packages", "Label: Debian").split()
+    if not known:
+        raise OSError("apt knows no archive of Debian; run apt-get update")
+    return known[0]
 
 
 def _newest(options: tuple[str, ...]) -> list[str]:
