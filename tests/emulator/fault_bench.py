@@ -44,7 +44,7 @@ class Bench:
         return decode_reports(self.emulator.usb.control(Setup(0xC1, Request.PROCESSORS, 0, 0, 160)))
 
     def send(self, body: Body) -> Ack:
-        """Send a block and read its acknowledgement; the reason is for the test to judge."""
+        """Send a block and read its acknowledgement; the test judges the reason."""
         assert self.emulator.usb.bulk_out(0x01, pack(Block(body, self.sent))) is Handshake.ACK
         self.sent += 1
         *_, ack = (record for record in self.read() if isinstance(record, Ack))
@@ -56,7 +56,7 @@ class Bench:
         return records(answer) if isinstance(answer, bytes) else []
 
     def play(self, what: str, pulses: Pulses = FULL) -> None:
-        """Let it play, and let that begin everywhere."""
+        """Start playing, and wait until all outputs have begun."""
         if what == "update":
             assert self.send(Update(pulses)).reason is Reason.ACCEPTED
         else:
@@ -76,7 +76,7 @@ class Bench:
         return self.emulator.running.now_tick // 50
 
     def capture(self) -> Capture:
-        """Of the present, or of the last life."""
+        """The outputs of this run; those of the last one if no firmware runs."""
         return self.emulator.past[-1] if self.emulator.controller is None else self.emulator.capture()
 
     def loud(self, first: int, last: int) -> list[int]:
@@ -85,7 +85,7 @@ class Bench:
         return [int(count) for count in (words != 0).sum(axis=0)]
 
     def loud_now(self) -> list[int]:
-        """Of the last whole period."""
+        """The same in the last whole period."""
         last = self.emulator.capture().periods
         return self.loud(last - 1, last)
 

@@ -29,7 +29,7 @@ def pulses(width: int) -> Pulses:
 
 
 class Device:
-    """A whole device, a host at its USB bus, and what a logic analyser sees.
+    """A whole device, a host at its USB bus, and a logic analyser.
 
     Blocks are numbered from 0 on, unless a number is given.
     """
@@ -75,7 +75,7 @@ class Device:
         return pack(Block(body, number, restart))
 
     def send(self, body: Body, number: int | None = None) -> Ack:
-        """Send a block, which the device takes at once, and read its acknowledgement."""
+        """Send a block that the device takes at once, and read its acknowledgement."""
         block = self.pack(body, number)
         assert self.usb.bulk_out(0x01, block) is Handshake.ACK
         acks = [record for record in self.records() if isinstance(record, Ack)]
@@ -108,14 +108,14 @@ class Device:
         """The unsolicited records that wait on 81 IN."""
         return [record for record in self.records() if isinstance(record, Status)]
 
-    # Looking on, which changes nothing
+    # Observations; they change nothing
 
     @property
     def state(self) -> State:
         return self.emulator.running.state
 
     def status(self) -> Status:
-        """What STATUS would say; not a sign of life."""
+        """The answer to STATUS, without the sign of life that the request is."""
         self.emulator.running.settle()
         return self.emulator.running.status()
 
@@ -163,14 +163,14 @@ class Device:
         self.emulator.run_until_started()
 
     def set_temperature(self, celsius: int, processor: int = 3) -> None:
-        """Let a board have a temperature until the controller has heard of it."""
+        """Give a board a temperature, and wait until the controller knows it."""
         self.emulator.running.unfold()
         self.emulator.processors[processor].set_temperature(celsius)
         self.run_ms(12)
 
 
 class Terminal:
-    """Somebody at a serial line: text, and frames after `enter_frames`."""
+    """A host at a serial line: it sends text, and frames after `enter_frames`."""
 
     def __init__(self, line: SerialLine | None) -> None:
         assert line is not None
@@ -179,7 +179,7 @@ class Terminal:
         self._tag = 0
 
     def type(self, text: str) -> str:
-        """Type a line; what the terminal shows."""
+        """Type a line; returns what the terminal shows."""
         self.line.receive(f"{text}\r".encode("ascii"))
         return self.shown()
 
@@ -194,19 +194,19 @@ class Terminal:
         self._events()
 
     def frames(self) -> list[SerialFrame]:
-        """The frames that have come."""
+        """The received frames."""
         return [event for event in self._events() if isinstance(event, SerialFrame)]
 
     def records(self) -> list[Ack | Status]:
-        """The records that have come."""
+        """The received records."""
         return records(b"".join(frame.body for frame in self.frames() if frame.kind is FrameKind.RECORD))
 
     def told(self) -> list[Status]:
-        """The unsolicited records that have come."""
+        """The received unsolicited records."""
         return [record for record in self.records() if isinstance(record, Status)]
 
     def send(self, block: bytes) -> list[Ack | Status]:
-        """Send a block; the records that come at once."""
+        """Send a block; returns the records that come at once."""
         self.line.receive(encode(SerialFrame(FrameKind.BLOCK, block)))
         return self.records()
 

@@ -1,4 +1,4 @@
-"""A controller as serial lines see one: it judges and answers by the oracle of the specification, and plays nothing."""
+"""A controller for serial lines: it judges and answers by the oracle of the specification, and plays nothing."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ def update(sequence: int) -> bytes:
 
 
 class Nowhere(Door):
-    """A door behind which nobody is."""
+    """A door without a host."""
 
     def acknowledge(self, record: bytes) -> None:
-        """Nobody hears it."""
+        """Does nothing."""
 
     def notify(self, record: bytes) -> None:
-        """Nor this."""
+        """Does nothing."""
 
 
 class ModelController:
-    """What the lines use of the controller, and a record of what they did with it.
+    """The part of the controller that lines use; it records their calls.
 
     `room` is how many changes the queue can take; `status` are fields of the status record that differ from 0.
     """

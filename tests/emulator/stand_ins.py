@@ -1,4 +1,4 @@
-"""Stand-ins for what the doors speak to: a USB device and a serial line that do as they are told."""
+"""Stand-ins for a USB device and a serial line: they do as a test tells them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from phasewire.protocol.requests import Setup
 
 
 class StandInDevice:
-    """It takes packets while it has room, gives those that it was given, and notes what happens to it."""
+    """It takes packets while it has room, sends those that a test gave it, and notes what happens to it."""
 
     def __init__(self, speed: Speed = HIGH_SPEED) -> None:
         self.attached = True
@@ -51,7 +51,7 @@ class StandInDevice:
         return Handshake.ACK
 
     def stream_out(self, endpoint: int, data: memoryview, began: int, deadline: int) -> tuple[int, int]:
-        """As many whole packets as it was told to take at once, in the time of a high-speed bus."""
+        """The number of whole packets that it takes at once, in the time of a high-speed bus."""
         if self.streams is None:
             return 0, began
         scheduler, most = self.streams
@@ -86,7 +86,7 @@ class StandInDevice:
 
 
 class StandInLine:
-    """It says what it hears, in capitals, unless it is told to say something else."""
+    """It echoes what it receives in capitals, unless a test sets another answer."""
 
     def __init__(self) -> None:
         self.heard = b""

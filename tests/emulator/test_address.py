@@ -1,4 +1,4 @@
-"""What an ``emulator:`` URL asks for, and what is said where it asks for what cannot be."""
+"""The options of an ``emulator:`` URL, and the errors for those that cannot be."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED
 from phasewire.protocol.timing import FIVE_WIRE, TWO_WIRE
 
 
-def test_a_url_without_options_is_a_fresh_device_as_it_comes() -> None:
+def test_a_url_without_options_is_a_fresh_device_with_defaults() -> None:
     assert EmulatorUrl.parse("emulator:") == EmulatorUrl("", FIVE_WIRE, HIGH_SPEED, None, 115_200)
 
 
@@ -21,7 +21,7 @@ def test_all_options_of_a_fresh_device() -> None:
     assert EmulatorUrl.parse(url) == EmulatorUrl("", TWO_WIRE, FULL_SPEED, Path("a b/c.toml"), 3_000_000)
 
 
-def test_one_that_is_plugged_in_has_doors_only() -> None:
+def test_a_plugged_in_device_takes_options_of_doors_only() -> None:
     assert EmulatorUrl.parse("emulator:EMU-1?door=serial&baud=9600").serial == "EMU-1"
     assert EmulatorUrl.parse("emulator:EMU-1?door=usb").baud == 115_200
 
@@ -52,7 +52,7 @@ def test_bad_options_are_named(url: str, message: str) -> None:
         EmulatorUrl.parse(url)
 
 
-def test_faults_of_a_scenario_befall_the_fresh_device(tmp_path: Path) -> None:
+def test_a_fresh_device_gets_the_faults_of_its_scenario(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.toml"
     scenario.write_text('[[fault]]\nname = "dead-processor"\nprocessor = 3\nperiod = 4000\n')
     emulator = EmulatorUrl.parse(f"emulator:?faults={scenario}").make()

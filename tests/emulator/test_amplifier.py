@@ -57,6 +57,6 @@ def test_an_edge_delays_by_half_of_itself() -> None:
         ({"edge_s": 0.6e-6}, "edge_s 6e-07 s"),
     ],
 )
-def test_what_no_amplifier_is_is_refused(arguments: dict[str, float], message: str) -> None:
+def test_an_impossible_amplifier_is_refused(arguments: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Amplifier(**arguments)

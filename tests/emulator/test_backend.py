@@ -31,7 +31,7 @@ def plain() -> Plain:
 
 
 def fails(number: int, action: Callable[[], object]) -> bool:
-    """Whether an action raises an error of libusb with a number."""
+    """Whether an action raises the libusb error with this number."""
     with pytest.raises(usb.core.USBError) as raised:
         action()
     return bool(raised.value.errno == number)
@@ -71,14 +71,14 @@ def test_a_control_transfer_takes_a_frame(speed: Speed, seconds: float) -> None:
     assert (emulator.scheduler.now - before) / 400e6 == pytest.approx(seconds)
 
 
-def test_a_time_out_is_that_of_the_whole_transfer() -> None:
+def test_a_time_out_holds_for_the_whole_transfer() -> None:
     """At full speed 10 ms are enough for 190 packets, which are 23 blocks and 6 packets."""
     device = found(Emulator(speed=FULL_SPEED))
     device.set_configuration()
     assert device.write(0x01, bytes(512 * 40), timeout=10) == pytest.approx(190 * 64, abs=64)
 
 
-def test_a_time_out_of_0_is_none(plain: Plain) -> None:
+def test_a_time_out_of_0_waits_without_limit(plain: Plain) -> None:
     emulator, device = plain
     device.set_configuration()
 
@@ -103,7 +103,7 @@ def test_too_small_a_buffer_overflows(plain: Plain) -> None:
 
 
 def test_a_time_out_comes_before_later_events(plain: Plain) -> None:
-    """The watchdog, 100 ms ahead, is something to wait for, but not for this transfer."""
+    """The watchdog's event, 100 ms ahead, does not extend this transfer's time-out."""
     emulator, device = plain
     device.set_configuration()
     device.ctrl_transfer(0x41, 4, 0, 0, None)
@@ -149,8 +149,8 @@ def test_an_interface_is_held_by_one_handle(plain: Plain) -> None:
     usb.util.claim_interface(device, 2)
 
 
-def test_nobody_configures_while_an_interface_is_held(plain: Plain) -> None:
-    """Linux refuses it even to who holds it."""
+def test_a_held_interface_prevents_set_configuration(plain: Plain) -> None:
+    """Linux refuses it even to the program that holds the interface."""
     emulator, device = plain
     device.set_configuration()
     usb.util.claim_interface(device, 3)
@@ -209,7 +209,7 @@ def test_a_device_that_comes_back_is_another_one(plain: Plain) -> None:
     assert again.write(0x01, bytes(512)) == 512
 
 
-def test_a_device_that_comes_back_is_reset_when_it_is_looked_for(plain: Plain) -> None:
+def test_a_device_that_comes_back_is_reset_when_a_program_looks_for_it(plain: Plain) -> None:
     """Clause USB-020: a program that opens it again finds it reset."""
     emulator, device = plain
     device.set_configuration()
@@ -225,8 +225,8 @@ def test_a_device_that_comes_back_is_reset_when_it_is_looked_for(plain: Plain) -
     assert resets == [2]
 
 
-def test_who_waits_for_a_device_sees_it_come(plain: Plain) -> None:
-    """As after a restart; time that stood still would keep it away."""
+def test_a_program_that_waits_for_a_device_sees_it_come(plain: Plain) -> None:
+    """As after a restart: the device comes only if time passes while the program waits."""
     emulator, device = plain
     device.set_configuration()
     before = emulator.scheduler.now
@@ -260,14 +260,14 @@ def test_a_suspended_bus_carries_nothing(plain: Plain) -> None:
     assert device.write(0x01, bytes(512)) == 512
 
 
-def test_a_reset_of_what_is_not_configured_leaves_it_so(plain: Plain) -> None:
+def test_a_reset_leaves_an_unconfigured_device_unconfigured(plain: Plain) -> None:
     emulator, device = plain
     device.reset()
     assert emulator.usb.configuration == 0
 
 
-def test_a_device_that_a_reset_takes_away_is_not_found(plain: Plain) -> None:
-    """As libusb says of a device that has to be looked for anew."""
+def test_a_device_that_leaves_on_a_reset_is_not_found(plain: Plain) -> None:
+    """The error of libusb for a device that has to be found again."""
     emulator, device = plain
     device.set_configuration()
     with pytest.MonkeyPatch.context() as patch:
@@ -294,7 +294,7 @@ def test_link_and_speed_can_be_chosen() -> None:
     assert usb.core.find(backend=open_backend("emulator:")).speed == usb.util.SPEED_HIGH
 
 
-def test_a_serial_number_looks_among_those_that_are_plugged_in() -> None:
+def test_a_serial_number_selects_among_the_plugged_in_devices() -> None:
     with Emulator(serial="here") as emulator:
         device = usb.core.find(backend=open_backend("emulator:here"))
         assert device.serial_number == "here"
@@ -304,7 +304,7 @@ def test_a_serial_number_looks_among_those_that_are_plugged_in() -> None:
 # Time
 
 
-def test_waiting_by_a_device_s_time_lets_it_pass() -> None:
+def test_waiting_by_a_device_s_clock_lets_its_time_pass() -> None:
     emulators = [Emulator(), Emulator()]
     backend = EmulatorBackend(emulators)
     device = list(usb.core.find(backend=backend, find_all=True))[1]
@@ -314,6 +314,6 @@ def test_waiting_by_a_device_s_time_lets_it_pass() -> None:
     assert time.monotonic() - before == pytest.approx(0.25)
     assert (emulators[1].scheduler.now, emulators[0].scheduler.now) == (round(time.monotonic() * 400e6), others)
     time.sleep(1e-12)
-    assert emulators[1].scheduler.now > round((before + 0.25) * 400e6)  # no wait is none at all
+    assert emulators[1].scheduler.now > round((before + 0.25) * 400e6)  # each wait takes time
     with pytest.raises(ValueError, match=r"-1 seconds cannot pass"):
         time.sleep(-1)

@@ -1,4 +1,4 @@
-"""Batches: updates that are sent in one transfer are taken exactly as one by one."""
+"""Batches: the device takes updates in one transfer exactly as one by one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Sent = tuple[str, int]
 
 
 def packets(sent: list[Sent], since_period: int, number: int) -> list[bytes]:
-    """The blocks of a program, numbered from a number on, with what is wrong about some of them."""
+    """The blocks of a program, numbered from a number on; some are made wrong."""
     made, named = [], since_period + 6
     for what, value in sent:
         body: Any = Update(PULSES[value % 7])
@@ -74,7 +74,7 @@ def started(link: Link) -> tuple[Emulator, EmulatorBackend, Handle]:
 
 
 def outcome(emulator: Emulator) -> tuple[int, list[Any], Status, np.ndarray]:
-    """When it ended, all records, the status, and the bits of what plays then and after."""
+    """The time of its end, all records, the status, and the bits from then on."""
     ended, said = now(emulator), []
     while isinstance(packet := emulator.usb.bulk_in(0x81), bytes):
         said += records(packet)
@@ -95,7 +95,7 @@ KINDS = ["now"] * 8 + ["named"] * 6 + ["late", "far", "loud", "gap", "back", "si
     st.sampled_from([0, 0, QUEUE_BLOCKS - 2]),
     st.sampled_from([1, 2**32 - 5]),
 )
-def test_one_transfer_is_as_many(link: Link, sent: list[Sent], length: int, crowd: int, number: int) -> None:
+def test_one_transfer_is_the_same_as_many(link: Link, sent: list[Sent], length: int, crowd: int, number: int) -> None:
     """Times, acknowledgements, counters and bits are the same, wherever transfers begin and end and numbers wrap."""
     results = []
     for per_transfer in (1, length):
@@ -113,7 +113,7 @@ def test_one_transfer_is_as_many(link: Link, sent: list[Sent], length: int, crow
 
 
 @pytest.mark.parametrize(("link", "apart"), [(FIVE_WIRE, 1), (TWO_WIRE, 2)])
-def test_a_fresh_field_in_every_period_streams_on(link: Link, apart: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fresh_field_in_every_period_can_be_streamed(link: Link, apart: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """500 updates in transfers of 100 are nearly all taken in batches, and all play at their period."""
     taken: list[int] = []
     genuine = Controller.take

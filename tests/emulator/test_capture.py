@@ -1,4 +1,4 @@
-"""What the outputs play, against the continuous-time fundamental of a square wave worked out from its edges."""
+"""The outputs against the continuous-time fundamental of a square wave, computed from its edges."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def fundamental_of_edges(bits: np.ndarray) -> complex:
     return complex(2 / 50 / (1j * omega) * (np.exp(1j * omega * fall) - np.exp(1j * omega * rise)))
 
 
-def test_every_pulse_plays_the_fundamental_it_should() -> None:
-    """All 100 × 26 pairs of phase and width, played on all channels of the chain in turn.
+def test_every_pulse_plays_its_fundamental() -> None:
+    """All 100 × 26 pairs of phase and width, on all channels of the chain in turn.
 
-    Magnitude (2/π)·sin(πw/50); phase that of the centre, half a tick earlier where the pair has unequal parity.
+    Magnitude (2/π)·sin(πw/50); phase that of the centre, half a tick earlier if phase and width differ in parity.
     """
     pairs = [(phase, width) for phase in range(100) for width in range(26)]
     pairs += [(0, 0)] * (-len(pairs) % 320)
@@ -79,7 +79,7 @@ def test_nothing_sounds_before_the_boundary_and_everything_after(emulator: Emula
     assert not capture.bits(boundary + 25, boundary + 50).any()
 
 
-def test_bits_have_the_promised_form(emulator: Emulator) -> None:
+def test_bits_have_the_documented_form(emulator: Emulator) -> None:
     emulator.run(2)
     bits = emulator.capture().bits(10, 60)
     assert bits.shape == (50, 10)
@@ -125,7 +125,7 @@ def some_history(seed: int) -> History:
 
 @given(st.integers(0, 2**32 - 1))
 def test_drives_are_those_of_the_bits(seed: int) -> None:
-    """Looked up pulse by pulse, and from all edges of the bits where something might hold them."""
+    """Looked up pulse by pulse, and computed from all edges if a fault may hold outputs."""
     history = some_history(seed)
     plain = capture_of(history, BoardClock(), 24)
     held = capture_of(history, BoardClock(), 24, (Forced(0),))
@@ -151,7 +151,7 @@ def test_a_board_with_a_clock_of_its_own_plays_its_own_ticks(seed: int, late: in
         assert word == (exact[own] if own >= 0 else 0)
 
 
-def test_what_is_held_is_held_from_its_tick_on_until_it_is_let_go() -> None:
+def test_an_output_is_held_from_its_tick_on_until_its_release() -> None:
     history = some_history(1)
     plain = capture_of(history, BoardClock(), 24).bits(0, 1200)[:, 3]
     forced = (Forced(333, high=0b101, low=0b010), Forced(700, low=2**32 - 1), Forced(900))

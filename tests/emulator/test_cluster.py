@@ -37,7 +37,7 @@ def test_a_line_pulses_every_4096_periods_of_its_driver() -> None:
     ]
 
 
-def test_all_begin_with_a_pulse_so_that_boundaries_fall_together() -> None:
+def test_all_begin_with_a_pulse_so_that_boundaries_coincide() -> None:
     driver, *listeners = Cluster(3)
     for listener in listeners:
         apart = listener.running.time.origin - driver.running.time.origin
@@ -47,7 +47,7 @@ def test_all_begin_with_a_pulse_so_that_boundaries_fall_together() -> None:
 
 
 def test_a_field_begins_on_all_devices_in_the_same_tick() -> None:
-    """The clocks of all are asked, and the same moment is named to each in its own count."""
+    """A host reads all clocks, and names the same moment to each device in its own count."""
     with Cluster(4, serial="BIG") as cluster:
         cluster.run(50_000)
         full = Pulses(np.full(320, 25), np.full(320, 25))
@@ -63,13 +63,13 @@ def test_a_field_begins_on_all_devices_in_the_same_tick() -> None:
         assert len(set(moments)) == 1
 
 
-def test_a_listener_without_a_driver_begins_on_its_own_with_a_fault() -> None:
+def test_a_listener_without_a_driver_starts_with_a_fault() -> None:
     alone = configured(Emulator(sync=SyncLine()))
     assert alone.scheduler.now >= 5 * 400_000_000
     assert (status(alone).state, status(alone).faults) == (State.FAULT, Fault.SYNC)
 
 
-def test_listeners_notice_that_the_driver_began_anew() -> None:
+def test_listeners_notice_that_the_driver_restarted() -> None:
     driver, listener = Cluster(2)
     configured(listener)
     driver.power_down()

@@ -18,7 +18,7 @@ def console_of(controller: ModelController, detach: Callable[[], None] = lambda:
 
 
 def answer(controller: ModelController, line: str) -> str:
-    """What a line is answered, without its echo."""
+    """The answer to a line, without its echo."""
     text, _ = console_of(controller).feed(line.encode() + b"\r")
     return text.decode().removeprefix(line + "\r\n")
 
@@ -36,7 +36,7 @@ def test_the_exchanges_of_the_vectors(exchange: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize("state", State)
-def test_dfu_is_refused_where_the_state_has_no_way_to_it(state: State) -> None:
+def test_dfu_is_refused_in_states_that_do_not_allow_it(state: State) -> None:
     """A row of the table in STA-003 for DETACH names the states that have one."""
     (leaving,) = [row[0] for row in table("table: transitions") if row[1] == "`DETACH`"]
     controller = ModelController()

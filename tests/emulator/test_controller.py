@@ -1,4 +1,4 @@
-"""What a conformance case cannot see of the controller: every core cycle of arrival, messages, and what it logs."""
+"""What a conformance case cannot see of the controller: each core cycle of arrival, messages, and its log."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def ready(link: Link = FIVE_WIRE, *, unfolded: bool = False) -> Device:
 @pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE])
 @given(arrival=st.integers(0, 3 * PERIOD))
 def test_the_fifth_period_after_arrival_is_always_in_time(link: Link, arrival: int) -> None:
-    """Clause BLK-005; and no sooner than the hardware can, which the first period never is."""
+    """Clause BLK-005; and not before the hardware can: the first period is always too early."""
     device = ready(link)
     device.run_until(arrival)
     fifth = arrival // PERIOD + 5
@@ -86,7 +86,7 @@ def test_a_refusal_names_the_block_and_the_moment() -> None:
 
 
 @pytest.mark.parametrize(("link", "cycles_per_token"), [(FIVE_WIRE, 8), (TWO_WIRE, 20)])
-def test_messages_arrive_when_the_links_can_have_carried_them(
+def test_messages_arrive_after_the_links_have_carried_them(
     link: Link, cycles_per_token: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Sorting 15 µs, then 52 tokens a slice and 16 a commit one after the other, and 100 ns for each hop."""

@@ -26,7 +26,7 @@ IMAGE_A = 0x201000
 
 
 def made(minor: int, size: int = 9000) -> Image:
-    """An image of about so many bytes that look like nothing else."""
+    """An image of about so many random bytes."""
     body = np.random.default_rng(minor).bytes(size - 300)
     segments = (Segment(Target.ALL_PROCESSORS, body), Segment(Target.CONTROLLER, body[:72]))
     return Image(Version(3, minor, 0), segments)
@@ -65,7 +65,7 @@ class Bench:
         self.scheduler.run_until(self.scheduler.now + round(ms * MS))
 
     def poll(self) -> list[tuple[str, int]]:
-        """Ask until the device is not busy, waiting as long as it says; states and times in between."""
+        """Ask until the device is not busy, waiting as it says; returns the states and times in between."""
         seen = []
         for _ in range(200):
             reply = self.status()
@@ -76,7 +76,7 @@ class Bench:
         raise AssertionError(seen)
 
     def refuses(self, call: Callable[[], object]) -> DfuReply:
-        """What the device says of a request that it answers with STALL."""
+        """The status after a request that the device answers with STALL."""
         with pytest.raises(Stall):
             call()
         return self.status()
@@ -129,7 +129,7 @@ def test_a_slow_flash_is_waited_for() -> None:
 @pytest.mark.parametrize(
     ("times", "status"), [(FlashTimes(erase_ms=10_001), DfuStatus.ERASE), (FlashTimes(program_ms=2000), DfuStatus.PROG)]
 )
-def test_work_fails_that_is_not_over_after_ten_seconds(times: FlashTimes, status: DfuStatus) -> None:
+def test_flash_work_fails_after_ten_seconds(times: FlashTimes, status: DfuStatus) -> None:
     bench = Bench()
     bench.flash.times = times
     bench.out(DNLOAD, 0, BLOCKS[0])
@@ -167,7 +167,7 @@ def test_a_failure_is_seen_while_the_device_is_busy() -> None:
     assert bench.status() == error(DfuStatus.ERASE)
 
 
-def test_a_download_waits_for_what_the_flash_still_does() -> None:
+def test_a_download_waits_for_the_flash() -> None:
     """The flash goes on with the first sector after an error; the next download waits for it: 350 + 800 + 24 ms."""
     bench = Bench()
     bench.flash.times = FlashTimes(erase_ms=400, program_ms=3)
@@ -187,7 +187,7 @@ def test_a_download_waits_for_what_the_flash_still_does() -> None:
 # Resets: clause DFU-015
 
 
-def test_a_reset_lets_the_flash_finish_and_begins_nothing_more() -> None:
+def test_a_reset_lets_the_flash_finish_and_starts_no_more_work() -> None:
     bench = Bench()
     in_busy(bench)
     bench.wait(10)

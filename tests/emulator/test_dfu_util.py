@@ -26,7 +26,7 @@ def made(minor: int) -> Image:
 
 
 def built(folder: Path) -> Image:
-    """The same by the command line, as new.dfu."""
+    """The same image, built by the command line as new.dfu."""
     image = made(1)
     for target, data in image.segments:
         (folder / target.name).write_bytes(data)
@@ -48,7 +48,7 @@ FOUND = re.compile(r"Found (\w+): \[1209:000[12]\] ver=(\d+)")
 @needs("dfu-util")
 @pytest.mark.slow
 def test_an_image_is_downloaded_and_read_back(run: Runner, tmp_path: Path) -> None:
-    """What is uploaded is what would boot next: the image as it is stored, without the suffix."""
+    """The upload is the image that boots next, as it is stored: without the suffix."""
     emulator, new = Emulator(), built(tmp_path)
     script = f"""
         set -e

@@ -66,7 +66,7 @@ def test_the_session_of_the_specification_on_a_whole_device(usb: bool) -> None:
 
 
 class Program:
-    """A long random program for a whole device; all that it hears and sees is kept in `heard`."""
+    """A long random program for a whole device; `heard` keeps all its answers and outputs."""
 
     def __init__(self, seed: int, *, unfolded: bool, link: Link = FIVE_WIRE, faults: bool = False) -> None:
         self.random = np.random.default_rng(seed)

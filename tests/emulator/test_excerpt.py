@@ -27,7 +27,7 @@ def test_an_edge_on_the_first_tick_counts_and_one_on_the_tick_after_the_last_doe
 
 
 @given(wave=st.text("01", min_size=2, max_size=60), channel=st.integers(0, 319), data=st.data())
-def test_edges_are_where_neighbours_differ_however_time_is_cut(wave: str, channel: int, data: st.DataObject) -> None:
+def test_edges_are_where_neighbours_differ_in_any_chunks_of_time(wave: str, channel: int, data: st.DataObject) -> None:
     cut, chunk = data.draw(st.integers(1, len(wave) - 1)), data.draw(st.integers(1, 20))
     capture = HandMade.of({channel: wave})
     with pytest.MonkeyPatch.context() as patch:
@@ -47,7 +47,7 @@ def test_chunks_are_small_and_together_the_whole(monkeypatch: pytest.MonkeyPatch
     assert np.concatenate(chunks).T.tolist() == [[1, 1, 1, 0, 0, 0, 0], [0, 0, 1, 0, 1, 1, 0]]
 
 
-def test_everything_is_chosen_where_nothing_is_said() -> None:
+def test_the_default_is_everything() -> None:
     excerpt = Excerpt.of(HandMade.of({5: "0110"}))
     assert excerpt.channels == tuple(range(320))
     assert (excerpt.start, excerpt.stop) == (0, 4)
@@ -72,6 +72,6 @@ def test_names_and_transducers_follow_the_wiring(scrambled: Wiring) -> None:
         ([3], (-1, 3), "ticks -1 to 3 are no stretch"),
     ],
 )
-def test_what_cannot_be_excerpted_is_refused(channels: list[int], ticks: tuple[int, int], message: str) -> None:
+def test_an_impossible_excerpt_is_refused(channels: list[int], ticks: tuple[int, int], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Excerpt.of(HandMade.of({5: "0110"}), channels, ticks)

@@ -40,7 +40,7 @@ def played(scrambled: Wiring) -> Played:
 
 
 def sigrok(path: Path, *arguments: str) -> bytes:
-    """What sigrok-cli says of an export."""
+    """The output of sigrok-cli for an export."""
     if shutil.which("sigrok-cli") is None:
         pytest.skip("there is no sigrok-cli here")
     command = ["sigrok-cli", *READERS[path.suffix], "-i", str(path), *arguments]
@@ -59,7 +59,7 @@ class Cycle(NamedTuple):
 
 
 def cycles(path: Path, names: Sequence[str]) -> dict[str, list[Cycle]]:
-    """From one rise to the next, as sigrok's PWM decoder sees it: one decoder for each output."""
+    """The pulses from one rise to the next, by sigrok's PWM decoder: one decoder for each output."""
     decoders = [argument for name in names for argument in ("-P", f"pwm:data={name}")]
     told = sigrok(path, *decoders, "-A", "pwm", "--protocol-decoder-samplenum").decode()
     found: dict[str, list[Cycle]] = {name: [] for name in names}
@@ -73,7 +73,7 @@ def cycles(path: Path, names: Sequence[str]) -> dict[str, list[Cycle]]:
 
 @pytest.mark.parametrize("suffix", READERS)
 @pytest.mark.parametrize("outputs", OUTPUTS)
-def test_sigrok_reads_the_pulses_that_were_put_in(
+def test_sigrok_reads_the_exported_pulses(
     played: Played, outputs: int, suffix: str, scrambled: Wiring, tmp_path: Path
 ) -> None:
     """Clause PUL-004: from tick ⌊(phase − width)/2⌋ mod 50 on, `width` ticks of 50, which are 25 µs."""
@@ -89,7 +89,7 @@ def test_sigrok_reads_the_pulses_that_were_put_in(
     for name, found in cycles(path, list(transducers)).items():
         phase = int(played.pulses.phase[transducers[name]])
         width = int(played.pulses.width[transducers[name]])
-        # A pulse round the end of the period is cut at the boundary, where it begins to play.
+        # A pulse that wraps around the end of the period is cut at the boundary at which it begins to play.
         whole = [cycle for cycle in found if cycle.begins % 50 == (phase - width) // 2 % 50]
         assert len(whole) >= (2 if width else 0), name
         assert len(found) - len(whole) <= (1 if width else 0)
@@ -146,7 +146,7 @@ def test_outputs_are_chosen_by_transducer(scrambled: Wiring) -> None:
         ("t320", "no transducer 320; 0 to 319"),
     ],
 )
-def test_what_chooses_no_output_is_refused(text: str, message: str, scrambled: Wiring) -> None:
+def test_a_choice_of_no_output_is_refused(text: str, message: str, scrambled: Wiring) -> None:
     with pytest.raises(ValueError, match=message):
         chosen_channels(text, scrambled)
 
@@ -166,13 +166,13 @@ def test_a_suffix_may_be_in_capitals(tmp_path: Path) -> None:
     assert (tmp_path / "A.VCD").read_bytes().startswith(b"$")
 
 
-def test_a_session_file_holds_no_signals(tmp_path: Path) -> None:
+def test_a_session_file_cannot_have_signals(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"signals need \.vcd"):
         export(HandMade.of({0: "01"}), tmp_path / "a.sr", signals=[Signal("controller.state", 3, [])])
 
 
 @pytest.mark.parametrize("name", ["a.sr", "a.vcd"])
-def test_what_stood_there_stays_where_an_export_fails(name: str, tmp_path: Path) -> None:
+def test_a_failed_export_leaves_the_file_that_was_there(name: str, tmp_path: Path) -> None:
     class Failing(HandMade):
         def bits(self, start: int, stop: int) -> np.ndarray:
             raise MemoryError

@@ -1,4 +1,4 @@
-"""Each fault through the doors that a host has: what is reported, what the outputs do, what clears it."""
+"""Each fault as a host sees it: the report, the outputs, and what clears it."""
 
 from __future__ import annotations
 
@@ -101,20 +101,20 @@ def silent_within_ms(name: str) -> int:
 
 
 def outputs_that_stick(fault: InjectedFault) -> np.ndarray:
-    """Per processor, the bits that nothing can switch."""
+    """Per processor, the bits that cannot be switched."""
     words = np.zeros(10, np.uint32)
     if isinstance(fault, faults.StuckHigh):
         words[fault.processor] = 1 << fault.bit
     return words
 
 
-def test_one_of_each_is_there() -> None:
+def test_the_table_has_one_of_each_fault() -> None:
     assert {type(fault).name() for fault in ONE_OF_EACH.values()} == set(FAULTS)
 
 
 @pytest.mark.parametrize("what", PLAYS)
 @pytest.mark.parametrize("name", ONE_OF_EACH)
-def test_outputs_never_stay_on_unwatched(name: str, what: str) -> None:
+def test_outputs_do_not_stay_on_without_a_host(name: str, what: str) -> None:
     bench, fault = playing(what), ONE_OF_EACH[name]
     bench.emulator.inject(fault)
     bench.wait_ms(silent_within_ms(name) + 1)  # six periods (clause SAF-004), and what a message takes
@@ -131,11 +131,11 @@ def test_outputs_never_stay_on_unwatched(name: str, what: str) -> None:
         assert not goes_on
 
 
-# Messages that are damaged on their way
+# Damaged messages
 
 
-def test_a_message_for_nobody_blocks_the_chain() -> None:
-    """Node 0003 without its first token is 0301, which is below everybody (clauses CHN-021, CHN-023 and CHN-025)."""
+def test_a_message_without_a_receiver_blocks_the_chain() -> None:
+    """Node 0003 without its first token is 0301, beyond the end of the chain (clauses CHN-021, CHN-023 and CHN-025)."""
     bench = playing()
     bench.emulator.inject(faults.LostToken(message="slice", processor=3, token=0))
     bench.send(Update(HALF))
@@ -158,14 +158,14 @@ def test_a_message_for_nobody_blocks_the_chain() -> None:
 
 
 def restart(bench: Bench) -> None:
-    """RESET, until the device is configured again."""
+    """Send RESET, and wait until the device is configured again."""
     bench.order(Request.RESET)
     bench.wait_ms(0.2)
     bench.emulator.run_until_started()
     bench.configure()
 
 
-def test_a_processor_that_was_left_alone_is_asked_again_once_it_plays() -> None:
+def test_a_processor_that_was_given_up_is_asked_again_once_it_plays() -> None:
     bench = playing()
     bench.emulator.inject(faults.LostToken(message="slice", processor=8))
     bench.order(Request.DISABLE)
@@ -180,7 +180,7 @@ def test_a_processor_that_was_left_alone_is_asked_again_once_it_plays() -> None:
 
 
 def test_a_stop_that_is_lost_is_sent_again_too() -> None:
-    """The modulation of processor 2 would go on, silently, and be heard again with the next update."""
+    """Otherwise the modulation of processor 2 would go on, silently, and affect the next update."""
     bench = playing()
     bench.send(Samples(bytes([128]), 0))
     bench.send(AmplitudeModulation(first=0, count=1, hold=1))
@@ -199,8 +199,8 @@ def test_a_stop_that_is_lost_is_sent_again_too() -> None:
 # Links
 
 
-def test_behind_a_slow_link_commits_come_too_late() -> None:
-    """The slice for processor 9 fills the buffers back to link 3; what waits behind it is late too (clause CHN-020)."""
+def test_commits_over_a_slow_link_come_too_late() -> None:
+    """The slice for processor 9 fills the buffers back to link 3; later messages are late too (clause CHN-020)."""
     bench = playing()
     bench.emulator.inject(faults.SlowLink(link=9, cycles_per_symbol=200))
     ack = bench.send(Update(HALF))
@@ -232,7 +232,7 @@ def test_a_link_that_is_fast_again_carries_updates() -> None:
         (faults.DeadBoard(board=2), {4, 5}),
     ],
 )
-def test_what_is_dead_is_low_at_once_and_found_within_30_ms(fault: InjectedFault, dead: set[int]) -> None:
+def test_a_dead_part_is_low_at_once_and_found_within_30_ms(fault: InjectedFault, dead: set[int]) -> None:
     """Two questions without an answer (clause CHN-017), or a message that cannot leave (CHN-021)."""
     bench = playing()
     bench.emulator.run_until(bench.period + 1)
@@ -251,7 +251,7 @@ def test_what_is_dead_is_low_at_once_and_found_within_30_ms(fault: InjectedFault
     assert Fault.PROCESSOR in bench.status().faults
 
 
-def test_a_stuck_output_is_seen_by_nobody() -> None:
+def test_a_stuck_output_is_not_reported() -> None:
     bench = playing()
     bench.emulator.inject(faults.StuckHigh(processor=5, bit=7), faults.StuckLow(processor=5, bit=31))
     period = bench.period
@@ -267,7 +267,7 @@ def test_a_stuck_output_is_seen_by_nobody() -> None:
     assert bench.loud(0, 3) == [0] * 5 + [150] + [0] * 4
 
 
-def test_what_holds_an_output_twice_lets_go_twice() -> None:
+def test_an_output_that_two_faults_hold_is_free_after_both_end() -> None:
     bench = playing()
     stuck = faults.StuckHigh(processor=0, bit=0, periods=10)
     bench.emulator.inject(stuck, faults.StuckHigh(processor=0, bit=0, periods=20))
@@ -324,8 +324,8 @@ def test_a_slow_clock_moves_the_wave() -> None:
 
 
 @pytest.mark.parametrize("period", [4095, 4096, 9000, 30_000])
-def test_what_goes_wrong_late_puts_nobody_off_the_sync_line(period: int) -> None:
-    """Pulses came before anything went wrong; what the counters have passed since the last of them is no error."""
+def test_a_late_fault_without_a_clock_error_raises_no_sync(period: int) -> None:
+    """Pulses came before the fault; ticks since the last of them do not count as an error."""
     bench = playing("unattended")
     bench.emulator.run_until(period)
     bench.emulator.inject(faults.HotBoard(board=1, celsius=40))
@@ -370,7 +370,7 @@ def test_a_slow_processor_steps_late_through_a_sequence() -> None:
 # USB
 
 
-def test_a_record_with_a_wrong_bit_is_none() -> None:
+def test_a_record_with_a_wrong_bit_is_refused() -> None:
     bench = playing()
     bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x81, byte=16))
     with pytest.raises(ReplyError):
@@ -378,7 +378,7 @@ def test_a_record_with_a_wrong_bit_is_none() -> None:
     assert bench.send(NoOp()).reason is Reason.ACCEPTED
 
 
-def test_wrong_bits_wait_for_packets_that_are_taken_and_long_enough() -> None:
+def test_wrong_bits_go_into_packets_that_are_taken_and_long_enough() -> None:
     bench = playing()
     first = bench.period + 100
     for number in range(QUEUE_BLOCKS):
@@ -391,7 +391,7 @@ def test_wrong_bits_wait_for_packets_that_are_taken_and_long_enough() -> None:
     assert reasons == [Reason.CHECKSUM, Reason.CHECKSUM, Reason.ACCEPTED]
 
 
-def test_a_wrong_bit_strikes_a_stream_too() -> None:
+def test_a_stream_gets_a_wrong_bit_too() -> None:
     bench = playing()
     bench.emulator.inject(faults.FlippedUsbBit(endpoint=0x01, byte=300))
     updates = memoryview(b"".join(pack(Block(Update(HALF), number)) for number in range(1, 9)))
@@ -432,7 +432,7 @@ def test_a_suspended_bus_turns_the_outputs_off_until_enable() -> None:
 
 
 def test_the_watchdog_fires_when_the_host_falls_silent() -> None:
-    """Whatever it sends: 100 ms after the last sign of life that arrived (clause SAF-003)."""
+    """100 ms after the last sign of life that arrived, whatever else the host sends (clause SAF-003)."""
     bench = playing()
     last = bench.emulator.running.now_tick
     bench.emulator.inject(faults.SilentHost(periods=6000))
@@ -464,14 +464,14 @@ def test_a_device_without_power_does_not_start() -> None:
 
 
 def enter_dfu(bench: Bench) -> None:
-    """DETACH, and enumerate anew."""
+    """Send DETACH, and enumerate the device again."""
     bench.emulator.usb.control(Setup(0x21, 0, 1000, 3, 0))
     bench.wait_ms(100)
     bench.emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
 
 
 def download(bench: Bench) -> DfuReply:
-    """Send the factory's image as an upgrade, and see what comes of it."""
+    """Send the factory's image as an upgrade; returns the result."""
     usb, stored = bench.emulator.usb, FACTORY_IMAGE.encode()
     for number, block in enumerate((stored, b"")):
         usb.control(Setup(0x21, 1, number, 0, len(block)), block)
@@ -522,7 +522,7 @@ def test_a_flash_that_works_again_takes_the_image() -> None:
 
 
 def test_an_image_that_cannot_be_put_on_trial_is_not_started() -> None:
-    """What cannot be marked would be started for ever (clauses FWU-019 and FWU-020)."""
+    """An image that cannot be marked would be started for ever (clauses FWU-019 and FWU-020)."""
     bench = playing()
     enter_dfu(bench)
     assert download(bench).status is DfuStatus.OK
@@ -535,7 +535,7 @@ def test_an_image_that_cannot_be_put_on_trial_is_not_started() -> None:
     assert bench.status().faults == Fault.FLASH
 
 
-def test_where_nothing_in_the_flash_boots_the_device_stays_off_the_bus() -> None:
+def test_a_device_without_a_bootable_image_stays_off_the_bus() -> None:
     bench = playing()
     bench.emulator.inject(faults.StuckFlashBit(address=0x101000, bit=4, value=0))
     bench.order(Request.RESET)
@@ -546,7 +546,7 @@ def test_where_nothing_in_the_flash_boots_the_device_stays_off_the_bus() -> None
         bench.emulator.run_until_started()
 
 
-# What stays
+# Faults that outlast the power
 
 
 @pytest.mark.parametrize(
@@ -561,7 +561,7 @@ def test_where_nothing_in_the_flash_boots_the_device_stays_off_the_bus() -> None
         (faults.OpenTransducer(transducer=0), Fault(0)),
     ],
 )
-def test_what_is_broken_is_broken_after_a_power_cut(fault: InjectedFault, found: Fault) -> None:
+def test_a_broken_part_is_still_broken_after_a_power_cut(fault: InjectedFault, found: Fault) -> None:
     bench = Bench()
     bench.emulator.inject(fault)
     bench.emulator.inject(faults.PowerCut(periods=40))
@@ -590,12 +590,12 @@ def test_an_output_that_sticks_high_is_high_on_a_dead_board_too() -> None:
     assert np.unique(bench.emulator.capture().bits(last - 50, last)[:, 4]).tolist() == [1 << 3]
 
 
-# When
+# The time of a fault
 
 
 @pytest.mark.parametrize("ahead", [2, 50, 150])
-def test_a_fault_takes_place_at_its_period_whatever_a_door_does(ahead: int) -> None:
-    """In the midst of updates that are handed over together, and planned together."""
+def test_a_fault_begins_at_its_period_whatever_a_door_does(ahead: int) -> None:
+    """Among updates that a door hands over together, and the controller plans together."""
     bench = playing()
     period = bench.period + ahead
     bench.emulator.inject(faults.StuckHigh(processor=2, bit=0, period=period))
@@ -618,7 +618,7 @@ def test_a_fault_takes_place_at_its_period_whatever_a_door_does(ahead: int) -> N
     assert not high[:60].all()
 
 
-def test_a_period_that_is_over_is_named() -> None:
+def test_a_fault_in_a_past_period_is_refused() -> None:
     bench = Bench()
     bench.emulator.run_until(20)
     with pytest.raises(ValueError, match="bus-reset: period 19 is over; this is 20"):
@@ -628,7 +628,7 @@ def test_a_period_that_is_over_is_named() -> None:
         bench.emulator.inject(faults.BusReset(period=30))
 
 
-def test_a_restart_does_not_put_a_fault_off() -> None:
+def test_a_restart_does_not_delay_a_fault() -> None:
     bench = playing()
     bench.emulator.inject(faults.StuckHigh(processor=0, bit=0, period=bench.period + 400))
     at = bench.emulator.running.time.boundary(bench.period + 400)
@@ -639,7 +639,7 @@ def test_a_restart_does_not_put_a_fault_off() -> None:
     assert high.tolist() == [0] * 5 + [1] * 5
 
 
-def test_what_is_wrong_is_entered_into_the_log() -> None:
+def test_faults_are_logged() -> None:
     bench = playing()
     bench.emulator.inject(
         faults.StuckLow(processor=1, bit=2, periods=40), faults.LostToken(message="collect", processor=5)
@@ -680,7 +680,7 @@ def test_what_is_wrong_is_entered_into_the_log() -> None:
         (faults.SlowLink, {"link": 0, "cycles_per_symbol": 1}, "cycles_per_symbol = 1; it must be 2 to 2047"),
     ],
 )
-def test_fields_that_cannot_be_are_named(kind: type[InjectedFault], fields: dict[str, Any], complaint: str) -> None:
+def test_an_error_names_an_impossible_field(kind: type[InjectedFault], fields: dict[str, Any], complaint: str) -> None:
     with pytest.raises(ValueError, match=re.escape(complaint)):
         kind(**fields)
 

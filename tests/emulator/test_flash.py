@@ -20,7 +20,7 @@ def powered(flash: Flash) -> Scheduler:
 
 
 def programmed(address: int, data: bytes) -> tuple[Flash, Scheduler]:
-    """A flash of ones but for these bytes, and idle."""
+    """An idle flash, all ones except for these bytes."""
     flash = Flash()
     scheduler = powered(flash)
     flash.program(address, data)
@@ -54,7 +54,7 @@ def test_erasing_sets_a_sector_to_ones_and_wears_it() -> None:
     assert flash.erasures[2] == 2
 
 
-def test_it_takes_the_time_that_is_typical() -> None:
+def test_it_takes_the_typical_time() -> None:
     """Clause DFU-008: 60 ms for a sector, 1 ms for a page."""
     flash = Flash()
     scheduler = powered(flash)
@@ -68,7 +68,7 @@ def test_it_takes_the_time_that_is_typical() -> None:
     assert flash.busy_until == 24_400_000
 
 
-def test_a_slow_one_takes_longer() -> None:
+def test_a_slow_flash_takes_longer() -> None:
     flash = Flash(times=FlashTimes(erase_ms=400, program_ms=3))
     scheduler = powered(flash)
     flash.erase(0)
@@ -103,7 +103,7 @@ def test_erasing_is_by_sectors(address: int) -> None:
         flash.erase(address)
 
 
-def test_one_thing_at_a_time() -> None:
+def test_a_busy_flash_refuses_other_work() -> None:
     flash = Flash()
     scheduler = powered(flash)
     flash.program(0, b"\0")
@@ -115,7 +115,7 @@ def test_one_thing_at_a_time() -> None:
     flash.erase(0)
 
 
-def test_without_power_it_can_only_be_looked_at() -> None:
+def test_without_power_its_content_can_be_inspected_only() -> None:
     flash, _ = programmed(0, b"\x12")
     flash.cut_power()
     flash.cut_power()
@@ -136,7 +136,7 @@ def test_content_of_another_size_is_refused() -> None:
 
 
 def between(before: int, now: int, after: int) -> bool:
-    """Whether bits changed only where they were to change, in one direction."""
+    """Whether bits changed only in one direction, at the intended places."""
     return now & ~before == 0 and now & after == after
 
 
@@ -155,7 +155,7 @@ def test_a_page_cut_short_is_programmed_up_to_a_byte(data: bytes, passed: int, s
 
 
 def cut_erasure(passed: int, seed: int = 0, before: int = 0x5A) -> bytes:
-    """A sector whose erasure was cut short; what stands round it is not touched."""
+    """A sector whose erasure was cut short; the bytes around it are unchanged."""
     flash = Flash(bytes([before]) * FLASH_BYTES, seed=seed)
     scheduler = powered(flash)
     flash.erase(0x7000)
@@ -180,15 +180,15 @@ def test_an_erasure_cut_short_leaves_bits_of_both_values() -> None:
     assert set(cut_erasure(whole)) == {0xFF}
 
 
-def test_the_same_cut_leaves_the_same() -> None:
+def test_the_same_cut_leaves_the_same_bytes() -> None:
     at = 40 * MS
     assert cut_erasure(at) == cut_erasure(at)
     assert cut_erasure(at) != cut_erasure(at, seed=1)
     assert cut_erasure(at) != cut_erasure(at + 1)
 
 
-def test_the_power_fails_at_a_byte_of_what_is_written() -> None:
-    """A sector, then 7 bytes of which three are whole: they are after 3/7 of a millisecond, 171 428.6 cycles."""
+def test_the_power_fails_at_a_byte_of_a_write() -> None:
+    """A sector, then 7 bytes of which three are whole: these take 3/7 of a millisecond, 171 428.6 cycles."""
     flash, blown = Flash(), []
     scheduler = powered(flash)
     flash.cut_power_after(SECTOR + 3, lambda: blown.append(scheduler.now))
@@ -204,7 +204,7 @@ def test_the_power_fails_at_a_byte_of_what_is_written() -> None:
         flash.program(0, b"\0")
 
 
-def test_a_byte_that_is_not_written_cuts_nothing() -> None:
+def test_a_cut_at_a_byte_that_is_never_written_does_not_occur() -> None:
     flash, blown = Flash(), []
     scheduler = powered(flash)
     flash.cut_power_after(8, lambda: blown.append(scheduler.now))
@@ -219,7 +219,7 @@ def test_a_byte_that_is_not_written_cuts_nothing() -> None:
         flash.cut_power_after(-1)
 
 
-def test_a_cut_by_hand_comes_before_one_that_was_to_come() -> None:
+def test_a_cut_by_hand_precedes_a_planned_one() -> None:
     flash, blown = Flash(), []
     scheduler = powered(flash)
     flash.cut_power_after(3, lambda: blown.append(scheduler.now))
@@ -235,7 +235,7 @@ def test_a_cut_by_hand_comes_before_one_that_was_to_come() -> None:
 # Defects
 
 
-def test_what_fails_stays_as_it_is_and_says_so() -> None:
+def test_failed_work_changes_nothing_and_is_reported() -> None:
     flash, scheduler = programmed(0x1000, b"\x00")
     flash.defects.failing_sectors.add(1)
     flash.erase(0x1000)
@@ -259,7 +259,7 @@ def test_a_failure_that_is_cut_short_changes_nothing_either() -> None:
     assert flash.read(0x1000, 2) == b"\x00\xff"
 
 
-def test_a_protected_one_takes_nothing() -> None:
+def test_a_protected_flash_is_not_written() -> None:
     flash = Flash()
     powered(flash)
     assert flash.writable
@@ -272,7 +272,7 @@ def test_a_protected_one_takes_nothing() -> None:
     assert not flash.busy
 
 
-def test_stuck_bits_read_wrong_and_nothing_says_so() -> None:
+def test_stuck_bits_read_wrong_without_an_error() -> None:
     flash, scheduler = programmed(0, b"\x00\x0f")
     flash.defects.stuck_at_1[0] = 0x81
     flash.defects.stuck_at_0[1] = 0x03
@@ -287,7 +287,7 @@ def test_stuck_bits_read_wrong_and_nothing_says_so() -> None:
 # Files
 
 
-def test_it_survives_in_a_file(tmp_path: Path) -> None:
+def test_its_content_is_kept_in_a_file(tmp_path: Path) -> None:
     path = tmp_path / "flash.bin"
     flash, scheduler = programmed(0x12345, b"phasewire")
     flash.erase(0x3FF000)
@@ -309,7 +309,7 @@ def test_it_survives_in_a_file(tmp_path: Path) -> None:
         (1, " has 4198401 bytes; such a file may have at most 4198400"),
     ],
 )
-def test_another_file_is_refused(tmp_path: Path, change: int, found: str) -> None:
+def test_a_file_of_another_kind_is_refused(tmp_path: Path, change: int, found: str) -> None:
     path = tmp_path / "flash.bin"
     path.write_bytes(bytes(FLASH_BYTES + 4096 + change))
     with pytest.raises(InputFileError, match=f"flash.bin{found}"):

@@ -1,4 +1,4 @@
-"""What a port plays, against a list with one entry for each period."""
+"""A port's history against a list with one entry for each period."""
 
 from __future__ import annotations
 
@@ -70,13 +70,13 @@ def read(segments: Segments, first: int) -> tuple[list[int], list[int]]:
 
 
 @given(OPERATIONS)
-def test_every_period_plays_what_was_said_last(operations: list[Any]) -> None:
+def test_every_period_plays_what_was_set_last(operations: list[Any]) -> None:
     history, numbers, samples = carried_out(operations)
     assert read(history.segments(), 0) == (numbers, samples)
 
 
 @given(OPERATIONS, st.integers(0, PERIODS - 1))
-def test_what_is_forgotten_changes_nothing_after_it(operations: list[Any], period: int) -> None:
+def test_forgetting_the_past_does_not_change_the_rest(operations: list[Any], period: int) -> None:
     history, numbers, samples = carried_out(operations)
     before = history.segments()
     history.forget(period)
@@ -86,7 +86,7 @@ def test_what_is_forgotten_changes_nothing_after_it(operations: list[Any], perio
 
 
 @given(OPERATIONS, st.integers(0, PERIODS - 1))
-def test_what_plays_in_a_period_and_since_when(operations: list[Any], period: int) -> None:
+def test_segment_and_beginning_of_what_plays_in_a_period(operations: list[Any], period: int) -> None:
     history, numbers, _ = carried_out(operations)
     since, packed = history.segments().at(period)
     assert packed == pulses(numbers[period])
@@ -94,7 +94,7 @@ def test_what_plays_in_a_period_and_since_when(operations: list[Any], period: in
     assert len(set(numbers[since : period + 1])) == 1
 
 
-def test_a_history_holds_what_was_sent_not_time() -> None:
+def test_a_history_grows_with_blocks_not_with_time() -> None:
     """An hour of a looped sequence is one segment more."""
     history = History()
     history.run(5, [pulses(1), pulses(2)], np.array([0, 1]), np.array([100, 100]), 0)

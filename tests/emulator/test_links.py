@@ -1,4 +1,4 @@
-"""Tokens on the links: sums done by hand, and a simulation that moves every token, place and credit by itself."""
+"""Tokens on the links, against sums by hand and a simulation that moves each token, place and credit."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def chain(link: Link = FIVE_WIRE) -> Links:
 
 
 def slow(cycles: int) -> Link:
-    """A link of so many cycles a token."""
+    """A link that takes so many cycles for a token."""
     return Link("slow", wires=5, symbols_per_token=4, token_delay=cycles - 8)
 
 
@@ -94,9 +94,9 @@ def test_answers_meet_at_a_switch() -> None:
     """Processor 0 holds link 0 from 0 to 520; what comes from processor 2 waits at its switch from 80 on."""
     links = chain()
     assert links.up(0, 65, 0) == (0, 0, 520, 560)
-    # 28 tokens follow END on link 0. Ahead of it wait 8 behind link 1 and 8 behind link 2; the rest has not begun. The
+    # 28 tokens follow END on link 0. Before it 8 wait after link 1 and 8 after link 2; the rest has not begun. The
     # first leaves link 1's buffer at 528; the one that then may follow begins on link 1 at 536, and from there frees a
-    # place behind link 2 at 544, whose credit is with the sender at 552. Its 17th to 28th token take 12 · 8 from there.
+    # place after link 2 at 544, whose credit is with the sender at 552. Its 17th to 28th token take 12 · 8 from there.
     assert links.up(2, 28, 0) == (2, 0, 552 + 96, 520 + 28 * 8 + 40)
 
 
@@ -120,7 +120,7 @@ def test_a_slow_link_fills_the_buffer_before_it() -> None:
     assert links.down(0, COLLECT, 0) == (0, 1088, 1648 + 8 + 8, 1640 + 9 * 8)
 
 
-def test_what_waited_goes_into_a_channel_end_as_fast_as_it_came() -> None:
+def test_waiting_tokens_enter_a_channel_end_as_fast_as_they_came() -> None:
     """On 2-wire links, 20 cycles a token: the last of 20 tokens leaves link 0's buffer at 40 + 20·80."""
     links = chain(TWO_WIRE)
     links.set_link(1, slow(80))
@@ -129,7 +129,7 @@ def test_what_waited_goes_into_a_channel_end_as_fast_as_it_came() -> None:
     assert links.down(0, COLLECT, 0).arrives == 1640 + 9 * 20
 
 
-def test_places_that_were_taken_before_a_fault_are_still_taken() -> None:
+def test_places_taken_before_a_fault_stay_taken() -> None:
     """Eight messages of a token each end on link 0 every 30 cycles; each place is the sender's again 150 + 60 later."""
     links = Links([slow(30)] * 10, 150, 60)
     for _ in range(8):
@@ -138,7 +138,7 @@ def test_places_that_were_taken_before_a_fault_are_still_taken() -> None:
     assert links.down(0, 3, 0) == (0, 240, 90 + 210 + 8, 308 + 150)
 
 
-def test_a_fast_link_behind_a_slow_one_is_held_as_long() -> None:
+def test_a_fast_link_after_a_slow_one_is_held_as_long() -> None:
     """It cannot send what has not come; of each token the last symbol is there 40 cycles after it came."""
     links = chain()
     links.set_link(0, slow(80))
@@ -166,7 +166,7 @@ def test_a_slower_switch_slows_the_links() -> None:
 # What holds everything up
 
 
-def test_what_a_blocked_processor_leaves_room_for() -> None:
+def test_the_room_before_a_blocked_processor() -> None:
     """The switch takes 3 tokens off, the channel end holds 8, and so does the buffer before it: 19 leave, no more."""
     for tokens in (19, 20):
         links = chain()
@@ -177,7 +177,7 @@ def test_what_a_blocked_processor_leaves_room_for() -> None:
 
 
 def test_a_blocked_processor_holds_up_others() -> None:
-    """11 tokens at processor 9 and 8 behind each of ten links: 91 have room, and whoever comes next waits for ever."""
+    """11 tokens at processor 9 and 8 after each of ten links: 91 have room, and the next one waits for ever."""
     links = chain()
     links.block(9)
     assert links.down(9, SLICE, 0).leaves == 416
@@ -198,7 +198,7 @@ def test_a_message_that_fits_into_the_buffer_of_a_blocked_processor_leaves_the_r
     assert links.down(9, COLLECT, 144) == (9, None, None, None)
 
 
-def test_a_cut_link_swallows_what_it_has_credit_for() -> None:
+def test_a_cut_link_swallows_tokens_up_to_its_credit() -> None:
     links = chain()
     links.cut(5)
     assert links.down(4, SLICE, 0) == (4, 0, 416, 416 + 200)
@@ -215,7 +215,7 @@ def test_a_cut_link_swallows_what_it_has_credit_for() -> None:
     assert links.up(4, COLLECT, 72).arrives == 144 + 200
 
 
-def test_a_message_for_nobody_stays_in_the_last_switch() -> None:
+def test_a_message_without_a_receiver_stays_in_the_last_switch() -> None:
     """Clause CHN-023: eighty tokens have room, and the next message none."""
     links = chain()
     assert links.down(9, COLLECT, 0, reached=False) == (9, 0, 72, None)
@@ -234,8 +234,8 @@ def test_an_open_route_swallows_the_next_message_up_to_its_end(make: Make) -> No
     assert links.down(7, SLICE, 0) == (7, 824, 1240, 1240 + 320)
 
 
-def test_what_runs_into_an_open_route_keeps_its_header() -> None:
-    """8 places, of which the first message takes 5 and the second all 3 others: none is for its fourth token."""
+def test_a_message_that_enters_an_open_route_keeps_its_header() -> None:
+    """Of 8 places the first message takes 5 and the second the other 3: its fourth token has no room."""
     links = chain()
     links.block(0)
     links.down(0, 3 + 5, 0, ends=False)
@@ -243,7 +243,7 @@ def test_what_runs_into_an_open_route_keeps_its_header() -> None:
     assert links.down(1, 1, 0) == (1, None, None, None)
 
 
-def test_an_open_route_to_the_controller_is_its_sender_s() -> None:
+def test_an_open_route_to_the_controller_belongs_to_its_sender() -> None:
     links = chain()
     links.up(3, COLLECT - 1, 0, ends=False)
     assert links.up(5, COLLECT, 0) == (5, None, None, None)
@@ -276,7 +276,7 @@ def test_wrong_arguments_are_refused_by_name() -> None:
         links.block(-1)
 
 
-def test_nothing_slow_is_imported_while_nothing_is_held_up() -> None:
+def test_no_slow_import_without_congestion() -> None:
     code = (
         "import sys; from phasewire.emulator.boards.links import Links;"
         "from phasewire.protocol.timing import FIVE_WIRE;"
@@ -286,7 +286,7 @@ def test_nothing_slow_is_imported_while_nothing_is_held_up() -> None:
     assert ended.stdout.strip() == "False"
 
 
-# The simulation. Switches, buffers and credits are moved one token at a time, in the order of time; it knows nothing of
+# The simulation. Switches, buffers and credits are moved one token at a time, in the order of time; it does not use
 # recurrences. An input is a buffer behind a link or a sender, an output is a link or a channel end.
 
 
@@ -361,7 +361,7 @@ class Simulation:
                 pass
 
     def wanted(self, source: Input, message: Sent) -> Output | None:
-        """Where a header leads; None: to nobody."""
+        """The processor to which a header leads; None if there is none."""
         if self.upward:
             here = message.processor + 1 if source.link is None else source.link
             return self.links[here - 1] if here else self.channel_ends[0]
@@ -451,7 +451,7 @@ DELAYS = st.integers(0, 24) | st.integers(0, 120)
 
 @st.composite
 def messages(draw: st.DrawFn, upward: bool) -> tuple[list[Sent], list[int]]:
-    """Messages, some without END, between faults that come at any time; and who gets or sends each."""
+    """Messages, some without END, between faults at any time; and the processor that gets or sends each."""
     alike = draw(st.booleans())
     cycles = [draw(CYCLES)] * 10 if alike else draw(st.lists(CYCLES, min_size=10, max_size=10))
     cut: set[int] = set()
@@ -483,7 +483,7 @@ def messages(draw: st.DrawFn, upward: bool) -> tuple[list[Sent], list[int]]:
 
 
 def carried(links: Links, sent: list[Sent], upward: bool) -> Iterator[tuple[Passage, list[LinkSpan]]]:
-    """What the model says of each message, with the faults set when they come."""
+    """The model's result for each message; faults begin at their times."""
     before = sent[0]
     for message in sent:
         for index, (old, new) in enumerate(zip(before.cycles, message.cycles, strict=True)):

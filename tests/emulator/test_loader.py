@@ -43,7 +43,7 @@ IMAGES = {Bank.FACTORY: FACTORY_IMAGE, Bank.A: image(1), Bank.B: image(2)}
 
 
 def stored(**banks: tuple[int, tuple[int, int]]) -> Flash:
-    """A flash with images in the banks that are named, each with its generation and its marks; it has power."""
+    """A powered flash with images in some banks, each with its generation and its marks."""
     content = bytearray(make_flash(IDENTITY).read(0, FLASH_BYTES))
     for name, (generation, (started, confirmed)) in banks.items():
         at, data = ADDRESSES[Bank[name]], IMAGES[Bank[name]].encode()
@@ -74,7 +74,7 @@ def test_a_new_flash_boots_the_factory_s_image() -> None:
     assert not flash.busy  # there was nothing to write
 
 
-def test_a_flash_says_whose_it_is(scrambled: Wiring) -> None:
+def test_a_flash_holds_its_device_s_identity(scrambled: Wiring) -> None:
     keys = tuple(Ed25519PrivateKey.from_private_bytes(bytes([n]) * 32).public_key() for n in range(3))
     identity = DeviceIdentity.read(make_flash(DeviceIdentity("A.b-c_9", scrambled, keys)))
     assert identity.serial == "A.b-c_9"
@@ -92,7 +92,7 @@ def test_a_flash_without_an_identity_is_refused(text: bytes) -> None:
         DeviceIdentity.read(flash)
 
 
-def test_a_key_that_is_none_is_refused() -> None:
+def test_bytes_that_are_no_key_are_refused() -> None:
     fields = json.loads(IDENTITY.encode()) | {"keys": ["abcd"]}
     text = json.dumps(fields).encode()
     with pytest.raises(InputFileError):
@@ -102,7 +102,7 @@ def test_a_key_that_is_none_is_refused() -> None:
 # Which image boots: clauses FWU-019 and FWU-020
 
 
-def test_an_image_that_nobody_marked_is_not_run_from_a_blank_flash() -> None:
+def test_an_unmarked_image_is_not_run_from_a_blank_flash() -> None:
     flash = Flash()
     flash.power_up(Scheduler())
     with pytest.raises(DeviceError, match="never written"):
@@ -112,13 +112,13 @@ def test_an_image_that_nobody_marked_is_not_run_from_a_blank_flash() -> None:
 # Trials
 
 
-def test_nothing_is_written_to_a_record_that_is_confirmed() -> None:
+def test_a_confirmed_record_is_not_written() -> None:
     flash = stored(A=(0, (ERASED, WRITTEN)))
     assert boot(flash).bank is Bank.A
     assert not flash.busy
 
 
-def test_what_is_not_there_is_not_confirmed() -> None:
+def test_a_bank_without_a_trial_is_not_confirmed() -> None:
     flash = stored()
     confirm(flash, Bank.A)
     confirm(flash, Bank.FACTORY)
@@ -130,7 +130,7 @@ def test_what_is_not_there_is_not_confirmed() -> None:
     ("written", "runs"), [(0, "AB"), (1, "A"), (2, "A"), (3, "A"), (4, "AB"), (5, "B"), (6, "B"), (7, "B")]
 )
 def test_a_mark_cut_short_counts_from_its_first_bit_on(written: int, runs: str) -> None:
-    """Four bytes say that it was started, four that it came up; of a half byte no bit may be written."""
+    """Four bytes say that it was started, four that it came up; the byte at a cut may have any of its bits."""
     flash = stored(A=(4, CAME_UP), B=(5, NEVER))
     scheduler = Scheduler()
     flash.power_up(scheduler)
@@ -148,7 +148,7 @@ def test_a_mark_cut_short_counts_from_its_first_bit_on(written: int, runs: str) 
     assert boot(flash).bank.name in runs
 
 
-def test_an_image_whose_trial_cannot_be_noted_is_not_started() -> None:
+def test_an_image_whose_trial_cannot_be_marked_is_not_started() -> None:
     flash = stored(A=(4, CAME_UP), B=(5, NEVER))
     flash.defects.write_protected = True
     assert boot(flash) == Boot(Bank.A, IMAGES[Bank.A], Fault.FLASH)
@@ -165,7 +165,7 @@ Banks = dict[str, tuple[int, tuple[int, int]]]
 
 
 def given_up(flash: Flash) -> list[int]:
-    """Give the upgrades up, and say when each step was over, in ms."""
+    """Void the upgrades; returns the end of each step, in ms."""
     scheduler = Scheduler()
     flash.power_up(scheduler)
     times = []
@@ -175,7 +175,7 @@ def given_up(flash: Flash) -> list[int]:
     return times
 
 
-def test_what_cannot_be_given_up_stays_and_the_newer_with_it() -> None:
+def test_an_upgrade_that_cannot_be_voided_stays_and_the_newer_with_it() -> None:
     both: Banks = {"A": (4, CAME_UP), "B": (5, CAME_UP)}
     flash = stored(**both)
     flash.defects.write_protected = True
@@ -191,7 +191,7 @@ def test_what_cannot_be_given_up_stays_and_the_newer_with_it() -> None:
     assert boot(flash) == Boot(Bank.B, IMAGES[Bank.B], Fault(0))
 
 
-def test_a_bit_that_stays_in_a_record_does_no_harm_where_it_is_none_any_more() -> None:
+def test_a_stuck_bit_in_a_voided_record_does_no_harm() -> None:
     flash = stored(A=(4, CAME_UP), B=(5, CAME_UP))
     flash.defects.stuck_at_1[0x200000] = 0x40
     assert given_up(flash) == [1, 2]

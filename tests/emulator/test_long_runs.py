@@ -1,4 +1,4 @@
-"""What a device that runs for days must keep to: nothing grows, and nothing is forgotten that matters."""
+"""A device that runs for days: memory does not grow, and what is still needed is kept."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FULL = Pulses(np.full(320, 25), np.full(320, 25))
 
 
 def events(emulator: Emulator) -> int:
-    """How many wait, far and near."""
+    """The number of waiting plans, far and near."""
     return len(emulator.scheduler._queue)
 
 
@@ -62,7 +62,7 @@ def test_a_stuck_bit_does_not_silence_its_port_after_hours() -> None:
     assert counts.tolist() == [31 * 25 + 50, *[32 * 25] * 9]
 
 
-def test_plans_leave_nothing_behind() -> None:
+def test_dropped_plans_take_no_memory() -> None:
     """Far changes that are dropped, and sequences that would end in years."""
     device = Device(Emulator())
     device.send(Slot(0, HALF))
@@ -79,7 +79,7 @@ def test_plans_leave_nothing_behind() -> None:
     assert max(counts[10:]) <= max(counts[:10])
 
 
-def test_what_is_in_use_and_what_lies_over_it_is_bounded() -> None:
+def test_the_list_of_what_is_in_use_is_bounded() -> None:
     device = Device(Emulator(history_periods=200), enabled=True)
     device.send(Slot(0, FULL))
     device.send(Entries((Entry(0, 100),)))
@@ -104,7 +104,7 @@ def test_a_device_that_restarted_is_not_kept() -> None:
     assert before() is None
 
 
-def test_a_branch_that_ended_leaves_the_rest() -> None:
+def test_the_end_of_a_branch_does_not_affect_other_events() -> None:
     scheduler = Scheduler()
     seen: list[int] = []
     branch, other = Branch(scheduler), Branch(scheduler)
@@ -134,7 +134,7 @@ def test_a_late_sequence_does_not_begin_on_a_processor_that_was_silenced_meanwhi
     assert not device.emulator.capture().bits(end - 2000, end)[:, 3].any()
 
 
-def test_stores_for_a_broken_chain_are_refused_not_put_off() -> None:
+def test_stores_for_a_broken_chain_are_refused_and_not_delayed() -> None:
     device = Device(Emulator(unfolded=True), enabled=True)
     device.emulator.inject(faults.DeadProcessor(processor=0))
     for number in range(20):
@@ -145,7 +145,7 @@ def test_stores_for_a_broken_chain_are_refused_not_put_off() -> None:
     assert device.send(NoOp()).reason is Reason.ACCEPTED
 
 
-def test_watching_goes_on_after_a_restart() -> None:
+def test_a_tracer_goes_on_after_a_restart() -> None:
     device = Device(Emulator(), enabled=True)
     device.emulator.watch()
     device.send(Update(HALF))
@@ -194,7 +194,7 @@ def test_listeners_are_kept_once() -> None:
     assert heard == [7]
 
 
-def test_an_excerpt_of_a_capture_that_has_forgotten_begins_where_that_does() -> None:
+def test_an_excerpt_begins_where_the_capture_s_memory_does() -> None:
     device = Device(Emulator(history_periods=100), enabled=True)
     device.send(Update(FULL))
     device.run(1000)

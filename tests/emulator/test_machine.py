@@ -12,7 +12,7 @@ from tests.emulator.passing import now, pass_until
 from tests.strategies import update
 
 
-def test_it_is_open_for_as_long_as_it_is_used() -> None:
+def test_it_is_open_within_its_context_only() -> None:
     with Emulator(serial="A") as first, Emulator(serial="B") as second:
         assert open_emulators() == [first, second]
         assert first.url == "emulator:A"
@@ -36,7 +36,7 @@ def test_impossible_clock_offsets_are_named(offsets: dict[int, int]) -> None:
         Emulator(clock_offset_ticks=offsets)
 
 
-def test_links_slower_than_info_can_tell_are_refused() -> None:
+def test_links_slower_than_info_can_state_are_refused() -> None:
     with Emulator(link=Link("slow", 2, 10, cycles_per_symbol=255)) as emulator, open_device(emulator.url) as device:
         assert device.info.cycles_per_symbol == 255
     with pytest.raises(ValueError, match="256 core cycles a symbol: INFO tells at most 255"):
@@ -94,7 +94,7 @@ def test_serial_numbers_that_no_url_can_name_are_refused(serial: str) -> None:
         Emulator(serial=serial)
 
 
-def test_what_the_outputs_did_long_ago_can_be_forgotten() -> None:
+def test_old_output_can_be_forgotten() -> None:
     emulator = Emulator(history_periods=400)
     twin = Emulator()
     for device in (emulator, twin):

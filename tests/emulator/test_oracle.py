@@ -1,4 +1,4 @@
-"""Random programs on the emulated device, held against an oracle that was written from the specification alone."""
+"""Random programs on the emulated device, against an oracle that was written from the specification alone."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class Bench:
         return int(ack["reason"])
 
     def read_back(self) -> None:
-        """Ask for what plays (REQ-007)."""
+        """Read what plays (REQ-007)."""
         asked = self.period
         answer = spec.read_back(self.ask(Request.PULSES))
         self.referee.poll(self.cycle, self.records())
@@ -161,7 +161,7 @@ class Bench:
         return self.referee.block(self.cycle, data, record)
 
     def finish(self, first: int) -> Words:
-        """Let everything that was accepted take effect, and hold the bits of the ports against the referee's."""
+        """Let all that was accepted take effect, and compare the bits of the ports with the referee's."""
         last = max([self.cycle, *(change.period * PERIOD for change in self.referee.changes)])
         self.until(last + 20 * PERIOD)
         end = self.period
@@ -238,7 +238,7 @@ OUTPUTS = step("output", action=st.sampled_from([1, 1, 1, 2, 2, 3]), ahead=AHEAD
 SIGNS = st.one_of(step("no_op", **HOW), step("clock", **HOW), step("status"), step("damaged"))
 SWITCHES = st.one_of(step("disable"), step("configure"), step("limit", transducers=st.sampled_from([140, 160, 320])))
 ENABLES = step("enable")
-# A list of strategies, because alternatives that stand there twice are no more likely
+# A list of strategies, because an alternative that stands in it twice is no more likely
 KINDS = [*[UPDATES] * 6, STORES, STORES, *[SEQUENCES] * 4, MODULATIONS, MODULATIONS, OUTPUTS, SIGNS, SWITCHES, ENABLES]
 STEPS = st.sampled_from(KINDS).flatmap(lambda kind: kind)
 PROGRAMS = st.lists(STEPS, min_size=10, max_size=60)
@@ -260,7 +260,7 @@ FIELDS = ("first", "count", "hold", "repeats", "action", "entries", "samples")
 
 
 def carry_out(bench: Bench, what: str, value: dict[str, Any]) -> None:
-    """Let the host of a bench do one thing."""
+    """Carry out one step of the host."""
     fields = {
         name: value[name]
         for name in ("first", "count", "hold", "repeats", "action", "entries", "samples")
@@ -304,9 +304,9 @@ BASES = st.sampled_from([3, 1300, 2610, 4080])
 
 
 def compare(link: Link, base: int, steps: Sequence[Step]) -> None:
-    """Play a program on the folded and on the unfolded device: both keep the clauses, and a host sees no difference.
+    """Play a program on the folded and the unfolded device: both keep the clauses, and answer alike with one exception.
 
-    But one: a sequence or a modulation that waits for stores may come a period apart, as questions take the place of
+    A sequence or a modulation that waits for stores may come a period apart, as questions take the place of
     loads here and there (see `chain`). From there on the two are different programs.
     """
     folded, unfolded = (Bench(link, unfolded=way) for way in (False, True))
@@ -357,7 +357,7 @@ DROPPED = [
 @example(steps=DROPPED)
 @settings(max_examples=10)
 @given(steps=st.lists(st.one_of(UPDATES, STORES, SEQUENCES, SWITCHES, ENABLES), min_size=5, max_size=20))
-def test_what_is_dropped_holds_nothing_up(steps: list[Step]) -> None:
+def test_a_dropped_change_delays_nothing(steps: list[Step]) -> None:
     """DISABLE comes while stores, updates and programs wait for each other."""
     compare(TWO_WIRE, 3, [*FILLED, *steps])
 
@@ -366,7 +366,7 @@ def test_what_is_dropped_holds_nothing_up(steps: list[Step]) -> None:
 
 
 def busy(bench: Bench, seed: int) -> None:
-    """Let the host of a bench keep the chain busy for some dozen periods, then disable the outputs at any moment."""
+    """Keep the chain busy for some dozen periods, then disable the outputs at any moment."""
     rng = np.random.default_rng(seed)
     bench.watchdog(1000)
     bench.until(3 * PERIOD)
@@ -476,7 +476,7 @@ def test_a_change_may_be_2_to_the_32_periods_ahead_and_no_further(bench: Bench) 
     bench.finish(3)
 
 
-def test_the_drive_limit_holds_for_what_is_stored_and_for_what_was(bench: Bench) -> None:
+def test_the_drive_limit_holds_for_new_and_earlier_stores(bench: Bench) -> None:
     """Clause SAF-006: a pulse of 25 ticks has the power 1000, one of a tick 4."""
     at_limit = ((0, 25),) * 100 + ((0, 0),) * 220
     above = ((0, 25),) * 100 + ((0, 1),) + ((0, 0),) * 219
@@ -522,7 +522,7 @@ def test_what_plays_is_in_use_until_the_boundary_at_which_it_ends(bench: Bench) 
     bench.finish(3)
 
 
-def test_reading_what_plays_holds_no_load_up_that_a_sequence_needs(bench: Bench) -> None:
+def test_read_back_does_not_delay_a_load_that_a_sequence_needs(bench: Bench) -> None:
     bench.until(3 * PERIOD)
     bench.enable()
     for slot in range(15):
@@ -546,7 +546,7 @@ def test_reading_what_plays_holds_no_load_up_that_a_sequence_needs(bench: Bench)
 @BOTH_LINKS
 @pytest.mark.parametrize("sign", ["no_op", "clock", "status", "enable"])
 @pytest.mark.parametrize("moment", [0, 1, 199, 9999])
-def test_the_watchdog_waits_to_the_cycle_and_no_longer_than_a_period(link: Link, sign: str, moment: int) -> None:
+def test_the_watchdog_fires_within_a_period_of_its_time(link: Link, sign: str, moment: int) -> None:
     """Clause SAF-003: the status record that it sends says when it fired, and the referee judges that."""
     bench = Bench(link)
     bench.until(3 * PERIOD)
@@ -566,7 +566,7 @@ def test_the_watchdog_waits_to_the_cycle_and_no_longer_than_a_period(link: Link,
 
 @pytest.mark.parametrize("repeats", [0, 2])
 def test_the_watchdog_rests_while_a_sequence_plays_unattended(bench: Bench, repeats: int) -> None:
-    """It starts anew with the end of the sequence, or the update that ends it (clauses SAF-005 and STA-003)."""
+    """It restarts at the end of the sequence, or at the update that ends it (clauses SAF-005 and STA-003)."""
     bench.watchdog(10)
     bench.until(3 * PERIOD)
     bench.enable()
@@ -588,14 +588,14 @@ def test_the_watchdog_rests_while_a_sequence_plays_unattended(bench: Bench, repe
 
 
 def judge_stream(bench: Bench, blocks: Sequence[bytes]) -> None:
-    """Send blocks in one transfer. An acknowledgement says the tick at which a block had arrived, not the cycle."""
+    """Send blocks in one transfer. An acknowledgement has the tick of a block's arrival, not the cycle."""
     first = last = bench.cycle
     assert bench.bus.bulk_write(bench.handle, 0x01, 0, b"".join(blocks), 10_000) == 512 * len(blocks)
     records = bench.records()
     acks = [record for record in records if record[:2] == b"PA"]
     for block, record in zip(blocks, acks, strict=True):
         tick = spec.read_ack(record)["now"]
-        first, last = first + 3846, last + 3846  # as fast as USB carries them, but where the queue has no room
+        first, last = first + 3846, last + 3846  # as fast as USB carries them, unless the queue is full
         waited = bench.referee.may_wait(first)[0]
         assert waited or tick <= last // TICK
         first = max(first, tick * TICK)
@@ -634,7 +634,7 @@ def test_streams_are_judged_like_blocks_that_come_one_by_one(link: Link, data: s
     assert seen[0] == seen[1]
 
 
-# The oracle's own ground
+# The oracle itself
 
 
 def test_no_modulated_width_is_close_to_a_tie() -> None:

@@ -37,7 +37,7 @@ def literally(made: Pulses) -> list[int]:
 
 
 @given(pulses(32))
-def test_the_rasteriser_is_the_specification_s_sentence(made: Pulses) -> None:
+def test_the_rasteriser_agrees_with_the_specification(made: Pulses) -> None:
     history = History()
     history.play(np.array([0]), np.frombuffer(pack_pulses(made), np.uint8)[None])
     assert played(Track(history.segments(), BoardClock()), 0) == literally(made)
@@ -102,7 +102,7 @@ def test_a_commit_while_another_table_waits_is_missed() -> None:
     assert any(played(tested.track(), 5))
 
 
-def test_a_message_for_somebody_else_is_damaged_and_said_once() -> None:
+def test_a_message_for_another_processor_is_damaged_and_reported_once() -> None:
     _, tested = processor()
     tested.receive(Slice(1, SLICE.packed).encode())
     assert (report(tested).damaged_messages, Fault(report(tested).faults)) == (1, Fault(0))
@@ -111,7 +111,7 @@ def test_a_message_for_somebody_else_is_damaged_and_said_once() -> None:
     assert (first.damaged_messages, Fault(first.faults)) == (2, Fault.CHAIN)
 
 
-def test_the_sync_pulse_is_compared_round_the_wrap_of_the_counter() -> None:
+def test_the_sync_pulse_is_compared_across_the_wrap_of_the_counter() -> None:
     """204 800 ticks between two pulses, 8192 modulo 65 536."""
     _, tested = processor(offset_ticks=3)
     for pulse in range(1, 20):
@@ -123,7 +123,7 @@ def test_the_sync_pulse_is_compared_round_the_wrap_of_the_counter() -> None:
     assert (tested.drift, tested.faults) == (-2, Fault.SYNC)
 
 
-def test_a_clock_that_runs_fast_is_found_out_by_its_second_tick() -> None:
+def test_a_fast_clock_is_detected_by_its_second_tick() -> None:
     """At 6 parts per million 1.2288 ticks come too many between two pulses: 1, then 2."""
     _, tested = processor()
     tested.clock.set_rate(0, 6000)
@@ -133,7 +133,7 @@ def test_a_clock_that_runs_fast_is_found_out_by_its_second_tick() -> None:
     assert (tested.drift, tested.faults) == (2, Fault.SYNC)
 
 
-def test_a_slow_rasteriser_comes_late_and_says_so() -> None:
+def test_a_slow_rasteriser_is_late_and_reports_it() -> None:
     scheduler, tested = processor()
     tested.slowness = 3  # 13 200 cycles: more than a period
     tested.receive(Load(0, Memory.SLOTS, 0, SLICE.packed).encode())
@@ -214,8 +214,8 @@ def test_a_program_that_stops_a_sequence_leaves_a_table_that_plays() -> None:
     assert [any(played(tested.track(), period)) for period in (8, 9, 10, 11)] == [True, True, False, False]
 
 
-def test_who_falls_silent_drops_what_waits_and_what_modulates() -> None:
-    """Clause CHN-018: a table, programs and a modulation; what comes later plays as it is."""
+def test_silence_drops_what_waits_and_what_modulates() -> None:
+    """Clause CHN-018: a table, programs and a modulation; later updates play unmodulated."""
     scheduler, tested = with_slot()
     tested.receive(Load(0, Memory.SAMPLES, 0, b"\0").encode())
     tested.receive(Program(0, Memory.SAMPLES, 2, first=0, count=1, hold=1).encode())

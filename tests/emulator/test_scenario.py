@@ -116,7 +116,7 @@ def test_two_runs_of_a_scenario_are_alike(tmp_path: Path) -> None:
         ("# \xff", " is no TOML file: 'utf-8' codec can't decode"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_named(tmp_path: Path, text: str, complaint: str) -> None:
+def test_an_error_names_what_is_wrong_with_a_file(tmp_path: Path, text: str, complaint: str) -> None:
     path = tmp_path / "scenario.toml"
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(InputFileError, match="^" + re.escape(f"{path}{complaint}")):

@@ -46,7 +46,7 @@ def among_frames(controller: ModelController, detach: Callable[[], None] = lambd
 
 
 def said(line: SerialLine, data: bytes = b"") -> bytes:
-    """All that the line says once it has received some bytes."""
+    """All that the line sends after it has received some bytes."""
     line.receive(data)
     return line.take(ENOUGH)
 
@@ -66,7 +66,7 @@ RESTART_REPLY = encode_frame(REPLY_FRAME, b"\x77\x00")
 
 
 def heard(stream: bytes) -> list[str]:
-    """What a host makes of a stream that begins among frames: each reply by its tag, each record by its number."""
+    """A stream that begins among frames, as a host reads it: each reply by its tag, each record by its number."""
     return [in_short(*event) for event in read_line(b"\0" + stream, TO_HOST)[1:]]
 
 
@@ -89,7 +89,7 @@ def status(now: int) -> bytes:
 # Requests
 
 
-def test_whoever_is_answered_has_arrived() -> None:
+def test_a_host_that_gets_an_answer_counts_as_arrived() -> None:
     controller = ModelController()
     line = among_frames(controller)
     said(line, b"noise\0" + block(no_op(1)))
@@ -107,14 +107,14 @@ def test_text_that_waits_is_sent_before_frames_begin() -> None:
     assert said(line, b"\0") == b"stop\r\nok\r\n> \0"
 
 
-def test_a_frame_that_was_begun_is_sent_to_its_end() -> None:
+def test_a_begun_frame_is_sent_to_its_end() -> None:
     line = among_frames(ModelController())
     line.receive(request(1, 2, length=64) + request(2, 2, length=64))
     begun = line.take(1)
     assert heard(begun + said(line, CONSOLE)) == ["reply 01", "console", "> "]
 
 
-def test_hanging_up_drops_all_that_waits_and_counts_what_was_begun() -> None:
+def test_hanging_up_drops_what_waits_and_counts_a_begun_frame() -> None:
     controller = ModelController()
     line = among_frames(controller)
     line.receive(STATUS_REQUEST + STATUS_REQUEST[:4])
@@ -130,8 +130,8 @@ def test_hanging_up_drops_all_that_waits_and_counts_what_was_begun() -> None:
 # Blocks that wait
 
 
-def test_a_block_that_waited_is_told_when_it_had_arrived() -> None:
-    """Clause ACK-002: not when it was judged."""
+def test_the_acknowledgement_of_a_block_that_waited_has_its_arrival() -> None:
+    """Clause ACK-002: not the time of its judgement."""
     controller = ModelController(room=0)
     line = among_frames(controller)
     controller.now_tick = 100
@@ -143,7 +143,7 @@ def test_a_block_that_waited_is_told_when_it_had_arrived() -> None:
     assert read_ack(record[1:])["now"] == 100
 
 
-def test_where_another_line_took_the_room_a_block_waits_on() -> None:
+def test_a_block_waits_on_if_another_line_took_the_room() -> None:
     controller = ModelController(room=0)
     controller.state = State.READY
     first, second = among_frames(controller), among_frames(controller)
@@ -161,13 +161,13 @@ def test_where_another_line_took_the_room_a_block_waits_on() -> None:
 # Unsolicited records
 
 
-def test_the_line_lets_itself_be_notified() -> None:
+def test_the_line_registers_for_notifications() -> None:
     controller = ModelController()
     line = line_of(controller)
     assert controller.doors == [line]
 
 
-def test_the_newest_unasked_record_is_sent_behind_the_answers() -> None:
+def test_the_newest_unsolicited_record_is_sent_after_the_answers() -> None:
     line = among_frames(ModelController())
     line.notify(status(1))
     line.receive(block(no_op(1)))
@@ -175,7 +175,7 @@ def test_the_newest_unasked_record_is_sent_behind_the_answers() -> None:
     assert heard(said(line, STATUS_REQUEST)) == ["ack 1", "reply 2a", "status 2"]
 
 
-def test_an_unasked_record_that_was_begun_is_not_replaced() -> None:
+def test_a_begun_unsolicited_record_is_not_replaced() -> None:
     line = among_frames(ModelController())
     line.notify(status(1))
     begun = line.take(2)
@@ -210,7 +210,7 @@ def test_the_answer_goes_out_then_text_begins_then_the_device_restarts(order: by
 
 
 @pytest.mark.parametrize("said_before", [RESET, b"reset\r"])
-def test_who_hangs_up_does_not_stop_a_restart(said_before: bytes) -> None:
+def test_hanging_up_does_not_stop_a_restart(said_before: bytes) -> None:
     controller = ModelController()
     line = among_frames(controller) if said_before is RESET else line_of(controller)
     line.receive(said_before)
@@ -220,7 +220,7 @@ def test_who_hangs_up_does_not_stop_a_restart(said_before: bytes) -> None:
     assert heard(said(line, b"\0" + STATUS_REQUEST)[1:]) == ["reply 2a"]
 
 
-def test_a_device_that_cannot_detach_after_all_goes_on() -> None:
+def test_a_device_goes_on_if_it_cannot_detach_after_all() -> None:
     def suspended() -> None:
         raise Stall("suspended")
 
@@ -232,13 +232,13 @@ def test_a_device_that_cannot_detach_after_all_goes_on() -> None:
 # DTR
 
 
-def test_without_a_terminal_a_restart_waits_for_nobody() -> None:
+def test_a_restart_without_a_terminal_does_not_wait() -> None:
     controller = ModelController()
     line_of(controller, needs_dtr=True).receive(b"reset\r")
     assert restarts(controller)
 
 
-# What the line's owner sees
+# The line's owner
 
 
 def test_the_owner_is_told_of_output() -> None:
@@ -259,7 +259,7 @@ def test_the_owner_is_told_of_output() -> None:
     assert told[1] == line.pending > 64
 
 
-def test_an_owner_who_sends_at_once_sees_everything_in_order() -> None:
+def test_an_owner_that_sends_at_once_gets_everything_in_order() -> None:
     sent = bytearray()
     controller = ModelController()
     line = SerialLine(controller, detach=lambda _: None, on_output=lambda: sent.extend(line.take(ENOUGH)))
@@ -268,7 +268,7 @@ def test_an_owner_who_sends_at_once_sees_everything_in_order() -> None:
     assert restarts(controller)
 
 
-def test_bytes_are_taken_in_any_pieces() -> None:
+def test_bytes_can_come_in_any_pieces() -> None:
     whole, pieces = among_frames(ModelController()), among_frames(ModelController())
     sent = block(no_op(1)) + STATUS_REQUEST
     pieces.receive(sent)
@@ -278,7 +278,7 @@ def test_bytes_are_taken_in_any_pieces() -> None:
     assert pieces.pending == 0
 
 
-def test_a_host_that_does_not_read_is_not_listened_to_for_ever() -> None:
+def test_the_line_stops_receiving_if_its_host_does_not_read() -> None:
     line = line_of(ModelController())
     for _ in range(100):
         if not line.can_receive:
@@ -289,7 +289,7 @@ def test_a_host_that_does_not_read_is_not_listened_to_for_ever() -> None:
     assert line.can_receive
 
 
-# Anything
+# Any bytes
 
 FRAMES = st.one_of(
     st.builds(request, st.integers(0, 255), st.integers(0, 14), st.integers(0, 400), st.integers(0, 640)),
@@ -316,7 +316,7 @@ ACTIONS = st.sampled_from(["", "", "", "take", "take some", "hang up", "open", "
 
 
 @given(PIECES, st.lists(ACTIONS, min_size=12, max_size=12), st.booleans(), st.integers(0, 2))
-def test_whatever_comes_the_line_goes_on_serving(
+def test_the_line_serves_on_after_any_bytes(
     pieces: list[bytes], actions: list[str], needs_dtr: bool, room: int
 ) -> None:
     controller = ModelController(room)
@@ -344,7 +344,7 @@ def test_whatever_comes_the_line_goes_on_serving(
 
 
 @given(PIECES, st.data())
-def test_it_does_not_matter_how_bytes_are_cut(pieces: list[bytes], data: st.DataObject) -> None:
+def test_any_cut_of_the_bytes_has_the_same_result(pieces: list[bytes], data: st.DataObject) -> None:
     stream = b"".join(pieces)
     whole, cut = ModelController(), ModelController()
     expected = said(line_of(whole), stream)
@@ -360,7 +360,7 @@ def test_it_does_not_matter_how_bytes_are_cut(pieces: list[bytes], data: st.Data
 
 @given(st.lists(st.one_of(FRAMES, st.binary(max_size=40)), max_size=12))
 def test_among_frames_the_oracle_of_the_specification_agrees(pieces: list[bytes]) -> None:
-    """On which frames there are, which are damaged, and that each is answered, in their order."""
+    """They agree on the frames, on the damaged ones, and on an answer to each, in order."""
     controller = ModelController(room=100)
     line = among_frames(controller)
     answers = b"".join(said(line, piece) for piece in pieces)

@@ -1,4 +1,4 @@
-"""An emulated UART as a port of pyserial. Times are reckoned by hand: ten bits a byte."""
+"""An emulated UART as a port of pyserial. Times are calculated by hand: ten bits a byte."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ def test_a_request_and_its_reply_take_their_time(baud: int) -> None:
     start = port.time.monotonic()
     assert len(port.read(1 + 73)) == 1 + 73
     byte = 10 / baud
-    # The first byte on the line is answered while the others come; nothing is held up by more than 0.1 ms.
+    # The first byte on the line is answered while the others come; no byte is delayed by more than 0.1 ms.
     assert (16 + 1 + 73) * byte <= passed(port, start) <= (16 + 1 + 73 + 2) * byte + 2e-4
 
 
-def test_a_time_out_is_of_the_device_s_time(port: EmulatedPort) -> None:
+def test_a_time_out_is_in_the_device_s_time(port: EmulatedPort) -> None:
     start = port.time.monotonic()
     port.timeout = 0.25
     assert port.read(5) == b""
@@ -72,7 +72,7 @@ def test_a_time_out_is_of_the_device_s_time(port: EmulatedPort) -> None:
     assert passed(port, start) == pytest.approx(0.75)
 
 
-def test_what_comes_while_somebody_waits_is_there_afterwards(port: EmulatedPort) -> None:
+def test_bytes_that_come_during_a_wait_can_be_read_afterwards(port: EmulatedPort) -> None:
     port.write(b"\r")
     assert port.in_waiting == 0
     port.time.sleep(0.01)
@@ -80,7 +80,7 @@ def test_what_comes_while_somebody_waits_is_there_afterwards(port: EmulatedPort)
     assert port.read(port.in_waiting) == b"\r\n> "
 
 
-def test_many_bytes_are_held_up_as_by_a_full_buffer() -> None:
+def test_many_bytes_wait_for_room_as_in_a_full_buffer() -> None:
     """65 536 bytes may wait, and the next write then waits for room; at 12 Mbaud a byte takes 0.83 µs."""
     with port_for_url("emulator:?door=serial&baud=12000000") as port:
         port.write(b"x" * 65_537)
@@ -103,12 +103,12 @@ def test_a_port_is_for_one_at_a_time(port: EmulatedPort, emulator: Emulator) -> 
     again.close()
 
 
-def test_closing_sends_the_rest_and_is_no_news_to_the_device(port: EmulatedPort) -> None:
-    """As from a real UART: the line stays among frames, until somebody leaves them."""
+def test_closing_sends_the_rest_and_the_device_does_not_notice(port: EmulatedPort) -> None:
+    """As on a real UART: the line stays in frames until a host leaves them."""
     port.write(b"\0")
     port.close()
     port.open()
-    assert port.in_waiting == 0  # the zero that the device answered went to nobody
+    assert port.in_waiting == 0  # the zero that the device answered was lost
     port.timeout = 0.1
     port.write(STATUS_REQUEST)
     assert len(port.read(100)) == 73
@@ -127,7 +127,7 @@ def test_a_closed_port_says_so(port: EmulatedPort, method: str) -> None:
 
 
 def test_a_break_returns_to_the_console(port: EmulatedPort) -> None:
-    """Clause SER-010; what was written before is heard before."""
+    """Clause SER-010; the device gets earlier bytes before the break."""
     port.timeout = 0.1
     port.write(b"\0")
     port.send_break(0.1)
@@ -142,12 +142,12 @@ def test_control_lines_are_not_connected(port: EmulatedPort) -> None:
     assert port.read(4) == b"\r\n> "
 
 
-def test_both_ends_have_one_rate(port: EmulatedPort) -> None:
+def test_both_ends_have_the_same_rate(port: EmulatedPort) -> None:
     with pytest.raises(ValueError, match=r"9600 baud; emulator:.* has 115200"):
         port.baudrate = 9_600
 
 
-# A device that cannot hear
+# A device that cannot receive
 
 
 def test_a_device_that_restarts_is_back_at_its_console(port: EmulatedPort, emulator: Emulator) -> None:
@@ -183,8 +183,8 @@ def test_a_device_without_power_or_in_dfu_mode_or_closed_is_silent(emulator: Emu
     assert port.read(100) == b""
 
 
-def test_waiting_for_ever_for_one_who_has_no_power_ends(port: EmulatedPort, emulator: Emulator) -> None:
-    """A real port would wait; here nobody is left who could end it."""
+def test_an_endless_wait_for_a_device_without_power_ends(port: EmulatedPort, emulator: Emulator) -> None:
+    """A real port would wait; in one process nothing else could end the wait."""
     port.timeout = None
     emulator.power_down()
     assert port.read(1) == b""
@@ -201,14 +201,14 @@ def test_a_fresh_device_may_have_another_rate_and_another_link() -> None:
         assert b"link_wires: 2\r\n" in port.read(1000)
 
 
-def test_a_missing_serial_number_names_those_that_are_there() -> None:
+def test_the_error_for_an_unknown_serial_number_lists_the_known() -> None:
     with pytest.raises(DeviceNotFoundError, match=r"no device at 'emulator:Z\?door=serial': nothing is plugged in"):
         port_for_url("emulator:Z?door=serial")
     with Emulator(serial="A"), Emulator(serial="B"), pytest.raises(DeviceNotFoundError, match="there are 'A', 'B'"):
         port_for_url("emulator:Z?door=serial")
 
 
-def test_the_watchdog_fires_while_somebody_waits(port: EmulatedPort, emulator: Emulator) -> None:
+def test_the_watchdog_fires_during_a_wait(port: EmulatedPort, emulator: Emulator) -> None:
     """Clause SAF-003: 100 ms at power-up."""
     port.write(b"enable\r")
     port.time.sleep(0.09)

@@ -32,7 +32,7 @@ PATIENCE = 5.0  # seconds
 
 
 def until(condition: Callable[[], object]) -> None:
-    """Wait for something, not for ever."""
+    """Wait for a condition, with a limit."""
     end = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < end
@@ -137,7 +137,7 @@ def test_devices_can_be_used_at_once(house: House) -> None:
 
 
 @pytest.mark.parametrize("data", [b"GET / HTTP/1.1\r\n\r\n", b"\0" * 48])
-def test_a_client_that_makes_no_sense_is_left_and_others_stay(house: House, data: bytes) -> None:
+def test_a_client_that_breaks_the_protocol_is_dropped_and_others_stay(house: House, data: bytes) -> None:
     with house.client() as good:
         good.attach("1-1")
         with house.client() as bad:
@@ -163,7 +163,7 @@ def test_a_device_that_leaves_the_bus_ends_the_connection(house: House) -> None:
         assert client.attach("1-1") == 0
 
 
-def test_one_who_listens_hears_what_comes_soon(house: House) -> None:
+def test_a_client_that_only_receives_gets_bytes_soon(house: House) -> None:
     scheduler = house.schedulers[0]
 
     def say_soon() -> None:
@@ -171,12 +171,12 @@ def test_one_who_listens_hears_what_comes_soon(house: House) -> None:
 
     with house.client() as client:
         client.attach("1-1")
-        client.write(0x01, bytes(2_000_000))  # takes longer than anybody is waited for
+        client.write(0x01, bytes(2_000_000))  # takes longer than the server waits for any client
         house.call(say_soon)
         assert client.read(0x81, 512).data == b"soon"
 
 
-def test_the_wall_clock_goes_on_while_nothing_is_said() -> None:
+def test_the_wall_clock_goes_on_without_traffic() -> None:
     with House(Pace.WALL) as house, house.client() as client:
         times: list[float] = []
 
@@ -188,7 +188,7 @@ def test_the_wall_clock_goes_on_while_nothing_is_said() -> None:
         client.attach("1-1")
 
         def a_silence_has_passed() -> bool:
-            """In the device's time; a server that was held up in it is behind."""
+            """In the device's time; a server that was held up in it is late."""
             client.write(0x01, b"now")
             time.sleep(0.1)
             return any(after - before >= 0.1 for before, after in pairwise(times))
@@ -196,8 +196,8 @@ def test_the_wall_clock_goes_on_while_nothing_is_said() -> None:
         until(a_silence_has_passed)
 
 
-def test_who_waited_for_a_patient_device_has_waited_in_its_time_though_the_server_was_held_up() -> None:
-    """As in DFU, where a host that asks too early is refused."""
+def test_a_wait_for_a_patient_device_counts_in_its_time_after_a_hold_up() -> None:
+    """As in DFU, which refuses a host that asks too early."""
     with House(Pace.WALL, patient=True) as house, house.client() as client:
         times: list[float] = []
 
@@ -218,7 +218,7 @@ def test_who_waited_for_a_patient_device_has_waited_in_its_time_though_the_serve
 
 
 class Moment:
-    """A clock that is set by hand, for a station and for a loop that does nothing by itself."""
+    """A clock that a test sets, for a station and a loop that do nothing by themselves."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -233,7 +233,7 @@ class Moment:
 
 
 class Listener(StandInLine):
-    """It notes when it hears something, by the device's time; every millisecond it has a turn."""
+    """It notes the device's time whenever it receives something; every millisecond it has a turn."""
 
     pending, full, over, presses, stuck, last_word = 0, False, False, False, False, None
 
@@ -263,7 +263,7 @@ class Listener(StandInLine):
         pytest.param(0.0001, 0.012, 1.0, id="the model computed for too long"),
     ],
 )
-def test_what_waited_while_the_server_was_held_up_is_heard_before_time_passes(
+def test_bytes_that_waited_during_a_hold_up_arrive_before_time_passes(
     asleep: float, computing: float, heard_at: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Bytes that were there at 1 ms of the device's time are for a queue that is empty at 1.8 ms."""
@@ -287,7 +287,7 @@ def test_what_waited_while_the_server_was_held_up_is_heard_before_time_passes(
     assert scheduler.now / 400e6 == pytest.approx(moment.now - 100, abs=1e-6), "then the time that was missed passes"
 
 
-def test_a_model_that_is_slow_is_computed_on_without_being_asked() -> None:
+def test_the_server_goes_on_computing_a_slow_model() -> None:
     with House(Pace.WALL) as house, house.client() as client:
         scheduler, device = house.schedulers[0], house.devices[0]
 
@@ -313,7 +313,7 @@ def test_pyserial_speaks_to_the_line_by_tcp(house: House) -> None:
     until(lambda: house.lines[0].hung_up == 1)
 
 
-def test_one_client_has_a_line_at_a_time(house: House) -> None:
+def test_a_line_has_one_client_at_a_time(house: House) -> None:
     address = (LOOPBACK, house.tcp)
     with closing(socket.create_connection(address, PATIENCE)) as first:
         first.sendall(b"a")
@@ -333,7 +333,7 @@ def test_pyserial_speaks_to_the_line_by_its_path(house: House) -> None:
     for _ in range(2):
         house.lines[1].hung_up = 0
         with serial.Serial(house.pty, 115_200, timeout=PATIENCE) as port:
-            port.write(b"a\r\nb\0\x03\x04")  # nothing of it means anything to a terminal
+            port.write(b"a\r\nb\0\x03\x04")  # none of these bytes has a meaning to a terminal
             assert port.read(7) == b"A\r\nB\0\x03\x04"
             data = bytes(range(256)) * 40
             port.write(data)
@@ -342,14 +342,14 @@ def test_pyserial_speaks_to_the_line_by_its_path(house: House) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo-terminals")
-def test_a_shell_may_write_to_the_line_and_go(house: House) -> None:
+def test_a_shell_may_write_to_the_line_and_close_it(house: House) -> None:
     with Path(house.pty).open("wb", buffering=0) as port:
         port.write(b"off\r")
     until(lambda: house.lines[1].hung_up == 1)
     assert house.lines[1].heard == b"off\r"
 
 
-def test_nothing_is_left_when_the_server_ends() -> None:
+def test_the_server_removes_everything_at_its_end() -> None:
     with House(Pace.WALL) as house, house.client() as client:
         client.attach("1-1")
         client.submit(0x81, 512)
@@ -363,7 +363,7 @@ def test_nothing_is_left_when_the_server_ends() -> None:
         socket.create_connection((LOOPBACK, house.usbip), PATIENCE)
 
 
-def test_an_error_of_the_model_is_not_hidden() -> None:
+def test_an_error_of_the_model_is_raised() -> None:
     with House(Pace.WALL) as house, house.client() as client:
         client.attach("1-1")
 

@@ -24,7 +24,7 @@ FOR_EVER = PlaySequence(0, 1)
 
 
 def stocked(*, unfolded: bool = True, link: Link = FIVE_WIRE) -> Device:
-    """A device that has something to play: slot 0 for 100 periods, and for five."""
+    """A device with stored entries: slot 0 for 100 periods, and for five."""
     device = Device(Emulator(unfolded=unfolded, link=link))
     device.send(Slot(0, FULL))
     device.send(Entries((Entry(0, 100), Entry(0, 5))))
@@ -33,14 +33,14 @@ def stocked(*, unfolded: bool = True, link: Link = FIVE_WIRE) -> Device:
     return device
 
 
-# What goes with a transition (the last column of clause STA-003)
+# Effects of a transition (the last column of clause STA-003)
 
 
 @pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE], ids=lambda link: link.name)
 @pytest.mark.parametrize("phase", range(0, PERIOD, 1234))
 @pytest.mark.parametrize("what", ["update", "sequence", "modulated", "waiting"])
 def test_silence_comes_within_six_periods(link: Link, phase: int, what: str) -> None:
-    """Clause SAF-004, whenever the request comes and whatever is on its way."""
+    """Clause SAF-004, at any time of the request and with anything on the chain."""
     device = stocked(unfolded=False, link=link)
     device.order(Request.ENABLE)
     soon = device.period + 10
@@ -63,7 +63,7 @@ def test_silence_comes_within_six_periods(link: Link, phase: int, what: str) -> 
 
 @pytest.mark.parametrize("unfolded", [False, True])
 @pytest.mark.parametrize(("after", "begins"), [(-1, False), (0, True), (1, True)])
-def test_what_goes_onto_the_chain_in_the_cycle_of_the_request_has_begun(
+def test_a_change_that_goes_onto_the_chain_in_the_request_s_cycle_has_begun(
     unfolded: bool, after: int, begins: bool
 ) -> None:
     """Clauses SAF-004 and CHN-029: 5440 cycles of links, 400 of hops and 4400 to rasterise, ready one period before."""
@@ -77,8 +77,8 @@ def test_what_goes_onto_the_chain_in_the_cycle_of_the_request_has_begun(
 
 
 @pytest.mark.parametrize("unfolded", [False, True])
-def test_what_is_begun_in_the_cycle_in_which_it_is_overtaken_is_begun_whole(unfolded: bool) -> None:
-    """It is sorted in 6000 cycles, and goes onto the chain when the bus reset comes that was planned before it."""
+def test_a_change_begun_in_the_cycle_of_a_bus_reset_is_begun_whole(unfolded: bool) -> None:
+    """Its sorting takes 6000 cycles; it goes onto the chain in the cycle of a bus reset that was planned earlier."""
     device = Device(Emulator(unfolded=unfolded), enabled=True)
     device.emulator.scheduler.at(device.emulator.running.time.boundary(30), device.usb.reset)
     device.run_until(30 * PERIOD - 6000)
@@ -88,10 +88,10 @@ def test_what_is_begun_in_the_cycle_in_which_it_is_overtaken_is_begun_whole(unfo
     assert (device.state, device.status().faults) == (State.OFF, Fault(0))
 
 
-# Records that the host did not ask for (clause ACK-006)
+# Unsolicited records (clause ACK-006)
 
 
-def test_a_stream_of_updates_is_told_to_the_line_once() -> None:
+def test_a_stream_of_updates_notifies_the_line_once() -> None:
     device = stocked(unfolded=False)
     device.order(Request.ENABLE)
     terminal = Terminal(device.emulator.line)
@@ -109,7 +109,7 @@ def test_a_stream_of_updates_is_told_to_the_line_once() -> None:
 # DETACH (clause STA-005)
 
 
-def test_a_device_that_is_on_its_way_to_dfu_mode_is_not_detached_again() -> None:
+def test_a_device_on_its_way_to_dfu_mode_is_not_detached_again() -> None:
     device = Device()
     device.detach()
     assert device.state is State.DFU

@@ -16,7 +16,7 @@ MILLISECOND = SECOND // 1000
 
 
 class Stand:
-    """A station with one serial line of 10 000 bytes a second, and a clock that is set by hand."""
+    """A station with one serial line of 10 000 bytes a second, and a clock that a test sets."""
 
     def __init__(self, pace: Pace) -> None:
         self.clock = 5.0
@@ -30,7 +30,7 @@ class Stand:
 
 
 class Listening:
-    """A conversation that is a bus and nothing more."""
+    """A conversation that has a bus alone."""
 
     pending, full, over, presses, stuck, last_word = 0, False, False, False, False, None
 
@@ -60,11 +60,11 @@ def test_at_the_pace_of_the_wall_time_follows_the_clock() -> None:
     assert stand.station.seconds_behind == pytest.approx(0, abs=1e-8)
     stand.clock += 100.0
     assert stand.station.pass_time(1.0)
-    assert stand.scheduler.now == pytest.approx(100.016 * SECOND, abs=10)  # at once, for nothing was to happen
+    assert stand.scheduler.now == pytest.approx(100.016 * SECOND, abs=10)  # at once, because no event was planned
 
 
-def test_a_pause_is_caught_up_slowly_enough_for_clients_to_follow() -> None:
-    """A client gives a sign of life every 33 ms; the program stands still for a second; the watchdog has 100 ms."""
+def test_the_device_catches_up_slowly_enough_for_clients() -> None:
+    """A client gives a sign of life every 33 ms; the program stops for a second; the watchdog has 100 ms."""
     stand = Stand(Pace.WALL)
     signs: list[int] = []
     beat = SECOND // 40_000
@@ -94,7 +94,7 @@ def test_a_pause_passes_at_once_for_a_patient_device() -> None:
     assert stand.scheduler.now == pytest.approx(SECOND, abs=1)
 
 
-def test_at_the_pace_of_the_wall_everyone_gets_his_turn_when_it_is_due() -> None:
+def test_at_the_pace_of_the_wall_each_turn_comes_when_it_is_due() -> None:
     stand = Stand(Pace.WALL)
     stand.uart.receive(b"abc")
     assert stand.station.seconds_to_wait() == pytest.approx(1e-4)
@@ -107,10 +107,10 @@ def test_at_the_pace_of_the_wall_everyone_gets_his_turn_when_it_is_due() -> None
     assert stand.uart.take(10) == b"ABC"
     assert stand.station.seconds_to_wait() is None
     stand.scheduler.at(stand.scheduler.now + 1, lambda: None)
-    assert stand.station.seconds_to_wait() == 0.01  # the device is busy, and nobody waits for it
+    assert stand.station.seconds_to_wait() == 0.01  # the device is busy, and no client waits for it
 
 
-def test_one_who_waits_for_the_device_does_not_make_it_lose_time() -> None:
+def test_a_waiting_client_does_not_cost_the_device_time() -> None:
     """As a driver does with a transfer that waits for records; the next event is far away."""
     stand = Stand(Pace.WALL)
     device = StandInDevice()
@@ -142,14 +142,14 @@ def test_a_model_that_is_slow_is_interrupted() -> None:
     assert stand.station.seconds_behind > 0.01
 
 
-def test_a_clock_that_goes_on_is_not_chased() -> None:
+def test_the_station_does_not_chase_a_clock_that_goes_on() -> None:
     ticks = count()
     station = Station(Scheduler(), Pace.WALL, lambda: next(ticks) / 1e4)
     assert station.pass_time(1.0)
     assert next(ticks) < 20
 
 
-def test_at_the_fast_pace_time_passes_for_those_who_need_it_alone() -> None:
+def test_at_the_fast_pace_time_passes_only_if_a_client_needs_it() -> None:
     stand = Stand(Pace.FAST)
     stand.scheduler.at(SECOND, lambda: None)
     stand.clock += 100.0
@@ -161,7 +161,7 @@ def test_at_the_fast_pace_time_passes_for_those_who_need_it_alone() -> None:
     assert stand.station.seconds_to_wait() is None
 
 
-def test_at_the_fast_pace_the_device_comes_to_rest_after_each_word() -> None:
+def test_at_the_fast_pace_the_device_comes_to_rest_after_each_message() -> None:
     stand = Stand(Pace.FAST)
     happened: list[int] = []
     for time in (MILLISECOND, 20 * MILLISECOND, 30 * MILLISECOND):

@@ -28,7 +28,7 @@ def unfolded(request: pytest.FixtureRequest) -> bool:
 
 
 def heard(device: Device, first: int, last: int) -> list[int]:
-    """How wide the pulses are from a period up to, not including, another."""
+    """The widths of the pulses from a period up to, not including, another."""
     device.run_until(last * PERIOD)
     return list(device.widths()[first:last].tolist())
 
@@ -37,8 +37,8 @@ def heard(device: Device, first: int, last: int) -> list[int]:
 
 
 @pytest.mark.parametrize(("link", "apart"), [(FIVE_WIRE, 1), (TWO_WIRE, 2)], ids=["5wire", "2wire"])
-def test_stores_find_their_way_between_updates_at_the_rate_that_holds(unfolded: bool, link: Link, apart: int) -> None:
-    """Clause BLK-007; no update is late for them, and what they bring is there in time."""
+def test_stores_go_between_updates_at_the_rate_that_holds(unfolded: bool, link: Link, apart: int) -> None:
+    """Clause BLK-007; they make no update late, and arrive in time themselves."""
     device = Device(Emulator(unfolded=unfolded, link=link), enabled=True)
     stores: dict[int, Body] = {
         10: Slot(200, pulses(20)),
@@ -61,8 +61,8 @@ def test_stores_find_their_way_between_updates_at_the_rate_that_holds(unfolded: 
 SLOW = Link("slow", 5, 4, cycles_per_symbol=40)
 
 
-def test_processors_are_asked_however_many_stores_come() -> None:
-    """Clauses CHN-017 and CHN-018: loads that come without a gap make way, or all would fall silent in 50 ms."""
+def test_processors_are_asked_under_any_load_of_stores() -> None:
+    """Clauses CHN-017 and CHN-018: loads without a gap make way, or all would fall silent in 50 ms."""
     device = Device(Emulator(unfolded=True, link=SLOW), enabled=True)
     begins = device.send(Update(FULL)).commit_period
     device.run_until((begins + 2) * PERIOD)
@@ -91,7 +91,7 @@ def test_a_sequence_waits_for_questions_between_its_stores_too() -> None:
 
 
 @pytest.mark.parametrize("wait", range(0, 3 * PERIOD, 700))
-def test_a_change_that_comes_close_before_it_disables_is_dropped(unfolded: bool, wait: int) -> None:
+def test_a_disabling_change_drops_one_close_after_it(unfolded: bool, wait: int) -> None:
     device = Device(Emulator(unfolded=unfolded), enabled=True)
     device.send(Output(Action.DISABLE, 20))
     device.run_until(17 * PERIOD + wait)
@@ -102,11 +102,11 @@ def test_a_change_that_comes_close_before_it_disables_is_dropped(unfolded: bool,
     assert device.state is State.OFF
 
 
-# What is read back (REQ-007)
+# Read-back (REQ-007)
 
 
 def test_pulses_that_change_meanwhile_are_read_again() -> None:
-    """Message by message, from every moment around a change: never two updates at once."""
+    """Message by message, at every moment around a change: never parts of two updates."""
     device = Device(Emulator(unfolded=True), enabled=True)
     device.send(Update(HALF))
     device.run(8)

@@ -1,4 +1,4 @@
-"""Every way that chapter CHN sends a message, at every stage of numbering."""
+"""Every route of a message by chapter CHN, at every stage of numbering."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ CONTROLLER = 0x00FF
 
 
 def stage(numbered: int) -> list[int]:
-    """The nodes of the chain after so many processors have taken their numbers."""
+    """The nodes of the chain when so many processors have their numbers."""
     return [*range(numbered), *[UNNUMBERED] * (10 - numbered)]
 
 
 def walk(nodes: list[int], start: int, node: int) -> int | None:
-    """From switch to switch, until one keeps it or it leaves the chain; the controller stands at place -1."""
+    """The place at which a message ends, -1 for the controller; None if it leaves the chain."""
     place, came = start, start
     for _ in range(12):
         own = CONTROLLER if place == -1 else nodes[place]
@@ -30,7 +30,7 @@ def walk(nodes: list[int], start: int, node: int) -> int | None:
 
 
 @pytest.mark.parametrize("numbered", range(11))
-def test_a_message_comes_to_every_processor_that_has_its_number(numbered: int) -> None:
+def test_a_message_reaches_every_processor_that_has_its_number(numbered: int) -> None:
     nodes = stage(numbered)
     for processor in range(numbered):
         assert walk(nodes, -1, processor) == processor
@@ -38,20 +38,20 @@ def test_a_message_comes_to_every_processor_that_has_its_number(numbered: int) -
 
 
 @pytest.mark.parametrize("numbered", range(10))
-def test_a_number_comes_to_the_first_processor_without_one(numbered: int) -> None:
+def test_a_number_reaches_the_first_processor_without_one(numbered: int) -> None:
     nodes = stage(numbered)
     assert walk(nodes, -1, Number(numbered).node) == numbered
     assert destination(nodes, Number(numbered).node) == Destination(numbered, reached=True)
 
 
 @pytest.mark.parametrize("numbered", range(11))
-def test_an_answer_comes_to_the_controller_from_every_processor(numbered: int) -> None:
+def test_an_answer_reaches_the_controller_from_every_processor(numbered: int) -> None:
     """From those without a number too: they send everything up."""
     for processor in range(10):
         assert walk(stage(numbered), processor, CONTROLLER) == -1
 
 
-def test_a_number_when_all_have_theirs_is_for_nobody() -> None:
+def test_a_number_has_no_receiver_when_all_have_theirs() -> None:
     """Clause CHN-023: it would block the chain."""
     assert destination(stage(10), UNNUMBERED) == Destination(9, reached=False)
 
@@ -61,7 +61,7 @@ def test_numbers_beyond_the_chain_leave_it_at_its_end(node: int) -> None:
     assert destination(stage(10), node) == Destination(9, reached=False)
 
 
-def test_a_number_that_is_not_taken_yet_turns_back_at_the_first_processor_without_one() -> None:
+def test_an_unassigned_number_turns_back_at_the_first_processor_without_one() -> None:
     assert destination(stage(3), 7) == Destination(3, reached=False)
 
 

@@ -18,7 +18,7 @@ BEGINS = 24_000  # cycles: 60 µs, in period 2
 
 
 def bars(axes: Axes) -> dict[tuple[str, str], list[tuple[float, float]]]:
-    """Where bars begin and end, in µs, by the lane's number as written beside it and what the legend calls them."""
+    """Where bars begin and end, in µs, by the number beside the lane and the name in the legend."""
     numbers = dict(zip(axes.get_yticks().tolist(), [text.get_text() for text in axes.get_yticklabels()], strict=True))
     found: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for kind in axes.containers:
@@ -71,7 +71,7 @@ def test_boundaries_are_named_and_stay_few() -> None:
     assert 8 <= len(axes.lines) <= 17
 
 
-def test_a_bar_says_as_much_as_has_room() -> None:
+def test_a_bar_has_as_much_text_as_fits() -> None:
     spans = [
         Span(0, 10_000, "USB", "packet"),
         Span(10_000, 10_600, "link 0", "slice 7"),
@@ -85,17 +85,17 @@ def test_a_bar_says_as_much_as_has_room() -> None:
 
 
 @pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE])
-def test_what_a_device_does_with_one_update_is_what_the_specification_counts(link: Link) -> None:
-    """Period 0 begins where the device came up: everything is shifted by what enabling it took, which is nothing."""
+def test_a_device_handles_an_update_as_the_specification_says(link: Link) -> None:
+    """Period 0 begins when the device comes up; enabling it takes no time."""
     assert way_of_an_update(Emulator(link=link)) == sorted(one_update(link, 0))
 
 
-def test_within_a_period_there_is_no_boundary() -> None:
+def test_there_is_no_boundary_within_a_period() -> None:
     (axes,) = draw_timeline([Span(5, 6, "USB", "packet")]).axes
     assert not list(axes.lines)
 
 
 @pytest.mark.parametrize("spans", [[], [Span(5, 5, "USB", "packet")]])
-def test_nothing_cannot_be_drawn(spans: list[Span]) -> None:
+def test_an_empty_picture_is_refused(spans: list[Span]) -> None:
     with pytest.raises(ValueError, match="without a span that takes time"):
         draw_timeline(spans)

@@ -27,7 +27,7 @@ def ready(link: Link) -> Emulator:
 
 
 def first_tick(link: Link, begins: int) -> int:
-    """The tick at which an update is heard whose first bit is sent at a core cycle."""
+    """The tick at which an update plays whose first bit is sent at a core cycle."""
     emulator = ready(link)
     pass_until(emulator, begins)
     bus = EmulatorBackend([emulator])

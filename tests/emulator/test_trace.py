@@ -31,7 +31,7 @@ def write(emulator: Emulator) -> None:
 
 
 @pytest.mark.parametrize("link", [FIVE_WIRE, TWO_WIRE])
-def test_the_way_of_an_update_is_as_the_specification_counts_it(link: Link) -> None:
+def test_the_way_of_an_update_takes_the_times_of_the_specification(link: Link) -> None:
     """All spans of chapter BUD and clause CHN-006, to the core cycle, and no others."""
     emulator = watched(link)
     pass_until(emulator, 123_456)
@@ -41,7 +41,7 @@ def test_the_way_of_an_update_is_as_the_specification_counts_it(link: Link) -> N
     assert emulator.tracer.spans(emulator.scheduler.now) == sorted(expected)
 
 
-def test_signals_tell_of_the_queue_the_state_and_every_mailbox() -> None:
+def test_signals_show_the_queue_the_state_and_every_mailbox() -> None:
     emulator = watched(FIVE_WIRE)
     write(emulator)
     arrived = now(emulator)
@@ -65,7 +65,7 @@ def test_every_value_fits_its_signal_while_the_queue_is_full() -> None:
         signal.check()
 
 
-def test_the_port_counter_is_seen_to_wrap() -> None:
+def test_the_trace_shows_the_wrap_of_the_port_counter() -> None:
     """204 800 ticks from one pulse of the sync line to the next are 8192 modulo 65 536."""
     emulator = watched(FIVE_WIRE)
     emulator.run_until(10 * 4096 + 1)
@@ -75,7 +75,7 @@ def test_the_port_counter_is_seen_to_wrap() -> None:
     ]
 
 
-def test_nothing_is_kept_while_nobody_watches() -> None:
+def test_a_device_without_a_tracer_keeps_nothing() -> None:
     emulator = Emulator(unfolded=True)
     emulator.usb.control(Setup(0x00, 9, 1, 0, 0))
     emulator.usb.control(Setup(0x41, Request.ENABLE, 0, 0, 0))
@@ -84,7 +84,7 @@ def test_nothing_is_kept_while_nobody_watches() -> None:
     assert (emulator.tracer.spans(0), emulator.tracer.signals()) == ([], [])
 
 
-def test_what_begins_anew_has_ended_and_what_goes_on_is_shown_up_to_now() -> None:
+def test_a_new_span_ends_the_last_and_an_open_one_reaches_to_now() -> None:
     tracer = Tracer()
     tracer.watching, tracer.origin = True, 100
     tracer.begin(110, "port 0", "plays")
@@ -94,7 +94,7 @@ def test_what_begins_anew_has_ended_and_what_goes_on_is_shown_up_to_now() -> Non
     assert tracer.spans(150) == [Span(10, 20, "port 0", "plays"), Span(20, 30, "port 0", "plays")]
 
 
-def test_of_several_values_in_one_cycle_the_last_counts_and_the_same_again_is_no_change() -> None:
+def test_the_last_value_in_a_cycle_counts_and_a_repetition_is_no_change() -> None:
     tracer = Tracer()
     tracer.watching = True
     for cycle, value in ((1, 0), (5, 1), (5, 2), (6, 2), (7, 3), (7, 2)):

@@ -51,7 +51,7 @@ def test_a_long_text_takes_its_time_to_the_cycle(baud: int) -> None:
     assert len(wire.line.heard) == count
 
 
-def test_a_pause_is_no_credit() -> None:
+def test_a_pause_gives_no_credit() -> None:
     wire = Wire()
     wire.uart.receive(b"a")
     wire.run_until(SECOND)
@@ -60,7 +60,7 @@ def test_a_pause_is_no_credit() -> None:
     assert wire.line.heard == b"ab"
 
 
-def test_what_the_device_says_by_itself_takes_its_time_too() -> None:
+def test_unsolicited_bytes_take_their_time_too() -> None:
     wire = Wire()
     wire.run_until(1000)
     wire.line.says = b"ok"
@@ -69,7 +69,7 @@ def test_what_the_device_says_by_itself_takes_its_time_too() -> None:
     assert wire.uart.take(10) == b"o"
 
 
-def test_what_is_said_to_nobody_is_lost() -> None:
+def test_bytes_without_a_client_are_lost() -> None:
     wire = Wire()
     wire.uart.hang_up()
     wire.line.says = b"hello"
@@ -78,7 +78,7 @@ def test_what_is_said_to_nobody_is_lost() -> None:
     assert (wire.uart.pending, wire.line.says) == (0, b"")
 
 
-def test_one_who_says_something_and_goes_is_heard_first() -> None:
+def test_the_bytes_of_a_client_that_leaves_arrive_first() -> None:
     wire = Wire()
     wire.uart.receive(b"off\r")
     wire.uart.hang_up()
@@ -88,7 +88,7 @@ def test_one_who_says_something_and_goes_is_heard_first() -> None:
     assert (wire.line.heard, wire.line.hung_up, wire.uart.pending) == (b"off\r", 1, 0)
 
 
-def test_but_not_into_the_turn_of_the_next() -> None:
+def test_the_next_client_cuts_off_the_bytes_of_the_last() -> None:
     wire = Wire()
     wire.uart.receive(b"off\r")
     wire.uart.hang_up()
@@ -99,7 +99,7 @@ def test_but_not_into_the_turn_of_the_next() -> None:
     assert (wire.line.heard, wire.uart.take(10)) == (b"on", b"ON")
 
 
-def test_a_client_that_does_not_listen_or_hurries_is_held_up() -> None:
+def test_a_client_that_does_not_read_or_sends_too_fast_is_held_up() -> None:
     wire = Wire(12_000_000)
     assert not wire.uart.full
     wire.uart.receive(bytes(MOST_WAITING + 1))
@@ -131,7 +131,7 @@ def test_other_baud_rates_are_refused(baud: int) -> None:
         Uart(StandInLine, Scheduler(), baud)
 
 
-def test_a_device_without_a_line_hears_and_says_nothing() -> None:
+def test_a_device_without_a_line_neither_receives_nor_sends() -> None:
     uart = Uart(lambda: None, scheduler := Scheduler(), 100_000)
     uart.connect()
     uart.receive(b"hello")

@@ -1,4 +1,4 @@
-"""Real programs against the emulated device: what they print, and that they complain of nothing."""
+"""Real programs against the emulated device: what they print, without a complaint."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_lsusb_reads_every_descriptor_and_finds_no_fault(run: Runner) -> None:
         Binary Object Store Descriptor: | PlatformCapabilityUUID {d8dd60df-4589-4cc7-9cd2-659d9e648a9f}
         Device Status: 0x0001
     """
-    rest = iter(lines)  # what the machine's usb.ids says of a number may follow it
+    rest = iter(lines)  # the name from the machine's usb.ids may follow a number
     for line in re.split(r"\s*[|\n]\s*", expected.strip()):
         assert any(f"{found} ".startswith(f"{line} ") for found in rest), f"{line!r} does not come, or not in its place"
 
@@ -182,7 +182,7 @@ def test_a_device_is_unplugged_and_plugged_in_again(run: Runner, monkeypatch: py
     bulk_in, reads = machine.usb.bulk_in, count()
 
     def read(endpoint: int) -> Handshake | bytes:
-        """When the program reads first, however long it took to start, the cable is pulled soon."""
+        """The cable is pulled soon after the program's first read, however long its start took."""
         if next(reads) == 0:
             machine.scheduler.at(machine.scheduler.now + SECOND // 10, machine.usb.unplug)
             machine.scheduler.at(machine.scheduler.now + SECOND // 2, machine.usb.plug)
@@ -202,7 +202,7 @@ def test_a_device_that_cannot_be_enumerated_is_not_there(run: Runner, monkeypatc
     code, out, _ = run("lsusb", machines=[mute, other])
     assert (code, len(out.splitlines()), len(resets)) == (0, 1, 1)
     code, out, _ = run("lsusb", machines=[mute])
-    assert (code, out) == (1, "")  # as lsusb ends where there is no device
+    assert (code, out) == (1, "")  # as lsusb ends if there is no device
 
 
 @needs()
@@ -221,7 +221,7 @@ for value in (0, 1):
 
 @needs()
 @pytest.mark.parametrize(("script", "code"), [("exit 3", 3), ("kill -KILL $$", 128 + signal.SIGKILL)])
-def test_the_program_s_exit_code_is_handed_on(run: Runner, script: str, code: int) -> None:
+def test_the_program_s_exit_code_is_passed_on(run: Runner, script: str, code: int) -> None:
     assert run_under_mock(["sh", "-c", script], [Emulator()]) == code
 
 
@@ -232,7 +232,7 @@ def test_the_device_s_time_is_the_wall_clock_s(run: Runner) -> None:
     assert 0.4 < machine.scheduler.now / SECOND < 1.5
 
 
-def test_a_node_tells_of_pollout_only(tmp_path: Path) -> None:
+def test_a_node_reports_pollout_only(tmp_path: Path) -> None:
     file = PollFile(tmp_path / "002")
     program = os.open(tmp_path / "002", os.O_RDWR)
     poll = select.poll()
@@ -244,7 +244,7 @@ def test_a_node_tells_of_pollout_only(tmp_path: Path) -> None:
     file.close()
 
 
-def test_without_umockdev_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_umockdev_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     with pytest.raises(DeviceNotFoundError, match="apt-get install umockdev"):
         run_under_mock(["true"], [])
@@ -255,8 +255,8 @@ def test_a_program_must_be_named() -> None:
         run_under_mock([], [])
 
 
-def test_a_program_that_opens_a_device_while_it_leaves_is_told_so() -> None:
-    """The preloaded library ends a program whose node nobody answers for: it may have opened that a moment before."""
+def test_a_program_gets_an_error_if_it_opens_a_device_that_leaves() -> None:
+    """The preloaded library ends a program whose node has no server: it may have opened it a moment before."""
     machine = Emulator()
     with MockUsb([machine]) as bed:
         machine.usb.unplug()
@@ -266,8 +266,8 @@ def test_a_program_that_opens_a_device_while_it_leaves_is_told_so() -> None:
             program.connect(str(bed.root / "ioctl/dev/bus/usb/001/002"))
 
 
-def test_addresses_are_given_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the kernel does: 127 is followed by the lowest, and what a device has is left out."""
+def test_addresses_are_assigned_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the kernel does: the lowest follows 127, and addresses in use are skipped."""
     machines = [Emulator() for _ in range(2)]
     with MockUsb(machines) as bed:
         assert sorted(path.name for path in (bed.root / "dev/bus/usb/001").iterdir()) == ["002", "003"]

@@ -1,4 +1,4 @@
-"""New firmware through the device's own USB port, and what runs after every way of losing power (chapters FWU, DFU)."""
+"""New firmware through the device's USB port, and what runs after each loss of power (chapters FWU, DFU)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FACTORY = FACTORY_IMAGE.version
 
 
 def made(version: Version, size: int = 9000) -> bytes:
-    """What is sent of the file of an image."""
+    """The bytes to send for the file of an image."""
     body = np.random.default_rng(version.bcd).bytes(size)
     file = build(Image(version, (Segment(Target.ALL_PROCESSORS, body), Segment(Target.CONTROLLER, body[:70]))))
     return split_suffix(file)[0]
@@ -101,7 +101,7 @@ class Upgraded(Device):
         self.boot()
 
     def lose_power(self) -> None:
-        """Off and on, with nobody on the bus."""
+        """Switch off and on, without a host on the bus."""
         self.emulator.power_down()
         self.run_ms(5)
         self.emulator.power_up()
@@ -109,7 +109,7 @@ class Upgraded(Device):
 
     @property
     def version(self) -> Version:
-        """Of the firmware that runs, as a serial line tells it without being asked by the host's configuration."""
+        """The version of the firmware that runs; it needs no host on the bus."""
         return Version(*self.emulator.running.info().firmware)
 
     @property
@@ -150,7 +150,7 @@ def test_a_device_without_power_is_not_on_the_bus(device: Upgraded) -> None:
 
 
 def kept(path: Path) -> Version:
-    """What a device would run with the flash that a file holds now."""
+    """The version that a device would run with a file's flash."""
     flash = Flash.load(path)
     flash.power_up(Scheduler())
     return loader.boot(flash).image.version
@@ -190,7 +190,7 @@ def test_a_device_that_is_killed_after_an_upgrade_has_it(tmp_path: Path) -> None
     assert kept(path) == NEW
 
 
-def test_a_full_disk_is_told_and_stops_no_device(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_the_device_goes_on(tmp_path: Path) -> None:
     told: list[OSError] = []
     with Emulator() as emulator:
         loader.keep(emulator.flash, tmp_path / "flash.bin", told.append)

@@ -53,7 +53,7 @@ class Bench:
         return transfer
 
     def run(self) -> int:
-        """Let time pass until nobody has anything to do; how much it was."""
+        """Let time pass until nothing is left to do; returns how much it was."""
         begin = self.scheduler.now
         while (time := self.bus.next_time(self.scheduler.next_time())) is not None:
             self.scheduler.run_until(time)
@@ -77,7 +77,7 @@ class Bench:
         (1536, False, [512, 512, 512]),
     ],
 )
-def test_what_is_sent_is_cut_into_packets(size: int, zero_packet: bool, packets: list[int]) -> None:
+def test_a_transfer_is_cut_into_packets(size: int, zero_packet: bool, packets: list[int]) -> None:
     bench = Bench()
     transfer = bench.out(bytes(size), zero_packet=zero_packet)
     assert bench.run() == len(packets) * PACKET
@@ -88,7 +88,7 @@ def test_what_is_sent_is_cut_into_packets(size: int, zero_packet: bool, packets:
 
 @pytest.mark.parametrize("zero_packet", [False, True])
 @pytest.mark.parametrize(("size", "streams"), [(5120, 3), (5120, 5), (5121, 3), (512 * 200, 10**6)])
-def test_a_stream_is_the_same_as_its_packets(size: int, streams: int, zero_packet: bool) -> None:
+def test_a_stream_has_the_effect_of_its_packets(size: int, streams: int, zero_packet: bool) -> None:
     ends = []
     for at_once in (0, streams):
         bench = Bench()
@@ -127,7 +127,7 @@ def test_transfers_that_are_sent_together_are_the_same_as_one_by_one(sizes: list
         (0, [0], TransferOutcome.DONE, 0),
     ],
 )
-def test_a_short_packet_or_a_full_buffer_ends_what_is_received(
+def test_a_short_packet_or_a_full_buffer_ends_a_transfer_in(
     length: int, packets: list[int], outcome: TransferOutcome, received: int
 ) -> None:
     bench = Bench()
@@ -165,7 +165,7 @@ def test_transfers_of_an_endpoint_keep_their_order_and_endpoints_take_turns() ->
 
 
 @pytest.mark.parametrize("streams", [0, 10**6])
-def test_what_the_device_has_to_say_keeps_up_with_what_it_takes(streams: int) -> None:
+def test_records_keep_up_with_the_blocks_of_a_stream(streams: int) -> None:
     """Acknowledgements of 16 blocks fill a packet; if each waited for a stream, a device could hold no more of them."""
     bench = Bench()
     bench.device.streams = (bench.scheduler, streams)
@@ -179,7 +179,7 @@ def test_what_the_device_has_to_say_keeps_up_with_what_it_takes(streams: int) ->
     assert ended[:-1] == answers
 
 
-def test_what_is_answered_with_nak_waits_until_something_happens_in_the_device() -> None:
+def test_a_transfer_that_gets_nak_waits_for_an_event_of_the_device() -> None:
     bench = Bench()
     bench.device.room = 1
     bench.out(bytes(1024))
@@ -200,7 +200,7 @@ def test_what_is_answered_with_nak_waits_until_something_happens_in_the_device()
     assert 1_000_000 <= bench.scheduler.now < 1_000_000 + 3 * PACKET
 
 
-def test_one_who_only_listens_neither_presses_nor_is_stuck() -> None:
+def test_a_pending_transfer_in_is_neither_pressing_nor_stuck() -> None:
     bench = Bench()
     bench.into(512)
     assert (bench.bus.presses, bench.bus.stuck) == (True, False)
@@ -214,14 +214,14 @@ def test_one_who_only_listens_neither_presses_nor_is_stuck() -> None:
     assert bench.bus.last_word == 3 * PACKET + MICROFRAME
 
 
-def test_a_transfersubmitted_late_waits_for_its_packet_only() -> None:
+def test_a_transfer_submitted_late_waits_for_its_packet_only() -> None:
     bench = Bench()
     bench.into(512)
     bench.run()
     bench.scheduler.run_until(5_000_000)
     bench.out(bytes(512))
     bench.run()
-    assert bench.scheduler.now == 5_000_000 + 2 * PACKET  # the second asks once more for what comes in
+    assert bench.scheduler.now == 5_000_000 + 2 * PACKET  # the second is the next try of the transfer in
     assert len(bench.device.taken) == 1
 
 
@@ -279,7 +279,7 @@ def test_a_request_may_not_go_both_ways() -> None:
     assert (bench.outcomes, bench.device.requests) == ([TransferOutcome.MALFORMED], [])
 
 
-def test_a_transfer_taken_back_is_over() -> None:
+def test_a_cancelled_transfer_is_over() -> None:
     bench = Bench()
     first, second = bench.into(512), bench.into(512)
     bench.bus.cancel(first)

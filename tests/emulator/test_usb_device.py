@@ -1,4 +1,4 @@
-"""What USB 2.0, chapter 9, and chapter USB of the specification ask of any mode of the device."""
+"""USB 2.0, chapter 9, and chapter USB of the specification, for any mode of the device."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def stalls(bench: Bench, setup: Setup, data: bytes = b"") -> bool:
 
 
 @pytest.mark.parametrize("setup", [Setup(0x00, 5, 128, 0, 0), Setup(0x00, 9, 1, 0, 3)], ids=["address 128", "data"])
-def test_a_standard_request_with_what_it_does_not_take_stalls(setup: Setup) -> None:
+def test_a_standard_request_with_wrong_fields_stalls(setup: Setup) -> None:
     bench = configured()
     assert stalls(bench, setup)
     assert (bench.usb.attached, bench.usb.configuration) == (True, 1)
@@ -41,7 +41,7 @@ def test_the_address_is_kept_until_a_reset() -> None:
 
 
 @pytest.mark.parametrize("speed", [HIGH_SPEED, FULL_SPEED])
-def test_only_a_high_speed_device_has_test_modes_and_it_does_not_come_back(speed: Speed) -> None:
+def test_only_a_high_speed_device_has_test_modes_and_it_stays_in_them(speed: Speed) -> None:
     """USB 2.0, 9.4.9: it no longer responds, until its power is cycled."""
     bench = configured(speed)
     test_packet = Setup(0x00, 3, 2, 0x0400, 0)
@@ -67,8 +67,8 @@ def test_a_packet_that_no_bus_can_carry_is_refused(speed: Speed, largest: int) -
 # Attachment
 
 
-def test_it_shows_itself_with_voltage_and_firmware_only() -> None:
-    """Clause USB-022; the generation tells a host that it has to enumerate anew."""
+def test_it_attaches_with_voltage_and_firmware_only() -> None:
+    """Clause USB-022; the generation tells a host to enumerate the device again."""
     bench = Bench()
     usb = bench.usb
     assert (usb.attached, usb.generation) == (True, 1)
@@ -79,7 +79,7 @@ def test_it_shows_itself_with_voltage_and_firmware_only() -> None:
     assert (usb.attached, usb.generation) == (False, 1)
     usb.connect(bench.controller, bench.line, (1, 2, 3))
     assert (usb.attached, usb.generation) == (True, 2)
-    usb.plug()  # where it is already
+    usb.plug()  # it is plugged in already
     assert usb.generation == 2
     usb.unplug()
     usb.connect(bench.controller, bench.line, (1, 2, 3))
@@ -91,7 +91,7 @@ def test_it_shows_itself_with_voltage_and_firmware_only() -> None:
 # Suspend, resume, unplug
 
 
-def test_a_suspended_bus_that_loses_its_voltage_or_is_reset_is_suspended_no_more() -> None:
+def test_loss_of_voltage_or_a_reset_ends_a_suspension() -> None:
     bench = configured()
     bench.usb.suspend()
     bench.usb.unplug()
@@ -108,7 +108,7 @@ def test_a_suspended_bus_that_loses_its_voltage_or_is_reset_is_suspended_no_more
 # To DFU mode and back
 
 
-def test_detach_stalls_where_the_state_forbids_it() -> None:
+def test_detach_stalls_if_the_state_forbids_it() -> None:
     """Clause STA-005."""
     bench = configured()
     bench.controller.can_detach = False
@@ -129,7 +129,7 @@ def test_the_console_detaches_as_the_request_does() -> None:
         bench.usb.detach(bench.door)
 
 
-def test_a_bus_reset_hastens_a_detach_that_nothing_called_off() -> None:
+def test_a_bus_reset_hastens_a_detach_unless_it_was_cancelled() -> None:
     bench = configured()
     bench.usb.control(DETACH)
     bench.controller.can_detach = False
@@ -139,7 +139,7 @@ def test_a_bus_reset_hastens_a_detach_that_nothing_called_off() -> None:
 
 
 @pytest.mark.parametrize("wait_ms", [0, 25])
-def test_a_restart_calls_a_detach_off(wait_ms: int) -> None:
+def test_a_restart_cancels_a_detach(wait_ms: int) -> None:
     bench = configured()
     bench.usb.control(DETACH)
     bench.run_ms(wait_ms)

@@ -1,4 +1,4 @@
-"""What the interfaces do: blocks and records in packets, the console, and what becomes of them when a session ends."""
+"""The interfaces: blocks and records in packets, the console, and their state after a session."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ SET_LINE_CODING = Setup(0x21, 0x20, 0, 1, 7)
 
 
 def dtr(high: bool) -> Setup:
-    return Setup(0x21, 0x22, 2 | high, 1, 0)  # RTS is not looked at
+    return Setup(0x21, 0x22, 2 | high, 1, 0)  # RTS is ignored
 
 
 # Blocks
 
 
 def transfer(bench: Bench, data: bytes, *, empty_packet: bool) -> None:
-    """Send data as a host does: full packets, then a short one, and an empty one where it is wanted and due."""
+    """Send data as a host does: full packets, then a short one, and an empty one if it is due."""
     size = SPEEDS[bench.usb.speed]
     for at in range(0, len(data), size):
         assert bench.usb.bulk_out(0x01, data[at : at + size]) is Handshake.ACK
@@ -41,7 +41,7 @@ def test_a_part_of_a_block_waits_for_the_rest() -> None:
     assert bench.usb.bulk_in(0x81) == ack(0)
 
 
-def test_nothing_is_taken_while_as_many_records_wait_as_the_device_holds() -> None:
+def test_no_block_is_taken_while_the_record_buffer_is_full() -> None:
     """Clause ACK-001; an unsolicited record is additional to those (clause ACK-006)."""
     bench = configured()
     bench.door.notify(status(0))
@@ -56,7 +56,7 @@ def test_nothing_is_taken_while_as_many_records_wait_as_the_device_holds() -> No
 # Records
 
 
-def test_what_comes_up_meanwhile_takes_the_place_of_the_empty_packet() -> None:
+def test_a_new_record_takes_the_place_of_the_empty_packet() -> None:
     bench = configured(FULL_SPEED)
     for n in range(2):
         bench.door.acknowledge(ack(n))
@@ -66,7 +66,7 @@ def test_what_comes_up_meanwhile_takes_the_place_of_the_empty_packet() -> None:
     assert bench.usb.bulk_in(0x81) is Handshake.NAK
 
 
-def test_nobody_is_notified_who_has_not_configured_the_device() -> None:
+def test_a_host_is_notified_only_after_it_configured_the_device() -> None:
     """Clause ACK-006."""
     bench = Bench()
     bench.door.notify(status(0))
@@ -97,7 +97,7 @@ WHAT_BECOMES = [  # clause USB-026, row by row
 
 
 def fate(bench: Bench, what: str) -> str:
-    """What became of something in the state that `in_full_swing` leaves."""
+    """Which parts of the state that `in_full_swing` leaves still hold."""
     usb = bench.usb
     if what == "outputs, queue":
         return "off, emptied" if "new session" in bench.controller.told else GOES_ON
@@ -115,7 +115,7 @@ def fate(bench: Bench, what: str) -> str:
     if what == "line coding":
         return "as at first" if usb.control(GET_LINE_CODING) == bytes([0, 0xC2, 1, 0, 0, 0, 8]) else GOES_ON
     bench.line.told.clear()
-    usb.control(dtr(True))  # which the line learns of if it was low
+    usb.control(dtr(True))  # the line notices if it was low
     return "low" if bench.line.told == ["open"] else GOES_ON
 
 
@@ -131,7 +131,7 @@ def in_full_swing() -> Bench:
 
 @pytest.mark.parametrize(("event", "column"), [(event, n) for n, event in enumerate(EVENTS, start=1)])
 @pytest.mark.parametrize("row", WHAT_BECOMES, ids=lambda row: row[0])
-def test_what_becomes_of_the_rest(event: str, column: int, row: tuple[str, ...]) -> None:
+def test_the_rest_after_an_event(event: str, column: int, row: tuple[str, ...]) -> None:
     bench = in_full_swing()
     setup = EVENTS[event]
     if setup is None:
@@ -145,7 +145,7 @@ def test_what_becomes_of_the_rest(event: str, column: int, row: tuple[str, ...])
     assert fate(bench, row[0]) == row[column]
 
 
-def test_the_controller_learns_of_sessions_and_of_hosts() -> None:
+def test_the_controller_is_notified_of_sessions_and_hosts() -> None:
     """Clauses STA-002 and FWU-020."""
     bench = Bench()
     assert bench.controller.told == []

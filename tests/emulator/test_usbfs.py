@@ -1,4 +1,4 @@
-"""usbfs as <linux/usbdevice_fs.h> and the kernel have it; numbers and structures are written out here."""
+"""usbfs by <linux/usbdevice_fs.h> and the kernel; numbers and structures are literal here."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Program:
         return self.memory[address - address % 0x10000]
 
     def begin(self, request: int, argument: int | bytes = 0) -> int:
-        """Make a call; the address of its argument."""
+        """Make a call; returns the address of its argument."""
         address = argument if isinstance(argument, int) else self.allocate(argument)
         self.file.ioctl(request, address, self, self.results.append)
         return address
@@ -68,7 +68,7 @@ class Program:
         return URB.pack(kind, endpoint, 0, flags, self.allocate(data), size, 0, 0, 0, 0, 0, 0x1234)
 
     def submit(self, kind: int, endpoint: int, data: bytes, flags: int = 0) -> int:
-        """Submit a transfer that must be taken; its address."""
+        """Submit a transfer that must be taken; returns its address."""
         address = self.allocate(self.urb(kind, endpoint, data, flags))
         assert self.call(Ioctl.SUBMITURB, address) == 0
         return address
@@ -177,7 +177,7 @@ def test_a_call_can_wait_for_a_transfer(program: Program) -> None:
     assert not program.file.writable
 
 
-def test_a_transfer_is_taken_back(program: Program) -> None:
+def test_a_transfer_is_cancelled(program: Program) -> None:
     address = program.submit(BULK, 0x81, bytes(64))
     assert program.call(Ioctl.DISCARDURB, address) == 0
     assert program.reap() == (address, -errno.ENOENT, b"")
@@ -188,7 +188,7 @@ def test_a_transfer_is_taken_back(program: Program) -> None:
     ("room", "flags", "status", "received"),
     [(64, 0, 0, 32), (64, SHORT_NOT_OK, -errno.EREMOTEIO, 32), (32, SHORT_NOT_OK, 0, 32), (16, 0, -errno.EOVERFLOW, 0)],
 )
-def test_how_much_room_there_is(program: Program, room: int, flags: int, status: int, received: int) -> None:
+def test_the_limit_of_submitted_bytes(program: Program, room: int, flags: int, status: int, received: int) -> None:
     program.submit(BULK, 0x01, bytes(512))
     program.submit(BULK, 0x81, bytes(room), flags)
     program.wait()
@@ -217,7 +217,7 @@ def test_transfers_are_cut_into_packets(
     assert len(program.reap()[2]) == size
 
 
-def test_a_stall_is_told(program: Program) -> None:
+def test_a_stall_is_reported(program: Program) -> None:
     program.submit(CONTROL, 0x00, STALLED + bytes(4))
     program.wait()
     assert program.reap()[1] == -errno.EPIPE
@@ -253,7 +253,7 @@ def test_a_program_waits_for_a_control_transfer(program: Program) -> None:
     assert program.results == [18, -errno.EPIPE]
 
 
-def test_a_program_waits_for_a_bulk_transfer_no_longer_than_it_said(program: Program) -> None:
+def test_a_program_waits_for_a_bulk_transfer_until_its_time_out(program: Program) -> None:
     argument, buffer = bulk(program, 0x81, bytes(64), timeout_ms=20)
     program.begin(Ioctl.BULK, argument)
     program.wait(19 * MS)
@@ -290,7 +290,7 @@ def test_a_program_waits_for_a_bulk_transfer_no_longer_than_it_said(program: Pro
         (Ioctl.BULK, struct.pack("<IIIxxxxQ", 0x02, 0, 0, 0), errno.ENOENT),
     ],
 )
-def test_what_cannot_be_done_is_refused(program: Program, request_number: int, argument: bytes, code: int) -> None:
+def test_impossible_calls_are_refused(program: Program, request_number: int, argument: bytes, code: int) -> None:
     assert program.call(request_number, argument) == -code
 
 
@@ -308,7 +308,7 @@ def test_what_cannot_be_done_is_refused(program: Program, request_number: int, a
         (CONTROL, 0x00, struct.pack("<BBHHH", 0x82, 0, 0, 0x84, 2) + bytes(2), 0, errno.ENOENT),  # to no endpoint
     ],
 )
-def test_transfers_that_make_no_sense_are_refused(
+def test_invalid_transfers_are_refused(
     program: Program, kind: int, endpoint: int, data: bytes, flags: int, code: int
 ) -> None:
     assert program.call(Ioctl.SUBMITURB, program.urb(kind, endpoint, data, flags)) == -code
@@ -319,7 +319,7 @@ def test_a_bulk_transfer_suits_an_interrupt_endpoint(program: Program) -> None:
     program.submit(INTERRUPT, 0x82, bytes(16))
 
 
-def test_an_interface_is_one_program_s(device: KernelDevice, program: Program) -> None:
+def test_an_interface_belongs_to_one_program(device: KernelDevice, program: Program) -> None:
     other = Program(device)
     interface = struct.pack("<I", 0)
     assert program.call(Ioctl.CLAIMINTERFACE, interface) == 0
@@ -340,7 +340,7 @@ def test_an_interface_that_is_used_is_claimed(device: KernelDevice, program: Pro
     to_interface = struct.pack("<BBHHH", 0x81, 10, 0, 0, 1) + bytes(1)
     assert other.call(Ioctl.SUBMITURB, other.urb(CONTROL, 0x00, to_interface)) == -errno.EBUSY
     vendor = struct.pack("<BBHHH", 0xC1, 1, 0, 0, 64) + bytes(64)
-    other.submit(CONTROL, 0x00, vendor)  # what vendor requests speak to is nobody's business
+    other.submit(CONTROL, 0x00, vendor)  # vendor requests need no claim
 
 
 def test_an_interface_is_taken_from_a_program(device: KernelDevice, program: Program) -> None:
@@ -362,7 +362,7 @@ def test_an_interface_is_taken_from_a_program(device: KernelDevice, program: Pro
     assert program.call(Ioctl.CLAIMINTERFACE, struct.pack("<I", 0)) == -errno.EBUSY
 
 
-def test_giving_an_interface_back_ends_its_transfers(program: Program) -> None:
+def test_releasing_an_interface_ends_its_transfers(program: Program) -> None:
     mine, other = program.submit(BULK, 0x81, bytes(64)), program.submit(BULK, 0x83, bytes(64))
     assert program.call(Ioctl.RELEASEINTERFACE, struct.pack("<I", 0)) == 0
     assert program.reap()[:2] == (mine, -errno.ENOENT)
@@ -370,7 +370,7 @@ def test_giving_an_interface_back_ends_its_transfers(program: Program) -> None:
     assert program.call(Ioctl.DISCARDURB, other) == 0
 
 
-def test_what_the_device_is(machine: Emulator, program: Program) -> None:
+def test_calls_that_describe_the_device(machine: Emulator, program: Program) -> None:
     info = program.begin(Ioctl.CONNECTINFO, bytes(8))
     assert struct.unpack("<IB", program.read(info, 5)) == (7, 0)
     capabilities = program.begin(Ioctl.GET_CAPABILITIES, bytes(4))
@@ -427,7 +427,7 @@ def test_a_device_that_has_gone(machine: Emulator, device: KernelDevice, program
     assert program.call(Ioctl.REAPURB, bytes(8)) == -errno.ENODEV
 
 
-def test_a_program_that_ends_leaves_nothing(machine: Emulator, device: KernelDevice, program: Program) -> None:
+def test_a_program_s_end_releases_everything(machine: Emulator, device: KernelDevice, program: Program) -> None:
     program.submit(BULK, 0x81, bytes(64))
     program.begin(Ioctl.BULK, bulk(program, 0x83, bytes(64), timeout_ms=20)[0])
     results = list(program.results)
@@ -437,7 +437,7 @@ def test_a_program_that_ends_leaves_nothing(machine: Emulator, device: KernelDev
     other.submit(BULK, 0x01, bytes(512))
     other.wait(30 * MS)
     other.reap()
-    assert other.reap()[:2] == (incoming, 0)  # nobody else has had the answer
+    assert other.reap()[:2] == (incoming, 0)  # no other program got the answer
     assert (program.results, program.changes) == (results, [])
     device.disconnect()
 
@@ -452,7 +452,7 @@ def test_time_passes_without_transfers(machine: Emulator, device: KernelDevice) 
     device.run_until(before + 3 * MS)
     assert seen == [1]
     assert device.next_time() == machine.scheduler.next_time()
-    device.run_until(before)  # which has been
+    device.run_until(before)  # in the past
     assert machine.scheduler.now == before + 3 * MS
 
 

@@ -88,7 +88,7 @@ def test_a_command_in_pieces_is_waited_for() -> None:
         ("47455420 2f204854", "version 0x4745"),  # GET / HT…
     ],
 )
-def test_what_is_no_request_is_refused(data: str, message: str) -> None:
+def test_an_invalid_request_is_refused(data: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         read_request(bytes.fromhex(data))
 
@@ -103,7 +103,7 @@ def test_what_is_no_request_is_refused(data: str, message: str) -> None:
         (32, 8, "isochronous"),
     ],
 )
-def test_what_is_no_command_is_refused(offset: int, value: int, message: str) -> None:
+def test_an_invalid_command_is_refused(offset: int, value: int, message: str) -> None:
     data = bytearray(COMMAND_IN)
     struct.pack_into(">I", data, offset, value)
     with pytest.raises(ValueError, match=message):

@@ -65,7 +65,7 @@ class Desk:
         return client, session
 
 
-def test_devices_are_listed_and_the_client_is_left() -> None:
+def test_devices_are_listed_and_the_connection_ends() -> None:
     client, session = Desk().client()
     listed = client.list()
     assert [(each.bus_id, each.bus, each.number) for each in listed] == [("1-1", 1, 1), ("1-2", 1, 2)]
@@ -96,7 +96,7 @@ def test_packets_go_both_ways() -> None:
 
 
 @pytest.mark.parametrize(("bus_id", "status"), [("1-3", 4), ("", 4), ("1-1", 2)])
-def test_a_device_that_is_not_there_or_taken_cannot_be_had(bus_id: str, status: int) -> None:
+def test_an_absent_or_attached_device_cannot_be_attached(bus_id: str, status: int) -> None:
     desk = Desk()
     desk.attached()
     client, session = desk.client()
@@ -105,7 +105,7 @@ def test_a_device_that_is_not_there_or_taken_cannot_be_had(bus_id: str, status: 
     assert session.end
 
 
-def test_another_device_can_be_had_meanwhile_and_each_after_its_client_has_gone() -> None:
+def test_another_device_can_be_attached_and_each_again_after_its_client_left() -> None:
     desk = Desk()
     _, first = desk.attached()
     second, _ = desk.client()
@@ -114,11 +114,11 @@ def test_another_device_can_be_had_meanwhile_and_each_after_its_client_has_gone(
     assert desk.device.happened == ["unplug", "plug"]
     assert desk.stations[0].conversations == []
     desk.attached()
-    first.hang_up()  # again, and late: it has nothing any more
+    first.hang_up()  # again, and late: it has no device any more
     assert desk.device.happened == ["unplug", "plug"]
 
 
-def test_a_transfer_that_waits_can_be_taken_back() -> None:
+def test_a_waiting_transfer_can_be_cancelled() -> None:
     desk = Desk()
     client, _ = desk.attached()
     first, second = client.submit(0x81, 512), client.submit(0x81, 512)
@@ -131,7 +131,7 @@ def test_a_transfer_that_waits_can_be_taken_back() -> None:
         client.answer()  # nothing for the first
 
 
-def test_a_transfer_that_is_over_cannot() -> None:
+def test_a_finished_transfer_cannot_be_cancelled() -> None:
     desk = Desk()
     client, _ = desk.attached()
     done = client.submit(0x01, 512, bytes(512))
@@ -140,8 +140,8 @@ def test_a_transfer_that_is_over_cannot() -> None:
 
 
 @pytest.mark.parametrize("start", [0x1000, 0xFFFF_FFFE])
-def test_a_transfer_may_be_taken_back_before_it_comes(start: int) -> None:
-    """Linux sends takings back and transfers from two queues; the numbers wrap after 32 bits."""
+def test_a_transfer_may_be_cancelled_before_it_comes(start: int) -> None:
+    """Linux sends cancellations and transfers from two queues; the numbers wrap after 32 bits."""
     desk = Desk()
     client, _ = desk.attached()
     client.wait_for(client.submit(0x01, 512, b"1" * 512, number=start))
@@ -155,15 +155,15 @@ def test_a_transfer_may_be_taken_back_before_it_comes(start: int) -> None:
     assert [packet[:1] for _, packet in desk.device.taken] == [b"1", b"3"]
 
 
-def test_a_transfer_of_the_connection_before_is_taken_back_at_once() -> None:
-    """Linux goes on to take back what it submitted before the device attached itself anew, and waits for the answer."""
+def test_a_transfer_of_the_last_connection_is_cancelled_at_once() -> None:
+    """Linux still cancels what it submitted before the device attached itself again, and waits for the answer."""
     client, _ = Desk().attached()
     client.unlink(7, number=8)
     assert client.answer()[:3] == (4, 8, TAKEN_BACK)
     client.wait_for(client.submit(0x01, 512, b"1" * 512, number=9))
 
 
-def test_a_transfer_that_is_taken_back_tells_how_much_was_sent() -> None:
+def test_a_cancelled_transfer_reports_how_much_was_sent() -> None:
     desk = Desk()
     client, session = desk.attached()
     desk.device.room = 2
@@ -175,7 +175,7 @@ def test_a_transfer_that_is_taken_back_tells_how_much_was_sent() -> None:
     assert client.answer()[:3] == (4, unlink, 0)
 
 
-def test_a_transfer_that_is_taken_back_loses_nothing_that_was_received() -> None:
+def test_a_cancelled_transfer_loses_no_received_bytes() -> None:
     desk = Desk()
     client, session = desk.attached()
     wanted = client.submit(0x81, 1024)
@@ -187,7 +187,7 @@ def test_a_transfer_that_is_taken_back_loses_nothing_that_was_received() -> None
     assert client.answer()[:3] == (4, unlink, 0)
 
 
-def test_what_the_device_refuses_for_now_waits_as_long_as_the_clock_says() -> None:
+def test_a_transfer_that_gets_nak_waits_for_the_clock() -> None:
     desk = Desk()
     client, session = desk.attached()
     client.write(0x01, b"something")
@@ -209,14 +209,14 @@ def test_what_the_device_refuses_for_now_waits_as_long_as_the_clock_says() -> No
     assert desk.stations[0].seconds_to_wait() is None
 
 
-def test_at_the_fast_pace_the_device_comes_to_rest_after_each_word() -> None:
+def test_at_the_fast_pace_the_device_comes_to_rest_after_each_message() -> None:
     desk = Desk()
     client, session = desk.attached()
     listens = client.submit(0x81, 512)
     desk.scheduler.at(3_000_000, lambda: desk.device.give(0x81, b"soon"))
     desk.scheduler.at(30_000_000, lambda: desk.device.give(0x81, b"late"))
     desk.run(session)
-    assert desk.scheduler.now < 10_000  # who only listens is not waited for
+    assert desk.scheduler.now < 10_000  # the device does not wait for a transfer in alone
     client.write(0x01, b"anything")
     assert client.wait_for(listens).data == b"soon"
     client.submit(0x81, 512)
@@ -224,14 +224,14 @@ def test_at_the_fast_pace_the_device_comes_to_rest_after_each_word() -> None:
     assert desk.scheduler.now < 13_000_000
 
 
-def test_a_bus_reset_is_inferred_where_a_host_begins_to_enumerate() -> None:
+def test_a_bus_reset_is_inferred_when_a_host_begins_to_enumerate() -> None:
     desk = Desk()
     client, _ = desk.attached()
     client.enumerate()
     assert desk.device.happened == ["reset"]
     assert desk.device.configuration == 1
     client.descriptor(1, 18)
-    assert desk.device.happened == ["reset"]  # that was a program that is curious
+    assert desk.device.happened == ["reset"]  # that was a program that only reads descriptors
     client.descriptor(1, 64)
     client.descriptor(1, 9)
     client.descriptor(1, 18)
@@ -240,7 +240,7 @@ def test_a_bus_reset_is_inferred_where_a_host_begins_to_enumerate() -> None:
     assert desk.device.happened == ["reset", "reset"]
 
 
-def test_no_bus_reset_is_inferred_while_something_is_under_way() -> None:
+def test_no_bus_reset_is_inferred_during_a_transfer() -> None:
     desk = Desk()
     client, _ = desk.attached()
     client.submit(0x81, 512)
@@ -249,7 +249,7 @@ def test_no_bus_reset_is_inferred_while_something_is_under_way() -> None:
     assert desk.device.happened == []
 
 
-def test_a_device_that_attaches_anew_ends_the_connection_and_keeps_its_power() -> None:
+def test_a_device_that_attaches_again_ends_the_connection_and_keeps_its_power() -> None:
     desk = Desk()
     client, session = desk.attached()
     client.submit(0x81, 512)
@@ -319,7 +319,7 @@ def test_a_device_that_does_not_come_back_from_a_reset_ends_the_connection() -> 
 
 @pytest.mark.parametrize("delay", [0, 8_000_000])
 def test_a_client_waits_for_a_device_that_is_about_to_attach(delay: int) -> None:
-    """And what it says meanwhile is not lost."""
+    """What the client sends meanwhile is not lost."""
     desk = Desk()
     desk.device.attached = not delay
     desk.scheduler.at(delay, lambda: setattr(desk.device, "attached", True))
@@ -336,7 +336,7 @@ def test_a_client_waits_for_a_device_that_is_about_to_attach(delay: int) -> None
     assert client.wait_for(number).length == 18
 
 
-def test_but_not_for_long() -> None:
+def test_a_client_does_not_wait_long_for_a_device() -> None:
     desk = Desk()
     desk.device.attached = False
     desk.scheduler.run_until(1_000_000)
@@ -356,7 +356,7 @@ def test_but_not_for_long() -> None:
         (struct.pack(">5I", 1, 1, 0x10001, 0, 1) + struct.pack(">7I", 0, 2**31, 0, 0, 0, 0, 0), "2147483648 bytes"),
     ],
 )
-def test_a_client_that_makes_no_sense_is_left_and_its_device_unplugged(command: bytes, reason: str) -> None:
+def test_a_client_that_breaks_the_protocol_is_dropped_and_its_device_unplugged(command: bytes, reason: str) -> None:
     desk = Desk()
     _, session = desk.attached()
     session.receive(command)
@@ -374,13 +374,13 @@ def test_a_client_may_not_use_a_number_twice_at_once() -> None:
     assert "second transfer 5" in session.end
 
 
-def test_a_client_cannot_have_more_under_way_than_there_is_memory_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_client_s_pending_transfers_have_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("phasewire.emulator.doors.usbip_session.MOST_TRANSFERS", 5)
     monkeypatch.setattr("phasewire.emulator.doors.usbip_session.MOST_BYTES", 3000)
     desk = Desk()
     client, session = desk.attached()
     for _ in range(5):
-        client.write(0x01, bytes(1000))  # one after the other: never much at once
+        client.write(0x01, bytes(1000))  # one after the other: few bytes at a time
     desk.device.room = 0
     for _ in range(3):
         client.submit(0x01, 1000, bytes(1000))
@@ -404,7 +404,7 @@ def test_a_client_cannot_have_more_under_way_than_there_is_memory_for(monkeypatc
     assert session.over
 
 
-def test_a_client_that_takes_nothing_is_given_nothing_more() -> None:
+def test_a_client_that_does_not_read_gets_nothing_more() -> None:
     desk = Desk()
     client, session = desk.attached()
     desk.device.give(0x81, *[bytes(512)] * 8192)

@@ -41,7 +41,7 @@ class Desk:
         self.session.receive(struct.pack("<IIQ", kind, len(data), number) + data)
 
     def hear(self) -> list[tuple[int, int, bytes]]:
-        """All that the session says: kinds, numbers and contents."""
+        """All messages of the session: kinds, numbers and contents."""
         self.station.pass_time(1.0)
         data, found = self.session.take(1 << 20), []
         while data:
@@ -72,7 +72,7 @@ def test_transfers_go_both_ways(desk: Desk) -> None:
     assert sum(len(packet) for _, packet in desk.device.taken) == 600
 
 
-def test_a_configuration_is_chosen_and_a_transfer_taken_back(desk: Desk) -> None:
+def test_a_configuration_is_chosen_and_a_transfer_cancelled(desk: Desk) -> None:
     desk.send(SET_CONFIGURATION, 3, b"\x01")
     assert desk.hear()[-1] == (CONFIGURATION_STATUS, 3, b"\x00\x01")
     desk.send(BULK, 4, struct.pack("<BBHIH", 0x81, 0, 512, 0, 0))

@@ -1,4 +1,4 @@
-"""VCD files, against one written by hand and what pyvcd's reader makes of others."""
+"""VCD files, against one written by hand and pyvcd's reader."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_signals_keep_their_core_cycles_beside_the_outputs(tmp_path: Path) -> No
     assert timescale == "100 ps"
     assert changes == {
         output: [(10_000, "1")],
-        state.name: [(10_000, "1"), (10_025, "5"), (12_475, "2")],  # cycle 600 is behind the last tick
+        state.name: [(10_000, "1"), (10_025, "5"), (12_475, "2")],  # cycle 600 is after the last tick
         busy.name: [(10_000, "x"), (11_250, "1")],
         counter.name: [(10_000, "2")],
     }
@@ -161,7 +161,7 @@ def test_a_comment_names_the_transducers(scrambled: Wiring, tmp_path: Path) -> N
         ([Signal("a.b", 1, []), Signal("a.b", 2, [])], "two signals have one name"),
     ],
 )
-def test_what_is_no_signal_is_refused(signals: list[Signal], message: str, tmp_path: Path) -> None:
+def test_an_invalid_signal_is_refused(signals: list[Signal], message: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=message):
         write_vcd(tmp_path / "a.vcd", Excerpt.of(HandMade.of({0: "01"})), signals)
     assert not list(tmp_path.iterdir())

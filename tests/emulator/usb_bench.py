@@ -1,4 +1,4 @@
-"""A USB device on the bench: what stands behind it only notes what it is told."""
+"""A USB device on the bench, with stand-ins for firmware and controller that note their calls."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class Upgrade:
 
 
 class Bench:
-    """A device that has come up, and what stands behind it."""
+    """A device that has come up, and its stand-ins."""
 
     def __init__(self, speed: Speed = HIGH_SPEED) -> None:
         self.scheduler = Scheduler()
@@ -137,7 +137,7 @@ class Bench:
 
 
 def configured(speed: Speed = HIGH_SPEED) -> Bench:
-    """A device that a host has just configured; what it was told so far is forgotten."""
+    """A device that a host has just configured; the notes so far are deleted."""
     bench = Bench(speed)
     bench.usb.control(SET_CONFIGURATION)
     bench.controller.told.clear()

@@ -45,7 +45,7 @@ def client_on(connection: socket.socket) -> Client:
         while len(data) < count:
             try:
                 part = connection.recv(count - len(data))
-            except ConnectionResetError:  # we had said something more
+            except ConnectionResetError:  # we had sent something more
                 part = b""
             if not part:
                 raise EOFError
@@ -85,7 +85,7 @@ class Client:
         return found
 
     def attach(self, bus_id: str) -> int:
-        """Ask for a device; 0, or why not."""
+        """Ask for a device; returns 0 or the error."""
         self.send(struct.pack(">HHI32s", 0x0111, 0x8003, 0, bus_id.encode()))
         version, code, status = struct.unpack(">HHI", self.receive(8))
         assert (version, code) == (0x0111, 0x0003)
@@ -110,7 +110,7 @@ class Client:
         flags: int = 0,
         number: int | None = None,
     ) -> int:
-        """Begin a transfer; the number of its command. The endpoint has the bit 80h of its direction."""
+        """Begin a transfer; returns the number of its command. The endpoint has the bit 80h of its direction."""
         self.number = self.number + 1 if number is None else number
         is_in = endpoint >= 0x80
         self._asked[self.number] = is_in
@@ -119,7 +119,7 @@ class Client:
         return self.number
 
     def unlink(self, target: int, number: int | None = None) -> int:
-        """Take a transfer back; the number of the command."""
+        """Cancel a transfer; returns the number of the command."""
         self.number = self.number + 1 if number is None else number
         self.send(struct.pack(">6I24x", 2, self.number, self.device_id, 0, 0, target))
         return self.number
@@ -152,7 +152,7 @@ class Client:
         return answer.data
 
     def enumerate(self) -> bytes:
-        """What Linux does with a new device; its configuration."""
+        """Enumerate a new device as Linux does; returns its configuration."""
         first = self.descriptor(1, 64)
         assert self.descriptor(1, 18) == first[:18]
         head = self.descriptor(2, 9)

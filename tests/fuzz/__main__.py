@@ -1,7 +1,7 @@
 """Run the fuzzer: ``python -m tests.fuzz 60`` gives each group of decoders so many seconds (that is `make fuzz`).
 
 ``python -m tests.fuzz GROUP OPTION...`` fuzzes one group, with options of libFuzzer such as ``-runs=10000``, or tries
-the files that are named. What it found interesting is kept in build/fuzz/GROUP and tried first the next time; bytes
+the named files. Interesting inputs are kept in build/fuzz/GROUP and tried first the next time; bytes
 that broke something are written beside it.
 """
 
@@ -40,7 +40,7 @@ def fuzz(group: str, options: list[str]) -> None:
 
 
 def limit_memory() -> None:
-    """Let what is mapped now, mostly libraries and what numba has compiled, grow by no more than `ROOM_BYTES`."""
+    """Limit the growth of the address space to `ROOM_BYTES`; libraries and compiled kernels are mapped already."""
     mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (mapped + ROOM_BYTES, resource.RLIM_INFINITY))
 
@@ -64,7 +64,7 @@ def fuzz_all(seconds: int) -> int:
 def main() -> None:
     """Fuzz all groups, or one."""
     first, *options = sys.argv[1:] or [""]
-    if first.isdecimal() and int(first):  # libFuzzer takes 0 for without end
+    if first.isdecimal() and int(first):  # to libFuzzer 0 means no limit
         sys.exit(fuzz_all(int(first)))
     fuzz(first, options)
 

@@ -1,10 +1,10 @@
-"""What every decoder does with any bytes: make of them a value that encodes back to the same bytes, or refuse them.
+"""Every decoder, with any bytes: it makes a value that encodes back to the same bytes, or refuses them.
 
-Each function of `GROUPS` takes bytes, gives them to decoders in the ways in which they arrive, and fails if one of
-them raises anything but what it documents, where bytes change on their way through a value, or where two decoders of
-the same bytes disagree. Bytes whose checksum was made right are tried too: no fuzzer guesses a CRC-32.
+Each function of `GROUPS` takes bytes, gives them to decoders as they would arrive, and fails if one of
+them raises an undocumented error, if bytes change on their way through a value, or if two decoders of
+the same bytes disagree. Bytes with a corrected checksum are tried too: no fuzzer guesses a CRC-32.
 
-`seeds` gives what a fuzzer begins with: the golden vectors. `python -m tests.fuzz` runs the fuzzer, and
+`seeds` gives the first inputs of a fuzzer: the golden vectors. `python -m tests.fuzz` runs the fuzzer, and
 test_decoders.py tries the seeds themselves.
 """
 
@@ -115,7 +115,7 @@ def fitted(data: bytes, size: int) -> bytes:
 
 
 def blocks(data: bytes) -> None:
-    """Blocks: three judges, one outcome."""
+    """Blocks: three judges agree."""
     for block in (data, fitted(data, 512), seal_block(fitted(data, 512))):
         _judge(block)
 
@@ -161,7 +161,7 @@ def replies(data: bytes) -> None:
 
 
 def _acks_at_once(packets: bytes) -> None:
-    """Whole acknowledgements and nothing else, or refused; and the same as one by one."""
+    """Only whole acknowledgements are accepted, with the result of one by one."""
     acks: list[Ack] | None = None
     with suppress(ReplyError):
         acks = [record for record in records(packets) if isinstance(record, Ack)]
@@ -213,7 +213,7 @@ def serial(data: bytes) -> None:
 
 
 def pieces(data: bytes) -> list[bytes]:
-    """The same bytes in pieces, whose lengths the bytes themselves decide."""
+    """The same bytes in pieces; the bytes themselves give the lengths."""
     found, at = [], 0
     while at < len(data):
         size = 1 + data[at] % 61
@@ -223,7 +223,7 @@ def pieces(data: bytes) -> list[bytes]:
 
 
 def joined(events: Iterable[framing.LineEvent]) -> list[object]:
-    """Events with the text that stands together in one."""
+    """Events, with adjacent text joined."""
     found: list[object] = []
     for event in events:
         if isinstance(event, bytes) and found and isinstance(found[-1], bytes):
@@ -234,7 +234,7 @@ def joined(events: Iterable[framing.LineEvent]) -> list[object]:
 
 
 def console(data: bytes) -> None:
-    """Typed bytes become lines, and lines commands that can be written again."""
+    """Typed bytes become lines, and lines become commands that encode to the same line."""
     editor, once = LineEditor(), LineEditor().feed(data)
     parts = [editor.feed(piece) for piece in pieces(data)]
     assert ([line for lines, _ in parts for line in lines], b"".join(shown for _, shown in parts)) == once
@@ -299,11 +299,11 @@ def descriptors(data: bytes) -> None:
         round_trip(descriptors_.String.decode, descriptors_.String.encode, ReplyError, piece)
 
 
-# What explains traffic
+# Descriptions of traffic
 
 
 def describe(data: bytes) -> None:
-    """Descriptions refuse nothing."""
+    """Descriptions accept any bytes."""
     for said in (
         describe_.describe_block(data),
         describe_.describe_block(seal_block(fitted(data, 512))),
@@ -346,7 +346,7 @@ def _hex(*parts: str, key: str = "hex") -> list[bytes]:
 
 @cache
 def seeds(group: str) -> tuple[bytes, ...]:
-    """Bytes that a fuzzer of a group begins with."""
+    """The first inputs of a group's fuzzer."""
     if group in READERS:
         return tuple(reader_seeds(group, _hex("images", "refused_images")))
     packets = _hex("packets", "blocks")

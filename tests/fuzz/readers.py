@@ -1,7 +1,7 @@
-"""What every reader of files does with any bytes: read them, or refuse them with the error that is documented.
+"""Every reader of files, with any bytes: it reads them, or refuses them with the documented error.
 
-Whatever a file claims, reading it takes little memory, which `python -m tests.fuzz` limits. Archives and checksums are
-made right around the bytes too, for no fuzzer guesses them.
+Reading takes little memory whatever a file claims; `python -m tests.fuzz` limits it. Archives and checksums are
+also made right around the bytes, because no fuzzer guesses them.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ from pydicom.uid import UID, CTImageStorage, ExplicitVRLittleEndian
 
 from tests.host.hands.leap_service import leap_frame
 
-Nifti1Image: Any = nibabel.Nifti1Image  # which has no types
+Nifti1Image: Any = nibabel.Nifti1Image  # it has no types
 DOCUMENTS = Path(__file__).parents[2] / "docs"
 MOST_SAMPLES = 2**20
 
@@ -73,7 +73,7 @@ def _folder() -> Path:
 
 
 def _attempt(read: Callable[[Path], object], data: bytes, name: str) -> None:
-    """Give bytes to a reader in a file."""
+    """Write bytes to a file and read it."""
     path = _folder() / name
     path.write_bytes(data)
     with suppress(InputFileError, ImageError):
@@ -81,7 +81,7 @@ def _attempt(read: Callable[[Path], object], data: bytes, name: str) -> None:
 
 
 def frames(data: bytes) -> None:
-    """Recordings, as they are and with checksums that are right."""
+    """Recordings, as they are and with right checksums."""
     for piece in (data, _sealed(data)):
         _attempt(_read_frames, piece, "a.frames")
 
@@ -99,7 +99,7 @@ def _sealed(data: bytes) -> bytes:
 
 
 def toml(data: bytes) -> None:
-    """All that is written in TOML: defaults of options, scenarios, profiles, known failures, poses of trackers."""
+    """All files in TOML: defaults of options, scenarios, profiles, known failures, poses of trackers."""
     for read in (read_scenario, read_profile, read_known_failures, Pose.load, _read_settings):
         _attempt(read, data, "a.toml")
 
@@ -232,7 +232,7 @@ READERS: dict[str, Callable[[bytes], None]] = {
 }
 
 
-# What a fuzzer begins with
+# Seeds
 
 
 def _zipped(members: dict[str, bytes]) -> bytes:
@@ -288,7 +288,7 @@ def _cuts(whole: bytes) -> list[bytes]:
 
 
 def reader_seeds(group: str, firmware: list[bytes]) -> list[bytes]:
-    """Bytes that a fuzzer of a group begins with; some are images of firmware."""
+    """The first inputs of a group's fuzzer; some are images of firmware."""
     match group:
         case "frames":
             return _cuts(_recorded())

@@ -1,4 +1,4 @@
-"""What `make fuzz` asks of every decoder, asked of its seeds, of bytes near them and of some others."""
+"""The checks of `make fuzz`, on each decoder's seeds, on bytes near them and on some others."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_other_bytes(group: str, data: bytes) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["0"], ["nonsense"], []])
-def test_what_is_no_group_is_named(arguments: list[str]) -> None:
+def test_an_error_names_an_unknown_group(arguments: list[str]) -> None:
     pytest.importorskip("atheris", reason="make fuzz installs atheris if it has a wheel")
     command = [sys.executable, "-m", "tests.fuzz", *arguments]
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)

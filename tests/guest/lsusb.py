@@ -1,4 +1,4 @@
-"""What `lsusb -v` says of a device, turned back into the bytes of its descriptors."""
+"""The output of `lsusb -v` for a device, turned back into the bytes of its descriptors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def descriptors(text: str) -> dict[str, bytes]:
 
 
 def _bytes(name: str, value: str) -> bytes:
-    """A field as it stands in its descriptor; the beginning of its name says its size (USB 2.0, 9.6)."""
+    """A field as in its descriptor; the beginning of its name says its size (USB 2.0, 9.6)."""
     if name == "PlatformCapabilityUUID":
         return UUID(value).bytes_le
     if name == "MaxPower":

@@ -1,6 +1,6 @@
 """A device that gives and takes as many bytes as a host wants, for the kernel's own tests of USB (usbtest).
 
-The emulated board gives bytes only as answers. This device stands in for it where a test needs a source of bytes, a
+The emulated board gives bytes only as answers. This device replaces it if a test needs a source of bytes, a
 buffer that can be written and read, or endpoints that answer NAK. All else is the project's: standard requests
 (`UsbDevice`), the bus and the USB/IP server. It has the ids of Linux's gadget zero, because usbtest runs its cases of
 control writes and of interrupt endpoints for known ids only.
@@ -50,7 +50,7 @@ USB_2_0 = 0x0200  # without a BOS; usbtest reads the device qualifier of such de
 
 
 class SourceSinkFunction(UsbFunction):
-    """What answers on the endpoints: packets of one pattern are given, and packets of this pattern or zeros are taken.
+    """The endpoints: they send packets of one pattern, and take packets of this pattern or zeros.
 
     A packet with other bytes is answered with STALL, so that the kernel sees a broken write.
     """
@@ -71,7 +71,7 @@ class SourceSinkFunction(UsbFunction):
         return Handshake.NAK if self.holds else self._pattern
 
     def request(self, setup: Setup, _data: bytes) -> bytes:
-        """Know no request to the interface."""
+        """Refuse every request to the interface."""
         raise Stall(f"request {setup.request} to the interface")
 
 
@@ -103,7 +103,7 @@ class SourceSink(UsbDevice):
         self._pull_up(describe(speed), {0: self._source_sink})
 
     def control(self, setup: Setup, data: bytes = b"") -> bytes:
-        """Carry out a request to the device's own buffer, or any other that a device knows."""
+        """Carry out a request to the device's own buffer, or a standard request."""
         kind = setup.request_type, setup.request
         if kind == READ:
             return self._buffer[: setup.length]

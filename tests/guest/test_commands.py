@@ -1,4 +1,4 @@
-"""``phasewire`` on a device that the kernel has, by libusb: judged by what the device did."""
+"""``phasewire`` on a device of the kernel, by libusb, judged by what the device did."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WIDTHS = range(1, 21)
 
 
 class Witnessed:
-    """A device of which is known what it did, once it is gone."""
+    """A device that writes down what it did, once it is gone."""
 
     def __init__(self, bench: Bench, record: Path) -> None:
         self._bench, self._record = bench, record
@@ -33,7 +33,7 @@ class Witnessed:
         return self._bench.check("phasewire", *command, *ON, seconds=seconds)
 
     def did(self) -> tuple[list[str], list[tuple[float, float]]]:
-        """What happened in the device, and when its outputs began to do something else, with the loudest drive."""
+        """The device's events, and each change of its outputs: its time and the loudest drive."""
         self._bench.stop()
         record: dict[str, Any] = json.loads(self._record.read_text())
         return record["events"], [(seconds, drive) for seconds, drive in record["played"]]
@@ -41,7 +41,7 @@ class Witnessed:
 
 @pytest.fixture
 def device(bench: Bench, tmp_path: Path) -> Witnessed:
-    """A device that a slow guest may keep waiting for 5 s."""
+    """A device whose watchdog waits 5 s for a slow guest."""
     device = Witnessed(bench, tmp_path / "did.json")
     device.run("watchdog", "5")
     return device

@@ -56,7 +56,7 @@ def test_the_console_answers_through_the_kernels_driver(bench: Bench) -> None:
     assert bench.complaints() == []
 
 
-def test_a_program_that_hangs_up_in_mid_answer_leaves_a_console_that_answers(bench: Bench) -> None:
+def test_a_console_answers_after_a_program_hung_up_in_mid_answer(bench: Bench) -> None:
     bench.attach()
     hang_up = "port = serial.Serial('/dev/ttyACM0')\nport.write(b'help\\r\\n' * 20)\nport.read(10)\nport.close()\n"
     assert "state: OFF" in bench.python("import serial\n" + hang_up * 3 + ASK)

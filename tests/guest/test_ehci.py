@@ -87,7 +87,7 @@ def test_a_reset_of_its_port_turns_the_outputs_off_and_configures_it_anew(plugge
 
 
 @pytest.mark.guest_slow
-def test_its_port_is_suspended_and_resumed(plugged: Bench) -> None:
+def test_the_kernel_suspends_and_resumes_its_port(plugged: Bench) -> None:
     """Linux suspends the port of a real host controller; usbredir has no message that would tell the device."""
     for _ in range(3):
         plugged.python(SUSPEND)
@@ -104,7 +104,7 @@ def test_it_comes_back_by_itself_with_new_firmware(plugged: Bench, guest: Guest)
 
 
 @pytest.mark.guest_slow
-def test_it_is_pulled_in_mid_stream(plugged: Bench) -> None:
+def test_a_stream_ends_when_it_is_pulled(plugged: Bench) -> None:
     program = plugged.guest.start("phasewire", *STREAM, *ON)
     plugged.python(OPENED)
     plugged.guest.unplug()

@@ -1,4 +1,4 @@
-"""Linux enumerates the device, and its drivers and tools find nothing wrong with it."""
+"""Linux enumerates the device; its drivers and tools find no fault."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def specified(speed: str) -> bytes:
 
 
 @pytest.mark.parametrize("speed", ["high", "full"])
-def test_linux_finds_what_the_specification_says_and_complains_of_nothing(bench: Bench, speed: str) -> None:
+def test_linux_reads_the_descriptors_of_the_specification_and_has_no_complaint(bench: Bench, speed: str) -> None:
     bench.serve("--speed", speed)
     bench.attach()
     assert bench.complaints() == []
@@ -60,7 +60,7 @@ def test_the_tools_of_the_project_find_it(bench: Bench) -> None:
     assert re.search(r"20 × 16 transducers", bench.check("phasewire", "info", "--device", "usb:EMU-0001"))
 
 
-def test_the_udev_rule_gives_it_to_the_group_and_to_no_one_else(bench: Bench) -> None:
+def test_the_udev_rule_gives_it_to_the_group_only(bench: Bench) -> None:
     """Installed as docs/first-connection.md says, by programs that need no driver: dfu-util opens the device."""
 
     def seen_by(group: str) -> str:

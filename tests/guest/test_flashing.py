@@ -1,4 +1,4 @@
-"""New firmware, over the kernel: the device leaves the bus and comes back, and is attached again in a loop."""
+"""New firmware through the kernel: the device leaves the bus and comes back, and a loop attaches it again."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def damaged(data: bytes) -> bytes:
 
 
 def sealed(body: bytes) -> bytes:
-    """A file whose suffix has the checksum that it should have (DFU 1.1, appendix B)."""
+    """A file whose suffix has the right checksum (DFU 1.1, appendix B)."""
     return body + (crc32(body) ^ 0xFFFFFFFF).to_bytes(4, "little")
 
 
@@ -52,9 +52,7 @@ def image(guest: Guest) -> str:
 
 
 @pytest.mark.guest_slow
-def test_dfu_util_ends_as_the_guide_says_whatever_the_device_makes_of_a_file(
-    bench: Bench, guest: Guest, image: str
-) -> None:
+def test_dfu_util_ends_as_the_guide_says_for_files_good_and_bad(bench: Bench, guest: Guest, image: str) -> None:
     files = {
         "new.dfu": image,
         "refused.dfu": guest.share("refused.dfu", sealed(damaged(FILE)[:-4])),
@@ -64,7 +62,7 @@ def test_dfu_util_ends_as_the_guide_says_whatever_the_device_makes_of_a_file(
     met: dict[str, int] = {}
 
     def ends(says: str, command: list[str], **changed: str) -> None:
-        """Run a command of the guide, changed in these options; it must say this."""
+        """Run a command of the guide with these options changed; it must print this."""
         words = list(command)
         for option, value in changed.items():
             words[words.index(f"--{option}") + 1] = value
@@ -90,7 +88,7 @@ def test_dfu_util_ends_as_the_guide_says_whatever_the_device_makes_of_a_file(
     assert met == DOCUMENTED
 
 
-def test_the_device_is_given_new_firmware_and_goes_back(bench: Bench, guest: Guest, image: str) -> None:
+def test_the_device_gets_new_firmware_and_returns_to_its_own(bench: Bench, guest: Guest, image: str) -> None:
     bench.attach("--loop")
     broken = bench.run("phasewire", "flash", guest.share("damaged.dfu", damaged(FILE)), "--device", "usb:")
     assert (broken.code, firmware(bench)) == (2, "0010")

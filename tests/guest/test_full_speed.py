@@ -1,4 +1,4 @@
-"""The board at high speed and at full speed, as the kernel finds it (clause USB-010)."""
+"""The board at high speed and at full speed, as the kernel sees it (clause USB-010)."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_the_kernel_runs_it_at_its_speed_and_knows_of_the_other(at_speed: tuple[
 
 
 @pytest.mark.guest_slow
-def test_it_is_used_and_given_new_firmware_at_full_speed(guest: Guest, tmp_path: Path) -> None:
+def test_it_plays_and_gets_new_firmware_at_full_speed(guest: Guest, tmp_path: Path) -> None:
     bench = Bench(guest, tmp_path)
     bench.serve("--speed", "full", "--flash", str(tmp_path / "flash"))
     bench.attach("--loop")

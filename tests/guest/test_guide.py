@@ -1,4 +1,4 @@
-"""The commands of docs/usb_device.md, in the guest, as they are written there."""
+"""The commands of docs/usb_device.md, in the guest, exactly as on the page."""
 
 from __future__ import annotations
 

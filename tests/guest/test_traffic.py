@@ -1,4 +1,4 @@
-"""What the kernel's usbmon records of the device is explained without a fault, and in causal order."""
+"""Traffic that the kernel's usbmon recorded is explained without a fault, and in causal order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kernel's own tests of a USB device, usbtest, on the board and on a device that can do all that they ask."""
+"""The kernel's own tests of a USB device, usbtest, on the board and on a device that has all they need."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def judge(bench: Bench, ids: str, cases: tuple[Case, ...]) -> None:
 
 
 @pytest.mark.parametrize("speed", ["high", pytest.param("full", marks=pytest.mark.guest_slow)])
-def test_the_board_passes_what_needs_no_data_from_it(usbtest: Bench, speed: str) -> None:
+def test_the_board_passes_the_cases_without_its_data(usbtest: Bench, speed: str) -> None:
     usbtest.serve("--speed", speed)
     usbtest.check("modprobe", "usbtest", "vendor=0x1209", "product=0x0001", "alt=0", "realworld=0")
     judge(usbtest, "1209:0001", BOARD)

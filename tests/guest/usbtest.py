@@ -43,12 +43,12 @@ def run(device: int, case: dict[str, Any]) -> None:
 
 
 def hold(device: int, value: bool) -> None:
-    """Have the device answer NAK on its bulk endpoints, or not any more."""
+    """Have the device answer NAK on its bulk endpoints, or end that."""
     fcntl.ioctl(device, USBDEVFS_CONTROL, struct.pack("BBHHHI4xP", *HOLD, value, 0, 0, CONTROL_MILLISECONDS, 0))
 
 
 def main(ids: str, cases: list[dict[str, Any]]) -> list[str]:
-    """Carry out all cases, whatever becomes of each."""
+    """Carry out all cases, also after one failed."""
     errors = []
     with Path(node(*ids.split(":"))).open("r+b", buffering=0) as file:
         for case in cases:

@@ -1,4 +1,4 @@
-"""``phasewire emulate`` that writes down what its device did, for tests that ask for more than a command's exit code.
+"""``phasewire emulate`` that writes down what its device did, for tests that need more than exit codes.
 
 Its first argument is the file; the others are those of the command line.
 """
@@ -17,7 +17,7 @@ from phasewire.protocol.board import CARRIER_HZ, TICKS_PER_PERIOD
 
 
 class Witness(Emulator):
-    """A device that keeps all that its outputs did, over restarts too."""
+    """A device that keeps all changes of its outputs, across restarts too."""
 
     def __init__(self, **settings: Any) -> None:
         self.played: list[tuple[float, float]] = []
@@ -29,7 +29,7 @@ class Witness(Emulator):
         super()._stop()
 
     def look(self) -> None:
-        """Enter when the outputs began to do something else, in seconds since the start, and the loudest drive."""
+        """Enter each change of the outputs: seconds since the start, and the loudest drive."""
         if self.controller is None:
             return
         capture = self.capture()

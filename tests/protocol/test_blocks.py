@@ -51,7 +51,7 @@ SILENT = Pulses.silent(320)
         (lambda: pack(Block(Clock(), -1)), "sequence number -1"),
     ],
 )
-def test_what_cannot_travel_is_named(make: Any, message: str) -> None:
+def test_an_error_names_a_value_that_cannot_travel(make: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()
 
@@ -59,7 +59,7 @@ def test_what_cannot_travel_is_named(make: Any, message: str) -> None:
 @pytest.mark.parametrize(
     "of", [list, bytearray, memoryview, lambda samples: np.frombuffer(samples, np.uint8).astype(">i8")]
 )
-def test_samples_are_taken_by_their_values(of: Callable[[bytes], Any]) -> None:
+def test_samples_of_any_type_count_by_their_values(of: Callable[[bytes], Any]) -> None:
     assert Samples(of(b"\0\1\xff")) == Samples(b"\0\1\xff")
 
 
@@ -74,7 +74,7 @@ def test_half_a_pair_of_pulses_is_refused() -> None:
         pack_pulses(Pulses.silent(3))
 
 
-def test_only_pulses_are_pulses() -> None:
+def test_other_types_than_pulses_are_refused() -> None:
     for make in (lambda: Update([1] * 320), lambda: Slot(0, bytes(320))):  # type: ignore[arg-type]  # the point
         with pytest.raises(TypeError, match="a block carries Pulses, not"):
             make()

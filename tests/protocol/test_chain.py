@@ -1,4 +1,4 @@
-"""The chain's messages: damage, what cannot travel, and how items are cut into loads."""
+"""The chain's messages: damage, values that cannot travel, and items cut into loads."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def flipped(tokens: bytes, bit: int) -> bytes:
 
 
 def taken(tokens: bytes) -> bool:
-    """Whether the decoder takes these tokens; if so, they must come out again."""
+    """Whether the decoder takes these tokens; if so, encoding must give them again."""
     try:
         message = decode(tokens)
     except ChainError:
@@ -85,7 +85,7 @@ def test_a_commit_guards_its_slice_and_its_period() -> None:
         (Memory.SAMPLES, 0, 0, []),
     ],
 )
-def test_items_go_in_loads_of_48_bytes(memory: Memory, size: int, first: int, parts: list[tuple[int, int]]) -> None:
+def test_items_go_into_loads_of_48_bytes(memory: Memory, size: int, first: int, parts: list[tuple[int, int]]) -> None:
     data = bytes(n % 251 for n in range(size))
     made = loads(7, memory, first, data)
     assert [(load.first, len(load.data)) for load in made] == parts
@@ -123,7 +123,7 @@ def test_items_go_in_loads_of_48_bytes(memory: Memory, size: int, first: int, pa
         (lambda: Identity(0, 2, (0, 0, 0), 0), "last 2 is outside 0 to 1"),  # type: ignore[arg-type]  # meant
     ],
 )
-def test_values_that_cannot_travel_are_named(make: Any, complaint: str) -> None:
+def test_an_error_names_a_value_that_cannot_travel(make: Any, complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         make()
 
@@ -139,6 +139,6 @@ def test_values_that_cannot_travel_are_named(make: Any, complaint: str) -> None:
         (b"\x00\x00\x05\x07\x00\x00\x00\x00\x01", "CRC-32 of COLLECT"),
     ],
 )
-def test_a_refusal_says_what_is_wrong(tokens: bytes, complaint: str) -> None:
+def test_an_error_says_what_is_wrong(tokens: bytes, complaint: str) -> None:
     with pytest.raises(ChainError, match=complaint):
         decode(tokens)

@@ -34,7 +34,7 @@ def test_the_table_of_commands() -> None:
 
 
 def test_every_request_for_people_is_a_command() -> None:
-    """WIRING is for programs: 320 numbers. REVERT is for those that also look what became of it."""
+    """WIRING is for programs: 320 numbers. REVERT is for programs that also check its result."""
     assert {form.request for form in COMMANDS.values()} == {*Request, None} - {Request.WIRING, Request.REVERT}
 
 
@@ -53,8 +53,8 @@ ANSWERS: dict[str, str] = {
 }
 
 
-def test_the_session_is_what_a_device_would_say() -> None:
-    """With a model of a device that knows whether it is enabled, and what it was asked in this session."""
+def test_the_session_is_that_of_a_device() -> None:
+    """With a model of a device that knows whether it is enabled, and the requests of this session."""
     (session,) = re.findall(r"^```console\n(.*?)^```", SPEC, re.MULTILINE | re.DOTALL)
     typed = re.findall(r"^> (.*)$", session, re.MULTILINE)
     assert len(typed) == 9
@@ -131,7 +131,7 @@ def test_lines_do_not_depend_on_how_the_bytes_are_cut(typed: bytes, place: int) 
 
 
 def taken_or_refused(line: str) -> bool:
-    """Whether a line is a command or nothing; nothing but a `CommandError` with a printable text may stop it."""
+    """Whether a line is a command or nothing; it may raise a `CommandError` with a printable text only."""
     try:
         command = parse_command(line)
     except CommandError as error:

@@ -109,14 +109,14 @@ def resealed(block: bytes | bytearray) -> bytes:
         (NoOp(), "NO_OP 7: a sign of life", {}),
     ],
 )
-def test_valid_blocks_say_what_they_ask_for(body: Body, summary: str, fields: dict[str, Any]) -> None:
+def test_descriptions_of_valid_blocks(body: Body, summary: str, fields: dict[str, Any]) -> None:
     described = describe_block(pack(Block(body, 7)))
     assert (described.kind, described.summary, described.valid) == ("block", summary, True)
     assert dict(described.fields) | fields == described.fields
     assert (described.fields["kind"], described.fields["sequence"]) == (body.KIND.name, 7)
 
 
-def test_pulses_are_summarised_and_at_hand() -> None:
+def test_pulses_are_summarised_and_available() -> None:
     described = describe_block(update(TWO, 7))
     expected = 1 + round(np.sin(np.pi * 8 / 50) ** 2, 3)
     assert described.fields["pulses"] == {"sounding": 2, "widest_ticks": 25, "total_drive": pytest.approx(expected)}
@@ -124,7 +124,7 @@ def test_pulses_are_summarised_and_at_hand() -> None:
     assert described.pulses.width.tolist() == WIDTH.tolist()
 
 
-def test_a_new_numbering_is_said() -> None:
+def test_a_restart_of_the_numbering_is_mentioned() -> None:
     assert describe_block(pack(Block(NoOp(), 0, restart=True))).summary.startswith("NO_OP 0, numbering anew: ")
 
 
@@ -148,9 +148,7 @@ def changed(at: int, value: int) -> bytes:
         (changed(32, 100), "PULSE", "PUL-001", "UPDATE 7, period 90"),
     ],
 )
-def test_refused_blocks_name_the_clause_and_what_can_be_read(
-    block: bytes, reason: str, clause: str, summary: str
-) -> None:
+def test_descriptions_of_refused_blocks_name_the_clause(block: bytes, reason: str, clause: str, summary: str) -> None:
     described = describe_block(block)
     assert described.summary == summary
     ((found, broken, text),) = described.findings
@@ -172,7 +170,7 @@ def test_a_block_is_valid_exactly_when_it_can_be_unpacked(data: bytes) -> None:
 ACK = Ack(Reason.ACCEPTED, 7, 300, 14_000, AckFlag(0), 3, State.PLAYING)
 
 
-def test_acknowledgements_say_what_became_of_a_block() -> None:
+def test_descriptions_of_acknowledgements() -> None:
     described = describe_record(ACK.encode())
     assert described.kind == "acknowledgement"
     assert described.summary == "7 accepted, period 300; PLAYING, room for 3"
@@ -193,14 +191,14 @@ def test_acknowledgements_say_what_became_of_a_block() -> None:
         (b"PA\2" + ACK.encode()[3:28], "", "an acknowledgement has 32 bytes, not 28"),
     ],
 )
-def test_broken_records_say_why(data: bytes, reason: str, text: str) -> None:
+def test_descriptions_of_broken_records_have_the_reason(data: bytes, reason: str, text: str) -> None:
     described = describe_record(data)
     (finding,) = described.findings
     assert (finding.reason, finding.clause) == (reason, "ACK-002")
     assert finding.text.startswith(text)
 
 
-def test_a_broken_field_is_named() -> None:
+def test_a_description_names_a_broken_field() -> None:
     body = b"PA\1\x63" + ACK.encode()[4:28]
     (finding,) = describe_record(body + struct.pack("<I", zlib.crc32(body))).findings
     assert finding.text.startswith("reason: ")
@@ -286,7 +284,7 @@ REPORTS = [ProcessorReport(Fault(n == 9), 30, Bank.FACTORY, 0, 0, (0, 3, 9)) for
         ),
     ],
 )
-def test_requests_are_told_with_their_answer(request_: Request, answer: bytes, summary: str) -> None:
+def test_requests_are_described_with_their_answer(request_: Request, answer: bytes, summary: str) -> None:
     described = describe_request(setup(0xC1, request_, length=len(answer)), answer)
     assert (described.kind, described.summary, described.findings) == ("request", summary, ())
     assert described.fields["name"] == request_.name
@@ -308,7 +306,7 @@ def test_a_broken_status_breaks_the_clause_of_statuses() -> None:
     assert f"**{finding.clause}** STATUS answers" in SPEC
 
 
-def test_a_status_is_told_alike_as_record_and_as_answer() -> None:
+def test_a_status_is_described_alike_as_record_and_as_answer() -> None:
     record = describe_record(STATUS.encode())
     answer = describe_request(setup(0xC1, Request.STATUS, length=64), STATUS.encode())
     assert (record.kind, f"STATUS: {record.summary}") == ("status", answer.summary)
@@ -341,7 +339,7 @@ def test_wrong_setup_stages_are_found(setup_stage: bytes, summary: str, text: st
         assert described.fields["stalled"] == stalled
 
 
-def test_a_request_may_be_known_without_its_data() -> None:
+def test_a_request_is_described_without_its_data_too() -> None:
     for described in (
         describe_request(setup(0xC1, Request.INFO, length=64)),
         describe_request(setup(0xC1, Request.INFO, length=64), b"", stalled=True),
@@ -383,12 +381,12 @@ DEVICE = run_time((1, 2, 3), "array", "X1")
         (setup(0xA1, 0x21, 0, 9, 7), b"\1\2", "a1 21, value 0000, index 0009, 2 bytes: 01 02"),
     ],
 )
-def test_other_requests_are_told_too(stage: bytes, data: bytes, summary: str) -> None:
+def test_other_requests_are_described_too(stage: bytes, data: bytes, summary: str) -> None:
     described = describe_request(stage, data)
     assert (described.summary, described.findings) == (summary, ())
 
 
-def test_descriptors_are_read() -> None:
+def test_descriptors_are_described() -> None:
     described = describe_request(setup(0x80, 6, 0x0200, 0, 999), DEVICE.configuration)
     kinds = [each["descriptor"] for each in described.fields["descriptors"]]
     assert kinds[:4] == ["Configuration", "Interface", "Endpoint", "Endpoint"]
@@ -403,7 +401,7 @@ def frame(kind: FrameKind, body: bytes) -> Description:
     return describe_frame(encode(SerialFrame(kind, body))[:-1])
 
 
-def test_frames_are_told_by_what_they_carry() -> None:
+def test_frames_are_described_by_their_content() -> None:
     block = update(TWO, 7)
     assert frame(FrameKind.BLOCK, block).summary == describe_block(block).summary
     assert frame(FrameKind.BLOCK, bytes(512)).findings == describe_block(bytes(512)).findings
@@ -425,7 +423,7 @@ def test_a_damaged_frame_is_a_finding() -> None:
     assert finding.clause == "SER-006"
 
 
-def test_messages_of_the_chain_are_told() -> None:
+def test_messages_of_the_chain_are_described() -> None:
     described = describe_message(Commit(3, 90, 0x1234).encode())
     assert described.summary == "COMMIT: processor 3, period 90, checksum 4660"
     assert described.fields == {"name": "COMMIT", "node": 3, "processor": 3, "period": 90, "checksum": 4660}
@@ -435,7 +433,7 @@ def test_messages_of_the_chain_are_told() -> None:
     assert finding.clause == "CHN-009"
 
 
-def test_firmware_images_are_told() -> None:
+def test_firmware_images_are_described() -> None:
     key = Ed25519PrivateKey.from_private_bytes(bytes(32))
     segments = (Segment(Target.ALL_PROCESSORS, b"abc"), Segment(Target.CONTROLLER, b"defgh"))
     image = Image(Version(1, 2, 3), segments)
@@ -461,7 +459,7 @@ ANY = st.binary(max_size=700)
 
 
 @given(ANY, ANY | st.none(), st.booleans())
-def test_nothing_crashes_and_all_fields_are_plain(data: bytes, answer: bytes | None, stalled: bool) -> None:
+def test_any_bytes_are_described_in_plain_values(data: bytes, answer: bytes | None, stalled: bool) -> None:
     for described in (
         describe_block(data),
         describe_record(data),
@@ -481,7 +479,7 @@ def test_nothing_crashes_and_all_fields_are_plain(data: bytes, answer: bytes | N
         assert all("\n" not in finding.text for finding in described.findings)
 
 
-def test_the_clauses_named_exist() -> None:
+def test_the_named_clauses_exist() -> None:
     found: set[Violation] = {
         *describe_block(b"").findings,
         *describe_record(b"").findings,
@@ -499,7 +497,7 @@ def test_the_clauses_named_exist() -> None:
     assert {finding.clause for finding in found} <= set(clauses())
 
 
-def test_features_of_a_later_version_are_told_by_their_bits() -> None:
+def test_features_of_a_later_version_are_described_by_their_bits() -> None:
     later = replace(INFO, features=Feature.DFU | Feature(0x100))
     described = describe_request(setup(0xC1, Request.INFO, length=64), later.encode())
     assert described.summary.endswith("DFU, 256")

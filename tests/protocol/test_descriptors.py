@@ -59,7 +59,7 @@ CHAINS = [
 SETS = [RUN_TIME.ms_os, DFU.ms_os]
 
 
-# What the specification and the standards say.
+# The specification and the standards.
 
 
 Row = tuple[int, tuple[int, ...], int | None, str, int | None]
@@ -120,7 +120,7 @@ def test_class_descriptors_by_hand() -> None:
 
 
 @pytest.mark.parametrize("kind", [DeviceDescriptor, String, Languages])
-def test_bytes_behind_a_descriptor_are_no_part_of_it(kind: type[Descriptor]) -> None:
+def test_bytes_after_a_descriptor_are_no_part_of_it(kind: type[Descriptor]) -> None:
     """Found by fuzzing: bytes after the descriptor were lost."""
     data = {
         DeviceDescriptor: RUN_TIME.device.encode(),
@@ -223,7 +223,7 @@ def test_each_subset_of_microsoft_s_set_ends_where_it_says(ms_os: bytes, shape: 
 
 
 @pytest.mark.parametrize(("speed", "unit_ms"), [(HIGH_SPEED, 1 / 8), (FULL_SPEED, 1)])
-def test_notifications_are_asked_for_every_32_ms(speed: Speed, unit_ms: float) -> None:
+def test_notifications_are_polled_every_32_ms(speed: Speed, unit_ms: float) -> None:
     """USB 2.0, table 9-13: 2^(bInterval - 1) microframes at high speed, bInterval frames at full speed."""
     chain = descriptors(run_time((1, 0, 0), "", "S-1", speed).configuration)
     (interval,) = [each.bInterval for each in chain if isinstance(each, Endpoint) and each.bmAttributes == 3]
@@ -379,18 +379,18 @@ ANY = st.one_of(
 
 
 @given(st.lists(ANY, max_size=5))
-def test_values_survive_the_way(chain: list[Descriptor]) -> None:
+def test_values_survive_encoding_and_decoding(chain: list[Descriptor]) -> None:
     data = encode(*chain)
     assert list(descriptors(data)) == chain
     assert sum(piece[0] for piece in walk(data)) == len(data)
 
 
 @given(st.builds(MsOsRegistryProperty, U16, TEXTS, TEXTS))
-def test_registry_properties_survive_the_way(entry: MsOsRegistryProperty) -> None:
+def test_registry_properties_survive_encoding_and_decoding(entry: MsOsRegistryProperty) -> None:
     assert ms_os_descriptors(entry.encode()) == (entry,)
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_values_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ValueError, match="bEndpointAddress=256"):
         Endpoint(256, 2, 512, 0)
     with pytest.raises(ValueError, match="does not fit its layout"):

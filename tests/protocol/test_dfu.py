@@ -90,7 +90,7 @@ def standard() -> dict[tuple[str, str], tuple[str, str]]:
     for state in {state for state, _ in rows}:
         other = rows.pop((state, "any other"))
         for event in EVENTS.keys() - HAPPENINGS:
-            # Where the tables do not tell a busy device apart, it answers as any other.
+            # If the tables have no row for a busy device, it answers as any other.
             plain = rows.get((state, "GETSTATUS"), other) if event == "GETSTATUS in progress" else other
             rows.setdefault((state, event), plain)
         if state.startswith("dfu"):
@@ -136,7 +136,7 @@ REPLIES = st.builds(
 
 
 @given(REPLIES)
-def test_replies_survive_the_way(reply: DfuReply) -> None:
+def test_replies_survive_encoding_and_decoding(reply: DfuReply) -> None:
     data = reply.encode()
     assert data[:1] + data[4:] == bytes([reply.status, reply.state, reply.string])
     assert int.from_bytes(data[1:4], "little") == reply.poll_ms

@@ -54,14 +54,14 @@ TABLE_AT, ENTRY_BYTES = 32, 48
 
 
 def seal(data: bytes | bytearray) -> bytes:
-    """Put the right checksum into a header that was tampered with."""
+    """Put the right checksum into a changed header."""
     end = TABLE_AT + ENTRY_BYTES * data[5]
     checksum = zlib.crc32(bytes(data[:28] + data[TABLE_AT:end]))
     return bytes(data[:28]) + checksum.to_bytes(4, "little") + bytes(data[32:])
 
 
 def reason(data: bytes) -> ImageReason:
-    """Why an image is refused, by the code; the layout must refuse it as well."""
+    """The reason for which the code refuses an image; the layout must refuse it as well."""
     with pytest.raises(ConstructError):
         IMAGE.parse(data)
     with pytest.raises(ImageError) as refusal:
@@ -96,7 +96,7 @@ def test_every_flipped_bit_of_a_file_is_refused() -> None:
 
 @pytest.mark.parametrize("key", [KEY, None])
 def test_every_flipped_bit_of_an_image_is_refused(key: Ed25519PrivateKey | None) -> None:
-    """Over DFU there is no suffix: of a signed image, what the checksums do not see, the signature does."""
+    """Over DFU there is no suffix: the signature of a signed image covers what the checksums do not."""
     data = (IMAGE_123 if key is None else sign(IMAGE_123, key)).encode()
     for bit in range(8 * len(data)):
         flipped = bytearray(data)
@@ -105,8 +105,8 @@ def test_every_flipped_bit_of_an_image_is_refused(key: Ed25519PrivateKey | None)
             trust(Image.decode(bytes(flipped)), [KEY.public_key()])
 
 
-def test_the_first_failure_is_the_one_reported() -> None:
-    """Everything is made wrong at once, then right again in the order of the reasons."""
+def test_the_first_failure_is_reported() -> None:
+    """Everything is wrong at first, then made right in the order of the reasons."""
     good = IMAGE_123.encode()
     wrong = bytearray(sign(IMAGE_123, KEY).encode()) + b"\0"
     wrong[16:24] = bytes(8)
@@ -168,7 +168,7 @@ def test_wrong_arguments(wrong: dict[str, Any], words: str) -> None:
         replace(IMAGE_123, **wrong)
 
 
-# Who signed
+# Signatures
 
 
 def test_the_key_of_the_rfc_signs_and_its_public_half_verifies() -> None:
@@ -209,7 +209,7 @@ RECORDS = st.builds(
 )
 
 
-def test_what_does_not_fit_is_a_wrong_argument() -> None:
+def test_a_value_that_does_not_fit_is_a_wrong_argument() -> None:
     with pytest.raises(ValueError, match="generation"):
         BootRecord(2**32, 204, bytes(32)).encode()
     with pytest.raises(ValueError, match="vendor"):
@@ -231,7 +231,7 @@ def test_an_upgrade_is_newer_than_the_other_bank(other: BootRecord, older: int, 
     assert not replace(other, generation=(other.generation - older) % 2**32).newer_than(other)
 
 
-def test_generations_begin_again_at_0() -> None:
+def test_generations_wrap_to_0() -> None:
     assert BootRecord.of(b"image", replace(FRESH, generation=0xFFFFFFFF)).generation == 0
 
 

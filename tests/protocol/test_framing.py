@@ -52,7 +52,7 @@ def test_the_table_of_sizes() -> None:
 
 
 def test_the_table_of_rates() -> None:
-    """Each speed follows from its line's own name, and the rest from the speed."""
+    """Each speed follows from the name of its line, and the rest from the speed."""
     rows = table("rates")
     assert [row[0].split(",")[0] for row in rows] == ["UART", "UART", "UART", "CDC-ACM"]
     speeds = [baud // UART_BITS_PER_BYTE for baud in (115_200, 1_000_000, 12_000_000)] + [13 * 8000 * 512]
@@ -86,7 +86,7 @@ def test_the_table_of_rates() -> None:
         (b"\5\0", "has 0 bytes, not 1"),
     ],
 )
-def test_what_no_type_allows_is_refused(content: bytes, message: str) -> None:
+def test_content_that_no_type_allows_is_refused(content: bytes, message: str) -> None:
     data = sealed(content)
     with pytest.raises(FrameError, match=message):
         decode(data)
@@ -105,7 +105,7 @@ def test_what_no_type_allows_is_refused(content: bytes, message: str) -> None:
         (b"x" * MAX_FRAME_BYTES + b"\0", "at most 658 bytes"),
     ],
 )
-def test_what_is_no_frame_is_refused(data: bytes, message: str) -> None:
+def test_bytes_that_are_no_frame_are_refused(data: bytes, message: str) -> None:
     with pytest.raises(FrameError, match=message):
         decode(data)
     with pytest.raises(ConstructError):
@@ -124,7 +124,7 @@ def test_what_is_no_frame_is_refused(data: bytes, message: str) -> None:
         (lambda: SerialFrame(FrameKind.BLOCK, b"PW"), "a block has 512 bytes, not 2"),
     ],
 )
-def test_wrong_arguments_are_named(make: object, message: str) -> None:
+def test_errors_name_wrong_arguments(make: object, message: str) -> None:
     assert callable(make)
     with pytest.raises(ValueError, match=message):
         make()
@@ -135,7 +135,7 @@ def test_wrong_arguments_are_named(make: object, message: str) -> None:
 
 @pytest.mark.parametrize("frame", [STATUS_FRAME, CONSOLE_FRAME, SerialFrame(FrameKind.RECORD, bytes(range(32)))])
 def test_every_flipped_bit_costs_that_frame_and_at_most_the_next(frame: SerialFrame) -> None:
-    """Also the flips that make zeros, unmake them, or change the lengths of COBS, for which no theorem stands."""
+    """Flips that make or remove zeros, or change the lengths of COBS, are included; no theorem covers them."""
     second, third = SerialFrame(FrameKind.RECORD, b"2" * 32), SerialFrame(FrameKind.RECORD, b"3" * 32)
     sent = encode(frame)
     for bit in range(8 * len(sent)):
@@ -196,7 +196,7 @@ def test_hanging_up_returns_to_the_console() -> None:
 
 @given(st.sampled_from(LineMode), st.sampled_from(LineMode), st.binary(max_size=20))
 def test_a_host_that_knows_nothing_reaches_frames(device_mode: LineMode, host_mode: LineMode, unread: bytes) -> None:
-    """Clause SER-010: 00, CONSOLE, 00 from any modes, with remains of anything still on the way to the host."""
+    """Clause SER-010: 00, CONSOLE, 00 from any modes, with any remains still on the way to the host."""
     device, host = LineReader(), LineReader()
     device.feed(b"\0" if device_mode is LineMode.FRAMES else b"")
     host.feed(b"\0" if host_mode is LineMode.FRAMES else b"")
@@ -208,7 +208,7 @@ def test_a_host_that_knows_nothing_reaches_frames(device_mode: LineMode, host_mo
     assert host.feed(encode(STATUS_FRAME)) == [STATUS_FRAME]
 
 
-def test_no_frame_is_longer_than_is_said() -> None:
+def test_no_frame_is_longer_than_its_limit() -> None:
     """Bytes without a zero are the worst for COBS."""
     longest = [len(cobs.encode(bytes([1]) * (1 + payload + 4)) + b"\0") for payload in range(600)]
     assert [frame_bytes(payload) for payload in range(600)] == longest

@@ -60,7 +60,7 @@ steps = st.tuples(st.integers(0, 255), st.integers(1, 65535))
 
 @st.composite
 def pulse_lists(draw: st.DrawFn, size: int) -> list[spec.Pulse]:
-    """Some pulses, then silence with whatever phase: few decisions, so that examples shrink."""
+    """Some pulses, then silence with one phase: few decisions, so that examples shrink."""
     some = draw(st.lists(pulse, max_size=8))
     return (some + [draw(pulse)] * size)[:size]
 
@@ -125,7 +125,7 @@ def as_pairs(pulses: Pulses) -> list[spec.Pulse]:
 
 
 def as_body(block: spec.Fields) -> Any:
-    """The body that stands for the fields of a block."""
+    """The body with the fields of a block."""
     first, count, period = block.get("first", 0), block.get("count", 0), block.get("period", 0)
     match block["kind"]:
         case spec.UPDATE:
@@ -157,7 +157,7 @@ def same_body(left: Any, right: Any) -> bool:
 
 
 def unpack_reason(data: bytes) -> int:
-    """Why `unpack` refuses bytes, as the normative layout does."""
+    """The reason for which `unpack` refuses bytes; the normative layout must refuse them too."""
     reason = 0
     try:
         unpack(data)
@@ -259,7 +259,7 @@ record_fields = {1: st.integers(0, 255), 2: words, 4: numbers, 8: periods}
 
 @st.composite
 def records(draw: st.DrawFn, layout: spec.Layout, build: Any) -> bytes:
-    """A sealed record with fields of any value; seldom one that a table does not list."""
+    """A sealed record with fields of any value; values that a table does not list are rare."""
     fields = {}
     wrong = draw(st.sampled_from((None, None, None, *[field[0] for field in layout])))
     for name, _, size, kind in layout:
@@ -406,7 +406,7 @@ def test_states(state: str) -> None:
 
 @st.composite
 def messages(draw: st.DrawFn) -> spec.Fields:
-    """A message of any kind, its values allowed or not."""
+    """A message of any kind, with values allowed or not."""
     name = draw(st.sampled_from(sorted(spec.MESSAGES)))
     node = draw(st.sampled_from((0, 3, 9, 10, 0xFF, 0x100, 0xFFFF)))
     if draw(st.booleans()):

@@ -38,5 +38,5 @@ def test_values_as_json_can_hold_them(value: object, said: object) -> None:
     assert json.loads(json.dumps(plain(value))) == said
 
 
-def test_pulses_may_be_told_otherwise_wherever_they_are() -> None:
+def test_pulses_can_have_another_form_at_any_depth() -> None:
     assert plain({"all": [Pulses.silent(320)]}, pulses=len) == {"all": [320]}

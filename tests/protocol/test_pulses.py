@@ -19,7 +19,7 @@ def fundamental(start: float, stop: float) -> complex:
 
 
 def every_exact_phasor() -> np.ndarray:
-    """What pulses of w whole ticks that begin on a whole tick emit, in units of the widest one's magnitude 2/π."""
+    """The phasors of pulses of w whole ticks that begin on a whole tick, in units of the widest one's magnitude 2/π."""
     return np.array([fundamental(s, s + w) / (2 / np.pi) for w in range(26) for s in range(50)])
 
 
@@ -37,7 +37,7 @@ def test_from_drive_stays_within_the_closed_bound(drive: np.ndarray) -> None:
 
 
 def test_the_closed_bound_is_tight() -> None:
-    """It is of use only if some drive nearly reaches it."""
+    """Some drive must nearly reach it."""
     drive = np.linspace(0, 1, 200)[:, None] * np.exp(1j * np.linspace(0, 0.26, 100))
     distance = np.abs(every_exact_phasor()[:, None] - drive.ravel()).min(axis=0)
     ratio = distance / quantisation_bound(np.abs(drive.ravel()))
@@ -52,7 +52,7 @@ def test_from_drive_makes_exact_pulses_only(drive: np.ndarray) -> None:
 
 
 @given(pulses(16))
-def test_to_drive_is_the_fundamental_of_what_is_played(made: Pulses) -> None:
+def test_to_drive_is_the_fundamental_of_the_pulse(made: Pulses) -> None:
     expected = [
         fundamental(s, s + int(w)) / (2 / np.pi) for s, w in zip(made.start.tolist(), made.width.tolist(), strict=True)
     ]
@@ -60,7 +60,7 @@ def test_to_drive_is_the_fundamental_of_what_is_played(made: Pulses) -> None:
 
 
 @given(pulses(16))
-def test_exact_pulses_survive_the_way_back(made: Pulses) -> None:
+def test_exact_pulses_survive_the_round_trip(made: Pulses) -> None:
     exact = (made.phase % 2 == made.width % 2) & (made.width > 0)
     again = Pulses.from_drive(made.to_drive())
     np.testing.assert_array_equal(again.phase[exact], made.phase[exact])
@@ -71,7 +71,7 @@ def test_exact_pulses_survive_the_way_back(made: Pulses) -> None:
     ("phase", "width", "start"),
     [
         (25, 25, 0),  # centred at 12.5 ticks, so from 0 to 25
-        (0, 2, 49),  # wraps round the end of the period
+        (0, 2, 49),  # wraps around the end of the period
         (1, 2, 49),  # not exact: would begin at 49.5, begins half a tick early
         (0, 25, 37),
     ],
@@ -99,12 +99,12 @@ def test_a_later_centre_is_a_larger_phase() -> None:
         ([[1.0]], r"shape \(n,\), not \(1, 1\)"),
     ],
 )
-def test_bad_drives_are_named(drive: list[complex], message: str) -> None:
+def test_an_error_names_a_bad_drive(drive: list[complex], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Pulses.from_drive(drive)
 
 
-def test_rounding_of_single_precision_is_forgiven() -> None:
+def test_rounding_of_single_precision_is_tolerated() -> None:
     assert Pulses.from_drive([1j + 1e-7j]) == Pulses([25], [25])
 
 
@@ -118,7 +118,7 @@ def test_rounding_of_single_precision_is_forgiven() -> None:
         ([0.5], [1], "phase must be whole numbers of half ticks"),
     ],
 )
-def test_bad_pulses_are_named(phase: list[int], width: list[int], message: str) -> None:
+def test_an_error_names_bad_pulses(phase: list[int], width: list[int], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Pulses(phase, width)
 
@@ -144,7 +144,7 @@ def test_the_power_of_every_width_in_thousandths() -> None:
     assert Pulses([0, 0, 0], [0, 10, 25]).total_drive == 345 + 1000
 
 
-def test_modulated_widths_are_the_nearest_to_the_amplitude_asked_for() -> None:
+def test_modulated_widths_are_the_nearest_to_the_intended_amplitude() -> None:
     """Against a search: of all widths the one whose half-angle is nearest, and nowhere near a tie."""
     for sample in range(256):
         for width in range(26):

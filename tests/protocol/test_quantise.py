@@ -1,4 +1,4 @@
-"""The compiled way from many drives to pulses, held against every exact pulse and against the readable way for one."""
+"""The compiled way from many drives to pulses, against every exact pulse and the readable way for one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EXACT_PHASORS = np.sin(np.pi * EXACT[:, 0] / 50) * np.exp(2j * np.pi * EXACT[:, 
 
 
 def chosen(frames: PulseFrames) -> np.ndarray:
-    """What pulses emit, by their definition; they must be exact, and silence must have one form."""
+    """The phasors of pulses, by their definition; they must be exact, and silence must have one form."""
     sounding = frames.width > 0
     assert (frames.phase % 2 == frames.width % 2)[sounding].all()
     assert not frames.phase[~sounding].any()
@@ -31,7 +31,7 @@ def chosen(frames: PulseFrames) -> np.ndarray:
 
 
 def assert_nearest(drive: np.ndarray) -> None:
-    """Of (k, n) drives, in either precision."""
+    """The pulses of (k, n) drives, in either precision."""
     for given_ in (drive, drive.astype(np.complex64)):
         best = np.abs(EXACT_PHASORS - given_[..., None].astype(np.complex128)).min(axis=-1)
         found = np.abs(chosen(quantise(given_)) - given_)
@@ -45,7 +45,7 @@ def test_the_nearest_of_all_exact_pulses(frames: list[np.ndarray]) -> None:
 
 @given(st.lists(drives(40), min_size=1, max_size=4))
 def test_the_same_pulses_as_one_by_one(frames: list[np.ndarray]) -> None:
-    """Or others that are as near."""
+    """Or others at the same distance."""
     both = quantise(np.array(frames))
     for drive, phase, width in zip(frames, *both, strict=True):
         slow = Pulses.from_drive(drive)
@@ -59,8 +59,8 @@ def test_all_over_the_disc() -> None:
     assert_nearest(np.sqrt(rng.random((10, 400))) * np.exp(2j * np.pi * rng.random((10, 400))))
 
 
-def test_where_pulses_are_equally_near_and_beside_it() -> None:
-    """Half-way between neighbours, where a wrong table would err first."""
+def test_drives_half_way_between_pulses_and_beside() -> None:
+    """A wrong table would err first there."""
     apart = np.abs(EXACT_PHASORS[:, None] - EXACT_PHASORS)
     one, other = np.nonzero((apart > 0) & (apart < 0.07))
     middles = (EXACT_PHASORS[one] + EXACT_PHASORS[other])[one < other][::7] / 2
@@ -95,7 +95,7 @@ BAD = [
 @pytest.mark.parametrize(("bad", "message"), BAD)
 @pytest.mark.parametrize("dtype", [np.complex64, np.complex128])
 @pytest.mark.parametrize(("frame", "transducer"), [(0, 0), (2, 319), (4, 7)])
-def test_a_bad_drive_is_named(bad: complex, message: str, dtype: type, frame: int, transducer: int) -> None:
+def test_an_error_names_a_bad_drive(bad: complex, message: str, dtype: type, frame: int, transducer: int) -> None:
     drive: np.ndarray = np.zeros((5, 320), dtype)
     drive[frame, transducer] = bad
     with pytest.raises(ValueError, match=f"drive of transducer {transducer} of frame {frame} {message}"):
@@ -115,19 +115,19 @@ def refused(call: Callable[[], object]) -> bool:
 
 
 @given(hnp.arrays(np.complex128, (2, 3), elements=st.complex_numbers(max_magnitude=1e150)))
-def test_what_one_by_one_refuses_is_refused(drive: np.ndarray) -> None:
+def test_the_same_drives_are_refused_as_one_by_one(drive: np.ndarray) -> None:
     assert refused(lambda: quantise(drive)) == any(refused(partial(Pulses.from_drive, row)) for row in drive)
 
 
 @given(st.floats(-4e-12, 4e-12), st.floats(0, 7))
-def test_the_limit_is_at_the_same_place(beyond: float, angle: float) -> None:
+def test_the_limit_is_the_same_as_one_by_one(beyond: float, angle: float) -> None:
     drive = (1 + 1e-6 + beyond) * np.exp([[1j * angle]])
     beyond_it = refused(lambda: Pulses.from_drive(drive[0]))
     assert refused(lambda: quantise(drive)) == beyond_it
     assert beyond_it or quantise(drive).width[0, 0] >= 24
 
 
-def test_drives_may_lie_anywhere_and_be_of_any_kind() -> None:
+def test_drives_may_have_any_memory_layout_and_type() -> None:
     drive = np.array([[0.5, -0.7j], [0.1 + 0.2j, 1], [0, 0.3j]])
     whole = quantise(drive)
     frozen = drive.copy()
@@ -140,12 +140,12 @@ def test_drives_may_lie_anywhere_and_be_of_any_kind() -> None:
 
 
 @pytest.mark.parametrize("shape", [(0, 320), (3, 0)])
-def test_nothing_becomes_nothing(shape: tuple[int, int]) -> None:
+def test_no_drives_become_no_pulses(shape: tuple[int, int]) -> None:
     assert quantise(np.zeros(shape, complex)).phase.shape == shape
 
 
 @pytest.mark.parametrize("shape", [(), (320,), (1, 2, 3)])
-def test_another_shape_is_named(shape: tuple[int, ...]) -> None:
+def test_an_error_names_a_wrong_shape(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match=r"drives must have the shape \(k, n\), not \("):
         quantise(np.zeros(shape, complex))
 
@@ -154,7 +154,7 @@ def room(*shape: int, dtype: type = np.uint8) -> np.ndarray:
     return np.full(shape, 111, dtype)
 
 
-def test_pulses_are_written_where_they_are_wanted() -> None:
+def test_pulses_are_written_to_given_arrays() -> None:
     drive = np.full((2, 4), 0.5j)
     phase, width = room(4, 4), room(4, 4)
     out = PulseFrames(phase[1:3], width[1:3])
@@ -178,16 +178,16 @@ def read_only(array: np.ndarray) -> np.ndarray:
         (room(2, 4), read_only(room(2, 4)), "width of out is read-only"),
     ],
 )
-def test_a_place_that_does_not_fit_is_named(phase: np.ndarray, width: np.ndarray, message: str) -> None:
+def test_an_error_names_an_array_that_does_not_fit(phase: np.ndarray, width: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         quantise(np.zeros((2, 4), complex), PulseFrames(phase, width))
 
 
-def test_one_of_many_frames_is_the_same_pulses_and_cannot_be_changed() -> None:
+def test_one_of_many_frames_has_the_same_pulses_and_is_read_only() -> None:
     frames = quantise(np.exp(1j * np.arange(12.0)).reshape(3, 4) * 0.5)
     one = frames.pulses(1)
     assert one == Pulses(frames.phase[1], frames.width[1])
     assert one.phase.base is not None  # a view
     with pytest.raises(ValueError, match="read-only"):
         one.width[0] = 1
-    frames.width[1, 0] = 3  # whose owner goes on with it
+    frames.width[1, 0] = 3  # its owner can still change it

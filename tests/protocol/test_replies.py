@@ -65,7 +65,7 @@ REPORTS = st.lists(
     ],
 )
 @given(data=st.data())
-def test_what_does_not_fit_is_a_wrong_argument(
+def test_a_value_that_does_not_fit_is_a_wrong_argument(
     reply: st.SearchStrategy[Any], change: dict[str, Any], named: str, data: st.DataObject
 ) -> None:
     with pytest.raises(ValueError, match=named):
@@ -81,7 +81,7 @@ def test_reports_that_do_not_fit_are_wrong_arguments(reports: list[ProcessorRepo
         encode_reports(reports)
 
 
-def test_the_wiring_table_survives_the_way(scrambled: Wiring) -> None:
+def test_the_wiring_table_survives_encoding_and_decoding(scrambled: Wiring) -> None:
     data = encode_wiring(scrambled)
     assert len(data) == 640
     assert int.from_bytes(data[2:4], "little") == scrambled.channels[1]
@@ -114,7 +114,7 @@ def test_many_acknowledgements_at_once(sent: list[Ack]) -> None:
 
 
 def judged(ack: bytes) -> str | None:
-    """What `Ack.decode` says of 32 bytes."""
+    """The result of `Ack.decode` for 32 bytes."""
     try:
         Ack.decode(ack)
     except ReplyError as error:
@@ -123,7 +123,7 @@ def judged(ack: bytes) -> str | None:
 
 
 def judged_at_once(ack: bytes, good: bytes) -> str | None:
-    """What `decode_acks` says of them, alone and among others."""
+    """The result of `decode_acks` for them, alone and among others."""
 
     def verdict(packets: bytes, place: int) -> str | None:
         try:
@@ -143,7 +143,7 @@ def resealed(body: bytes) -> bytes:
 
 
 @given(ACKS, st.integers(0, 31), st.binary(max_size=4), st.booleans())
-def test_at_once_the_same_is_refused(ack: Ack, at: int, junk: bytes, seal: bool) -> None:
+def test_many_at_once_are_refused_as_one_by_one(ack: Ack, at: int, junk: bytes, seal: bool) -> None:
     good = ack.encode()
     damaged = (good[:at] + junk + good[at + len(junk) :])[:32]
     damaged = resealed(damaged[:28]) if seal else damaged
@@ -151,7 +151,7 @@ def test_at_once_the_same_is_refused(ack: Ack, at: int, junk: bytes, seal: bool)
 
 
 @pytest.mark.parametrize("at", range(28))
-def test_at_once_every_octet_is_judged_alike(at: int) -> None:
+def test_many_at_once_every_octet_is_judged_alike(at: int) -> None:
     """All 256 values of each, under a right checksum."""
     good = Ack(Reason.DISABLED, 7, 8, 9, AckFlag.LATE, 3, State.SUSPENDED).encode()
     octets = np.tile(np.frombuffer(good, np.uint8), (256, 1))
@@ -162,7 +162,7 @@ def test_at_once_every_octet_is_judged_alike(at: int) -> None:
 
 
 @given(ACKS, st.integers(1, 31))
-def test_at_once_what_is_cut_off_is_refused(ack: Ack, cut: int) -> None:
+def test_many_at_once_a_cut_record_is_refused(ack: Ack, cut: int) -> None:
     with pytest.raises(ReplyError, match=f"{64 - cut} bytes are no whole number of acknowledgements"):
         decode_acks((2 * ack.encode())[:-cut])
 

@@ -1,4 +1,4 @@
-"""Tables and examples of SPEC.md that no single module owns, held against the code."""
+"""Tables and examples of SPEC.md that belong to no single module, against the code."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_the_layout_of_an_image_s_header_is_construct_s() -> None:
 
 
 def test_the_layout_of_a_block_is_construct_s() -> None:
-    """By its offsets: the kinds of body share one header, which a block of each kind shows."""
+    """By offsets: all kinds of body share one header, as a block of each kind shows."""
     listed = layout_rows("BLOCK")
     cleared = BLOCK.subcons[1].subcon.subcon
     head = [(0, 2, "magic"), (2, 1, "version"), (3, 1, "kind"), (4, 4, "sequence")]

@@ -47,8 +47,8 @@ def test_codes_of_faults_are_the_specification_s() -> None:
 @pytest.mark.parametrize(
     "event", [StateEvent.DISABLE, StateEvent.BUS_RESET, StateEvent.RESTART, StateEvent.FAULT, StateEvent.DETACH]
 )
-def test_what_must_silence_does_so_from_every_state(event: StateEvent) -> None:
-    """Safety, in the words of the chapter SAF rather than of the table."""
+def test_events_that_must_silence_do_so_from_every_state(event: StateEvent) -> None:
+    """Safety by chapter SAF, not by the table."""
     assert all(after(state, event) not in ENABLED for state in State)
 
 
@@ -58,7 +58,7 @@ def test_only_a_request_enables() -> None:
             assert (before, event) == (State.OFF, StateEvent.ENABLE)
 
 
-def test_the_host_s_silence_spares_only_a_sequence_that_has_leave() -> None:
+def test_without_a_host_only_an_unattended_sequence_goes_on() -> None:
     for event in (StateEvent.WATCHDOG, StateEvent.SUSPEND):
         still = {state for state in ENABLED if after(state, event) in ENABLED}
         assert still == {State.UNATTENDED}

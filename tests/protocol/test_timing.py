@@ -34,7 +34,7 @@ def microseconds(cell: str) -> Fraction:
 
 
 @pytest.mark.parametrize(("link", "megabytes_per_second"), [(FIVE_WIRE, 50), (TWO_WIRE, 20)])
-def test_links_carry_what_the_hardware_carries(link: Link, megabytes_per_second: float) -> None:
+def test_links_have_the_hardware_s_rates(link: Link, megabytes_per_second: float) -> None:
     assert CYCLES_PER_MICROSECOND / link.cycles_per_token == megabytes_per_second
 
 
@@ -43,7 +43,7 @@ def test_delays_slow_a_link() -> None:
 
 
 @pytest.mark.parametrize(("link", "slices", "update"), [(FIVE_WIRE, 10.4, 13.6), (TWO_WIRE, 26.0, 34.0)])
-def test_an_update_takes_what_was_worked_out_for_the_hardware(link: Link, slices: float, update: float) -> None:
+def test_an_update_takes_the_time_calculated_for_the_hardware(link: Link, slices: float, update: float) -> None:
     assert slices_cycles(link) / CYCLES_PER_MICROSECOND == slices
     assert update_cycles(link) / CYCLES_PER_MICROSECOND == update
 
@@ -167,7 +167,7 @@ def test_rasterising_with_modulation_still_fits_a_period() -> None:
     assert 160 * 20 + 400 + 5424 < 10_000  # commits on two wires, hops
 
 
-def test_the_memory_of_a_processor_is_the_specification_s_and_enough() -> None:
+def test_the_memory_of_a_processor_is_the_specification_s_and_suffices() -> None:
     assert codes("PROCESSOR_MEMORY") == PROCESSOR_MEMORY
     assert sum(PROCESSOR_MEMORY.values()) <= PROCESSOR_MEMORY_BYTES == 64 * 1024
 
@@ -178,7 +178,7 @@ def test_an_update_plays_at_the_first_boundary_that_it_reaches(begins: int, peri
     assert Budget.of(FIVE_WIRE).first_period(begins) == period
 
 
-def test_what_is_impossible_is_named() -> None:
+def test_an_error_names_an_impossible_value() -> None:
     for changes, complaint in (
         ({"cycles_per_symbol": 1}, "a symbol in 1 core cycles; 2 to 2047"),
         ({"cycles_per_symbol": 2048}, "a symbol in 2048 core cycles"),

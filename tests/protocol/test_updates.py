@@ -1,4 +1,4 @@
-"""The compiled way for many updates, held against the readable way for one."""
+"""The compiled way for many updates, against the readable way for one."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_the_same_blocks_as_one_by_one(
     assert updates.restart.tolist() == [restart and n == 0 for n in range(k)]
 
 
-def test_a_long_batch_is_the_same_blocks_round_the_wrap() -> None:
+def test_a_long_batch_is_the_same_blocks_across_the_wrap() -> None:
     k, first = 600, 2**32 - 300
     phase = JUNK.integers(0, 100, (k, 320), dtype=np.uint8)
     width = JUNK.integers(0, 26, (k, 320), dtype=np.uint8)
@@ -85,19 +85,19 @@ def test_every_single_bit_flip_is_refused() -> None:
     assert (unpack_updates(flipped).reason == Reason.CHECKSUM).all()
 
 
-def test_one_period_serves_all() -> None:
+def test_one_period_holds_for_all() -> None:
     silent = np.zeros((3, 320), np.uint8)
     assert unpack_updates(pack_updates(silent, silent, 0, 2**64 - 1)).period.tolist() == [2**64 - 1] * 3
     assert unpack_updates(pack_updates(silent, silent, 0)).period.tolist() == [0] * 3
 
 
 @pytest.mark.parametrize("periods", [[1, 2**64 - 1], [np.uint64(2**64 - 1), 0], [2**63, np.int8(5)], []])
-def test_periods_may_stand_in_a_list(periods: list[int]) -> None:
+def test_periods_may_come_as_a_list(periods: list[int]) -> None:
     silent = np.zeros((len(periods), 320), np.uint8)
     assert unpack_updates(pack_updates(silent, silent, 0, periods)).period.tolist() == periods
 
 
-def test_blocks_are_written_where_they_are_wanted() -> None:
+def test_blocks_are_written_to_a_given_array() -> None:
     silent = np.zeros((2, 320), np.uint8)
     room = np.full((4, 512), 0xAA, np.uint8)
     assert pack_updates(silent, silent, 0, out=room[1:3]).base is room
@@ -105,7 +105,7 @@ def test_blocks_are_written_where_they_are_wanted() -> None:
     assert np.array_equal(room[1:3], pack_updates(silent, silent, 0))
 
 
-def test_rows_may_lie_anywhere() -> None:
+def test_rows_may_have_any_memory_layout() -> None:
     phase = JUNK.integers(0, 100, (6, 640), dtype=np.uint8)[::2, ::2]
     width = np.asfortranarray(JUNK.integers(0, 26, (3, 320), dtype=np.uint8))
     expected = pack_updates(np.ascontiguousarray(phase), np.ascontiguousarray(width), 0)
@@ -140,7 +140,7 @@ BAD_PHASE[1, 7], BAD_WIDTH[1, 319] = 100, 26
         ((GOOD, GOOD, 0, [1, 2, 3]), r"\(2,\) of them are needed, not \(3,\)"),
     ],
 )
-def test_what_cannot_travel_is_named(arguments: Any, message: str) -> None:
+def test_an_error_names_a_value_that_cannot_travel(arguments: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         pack_updates(*arguments)
 
@@ -154,20 +154,20 @@ def test_what_cannot_travel_is_named(arguments: Any, message: str) -> None:
         (np.empty((2, 1024), np.uint8)[:, ::2], "contiguous"),
     ],
 )
-def test_room_that_does_not_fit_is_named(out: Any, message: str) -> None:
+def test_an_error_names_an_array_that_does_not_fit(out: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         pack_updates(GOOD, GOOD, 0, out=out)
 
 
 @pytest.mark.parametrize("name", ["phase", "width"])
-def test_room_that_is_read_at_the_same_time_is_refused(name: str) -> None:
+def test_an_output_that_overlaps_an_input_is_refused(name: str) -> None:
     room = np.zeros((2, 512), np.uint8)
     pulses: dict[str, Any] = {"phase": GOOD, "width": GOOD} | {name: room[:, 100:420]}
     with pytest.raises(ValueError, match=f"out lies in the same memory as {name}"):
         pack_updates(**pulses, sequence=0, out=room)
 
 
-def test_read_only_room_is_refused() -> None:
+def test_a_read_only_output_is_refused() -> None:
     room = np.empty((2, 512), np.uint8)
     room.setflags(write=False)
     with pytest.raises(ValueError, match="out is read-only"):
@@ -186,12 +186,12 @@ def test_read_only_room_is_refused() -> None:
         None,
     ],
 )
-def test_what_is_no_array_of_blocks_is_named(blocks: Any) -> None:
+def test_an_error_names_bytes_that_are_no_blocks(blocks: Any) -> None:
     with pytest.raises(ValueError, match=r"blocks must be (contiguous|an array,) \(k, 512\) uint8"):
         unpack_updates(blocks)
 
 
-def test_what_was_received_can_be_read_where_it_is() -> None:
+def test_received_blocks_are_read_without_a_copy() -> None:
     """A read-only buffer, as bytes from a transfer are."""
     received = pack_updates(GOOD, GOOD, 9).tobytes()
     assert unpack_updates(np.frombuffer(received, np.uint8).reshape(-1, 512)).sequence.tolist() == [9, 10]

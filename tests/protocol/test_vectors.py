@@ -1,7 +1,7 @@
-"""The golden vectors: the file is what the code makes, and each case is right by other means than that code.
+"""The golden vectors: the code makes the file, and each case is right by other means than that code.
 
-Bytes are read by `tests.from_spec`, which was written from SPEC.md alone, and by construct's layouts; what a case
-says in words is taken from the file.
+Bytes are read by `tests.from_spec`, which was written from SPEC.md alone, and by construct's layouts; the
+values of a case are taken from the file.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ PARTS = [name for name, part in VECTORS.items() if isinstance(part, dict)]
 TABLES = {"modulated_widths", "powers", "device_transitions", "dfu_transitions"}
 
 
-def test_every_case_has_a_name_of_its_own_and_says_what_it_shows() -> None:
+def test_every_case_has_its_own_name_and_a_description() -> None:
     named = [case for part in PARTS for case in cases(part) if part not in TABLES or "name" in case]
     assert all(case["shows"] and case["name"] for case in named)
     assert len({case["name"] for case in named}) == len(named) > 450
@@ -120,7 +120,7 @@ def test_the_examples_of_the_specification_are_among_them() -> None:
 
 
 def names(parts: Iterable[str], key: str) -> set[Any]:
-    """What stands under a key, in the cases of some parts or in their fields."""
+    """The values under a key, in the cases of some parts or in their fields."""
     found = set()
     for case in cases(*parts):
         value = case.get(key, (case.get("fields") or {}).get(key))
@@ -171,7 +171,7 @@ def test_both_records_and_every_kind_of_target_occur() -> None:
     assert {part["target"] for case in cases("images") for part in case["segments"]} == {each.name for each in Target}
 
 
-def test_every_descriptor_that_can_be_asked_for_is_answered_at_run_time() -> None:
+def test_every_possible_descriptor_is_answered_at_run_time() -> None:
     inside = {"INTERFACE", "ENDPOINT", "INTERFACE_ASSOCIATION", "DEVICE_CAPABILITY", "DFU_FUNCTIONAL", "CS_INTERFACE"}
     answered = {
         DescriptorType(bytes.fromhex(case["setup"])[3]).name
@@ -181,7 +181,7 @@ def test_every_descriptor_that_can_be_asked_for_is_answered_at_run_time() -> Non
     assert answered == set(DescriptorType.__members__) - inside
 
 
-# What a case says, and what its bytes are by the specification
+# The values of a case, and its bytes by the specification
 
 CODES = {
     "kind": "Kind",
@@ -202,7 +202,7 @@ def expanded(runs: list[list[int]]) -> list[tuple[int, int]]:
 
 
 def as_read(field: str, said: Any, flag_table: str = "") -> Any:
-    """What a case says of a field, as `tests.from_spec` reads it."""
+    """The value that a case states of a field, as `tests.from_spec` reads it."""
     if field == "pulses":
         return expanded(said)
     if field == "entries":
@@ -215,11 +215,11 @@ def as_read(field: str, said: Any, flag_table: str = "") -> Any:
         return codes(CODES[field])[said]
     if isinstance(said, str):
         return bytes.fromhex(said)
-    return bytes(said) if isinstance(said, list) else said or 0  # the bank of a processor that is not there
+    return bytes(said) if isinstance(said, list) else said or 0  # the bank of an absent processor
 
 
 def assert_says(found: spec.Fields, said: Case, unsaid: set[str], flag_table: str = "") -> None:
-    """Each field is what the case says, and the case leaves out no others than those."""
+    """Each field has the value of the case, and the case leaves out only those."""
     assert {name: found[name] for name in said} == {name: as_read(name, said[name], flag_table) for name in said}
     assert set(found) - set(said) <= unsaid
 
@@ -272,8 +272,8 @@ def test_refused_blocks(case: Case) -> None:
         assert case["clause"] == said[reason.name]
 
 
-def test_refused_fields_are_as_many_as_the_clause_asks_for() -> None:
-    """Every field that some kind does not use is set in one that does not, and every range is left at its end."""
+def test_refused_fields_are_as_many_as_the_clause_requires() -> None:
+    """Each field is set in a kind that does not use it."""
     changed = {case["name"] for case in cases("refused_blocks") if case["reason"] == "FIELD"}
     for field in ("period", "first", "count", "hold", "repeats", "action"):
         assert any(f"field-{field}-in-" in name for name in changed), field
@@ -392,7 +392,7 @@ def test_requests_are_the_specification_s(case: Case) -> None:
     assert (case["answer"] == "nothing") == (direction == "out")
 
 
-def test_requests_ask_for_as_much_as_is_answered() -> None:
+def test_requests_ask_for_the_length_of_the_answer() -> None:
     sizes = {case["request"]: len(case["hex"]) // 2 for case in cases("answers")} | {"STATUS": 64}
     said = {case["name"]: case for case in cases("requests")}
     for name, size in sizes.items():
@@ -400,14 +400,14 @@ def test_requests_ask_for_as_much_as_is_answered() -> None:
         assert said[f"request-{name}"]["fields"]["length"] == size
 
 
-def test_refused_requests_differ_from_those_that_are_carried_out() -> None:
+def test_refused_requests_differ_from_accepted_ones() -> None:
     carried_out = {case["hex"] for case in cases("requests")}
     assert not carried_out & {case["hex"] for case in cases("refused_requests")}
 
 
 @every("descriptors")
 def test_descriptors(case: Case) -> None:
-    """Each descriptor of a chain begins with its length, and the whole with the type that was asked for."""
+    """Each descriptor of a chain begins with its length, and the whole with the requested type."""
     request_type, request, value, index, _ = struct.unpack("<BBHHH", bytes.fromhex(case["setup"]))
     if case["hex"] is None:
         assert case["answer"] == "STALL"
@@ -528,7 +528,7 @@ def test_frames(case: Case) -> None:
         assert_says(read(body), case["fields"], set())
 
 
-def test_the_full_groups_are_where_they_are_said_to_be() -> None:
+def test_the_full_groups_are_in_the_named_places() -> None:
     heads = {name: bytes.fromhex(case["hex"]) for case in cases("frames") for name in [case["name"]]}
     assert heads["frame-group-253"][3] == 0xFE
     assert heads["frame-group-254"][3] == 0xFF
@@ -705,7 +705,7 @@ def test_dfu_blocks(case: Case) -> None:
     assert case["poll_ms"] == (spec.dfu_poll_ms(case["block"]) if case["status"] == "OK" and case["length"] else None)
 
 
-def test_dfu_transitions_are_the_drawn_ones() -> None:
+def test_dfu_transitions_are_those_of_the_diagram() -> None:
     rows = {(row["state"], row["event"]): (row["next"], row["stalls"]) for row in cases("dfu_transitions")}
     assert len(rows) == len(cases("dfu_transitions")) == len(DfuState) * len(DfuEvent)
     assert rows == {pair: spec.dfu_after(*pair) for pair in rows}

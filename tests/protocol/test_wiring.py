@@ -16,7 +16,7 @@ def test_the_default_is_one_to_one_and_not_the_identity() -> None:
     [
         (0, 0, Pin(0, 0, 0)),
         (0, 3, Pin(0, 0, 3)),
-        (1, 0, Pin(0, 0, 7)),  # to and fro: the second row runs backwards
+        (1, 0, Pin(0, 0, 7)),  # back and forth: the second row runs backwards
         (1, 3, Pin(0, 0, 4)),
         (0, 4, Pin(1, 0, 0)),  # the next strip is the next board
         (8, 0, Pin(0, 1, 0)),  # the upper half is the second processor
