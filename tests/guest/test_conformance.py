@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
 from phasewire.emulator.firmware.loader import DeviceIdentity, make_flash
 from phasewire.hil.conformance.cases import Need, Risk, not_allowed, unmet
+from phasewire.hil.conformance.verdicts import Verdict
 from phasewire.protocol.codes import Target
 from phasewire.protocol.firmware import Image, Segment
 from phasewire.protocol.versions import Version
@@ -67,14 +70,23 @@ SEGMENTS = (Segment(Target.ALL_PROCESSORS, bytes(range(1, 256)) * 21), Segment(T
 """Of firmware that has as many blocks and sectors as that of a real device."""
 
 
-def judged(bench: Bench, *only: str, allow: tuple[Risk, ...] = (), seconds: float) -> dict[str, int]:
-    """Run cases, none of which may fail; why others could not be judged, and how many."""
+UNDECIDED = f"""
+import json
+with open("/tmp/report") as file: results = json.load(file)["results"]
+print(json.dumps([each["reason"] for each in results if each["verdict"] == "{Verdict.INCONCLUSIVE}"]))
+"""
+
+
+def judged(bench: Bench, *only: str, allow: tuple[Risk, ...] = (), seconds: float) -> Counter[str]:
+    """Run cases, none of which may fail; why others came to no verdict, and how many."""
     names = [word for name in only for word in ("--only", name)]
     risks = [word for risk in allow for word in ("--allow", risk)]
-    done = bench.run("phasewire", "conformance", "--device", "usb:", *names, *risks, seconds=seconds)
+    done = bench.run(
+        "phasewire", "conformance", "--device", "usb:", "--json", "/tmp/report", *names, *risks, seconds=seconds
+    )
     assert done.code == 0, f"{done.out}\n{done.err}"
     assert [line for line in bench.complaints() if "did not claim" in line] == []
-    return {reason: int(count) for count, reason in re.findall(r"^ +(\d+) cases?: (.+)$", done.out, re.MULTILINE)}
+    return Counter(json.loads(bench.python(UNDECIDED)))
 
 
 def test_what_a_kernel_makes_difficult_passes(bench: Bench) -> None:
