@@ -5,35 +5,43 @@ import inspect
 import threading
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec
 
 import numpy as np
 import pytest
 from phasewire import Device, Emulator, Pulses, open_device
-from phasewire.emulator.doors.backend import Port
 from phasewire.emulator.faults import Unplugged
 from phasewire.errors import DeviceNotFoundError, DeviceRefusedError
 from phasewire.host.playing import asynchronous
 from phasewire.host.playing.asynchronous import AsyncDevice, open_device_async
 from phasewire.host.playing.envelopes import sine
 from phasewire.protocol.codes import State
-from phasewire.protocol.quantise import PulseFrames
 
 FULL = Pulses(np.full(320, 25), np.full(320, 25))
 
 
-def run(main: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(main, 60))
+Given = ParamSpec("Given")
+
+
+def awaited(test: Callable[Given, Coroutine[Any, Any, None]]) -> Callable[Given, None]:
+    """A test that is a coroutine function, run by an event loop of its own."""
+
+    @wraps(test)
+    def run(*arguments: Given.args, **named: Given.kwargs) -> None:
+        asyncio.run(asyncio.wait_for(test(*arguments, **named), 60))
+
+    return run
 
 
 async def all_ended() -> None:
-    """Wait until no call is under way any more, not even for nobody."""
+    """Wait until no call is under way any more, not even one whose result is dropped."""
     async with asyncio.timeout(5):
         while any(thread.name == "phasewire" for thread in threading.enumerate()):
             await asyncio.sleep(0.01)
 
 
-def test_it_has_all_that_a_device_has() -> None:
+def test_it_has_every_method_of_a_device() -> None:
     def names(kind: type) -> set[str]:
         return {name for name in vars(kind) if not name.startswith("_")}
 
@@ -47,7 +55,7 @@ def test_it_has_all_that_a_device_has() -> None:
 @pytest.mark.parametrize(
     ("asynchronous", "synchronous"), [(open_device_async, open_device), (AsyncDevice.stream, Device.stream)]
 )
-def test_what_is_more_than_awaited_takes_the_same(
+def test_opening_and_streaming_take_the_same_arguments_as_without_async(
     asynchronous: Callable[..., object], synchronous: Callable[..., object]
 ) -> None:
     def taken(function: Callable[..., object]) -> dict[str, tuple[object, ...]]:
@@ -57,54 +65,47 @@ def test_what_is_more_than_awaited_takes_the_same(
     assert taken(asynchronous) == taken(synchronous)
 
 
-def test_a_stream_is_given_all_that_it_is_asked_for_with(monkeypatch: pytest.MonkeyPatch) -> None:
+@awaited
+async def test_a_stream_passes_on_all_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
     given: dict[str, object] = {}
     monkeypatch.setattr(Device, "stream", lambda _, *frames_and_rate, **options: given.update(options))
     options = {"look_ahead": 0.5, "envelope": sine(200), "reconnect": True, "on_progress": print}
-
-    async def main() -> None:
-        async with await open_device_async("emulator:") as device:
-            await device.stream([FULL], 100, **options)  # type: ignore[arg-type]
-
-    run(main())
+    async with await open_device_async("emulator:") as device:
+        await device.stream([FULL], 100, **options)  # type: ignore[arg-type]
     assert given == options
 
 
-def test_what_is_awaited_is_what_the_device_says() -> None:
-    async def main() -> None:
-        with Emulator() as emulator:
-            async with await open_device_async(emulator.url) as device:
-                ack = await device.show(FULL)
-                status = await device.status()
-                assert (status.state, status.since_period) == (State.PLAYING, ack.commit_period)
-                assert (await device.read_back()).pulses == FULL
-                assert device.name.endswith(emulator.serial)
-                assert device.info.channels == 320
-                assert device.serial == emulator.serial
-                assert device.calibration is None
-                began = device.time.monotonic()
-                await device.keep_playing(0.25)
-                assert device.time.monotonic() - began >= 0.25
-                assert (await device.status()).state is State.PLAYING
-            assert not emulator.running.status().enabled
-
-    run(main())
+@awaited
+async def test_awaited_results_are_those_of_the_device(emulator: Emulator) -> None:
+    async with await open_device_async(emulator.url) as device:
+        ack = await device.show(FULL)
+        status = await device.status()
+        assert (status.state, status.since_period) == (State.PLAYING, ack.commit_period)
+        assert (await device.read_back()).pulses == FULL
+        assert device.name.endswith(emulator.serial)
+        assert device.info.channels == 320
+        assert device.serial == emulator.serial
+        assert device.calibration is None
+        began = device.time.monotonic()
+        await device.keep_playing(0.25)
+        assert device.time.monotonic() - began >= 0.25
+        assert (await device.status()).state is State.PLAYING
+    assert not emulator.running.status().enabled
 
 
-def test_errors_come_through() -> None:
-    async def main() -> None:
-        with pytest.raises(DeviceNotFoundError):
-            await open_device_async("nonsense:")
-        async with await open_device_async("emulator:") as device:
-            with pytest.raises(ValueError, match="board"):
-                await device.identify(7)
-            with pytest.raises(DeviceRefusedError):
-                await device.play([(3, 10)])
-
-    run(main())
+@awaited
+async def test_errors_come_through() -> None:
+    with pytest.raises(DeviceNotFoundError):
+        await open_device_async("nonsense:")
+    async with await open_device_async("emulator:") as device:
+        with pytest.raises(ValueError, match="board"):
+            await device.identify(7)
+        with pytest.raises(DeviceRefusedError):
+            await device.play([(3, 10)])
 
 
-def test_the_loop_goes_on_while_a_stream_from_an_asynchronous_source_plays() -> None:
+@awaited
+async def test_the_loop_goes_on_while_a_stream_from_an_asynchronous_source_plays(emulator: Emulator) -> None:
     turns = 0
 
     async def source() -> AsyncIterator[Pulses]:
@@ -118,34 +119,18 @@ def test_the_loop_goes_on_while_a_stream_from_an_asynchronous_source_plays() -> 
             turns += 1
             await asyncio.sleep(0.001)
 
-    async def main() -> None:
-        with Emulator() as emulator:
-            async with await open_device_async(emulator.url) as device:
-                counting = asyncio.create_task(count())
-                report = await device.stream(source(), 1000)
-                counting.cancel()
-                assert (report.accepted, report.late) == (60, 0)
-                assert (await device.read_back()).pulses.width[0] == 7
-
-    run(main())
+    async with await open_device_async(emulator.url) as device:
+        counting = asyncio.create_task(count())
+        report = await device.stream(source(), 1000)
+        counting.cancel()
+        assert (report.accepted, report.late) == (60, 0)
+        assert (await device.read_back()).pulses.width[0] == 7
     assert turns > 5
 
 
-def test_a_stream_of_an_array_and_two_tasks_at_one_device() -> None:
-    async def main() -> None:
-        with Emulator() as emulator:
-            async with await open_device_async(emulator.url) as device:
-                frames = PulseFrames(np.zeros((400, 320), np.uint8), np.full((400, 320), 2, np.uint8))
-                streaming = asyncio.create_task(device.stream(frames, 4000))
-                while not streaming.done():
-                    assert (await device.status()).late == 0
-                assert (await streaming).accepted == 400
-
-    run(main())
-
-
 @pytest.mark.parametrize("source", ["quick", "stuck"])
-def test_a_cancelled_stream_leaves_the_outputs_off_and_nothing_running(source: str) -> None:
+@awaited
+async def test_a_cancelled_stream_leaves_the_outputs_off_and_nothing_running(emulator: Emulator, source: str) -> None:
     begun = asyncio.Event()
 
     async def frames() -> AsyncIterator[Pulses]:
@@ -155,92 +140,54 @@ def test_a_cancelled_stream_leaves_the_outputs_off_and_nothing_running(source: s
             if source == "stuck":
                 await asyncio.sleep(1000)
 
-    async def main() -> None:
-        with Emulator() as emulator:
-            async with await open_device_async(emulator.url) as device:
-                streaming = asyncio.create_task(device.stream(frames(), 1000))
-                await begun.wait()
-                streaming.cancel()
-                with pytest.raises(asyncio.CancelledError):
-                    await streaming
-                assert not (await device.status()).enabled
-
-    run(main())
+    async with await open_device_async(emulator.url) as device:
+        streaming = asyncio.create_task(device.stream(frames(), 1000))
+        await begun.wait()
+        streaming.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await streaming
+        assert not (await device.status()).enabled
 
 
-def test_a_cancelled_stream_is_cancelled_also_where_its_device_is_out_of_reach() -> None:
+@awaited
+async def test_a_cancelled_stream_is_cancelled_even_if_its_device_is_out_of_reach(emulator: Emulator) -> None:
     begun = asyncio.Event()
+    device = await open_device_async(emulator.url)
 
-    async def main() -> None:
-        with Emulator() as emulator:
-            device = await open_device_async(emulator.url)
-
-            async def frames() -> AsyncIterator[Pulses]:
-                yield FULL
-                yield FULL
-                emulator.inject(Unplugged())
-                begun.set()
-                await asyncio.sleep(1000)
-
-            streaming = asyncio.create_task(device.stream(frames(), 1000))
-            await begun.wait()
-            streaming.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await streaming
-
-    run(main())
-
-
-def test_a_device_that_is_opened_when_nobody_waits_for_it_any_more_is_closed_again() -> None:
-    async def main() -> None:
-        with Emulator() as emulator:
-            opening = asyncio.create_task(open_device_async(emulator.url))
-            await asyncio.sleep(0)
-            opening.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await opening
-            assert emulator.running.status().accepted == 1, "it was opened"
-            assert not Port.of(emulator.usb).claims
-
-    run(main())
-
-
-def test_an_error_of_the_source_ends_the_stream_with_the_outputs_off() -> None:
     async def frames() -> AsyncIterator[Pulses]:
         yield FULL
-        raise RuntimeError("no more ideas")
+        yield FULL
+        emulator.inject(Unplugged())
+        begun.set()
+        await asyncio.sleep(1000)
 
-    async def main() -> None:
-        async with await open_device_async("emulator:") as device:
-            with pytest.raises(RuntimeError, match="no more ideas"):
-                await device.stream(frames(), 1000)
-            assert not (await device.status()).enabled
-
-    run(main())
-
-
-def test_a_stop_waits_for_no_thread_that_others_keep() -> None:
-    """Not even where the event loop's own threads are all taken, as by other devices' streams."""
-
-    async def main() -> None:
-        release = threading.Event()
-        with Emulator() as emulator, ThreadPoolExecutor(1) as threads:
-            asyncio.get_running_loop().set_default_executor(threads)
-            async with await open_device_async(emulator.url) as device:
-                await device.show(FULL)
-                taken = asyncio.create_task(asyncio.to_thread(release.wait, 20))
-                try:
-                    async with asyncio.timeout(5):
-                        await device.stop()
-                        assert not (await device.status()).enabled
-                finally:
-                    release.set()
-                    await taken
-
-    run(main())
+    streaming = asyncio.create_task(device.stream(frames(), 1000))
+    await begun.wait()
+    streaming.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await streaming
 
 
-def test_a_device_that_was_opened_for_a_cancelled_task_is_closed(
+@awaited
+async def test_a_stop_needs_no_thread_of_the_event_loop() -> None:
+    """All threads of the event loop may be busy, such as with other devices' streams."""
+    release = threading.Event()
+    with Emulator() as emulator, ThreadPoolExecutor(1) as threads:
+        asyncio.get_running_loop().set_default_executor(threads)
+        async with await open_device_async(emulator.url) as device:
+            await device.show(FULL)
+            taken = asyncio.create_task(asyncio.to_thread(release.wait, 20))
+            try:
+                async with asyncio.timeout(5):
+                    await device.stop()
+                    assert not (await device.status()).enabled
+            finally:
+                release.set()
+                await taken
+
+
+@awaited
+async def test_a_device_that_was_opened_for_a_cancelled_task_is_closed(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reached, release = threading.Event(), threading.Event()
@@ -251,24 +198,21 @@ def test_a_device_that_was_opened_for_a_cancelled_task_is_closed(
         return open_device(*arguments, **options)
 
     monkeypatch.setattr(asynchronous, "open_device", slowly)
-
-    async def main() -> None:
-        opening = asyncio.create_task(open_device_async(emulator.url))
-        await asyncio.to_thread(reached.wait, 10)
-        for _ in range(2):  # who is impatient cancels twice
-            opening.cancel()
-            await asyncio.sleep(0.02)
-            assert not opening.done()
-        release.set()
-        with pytest.raises(asyncio.CancelledError):
-            await opening
-        with open_device(emulator.url) as other:  # nobody else has it
-            assert not other.status().enabled
-
-    run(main())
+    opening = asyncio.create_task(open_device_async(emulator.url))
+    await asyncio.to_thread(reached.wait, 10)
+    for _ in range(2):  # an impatient user cancels twice
+        opening.cancel()
+        await asyncio.sleep(0.02)
+        assert not opening.done()
+    release.set()
+    with pytest.raises(asyncio.CancelledError):
+        await opening
+    with open_device(emulator.url) as other:  # it is free again
+        assert not other.status().enabled
 
 
-def test_leaving_is_not_cut_short(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+@awaited
+async def test_leaving_is_not_cut_short(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     reached, release = threading.Event(), threading.Event()
     genuine = Device.__exit__
 
@@ -283,19 +227,17 @@ def test_leaving_is_not_cut_short(emulator: Emulator, monkeypatch: pytest.Monkey
         async with await open_device_async(emulator.url) as device:
             await device.show(FULL)
 
-    async def main() -> None:
-        using = asyncio.create_task(use())
-        await asyncio.to_thread(reached.wait, 10)
-        using.cancel()
-        asyncio.get_running_loop().call_later(0.05, release.set)
-        with pytest.raises(asyncio.CancelledError):
-            await using
-        assert not emulator.running.status().enabled
-
-    run(main())
+    using = asyncio.create_task(use())
+    await asyncio.to_thread(reached.wait, 10)
+    using.cancel()
+    asyncio.get_running_loop().call_later(0.05, release.set)
+    with pytest.raises(asyncio.CancelledError):
+        await using
+    assert not emulator.running.status().enabled
 
 
-def test_a_stream_that_is_cancelled_before_it_has_begun_does_not_begin(
+@awaited
+async def test_a_stream_that_is_cancelled_before_it_has_begun_does_not_begin(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its source is synchronous and without end, and the device is stopped first."""
@@ -316,22 +258,19 @@ def test_a_stream_that_is_cancelled_before_it_has_begun_does_not_begin(
 
     monkeypatch.setattr(Device, "stop", stopping)
     monkeypatch.setattr(Device, "stream", beginning)
-
-    async def main() -> None:
-        async with await open_device_async(emulator.url) as device:
-            streaming = asyncio.create_task(device.stream(frames(), 1000))
-            await asyncio.sleep(0.01)
-            streaming.cancel()
-            async with asyncio.timeout(10):
-                with pytest.raises(asyncio.CancelledError):
-                    await streaming
-            assert not (await device.status()).enabled
-            await all_ended()
-
-    run(main())
+    async with await open_device_async(emulator.url) as device:
+        streaming = asyncio.create_task(device.stream(frames(), 1000))
+        await asyncio.sleep(0.01)
+        streaming.cancel()
+        async with asyncio.timeout(10):
+            with pytest.raises(asyncio.CancelledError):
+                await streaming
+        assert not (await device.status()).enabled
+        await all_ended()
 
 
-def test_a_source_that_keeps_its_thread_waiting_keeps_nobody_else(emulator: Emulator) -> None:
+@awaited
+async def test_a_source_that_blocks_its_thread_delays_no_other_call(emulator: Emulator) -> None:
     asked, release = threading.Event(), threading.Event()
 
     def frames() -> Iterator[Pulses]:
@@ -340,23 +279,21 @@ def test_a_source_that_keeps_its_thread_waiting_keeps_nobody_else(emulator: Emul
         release.wait(20)
         yield FULL
 
-    async def main() -> None:
-        async with await open_device_async(emulator.url) as device:
-            streaming = asyncio.create_task(device.stream(frames(), 1000))
-            await asyncio.to_thread(asked.wait, 10)
-            streaming.cancel()
-            async with asyncio.timeout(10):
-                with pytest.raises(asyncio.CancelledError):
-                    await streaming
-            assert not (await device.status()).enabled
-            release.set()
-            await all_ended()
-            assert not (await device.status()).enabled
-
-    run(main())
+    async with await open_device_async(emulator.url) as device:
+        streaming = asyncio.create_task(device.stream(frames(), 1000))
+        await asyncio.to_thread(asked.wait, 10)
+        streaming.cancel()
+        async with asyncio.timeout(10):
+            with pytest.raises(asyncio.CancelledError):
+                await streaming
+        assert not (await device.status()).enabled
+        release.set()
+        await all_ended()
+        assert not (await device.status()).enabled
 
 
-def test_a_stream_that_is_cancelled_while_it_asks_for_a_frame_ends(
+@awaited
+async def test_a_stream_that_is_cancelled_while_it_asks_for_a_frame_ends(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The thread is just about to ask the event loop, for a frame that never comes."""
@@ -366,36 +303,34 @@ def test_a_stream_that_is_cancelled_while_it_asks_for_a_frame_ends(
         yield FULL
         await asyncio.sleep(1000)
 
-    async def main() -> None:
-        def ask(coroutine: Any, loop: asyncio.AbstractEventLoop) -> Future[Any]:
-            asked.append(coroutine)
-            if len(asked) == 2:
-                loop.call_soon_threadsafe(streaming.cancel)
-                assert stopped.wait(10)
-            return genuine(coroutine, loop)
+    def ask(coroutine: Any, loop: asyncio.AbstractEventLoop) -> Future[Any]:
+        asked.append(coroutine)
+        if len(asked) == 2:
+            loop.call_soon_threadsafe(streaming.cancel)
+            assert stopped.wait(10)
+        return genuine(coroutine, loop)
 
-        asked: list[object] = []
-        stopped = threading.Event()
-        stop = Device.stop
+    asked: list[object] = []
+    stopped = threading.Event()
+    stop = Device.stop
 
-        def stopping(self: Device) -> None:
-            stop(self)
-            stopped.set()
+    def stopping(self: Device) -> None:
+        stop(self)
+        stopped.set()
 
-        monkeypatch.setattr(asyncio, "run_coroutine_threadsafe", ask)
-        monkeypatch.setattr(Device, "stop", stopping)
-        async with await open_device_async(emulator.url) as device:
-            streaming = asyncio.create_task(device.stream(frames(), 1000))
-            async with asyncio.timeout(10):
-                with pytest.raises(asyncio.CancelledError):
-                    await streaming
-            await all_ended()
-
-    run(main())
+    monkeypatch.setattr(asyncio, "run_coroutine_threadsafe", ask)
+    monkeypatch.setattr(Device, "stop", stopping)
+    async with await open_device_async(emulator.url) as device:
+        streaming = asyncio.create_task(device.stream(frames(), 1000))
+        async with asyncio.timeout(10):
+            with pytest.raises(asyncio.CancelledError):
+                await streaming
+        await all_ended()
 
 
-@pytest.mark.parametrize("end", ["normal", "refused", "cancelled"])
-def test_an_asynchronous_source_is_closed_however_the_stream_ends(emulator: Emulator, end: str) -> None:
+@pytest.mark.parametrize("end", ["normal", "refused", "cancelled", "error"])
+@awaited
+async def test_an_asynchronous_source_is_closed_however_the_stream_ends(emulator: Emulator, end: str) -> None:
     closed = False
     begun = asyncio.Event()
 
@@ -409,28 +344,27 @@ def test_an_asynchronous_source_is_closed_however_the_stream_ends(emulator: Emul
                 await asyncio.sleep(1000)
             if end == "refused":
                 yield Pulses(np.zeros(3), np.zeros(3))
+            if end == "error":
+                raise RuntimeError("no more ideas")
         finally:
             await asyncio.sleep(0)
             closed = True
 
-    async def main() -> None:
-        async with await open_device_async(emulator.url) as device:
-            streaming = asyncio.create_task(device.stream(frames(), 1000))
-            await begun.wait()
-            if end == "cancelled":
-                streaming.cancel()
-            await asyncio.wait([streaming])
-            assert closed
+    async with await open_device_async(emulator.url) as device:
+        streaming = asyncio.create_task(device.stream(frames(), 1000))
+        await begun.wait()
+        if end == "cancelled":
+            streaming.cancel()
+        await asyncio.wait([streaming])
+        assert closed
+        assert end != "error" or str(streaming.exception()) == "no more ideas"
+        assert end == "normal" or not (await device.status()).enabled
 
-    run(main())
 
-
-def test_who_no_longer_waits_does_not_keep_a_device_playing(emulator: Emulator) -> None:
-    async def main() -> None:
-        async with await open_device_async(emulator.url) as device:
-            await device.show(FULL)
-            with pytest.raises(TimeoutError):
-                await asyncio.wait_for(device.keep_playing(1e6), 0.05)
-            await all_ended()
-
-    run(main())
+@awaited
+async def test_a_cancelled_keep_playing_stops_keeping_the_device_playing(emulator: Emulator) -> None:
+    async with await open_device_async(emulator.url) as device:
+        await device.show(FULL)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(device.keep_playing(1e6), 0.05)
+        await all_ended()
