@@ -12,19 +12,16 @@ import pytest
 from phasewire import Emulator, Pulses, Wiring, open_device
 from phasewire.emulator import faults
 from phasewire.emulator.doors.backend import Port
-from phasewire.emulator.interfaces.usb_device import UsbDevice
 from phasewire.errors import (
     DeviceError,
-    DeviceLostError,
     DeviceRefusedError,
     DeviceStalledError,
     DeviceTimeoutError,
 )
 from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.device import Device
-from phasewire.protocol import Ack, Info, Reason, State
+from phasewire.protocol import Ack, Info, Reason
 from phasewire.protocol.codes import Fault, Feature
-from phasewire.protocol.enumeration import FULL_SPEED, HIGH_SPEED, Speed
 
 from tests.from_spec import modulated_width
 
@@ -102,53 +99,7 @@ def test_a_period_is_a_whole_number(emulator: Emulator, period: object) -> None:
         device.show(FULL, period)  # type: ignore[arg-type]  # the wrong type is the point
 
 
-def test_silence_ends_what_plays_and_its_modulation(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.modulate([128], 1)
-        device.show(FULL)
-        ack = device.silence()
-        assert widths(emulator, ack.commit_period - 1, 3) == [modulated_width(25, 128), 0, 0]
-        assert device.status().state is State.READY
-        begins = device.show(FULL).commit_period
-        assert widths(emulator, begins, 2) == [25, 25]
-
-
 # Stored frames
-
-
-def test_another_sequence_takes_over_without_a_gap(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        for slot in range(4):
-            device.store(slot, wide(slot + 1))
-        first = device.play([(0, 1), (1, 1)]).commit_period
-        emulator.run(20)
-        second = device.play([(2, 3), (3, 1)], period=device.status().period + 50).commit_period
-        assert set(widths(emulator, first, second - first)) == {1, 2}
-        assert widths(emulator, second, 8) == [3, 3, 3, 4] * 2
-
-
-def test_what_plays_cannot_be_overwritten(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.store(0, wide(5))
-        begins = device.play([(0, 1)]).commit_period
-        with pytest.raises(DeviceRefusedError, match="would overwrite what plays") as refused:
-            device.store(0, wide(9))
-        assert refused.value.reason is Reason.IN_USE
-        assert device.store(1, wide(9)).reason is Reason.ACCEPTED
-        assert widths(emulator, begins, 30) == [5] * 30
-        device.stop()
-        emulator.run(7)
-        device.store(0, wide(9))
-
-
-def test_the_places_of_steps_are_used_in_turn(emulator: Emulator) -> None:
-    """400 at a time of 1024: the third begins at 0 again, as the first has ended."""
-    with open_device(emulator.url) as device:
-        for slot in range(3):
-            device.store(slot, wide(slot + 1))
-        for turn in range(6):
-            begins = device.play([(turn % 3, 2)] * 400).commit_period
-            assert widths(emulator, begins, 20) == [turn % 3 + 1] * 20
 
 
 def test_steps_that_fit_beside_nothing_are_refused_while_others_play(emulator: Emulator) -> None:
@@ -163,20 +114,6 @@ def test_steps_that_fit_beside_nothing_are_refused_while_others_play(emulator: E
         emulator.run(7)
         begins = device.play([(0, 1)] * 1024).commit_period
         assert widths(emulator, begins, 10) == [5] * 10
-
-
-def test_a_sequence_plays_on_without_its_host_where_it_may(emulator: Emulator) -> None:
-    device = open_device(emulator.url)
-    device.store(0, wide(5))
-    device.play([(0, 100)], unattended=True)
-    device.close()
-    emulator.run(8000)
-    assert sounding(emulator) == 320
-    with open_device(emulator.url, observe=True) as device:
-        assert device.status().state is State.UNATTENDED
-    assert sounding(emulator) == 320
-    with open_device(emulator.url):
-        assert sounding(emulator) == 0
 
 
 @pytest.mark.parametrize(
@@ -226,15 +163,6 @@ def test_a_modulation_goes_round_and_ends(emulator: Emulator) -> None:
         assert widths(emulator, ends, 6) == [25] * 6
 
 
-def test_another_modulation_takes_over(emulator: Emulator) -> None:
-    """1500 samples at a time of 4096: the third begins at 0 again."""
-    with open_device(emulator.url) as device:
-        device.show(FULL)
-        for sample in (40, 90, 140, 190, 240):
-            begins = device.modulate(bytes([sample]) * 1500, 1).commit_period
-            assert widths(emulator, begins, 20) == [modulated_width(25, sample)] * 20
-
-
 @pytest.mark.parametrize(
     ("samples", "hold"), [([], 1), ([256], 1), ([-1], 1), (bytes(4097), 1), ([1], 0), ([1], 2**16)], ids=str
 )
@@ -252,26 +180,6 @@ def test_samples_out_of_range_send_nothing(emulator: Emulator, samples: Any, hol
 def test_the_wiring_table_can_be_read(scrambled: Wiring) -> None:
     with Emulator(table=scrambled) as emulator, open_device(emulator.url) as device:
         assert device.wiring().channels.tolist() == scrambled.channels.tolist()
-
-
-def test_the_clock_is_the_device_s(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        emulator.run(300)
-        before = emulator.running.now_tick
-        reading = device.clock()
-        assert before <= reading.now <= emulator.running.now_tick
-        begun = device.time.monotonic()
-        device.time.sleep(0.01)
-        assert device.time.monotonic() - begun == pytest.approx(0.01)
-        assert device.clock().now - reading.now == pytest.approx(20_000, abs=1000)
-
-
-def test_ten_processors_report_in_the_order_of_the_chain(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        emulator.unfold()
-        emulator.processors[3].set_temperature(61)
-        device.time.sleep(0.02)
-        assert [report.temperature_c == 61 for report in device.processors()] == [place == 3 for place in range(10)]
 
 
 def test_a_board_is_identified_by_its_light(emulator: Emulator) -> None:
@@ -400,85 +308,6 @@ def test_the_outputs_are_off_however_the_session_ends(emulator: Emulator, error:
         session()
     assert sounding(emulator) == 0
     assert not Port.of(emulator.usb).claims
-
-
-def raising(error: BaseException) -> Callable[..., Any]:
-    def transfer(*arguments: object) -> None:
-        raise error
-
-    return transfer
-
-
-@pytest.mark.parametrize("speed", [HIGH_SPEED, FULL_SPEED], ids=["high", "full"])
-@pytest.mark.parametrize("what", ["bulk_out", "bulk_in", "control"])
-@pytest.mark.parametrize("nth", [1, 4, 11])
-@pytest.mark.parametrize("before", [True, False], ids=["before", "after"])
-def test_ctrl_c_within_a_transfer_leaves_the_outputs_off(
-    monkeypatch: pytest.MonkeyPatch, speed: Speed, what: str, nth: int, before: bool
-) -> None:
-    """Before or after any packet, also within a block; the next session finds the line in order."""
-    genuine = getattr(UsbDevice, what)
-    calls = [0]
-
-    def interrupted(self: UsbDevice, *arguments: Any) -> Any:
-        calls[0] += 1
-        if before and calls[0] == nth:
-            raise KeyboardInterrupt
-        answer = genuine(self, *arguments)
-        if not before and calls[0] == nth:
-            raise KeyboardInterrupt
-        return answer
-
-    def session() -> None:
-        with open_device(emulator.url) as device:
-            device.show(FULL)
-            assert sounding(emulator) == 320
-            with monkeypatch.context() as patch:
-                patch.setattr(UsbDevice, "stream_out", lambda self, endpoint, data, began, deadline: (0, began))
-                patch.setattr(UsbDevice, what, interrupted)
-                for _ in range(20):
-                    device.show(HALF)
-                    device.status()
-
-    with Emulator(speed=speed) as emulator:
-        with pytest.raises(KeyboardInterrupt):
-            session()
-        assert sounding(emulator) == 0
-        assert not Port.of(emulator.usb).claims
-        with open_device(emulator.url) as again:
-            assert again.show(FULL).reason is Reason.ACCEPTED
-            assert sounding(emulator) == 320
-
-
-def test_a_closed_device_does_nothing_more(emulator: Emulator) -> None:
-    with open_device(emulator.url) as device:
-        device.show(FULL)
-    uses: list[Callable[[], object]] = [
-        lambda: device.show(FULL),
-        lambda: device.play([(0, 1)]),
-        lambda: device.stream([FULL], 10),
-        device.status,
-        device.stop,
-        device.enable,
-        device.reset,
-        device.wiring,
-        device.clock,
-        device.read_back,
-    ]
-    for use in uses:
-        with pytest.raises(DeviceError, match="is closed; open it again"):
-            use()
-    assert sounding(emulator) == 0
-
-
-def test_unplugging_raises_and_closes(emulator: Emulator) -> None:
-    other = Emulator(serial="SHORT-LIVED")
-    with other:
-        device = open_device(other.url)
-    with pytest.raises(DeviceLostError, match="the device is gone; plug it in again"):
-        device.show(FULL)
-    with pytest.raises(DeviceLostError), device:
-        pass
 
 
 def test_an_error_within_the_session_is_not_hidden_by_a_lost_device() -> None:

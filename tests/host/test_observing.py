@@ -49,13 +49,6 @@ def test_reading_back_over_the_serial_line_does_not_disturb_a_stream_over_usb() 
     assert (report.accepted, status.lost, status.accepted) == (60, 0, 61)
 
 
-def test_an_observer_that_plays_after_all_begins_a_session_then() -> None:
-    with Emulator() as emulator, open_device(emulator.url, observe=True) as device:
-        assert device.status().accepted == 0
-        device.show(FULL)
-        assert device.status().accepted == 2
-
-
 def test_a_calibration_of_another_size_is_refused_before_anything_is_stopped() -> None:
     with Emulator() as emulator:
         with open_device(emulator.url) as device:

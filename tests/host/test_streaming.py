@@ -21,11 +21,9 @@ from phasewire.emulator.faults import (
     BusReset,
     BusSuspended,
     FlippedUsbBit,
-    HotBoard,
     InjectedFault,
     LostToken,
     PowerCut,
-    SilentHost,
     StalledEndpoint,
     Unplugged,
 )
@@ -262,38 +260,6 @@ def test_stop_while_a_lost_device_comes_back_is_not_undone_by_the_stream(
         assert device.stream(one_by_one(frames(3)), 1000).accepted == 3, "what was stopped can begin again"
 
 
-@pytest.mark.parametrize(
-    ("fault", "error", "message"),
-    [
-        (Unplugged(period=2000), DeviceLostError, "the device is gone; plug it in again"),
-        (PowerCut(period=2000), DeviceLostError, "the device is gone"),
-        (BusReset(period=2000), DeviceStalledError, "answers STALL"),
-        (BusSuspended(period=2000), DeviceLostError, "the device is gone"),
-        (SilentHost(period=2000), DeviceStalledError, "answers STALL"),
-        (StalledEndpoint(period=2000, endpoint=0x01), DeviceStalledError, "answers STALL"),
-        (StalledEndpoint(period=2000, endpoint=0x81), DeviceStalledError, "answers STALL"),
-        (HotBoard(period=2000, board=1, celsius=90), DeviceRefusedError, r"silenced by a fault \(TEMPERATURE\)"),
-        (FlippedUsbBit(period=2000, endpoint=0x81, byte=9), DeviceError, "breaks the protocol"),
-    ],
-    ids=lambda value: type(value).__name__ if isinstance(value, InjectedFault) else None,
-)
-def test_what_goes_wrong_ends_in_its_error_with_the_outputs_off(
-    fault: InjectedFault, error: type[DeviceError], message: str
-) -> None:
-    reports: list[StreamReport] = []
-    with Emulator() as emulator:
-        device = open_device(emulator.url)
-        emulator.inject(fault)
-        with pytest.raises(error, match=message):
-            device.stream(one_by_one(frames(1000)), 1000, on_progress=reports.append)
-        if emulator.controller is not None:
-            emulator.run(4100)  # the watchdog's time, where the host cannot be heard
-            assert silent(emulator)
-    last = reports[-1]
-    assert 10 < last.accepted < 100
-    assert last.sent == last.accepted + last.damaged + last.refused + last.unanswered
-
-
 def test_a_damaged_frame_is_counted_and_the_one_before_plays_on() -> None:
     wanted = frames(50)
 
@@ -432,21 +398,6 @@ def test_a_chain_or_a_bus_that_is_slower_takes_less() -> None:
         device.stream(frames(2), 2_400)
     with open_device("emulator:?door=serial") as device, pytest.raises(ValueError, match=r"at most 22\."):
         device.stream(frames(2), 23)
-
-
-@pytest.mark.parametrize("url", ["emulator:?speed=full", "emulator:?door=serial&baud=3000000", "emulator:?link=2wire"])
-def test_other_lines_stream_too(url: str) -> None:
-    with open_device(url) as device:
-        report = device.stream(frames(40), 400)
-        status = device.status()
-    assert (report.accepted, report.late, report.underruns, status.accepted) == (40, 0, 0, 41)
-
-
-def test_a_long_wait_for_the_next_frame_keeps_the_device_awake() -> None:
-    with Emulator() as emulator, open_device(emulator.url) as device:
-        report = device.stream(frames(3), 0.9)
-        assert report.late == 0
-        assert played(emulator, report.last_period) == frame(frames(3), 2)
 
 
 class Skewed:
