@@ -194,7 +194,7 @@ def test_a_focus_rings_up_with_the_time_constant(array: TransducerArray, scrambl
 
 
 def square_intensity(matrix: NDArray[np.complex128], fields: Any, delay: NDArray[np.float64], samples: int) -> Any:
-    """|p|² over a cycle of 200 Hz of two fields in turn, each 2.5 ms, that τ rings up and down, for ever."""
+    """|p|² over a cycle of 200 Hz of two fields in turn, each 2.5 ms, that τ rings up and down, in the steady state."""
     half = 2.5e-3
     time = (np.arange(samples) * 2 * half / samples - delay[..., None]) % (2 * half)
     fallen = np.exp(-(time % half) / TAU) / (1 + math.exp(-half / TAU))

@@ -41,7 +41,7 @@ def read(data: bytes, form: str = "auto", address: UsbAddress | None = None) -> 
         (b"PWFW" + bytes(100), "firmware", Traffic.FIRMWARE),
     ],
 )
-def test_formats_are_told_by_the_content(data: bytes, form: str, traffic: Traffic) -> None:
+def test_formats_are_recognised_by_the_content(data: bytes, form: str, traffic: Traffic) -> None:
     assert read(data)[0].traffic is traffic
     assert read(data) == read(data, form)
 
@@ -74,7 +74,7 @@ def test_a_stated_format_is_believed() -> None:
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_nothing_is_no_recording_of_any_format(form: str) -> None:
+def test_an_empty_file_is_no_recording_of_any_format(form: str) -> None:
     with pytest.raises(InputFileError, match=r"^r is empty"):
         read(b"", form)
 

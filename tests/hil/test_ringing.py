@@ -61,7 +61,7 @@ def states(emission: Emission) -> NDArray[np.complex128]:
         return np.asarray(emission.states[0].T, dtype=np.complex128)
     periods = np.tensordot(emission.shares.astype(float), emission.states.astype(np.complex128), 1)
     whole = np.moveaxis(periods[:, :, :-1], 2, 1).reshape(-1, 320)
-    np.testing.assert_allclose(periods[:-1, :, -1], periods[1:, :, 0], atol=2e-5)  # it goes on where it was
+    np.testing.assert_allclose(periods[:-1, :, -1], periods[1:, :, 0], atol=2e-5)  # without a step between periods
     return np.asarray(np.concatenate([whole, periods[-1:, :, -1]]))
 
 

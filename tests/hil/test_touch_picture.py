@@ -109,9 +109,7 @@ def test_the_picture_shows_points_where_they_are_and_the_field_that_is_emitted(
     assert any("drives rebuilt from what was said" in text.get_text() for text in figure.texts)
 
 
-def test_where_nothing_is_touched_there_is_nothing_to_draw(
-    array: TransducerArray, emitted: Modulation, tmp_path: Path
-) -> None:
+def test_without_a_touch_there_is_nothing_to_draw(array: TransducerArray, emitted: Modulation, tmp_path: Path) -> None:
     away = Hand.flat((0, 0, 0.4))
     with pytest.raises(ValueError, match="no hand touches an object"):
         save_touch_picture(tmp_path / "p.png", [away], [Mesh.cube()], touch(away, Mesh.cube()), emitted, array, "")

@@ -59,14 +59,6 @@ def test_any_points_are_felt_over_any_wiring(points: list[tuple[float, float, fl
         assert run_touch(two_sided(TransducerArray.grid(), ControlPoints(points)), emulator).passed
 
 
-def test_a_swapped_pair_in_the_wiring_table_is_red(intended: TwoSided) -> None:
-    true = Wiring.strips()
-    swapped = true.channels.copy()
-    swapped[[100, 101]] = swapped[[101, 100]]
-    with Emulator(wiring=true, table=Wiring(swapped)) as emulator:
-        assert verdicts(run_touch(intended, emulator))[:3] == [True, True, False]
-
-
 def test_one_board_a_tick_late_is_red(intended: TwoSided) -> None:
     with Emulator(clock_offset_ticks={3: 1}) as emulator:
         run = run_touch(intended, emulator)

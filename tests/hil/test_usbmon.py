@@ -109,7 +109,7 @@ def test_transfers_come_in_causal_order() -> None:
 
 
 def test_a_transfer_that_does_not_end_holds_up_only_so_many_others() -> None:
-    """Such as text for a console that takes none: it is still read when it ends, and nothing is read twice."""
+    """Such as text for a console that takes none: it is read when it ends, and no other piece is read twice."""
     stuck = bulk_out(1, b"info\r", endpoint=0x03)
     answers = [packet for urb in range(MOST_PENDING + 1) for packet in bulk_in(2 + urb, ACK)]
     pieces = read(pcap([stuck[0], *answers, stuck[1], *bulk_out(1, BLOCK)]))
@@ -187,14 +187,14 @@ def test_packets_cut_short_by_the_capture_are_counted() -> None:
     assert [(len(piece.data), piece.missing) for piece in read(pcapng([submitted[:164], completed]))] == [(100, 412)]
 
 
-def test_what_stands_behind_the_captured_bytes_is_no_data() -> None:
+def test_bytes_after_the_captured_ones_are_no_data() -> None:
     submitted, completed = bulk_out(1, BLOCK, captured=512)
     assert [piece.data for piece in read(pcapng([submitted + b"padding", completed]))] == [BLOCK]
     short, completed = bulk_out(1, BLOCK, captured=100)
     assert [len(piece.data) for piece in read(pcapng([short + b"padding", completed]))] == [100]
 
 
-def test_a_control_transfer_without_its_setup_stage_means_nothing() -> None:
+def test_a_control_transfer_without_its_setup_stage_is_skipped() -> None:
     packets = [
         event(SUBMIT, 1, 0x80, length=64, transfer=2),
         event(COMPLETE, 1, 0x80, data=bytes(64), transfer=2),

@@ -26,7 +26,7 @@ Damage = Callable[[bytes], bytes]
 
 
 class Clock:
-    """Time that passes only while somebody waits."""
+    """Time that passes only during a wait."""
 
     def __init__(self) -> None:
         self.now = 0.0

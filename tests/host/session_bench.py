@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from phasewire.host.playing.session import Session
 from phasewire.protocol import Info
-from phasewire.protocol.codes import Reason, Request, State
+from phasewire.protocol.blocks import Output, Samples
+from phasewire.protocol.codes import Action, Reason, Request, State
 from phasewire.protocol.replies import ClockReading
 
 from tests import from_spec as spec
@@ -28,6 +29,16 @@ class Sent(NamedTuple):
     kind: int
     first: int
     """By which tests tell blocks apart."""
+
+
+def sample(place: int) -> Samples:
+    """A block that tests tell from others by its place."""
+    return Samples(b"\x01", place)
+
+
+def change(place: int) -> Output:
+    """A block that takes a place in the queue."""
+    return Output(Action.SILENCE, 10**6 + place)
 
 
 class ModelDevice:
@@ -171,7 +182,7 @@ class BenchLine:
         self.delay = 0.0
         """How long a record is on its way."""
         self.fails: Callable[[str], None] = lambda what: None
-        """Is told of each call, and may raise."""
+        """Called before each call, with its name; may raise."""
         self.reopened_within: list[float] = []
         self.closed = 0
 

@@ -1,4 +1,4 @@
-"""One class of tests over all lines to a device: whoever uses a `Device` cannot tell them apart.
+"""One class of tests over all lines to a device: for a user of `Device` they are all alike.
 
 A real bus is tried with the same driver under umockdev, by the tests of the emulator's doors.
 """
@@ -67,7 +67,7 @@ class Opened:
         self.device.__exit__(None, None, None)
 
     def reopen(self) -> None:
-        """Open it anew."""
+        """Open it again."""
         self.device = open_device(self.url)
 
 
@@ -103,7 +103,7 @@ class TestEveryLine:
     def test_its_clock_moves_on(self, device: Device) -> None:
         before = device.clock().now
         end = device.time.monotonic() + PATIENCE
-        while device.clock().now - before < 40_000:  # ticks of 0.5 µs; a server that is held up is behind for a moment
+        while device.clock().now - before < 40_000:  # ticks of 0.5 µs; a busy server may be late for a moment
             assert device.time.monotonic() < end
             device.time.sleep(0.02)
         assert device.status().now > before

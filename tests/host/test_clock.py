@@ -63,7 +63,7 @@ def test_a_quick_reading_outweighs_slow_ones() -> None:
 
 
 def test_only_the_last_readings_count() -> None:
-    """A device that restarted begins at 0; so does its estimate, which is made anew, and after 64 readings any."""
+    """A restarted device begins at 0. After 64 readings an old estimate is as good as a new one."""
     clock = DeviceClock()
     clock.add(reading(1000, 0, 0.0, 1e-3, 0.5))
     for n in range(READINGS):
@@ -130,7 +130,7 @@ def test_after_a_minute_frames_land_on_their_period(drift_ppm: float, takes: flo
 
 
 @pytest.mark.parametrize("pauses", [{20}, {4}, {39}, {20, 21, 22}, {8, 20, 32}])
-def test_a_device_that_is_held_up_at_a_few_readings_and_catches_up_misleads_nobody(pauses: set[int]) -> None:
+def test_a_device_that_is_held_up_at_a_few_readings_and_catches_up_does_not_mislead(pauses: set[int]) -> None:
     """By 8 ms, as one that is emulated on a busy computer: frames would come late for as long as that is believed."""
     rng = np.random.default_rng(3)
     clock = DeviceClock()

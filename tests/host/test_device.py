@@ -102,7 +102,7 @@ def test_a_period_is_a_whole_number(emulator: Emulator, period: object) -> None:
 # Stored frames
 
 
-def test_steps_that_fit_beside_nothing_are_refused_while_others_play(emulator: Emulator) -> None:
+def test_steps_that_need_the_whole_store_are_refused_while_others_play(emulator: Emulator) -> None:
     with open_device(emulator.url) as device:
         device.store(0, wide(5))
         begins = device.play([(0, 1)] * 1024).commit_period
@@ -322,7 +322,7 @@ def test_an_error_within_the_session_is_not_hidden_by_a_lost_device() -> None:
         session()
 
 
-# Stores that are full begin anew
+# Full stores are used from their beginning again
 
 
 @pytest.mark.parametrize("count", [130, 512])

@@ -58,7 +58,9 @@ def requests(emulator: Emulator, line: DfuLine, monkeypatch: pytest.MonkeyPatch)
     return Requests(emulator, monkeypatch)
 
 
-def test_a_download_waits_as_long_as_it_is_told(line: DfuLine, requests: Requests, emulator: Emulator) -> None:
+def test_a_download_waits_for_the_poll_time_of_each_answer(
+    line: DfuLine, requests: Requests, emulator: Emulator
+) -> None:
     """Clause DFU-008: 128 ms for the first block, 68 for even and 8 for odd ones, 2500 in the end; 2048-byte blocks."""
     done: list[int] = []
     line.download(STORED, done.append)
@@ -117,10 +119,10 @@ def test_it_boots_by_a_bus_reset(line: DfuLine, emulator: Emulator) -> None:
     line.boot()
     emulator.run_until_started()
     assert emulator.running.info().firmware == NEW.version
-    line.boot()  # there is nobody any more, and nothing to be done
+    line.boot()  # the device is gone, and nothing is left to do
 
 
-def test_a_refusal_is_told_in_the_device_s_words(line: DfuLine, emulator: Emulator) -> None:
+def test_a_refusal_has_the_device_s_words(line: DfuLine, emulator: Emulator) -> None:
     """Clause DFU-012: string 16 + reason."""
     bad = bytearray(STORED)
     bad[0] ^= 1
@@ -189,7 +191,7 @@ def test_a_device_that_does_not_keep_to_it_is_given_up(
     assert len(requests.seen) < 400
 
 
-def test_a_block_out_of_turn_is_told(line: DfuLine, emulator: Emulator) -> None:
+def test_a_block_out_of_turn_is_an_error(line: DfuLine, emulator: Emulator) -> None:
     """Somebody else speaks to the device meanwhile, and has aborted the download."""
 
     def meddle(written: int) -> None:

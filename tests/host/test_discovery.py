@@ -76,5 +76,5 @@ def test_an_emulator_that_is_plugged_in_is_found() -> None:
     assert "FIND-ME" not in {each.serial for each in search(["emulator"]).found}
 
 
-def test_nothing_there_is_no_failure() -> None:
+def test_finding_no_device_is_no_failure() -> None:
     assert search(["usb", "emulator"]).failures == {}

@@ -107,7 +107,7 @@ def test_a_stream_ends_as_documented_and_with_the_outputs_off(name: str) -> None
 
 @pytest.mark.parametrize("name", [name for name, row in DOCUMENTED.items() if row.error])
 def test_once_the_cause_is_gone_the_same_device_plays_again(name: str) -> None:
-    """What lasts ends after 0.1 s; where a restart is needed the host can order it."""
+    """A lasting fault ends after 0.1 s; if a restart is needed the host can order it."""
     lasting = "periods" in FAULTS[name].__dataclass_fields__
     fields = {**FIELDS.get(name, {}), **({"periods": 4000} if lasting else {})}
     with Emulator() as emulator:

@@ -89,7 +89,7 @@ def test_real_drives_are_drives() -> None:
 
 
 def test_a_frame_is_asked_for_only_when_it_is_taken() -> None:
-    """A live source makes each at the last moment, and may go on for ever."""
+    """A live source makes each frame at the last moment, and may be endless."""
     asked: list[int] = []
 
     def live() -> Iterator[np.ndarray]:
@@ -105,7 +105,7 @@ def test_a_frame_is_asked_for_only_when_it_is_taken() -> None:
 
 
 def test_no_array_is_read_before_its_turn() -> None:
-    """What comes later may be changed until then, and bad frames stop nothing before them."""
+    """Later frames may change until their turn, and the frames before a bad one play."""
     drives = DRIVES.copy()
     drives[30, 4] = np.nan
     source = frame_source(drives, None, N)
@@ -259,7 +259,7 @@ def test_points_that_cannot_be_solved_for_are_named(array: TransducerArray) -> N
         drained(frame_source(solved(points, Solver(array)), None, 320), [1])
 
 
-def test_a_source_of_nothing_ends_at_once() -> None:
+def test_an_empty_source_ends_at_once() -> None:
     sources: list[Any] = [DRIVES[:0], PulseFrames(FRAMES.phase[:0], FRAMES.width[:0]), [], iter(())]
     for source in sources:
         assert frame_source(source, None, N).take(3).phase.shape == (0, N)

@@ -11,20 +11,10 @@ from hypothesis import strategies as st
 from phasewire.errors import DeviceLostError, DeviceRefusedError, DeviceTimeoutError
 from phasewire.host.playing.ledger import Answers, Parcel
 from phasewire.host.playing.session import Session
-from phasewire.protocol.blocks import Block, Body, Output, Samples, pack, unpack
-from phasewire.protocol.codes import AckFlag, Action, Reason, Request
+from phasewire.protocol.blocks import Block, Body, pack, unpack
+from phasewire.protocol.codes import AckFlag, Reason, Request
 
-from tests.host.session_bench import MS, Once, PostingLine, begun, enabled
-
-
-def sample(place: int) -> Samples:
-    """A block that is told from others by its place."""
-    return Samples(b"\x01", place)
-
-
-def change(place: int) -> Output:
-    """Something that takes a place in the queue."""
-    return Output(Action.SILENCE, 10**6 + place)
+from tests.host.session_bench import MS, Once, PostingLine, begun, change, enabled, sample
 
 
 def post(session: Session, count: int, body: Callable[[int], Body] = sample, first: int = 0) -> Parcel:
@@ -137,7 +127,7 @@ def test_a_queue_without_room_is_given_up_and_the_numbers_are_used_again() -> No
     assert (ack.sequence, ack.flags) == (9, AckFlag(0))
 
 
-def test_whoever_waits_for_room_gives_signs_of_life() -> None:
+def test_a_host_that_waits_for_room_gives_signs_of_life() -> None:
     line = PostingLine(stays=0.5)
     session = enabled(line)
     parcel = post(session, 20, change)

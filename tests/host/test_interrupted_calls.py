@@ -1,4 +1,4 @@
-"""Handlers of signals that close a device, or raise, anywhere within a call: outputs off, one error, no dead lock."""
+"""Handlers of signals that close a device, or raise, anywhere within a call: outputs off, one error, no deadlock."""
 
 from __future__ import annotations
 

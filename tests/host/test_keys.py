@@ -15,8 +15,6 @@ from cryptography.hazmat.primitives.serialization import (
     PrivateFormat,
     PublicFormat,
 )
-from hypothesis import given
-from hypothesis import strategies as st
 from phasewire.errors import InputFileError
 from phasewire.host.firmware.keys import (
     MAKE_PRIVATE_KEY,
@@ -133,7 +131,7 @@ def test_the_four_cases_of_a_signature() -> None:
     assert [verdict.outcome for verdict in verdicts] == ["SIGNED", "UNSIGNED", "SIGNATURE", "UNKNOWN_KEY"]
     assert [verdict.trusted for verdict in verdicts] == [True, False, False, False]
     assert [number in verdict.words for verdict in verdicts] == [True, False, True, True]
-    assert judge(forged, []).outcome == "UNKNOWN_KEY"  # nobody can tell
+    assert judge(forged, []).outcome == "UNKNOWN_KEY"  # without the key the two look the same
 
 
 def flipped(data: bytes, bit: int) -> bytes:
@@ -143,7 +141,7 @@ def flipped(data: bytes, bit: int) -> bytes:
 
 
 def test_a_flipped_bit_anywhere_is_refused() -> None:
-    """Every bit of the file, and every bit of the image where somebody has put a suffix behind it that is right."""
+    """Every bit of the file, and every bit of the image with a correct suffix after it."""
     keys, file = [KEY.public_key()], build(IMAGE, KEY)
     assert judge_file(file, keys).trusted
     assert {judge_file(flipped(file, bit), keys).outcome for bit in range(8 * len(file))} == {"SUFFIX"}
@@ -152,12 +150,3 @@ def test_a_flipped_bit_anywhere_is_refused() -> None:
     assert "SIGNED" not in outcomes
     assert set(outcomes[-512:]) == {"SIGNATURE"}
     assert set(outcomes[8 * 16 : 8 * 24]) == {"CHECKSUM"}  # the key's number
-
-
-@given(data=st.binary(max_size=300), bit=st.integers(min_value=0))
-def test_a_flipped_bit_of_any_image_is_refused(data: bytes, bit: int) -> None:
-    segments = (Segment(Target.ALL_PROCESSORS, b"p" + data), Segment(Target.CONTROLLER, b"c"))
-    file = build(Image(Version(1, 0, 0), segments), KEY)
-    assert not judge_file(flipped(file, bit % (8 * len(file))), [KEY.public_key()]).trusted
-    image = flipped(file[:-16], bit % (8 * len(file[:-16])))
-    assert not judge_file(with_suffix(image, Suffix(0xFFFF, 0xFFFF, 0xFFFF)), [KEY.public_key()]).trusted

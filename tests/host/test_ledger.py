@@ -1,4 +1,4 @@
-"""The ledger of blocks on their way, held against the obvious: who was sent when, and who has answered."""
+"""The ledger of blocks on their way, against a plain list of what was sent and what was answered."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FIRSTS = st.sampled_from([0, 5, NUMBERS - 7])
 
 
 def acks(numbers: list[int], reason: int = 0) -> NDArray[np.void]:
-    """Acknowledgements of blocks; the commit period repeats the number, by which they are told."""
+    """Acknowledgements of blocks; the commit period repeats the number, by which tests tell them apart."""
     made = np.zeros(len(numbers), ACKS)
     made["sequence"] = np.array(numbers, np.int64) % NUMBERS
     made["commit_period"] = made["sequence"]

@@ -1,4 +1,4 @@
-"""A host that only looks changes nothing, not even the numbering of blocks."""
+"""An observing host changes nothing, not even the numbering of blocks."""
 
 from __future__ import annotations
 

@@ -7,10 +7,7 @@ import os
 import pty
 import re
 import select
-import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -107,7 +104,7 @@ def test_a_port_that_is_not_there_is_not_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
-def test_where_nobody_listens_nothing_is_found(scheme: str) -> None:
+def test_a_port_without_a_server_is_not_found(scheme: str) -> None:
     with socket.create_server((LOOPBACK, 0)) as server:
         port = server.getsockname()[1]
     with pytest.raises(DeviceNotFoundError, match=f"no device at {scheme}://.*refused"):
@@ -128,14 +125,14 @@ def test_a_port_that_another_program_has_open_is_not_disturbed() -> None:
         open_device(f"serial://{path}")
 
 
-def test_a_terminal_where_nobody_answers_times_out() -> None:
+def test_a_silent_terminal_times_out() -> None:
     start = time.monotonic()
     with terminal() as (_, path), pytest.raises(DeviceTimeoutError, match="nothing comes from there"):
         open_device(f"serial://{path}?baud=3000000")
     assert time.monotonic() - start < 15 * (0.1 + 1316 / 300_000) + 2
 
 
-def test_a_terminal_that_reads_nothing_does_not_hold_us_up() -> None:
+def test_writing_to_a_terminal_that_does_not_read_is_bounded() -> None:
     """Its buffer is full soon; pyserial gives up after a second, here after less."""
 
     def fill(port: serial.Serial) -> None:
@@ -232,26 +229,6 @@ def test_ports_with_our_numbers_are_listed_and_no_others(monkeypatch: pytest.Mon
 
 
 # The command that serves
-
-
-@pytest.mark.parametrize("kind", ["tcp", "pty"])
-def test_what_phasewire_emulate_serves_is_played_on(kind: str) -> None:
-    """On the wall clock, as a process of its own; what it says on standard output is a URL or a path."""
-    command = [sys.executable, "-m", "phasewire", "emulate", "--serial", kind, "--json", "-", "--baud", "3000000"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
-        try:
-            assert process.stdout
-            where = re.search(r'"serial_line": "([^"]+)"', process.stdout.readline())
-            assert where
-            url = where[1] if kind == "tcp" else f"serial://{where[1]}"
-            with open_device(f"{url}?baud=3000000") as device:
-                device.set_watchdog(5)
-                assert device.show(Pulses.silent(320)).commit_period > 0
-                assert device.status().enabled
-            process.send_signal(signal.SIGINT)
-            assert process.wait(20) == 0
-        finally:
-            process.kill()
 
 
 def test_the_wall_clock_s_watchdog_fires() -> None:

@@ -108,7 +108,7 @@ def test_drives_are_recorded_as_the_device_would_get_them(tmp_path: Path) -> Non
             np.testing.assert_array_equal(frame_source(recording, CALIBRATION, N).take(300), played)
 
 
-def test_by_default_it_is_of_the_board_and_says_nothing_else(tmp_path: Path) -> None:
+def test_by_default_a_recording_is_for_the_board_without_further_details(tmp_path: Path) -> None:
     path = tmp_path / "plain.frames"
     record(path, some(2, 320), 100)
     with Recording.open(path) as recording:
@@ -123,7 +123,7 @@ def test_a_recording_can_be_recorded(path: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal(copy.read(0, 1000), LONG)
 
 
-def test_nothing_can_be_recorded(tmp_path: Path) -> None:
+def test_an_empty_recording_can_be_made(tmp_path: Path) -> None:
     assert record(tmp_path / "empty.frames", [], 100) == 0
     with Recording.open(tmp_path / "empty.frames") as recording:
         assert frame_source(recording, None, 320).take(4).phase.shape == (0, 320)
@@ -296,7 +296,7 @@ def test_a_foreign_file_is_named(tmp_path: Path) -> None:
 
 
 def said_otherwise(path: Path, good: bytes, **changes: object) -> None:
-    """A recording in which other things are said, None for nothing, with checksums that are right."""
+    """A recording with other fields in its header, without those that are "gone", and with correct checksums."""
     (size,) = struct.unpack_from("<I", good, 8)
     said = json.loads(good[28 : 28 + size]) | changes
     text = json.dumps({name: value for name, value in said.items() if value != "gone"}).encode()

@@ -60,7 +60,7 @@ def line(port: BenchPort) -> SerialTransport:
 
 
 def lose(times: int) -> Callable[[bytes], bytes]:
-    """Loses everything of the next pieces, and nothing of those behind them."""
+    """Loses the next pieces whole, and none of those after them."""
     left = [times]
 
     def pass_on(data: bytes) -> bytes:
@@ -76,7 +76,7 @@ def lose(times: int) -> Callable[[bytes], bytes]:
 
 
 def test_the_line_is_opened_for_a_host_that_does_not_know_its_mode(line: SerialTransport, port: BenchPort) -> None:
-    """Clause SER-010: 00, CONSOLE, 00; then INFO, behind a zero (SER-005)."""
+    """Clause SER-010: 00, CONSOLE, 00; then INFO, after a zero (SER-005)."""
     request = encode_frame(REQUEST_FRAME, bytes.fromhex("01 C1 01 0000 0000 4000"))
     assert port.written == [b"\0" + CONSOLE + b"\0", b"\0" + request]
     assert port.time.now < 0.02
@@ -446,10 +446,10 @@ REQUESTS = [Request.STATUS, Request.ENABLE, Request.DISABLE, Request.CLEAR_FAULT
     per_byte=st.sampled_from([0.0, 0.001, 0.005, 0.02, 0.3]),
     orders=st.lists(st.sampled_from(REQUESTS), max_size=12),
 )
-def test_on_a_bad_line_nothing_is_done_twice_in_a_harmful_way_and_nothing_hangs(
+def test_on_a_bad_line_no_request_acts_twice_harmfully_and_no_call_hangs(
     genuine: tuple[Info, Status], seed: int, per_byte: float, orders: list[Request]
 ) -> None:
-    """Whoever was told that a thing is done may rely on it; and each way out is an error of ours."""
+    """A call that returns has been carried out, and every failure is a `DeviceError`."""
     info, status = genuine
     device = HandMade(info, dataclasses.replace(status, faults=Fault.OVERRUN))
     clock = Clock()

@@ -19,11 +19,23 @@ from phasewire.errors import (
 )
 from phasewire.host.playing.session import Answers, Parcel, Session
 from phasewire.protocol import Ack, NoOp, Reason, State
-from phasewire.protocol.blocks import Block, Body, Output, Samples, pack, unpack
-from phasewire.protocol.codes import AckFlag, Action, Request
+from phasewire.protocol.blocks import Block, Body, Samples, pack, unpack
+from phasewire.protocol.codes import AckFlag, Request
 
 from tests import from_spec as spec
-from tests.host.session_bench import INFO, BenchLine, Fate, ModelDevice, Once, Sent, begun, enabled, info
+from tests.host.session_bench import (
+    INFO,
+    BenchLine,
+    Fate,
+    ModelDevice,
+    Once,
+    Sent,
+    begun,
+    change,
+    enabled,
+    info,
+    sample,
+)
 
 NUMBERS = 2**32
 
@@ -31,11 +43,6 @@ NUMBERS = 2**32
 @pytest.fixture(params=[False, True], ids=["USB", "lossy"])
 def line(request: pytest.FixtureRequest) -> BenchLine:
     return BenchLine(lossy=request.param)
-
-
-def sample(place: int) -> Samples:
-    """A block that is told from others by its place."""
-    return Samples(b"\x01", place)
 
 
 def blocks(session: Session, count: int, body: Callable[[int], Body] = sample) -> np.ndarray:
@@ -54,11 +61,6 @@ def transfer(session: Session, count: int, body: Callable[[int], Body] = sample)
 def send(session: Session, made: np.ndarray, answers: Answers) -> None:
     """Send blocks; what becomes of them stands in the answers."""
     session.post(made, Parcel(session.upcoming[0], answers))
-
-
-def change(place: int) -> Output:
-    """Something that takes a place in the queue."""
-    return Output(Action.SILENCE, 10**6 + place)
 
 
 def nth(*which: int, to: Fate = lambda data: None) -> Fate:
@@ -93,8 +95,8 @@ def test_a_session_stops_the_device_and_begins_the_numbering(line: BenchLine) ->
     assert (session.info, session.name, session.serial, session.time) == (INFO, "bench B-1", "B-1", line.time)
 
 
-def test_one_that_has_not_begun_touches_nothing(line: BenchLine) -> None:
-    """As of a host that observes; where it sends a block after all, the numbering begins before."""
+def test_a_session_that_has_not_begun_leaves_the_device_unchanged(line: BenchLine) -> None:
+    """An observing host has such a session; if it sends a block after all, the numbering begins first."""
     session = Session(line)
     assert (line.device.orders, line.device.state, line.sent) == ([], State.READY, [])
     session.send(sample(5))
@@ -110,12 +112,12 @@ def test_on_a_slow_line_the_watchdog_waits_longer(line: BenchLine, blocks_per_se
     assert round(line.device.watchdog * 1000) == watchdog_ms
 
 
-def test_whatever_the_last_host_has_counted_to_the_numbering_begins_anew(line: BenchLine) -> None:
+def test_the_numbering_restarts_at_any_number_of_the_last_host(line: BenchLine) -> None:
     line.device.last = 12_345
     assert begun(line).send(NoOp())[0].flags == AckFlag(0)
 
 
-def test_a_queue_that_the_last_host_left_full_holds_nobody_up() -> None:
+def test_a_queue_that_the_last_host_left_full_delays_no_session() -> None:
     line = BenchLine(stays=3600)
     line.device.leaving.extend([3600.0] * 8)
     begun(line)
@@ -136,7 +138,7 @@ def test_numbers_wrap(line: BenchLine) -> None:
     ("oldest", "newest", "older"), [(2, 3, "phasewire"), (0, 0, "firmware"), (9, 1, "phasewire")], ids=str
 )
 def test_no_version_in_common(line: BenchLine, oldest: int, newest: int, older: str) -> None:
-    """Clause VER-006; who has to be updated is said, and the device is left alone."""
+    """Clause VER-006; the error names the side to update, and the device is left alone."""
     line.device.info = info(oldest_version=oldest, newest_version=newest)
     with pytest.raises(
         DeviceVersionError, match=f"speaks versions {oldest} to {newest} of the .* version 1; update the {older},"
@@ -183,13 +185,6 @@ def test_statuses_in_between_are_passed_over(line: BenchLine) -> None:
     assert answers.acks["commit_period"].tolist() == list(range(5))
 
 
-def test_acknowledgements_of_blocks_that_were_given_up_are_passed_over(line: BenchLine) -> None:
-    session = begun(line)
-    for number in (0, NUMBERS - 1, 2**31 + 2, 0):
-        line.device.say(spec.build_ack({"version": 1, "sequence": number, "commit_period": 999}))
-    assert [ack.commit_period for ack in session.send(sample(5), sample(6))] == [5, 6]
-
-
 @pytest.mark.parametrize("number", [77, 4, 2**31 - 1])
 def test_an_acknowledgement_of_a_block_that_was_not_sent(line: BenchLine, number: int) -> None:
     session = begun(line)
@@ -208,22 +203,6 @@ def test_records_that_make_no_sense(line: BenchLine, junk: bytes) -> None:
     assert session.send(sample(2))[0].commit_period == 2
 
 
-def test_on_a_line_that_loses_nothing_none_may_be_missing() -> None:
-    line = BenchLine()
-    session = begun(line)
-    line.to_host = nth(2)
-    with pytest.raises(DeviceError, match="acknowledges block 3 out of turn; open it again"):
-        transfer(session, 4)
-
-
-def test_more_acknowledgements_than_blocks() -> None:
-    line = BenchLine()
-    session = begun(line)
-    line.to_host = nth(1, to=lambda data: data + data)
-    with pytest.raises(DeviceError, match="acknowledges block 1 out of turn; open it again"):
-        session.send(sample(1))
-
-
 # Refusals
 
 
@@ -235,7 +214,7 @@ def test_a_refusal_is_an_error_with_its_reason_and_takes_a_number(line: BenchLin
         session.send(sample(2), sample(3))
     assert refused.value.reason is Reason.SEQUENCE
     assert session.upcoming == (3, False)
-    assert len(line.sent) == 3  # none is sent behind the one that was refused
+    assert len(line.sent) == 3  # none is sent after the refused one
 
 
 @pytest.mark.parametrize(
@@ -296,7 +275,7 @@ def test_a_block_that_always_comes_damaged() -> None:
 
 
 @pytest.mark.parametrize("at", [40, 4])
-def test_of_many_blocks_a_damaged_one_is_told(at: int) -> None:
+def test_of_many_blocks_a_damaged_one_is_reported(at: int) -> None:
     line = BenchLine()
     session = begun(line)
     line.to_device = nth(3, to=flipped(at))
@@ -310,7 +289,7 @@ def test_of_many_blocks_a_damaged_one_is_told(at: int) -> None:
 @pytest.mark.parametrize("block", [True, False], ids=["block", "ack"])
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_lost_block_or_answer_is_sent_again_and_takes_effect_once(block: bool, times: int) -> None:
-    """Clause SER-012; where only the answer was lost, the period is not known."""
+    """Clause SER-012; if only the answer was lost, the period is unknown."""
     line = BenchLine(lossy=True)
     session = begun(line)
     if block:
@@ -526,7 +505,7 @@ def test_a_status_that_fails_while_it_waits_for_room(error: DeviceError) -> None
     assert session.send(change(9))[0].sequence == 9
 
 
-def test_a_closed_session_does_nothing_more(line: BenchLine) -> None:
+def test_a_closed_session_refuses_every_call(line: BenchLine) -> None:
     session = begun(line)
     session.close()
     assert line.closed == 1
@@ -539,7 +518,7 @@ def test_a_closed_session_does_nothing_more(line: BenchLine) -> None:
 # Coming back
 
 
-def test_a_device_that_comes_back_begins_anew(line: BenchLine) -> None:
+def test_a_device_that_comes_back_begins_a_new_numbering(line: BenchLine) -> None:
     session = enabled(line)
     session.send(*map(sample, range(5)))
     line.device.restart()

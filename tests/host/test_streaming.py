@@ -62,7 +62,7 @@ def one_by_one(wanted: PulseFrames) -> Iterator[Pulses]:
 
 
 def played(emulator: Emulator, period: int) -> Pulses:
-    """What the outputs did in a period, as pulses, from their bits; only the widths below 25 can be told so."""
+    """The pulses at the outputs in a period, from their bits; only for widths below 25."""
     capture = emulator.capture()
     bits = capture.bits(50 * period, 50 * period + 50)
     channels = capture.wiring.channels
@@ -422,10 +422,10 @@ class Skewed:
 
 
 @pytest.mark.parametrize("ppm", [-300, 300])
-def test_frames_keep_their_periods_where_clocks_drift_apart_between_two_of_them(ppm: float) -> None:
+def test_frames_keep_their_periods_if_clocks_drift_apart_between_two_of_them(ppm: float) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         line = device._session.line()
-        line.time = Skewed(line.time, ppm)  # type: ignore[misc]  # which nobody else sets
+        line.time = Skewed(line.time, ppm)  # type: ignore[misc]  # read-only elsewhere
         report = device.stream(one_by_one(frames(4)), 0.1)
     assert (report.late, report.underruns, report.last_period) == (0, 0, report.first_period + 3 * 400_000)
     assert report.least_lead_periods is not None
@@ -434,7 +434,7 @@ def test_frames_keep_their_periods_where_clocks_drift_apart_between_two_of_them(
 
 
 def test_a_device_whose_time_is_not_the_hosts_ends_a_stream(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As that of an emulated device at the pace fast, where periods that are named may never come."""
+    """Such as the time of an emulated device at the pace fast, whose named periods may never come."""
     status = Session.status
 
     def other_time(session: Session) -> Status:
@@ -484,7 +484,7 @@ def test_a_frame_that_cannot_be_in_time_is_moved_and_not_late(left: int) -> None
 
 
 def test_a_stream_holds_the_line_for_some_milliseconds_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where its look-ahead is for more frames than the device's queue holds."""
+    """Even if its look-ahead covers more frames than the device's queue holds."""
     held = []
     genuine = Session.post
 
@@ -542,7 +542,7 @@ def test_damaged_and_refused_frames_of_one_transfer_are_counted_apart() -> None:
     assert (last.damaged, last.refused, last.accepted + last.unanswered) == (2, 1, last.sent - 3)
 
 
-def test_progress_is_told_and_a_report_reads_well() -> None:
+def test_progress_is_reported_and_a_report_reads_well() -> None:
     reports: list[StreamReport] = []
     with Emulator() as emulator, open_device(emulator.url) as device:
         report = device.stream(frames(40), 1000, on_progress=reports.append)
@@ -564,7 +564,7 @@ def test_a_first_frame_that_takes_long_costs_neither_the_modulation_nor_a_sound_
         assert not emulator.capture().bits(0, 50 * report.first_period).any()
 
 
-def test_whoever_stops_a_device_and_shows_something_else_has_it_shown() -> None:
+def test_a_frame_that_is_shown_after_a_stop_stays_shown() -> None:
     other = Pulses(np.full(320, 9), np.full(320, 3))
 
     def source(device: Device) -> Iterator[Pulses]:
@@ -657,7 +657,7 @@ def test_an_answer_that_took_long_once_makes_no_frame_wait_for_ever(rate: int) -
 
 
 def test_frames_go_on_in_their_periods_after_a_pause_on_their_way() -> None:
-    """A device that takes a frame no more often than one is due would be late for ever, if nothing moved."""
+    """A device that takes frames only at their rate would stay late unless the frames move."""
     wanted = frames(5000)
     with Emulator() as emulator, Device(line := BusLine(emulator)) as device:
         line.pauses = [(line.time.monotonic() + 0.05, line.time.monotonic() + 0.08)]

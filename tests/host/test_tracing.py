@@ -1,4 +1,4 @@
-"""Traffic in words: a line for a transfer, one for each piece on demand, and nothing of it changed."""
+"""Traffic in words: a line for each transfer, on demand one for each piece; the traffic itself stays unchanged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PULSES = Pulses(np.full(320, 25), np.full(320, 25))
 
 
 class Line:
-    """A line that takes and gives what it was told to."""
+    """A line that takes and gives what a test sets."""
 
     name, serial, lossy, posts, most_blocks_per_second = "a line", "SERIAL", True, False, 40.0
 
@@ -92,7 +92,7 @@ def line() -> Line:
     return Line()
 
 
-def test_a_line_that_nobody_listens_to_is_itself(line: Line) -> None:
+def test_a_line_without_listeners_is_not_wrapped(line: Line) -> None:
     assert traced(line) is cast("Transport", line)
 
 
@@ -158,7 +158,7 @@ def test_a_transfer_of_one_block_is_that_block(line: Line, caplog: pytest.LogCap
     assert caplog.messages[1:] == ["    0.001000 s  out block           NO_OP 5: a sign of life"]
 
 
-def test_only_what_was_sent_is_told(line: Line, caplog: pytest.LogCaptureFixture) -> None:
+def test_only_blocks_that_were_sent_are_logged(line: Line, caplog: pytest.LogCaptureFixture) -> None:
     line.most_bytes = 512
     through = traffic(caplog, logging.INFO, line)
     through.write_blocks(block(1) + block(2) + block(3), 1)
@@ -171,17 +171,17 @@ def test_only_what_was_sent_is_told(line: Line, caplog: pytest.LogCaptureFixture
     assert [message[20:] for message in caplog.messages] == ["blocks          1 more found no room in time"]
 
 
-def test_what_was_taken_back_is_told(line: Line, caplog: pytest.LogCaptureFixture) -> None:
+def test_blocks_that_were_taken_back_are_logged(line: Line, caplog: pytest.LogCaptureFixture) -> None:
     assert traffic(caplog, logging.INFO, line).take_back() == 3 * 512
     assert caplog.messages[1].endswith("out blocks          3 were taken back")
 
 
-def test_nothing_that_came_is_no_line(line: Line, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_empty_read_logs_no_line(line: Line, caplog: pytest.LogCaptureFixture) -> None:
     assert traffic(caplog, logging.DEBUG, line).read_records(1) == b""
     assert len(caplog.messages) == 1
 
 
-def test_requests_are_told_with_their_values_and_answers(line: Line, caplog: pytest.LogCaptureFixture) -> None:
+def test_requests_are_logged_with_their_values_and_answers(line: Line, caplog: pytest.LogCaptureFixture) -> None:
     through = traffic(caplog, logging.INFO, line)
     through.order(Request.WATCHDOG, 250)
     line.answer = b"short"
@@ -191,7 +191,7 @@ def test_requests_are_told_with_their_values_and_answers(line: Line, caplog: pyt
     assert "s  in  request         STATUS: 5 bytes: 73 68 6f 72 74 ✗ REQ-003" in answered
 
 
-def test_what_fails_is_told_and_still_fails(line: Line, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_failing_call_is_logged_and_still_fails(line: Line, caplog: pytest.LogCaptureFixture) -> None:
     through = traffic(caplog, logging.INFO, line)
     line.error = DeviceLostError("the device is gone")
     for fail in (
@@ -214,7 +214,7 @@ def test_what_fails_is_told_and_still_fails(line: Line, caplog: pytest.LogCaptur
     ]
 
 
-def test_damaged_records_are_told_as_such(line: Line, caplog: pytest.LogCaptureFixture) -> None:
+def test_damaged_records_are_logged_as_such(line: Line, caplog: pytest.LogCaptureFixture) -> None:
     through = traffic(caplog, logging.INFO, line)
     line.records = ack(1) + ack(2)[:-1] + b"\x00"
     through.read_records(1)
@@ -247,7 +247,7 @@ def test_printing_ends_where_it_is_ended(line: Line, capsys: pytest.CaptureFixtu
     assert traced(line) is cast("Transport", line)
 
 
-def test_requests_that_go_past_a_line_are_told_too(emulator: Emulator, caplog: pytest.LogCaptureFixture) -> None:
+def test_requests_outside_a_line_are_logged_too(emulator: Emulator, caplog: pytest.LogCaptureFixture) -> None:
     """An upgrade's are: DFU is spoken over no line of blocks and records."""
     caplog.set_level(logging.INFO, logger=TRAFFIC)
     flash(emulator.url, read_firmware(upgrades.FILE))

@@ -12,20 +12,10 @@ from phasewire.host.finding.tracker_checks import TRACKER_CHECKS, Watched, exami
 from phasewire.host.hands import HandFrame, TrackedHand
 from phasewire.host.hands.sources import LiveHands, PlayedHands
 
+from tests.host.hands.clocks import Clock
+
 GOOD = {"source": "ok", "rate": "ok", "drops": "ok", "latency": "ok", "hands": "ok", "size": "ok", "place": "ok"}
 GOOD["repairs"] = "ok"
-
-
-class Clock:
-    """Time that passes only while somebody waits."""
-
-    now = 1000.0
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def sleep(self, seconds: float, /) -> None:
-        self.now += seconds
 
 
 def frames(
@@ -59,7 +49,7 @@ def test_a_good_tracker_passes_every_check() -> None:
     assert judged(found, "place")[1].startswith("palms at (0, 0, 200) mm, 100% of them")
 
 
-def test_one_that_gives_nothing_says_what_to_do() -> None:
+def test_a_tracker_without_frames_gets_advice() -> None:
     nothing = replace(watched([]), idle=3.0, seconds=3.0)
     assert {name for name, verdict in verdicts(nothing).items() if verdict == "fail"} == {"rate"}
     assert judged(nothing, "rate")[1] == "0 frames came in 3.0 s, and none for 3.0 s"
@@ -74,7 +64,7 @@ def test_rates(rate: float, verdict: str) -> None:
     assert verdicts(watched(frames(100, rate))) == GOOD | {"rate": verdict}
 
 
-def test_a_gap_is_told_also_at_the_end() -> None:
+def test_a_gap_is_found_at_the_end_too() -> None:
     seen = frames()
     late = [replace(frame, time=frame.time + 0.08 * (frame.number > 50)) for frame in seen]
     assert judged(watched(late), "rate")[:2] == (
@@ -93,7 +83,7 @@ def test_frames_that_the_tracker_counted_and_that_did_not_come(kept: int, missin
     assert judged(played, "drops")[0] == ("ok" if verdict == "ok" else "warn")
 
 
-def test_a_tracker_that_counts_anew_has_lost_nothing() -> None:
+def test_a_tracker_that_restarts_its_count_has_lost_no_frame() -> None:
     seen = frames(4)
     jumping = [replace(frame, number=number) for frame, number in zip(seen, (5, 6, 1, 900_000), strict=True)]
     assert watched(jumping).missing == 0

@@ -1,4 +1,4 @@
-"""Devices on a bus, told from each other and from other people's."""
+"""Devices on a bus, distinguished from each other and from foreign ones."""
 
 from __future__ import annotations
 
@@ -16,21 +16,17 @@ from phasewire import Emulator
 from phasewire.emulator.doors.backend import EmulatorBackend, Port
 from phasewire.errors import (
     DeviceAccessError,
-    DeviceError,
     DeviceLostError,
     DeviceNotFoundError,
-    DeviceStalledError,
-    DeviceTimeoutError,
 )
 from phasewire.host.firmware.dfu import DfuLine, detach
 from phasewire.host.lines.transport import Found
-from phasewire.host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbFinder, find_on, select, translated
+from phasewire.host.lines.usb_find import ANY_MODE, DFU_MODE, RUN_TIME, Sighting, UsbFinder, find_on, select
 from phasewire.protocol.descriptors import DfuFunctional
-from phasewire.protocol.enumeration import FULL_SPEED
 
 from tests.host.upgrades import FACTORY
 
-from .buses import in_dfu_mode
+from .buses import in_dfu_mode, raising
 
 
 def sightings(*emulators: Emulator, url: str = "emulator:") -> list[Sighting]:
@@ -52,7 +48,7 @@ def found(serial: str | None, mode: Any = RUN_TIME, problem: str | None = None) 
 # On the bus
 
 
-def test_a_device_is_told_with_all_that_can_be_known() -> None:
+def test_a_device_is_listed_with_all_its_details() -> None:
     assert seen_on(Emulator(serial="X-1")) == [
         Found("emulator:X-1", "phasewire five-board array (emulated)", "X-1", "run time", "0.1.0", "0-1")
     ]
@@ -64,7 +60,7 @@ def test_looking_neither_configures_nor_claims(emulator: Emulator) -> None:
     assert not Port.of(emulator.usb).claims
 
 
-def test_a_device_in_dfu_mode_is_told(emulator: Emulator) -> None:
+def test_a_device_in_dfu_mode_is_listed(emulator: Emulator) -> None:
     """USB-013: product 0002, the same serial number, one interface FE 01 02."""
     waiting = in_dfu_mode("D-1")
     told = seen_on(emulator, waiting)
@@ -103,7 +99,7 @@ def test_another_s_boot_loader_with_the_numbers_of_dfu_mode_is_left_alone(monkey
     assert seen_on(waiting) == []
 
 
-def test_another_product_number_is_found_where_the_url_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_product_number_is_found_if_the_url_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """USB-001: 0001 unless configured otherwise."""
     emulator = Emulator(serial="OWN")
     genuine = emulator.usb.enumeration
@@ -111,18 +107,6 @@ def test_another_product_number_is_found_where_the_url_names_it(monkeypatch: pyt
     monkeypatch.setattr(emulator.usb, "enumeration", own)
     assert seen_on(emulator) == []
     assert [each.url for each in seen_on(emulator, url="emulator:1209:abcd")] == ["emulator:1209:abcd:OWN"]
-
-
-def test_full_speed_is_noticed() -> None:
-    slow, fast = Emulator(serial="SLOW", speed=FULL_SPEED), Emulator(serial="FAST")
-    assert [each.full_speed for each in sightings(slow, fast)] == [True, False]
-
-
-def raising(error: Exception) -> Callable[..., Any]:
-    def call(*arguments: object) -> None:
-        raise error
-
-    return call
 
 
 @pytest.mark.parametrize(
@@ -137,7 +121,7 @@ def raising(error: Exception) -> Callable[..., Any]:
         (NotImplementedError("not supported on this platform"), "WinUSB"),  # pyusb's for LIBUSB_ERROR_NOT_SUPPORTED
     ],
 )
-def test_a_device_whose_strings_cannot_be_read_is_told_with_the_reason(
+def test_a_device_with_unreadable_strings_is_listed_with_the_reason(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch, error: Exception, told: str
 ) -> None:
     monkeypatch.setattr("sys.platform", "linux")
@@ -148,7 +132,7 @@ def test_a_device_whose_strings_cannot_be_read_is_told_with_the_reason(
     assert told in locked.problem
 
 
-def test_a_device_that_may_not_even_be_opened_is_told(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_that_may_not_be_opened_is_listed(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(EmulatorBackend, "open_device", raising(usb.core.USBError("denied", None, errno.EACCES)))
     [locked] = seen_on(emulator)
     assert "permission denied" in (locked.problem or "")
@@ -233,7 +217,7 @@ def test_several_are_named(serial: str) -> None:
         select("usb:…", serial, [found("PW-1"), found("PW-2")])
 
 
-def test_one_that_cannot_be_named_is_told_by_its_place() -> None:
+def test_a_device_without_a_name_is_described_by_its_place() -> None:
     with pytest.raises(DeviceNotFoundError, match=r"usb:A or the one at 1-2 \(permission denied\)"):
         select("usb:", "", [found("A"), found(None, problem="permission denied")])
 
@@ -245,7 +229,7 @@ def test_none_names_those_that_are_there() -> None:
         select("usb:", "", [])
 
 
-def test_a_device_in_another_mode_is_told() -> None:
+def test_the_error_names_a_device_in_another_mode() -> None:
     with pytest.raises(DeviceNotFoundError, match="no device at 'usb:A' in run time mode: usb:A is in DFU mode"):
         select("usb:A", "A", [found("A", DFU_MODE)], (RUN_TIME,))
     assert select("usb:A", "A", [found("A", DFU_MODE)], ANY_MODE).serial == "A"
@@ -314,7 +298,9 @@ def test_rights_may_come_a_moment_after_the_device(emulator: Emulator, monkeypat
         UsbFinder(emulator.url).find()
 
 
-def test_a_device_that_comes_back_without_rights_is_told(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_that_comes_back_without_permission_is_an_error(
+    emulator: Emulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A udev rule that names one of the two modes only."""
     bus = UsbFinder(emulator.url)
     seen = bus.find()
@@ -351,22 +337,3 @@ def test_another_device_is_no_answer() -> None:
 def test_firmware_goes_over_usb(url: str) -> None:
     with pytest.raises(DeviceNotFoundError, match=r"no device on a USB bus.*name it as usb: or usb:SERIAL"):
         UsbFinder(url)
-
-
-@pytest.mark.parametrize(
-    ("number", "expected", "message"),
-    [
-        (errno.ETIMEDOUT, DeviceTimeoutError, "trying: no answer in time"),
-        (errno.ENODEV, DeviceLostError, "trying: the device is gone"),
-        (errno.ENOENT, DeviceLostError, "the device is gone"),
-        (errno.EIO, DeviceLostError, "the device is gone"),
-        (errno.EACCES, DeviceAccessError, "permission denied"),
-        (errno.EBUSY, DeviceAccessError, "another program is using the device"),
-        (errno.EPIPE, DeviceStalledError, "the device answers STALL"),
-        (None, DeviceError, "as it happens"),
-    ],
-)
-def test_errors_of_the_bus_become_ours(number: int | None, expected: type[DeviceError], message: str) -> None:
-    with pytest.raises(expected, match=message) as raised, translated("trying"):
-        raise usb.core.USBError("as it happens", None, number)
-    assert type(raised.value) is expected

@@ -49,7 +49,7 @@ def test_a_device_that_the_server_has_not_is_named(server: int, controller: Path
     assert (controller / "attach").read_text() == ""
 
 
-def test_a_computer_without_the_module_is_told_what_to_do(server: int, tmp_path: Path) -> None:
+def test_without_the_kernel_module_the_error_says_how_to_load_it(server: int, tmp_path: Path) -> None:
     with pytest.raises(DeviceNotFoundError, match="modprobe vhci-hcd"):
         attach(LOOPBACK, server, controller=tmp_path / "vhci_hcd.0")
 
@@ -83,7 +83,9 @@ def test_a_server_of_something_else_is_named(said: bytes, controller: Path) -> N
     assert (controller / "attach").read_text() == ""
 
 
-def test_who_may_not_attach_is_told_so(server: int, controller: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_permission_to_attach_is_an_error(
+    server: int, controller: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(path: Path, text: str) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
@@ -93,7 +95,7 @@ def test_who_may_not_attach_is_told_so(server: int, controller: Path, monkeypatc
 
 
 class Clock:
-    """Time that passes while somebody waits; things happen in it."""
+    """Time that passes during a wait, with planned changes."""
 
     def __init__(self) -> None:
         self.now = 0.0

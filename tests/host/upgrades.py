@@ -1,4 +1,4 @@
-"""Firmware images, and what a device has in its flash, for tests of upgrades."""
+"""Firmware images and the content of a device's flash, for tests of upgrades."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FACTORY = FACTORY_IMAGE.version
 
 
 def made(major: int, size: int = 9000, protocol: int = 1) -> Image:
-    """An image of about so many bytes that look like nothing else."""
+    """An image of about so many random bytes."""
     body = np.random.default_rng(major).bytes(size)
     segments = (Segment(Target.ALL_PROCESSORS, body), Segment(Target.CONTROLLER, body[:70]))
     return Image(Version(major, 3, 4), segments, protocol=protocol)
@@ -50,7 +50,7 @@ def reports(emulator: Emulator) -> list[ProcessorReport]:
 
 
 def running(emulator: Emulator) -> tuple[Version, Bank | None]:
-    """What runs on all ten processors, and where it lies; the controller must run the same."""
+    """The firmware on all ten processors, and its bank; the controller must run the same."""
     ((firmware, bank),) = {(report.firmware, report.bank) for report in reports(emulator)}
     assert emulator.running.info().firmware == firmware
     return Version(*firmware), bank

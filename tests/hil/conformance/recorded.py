@@ -87,11 +87,11 @@ def write(
     samples : (n, 10) uint32
         Port words.
     probes : mapping of int to str
-        Which outputs have a probe, and its name; in the order of the probes, of which there are some more.
+        Which outputs have a probe, and its name; in the order of the probes; there are some more probes.
     parts : sequence of int
         Samples at which parts begin.
     """
-    unit = (len(probes) + 3 + 7) // 8  # three more, of which two are not named, and one has a square wave
+    unit = (len(probes) + 3 + 7) // 8  # three more: two without a name, one with a square wave
     levels = np.zeros((len(samples), unit * 8), np.uint8)
     levels[:, 0] = np.arange(len(samples)) // 5 % 2
     for bit, channel in enumerate(probes, 3):

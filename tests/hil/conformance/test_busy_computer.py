@@ -1,4 +1,4 @@
-"""What the suite makes of a sound device on a computer that is too slow: nothing, or that it cannot be judged."""
+"""Verdicts on a sound device if the computer is too slow: passed or inconclusive, never failed."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ HELD_UP = (
     "outputs/what-is-behind-a-disable",
     "successions/the-fifth-period-is-promised-while-a-sequence-plays[silence-plain",
 )
-"""Cases that have failed, or were never judged, behind a kernel without KVM."""
+"""Cases that have failed, or were never judged, in a guest without KVM."""
 
 
 def test_a_line_that_holds_up_one_transfer_or_another_fails_no_case(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,7 +118,7 @@ def test_only_a_far_device_is_given_more_time(bench: Bench, monkeypatch: pytest.
 
 @dataclass
 class Device:
-    """A clock that runs at one rate after the other, of which each lasts for one attempt."""
+    """A clock that runs at one rate after another; each lasts for one attempt."""
 
     rates: list[float]
     seconds: float = 0.0

@@ -1,12 +1,9 @@
-"""A run whose outputs only a logic analyser sees, played by an emulator of which no more is known than of a device."""
+"""A run whose outputs only a logic analyser sees; an emulator takes the part of a real device."""
 
 from __future__ import annotations
 
-import json
-import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -68,12 +65,6 @@ def groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(running, "GROUPS", folder)
     sys.modules.pop("test_seen_later", None)
     return folder
-
-
-@pytest.fixture
-def emulator() -> Iterator[Emulator]:
-    with Emulator() as device:
-        yield device
 
 
 def verdicts(run: Run) -> list[Verdict]:
@@ -148,50 +139,6 @@ def test_the_recording_of_another_run_is_none_of_this(
     run = run_conformance(RunOptions(emulator.url, capture=f"sigrok:{path}"), SavesOld())
     assert verdicts(run) == [Verdict.INCONCLUSIVE] * 2
     assert "was not recorded during this run" in run.results[0].reason
-
-
-DEVICE = """
-import sys
-from pathlib import Path
-from phasewire.emulator.ports.export import export
-from tests.host.serving import Served
-
-with Served(pty=False, baud=3_000_000, history_periods=400_000) as served:
-    print(f"socket://{served.where}?baud=3000000", flush=True)
-    sys.stdin.readline()
-    export(served.emulator.capture(), Path(sys.argv[1]), [0, 40, 170, 319])
-"""
-"""A device in a process of its own, behind a TCP port; it writes what its outputs did when a line comes."""
-
-
-def test_the_command_asks_for_the_recording_of_a_device_elsewhere_and_judges_it(tmp_path: Path) -> None:
-    path = tmp_path / "run.sr"
-    suite = Path(__file__).parents[3]
-    with subprocess.Popen(
-        [sys.executable, "-c", DEVICE, path], cwd=suite, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as device:
-        assert device.stdin
-        assert device.stdout
-        url = device.stdout.readline().strip()
-        command = ["-m", "phasewire", "conformance", "--device", url, "--capture", f"sigrok:{path}"]
-        command += ["--only", "pulses/pulses-are-packed", "--json", str(tmp_path / "run.json")]
-        with subprocess.Popen(
-            [sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        ) as judging:
-            assert judging.stderr
-            said = ""
-            while "Now: end the recording" not in said:
-                line = judging.stderr.readline()
-                assert line, said
-                said += line
-            device.stdin.write("\n")
-            device.stdin.flush()
-            judging.stderr.read()
-            assert judging.wait(60) == 0
-    results = json.loads((tmp_path / "run.json").read_text())["results"]
-    seen = [result["case"] for result in results if any("seen in periods" in e["text"] for e in result["evidence"])]
-    assert seen
-    assert {result["verdict"] for result in results if result["case"] in seen} == {"pass"}
 
 
 SLOW_HOST = '''

@@ -23,7 +23,7 @@ from phasewire.protocol.requests import Setup
         (3, 4, "it is 3, should be 4"),
     ],
 )
-def test_codes_are_told_by_name(seen: object, wanted: object, said: str) -> None:
+def test_codes_are_shown_by_name(seen: object, wanted: object, said: str) -> None:
     with pytest.raises(AssertionError) as error:
         expect("it", seen, wanted)
     assert str(error.value) == said

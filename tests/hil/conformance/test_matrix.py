@@ -1,4 +1,4 @@
-"""The matrix of clauses and cases: who shows what, what is missing, and what contradicts itself."""
+"""The matrix of clauses and cases: which case shows which clause, what is missing, and contradictions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conformant devices that differ from the emulator break no case and warn of nothing: the suite asks for no more."""
+"""Conformant devices that differ from the emulator cause neither failures nor warnings."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ BY_DRIVE = (
 )
 BY_MAKE = ("console", "dfu", "endpoints", "enumeration", "flash", "power", "requests", "serial", "versions")
 BY_FEATURES = ()
-"""Groups that a device's difference matters to; all of them where there is none."""
+"""Groups to which a device's difference matters; all of them if there is none."""
 TWO_WIRES = "emulator:?link=2wire"
 DEVICES: list[tuple[Device, str, tuple[str, ...], dict[str, object]]] = [
     (of_the_least_sizes, "emulator:", BY_SIZE, {"queue_blocks": 4, "queue_records": 16}),

@@ -1,4 +1,4 @@
-"""Levers and captures that another package plugs in, against a device whose own levers nobody has."""
+"""Levers and captures that another package plugs in, against a device without levers of its own."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def verdicts(run: Run) -> dict[str, tuple[Verdict, str]]:
     return {result.case: (result.verdict, result.reason) for result in run.results}
 
 
-def test_cases_need_the_levers_that_no_one_has_plugged_in(url: str) -> None:
+def test_cases_without_their_levers_are_inconclusive(url: str) -> None:
     run = run_conformance(RunOptions(url, allowed=RESET, only=POWER))
     reason = "needs power that can be cut: pass --levers command:power=…"
     assert verdicts(run) == dict.fromkeys(POWER, (Verdict.INCONCLUSIVE, reason))
@@ -222,7 +222,7 @@ def test_a_device_without_a_raw_line_is_refused_and_the_error_says_why(device: s
         ("cable", "", "power/an-unplugged-device-is-found-reset", "is still on the bus"),
     ],
 )
-def test_a_lever_that_switches_nothing_is_blamed_and_not_the_device(
+def test_a_lever_without_effect_is_blamed_and_not_the_device(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lever: str, door: str, case: str, complaint: str
 ) -> None:
     monkeypatch.chdir(tmp_path)

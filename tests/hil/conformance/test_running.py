@@ -321,7 +321,7 @@ def test_the_part_at_the_outputs_is_called_by_its_name(groups: Path) -> None:
         ("import wheels\n", "wheels"),
     ],
 )
-def test_a_case_that_names_no_clause_or_says_nothing_cannot_be_collected(groups: Path, cases: str, what: str) -> None:
+def test_a_case_without_a_clause_or_a_sentence_cannot_be_collected(groups: Path, cases: str, what: str) -> None:
     write(groups, "bad", cases)
     with pytest.raises(RuntimeError, match=what):
         catalogue()
@@ -340,7 +340,7 @@ def test_first(bench: Bench) -> None:
 
 @case("SAF-001")
 def test_second(bench: Bench) -> None:
-    """It finds it again where it may."""
+    """It finds it again if that is allowed."""
     bench.must(NoOp())
 
 @case("SAF-001")
@@ -350,7 +350,7 @@ def test_third(bench: Bench) -> None:
 '''
 
 
-def test_a_device_that_is_lost_is_brought_back_where_that_is_allowed(groups: Path) -> None:
+def test_a_device_that_is_lost_is_brought_back_if_that_is_allowed(groups: Path) -> None:
     write(groups, "losing", LOSING)
     assert list(judged(run_conformance(RunOptions("emulator:"))).values()) == [Verdict.PASS] * 3
     run = run_conformance(RunOptions("emulator:", allowed=frozenset()))
@@ -359,7 +359,7 @@ def test_a_device_that_is_lost_is_brought_back_where_that_is_allowed(groups: Pat
     assert not run.passed
 
 
-def test_a_watcher_is_told_of_every_case(groups: Path) -> None:
+def test_a_watcher_hears_of_every_case(groups: Path) -> None:
     write(groups, "some_things", ALL_VERDICTS)
     told: list[tuple[object, ...]] = []
 
@@ -568,7 +568,7 @@ def test_a_case_is_run_once_if_that_is_asked_for(groups: Path) -> None:
     assert [result.tally for result in run.results] == ["failed 1 of 1"]
 
 
-def test_what_is_not_acknowledged_is_told_with_the_counter_that_moved(
+def test_a_missing_acknowledgement_is_reported_with_the_counter_that_moved(
     groups: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("phasewire.hil.conformance.bench.ACK_SECONDS", 0.1)
@@ -589,7 +589,7 @@ def test_what_is_not_acknowledged_is_told_with_the_counter_that_moved(
     ), result.reason
 
 
-def test_what_cannot_be_judged_sends_nothing(groups: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_case_that_cannot_be_judged_sends_nothing(groups: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(groups, "gated", GATED)
     write(groups, "later", '@case("SAF-001")\ndef test_it(bench: Bench) -> None:\n    """It runs after those."""\n')
     begun: list[str] = []
@@ -625,7 +625,7 @@ def test_a_mistake_of_the_suite_is_trouble(groups: Path) -> None:
     assert not run.passed
 
 
-def test_a_profile_that_names_nothing_is_trouble(groups: Path) -> None:
+def test_an_unknown_name_in_a_profile_is_trouble(groups: Path) -> None:
     write(groups, "some_things", ALL_VERDICTS)
     profile = Profile("mine", {"SER-999": "no", "wheels": "no", "some-things/of-kinds": "no", "SER-001": "no"})
     run = run_conformance(RunOptions("emulator:", profile=profile))

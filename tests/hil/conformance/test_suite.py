@@ -91,7 +91,7 @@ REASONS = {
     "emulator:?door=serial": OF_A_UART | {"in N attempts no block came exactly N periods ahead of its change"},
     "emulator:?door=serial&baud=3000000": OF_A_UART,
 }
-"""Why something is inconclusive behind an emulator; numbers are N."""
+"""Why a case is inconclusive on an emulator; numbers are N."""
 
 
 def alike(reasons: Iterable[str]) -> set[str]:
@@ -122,7 +122,7 @@ def test_no_case_of_a_group_speaks_against_the_emulator(group: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("url", [url for url in REASONS if url != "emulator:"])
-def test_nothing_speaks_against_the_emulator_by_another_line(url: str) -> None:
+def test_no_case_speaks_against_the_emulator_by_another_line(url: str) -> None:
     assert check_no_case_speaks_against(url).count(Verdict.PASS) > (1300 if "serial" not in url else 900)
 
 
@@ -149,7 +149,7 @@ IMAGE = Image(
 
 
 @pytest.mark.slow
-def test_nothing_speaks_against_a_device_that_trusts_a_key() -> None:
+def test_no_case_speaks_against_a_device_that_trusts_a_key() -> None:
     flash = make_flash(DeviceIdentity("TRUSTS-A-KEY", Wiring.strips(), (KEY.public_key(),)), sign(IMAGE, KEY))
     with Emulator(flash=flash) as emulator:
         run = run_conformance(RunOptions(emulator.url, only=("dfu", "flash")))
@@ -185,7 +185,7 @@ NO_BREAK = Profile(
 # By pyserial's client of RFC 2217.
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")
 @pytest.mark.parametrize("scheme", ["serial", "socket", "rfc2217"])
-def test_nothing_speaks_against_the_emulator_at_the_end_of_a_line(scheme: str) -> None:
+def test_no_case_speaks_against_the_emulator_at_the_end_of_a_line(scheme: str) -> None:
     with served_url(scheme) as (url, _):
         run = run_conformance(RunOptions(url, only=SOME, profile=NO_BREAK if scheme == "rfc2217" else Profile()))
     check_sound(run)
@@ -199,7 +199,7 @@ from phasewire.__main__ import main
 libusb_package.get_libusb1_backend = usb.backend.libusb1.get_backend
 main(["conformance", "--device", "usb:", *sys.argv[1:]])
 """
-# Its time falls behind the clock of a busy computer, by which alone a device in DFU mode can be judged.
+# On a busy computer its time lags behind the wall clock, the only measure for a device in DFU mode.
 BUSY = """
 name = "emulated beside other programs"
 [not-applicable]
@@ -219,7 +219,7 @@ NO_LEVERS = {
 @needs()
 @pytest.mark.slow
 @pytest.mark.parametrize("groups", [("acknowledgements", "endpoints", "requests"), ("dfu", "enumeration")])
-def test_nothing_speaks_against_the_emulator_on_the_bus_of_a_kernel(groups: tuple[str, ...], tmp_path: Path) -> None:
+def test_no_case_speaks_against_the_emulator_on_the_bus_of_a_kernel(groups: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / "conformance.py").write_text(CONFORMANCE)
     (tmp_path / "busy.toml").write_text(BUSY)
     options = [f"--profile={tmp_path / 'busy.toml'}", f"--json={tmp_path / 'run.json'}"]

@@ -17,7 +17,7 @@ def test_only_requirements_have_reasons_and_each_is_a_sentence() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name, reason in REASONS.items() if reason == HOSTS])
-def test_what_binds_hosts_asks_nothing_of_a_device(name: str) -> None:
+def test_a_clause_that_binds_hosts_demands_nothing_of_a_device(name: str) -> None:
     assert re.search(r"\bhosts?\b", clauses()[name.partition("/")[0]].text)
     assert not re.search(
         r"\b(device|controller|processor|loader)s? MUST\b", requirements()[name].sentence, re.IGNORECASE

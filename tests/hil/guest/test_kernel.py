@@ -1,4 +1,4 @@
-"""Kernels for the guest, without one: how they are packed, and where apt is told to look."""
+"""Kernels for the guest, without one: how they are packed, and the folders that apt uses."""
 
 from __future__ import annotations
 
@@ -50,8 +50,10 @@ def test_first_files_take_the_place_of_older_ones(tmp_path: Path) -> None:
     assert there.initramfs.read_bytes().startswith(b"070701"), "the format that the kernel reads"
 
 
-def test_a_suite_of_its_own_changes_nothing_of_this_computer_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every folder that apt writes to is in the cache, and old lists serve where no new ones can be had."""
+def test_fetching_another_suite_leaves_the_apt_of_the_computer_unchanged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every folder that apt writes to is in the cache, and old lists are used if new ones cannot be fetched."""
     asked: list[tuple[str, ...]] = []
 
     def run(*command: str, cwd: str | None = None) -> str:

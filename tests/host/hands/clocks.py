@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class Clock:
-    """Time that passes only while somebody waits."""
+    """Time that passes only during a wait."""
 
     def __init__(self, now: float = 1000.0) -> None:
         self.now = now

@@ -64,7 +64,7 @@ def leap_frame(
 
 
 class LeapService:
-    """A service at a port of loopback, for one connection after the other.
+    """A service at a port of loopback, for one connection after another.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ def test_gestures_reach_the_paper_s_objects_and_leave_them(name: str) -> None:
         assert 5 < sum(touching) < 35
 
 
-def test_a_gesture_has_no_end_unless_it_is_told_to() -> None:
+def test_a_gesture_is_endless_unless_a_time_is_given() -> None:
     frames = some("tap?rate=50&seconds=0.1", 100)
     assert [frame.number for frame in frames] == [0, 1, 2, 3, 4]
     assert [frame.time for frame in frames] == pytest.approx([0, 0.02, 0.04, 0.06, 0.08])

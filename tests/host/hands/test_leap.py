@@ -102,7 +102,7 @@ def test_a_message_that_is_no_frame_is_counted_and_passed_over(garbage: str | by
         assert source.garbled == 2
 
 
-def test_a_service_that_sends_nothing_else_is_lost() -> None:
+def test_a_service_that_sends_only_garbage_is_lost() -> None:
     with LeapService(sending(*["hello"] * MOST_GARBLED * 20)) as service, opened(service) as source:
         with pytest.raises(TrackerLostError, match="sends messages that are no frames"):
             source.next_frame(PATIENCE)
@@ -140,7 +140,7 @@ def test_a_reader_that_comes_late_gets_the_newest_frame() -> None:
         newest(source, 39)
 
 
-def test_one_that_stalls_gives_nothing_new_and_then_goes_on() -> None:
+def test_a_stalled_service_gives_no_frame_and_then_goes_on() -> None:
     again = threading.Event()
 
     def script(connection: ServerConnection) -> None:
@@ -207,7 +207,7 @@ def a_free_port() -> int:
     return port
 
 
-def test_where_nothing_listens_the_error_says_what_to_do() -> None:
+def test_without_a_service_the_error_says_what_to_do() -> None:
     port = a_free_port()
     with pytest.raises(TrackerNotFoundError, match=f"no Leap service at 127.0.0.1:{port}: .*[Rr]efused") as failed:
         open_hands(f"leap:127.0.0.1:{port}")
@@ -215,7 +215,7 @@ def test_where_nothing_listens_the_error_says_what_to_do() -> None:
     assert "UltraleapTrackingWebSocket" in ADVICE
 
 
-def test_what_listens_but_says_nothing_is_no_service() -> None:
+def test_a_silent_server_is_no_service() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = Address("127.0.0.1", server.getsockname()[1])
         with pytest.raises(TrackerNotFoundError, match="is no Leap service: timed out"):
@@ -336,7 +336,7 @@ def test_frames_out_of_order_do_not_turn_time_back() -> None:
     assert [clock.seen(stamp, 10.0) for stamp in (1.5e6, 1.4e6, 1.5e6)] == [10.0, 10.0, 10.0]
 
 
-def test_a_service_that_starts_again_sets_its_clock_anew() -> None:
+def test_a_service_that_restarts_sets_the_clock_again() -> None:
     clock = ServiceClock()
     assert clock.seen(9e9, 100.0) == 100.0
     assert clock.seen(9e9 + 1e4, 100.02) == pytest.approx(100.01, abs=1e-4)

@@ -43,7 +43,7 @@ def test_a_right_hand_has_its_thumb_on_the_left(side: str) -> None:
     assert middle[2] == pytest.approx(0.2)
 
 
-def test_a_wrist_that_is_not_said_lies_behind_the_knuckles_by_the_size_of_the_hand() -> None:
+def test_a_missing_wrist_is_placed_behind_the_knuckles_by_the_size_of_the_hand() -> None:
     """Newer services say both: the wrist is 1.47 widths of the knuckles behind their middle."""
     said = leap_frame(palm=(0, 170, 0))
     expected = np.array([0, -(-20 + 1.47 * KNUCKLES), 170]) * 1e-3
@@ -56,7 +56,7 @@ def test_a_wrist_that_is_not_said_lies_behind_the_knuckles_by_the_size_of_the_ha
     np.testing.assert_allclose(only_hand(said).landmarks[0], [1e-3, -3e-3, 2e-3])
 
 
-def test_fingers_of_packed_recordings_are_told_by_their_ids() -> None:
+def test_fingers_of_packed_recordings_are_identified_by_their_ids() -> None:
     said = leap_frame(hands={87: "left"})
     expected = only_hand(said).landmarks
     for finger in said["pointables"]:
@@ -65,7 +65,7 @@ def test_fingers_of_packed_recordings_are_told_by_their_ids() -> None:
     np.testing.assert_array_equal(only_hand(said).landmarks, expected)
 
 
-def test_an_id_that_does_not_begin_with_the_hands_tells_nothing() -> None:
+def test_an_id_without_the_hand_s_own_as_prefix_identifies_no_finger() -> None:
     said = leap_frame()
     del said["pointables"][2]["type"]
     said["pointables"][2]["id"] = 992

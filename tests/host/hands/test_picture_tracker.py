@@ -42,33 +42,6 @@ def test_hands_of_another_size_are_as_far_as_their_size_says() -> None:
     np.testing.assert_allclose(frame.hands[0].hand.landmarks, hand.landmarks, atol=1e-12)
 
 
-def test_hands_keep_their_numbers_in_whatever_order_they_are_seen() -> None:
-    tracker = PictureTracker(VIEW)
-    places: list[tuple[float, Side]] = [(-0.2, "right"), (0.2, "right"), (0.21, "left")]
-    generator = np.random.default_rng(1)
-    numbers = []
-    for step in range(20):
-        order = generator.permutation(3)
-        hands = [hand_at(x + 0.005 * step, side) for x, side in places]
-        frame = tracker.frame(step / 30, [seen(hands[index]) for index in order], ASPECT)
-        numbers.append(tuple(frame.hands[int(np.flatnonzero(order == index)[0])].id for index in range(3)))
-    assert len(set(numbers)) == 1
-    assert sorted(numbers[0]) == [0, 1, 2]
-
-
-def test_a_hand_that_was_away_for_long_or_is_of_the_other_side_is_another_one() -> None:
-    tracker = PictureTracker(VIEW)
-    frames = [
-        tracker.frame(0, [seen(hand_at(0))], ASPECT),
-        tracker.frame(0.1, [], ASPECT),
-        tracker.frame(0.2, [seen(hand_at(0.01))], ASPECT),
-        tracker.frame(2, [seen(hand_at(0.01))], ASPECT),
-        tracker.frame(2.1, [seen(hand_at(0.01, "left"))], ASPECT),
-    ]
-    assert [[tracked.id for tracked in frame.hands] for frame in frames] == [[0], [], [0], [1], [2]]
-    assert [frame.number for frame in frames] == [0, 1, 2, 3, 4]
-
-
 def test_what_no_hand_can_be_is_left_out_and_said() -> None:
     landmarks = np.full((21, 3), [0.5, 0.5, 0.0])
     frame = PictureTracker(VIEW).frame(0, [SeenHand(landmarks, "right"), seen(hand_at(0, "left"))], ASPECT)

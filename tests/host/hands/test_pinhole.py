@@ -41,19 +41,6 @@ def test_a_palm_of_a_tenth_of_the_width_in_a_view_of_90_degrees_is_five_palms_aw
     )
 
 
-def test_right_bottom_and_away_are_positive() -> None:
-    landmarks = np.full((21, 3), [0.5, 0.5, 0.0])
-    landmarks[9] = [0.6, 0.7, 0.1]
-    wrist, knuckle = in_space(landmarks, 1, 60)[[0, 9]]
-    assert (knuckle > wrist).all()
-
-
-def test_a_hand_of_twice_the_size_is_twice_as_far() -> None:
-    hand = np.random.default_rng(5).uniform(-0.08, 0.08, (21, 3)) + np.array([0, 0, 0.5])
-    seen = project(hand, 0.75, 60)
-    np.testing.assert_allclose(in_space(seen, 0.75, 60, 0.2), 2 * in_space(seen, 0.75, 60, 0.1))
-
-
 @given(hands_before_a_camera())
 def test_a_mirrored_picture_gives_the_same_hand(hand: Landmarks) -> None:
     mirrored = project(hand * [-1, 1, 1], 0.75, 60)  # as a mirror beside the camera would show it

@@ -122,7 +122,7 @@ def test_a_late_loop_gets_the_newest_frame_with_the_time_that_it_was_due() -> No
     assert (newest.time, newest.number, clock.now) == (1002.0, 4, 1002.2)
 
 
-def test_the_end_is_told_from_a_pause() -> None:
+def test_the_end_differs_from_a_pause() -> None:
     clock = Clock()
     source = PlayedHands("three", three(), 2, clock)
     assert source.next_frame(0) is not None

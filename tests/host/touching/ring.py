@@ -1,4 +1,4 @@
-"""A toucher, hands and sources as simple as can be, for tests of the loop."""
+"""A simple toucher, simple hands and sources, for tests of the loop."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def hand_at(place: Sequence[float]) -> Hand:
 
 
 def frames(rate: float, seconds: float, place: Callable[[float], Sequence[float] | None]) -> Iterator[HandFrame]:
-    """Frames of one hand, at a place for each time, or nowhere."""
+    """Frames of one hand at a place for each time, or without a hand."""
     for number in range(round(rate * seconds)):
         at = place(number / rate)
         hands = () if at is None else (TrackedHand(hand_at(at), 1),)

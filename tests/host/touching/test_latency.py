@@ -23,7 +23,7 @@ def test_quantiles_are_at_most_five_percent_above_the_true_ones(durations: list[
         assert found >= min(true, 10) * (1 - 1e-12)
 
 
-def test_nothing_is_a_distribution_of_nothing() -> None:
+def test_without_durations_the_summary_is_zero() -> None:
     assert Latencies().summary == Latency(0, 0.0, 0.0, 0.0)
 
 

@@ -260,7 +260,7 @@ def test_ctrl_c_turns_the_outputs_off() -> None:
         assert last_sound(emulator) < emulator.capture().end_tick // 50 - 1
 
 
-def test_stop_by_somebody_else_ends_the_loop() -> None:
+def test_stop_from_outside_ends_the_loop() -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
 
         def stop(moment: TouchMoment) -> None:

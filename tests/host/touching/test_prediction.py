@@ -57,7 +57,7 @@ def test_an_old_frame_is_not_moved_further_than_the_limit() -> None:
 
 
 @pytest.mark.parametrize("gap", [0.0, -0.1, 1.0])
-def test_after_a_gap_nothing_is_known_of_a_hand(gap: float) -> None:
+def test_after_a_gap_a_hand_has_no_known_speed(gap: float) -> None:
     predictor = Predictor()
     for number in range(10):
         predictor.hands(frame(number / 100, (number / 100, 0, 0.2)), 0)
@@ -65,7 +65,7 @@ def test_after_a_gap_nothing_is_known_of_a_hand(gap: float) -> None:
     np.testing.assert_allclose(centre(predictor, frame(time, (0.1, 0, 0.2)), time + 0.02), (0.1, 0, 0.2), atol=1e-12)
 
 
-def test_hands_are_told_apart_by_their_number_and_forgotten_when_they_are_gone() -> None:
+def test_hands_are_distinguished_by_their_number_and_forgotten_when_they_are_gone() -> None:
     predictor = Predictor()
     for number in range(50):
         time = number / 100

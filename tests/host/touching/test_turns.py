@@ -12,7 +12,7 @@ from phasewire.host.touching.turns import StoredTurns, StreamedTurns, turns_for
 from phasewire.protocol.quantise import PulseFrames
 
 WIDTHS = 4, 16
-"""Of the two fields, by which they are told apart; a pose adds its number to them."""
+"""Of the two fields, which tell them apart; a pose adds its number to them."""
 WATCHDOG = 0.05
 
 

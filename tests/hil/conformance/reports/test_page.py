@@ -57,7 +57,7 @@ def test_it_is_a_whole_document_with_a_title_and_the_verdict() -> None:
     assert "FAIL: 2 of 9 cases broke" in READ.text("header")
 
 
-def test_it_needs_nothing_besides_itself() -> None:
+def test_the_page_needs_no_other_file() -> None:
     assert {tag for tag, _ in READ.tags}.isdisjoint({"script", "link", "img", "iframe", "object", "base", "form"})
     assert all(href.startswith("#") for href in READ.all("href"))
     assert READ.all("src") == READ.all("style") == READ.all("onclick") == []

@@ -50,7 +50,7 @@ def test_it_counts_what_came_of_the_cases() -> None:
     assert (record(CLEAN, MATRIX)["outcome"], record(CLEAN, MATRIX)["passed"]) == ("pass", True)
 
 
-def test_every_field_of_a_result_is_told_and_texts_are_left_as_they_were() -> None:
+def test_every_field_of_a_result_is_written_and_texts_stay_unchanged() -> None:
     bad = written()["results"][1]
     assert {key: value for key, value in bad.items() if key != "evidence"} == {
         "case": "blocks/bad[a b]",

@@ -60,7 +60,7 @@ def test_a_run_is_summed_up_in_a_line(found: Run, line: str, came: RunOutcome) -
     assert (verdict_line(found), outcome(found)) == (line, came)
 
 
-def test_what_is_inconclusive_is_always_told_and_never_a_whole_pass() -> None:
+def test_inconclusive_results_are_always_counted_and_never_a_whole_pass() -> None:
     for others in combinations_with_replacement(Verdict, 3):
         for known in (None, "x"):
             found = run(OPEN, *others, known=known)
@@ -88,7 +88,7 @@ def test_results_stand_where_they_were_expected() -> None:
         "inconclusive",
         "not applicable",
     ]
-    unexpected = replace(EVERY.results[4], known="x")  # a warning, where a failure was expected
+    unexpected = replace(EVERY.results[4], known="x")  # a warning although a failure was expected
     assert standing(unexpected) == "unexpected pass"
 
 

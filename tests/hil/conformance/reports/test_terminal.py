@@ -49,7 +49,7 @@ def watched(out: Console, times: int = 1) -> str:
 BROKE = ["fail  blocks/bad[a b]: failed 2 of 2: the state is OFF, should be READY", "unexpected pass  blocks/healed"]
 
 
-def test_off_a_terminal_what_breaks_and_each_group_has_a_line_and_nothing_is_taken_back() -> None:
+def test_without_a_terminal_each_failure_and_each_group_has_a_line_that_stays() -> None:
     assert watched(console(terminal=False)).splitlines() == [
         *BROKE,
         "4/9  blocks: 2 pass, 2 fail",
@@ -58,11 +58,11 @@ def test_off_a_terminal_what_breaks_and_each_group_has_a_line_and_nothing_is_tak
     ]
 
 
-def test_cases_that_a_recording_shows_are_counted_anew() -> None:
+def test_cases_that_a_recording_shows_are_counted_again() -> None:
     assert watched(console(terminal=False), times=2) == 2 * watched(console(terminal=False))
 
 
-def test_what_somebody_has_to_do_is_told_on_a_terminal_and_off_one() -> None:
+def test_a_step_for_the_user_is_shown_with_and_without_a_terminal() -> None:
     for terminal in (True, False):
         out = console(terminal=terminal)
         LiveLine(out).waits("end the recording")
@@ -85,7 +85,7 @@ def test_the_live_line_fits_into_the_terminal() -> None:
     assert line.endswith("…")
 
 
-def test_a_failure_is_told_with_what_somebody_needs_to_repair_it() -> None:
+def test_a_failure_is_shown_with_what_a_repair_needs() -> None:
     text = told(EVERY)
     after = text.partition("\nfail  blocks/bad[a b]\n")[2].partition("\n\n")[0].splitlines()
     assert [line.strip() for line in after] == [

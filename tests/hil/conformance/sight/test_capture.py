@@ -76,7 +76,7 @@ def test_no_stretch_is_a_wrong_question(first: int, last: int) -> None:
 
 @settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1))
-def test_pulses_are_told_by_start_and_width(seed: int) -> None:
+def test_pulses_are_read_as_start_and_width(seed: int) -> None:
     """Against PUL-002 and PUL-004, word for word; more periods than are worked on at a time."""
     rng = np.random.default_rng(seed)
     waves, wanted = {}, {}
@@ -95,7 +95,7 @@ def test_pulses_are_told_by_start_and_width(seed: int) -> None:
     assert not pulses.width[:, others].any()
 
 
-def test_what_is_not_one_pulse_is_told() -> None:
+def test_a_period_without_exactly_one_pulse_is_marked() -> None:
     waves = {
         0: "110" + "0" * 46 + "1",  # one, round the end
         1: "101" + "0" * 47,

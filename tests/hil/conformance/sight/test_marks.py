@@ -22,7 +22,7 @@ def mark_at(period: int, seed: int = 1) -> Mark:
 
 
 def silences_of(marks: list[Mark], rate: float, start: float) -> np.ndarray:
-    """Where a recording is silent that plays these marks alone: whoever is on plays in ticks 0 to 2 of each period."""
+    """Where a recording of these marks alone is silent: an output that is on plays in ticks 0 to 2 of each period."""
     edges = []
     for mark in marks:
         changes = mark.changes if mark.changes[0][1] else mark.changes[1:]
@@ -130,11 +130,11 @@ def test_time_runs_straight_from_mark_to_mark() -> None:
         (anchor(10_000, 2_000_500.0), False),  # 250 ppm
         (anchor(399_999, 79_999_800.0), True),
         (anchor(400_000, 80_000_000.0), False),  # 10 s
-        (anchor(10_000, 90_000_000.0), False),  # the device began anew in between
+        (anchor(10_000, 90_000_000.0), False),  # the device restarted in between
         (Anchor(anchor(0, 0.0).mark, -1_000.0, -4_000.0), False),  # they are not in the order of time
     ],
 )
-def test_between_marks_time_is_known_where_they_are_near_and_agree(second: Anchor, linked: bool) -> None:
+def test_between_marks_time_is_known_if_they_are_near_and_agree(second: Anchor, linked: bool) -> None:
     first = anchor(0, 0.0)
     assert [list(base.anchors) for base in time_bases([first, second], 4.0)] == ([[first, second]] if linked else [])
 

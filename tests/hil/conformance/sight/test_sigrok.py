@@ -186,8 +186,8 @@ def test_a_mark_that_is_missing_does_no_harm_but_to_what_is_next_to_it(played: P
         SigrokObserver(tmp_path / "a.sr", {}, [played.marks[0], foreign]).seen(*played.stretch)
 
 
-def test_a_device_that_began_anew_passes_the_same_periods_again(tmp_path: Path) -> None:
-    """The recording goes on; which life is meant is told by the marks around it."""
+def test_a_restarted_device_passes_the_same_periods_again(tmp_path: Path) -> None:
+    """The recording goes on; the marks around a stretch tell which life it belongs to."""
     lives = [play(30, marks=2), play(40, marks=2)]
     words = [life.capture.bits(0, life.capture.end_tick) for life in lives]
     write(tmp_path / "a.sr", "2 MHz", np.concatenate([words[0], np.zeros((1003, 10), np.uint32), words[1]]), SEVEN)
@@ -237,7 +237,7 @@ unitsize=2
 
 
 def archive(path: Path, members: Mapping[str, str | bytes], compression: int = ZIP_STORED) -> Path:
-    """A session file with some of its members replaced, or left out where they are empty."""
+    """A session file with some of its members replaced, or left out if they are empty."""
     there = {"version": "2", "metadata": METADATA, "logic-1-1": bytes(100), **members}
     with ZipFile(path, "w", compression) as out:
         for name, content in there.items():

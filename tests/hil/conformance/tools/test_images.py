@@ -20,7 +20,7 @@ def an_image(controller_bytes: int) -> Image:
 
 
 @pytest.mark.parametrize("controller_bytes", [1, 2, 3, 4, 2000, 4095, 5000])
-def test_an_image_grows_to_whole_blocks_by_zeros_behind_its_last_segment(controller_bytes: int) -> None:
+def test_an_image_grows_to_whole_blocks_by_zeros_after_its_last_segment(controller_bytes: int) -> None:
     image = an_image(controller_bytes)
     grown = of_whole_blocks(image.encode())
     assert len(grown) % 2048 == 0
@@ -39,7 +39,7 @@ def test_an_image_that_cannot_grow_is_left_alone() -> None:
         of_whole_blocks(signed[:16] + b"\1" * 8 + signed[24:])
 
 
-def test_an_upload_without_end_is_given_up() -> None:
+def test_an_endless_upload_is_given_up() -> None:
     with (
         applied(MUTANTS["upload-never-ends"]),
         open_bench(RunOptions("emulator:")) as bench,
@@ -49,7 +49,7 @@ def test_an_upload_without_end_is_given_up() -> None:
         line.image()
 
 
-def test_a_clock_that_begins_anew_is_not_waited_for_without_end() -> None:
+def test_waiting_for_a_clock_that_restarts_ends() -> None:
     with (
         applied(MUTANTS["ticks-wrap-at-32-bits"]),
         open_bench(RunOptions("emulator:")) as bench,

@@ -1,4 +1,4 @@
-"""When outputs fall silent, told from stretches of them that are made by hand."""
+"""The moment at which outputs fall silent, in stretches that are made by hand."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_silence_too_soon_or_too_late_fails(first_tick: int, last_tick: int) -> 
         check_falls_silent(stretch(104), WORDS, first_tick, last_tick)
 
 
-def test_outputs_that_are_not_driven_show_nothing() -> None:
+def test_outputs_that_are_not_driven_are_inconclusive() -> None:
     with pytest.raises(Inconclusive):
         check_falls_silent(stretch(104, observed=ALL & np.uint32(0b010)), WORDS, 5001, 5049)
 
