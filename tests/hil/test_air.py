@@ -25,7 +25,7 @@ AT = np.array([[0.02, 0.01, 0.2], [0, 0, 0.1], [-0.05, 0.03, 0.31]])
 
 @dataclass
 class Recorded:
-    """What outputs play: a table of 50 port words in each period."""
+    """The outputs' capture: a table of 50 port words in each period."""
 
     wiring: Wiring
     tables: NDArray[np.uint32]
@@ -59,7 +59,7 @@ def recorded(wiring: Wiring, *slots: tuple[Pulses, int]) -> Recorded:
 
 
 def struck(bits: NDArray[Any], at_seconds: float, frequency: float = 40e3, tau: float = TAU) -> float:
-    """What one transducer emits a time after period 0, from the steps of its drive: each rings as (2/τω_d)·sin."""
+    """One transducer's emission at a time after period 0, from the steps of its drive: each rings as (2/τω_d)·sin."""
     turn = math.sqrt((2 * math.pi * frequency) ** 2 - 1 / tau**2)
     steps = np.diff(bits.astype(float), prepend=0) * np.pi / 2
     since = at_seconds - TICK * np.arange(len(bits))
@@ -270,7 +270,7 @@ def test_components_of_a_series() -> None:
         (lambda playback: replace(playback, medium=Medium(frequency=25e3)), "a medium for 25000 Hz does not fit"),
     ],
 )
-def test_what_cannot_be_heard_is_refused(tune: Recorded, call: Any, message: str) -> None:
+def test_stretches_and_places_out_of_range_are_refused(tune: Recorded, call: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call(Playback(tune))
 

@@ -56,7 +56,7 @@ def expected(capture: Played, first: int, last: int) -> NDArray[np.complex128]:
 
 
 def states(emission: Emission) -> NDArray[np.complex128]:
-    """What the emission says of them."""
+    """The states according to the emission."""
     if emission.shares is None:
         return np.asarray(emission.states[0].T, dtype=np.complex128)
     periods = np.tensordot(emission.shares.astype(float), emission.states.astype(np.complex128), 1)

@@ -94,7 +94,7 @@ def test_drives_for_another_array_are_refused(emulator: Emulator) -> None:
         run_touch(two_sided(TransducerArray.grid(2, 2), ControlPoints([[0, 0, 0.2]])), emulator)
 
 
-def test_pulses_that_were_sent_emit_what_the_whole_way_emits(intended: TwoSided, emulator: Emulator) -> None:
+def test_pulses_that_were_sent_emit_the_same_as_the_whole_way(intended: TwoSided, emulator: Emulator) -> None:
     wanted = run_touch(intended, emulator).emitted
     emitted = as_emitted([Pulses.from_drive(drive) for drive in intended.drives], 200)
     np.testing.assert_allclose(emitted.drives, wanted.drives, atol=1e-12)
@@ -122,7 +122,7 @@ def check_what_is_felt(hand: Hand, mesh: Mesh) -> None:
     assert np.abs(felt - wanted).max() < 0.1 * wanted.max()  # quantisation adds up by chance, far below its bound
     closest: Any = trimesh.proximity.closest_point_naive
     _, distance, _ = closest(trimesh.Trimesh(mesh.vertices, mesh.faces), points.positions)
-    assert distance.max() < 3e-3  # what is felt is on the object, or bridges a knuckle from there
+    assert distance.max() < 3e-3  # the points lie on the object, or bridge a knuckle from there
 
 
 @pytest.mark.parametrize("shape", ["cone", "sphere", "pyramid", "horizontal_prism", "vertical_prism", "cube"])

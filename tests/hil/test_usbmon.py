@@ -97,7 +97,7 @@ def test_requests_hold_setup_data_and_outcome() -> None:
 
 
 def test_transfers_come_in_causal_order() -> None:
-    """As usbmon reported a stream over USB/IP: acknowledgements before the completions of their blocks."""
+    """usbmon has reported this of a stream over USB/IP: acknowledgements before the completions of their blocks."""
     first, second, early, late = bulk_out(1, BLOCK), bulk_out(2, OTHER_BLOCK), bulk_in(3, ACK), bulk_in(4, STATUS)
     packets = [early[0], late[0], first[0], second[0], early[1], second[1], late[1], first[1]]
     assert [(piece.where, piece.data) for piece in read(pcapng(packets))] == [
@@ -120,7 +120,7 @@ def test_a_transfer_that_does_not_end_holds_up_only_so_many_others() -> None:
     ]
 
 
-def test_what_the_beginning_or_the_end_of_a_capture_cut_off_is_read_as_far_as_it_is_there() -> None:
+def test_transfers_that_a_capture_cuts_off_are_read_as_far_as_recorded() -> None:
     completion_alone = bulk_out(1, BLOCK)[1:]
     answer_alone = bulk_in(2, ACK)[1:]
     waiting = bulk_in(3, ACK)[:1]
@@ -151,7 +151,7 @@ def test_a_completion_that_is_missing_in_between_is_a_problem() -> None:
         (0, 512, "only 512 of 1024 bytes were taken"),
     ],
 )
-def test_what_went_wrong_is_said_beside_what_travelled(status: int, taken: int, problem: str) -> None:
+def test_a_failed_transfer_has_its_problem_and_its_data(status: int, taken: int, problem: str) -> None:
     submitted = bulk_out(1, BLOCK + OTHER_BLOCK)[0]
     completed = event(COMPLETE, 1, 0x01, length=taken, status=status)
     pieces = read(pcapng([submitted, completed]))
@@ -165,7 +165,7 @@ def test_a_submission_that_the_host_refuses_is_a_problem() -> None:
 
 
 @pytest.mark.parametrize("status", [-2, -104, -108, -121])
-def test_an_answer_that_the_host_stops_waiting_for_is_none(status: int) -> None:
+def test_a_read_that_the_host_cancels_is_no_piece(status: int) -> None:
     packets = [*bulk_in(1, ACK), event(COMPLETE, 2, 0x81, status=status)]
     assert [piece.data for piece in read(pcapng(packets))] == [ACK]
 
@@ -182,7 +182,7 @@ def test_what_was_not_captured_is_counted() -> None:
 
 
 def test_packets_cut_short_by_the_capture_are_counted() -> None:
-    """As a snap length does, which usbmon's own count of captured bytes does not know."""
+    """A snap length cuts packets, and usbmon's own count of captured bytes ignores it."""
     submitted, completed = bulk_out(1, BLOCK)
     assert [(len(piece.data), piece.missing) for piece in read(pcapng([submitted[:164], completed]))] == [(100, 412)]
 
@@ -251,7 +251,7 @@ def refusal(capture: bytes) -> str:
     return str(refused.value)
 
 
-def test_what_stands_before_the_place_where_a_capture_breaks_off_is_read() -> None:
+def test_pieces_before_the_end_of_a_broken_capture_are_read() -> None:
     broken = pcapng(bulk_out(1, BLOCK) + bulk_out(2, BLOCK))[:-7]
     for address in (None, UsbAddress(2, 5)):
         pieces = read_usbmon(io.BytesIO(broken), "c", address)

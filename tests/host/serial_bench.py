@@ -113,7 +113,7 @@ def ack(sequence: int) -> bytes:
 
 
 class BenchPort:
-    """What of pyserial's ports the line uses. Bytes of the device take their time when they are read."""
+    """The part of pyserial's ports that the line uses. Reading takes the time of the bytes."""
 
     name = "/dev/bench"
 

@@ -25,7 +25,7 @@ LONGEST = 600.0
 """A server ends after so many seconds, whatever became of the test that began it."""
 BAUD = 3_000_000
 HISTORY_PERIODS = 4_000
-"""Of outputs that are kept: 0.1 s, in which a long test does not fill the memory."""
+"""The history of outputs: 0.1 s, so that a long test does not fill the memory."""
 
 
 class Served:
@@ -54,7 +54,7 @@ class Served:
             await self._server.serve(LONGEST)
 
     def in_its_thread(self, call: Callable[[], Result]) -> Result:
-        """What a call gives that may touch the device."""
+        """The result of a call that may touch the device."""
 
         async def called() -> Result:
             return call()

@@ -28,7 +28,7 @@ class Sent(NamedTuple):
     number: int
     kind: int
     first: int
-    """By which tests tell blocks apart."""
+    """A value that tells blocks apart."""
 
 
 def sample(place: int) -> Samples:
@@ -71,7 +71,7 @@ class ModelDevice:
         return self.queue - len(self.leaving)
 
     def pass_time(self) -> None:
-        """What happens by itself: the watchdog, and that a block which waited is judged (clause SER-011)."""
+        """Let the watchdog fire, and judge a waiting block (clause SER-011)."""
         if self.time.now - self.heard_at > self.watchdog and self.state is not State.OFF:
             self.state, self.fired = State.OFF, True
             self.leaving.clear()
@@ -80,7 +80,7 @@ class ModelDevice:
             self.judge(block)
 
     def take(self, block: bytes) -> bool:
-        """Whether a block was taken rather than answered with NAK."""
+        """Take a block; returns False if the answer is NAK."""
         self.pass_time()
         if self.free:
             self.judge(block)
@@ -147,7 +147,7 @@ class ModelDevice:
                 self.watchdog = value / 1000
 
     def restart(self) -> None:
-        """As RESET does, or a cable that is pulled."""
+        """The effect of RESET or of a pulled cable."""
         self.last, self.state, self.waiting = None, State.OFF, None
         self.leaving.clear()
         self.says.clear()
@@ -158,7 +158,7 @@ def keep(data: bytes) -> bytes | None:
 
 
 Fate = Callable[[bytes], bytes | None]
-"""What becomes of a block or a record on its way; None if it is lost."""
+"""The fate of a block or a record on its way; None if it is lost."""
 
 
 class BenchLine:
@@ -320,7 +320,7 @@ def info(**changed: object) -> bytes:
 
 
 class Once:
-    """Something goes wrong at the n-th call of a kind, and never again."""
+    """An error at the n-th call of a kind, and only there."""
 
     def __init__(self, what: str, error: BaseException, nth: int = 1) -> None:
         self.what, self.error, self.left = what, error, nth

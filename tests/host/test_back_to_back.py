@@ -92,7 +92,7 @@ def reason_of(error: pytest.ExceptionInfo[DeviceRefusedError]) -> Reason:
 
 
 class TestEveryLine:
-    def test_a_device_says_what_it_is(self, device: Device) -> None:
+    def test_a_device_describes_itself(self, device: Device) -> None:
         info = device.info
         assert (info.channels, info.columns, info.rows, info.boards) == (CHANNELS, 20, 16, 5)
         assert info.speaks(1)
@@ -122,7 +122,7 @@ class TestEveryLine:
             assert back.pulses == pulses
         assert device.status().state is State.PLAYING
 
-    def test_a_period_can_be_named_and_one_that_is_over_is_said_to_be_late(self, device: Device) -> None:
+    def test_a_period_can_be_named_and_a_past_one_is_reported_as_late(self, device: Device) -> None:
         period = device.status().period + 40_000
         ack = device.show(RAMP, period=period)
         assert (ack.commit_period, ack.late) == (period, False)
@@ -144,7 +144,7 @@ class TestEveryLine:
         assert reason_of(raised) is Reason.EMPTY
         device.show(RAMP)  # a refusal breaks nothing
 
-    def test_what_is_asked_at_the_wrong_time_is_an_error_of_its_own(self, device: Device) -> None:
+    def test_a_request_in_the_wrong_state_is_an_error_of_its_own(self, device: Device) -> None:
         device.enable()
         with pytest.raises(DeviceStalledError):
             device.set_drive_limit(1)

@@ -33,7 +33,7 @@ CALIBRATIONS = columns(N).map(lambda values: Calibration(*values))
 
 @given(CALIBRATIONS, drives(N))
 def test_what_is_emitted_is_what_was_wanted(calibration: Calibration, wanted: np.ndarray) -> None:
-    """As far as a drive of 1 goes; beyond it the phase is still right, and a dead one is silent."""
+    """Up to a drive of 1; beyond it the phase is still right, and a dead transducer is silent."""
     sent = calibration.apply(wanted)
     emitted = sent * calibration.response
     assert (np.abs(sent) <= 1 + 1e-12).all()

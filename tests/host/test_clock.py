@@ -13,13 +13,13 @@ PERIOD = 25e-6
 
 
 def reading(offset: float, drift_ppm: float, begins: float, takes: float, where: float) -> Reading:
-    """What a device answers that was asked at a moment, and looked at its clock at a fraction of the way."""
+    """The answer of a device that is asked at a moment, and reads its clock after a fraction of the time."""
     at = begins + where * takes
     return Reading(begins, begins + takes, int((at * (1 + drift_ppm * 1e-6) + offset) * TICK_HZ))
 
 
 def error(clock: DeviceClock, offset: float, drift_ppm: float, moment: float) -> float:
-    """By how much the estimate is wrong at a moment, in seconds."""
+    """The error of the estimate at a moment, in seconds."""
     return clock.period_at(moment) * PERIOD - (moment * (1 + drift_ppm * 1e-6) + offset)
 
 
@@ -96,7 +96,7 @@ def test_a_device_that_has_been_on_for_years_is_known_as_closely() -> None:
 def test_it_is_wrong_by_no_more_than_it_says(
     offset: float, drift_ppm: float, least: float, tail: float, where: str, every: float, count: int, seed: int
 ) -> None:
-    """At the last reading, whatever delays the answers have and wherever in them the device looks at its clock.
+    """At the last reading, for any delays of the answers and any moment in them at which the device reads its clock.
 
     Besides that there is what it drifts within a reading, and while the drift is not believed, in at most a second.
     """
@@ -131,7 +131,7 @@ def test_after_a_minute_frames_land_on_their_period(drift_ppm: float, takes: flo
 
 @pytest.mark.parametrize("pauses", [{20}, {4}, {39}, {20, 21, 22}, {8, 20, 32}])
 def test_a_device_that_is_held_up_at_a_few_readings_and_catches_up_does_not_mislead(pauses: set[int]) -> None:
-    """By 8 ms, as one that is emulated on a busy computer: frames would come late for as long as that is believed."""
+    """By 8 ms, such as an emulated one on a busy computer: frames would be late until the estimate recovers."""
     rng = np.random.default_rng(3)
     clock = DeviceClock()
     for n in range(40):

@@ -174,7 +174,7 @@ def test_samples_out_of_range_send_nothing(emulator: Emulator, samples: Any, hol
         assert (device.status().accepted, device.status().enabled) == (before, False)
 
 
-# What it says
+# Its description
 
 
 def test_the_wiring_table_can_be_read(scrambled: Wiring) -> None:
@@ -259,7 +259,7 @@ def test_a_fault_is_named_and_cleared(emulator: Emulator) -> None:
         assert sounding(emulator) == 320
 
 
-# What it lacks
+# Features that it lacks
 
 
 @pytest.mark.parametrize(
@@ -273,7 +273,7 @@ def test_a_fault_is_named_and_cleared(emulator: Emulator) -> None:
         (Feature.READ_BACK, lambda device: device.read_back()),
     ],
 )
-def test_what_a_device_lacks_is_said_and_not_sent(
+def test_a_missing_feature_is_an_error_and_not_sent(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch, lacks: Feature, use: Callable[[Device], object]
 ) -> None:
     genuine = Info.encode

@@ -34,7 +34,7 @@ def line(emulator: Emulator) -> Iterator[DfuLine]:
 
 
 class Requests:
-    """What goes over the control endpoint: request type, request, value, length or data, and when, in ms."""
+    """The traffic of the control endpoint: request type, request, value, length or data, and when, in ms."""
 
     def __init__(self, emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
         self.seen: list[tuple[int, int, int, int, float]] = []
@@ -192,7 +192,7 @@ def test_a_device_that_does_not_keep_to_it_is_given_up(
 
 
 def test_a_block_out_of_turn_is_an_error(line: DfuLine, emulator: Emulator) -> None:
-    """Somebody else speaks to the device meanwhile, and has aborted the download."""
+    """Another program speaks to the device meanwhile, and has aborted the download."""
 
     def meddle(written: int) -> None:
         if written == 2 * BLOCK:

@@ -45,7 +45,7 @@ def found_by(url: str, **options: Any) -> dict[str, Finding]:
 
 
 def bad(findings: dict[str, Finding]) -> dict[str, CheckVerdict]:
-    """What the device or its line has; what the computer lacks, which runs this test, is left out."""
+    """Findings about the device or its line; those about the computer that runs this test are left out."""
     return {
         name: finding.verdict
         for name, finding in findings.items()
@@ -75,7 +75,7 @@ def test_a_fresh_emulated_device_is_examined_too(url: str) -> None:
 
 
 def drives_by_latch(emulator: Emulator) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """What was played, of whatever began to play, in the order of time: magnitudes (k, 320)."""
+    """Magnitudes of all drives that began to play, in the order of time, (k, 320)."""
     captured = emulator.capture()
     periods = sorted({tick // 50 for ticks in captured.latches for tick in ticks})
     return np.array([abs(captured.drive(period)) for period in periods])
@@ -90,7 +90,7 @@ def test_the_self_test_makes_no_sound(emulator: Emulator) -> None:
 
 
 def heard(emulator: Emulator) -> tuple[list[int], float]:
-    """Which transducers played, each alone, in the order of their time, and how strongly at most."""
+    """The transducers that played, each alone, in the order of time, and the greatest strength."""
     drives = drives_by_latch(emulator)
     sounding = drives > 1e-6
     assert sounding.sum(axis=1).max() == 1
@@ -263,7 +263,7 @@ def test_firmware_that_could_not_be_loaded_is_found(emulator: Emulator, monkeypa
     assert "phasewire flash" in findings["firmware"].advice
 
 
-def test_versions_without_a_common_one_say_which_is_older(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_common_version_the_older_side_is_named(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     patched(monkeypatch, Info, oldest_version=2, newest_version=3)
     findings = found_by(emulator.url)
     assert bad(findings) == {"open": FAIL}
@@ -297,7 +297,7 @@ def test_settings_of_an_earlier_host_are_found(emulator: Emulator) -> None:
     assert findings["settings"].seen == ("watchdog 50 ms, drive limit 10 transducers; at power-up 100 ms and 320")
 
 
-def test_a_wiring_table_that_is_none_is_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_wiring_table_is_found(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("phasewire.emulator.control.requests.encode_wiring", lambda wiring: bytes(640), raising=True)
     findings = found_by(emulator.url)
     assert findings["wiring"].verdict is FAIL
@@ -335,7 +335,7 @@ def test_a_device_that_is_held_up_once_has_no_oscillator_that_is_off(
 
 
 def test_an_oscillator_is_not_blamed_for_time_that_is_computed() -> None:
-    """At the pace fast a device's time passes only with what is asked of it."""
+    """At the pace fast a device's time passes only during requests."""
     with Served(pty=True, pace=Pace.FAST) as served:
         findings = found_by(f"serial://{served.where}?baud=3000000")
     assert (findings["clock"].verdict, findings["clock"].advice) == (SKIPPED, "")
@@ -469,7 +469,7 @@ def test_without_permission_it_says_how_to_get_it(emulator: Emulator, monkeypatc
     assert (findings["open"].verdict, findings["open"].seen) == (SKIPPED, "see access")
 
 
-def test_a_device_that_is_open_elsewhere_is_said(emulator: Emulator) -> None:
+def test_a_device_that_is_open_elsewhere_is_found(emulator: Emulator) -> None:
     from phasewire import open_device
 
     with open_device(emulator.url):
@@ -614,7 +614,7 @@ def test_libusb_is_asked_for_its_version() -> None:
     assert re.fullmatch(r"libusb 1\.0\.\d+", finding.seen)
 
 
-def test_without_libusb_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_libusb_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
     findings = found_by("usb:")
     assert (findings["libusb"].verdict, findings["usb bus"].verdict) == (FAIL, SKIPPED)

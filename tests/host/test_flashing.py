@@ -75,7 +75,7 @@ def flash(url: str, file: Path | bytes, keys: Iterable[Ed25519PublicKey] = (), *
     return flashing.flash(url, read_firmware(file, keys), **options)
 
 
-# What goes well
+# Upgrades that succeed
 
 
 def test_an_upgrade_as_a_whole(emulator: Emulator) -> None:
@@ -157,7 +157,7 @@ def test_the_url_names_the_device_and_others_are_left_alone() -> None:
         assert running(c) == (NEW.version, Bank.A)
 
 
-# What is refused before anything is lost
+# Refused before any loss
 
 
 def damaged(file: bytes, at: int) -> bytes:
@@ -206,7 +206,7 @@ def test_with_keys_only_what_they_signed_is_sent(emulator: Emulator, file: bytes
 @pytest.mark.parametrize(
     ("file", "trust"), [(FILE, Trust.UNSIGNED), (build(NEW, STRANGER), Trust.UNKNOWN_KEY), (FORGED, Trust.UNKNOWN_KEY)]
 )
-def test_without_keys_it_is_said_who_signed(emulator: Emulator, file: bytes, trust: Trust) -> None:
+def test_without_keys_the_report_names_the_signer(emulator: Emulator, file: bytes, trust: Trust) -> None:
     assert read_firmware(file).trust is trust
     assert flash(emulator.url, file).trust is trust
 
@@ -285,7 +285,7 @@ def test_two_programs_do_not_flash_one_device(emulator: Emulator) -> None:
     assert (report.written, report.attempts) == (False, 1)
 
 
-# What the device refuses
+# Refused by the device
 
 
 def test_a_device_with_keys_says_why_it_refuses(tmp_path: Path) -> None:
@@ -631,7 +631,7 @@ def test_a_power_cut_at_any_byte_leaves_a_device_that_boots(written: int) -> Non
         assert booted(emulator) == NEW.version
 
 
-def test_an_upgrade_writes_so_many_bytes_and_no_more(emulator: Emulator) -> None:
+def test_an_upgrade_writes_an_exact_number_of_bytes(emulator: Emulator) -> None:
     emulator.inject(faults.PowerCutInWrite(written_bytes=WRITTEN))
     assert flash(emulator.url, FILE).attempts == 1
     assert booted(emulator) == NEW.version
@@ -686,7 +686,7 @@ def test_a_device_that_could_not_go_back_is_an_error(emulator: Emulator, fault: 
     assert running(emulator) == (NEW.version, Bank.A)
 
 
-def test_a_device_that_cannot_go_back_by_itself_says_how_else(
+def test_a_device_without_revert_is_refused_with_the_reason(
     emulator: Emulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flash(emulator.url, FILE)
@@ -740,7 +740,7 @@ def test_a_device_that_does_not_come_back_from_it_is_given_up(emulator: Emulator
     assert booted(emulator) in (NEW.version, FACTORY)
 
 
-# What is there
+# Devices that are listed
 
 
 def test_devices_are_listed_in_both_modes_and_not_disturbed(emulator: Emulator) -> None:

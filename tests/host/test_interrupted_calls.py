@@ -20,11 +20,11 @@ FRAME = Pulses(np.full(320, 25), np.full(320, 25))
 ROOMS = ("/host/", "/emulator/doors/", "/protocol/")
 WATCHDOG_PERIODS = 4000
 MOMENTS = 25
-"""At which a call is interrupted, from its first function to its last."""
+"""The number of interruptions of a call, from its first function to its last."""
 
 
 class Raised(Exception):
-    """What a handler raises."""
+    """Raised by a handler."""
 
 
 def show(device: Device) -> None:

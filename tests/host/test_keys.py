@@ -95,7 +95,7 @@ OPENSSH = KEY.private_bytes(Encoding.PEM, PrivateFormat.OpenSSH, PLAIN)
         (private_pem(ED448), "of another kind, Ed448PrivateKey"),
     ],
 )
-def test_what_is_no_key_to_sign_with_says_what_would_be(path: Path, content: bytes, match: str) -> None:
+def test_a_file_without_a_usable_private_key_is_refused_with_advice(path: Path, content: bytes, match: str) -> None:
     path.write_bytes(content)
     with pytest.raises(InputFileError, match=match) as refused:
         read_private_key(path)
@@ -113,7 +113,7 @@ def test_what_is_no_key_to_sign_with_says_what_would_be(path: Path, content: byt
         (public_pem(P256), "of another kind, ECPublicKey"),
     ],
 )
-def test_what_is_no_key_to_trust_says_what_would_be(path: Path, content: bytes, match: str) -> None:
+def test_a_file_without_a_usable_public_key_is_refused_with_advice(path: Path, content: bytes, match: str) -> None:
     path.write_bytes(content)
     with pytest.raises(InputFileError, match=match) as refused:
         read_public_keys([path])

@@ -107,7 +107,7 @@ def test_a_parcel_that_is_not_all_sent_waits_for_the_rest() -> None:
 
 
 @pytest.mark.parametrize("lossy", [False, True])
-def test_what_is_forgotten_may_answer_yet_and_what_is_to_come_may_not(lossy: bool) -> None:
+def test_forgotten_blocks_may_answer_yet_and_later_ones_may_not(lossy: bool) -> None:
     ledger = Ledger(lossy)
     parcels(ledger, 10, [3, 3])
     ledger.clear()

@@ -15,7 +15,7 @@ FULL = Pulses(np.full(320, 25), np.full(320, 25))
 
 
 @pytest.mark.parametrize("door", ["", "?door=serial"])
-def test_looking_on_leaves_what_plays_and_is_counted_as_it_is(door: str) -> None:
+def test_observing_changes_neither_outputs_nor_counters(door: str) -> None:
     with Emulator() as emulator:
         with open_device(emulator.url) as device:
             device.store(0, FULL)

@@ -91,7 +91,7 @@ def test_ports_on_a_network_keep_pyserial_s_own_options() -> None:
     assert (plain.port, plain.baudrate) == ("socket://host:1?logging=info", 9_600)
 
 
-# What may be there
+# Ports that cannot be used
 
 
 def test_a_port_that_is_not_there_is_not_found(tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_a_port_without_a_server_is_not_found(scheme: str) -> None:
         open_device(f"{scheme}://{LOOPBACK}:{port}")
 
 
-def test_a_port_without_permission_says_who_may_help(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_permission_for_a_port_leads_to_the_doctor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*arguments: object) -> int:
         raise PermissionError(13, "Permission denied")
 
@@ -177,7 +177,7 @@ def test_a_server_that_ends_is_a_lost_device(scheme: str) -> None:
     device.close()
 
 
-def test_a_socket_counts_what_has_come() -> None:
+def test_a_socket_counts_received_bytes() -> None:
     with socket.create_server((LOOPBACK, 0)) as server:
         port = port_for_url(f"socket://{LOOPBACK}:{server.getsockname()[1]}")
         port.timeout = 1.0
@@ -198,7 +198,7 @@ def test_a_socket_counts_what_has_come() -> None:
     assert not port.is_open
 
 
-# What is found
+# Ports that are found
 
 
 def test_ports_with_our_numbers_are_listed_and_no_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_it_says_what_it_is(path: Path) -> None:
 
 
 def test_any_program_can_read_it(path: Path) -> None:
-    """By the table of the module, and the standard library's checksums, alone."""
+    """Only by the table of the module and the standard library's checksums."""
     data = path.read_bytes()
     magic, text_bytes, text_checksum, frames, checksum = struct.unpack_from("<8sIIQI", data)
     text = data[28 : 28 + text_bytes]
@@ -130,7 +130,7 @@ def test_an_empty_recording_can_be_made(tmp_path: Path) -> None:
 
 
 def test_it_plays_on_a_device(tmp_path: Path) -> None:
-    """What the outputs emit is what was recorded."""
+    """The outputs emit the recorded frames."""
     frames = some(3, 320)
     record(tmp_path / "three.frames", frames, 1000)
     with Recording.open(tmp_path / "three.frames") as recording, Emulator() as emulator:
@@ -278,7 +278,7 @@ def test_what_is_cut_off_is_read_up_to_there(
         assert whole.complete
 
 
-def test_what_is_no_file_is_no_bad_file(tmp_path: Path) -> None:
+def test_missing_files_folders_and_pipes_have_their_own_errors(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         Recording.open(tmp_path / "none.frames")
     with pytest.raises(IsADirectoryError):
@@ -355,7 +355,7 @@ def test_texts_that_are_too_much_are_refused_before_they_are_read(tmp_path: Path
 
 
 @pytest.mark.parametrize(("name", "at", "value"), [("phase", 0, 100), ("width", N + 3, 26)])
-def test_pulses_that_are_none_are_named(small: Path, tmp_path: Path, name: str, at: int, value: int) -> None:
+def test_invalid_pulses_are_named(small: Path, tmp_path: Path, name: str, at: int, value: int) -> None:
     data, size = bytearray(small.read_bytes()), 2 * N + 4
     row = data[-size:-4]
     row[at] = value
@@ -364,7 +364,7 @@ def test_pulses_that_are_none_are_named(small: Path, tmp_path: Path, name: str, 
     refused(tmp_path / "odd.frames", f"{name} {value} of transducer {at % N} of frame 39 is above")
 
 
-def test_a_closed_recording_says_so(path: Path) -> None:
+def test_reading_a_closed_recording_is_an_error(path: Path) -> None:
     with Recording.open(path) as recording:
         pass
     with pytest.raises(ValueError, match="is closed; open it again"):

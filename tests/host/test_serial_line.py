@@ -39,7 +39,7 @@ ATTEMPTS = 4
 
 @pytest.fixture(scope="module")
 def genuine() -> tuple[Info, Status]:
-    """What an emulated device says of itself."""
+    """The description and the status of an emulated device."""
     with open_device("emulator:") as device:
         return dataclasses.replace(device.info, unique_id=UNIQUE), device.status()
 
@@ -97,7 +97,7 @@ def test_whatever_was_on_the_line_before_does_not_matter(port: BenchPort, before
     assert (line.damaged, port.time.now < 0.3) == (0, True)
 
 
-def test_a_port_that_knows_who_is_there_is_believed(port: BenchPort) -> None:
+def test_the_name_of_a_known_port_is_used(port: BenchPort) -> None:
     port.product, port.serial_number = "our array", "S-7"  # type: ignore[attr-defined]
     line = SerialTransport(port)
     assert (line.name, line.serial) == ("our array S-7", "S-7")
@@ -136,7 +136,7 @@ def test_a_port_that_cannot_be_opened_says_why(
     assert type(raised.value) is expected
 
 
-def test_a_silent_line_says_what_to_look_at(port: BenchPort) -> None:
+def test_the_error_for_a_silent_line_names_possible_causes(port: BenchPort) -> None:
     """Four attempts of 1, 2, 4 and 8 times the patience: 100 ms, and 2 · 658 bytes at 11 520 a second."""
     port.to_host = lambda _: b""
     with pytest.raises(DeviceTimeoutError, match=r"nothing comes from there.*switched on.*115200 its baud rate"):
@@ -147,14 +147,14 @@ def test_a_silent_line_says_what_to_look_at(port: BenchPort) -> None:
 
 
 @pytest.mark.parametrize("junk", [b"\xff\xfe", b"\0", b"login: ", bytes(range(256)), CONSOLE[:-1]])
-def test_something_else_at_the_other_end_is_not_believed_and_does_not_hold_us_up(port: BenchPort, junk: bytes) -> None:
+def test_another_program_at_the_other_end_is_rejected_in_time(port: BenchPort, junk: bytes) -> None:
     port.to_host = lambda _: junk
     with pytest.raises(DeviceTimeoutError, match="what comes from there makes no sense"):
         SerialTransport(port)
     assert port.time.now < 5
 
 
-def test_a_line_that_gives_back_what_is_sent_is_no_device(port: BenchPort) -> None:
+def test_a_line_that_echoes_is_no_device(port: BenchPort) -> None:
     port.to_device = lambda data: port.pending.extend(data) or b""  # type: ignore[func-returns-value]
     with pytest.raises(DeviceTimeoutError, match=r"asking for INFO: /dev/bench does not answer.* 4 of its frames"):
         SerialTransport(port)
@@ -279,8 +279,8 @@ def test_blocks_go_out_back_to_back(line: SerialTransport, port: BenchPort) -> N
     assert line.read_records(1.0) == ack(0) + ack(1) + ack(2)
 
 
-def test_what_does_not_go_out_in_time_is_said(line: SerialTransport, port: BenchPort) -> None:
-    """At least one goes out, and no half ones."""
+def test_a_write_reports_the_blocks_that_went_out_in_time(line: SerialTransport, port: BenchPort) -> None:
+    """At least one block goes out, and only whole ones."""
     port.to_device = lambda data: port.time.sleep(0.045) or data  # type: ignore[func-returns-value]
     assert line.write_blocks(bytes(5 * 512), 0.1) == 3 * 512
     assert line.write_blocks(bytes(5 * 512), 0) == 512
@@ -306,7 +306,7 @@ def test_records_that_come_while_an_answer_is_waited_for_are_kept(line: SerialTr
 
 
 def test_damaged_frames_are_counted_and_dropped(line: SerialTransport, port: BenchPort) -> None:
-    """Clause SER-006: also those that go the other way; text is none."""
+    """Clause SER-006: also frames for devices; text is no frame."""
     frame = bytearray(encode_frame(2, ack(9)))
     frame[20] ^= 2
     port.device.says += frame + b"\x03\x01\0" + encode_frame(BLOCK_FRAME, bytes(512)) + encode_frame(2, ack(10))
@@ -370,7 +370,7 @@ def test_a_port_that_takes_no_bytes_is_a_time_out_and_the_next_frame_is_whole(
     with pytest.raises(DeviceTimeoutError, match="sending a block: the port takes no bytes"):
         line.write_blocks(bytes(512), 1.0)
     port.fails.clear()
-    port.device.receive(encode_frame(BLOCK_FRAME, bytes(512))[:100])  # what had gone out of it
+    port.device.receive(encode_frame(BLOCK_FRAME, bytes(512))[:100])  # the part that had gone out
     line.order(Request.DISABLE)
     assert port.device.done[-1] is Request.DISABLE
     assert not port.device.blocks
@@ -401,7 +401,7 @@ def test_the_same_device_is_opened_again(line: SerialTransport, port: BenchPort,
 
 
 @pytest.mark.parametrize("other", [False, True])
-def test_one_that_does_not_come_back_or_is_another_is_lost(
+def test_a_device_that_does_not_come_back_or_is_another_is_lost(
     line: SerialTransport, port: BenchPort, *, other: bool
 ) -> None:
     if other:

@@ -64,7 +64,7 @@ def send(session: Session, made: np.ndarray, answers: Answers) -> None:
 
 
 def nth(*which: int, to: Fate = lambda data: None) -> Fate:
-    """What becomes of the n-th that passes, counted from 1; the others arrive."""
+    """The fate of the n-th block or record, counted from 1; the others arrive."""
     passed = [0]
 
     def fate(data: bytes) -> bytes | None:
@@ -162,7 +162,7 @@ def test_an_information_record_that_makes_no_sense(line: BenchLine, answer: byte
 # Acknowledgements
 
 
-def test_an_answer_says_what_the_device_said(line: BenchLine) -> None:
+def test_an_acknowledgement_has_the_device_s_values(line: BenchLine) -> None:
     line.time.now = 0.5
     session = enabled(line)
     (ack,) = session.send(sample(77))
@@ -224,7 +224,7 @@ def test_a_refusal_is_an_error_with_its_reason_and_takes_a_number(line: BenchLin
         (True, r"turned its outputs off: it heard nothing for 0.1 s; was this program held up\? Enable them again"),
     ],
 )
-def test_why_outputs_are_off_is_said(line: BenchLine, fired: bool, message: str) -> None:
+def test_the_error_says_why_outputs_are_off(line: BenchLine, fired: bool, message: str) -> None:
     session = begun(line)
     line.device.fired = fired
     with pytest.raises(DeviceRefusedError, match=message) as refused:
@@ -246,7 +246,7 @@ def test_a_fault_is_named(line: BenchLine, monkeypatch: pytest.MonkeyPatch) -> N
     assert refused.value.reason is Reason.FAULT
 
 
-# What is damaged or lost on the way
+# Damage and loss on the way
 
 
 @pytest.mark.parametrize("at", [40, 4, 0, 28], ids=["payload", "number", "magic", "checksum"])
@@ -409,7 +409,7 @@ def test_a_device_hears_of_a_host_that_waits_for_room(line: BenchLine, watchdog_
 
 
 def test_the_watchdog_s_time_is_learned_from_the_status(line: BenchLine) -> None:
-    """Somebody else may have set it."""
+    """Another program may have set it."""
     session = enabled(line)
     line.device.watchdog = 0.01
     session.status()
@@ -456,7 +456,7 @@ def test_a_write_may_take_fewer_than_all(line: BenchLine, at_once: int) -> None:
 
 @pytest.mark.parametrize("what", ["write", "read"])
 @pytest.mark.parametrize("nth_call", [1, 2, 5, 6])
-def test_what_is_known_when_a_line_dies_is_kept(what: str, nth_call: int) -> None:
+def test_answers_before_a_line_dies_are_kept(what: str, nth_call: int) -> None:
     line = BenchLine()
     session = begun(line)
     line.at_once = 2
@@ -530,7 +530,7 @@ def test_a_device_that_comes_back_begins_a_new_numbering(line: BenchLine) -> Non
 
 @pytest.mark.parametrize("what", ["INFO", "STATUS", "DISABLE", "write", "read"])
 @pytest.mark.parametrize("error", ERRORS[:3], ids=lambda error: type(error).__name__)
-def test_one_that_goes_once_more_while_it_comes_back_is_waited_for(
+def test_a_device_that_leaves_again_while_it_comes_back_is_waited_for(
     line: BenchLine, what: str, error: DeviceError
 ) -> None:
     session = begun(line)
@@ -540,7 +540,7 @@ def test_one_that_goes_once_more_while_it_comes_back_is_waited_for(
     assert session.send(sample(3))[0].commit_period == 3
 
 
-def test_one_that_keeps_going_is_given_up() -> None:
+def test_a_device_that_keeps_leaving_is_given_up() -> None:
     line = BenchLine()
     session = begun(line)
 
@@ -651,5 +651,5 @@ def test_no_block_takes_effect_twice_or_out_of_order_and_every_answer_is_its_blo
     assert places == sorted(set(places))
     line.to_device = line.to_host = nth()
     line.delay = 0.0
-    line.time.sleep(20)  # what waited has a place in the queue now
+    line.time.sleep(20)  # the waiting block has a place in the queue now
     assert session.send(sample(4000))[0].commit_period == 4000

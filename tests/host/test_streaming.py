@@ -78,7 +78,7 @@ def frame(wanted: PulseFrames, index: int) -> Pulses:
 
 
 def silent(emulator: Emulator) -> bool:
-    """Whether no output is high any more once six periods have passed (clause SAF-004)."""
+    """Whether all outputs are low after six periods (clause SAF-004)."""
     emulator.run(7)
     capture = emulator.capture()
     return not capture.bits(capture.end_tick - 50, capture.end_tick).any()
@@ -221,7 +221,7 @@ def test_stop_while_the_first_frame_is_made_is_not_undone_by_the_stream() -> Non
 
 
 @pytest.mark.parametrize("index", [380, 391])
-def test_a_frame_that_is_none_ends_a_stream_with_the_outputs_off(index: int) -> None:
+def test_an_invalid_frame_ends_a_stream_with_the_outputs_off(index: int) -> None:
     drives = np.full((400, 320), 0.5 + 0j)
     drives[index, 17] = np.nan
     reports: list[StreamReport] = []
@@ -470,7 +470,7 @@ def test_a_session_keeps_to_the_watchdog_s_time_that_an_earlier_one_has_set() ->
 
 @pytest.mark.parametrize("left", range(12))
 def test_a_frame_that_cannot_be_in_time_is_moved_and_not_late(left: int) -> None:
-    """Whatever number of periods a source leaves between its frame and the time that it was due."""
+    """For any number of periods between a frame and the time at which it was due."""
 
     def slow(device: Device) -> Iterator[Pulses]:
         for index, pulses in enumerate(one_by_one(frames(6))):
@@ -626,7 +626,7 @@ def test_a_line_that_carries_blocks_by_itself_plays_a_frame_in_every_period() ->
 
 @pytest.mark.parametrize("rate", [500, 1000, 5000, 10_000])
 @pytest.mark.parametrize("begins", [0.05, 0.057, 0.061])
-def test_a_short_pause_on_their_way_makes_none_late_of_frames_that_are_there_already(rate: int, begins: float) -> None:
+def test_a_short_pause_on_the_way_makes_no_ready_frame_late(rate: int, begins: float) -> None:
     with Emulator() as emulator, Device(line := BusLine(emulator)) as device:
         begun = line.time.monotonic() + begins
         line.pauses = [(begun, begun + 0.018)]

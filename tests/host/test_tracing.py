@@ -231,7 +231,7 @@ def test_records_are_split_where_the_device_put_them_together() -> None:
     assert split_records(b"") == []
 
 
-def test_printing_ends_where_it_is_ended(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ending_one_print_leaves_the_other(line: Line, capsys: pytest.CaptureFixture[str]) -> None:
     end_each = print_traffic(each=True)
     end = print_traffic(each=False)
     traced(line).write_blocks(block(1) + block(2), 1)

@@ -165,7 +165,7 @@ def test_a_live_source_is_watched_for_so_long() -> None:
     np.testing.assert_allclose(found.latency, 0.003, atol=1e-9)
 
 
-def test_one_that_stalls_is_watched_no_longer() -> None:
+def test_a_stalled_tracker_is_watched_no_longer() -> None:
     clock = Clock()
     found = watch(Live(frames(50), clock), 2.0, clock=clock)
     assert found.seconds == pytest.approx(2)
@@ -175,7 +175,7 @@ def test_one_that_stalls_is_watched_no_longer() -> None:
     assert nothing.idle == pytest.approx(1)
 
 
-def test_one_that_is_lost_keeps_what_it_gave() -> None:
+def test_the_frames_of_a_lost_tracker_are_kept() -> None:
     clock = Clock()
     source = Live(frames(50), clock)
     source.end(TrackerLostError("it closed"))

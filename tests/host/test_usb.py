@@ -32,7 +32,7 @@ from tests.host.buses import raising
 from tests.strategies import update
 
 
-def test_the_real_bus_is_empty_here_and_says_so() -> None:
+def test_an_empty_real_bus_is_a_clear_error() -> None:
     """On a machine with a device on its bus this would find it; what must not happen is anything but a clear answer."""
     with pytest.raises(DeviceNotFoundError, match=r"no device at 'usb:no-such-serial'"):
         open_device("usb:no-such-serial")
@@ -43,7 +43,7 @@ def test_a_usb_url_has_no_options() -> None:
         open_device("usb:?link=5wire")
 
 
-def test_libusb_that_cannot_be_loaded_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_libusb_that_cannot_be_loaded_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
     with pytest.raises(DeviceNotFoundError, match="libusb could not be loaded"):
         open_device("usb:")
@@ -94,7 +94,7 @@ def test_a_device_that_is_open_elsewhere_is_not_disturbed(emulator: Emulator) ->
         assert not second.status().enabled
 
 
-def test_a_device_that_cannot_be_opened_whole_is_let_go(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_that_cannot_be_opened_is_released(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     genuine = Info.encode
     with monkeypatch.context() as patch:
         patch.setattr(Info, "encode", lambda self: genuine(dataclasses.replace(self, oldest_version=9)))

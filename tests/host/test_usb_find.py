@@ -30,7 +30,7 @@ from .buses import in_dfu_mode, raising
 
 
 def sightings(*emulators: Emulator, url: str = "emulator:") -> list[Sighting]:
-    """What a bus with these devices shows."""
+    """The sightings on a bus with these devices."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("phasewire.emulator.doors.backend.open_backend", lambda url: EmulatorBackend(emulators))
         return UsbFinder(url).look()
@@ -222,7 +222,7 @@ def test_a_device_without_a_name_is_described_by_its_place() -> None:
         select("usb:", "", [found("A"), found(None, problem="permission denied")])
 
 
-def test_none_names_those_that_are_there() -> None:
+def test_the_error_for_a_missing_device_names_the_others() -> None:
     with pytest.raises(DeviceNotFoundError, match="no device at 'usb:Z': there are 'A', 'B'"):
         select("usb:Z", "Z", [found("A"), found("B")])
     with pytest.raises(DeviceNotFoundError, match="no device at 'usb:': nothing is plugged in"):

@@ -68,7 +68,7 @@ def test_a_server_that_is_not_there_is_named(controller: Path) -> None:
 
 
 @pytest.mark.parametrize("said", [b"", b"SSH-2.0-OpenSSH_9.2\r\n", bytes.fromhex("0111000300000000") + b"short"])
-def test_a_server_of_something_else_is_named(said: bytes, controller: Path) -> None:
+def test_another_kind_of_server_is_refused(said: bytes, controller: Path) -> None:
     with socket.create_server((LOOPBACK, 0)) as listener:
 
         def serve() -> None:
@@ -146,7 +146,7 @@ def test_a_device_that_does_not_come_back_is_missed(controller: Path) -> None:
 
 
 @pytest.mark.parametrize("server", ["", ":3240", "a:b", "a:0", "a:65536", "::1", "[::1", "a:1:2"])
-def test_an_address_that_is_none_is_refused(server: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_address_is_refused(server: str, capsys: pytest.CaptureFixture[str]) -> None:
     ended = runner(capsys)("attach", server)
     assert ended.code == 2
     assert "must be HOST or HOST:PORT" in " ".join(ended.err.split())

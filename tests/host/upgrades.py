@@ -45,7 +45,7 @@ def in_dfu_mode(emulator: Emulator) -> bool:
 
 
 def reports(emulator: Emulator) -> list[ProcessorReport]:
-    """What the processors say, of a device that a host has configured."""
+    """The reports of the processors, after a host has configured the device."""
     return decode_reports(emulator.usb.control(Setup(0xC1, Request.PROCESSORS, 0, 0, 160)))
 
 
@@ -57,7 +57,7 @@ def running(emulator: Emulator) -> tuple[Version, Bank | None]:
 
 
 def booted(emulator: Emulator) -> Version:
-    """What runs after the power was away."""
+    """The firmware that runs after a power cut."""
     emulator.power_down()
     emulator.power_up()
     emulator.run_until_started()
@@ -65,5 +65,5 @@ def booted(emulator: Emulator) -> Version:
 
 
 def untouched(emulator: Emulator) -> bool:
-    """Whether the device has not left run-time mode, and its flash was not written to."""
+    """Whether the device has stayed in run-time mode, with its flash unwritten."""
     return emulator.usb.generation == 1 and not emulator.flash.erasures.any() and not in_dfu_mode(emulator)

@@ -11,7 +11,7 @@ from phasewire.hil.conformance.verdicts import Evidence, Provenance, Result, Run
 __all__ = ["CLEAN", "EVERY", "HOSTILE", "MATRIX", "PROVENANCE"]
 
 HOSTILE = "<script>alert(1)</script> & \"quoted\" 'text' ]]> \x00\x07\x1b[31m\x9b\ud800\ufffe [red] Ωµ"
-"""What a device may call itself; legible is all but the seven controls and halves of characters."""
+"""A possible name of a device; all of it is legible but seven controls and halves of characters."""
 
 PROVENANCE = Provenance(
     suite="0.1.0",
@@ -107,4 +107,4 @@ MATRIX = Matrix(
     ),
     (),
 )
-"""Of some of the cases of `EVERY`, and one that did not run."""
+"""The clauses of some cases of `EVERY`, and of one case that did not run."""

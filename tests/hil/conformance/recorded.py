@@ -54,16 +54,16 @@ def play_mark(emulator: Emulator, device: Device, random: Random) -> Mark:
 
 class Analyser(NamedTuple):
     rate: str
-    """As a session file says it."""
+    """In the notation of a session file."""
     samples_per_tick: float
-    """By the analyser's clock, were it exact."""
+    """For an exact clock of the analyser."""
     ppm: float = 0.0
     """How fast its clock runs."""
     jitter: bool = False
-    """Whether each probe sees half of the samples as they were one before, or will be one later."""
+    """Whether each probe sees half of the samples one sample early or late."""
 
     def sample(self, words: NDArray[np.uint32], start: float, seed: int = 0) -> NDArray[np.uint32]:
-        """What it samples of all outputs from a moment on, in ticks: (samples, 10)."""
+        """Its samples of all outputs from a moment on, in ticks: (samples, 10)."""
         ticks_per_sample = 1 / (self.samples_per_tick * (1 + self.ppm * 1e-6))
         moments = start + np.arange(int((len(words) - start) / ticks_per_sample)) * ticks_per_sample
         seen: NDArray[np.uint32] = words[moments.astype(int)]

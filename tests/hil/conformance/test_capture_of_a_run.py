@@ -124,7 +124,7 @@ def test_what_no_recording_shows_is_inconclusive(
     assert "never.sr" in run.results[0].reason
 
 
-def test_the_recording_of_another_run_is_none_of_this(
+def test_the_recording_of_another_run_is_not_used(
     emulator: Emulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "old.sr"

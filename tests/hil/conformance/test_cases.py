@@ -1,4 +1,4 @@
-"""What a case says if something is not as it should be."""
+"""The message of a case if a value is not the expected one."""
 
 from __future__ import annotations
 

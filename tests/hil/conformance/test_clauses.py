@@ -1,4 +1,4 @@
-"""What is read out of SPEC.md, against its literal words and against a plain count of them."""
+"""The clauses that are read from SPEC.md, against its literal words and a plain count of them."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_chapters_have_their_titles() -> None:
     assert clauses()["BLK-003"].chapter == "BLK"
 
 
-def test_what_says_must_in_several_sentences_or_in_none_is_a_clause() -> None:
+def test_a_name_of_several_musts_or_of_none_is_a_clause() -> None:
     assert resolve("BLK-005") is clauses()["BLK-005"]
     assert resolve("BLK-012") is clauses()["BLK-012"]
     assert "BLK-005" not in requirements()

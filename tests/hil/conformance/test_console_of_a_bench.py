@@ -2,7 +2,7 @@ from phasewire.hil.conformance.running import RunOptions, open_bench
 from phasewire.protocol.framing import LineMode
 
 
-def test_the_console_answers_in_each_case_whatever_one_before_did_to_it() -> None:
+def test_the_console_answers_in_each_case_after_any_other() -> None:
     with open_bench(RunOptions("emulator:")) as bench:
         bench.begin_case("one that leaves frames behind, and no DTR")
         bench.serial.enter_frames()

@@ -25,7 +25,7 @@ def test_cases_have_their_reasons_in_the_order_of_the_file(file: Path) -> None:
     ]
 
 
-def test_an_empty_file_knows_of_none(file: Path) -> None:
+def test_an_empty_file_has_no_known_failures(file: Path) -> None:
     file.write_text("", encoding="utf-8")
     assert read_known_failures(file) == {}
 

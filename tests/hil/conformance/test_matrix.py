@@ -130,7 +130,7 @@ def test_its_record_is_json_and_whole() -> None:
     assert written["USB-022"][0]["reason"] == REASONS["USB-022"]
 
 
-def test_its_table_says_who_shows_what_and_what_lacks() -> None:
+def test_its_table_shows_cases_reasons_and_gaps() -> None:
     console = Console(width=300)
     with console.capture() as captured:
         console.print(Matrix.of([FLIPPED, WHOLE], {"BLK-005/2": "Nobody looks.", "BLK-009": "Nobody waits."}).table())

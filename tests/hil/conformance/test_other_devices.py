@@ -79,7 +79,7 @@ def slow_and_small(patch: Patch) -> None:
 
 
 def weaker(patch: Patch) -> None:
-    """At most 100 transducers' worth of drive (clause SAF-006)."""
+    """A drive limit of 100 transducers (clause SAF-006)."""
     inform(patch, drive_limit=100)
     patch.replace(requests, "VALUES", {**VALUES, Request.LIMIT: range(101)})
 
@@ -173,7 +173,7 @@ def being(device: Device) -> Iterator[None]:
 
 
 def results(device: Device, url: str, only: tuple[str, ...]) -> list[Result]:
-    """What comes of cases on such a device."""
+    """The results of cases on such a device."""
     with being(device):
         run = run_conformance(RunOptions(url, only=only))
     assert not run.trouble
@@ -210,7 +210,7 @@ def test_a_conformant_device_breaks_nothing(device: Device, url: str, only: tupl
 
 
 @pytest.mark.slow
-def test_another_default_of_the_watchdog_breaks_what_asks_for_it_alone() -> None:
+def test_another_default_of_the_watchdog_breaks_only_its_own_cases() -> None:
     found = results(slower_watchdog, "emulator:", ("acknowledgements", "blocks", "requests", "safety", "states"))
     assert [one.case for one in found if one.verdict in (Verdict.FAIL, Verdict.WARN)] == [
         "requests/info-says-what-the-specification-demands",

@@ -202,7 +202,9 @@ def test_a_device_that_a_lever_left_without_power_is_not_to_blame(monkeypatch: p
         ({"capture": "sigrok:."}, r"sigrok:\. is a folder"),
     ],
 )
-def test_what_cannot_be_plugged_in_is_said(bench: None, url: str, options: dict[str, Any], complaint: str) -> None:
+def test_unusable_levers_and_captures_are_refused(
+    bench: None, url: str, options: dict[str, Any], complaint: str
+) -> None:
     with pytest.raises(ValueError, match=complaint):
         run_conformance(RunOptions(url, **options))
 

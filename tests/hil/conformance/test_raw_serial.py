@@ -79,7 +79,7 @@ def test_a_late_answer_is_not_taken_for_that_of_a_request(line: RawSerialLine) -
     assert len(line.events) == 1, "the reply under tag 99"
 
 
-def test_a_port_that_is_not_there_or_goes_away_is_said() -> None:
+def test_a_missing_or_closed_port_is_an_error() -> None:
     with pytest.raises(DeviceNotFoundError, match="no device at"):
         PortWire("serial:///dev/there-is-none")
     with Emulator() as emulator:

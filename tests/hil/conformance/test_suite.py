@@ -145,7 +145,7 @@ IMAGE = Image(
     Version(1, 0, 0),
     (Segment(Target.ALL_PROCESSORS, bytes(range(256)) * 20), Segment(Target.CONTROLLER, bytes(range(250)) * 24)),
 )
-"""As large as the cases of DFU need it."""
+"""Large enough for the cases of DFU."""
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ Attempted = TypeVar("Attempted")
 
 
 def outcome(attempt: Callable[[], Attempted]) -> Attempted | ValueError:
-    """What an attempt gives, or the ValueError that it raises."""
+    """The result of an attempt, or the ValueError that it raises."""
     try:
         return attempt()
     except ValueError as error:

@@ -11,7 +11,7 @@ __all__ = ["project"]
 
 
 def project(hand: Landmarks, aspect: float, view_degrees: float) -> Landmarks:
-    """What the definition of MediaPipe's landmarks says of (21, 3) landmarks in camera coordinates, in metres."""
+    """Landmarks as MediaPipe defines them, of (21, 3) landmarks in camera coordinates, in metres."""
     right, down, away = hand.T
     half = math.tan(math.radians(view_degrees) / 2)
     return np.column_stack(

@@ -40,7 +40,7 @@ def test_two_hands_that_swap_the_tracker_s_numbers_keep_theirs() -> None:
 
 
 def test_of_two_hands_side_by_side_the_tracker_s_numbers_tell_which_is_which() -> None:
-    """Each is nearer to where the other one was."""
+    """Each hand is nearer to the former place of the other."""
     assert numbers(Follower(), [(hand(0, 1), hand(0.06, 2)), (hand(0.05, 1), hand(0.11, 2))]) == [[0, 1], [0, 1]]
 
 

@@ -181,7 +181,7 @@ ENDS: dict[str, Callable[[ServerConnection], object]] = {
 
 
 @pytest.mark.parametrize("end", ENDS.values(), ids=ENDS)
-def test_one_that_goes_away_is_lost_after_its_last_frame(end: Callable[[ServerConnection], object]) -> None:
+def test_a_service_that_goes_away_is_lost_after_its_last_frame(end: Callable[[ServerConnection], object]) -> None:
     def script(connection: ServerConnection) -> None:
         connection.send(json.dumps(leap_frame(1)))
         end(connection)
@@ -198,7 +198,7 @@ def test_a_message_without_measure_is_not_taken() -> None:
         source.next_frame(PATIENCE)
 
 
-# One that is none
+# A server that is no Leap service
 
 
 def a_free_port() -> int:
@@ -260,7 +260,9 @@ def test_another_server_is_no_service(answer: bytes) -> None:
         ("[" * 100_000, TrackerNotFoundError, "does not greet"),
     ],
 )
-def test_a_service_of_another_version_says_so(greeting: str | bytes, error: type[TrackerError], message: str) -> None:
+def test_a_service_of_another_version_is_refused(
+    greeting: str | bytes, error: type[TrackerError], message: str
+) -> None:
     with LeapService(sending(), greeting) as service, pytest.raises(error, match=message) as failed:
         opened(service)
     assert type(failed.value) is error
@@ -297,7 +299,7 @@ def test_addresses(text: str, host: str, port: int, shown: str) -> None:
 @pytest.mark.parametrize(
     "text", ["a:0", "a:65536", "a:b", "a b", "http://a", "::1", "a:1:2", "a:١", "hands.txt/", "a\n"]
 )
-def test_what_is_no_address(text: str) -> None:
+def test_an_invalid_address_of_a_service_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="is no address of a service; such a URL has the form leap:, leap:HOST:PORT"):
         open_hands(f"leap:{text}")
 

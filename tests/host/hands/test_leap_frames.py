@@ -105,7 +105,7 @@ def test_fingers_are_as_wide_as_the_service_says() -> None:
         np.testing.assert_array_equal(only_hand(said).widths, usual)
 
 
-def test_what_no_hand_can_be_is_repaired_and_said() -> None:
+def test_an_impossible_bone_is_repaired_with_a_note() -> None:
     said = leap_frame()
     tip = said["pointables"][2]["tipPosition"]
     said["pointables"][2]["tipPosition"] = [tip[0], tip[1], tip[2] - 200]

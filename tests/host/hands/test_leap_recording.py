@@ -112,7 +112,7 @@ def test_one_frame_has_the_usual_rate(tmp_path: Path) -> None:
     assert read_leap_recording(written(tmp_path, FRAMES[:1])).rate == 110
 
 
-def test_a_hand_that_is_left_out_is_said(tmp_path: Path) -> None:
+def test_a_hand_that_is_left_out_is_noted(tmp_path: Path) -> None:
     frame = leap_frame()
     frame["pointables"].pop()
     (found,) = read_leap_recording(written(tmp_path, [frame])).frames

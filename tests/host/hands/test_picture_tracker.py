@@ -42,14 +42,14 @@ def test_hands_of_another_size_are_as_far_as_their_size_says() -> None:
     np.testing.assert_allclose(frame.hands[0].hand.landmarks, hand.landmarks, atol=1e-12)
 
 
-def test_what_no_hand_can_be_is_left_out_and_said() -> None:
+def test_an_impossible_hand_is_left_out_with_a_note() -> None:
     landmarks = np.full((21, 3), [0.5, 0.5, 0.0])
     frame = PictureTracker(VIEW).frame(0, [SeenHand(landmarks, "right"), seen(hand_at(0, "left"))], ASPECT)
     assert [tracked.hand.side for tracked in frame.hands] == ["left"]
     assert frame.notes == ("a right hand was left out: wrist and knuckles are one point in the picture",)
 
 
-def test_what_is_repaired_is_said() -> None:
+def test_a_repair_is_noted() -> None:
     landmarks = hand_at(0).landmarks.copy()
     landmarks[8] = landmarks[7]
     frame = PictureTracker(VIEW).frame(0, [SeenHand(project(landmarks, ASPECT, 70), "right")], ASPECT)

@@ -36,7 +36,7 @@ def test_a_pose_takes_hands_from_the_tracker_to_the_array(tmp_path: Path) -> Non
     np.testing.assert_allclose(moved.widths, hand.widths * 1.02)
 
 
-def test_a_hand_that_a_pose_makes_impossible_is_left_out_and_that_is_said() -> None:
+def test_a_hand_that_a_pose_makes_impossible_is_left_out_with_a_note() -> None:
     giant, usual = TrackedHand(Hand.flat(length=0.3), 5), TrackedHand(Hand.flat(side="left"), 6)
     frame = Pose(np.eye(3), np.zeros(3), 2.0).apply(HandFrame(0.0, (giant, usual), notes=("note",)))
     assert [each.id for each in frame.hands] == [6]

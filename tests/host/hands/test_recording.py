@@ -50,7 +50,7 @@ def changed(whole: bytes, line: int, change: Callable[[dict[str, Any]], object])
     return b"\n".join(lines) + b"\n"
 
 
-# What is written is read
+# Writing and reading
 
 
 def test_what_is_recorded_is_read_again(tmp_path: Path) -> None:
@@ -276,7 +276,7 @@ def test_hostile_lines_are_refused(text: bytes, message: str, whole: bytes, tmp_
         list(recording)
 
 
-def test_impossible_hands_are_repaired_and_that_is_said(whole: bytes, tmp_path: Path) -> None:
+def test_impossible_hands_are_repaired_with_a_note(whole: bytes, tmp_path: Path) -> None:
     path = tmp_path / "short.hands"
 
     def shorten(frame: dict[str, Any]) -> None:

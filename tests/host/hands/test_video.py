@@ -30,7 +30,7 @@ BLUE[..., 0] = 255  # OpenCV's first colour
 
 
 class Capture:
-    """What `cv2.VideoCapture` does: one picture after the other, and properties by number."""
+    """A stand-in for `cv2.VideoCapture`: one picture after another, and properties by number."""
 
     def __init__(self, times_ms: list[float], rate: float = 25.0, picture: NDArray[np.uint8] = BLUE) -> None:
         self.times, self.rate, self.picture = times_ms, rate, picture
@@ -100,7 +100,7 @@ def test_times_that_are_missing_are_made_by_the_rate(times: list[float], rate: f
     assert [frame.time for frame in frames] == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_video_without_a_picture_is_said() -> None:
+def test_a_video_without_a_picture_is_refused() -> None:
     with pytest.raises(InputFileError, match=r"wave\.mp4 has no picture"):
         list(video_frames("wave.mp4", Capture([]), Finder(), View()))
 
@@ -249,7 +249,7 @@ def test_mediapipe_gets_increasing_milliseconds_and_gives_landmarks(
         landmarker.find(BLUE, 1.0)
 
 
-def test_a_model_that_mediapipe_does_not_take_is_said(monkeypatch: pytest.MonkeyPatch, model: Path) -> None:
+def test_a_model_that_mediapipe_rejects_is_an_error(monkeypatch: pytest.MonkeyPatch, model: Path) -> None:
     installed(monkeypatch, Vision(RuntimeError("Unable to open zip archive.")))
     with pytest.raises(InputFileError, match=r"hand_landmarker\.task is no model .*zip archive.*https://ai\.google"):
         Landmarker(model, 2)
@@ -322,7 +322,7 @@ def test_a_video_is_opened_by_its_url(monkeypatch: pytest.MonkeyPatch, model: Pa
     np.testing.assert_allclose(frames[0].hands[0].hand.landmarks, HAND.landmarks, atol=1e-12)
 
 
-def test_a_file_that_is_no_video_is_said(monkeypatch: pytest.MonkeyPatch, model: Path, vision: Vision) -> None:
+def test_a_file_that_is_no_video_is_refused(monkeypatch: pytest.MonkeyPatch, model: Path, vision: Vision) -> None:
     installed(monkeypatch, vision)
     with pytest.raises(InputFileError, match=r"hand_landmarker\.task is no video that OpenCV can read"):
         open_hands(f"video:{model}?model={model}")
@@ -347,7 +347,7 @@ def test_a_camera_is_opened_by_its_number(monkeypatch: pytest.MonkeyPatch, model
     assert asked == [2]
 
 
-def test_a_camera_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch, model: Path, vision: Vision) -> None:
+def test_a_missing_camera_is_an_error(monkeypatch: pytest.MonkeyPatch, model: Path, vision: Vision) -> None:
     installed(monkeypatch, vision)
     with pytest.raises(TrackerNotFoundError, match=r"camera 7 does not answer: .*camera:0 is the first one"):
         open_hands(f"camera:7?model={model}")

@@ -54,7 +54,7 @@ def last_sound(emulator: Emulator, begin: int = 0) -> int:
 
 
 class Noting:
-    """What the loop says of each pose, with the device's clock at that moment."""
+    """The loop's report of each pose, with the device's clock at that moment."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
@@ -316,7 +316,7 @@ def test_hands_are_moved_ahead_unless_that_is_off() -> None:
 
 
 @pytest.mark.parametrize("ramp", [-0.01, 0.05, float("nan")])
-def test_a_ramp_that_is_none_is_refused(ramp: float) -> None:
+def test_a_ramp_out_of_range_is_refused(ramp: float) -> None:
     with Emulator() as emulator, open_device(emulator.url) as device, pytest.raises(ValueError, match="a ramp of"):
         loop_of(device, source(device.time, 100, 1, still), ramp=ramp)
 

@@ -86,7 +86,7 @@ def test_poses_at_any_moment_play_soon_and_never_out_of_turn(gaps: list[float]) 
         assert found in [pose % 8 for pose in range(newest, len(gaps) + 1)]
 
 
-def test_a_host_that_is_held_up_comes_back_in_phase_and_says_so() -> None:
+def test_a_host_that_is_held_up_comes_back_in_phase_and_counts_it() -> None:
     with Emulator() as emulator, open_device(emulator.url) as device:
         turns = turns_for(device, 200, WATCHDOG)
         turns.show(fields())
@@ -178,7 +178,7 @@ def test_a_line_with_little_room_keeps_the_turns_and_skips_poses_between() -> No
 
 
 @pytest.mark.parametrize("frequency", [0.0, -200.0, float("nan"), float("inf"), 0.1, 41_000.0])
-def test_a_frequency_that_is_none_is_refused(frequency: float) -> None:
+def test_a_frequency_out_of_range_is_refused(frequency: float) -> None:
     with (
         Emulator() as emulator,
         open_device(emulator.url) as device,

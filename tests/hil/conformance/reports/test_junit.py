@@ -15,7 +15,7 @@ CASES = {f"{case.get('classname')}/{case.get('name')}": case for case in WHOLE.i
 
 
 def only(case: str) -> str:
-    """What a case has come to, in JUnit's words."""
+    """The result of a case, in JUnit's words."""
     kinds = [part.tag for part in CASES[case] if part.tag in ("failure", "error", "skipped")]
     assert len(kinds) <= 1
     return kinds[0] if kinds else ""

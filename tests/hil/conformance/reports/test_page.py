@@ -99,7 +99,7 @@ def test_sections_stand_in_the_order_in_which_they_matter() -> None:
     assert [data for inside, data in READ.texts if "nav" in inside] == headings
 
 
-def test_a_clean_run_has_no_section_of_what_is_not() -> None:
+def test_a_clean_run_has_no_empty_section() -> None:
     read = Reader(page(CLEAN, MATRIX))
     assert [data for inside, data in read.texts if inside[-1:] == ("h2",)] == [
         "Provenance",

@@ -1,4 +1,4 @@
-"""What is said on a terminal, and off one."""
+"""The report of a run, with and without a terminal."""
 
 from __future__ import annotations
 

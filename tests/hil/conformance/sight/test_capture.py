@@ -1,4 +1,4 @@
-"""What is seen of the outputs, against the capture of the emulator and the words of chapter PUL."""
+"""The observed outputs, against the capture of the emulator and the words of chapter PUL."""
 
 from __future__ import annotations
 

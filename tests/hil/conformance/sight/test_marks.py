@@ -78,7 +78,7 @@ def test_what_is_no_mark_is_refused(changes: tuple[tuple[int, bool], ...], compl
     st.integers(0, 2**32 - 1),
 )
 def test_a_mark_is_found_to_a_fraction_of_a_sample(rate: float, off: float, start: float, seed: int) -> None:
-    """Whatever the clock's error and its start; edges are seen up to a sample late."""
+    """For any error and start of the clock; edges are seen up to a sample late."""
     before, mark, after = mark_at(100, seed), mark_at(5_000, seed + 1), mark_at(10_000, seed + 2)
     silences = silences_of([before, mark, after], rate * (1 + off), start)
     found = find_mark(mark, silences, rate)
@@ -94,7 +94,7 @@ def test_jitter_of_a_sample_is_borne_and_more_is_not() -> None:
     assert find_mark(mark, silences, 12.0) is None
 
 
-def test_other_marks_are_not_found_nor_one_that_stands_twice() -> None:
+def test_neither_other_marks_nor_a_repeated_one_are_found() -> None:
     marks = [mark_at(100 + 1_000 * seed, seed) for seed in range(30)]
     silences = silences_of(marks, 4.0, 0.0)
     assert all(find_mark(mark, silences, 4.0) is not None for mark in marks)

@@ -35,7 +35,7 @@ def played() -> Played:
 
 
 def equal(seen: Seen, played: Played, channels: Mapping[int, object]) -> bool:
-    """Whether every bit of these outputs is what the emulator did, and the others are said not to be observed."""
+    """Whether every bit of these outputs matches the emulator, and the others are marked as not observed."""
     mask = np.zeros(10, np.uint32)
     for channel in channels:
         mask[channel // 32] |= np.uint32(1 << channel % 32)
@@ -123,7 +123,7 @@ def test_probes_that_are_nowhere_may_share_a_name(tmp_path: Path) -> None:
 
 
 def test_small_pieces_give_the_same(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is read at a time bounds the memory; here some samples, some ticks."""
+    """The size of a read bounds the memory; here it is some samples or some ticks."""
     export(played.capture, tmp_path / "a.sr", range(160, 200))
     monkeypatch.setattr(sigrok, "PIECE_BYTES", 999)
     monkeypatch.setattr(recorded, "TICKS_AT_A_TIME", 77)
@@ -174,7 +174,7 @@ def test_a_recording_of_another_run_is_refused_and_looked_through_once(
         monkeypatch.delattr(recorded, "silences", raising=False)
 
 
-def test_a_mark_that_is_missing_does_no_harm_but_to_what_is_next_to_it(played: Played, tmp_path: Path) -> None:
+def test_a_missing_mark_only_affects_the_stretches_beside_it(played: Played, tmp_path: Path) -> None:
     export(played.capture, tmp_path / "a.sr", range(64))
     foreign = play(77, updates=1).marks[0]
     assert equal(
@@ -282,7 +282,7 @@ def test_what_is_wrong_with_a_file_is_said(
         SigrokObserver(path, {}, played.marks).seen(1, 2)
 
 
-def test_a_map_of_other_probes_is_said(played: Played, tmp_path: Path) -> None:
+def test_a_map_of_other_probes_is_refused(played: Played, tmp_path: Path) -> None:
     path = archive(tmp_path / "a.sr", metadata("probe1=b0p0_00", "probe1=b0p0_00\nprobe2=D1"))
     with pytest.raises(InputFileError, match=r"a\.sr has no probe 'D7'; it has b0p0_00, D1"):
         SigrokObserver(path, {"D7": 5}, played.marks).seen(1, 2)
@@ -290,7 +290,7 @@ def test_a_map_of_other_probes_is_said(played: Played, tmp_path: Path) -> None:
         SigrokObserver(path, {"D1": 0}, played.marks).seen(1, 2)
 
 
-def test_what_is_no_archive_or_a_part_of_one_is_said(played: Played, tmp_path: Path) -> None:
+def test_a_file_that_is_no_whole_archive_is_refused(played: Played, tmp_path: Path) -> None:
     path = tmp_path / "a.sr"
     path.write_text("b0p0_00,0,0,1\n")
     with pytest.raises(InputFileError, match=r"a\.sr is no sigrok session file, or damaged"):
@@ -301,7 +301,7 @@ def test_what_is_no_archive_or_a_part_of_one_is_said(played: Played, tmp_path: P
         SigrokObserver(path, {}, played.marks).seen(1, 2)
 
 
-def test_a_flipped_bit_in_the_samples_is_said(played: Played, tmp_path: Path) -> None:
+def test_a_flipped_bit_in_the_samples_is_an_error(played: Played, tmp_path: Path) -> None:
     path = archive(tmp_path / "a.sr", {"logic-1-2": bytes(1000) + b"here" + bytes(1000)})
     path.write_bytes(path.read_bytes().replace(b"here", b"hera"))
     with pytest.raises(InputFileError, match=r"a\.sr is damaged: .*logic-1-2"):

@@ -1,4 +1,4 @@
-"""What the suite expects of outputs: against pictures drawn by hand, the table of the vectors, and a slow loop."""
+"""The suite's expectations of outputs, against pictures drawn by hand, the table of the vectors, and a slow loop."""
 
 from __future__ import annotations
 
