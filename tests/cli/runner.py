@@ -12,7 +12,7 @@ __all__ = ["Outcome", "Run", "runner"]
 
 
 class Outcome(NamedTuple):
-    """What came of a command."""
+    """The result of a command."""
 
     code: int
     out: str
@@ -23,7 +23,7 @@ Run = Callable[..., Outcome]
 
 
 def runner(captured: pytest.CaptureFixture[str]) -> Run:
-    """What runs a command and catches what it says."""
+    """A function that runs a command and captures its output."""
 
     def run(*arguments: str) -> Outcome:
         with pytest.raises(SystemExit) as exited:

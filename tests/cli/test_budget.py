@@ -1,41 +1,21 @@
-"""``phasewire budget``: what it prints, what it writes, and how it says no."""
+"""``phasewire budget``: its output, its files, and its errors."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
-from phasewire.__main__ import main
 
-
-class Outcome(NamedTuple):
-    code: int
-    out: str
-    err: str
+from .runner import Run
 
 
 @pytest.fixture
-def budget(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Outcome]:
-    """Run the command in a new folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> Outcome:
-        with pytest.raises(SystemExit) as exited:
-            main(["budget", *arguments])
-        captured = capsys.readouterr()
-        return Outcome(int(exited.value.code or 0), captured.out, captured.err)
-
-    return run
-
-
-Run = Callable[..., Outcome]
+def budget(phasewire: Run) -> Run:
+    return partial(phasewire, "budget")
 
 
 @pytest.mark.parametrize(
@@ -109,7 +89,7 @@ def test_the_picture(budget: Run, tmp_path: Path, name: str, begin: bytes) -> No
         (("--picture", "b.png", "--json", "b.png"), "to be written twice"),
     ],
 )
-def test_it_says_no(budget: Run, tmp_path: Path, options: tuple[str, ...], complaint: str) -> None:
+def test_wrong_use_is_refused(budget: Run, tmp_path: Path, options: tuple[str, ...], complaint: str) -> None:
     outcome = budget(*options)
     assert (outcome.code, outcome.out) == (2, "")
     assert complaint in " ".join(outcome.err.split())

@@ -1,51 +1,24 @@
-"""The command line: what it prints, what it writes, and how it says no."""
+"""The command line: its output, its files, and its errors."""
 
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 import typer
 from phasewire import ControlPoints, Emulator, Medium, Sphere, Transducer, TransducerArray, open_device, pressure, solve
-from phasewire.__main__ import main
 from phasewire.cli.commands import HOMES, command_line
 from phasewire.cli.settings import each_command
 from phasewire.signals import unwinding
 from phasewire.solver import METHODS, Star
 from phasewire.solver.fields.files import load_field, load_solution, save_solution
 
-
-class Outcome(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def phasewire(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., Outcome]:
-    """Run the command line in a new folder."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
-
-    def run(*arguments: str) -> Outcome:
-        with pytest.raises(SystemExit) as exited:
-            main(arguments)
-        captured = capsys.readouterr()
-        return Outcome(int(exited.value.code or 0), captured.out, captured.err)
-
-    return run
+from .runner import Run
 
 
 @pytest.fixture
@@ -55,10 +28,7 @@ def solved(tmp_path: Path) -> Path:
     return path
 
 
-Run = Callable[..., Outcome]
-
-
-def test_the_demo_passes_draws_and_tells_the_numbers(phasewire: Run, tmp_path: Path) -> None:
+def test_the_demo_passes_draws_and_writes_a_record(phasewire: Run, tmp_path: Path) -> None:
     outcome = phasewire("demo", "--json", "demo.json")
     assert outcome.code == 0
     assert "PASS" in outcome.out
@@ -146,7 +116,9 @@ def test_field_samples_planes_and_boxes(
 @pytest.mark.parametrize(
     ("name", "begin"), [("f.vti", b"<?xml"), ("f.png", b"\x89PNG"), ("f.svg", b"<?xml"), ("f.npz", b"PK")]
 )
-def test_field_writes_what_the_name_says(phasewire: Run, small: Path, tmp_path: Path, name: str, begin: bytes) -> None:
+def test_field_writes_the_format_of_the_name(
+    phasewire: Run, small: Path, tmp_path: Path, name: str, begin: bytes
+) -> None:
     outcome = phasewire("field", "small.npz", "-o", name, "--plane", "xz", "--extent", "0.04", "--step", "0.01")
     assert outcome.code == 0
     assert (tmp_path / name).read_bytes().startswith(begin)
@@ -158,7 +130,7 @@ def test_field_draws_quantities(phasewire: Run, small: Path, tmp_path: Path, qua
     assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_field_says_where_the_strongest_sample_is(phasewire: Run, small: Path) -> None:
+def test_field_reports_the_strongest_sample(phasewire: Run, small: Path) -> None:
     outcome = phasewire("field", "small.npz", "-o", "f.npz", "--height", "0.05", "--step", "0.002", "--json", "-")
     record = json.loads(outcome.out)
     solution = load_solution(small)
@@ -228,20 +200,7 @@ def test_raw_pulses_can_be_shown(phasewire: Run, tmp_path: Path) -> None:
     assert not capture.drive(capture.periods - 1).any()
 
 
-def test_a_file_solved_for_another_array_is_played_with_a_warning(phasewire: Run) -> None:
-    assert phasewire("solve", "circle", "-o", "same.npz").code == 0
-    assert phasewire("solve", "circle", "-o", "other.npz", "--columns", "16", "--rows", "20").code == 0
-    warned = {name: "warning" in phasewire("show", name, "--seconds", "0").err for name in ("same.npz", "other.npz")}
-    assert warned == {"same.npz": False, "other.npz": True}
-
-
-def test_stop_silences_a_device(phasewire: Run) -> None:
-    outcome = phasewire("stop", "--json", "-")
-    assert outcome.code == 0
-    assert json.loads(outcome.out)["status"]["state"] == "OFF"
-
-
-def test_info_tells_what_the_device_is(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_describes_the_device(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     outcome = phasewire("info", "--device", "emulator:?link=2wire")
     assert outcome.code == 0
     assert "5 boards of 2 processors, 2-wire links" in outcome.out
@@ -288,7 +247,7 @@ def test_too_little_memory_is_code_2(phasewire: Run, monkeypatch: pytest.MonkeyP
     assert (outcome.code, "not enough memory" in outcome.err) == (2, True)
 
 
-def test_show_lasts_as_long_as_asked_and_gives_signs_of_life(phasewire: Run, solved: Path) -> None:
+def test_show_lasts_for_its_seconds_and_feeds_the_watchdog(phasewire: Run, solved: Path) -> None:
     with Emulator(serial="LASTING"):
         outcome = phasewire("show", solved.name, "--device", "emulator:LASTING", "--seconds", "0.5", "--json", "-")
     record = json.loads(outcome.out)
@@ -296,9 +255,7 @@ def test_show_lasts_as_long_as_asked_and_gives_signs_of_life(phasewire: Run, sol
     assert 0.49 * 40_000 <= lasted <= 0.51 * 40_000, "five times as long as the watchdog waits, of the device's time"
 
 
-def test_show_notices_that_the_device_fell_silent(
-    phasewire: Run, solved: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_show_reports_that_the_watchdog_fired(phasewire: Run, solved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Emulator(serial="STALLED") as emulator:
         held_up = lambda keeper, seconds: emulator.run(5000)  # noqa: E731  # for 125 ms
         monkeypatch.setattr("phasewire.emulator.doors.device_time.DeviceTime.sleep", held_up)
@@ -307,13 +264,7 @@ def test_show_notices_that_the_device_fell_silent(
     assert "has turned its outputs off: it heard nothing for 0.1 s" in outcome.err
 
 
-def test_another_carrier_is_warned_of(phasewire: Run, tmp_path: Path) -> None:
-    solution = solve(TransducerArray.grid(), Sphere().sample(), medium=Medium(frequency=25_000))
-    save_solution(tmp_path / "low.npz", solution)
-    assert "the device's carrier has 40000 Hz, not 25000 Hz" in phasewire("show", "low.npz", "--seconds", "0").err
-
-
-def test_the_list_of_commands_says_of_each_what_its_own_help_says() -> None:
+def test_the_list_of_commands_has_the_summary_of_each() -> None:
     said = {name: command.get_short_help_str(1000) for name, command in command_line().commands.items()}
     assert said == {name: home.help for name, home in HOMES.items()}
 
@@ -325,7 +276,7 @@ def test_version(phasewire: Run) -> None:
 @pytest.mark.parametrize(
     ("name", "raised"), [("SIGINT", KeyboardInterrupt), ("SIGTERM", SystemExit), ("SIGHUP", SystemExit)]
 )
-def test_the_first_signal_unwinds_and_others_do_not_disturb(name: str, raised: type[BaseException]) -> None:
+def test_the_first_signal_unwinds_and_later_ones_are_ignored(name: str, raised: type[BaseException]) -> None:
     number = signal.Signals[name]
     before = signal.getsignal(number)
     with unwinding(last=False):
@@ -339,7 +290,7 @@ def test_the_first_signal_unwinds_and_others_do_not_disturb(name: str, raised: t
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_that_a_callback_loses_comes_again(number: int) -> None:
+def test_a_signal_lost_in_a_callback_is_raised_again(number: int) -> None:
     """An exception in ``__del__`` goes no further."""
 
     class Gone:
@@ -368,13 +319,14 @@ def test_a_signal_that_is_ignored_stays_so_and_at_the_end_all_are() -> None:
 
 
 BAD = [
-    # (arguments, exit code, what the message must say)
+    # (arguments, exit code, a part of the message)
     (("solve", "cube", "-o", "x.npz"), 2, "'cube' is neither a shape (asterisk, circle,"),
     (("solve", "sphere:palm=0.5", "-o", "x.npz"), 2, "misses the sphere, which spans 0.12 to 0.22 m"),
-    (("solve", "circle:height=200", "-o", "x.npz"), 2, "out of reach, more than 2 m away; coordinates are in metres"),
-    (("solve", "circle:height=-0.2", "-o", "x.npz"), 2, "circle height -0.2 m must be positive and at most 1000 m"),
-    (("solve", "circle:radius=nan", "-o", "x.npz"), 2, "circle radius nan m must be positive and at most 1000 m"),
-    (("solve", "sphere:radius=1e200", "-o", "x.npz"), 2, "sphere radius 1e+200 m must be positive and at most"),
+    (
+        ("solve", "circle:height=200", "-o", "sphere.npz"),
+        2,
+        "out of reach, more than 2 m away; coordinates are in metres",
+    ),
     (("solve", "circle", "-o", "x.npz", "--columns", "99999999"), 2, "at most 1000000 are possible"),
     (("solve", "circle", "-o", "x.txt"), 2, "x.txt: the name of a solved file ends in .npz"),
     (("solve", "circle", "-o", "no/such/x.npz"), 2, "no/such/x.npz cannot be written: there is no folder no/such"),
@@ -386,11 +338,11 @@ BAD = [
     (("solve", "circle", "-o", "x.npz", "--set", "gamma"), 2, "--set 'gamma' must be a name, = and a value"),
     (("solve", "circle", "-o", "x.npz", "--set", "gamma=x"), 2, "gamma x must be a number between 0 and 1"),
     (("solve", "circle", "-o", "x.npz", "--set", "mu=1", "--set", "mu=2"), 2, "--set mu is given twice"),
-    (("solve", "circle", "-o", "x.npz", "--set", "self=1"), 2, "wgs has no option 'self'; it has output"),
-    (("solve", "circle", "-o", "x.npz", "--set", "medium="), 2, "wgs has no option 'medium'"),
-    (("solve", "circle", "-o", "x.npz", "--set", "precision=double"), 2, "wgs has no option 'precision'"),
-    (("solve", "circle", "-o", "x.npz", "--temperature", "1e200"), 2, "temperature 1e+200 °C must be above"),
-    (("solve", "circle", "-o", "x.npz", "--set", "magic=1"), 2, "wgs has no option 'magic'; it has output"),
+    (
+        ("solve", "circle", "-o", "x.npz", "--set", "precision=double"),
+        2,
+        "wgs has no option 'precision'; it has",
+    ),
     (("solve", "circle", "-o", "x.npz", "--transducer", "T"), 2, "unknown transducer 'T'; known are MA40S4S"),
     (("solve", "circle", "-o", "x.npz", "--model", "point"), 2, "unknown transducer model 'point'; known are monopole"),
     (("solve", "circle", "-o", "x.npz", "--humidity", "101"), 2, "humidity 101.0 % must lie between 0 and 100 %"),
@@ -398,14 +350,11 @@ BAD = [
     (("solve", "circle", "-o", "x.npz", "--spacing", "0"), 2, "spacing 0.0 m must be positive"),
     (("solve", "circle", "-o", "x.npz", "--temperature", "-400"), 2, "temperature -400.0 °C"),
     (("solve", "behind.csv", "-o", "x.npz"), 2, "control point 1 at [0.0, 0.0, -0.1] m is on the array or behind it"),
-    (("solve", "on.csv", "-o", "x.npz"), 2, "control point 0 at [0.0, 0.0, 0.0] m is on the array or behind it"),
     (("solve", "nan.csv", "-o", "x.npz"), 2, "nan.csv: control point 0 is [0.0, nan, 0.2]"),
-    (("solve", "negative.csv", "-o", "x.npz"), 2, "amplitude -1.0 of control point 0"),
     (("solve", "missing.csv", "-o", "x.npz"), 2, "missing.csv"),
     (("show", "missing.npz"), 2, "phasewire: missing.npz: No such file or directory"),
     (("show", "truncated.npz"), 2, "truncated.npz is truncated, corrupted or not an NPZ file"),
     (("show", "corrupted.npz"), 2, "corrupted.npz is truncated, corrupted or not an NPZ file"),
-    (("show", "behind.csv"), 2, "behind.csv is truncated, corrupted or not an NPZ file"),
     (("show", "other.npz"), 2, "other.npz holds neither a solution nor pulses"),
     (("show", "short.npz"), 2, "64 pulses for a device with 320 transducers"),
     (("show", "wide.npz"), 2, "wide.npz: width 26 of transducer 0 is outside 0 to 25 ticks"),
@@ -426,7 +375,6 @@ BAD = [
     (("field", "sphere.npz", "-o", "f.png", "--quantity", "taste"), 2, "unknown quantity 'taste'; known are pressure"),
     (("field", "sphere.npz", "-o", "f.png", "--plane", "xz", "--quantity", "oil"), 2, "oil lies level"),
     (("field", "sphere.npz", "-o", "f.vti", "--quantity", "oil"), 2, "f.vti: --quantity chooses what a picture shows"),
-    (("field", "sphere.npz", "-o", "f.npz", "--plane", "xz", "--extent", "nan"), 2, "extent nan m must be positive"),
     (("field", "sphere.npz", "-o", "f.npz", "--height", "-1"), 2, "height -1.0 m must be positive"),
     (("focus", "truncated.npz"), 2, "truncated.npz is truncated, corrupted"),
     (("focus", "sphere.npz", "--json", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
@@ -434,8 +382,6 @@ BAD = [
     (("field", "sphere.npz", "-o", "f.png", "--height", "0.0001"), 2, "the model 'piston' needs at least 4.50 mm"),
     (("field", "sphere.npz", "-o", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
     (("show", "sphere.npz", "--json", "sphere.npz"), 2, "sphere.npz cannot be written: it is also what is read"),
-    (("solve", "polygon:sides=4.5", "-o", "x.npz"), 2, "polygon sides '4.5' is not a whole number"),
-    (("solve", "star", "-o", "x.npz", "--spacing", "0"), 2, "spacing 0.0 m must be positive and finite"),
     (("solve", "polyline:vertices=on.csv", "-o", "x.npz"), 2, "all of whose corners lie at [0.0, 0.0, 0.0] m has no"),
     (("solve", "polyline:vertices=missing.csv", "-o", "x.npz"), 2, "missing.csv"),
     (
@@ -447,11 +393,10 @@ BAD = [
     (("solve", "circle", "-o", "x.npz", "--json", "x.npz"), 2, "x.npz cannot be written: it is to be written twice"),
     (("show", "sphere.npz", "--json", "."), 2, "'.' cannot be written: it is a folder"),
     (("field", "sphere.npz", "-o", "f.png", "--extent", "1e200"), 2, "makes more than 4000000 samples"),
-    (("field", "sphere.npz", "-o", "f.png", "--extent", "0.0005"), 2, "is too long for a plane of 0.0005 m"),
+    (("reproduce", "figure6", "-o", "x.txt"), 2, "x.txt: a picture's name ends in .png"),
     (("demo", "--picture", "demo.gif"), 2, "demo.gif: a picture's name ends in"),
     (("demo", "--json", "no/such/demo.json"), 2, "there is no folder no/such"),
     (("field", "sphere.npz", "-o", "no/such/f.png"), 2, "there is no folder no/such"),
-    (("field", "sphere.npz", "-o", "no/such/f.npz"), 2, "there is no folder no/such"),
     (("dance",), 2, "No such command 'dance'"),
     (("solve",), 2, "Missing argument"),
 ]
@@ -464,7 +409,6 @@ def test_bad_input_gets_a_clear_error(
     (tmp_path / "behind.csv").write_text("0,0,0.2\n0,0,-0.1\n")
     (tmp_path / "on.csv").write_text("0,0,0\n")
     (tmp_path / "nan.csv").write_text("0,nan,0.2\n")
-    (tmp_path / "negative.csv").write_text("0,0,0.2,-1\n")
     whole = solved.read_bytes()
     (tmp_path / "truncated.npz").write_bytes(whole[:5000])
     drive_at = whole.index(b"drive.npy") + 1000
@@ -488,47 +432,3 @@ def test_names_are_printed_as_they_are(phasewire: Run, tmp_path: Path) -> None:
     assert "Written to [/b]:key:.npz" in phasewire("solve", "circle", "-o", "[/b]:key:.npz").out
     assert "[/b].png" in phasewire("field", "[/b]:key:.npz", "-o", "[/b].png", "--step", "0.01").out
     assert "[red]:key:.npz: No such file" in phasewire("show", "[red]:key:.npz").err
-
-
-def test_an_existing_file_survives_a_failed_command(phasewire: Run, solved: Path) -> None:
-    before = solved.read_bytes()
-    assert phasewire("solve", "circle:height=200", "-o", solved.name).code == 2
-    assert solved.read_bytes() == before
-
-
-def test_the_module_runs_as_a_program(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "phasewire", "show", "nothing.npz"]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
-    assert ended.returncode == 2
-    assert ended.stdout == ""
-    assert "nothing.npz" in ended.stderr
-    assert "Traceback" not in ended.stderr
-
-
-def test_ctrl_c_ends_a_show_with_the_outputs_off(solved: Path) -> None:
-    command = [sys.executable, "-m", "phasewire", "show", str(solved), "--forever", "--json", "-"]
-    environment = {name: value for name, value in os.environ.items() if name != "PHASEWIRE_DEVICE"}
-    with subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
-        preexec_fn=heed_ctrl_c,
-    ) as showing:
-        try:
-            assert showing.stderr is not None
-            assert "plays" in showing.stderr.readline()
-            time.sleep(0.2)
-            showing.send_signal(signal.SIGINT)
-            out, err = showing.communicate(timeout=20)
-        finally:
-            showing.kill()
-    assert showing.returncode == 0
-    assert "outputs are off" in err
-    assert json.loads(out)["status"]["missed_commits"] == 0
-
-
-def heed_ctrl_c() -> None:
-    """Undo an inherited choice to ignore it, as under nohup."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)

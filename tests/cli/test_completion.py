@@ -1,4 +1,4 @@
-"""What shells offer while a command is typed."""
+"""Completion by shells."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Offers = Callable[..., list[str]]
 
 @pytest.fixture
 def offers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Offers:
-    """What bash is offered for the last of some words, in a new folder."""
+    """The completions of bash for the last of some words, in a new folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("_PHASEWIRE_COMPLETE", "complete_bash")
 
@@ -80,7 +80,7 @@ def test_devices_are_offered_by_scheme_and_by_name(offers: Offers, monkeypatch: 
     assert looked[1:] == [["emulator"], ["emulator"], []]
 
 
-def test_a_wrong_file_of_defaults_keeps_nothing_back(
+def test_completion_works_with_an_invalid_file_of_defaults(
     offers: Offers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "bad.toml").write_text("bad")
@@ -88,7 +88,7 @@ def test_a_wrong_file_of_defaults_keeps_nothing_back(
     assert offers("sh") == ["show"]
 
 
-def test_nothing_slow_is_imported_for_it() -> None:
+def test_completion_imports_no_slow_module() -> None:
     words = {"COMP_WORDS": "phasewire\ninfo\n--device\n", "COMP_CWORD": "3", "_PHASEWIRE_COMPLETE": "complete_bash"}
     code = f"""
 import sys
@@ -107,7 +107,7 @@ finally:
 
 
 def script(shell: str) -> str:
-    """The script that makes a shell complete, as somebody gets it who asks for it in that shell."""
+    """The completion script that ``--show-completion`` prints in a shell."""
     ended = subprocess.run(
         [shell, "-c", f"{sys.executable} -m phasewire --show-completion; true"],
         capture_output=True,

@@ -1,16 +1,16 @@
-"""``phasewire decode``: what it prints, what it writes, and its exit codes."""
+"""``phasewire decode``: its output, its files, and its exit codes."""
 
 from __future__ import annotations
 
 import io
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 from phasewire import Emulator, Solution, open_device
-from phasewire.__main__ import main
 from phasewire.cli.decode import explain
 from phasewire.emulator.doors.backend import EmulatorBackend
 from phasewire.hil.traffic import Piece, Traffic
@@ -20,6 +20,7 @@ from phasewire.protocol.framing import SerialFrame, encode
 from phasewire.protocol.replies import Ack
 
 from tests.captures import bulk_in, bulk_out, control, pcapng
+from tests.cli.runner import Run
 from tests.strategies import update
 
 SILENT = Pulses.silent(320)
@@ -29,26 +30,9 @@ ACK = Ack(Reason.ACCEPTED, 1, 300, 14_000, AckFlag(0), 3, State.PLAYING).encode(
 GET_INFO = bytes.fromhex("c1 01 0000 0000 4000")
 
 
-class Outcome(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
 @pytest.fixture
-def decode(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the command in a new folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> Outcome:
-        with pytest.raises(SystemExit) as exited:
-            main(("decode", *arguments))
-        return Outcome(int(exited.value.code or 0), *capsys.readouterr())
-
-    return run
+def decode(phasewire: Run) -> Run:
+    return partial(phasewire, "decode")
 
 
 @pytest.fixture
@@ -120,7 +104,7 @@ def test_only_what_is_invalid_can_be_shown(decode: Run, capture: Path) -> None:
     assert "3 invalid" in outcome.err
 
 
-def test_json_holds_what_the_lines_say_and_more(decode: Run, tmp_path: Path) -> None:
+def test_json_has_the_fields_of_each_piece(decode: Run, tmp_path: Path) -> None:
     (tmp_path / "b.bin").write_bytes(GOOD + ACK)
     outcome = decode("b.bin", "--pulses", "--json", "b.json")
     assert outcome.code == 0
@@ -202,7 +186,7 @@ def test_no_json_is_left_of_a_recording_that_breaks_off(decode: Run, capture: Pa
     assert not (tmp_path / "c.json").exists()
 
 
-def test_what_host_and_device_say_to_each_other_is_valid(
+def test_a_whole_session_is_valid(
     decode: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sphere_solution: Solution
 ) -> None:
     """A session with the emulator, as a bus would have shown it."""

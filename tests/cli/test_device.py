@@ -1,32 +1,23 @@
-"""Commands that ask a device one thing or tell it one, and what they say where it is not the one that was meant."""
+"""Commands that make one request to a device, and their notes about a device that is fresh or not named."""
 
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from phasewire import Emulator, Pulses, open_device
 from phasewire.emulator import faults
 
-from .runner import Run, runner
-
-
-@pytest.fixture
-def phasewire(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the command line in a new folder."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
-    return runner(capsys)
+from .runner import Run
 
 
 def pulses(width: int) -> Pulses:
     return Pulses(np.zeros(320, int), np.full(320, width))
 
 
-def test_what_did_not_begin_together_is_read_back_as_such(phasewire: Run, emulator: Emulator) -> None:
-    """REQ-007: where a processor has missed a commit."""
+def test_read_back_reports_mixed_pulses(phasewire: Run, emulator: Emulator) -> None:
+    """REQ-007: after a processor has missed a commit."""
     device = open_device(emulator.url)
     device.show(pulses(1))
     emulator.run(10)
@@ -41,7 +32,7 @@ def test_what_did_not_begin_together_is_read_back_as_such(phasewire: Run, emulat
     assert str(2**64 - 1) not in outcome.out + outcome.err
 
 
-# Which device was meant
+# Notes about the device
 
 
 NOTE = "is a fresh emulated device"
@@ -60,7 +51,7 @@ NOTE = "is a fresh emulated device"
         "stop --device emulator:?link=2wire",
     ],
 )
-def test_who_speaks_to_a_fresh_emulated_device_is_told_so(phasewire: Run, line: str) -> None:
+def test_a_fresh_emulated_device_is_announced(phasewire: Run, line: str) -> None:
     outcome = phasewire(*line.split())
     assert outcome.code == 0
     assert NOTE in outcome.err
@@ -69,13 +60,13 @@ def test_who_speaks_to_a_fresh_emulated_device_is_told_so(phasewire: Run, line: 
 
 
 @pytest.mark.parametrize("line", ["stop", "reset", "identify 1", "watchdog 0.5", "limit 100", "clear-faults"])
-def test_who_names_a_device_is_not(phasewire: Run, emulator: Emulator, line: str) -> None:
+def test_a_named_device_is_not_announced(phasewire: Run, emulator: Emulator, line: str) -> None:
     outcome = phasewire(*line.split(), "--device", emulator.url)
     assert (outcome.code, outcome.err) == (0, "")
-    assert phasewire("info").err == ""  # which changes nothing
+    assert phasewire("info").err == ""  # it only reads
 
 
-def test_who_leaves_a_device_playing_is_told_how_to_stop_that_one(phasewire: Run, emulator: Emulator) -> None:
+def test_a_playing_device_is_left_with_the_command_that_stops_it(phasewire: Run, emulator: Emulator) -> None:
     outcome = phasewire("play", "circle", "--unattended", "--device", emulator.url)
     stop = f"`phasewire stop --device {emulator.url}`"
     assert stop in outcome.err
@@ -85,7 +76,7 @@ def test_who_leaves_a_device_playing_is_told_how_to_stop_that_one(phasewire: Run
     assert "It plays on" not in phasewire("play", "circle", "--unattended").out
 
 
-# What is told to it
+# Requests
 
 
 def test_a_watchdog_time_and_a_drive_limit_are_set(phasewire: Run, emulator: Emulator) -> None:
@@ -103,8 +94,8 @@ def test_the_watchdog_can_be_set_while_it_plays_and_the_limit_stops_it(phasewire
     assert emulator.running.state.name == "OFF"
 
 
-def test_faults_are_cleared_and_what_is_left_is_told(phasewire: Run, emulator: Emulator) -> None:
-    """REQ-011: that of SUPPLY when it is within its limits again, that of a dead board not."""
+def test_faults_are_cleared_and_the_remaining_ones_are_named(phasewire: Run, emulator: Emulator) -> None:
+    """REQ-011: SUPPLY once it is within its limits again, but not the fault of a dead board."""
     emulator.inject(faults.WrongSupply(millivolts=9000, board=4, periods=400))
     emulator.run(1000)
     assert emulator.running.status().faults
@@ -117,5 +108,5 @@ def test_faults_are_cleared_and_what_is_left_is_told(phasewire: Run, emulator: E
 
 
 @pytest.mark.parametrize("line", ["watchdog 0.009", "watchdog 61", "watchdog nan", "watchdog inf", "limit 321"])
-def test_what_no_device_takes_is_wrong_use(phasewire: Run, line: str) -> None:
+def test_values_out_of_range_are_wrong_use(phasewire: Run, line: str) -> None:
     assert phasewire(*line.split()).code == 2

@@ -1,21 +1,17 @@
-"""`phasewire devices` and `phasewire doctor`: what they print, and their exit codes."""
+"""`phasewire devices` and `phasewire doctor`: their output and their exit codes."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from phasewire import Emulator
-from phasewire.__main__ import main
 from phasewire.emulator import faults
 from phasewire.emulator.doors.umockdev import run_under_mock
 from phasewire.host.finding.computer_checks import udev_rule
@@ -23,32 +19,15 @@ from phasewire.host.finding.doctor import CHECKS
 from phasewire.protocol.enumeration import FULL_SPEED
 
 from ..host.buses import in_dfu_mode
+from .runner import Outcome, Run
 
 PHASEWIRE = [sys.executable, "-m", "phasewire"]
 
 
-class Outcome(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
 @pytest.fixture
-def phasewire(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the command line."""
-    monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
+def phasewire(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> Run:
     monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*arguments: str) -> Outcome:
-        with pytest.raises(SystemExit) as exited:
-            main(arguments)
-        captured = capsys.readouterr()
-        return Outcome(int(exited.value.code or 0), captured.out, captured.err)
-
-    return run
+    return phasewire
 
 
 # In this process
@@ -74,7 +53,7 @@ def test_devices_are_listed(phasewire: Run) -> None:
     }
 
 
-def test_where_nothing_is_found_it_says_what_to_try(phasewire: Run, tmp_path: Path) -> None:
+def test_without_a_device_the_next_steps_are_printed(phasewire: Run, tmp_path: Path) -> None:
     outcome = phasewire("devices", "--json", str(tmp_path / "devices.json"))
     assert (outcome.code, outcome.out) == (3, "")
     assert "phasewire doctor" in outcome.err
@@ -92,7 +71,7 @@ def test_a_line_that_fails_is_a_warning(phasewire: Run, monkeypatch: pytest.Monk
     assert "libusb could not be loaded" in outcome.err
 
 
-def test_the_doctor_tells_each_finding(phasewire: Run, emulator: Emulator) -> None:
+def test_the_doctor_prints_each_finding(phasewire: Run, emulator: Emulator) -> None:
     outcome = phasewire("doctor", "--device", emulator.url)
     assert outcome.code == 0
     lines = [line for line in outcome.out.splitlines() if "→" not in line]
@@ -117,11 +96,10 @@ def test_a_check_that_fails_is_code_1(phasewire: Run, emulator: Emulator) -> Non
     assert "→ let it cool below 80 °C" in outcome.out
 
 
-def test_a_warning_is_code_0() -> None:
-    """Under full speed everything works, only slower."""
-    with Emulator(serial="CLI-D", speed=FULL_SPEED), pytest.raises(SystemExit) as exited:
-        main(["doctor", "--device", "emulator:CLI-D"])
-    assert not exited.value.code
+def test_a_warning_is_code_0(phasewire: Run) -> None:
+    """At full speed everything works, only slower."""
+    with Emulator(serial="CLI-D", speed=FULL_SPEED):
+        assert phasewire("doctor", "--device", "emulator:CLI-D").code == 0
 
 
 def test_no_device_is_code_3(phasewire: Run) -> None:
@@ -145,20 +123,6 @@ def test_the_only_device_is_examined_unless_the_environment_names_one(
 def test_the_udev_rule_is_printed_as_it_is(phasewire: Run) -> None:
     outcome = phasewire("doctor", "--udev-rule")
     assert outcome == (0, udev_rule(), "")
-
-
-def test_the_fresh_emulator_passes_as_a_process() -> None:
-    environment = {name: value for name, value in os.environ.items() if name != "PHASEWIRE_DEVICE"}
-    ended = subprocess.run(
-        [*PHASEWIRE, "doctor", "--device", "emulator:"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        env=environment,
-    )
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert "two silent patterns" in ended.stdout
 
 
 # On a mocked Linux, through the real libusb
@@ -230,8 +194,8 @@ def may_mount() -> bool:
 
 
 @needs("udevadm", "unshare")
-def test_udev_gives_access_to_arrays_and_to_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """udev's own judgement of devices in both modes, of a console, and of somebody else's with the same numbers."""
+def test_udev_gives_access_to_arrays_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """udev judges devices in both modes, a console, and a foreign device with the same numbers."""
     if not may_mount():
         pytest.skip("no right to mount, which keeps the rule out of the computer's own")
     foreign = Emulator(serial="OTHERS")
@@ -245,7 +209,7 @@ def test_udev_gives_access_to_arrays_and_to_nothing_else(tmp_path: Path, monkeyp
     code, out, err = under_mock(tmp_path, *command, machines=machines)
     assert code == 0, out + err
     told = {part.splitlines()[0]: part for part in out.split("DEVICE=")[1:]}
-    assert "60-phasewire.rules: " not in out  # where udev complains
+    assert "60-phasewire.rules: " not in out  # udev's complaints
     access = {device: bool(re.search("^TAGS=.*:uaccess:", text, re.MULTILINE)) for device, text in told.items()}
     assert access == {"1-1": True, "1-1/1-1:1.1/tty/ttyACM0": True, "1-2": True, "1-3": False}
     ignored = {device: "ID_MM_DEVICE_IGNORE=1" in text for device, text in told.items()}

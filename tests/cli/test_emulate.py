@@ -22,12 +22,12 @@ from typing import Any
 import pytest
 import serial
 from cobs import cobs
-from phasewire.__main__ import main
 from phasewire.protocol.blocks import Block, Update, pack
 from phasewire.protocol.codes import Fault, Reason, Request, State
 from phasewire.protocol.pulses import Pulses
 from phasewire.protocol.replies import Ack, Info, Status
 
+from tests.cli.runner import Run
 from tests.emulator.usbip_client import Client, client_on, setup
 
 LOOPBACK = "127.0.0.1"
@@ -37,7 +37,7 @@ STATUS_REQUEST = bytes.fromhex("05032AC102 01 0101 0240 05CDC288CE 00")  # the w
 
 
 class Served:
-    """The process, and what it announced."""
+    """The process and its announcement."""
 
     def __init__(self, process: subprocess.Popen[str], announced: dict[str, Any]) -> None:
         self.process = process
@@ -52,7 +52,7 @@ class Served:
             yield client
 
     def end(self, number: signal.Signals) -> tuple[int, str]:
-        """Send a signal, and wait for the exit code and what was said on standard error."""
+        """Send a signal; returns the exit code and the text on standard error."""
         self.process.send_signal(number)
         _, said = self.process.communicate(timeout=PATIENCE)
         return self.process.returncode, said
@@ -75,7 +75,7 @@ def emulate(*options: str) -> Iterator[Served]:
     ("pace", "speed", "packet", "number"),
     [("wall", "high", 512, signal.SIGINT), ("fast", "full", 64, signal.SIGTERM)],
 )
-def test_devices_are_served_used_and_gone(pace: str, speed: str, packet: int, number: signal.Signals) -> None:
+def test_devices_are_served_until_a_signal(pace: str, speed: str, packet: int, number: signal.Signals) -> None:
     names = ("--serial-number", "left", "--serial-number", "right")
     with emulate("--pace", pace, "--speed", speed, *names) as served:
         assert [device["serial"] for device in served.announced["devices"]] == ["left", "right"]
@@ -96,7 +96,7 @@ def test_devices_are_served_used_and_gone(pace: str, speed: str, packet: int, nu
             assert client.request(0xC1, 99, length=4).status == STALLED
             waits = client.submit(0x81, 512)
             assert client.wait_for(client.unlink(waits)).status == -104
-            client.enumerate()  # a bus reset and what follows
+            client.enumerate()  # after a bus reset
             status = Status.decode(client.request(0xC1, Request.STATUS, length=Status.BYTES).data)
             assert not status.enabled
         with served.client("1-2") as client:
@@ -145,14 +145,14 @@ def test_a_serial_line_carries_text_and_frames(kind: str, pace: str) -> None:
             port.write(b"\r")
             assert port.read_until(b"> ")[-2:] == b"> "
             port.write(bytes.fromhex("00") + STATUS_REQUEST)
-            assert port.read_until(b"\0")[-1:] == b"\0"  # what was text ends here
+            assert port.read_until(b"\0")[-1:] == b"\0"  # the end of the text
             answer = cobs.decode(port.read_until(b"\0")[:-1])
         assert answer[:3] == bytes([4, 0x2A, 0])  # REPLY, tag, DONE
         status = Status.decode(answer[3:-4])
         assert (status.enabled, zlib.crc32(answer[:-4])) == (False, int.from_bytes(answer[-4:], "little"))
 
 
-def test_on_a_terminal_it_says_what_to_type_and_how_things_are_and_ends_in_time() -> None:
+def test_a_terminal_shows_commands_and_states_until_the_time_is_over() -> None:
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "phasewire", "emulate", "--port", "0", "--seconds", "0.3"]
     with subprocess.Popen(command, stdout=theirs, stderr=theirs, close_fds=True) as process:
@@ -186,50 +186,39 @@ def test_on_a_terminal_it_says_what_to_type_and_how_things_are_and_ends_in_time(
         (["--serial", "tcp", "--baud", "0"], "0 baud"),
     ],
 )
-def test_wrong_use_is_refused(options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as exited:
-        main(["emulate", *options])
-    assert exited.value.code == 2
-    assert message in " ".join(capsys.readouterr().err.split())
+def test_wrong_use_is_refused(phasewire: Run, options: list[str], message: str) -> None:
+    outcome = phasewire("emulate", *options)
+    assert outcome.code == 2
+    assert message in " ".join(outcome.err.split())
 
 
-def test_a_port_that_is_taken_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_occupied_port_is_named(phasewire: Run) -> None:
     with closing(socket.create_server((LOOPBACK, 0))) as other:
         port = other.getsockname()[1]
-        with pytest.raises(SystemExit) as exited:
-            main(["emulate", "--port", str(port)])
-    assert exited.value.code == 2
-    assert f"cannot listen on {LOOPBACK}, port {port}" in capsys.readouterr().err
+        outcome = phasewire("emulate", "--port", str(port))
+    assert outcome.code == 2
+    assert f"cannot listen on {LOOPBACK}, port {port}" in outcome.err
 
 
-def test_listening_to_everybody_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as exited:
-        main(["emulate", "--host", "0.0.0.0", "--port", "0", "--seconds", "0"])
-    captured = capsys.readouterr()
-    assert exited.value.code == 0
-    assert "warning: whoever reaches 0.0.0.0" in captured.err
-    assert "warning" not in captured.out
+def test_listening_on_all_interfaces_gives_a_warning(phasewire: Run) -> None:
+    outcome = phasewire("emulate", "--host", "0.0.0.0", "--port", "0", "--seconds", "0")
+    assert outcome.code == 0
+    assert "warning: whoever reaches 0.0.0.0" in outcome.err
+    assert "warning" not in outcome.out
 
 
-def run(arguments: list[str]) -> int:
-    """The exit code of a command line."""
-    with pytest.raises(SystemExit) as ended:
-        main(arguments)
-    return int(ended.value.code or 0)
-
-
-def test_the_way_of_an_update_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_time_line_of_an_update_is_drawn(phasewire: Run, tmp_path: Path) -> None:
     """50.215 and 70.615 µs by clause BUD-003."""
     for link, ready in (("5wire", "50.2"), ("2wire", "70.6")):
-        picture = tmp_path / f"{link}.png"
-        assert run(["emulate", "--timeline", str(picture), "--link", link]) == 0
-        assert picture.read_bytes().startswith(b"\x89PNG")
-        assert f"all tables ready {ready} µs" in capsys.readouterr().out
-    assert run(["emulate", "--timeline", str(tmp_path / "p.xyz")]) == 2
-    assert "a picture's name ends in .png" in capsys.readouterr().err
+        outcome = phasewire("emulate", "--timeline", f"{link}.png", "--link", link)
+        assert outcome.code == 0
+        assert (tmp_path / f"{link}.png").read_bytes().startswith(b"\x89PNG")
+        assert f"all tables ready {ready} µs" in outcome.out
+    outcome = phasewire("emulate", "--timeline", "p.xyz")
+    assert (outcome.code, "a picture's name ends in .png" in outcome.err) == (2, True)
 
 
-def test_what_the_outputs_did_is_exported_at_the_end(tmp_path: Path) -> None:
+def test_the_outputs_are_exported_at_the_end(tmp_path: Path) -> None:
     path = tmp_path / "last.vcd"
     with emulate("--export", str(path)) as served:
         with served.client() as client:
@@ -241,22 +230,16 @@ def test_what_the_outputs_did_is_exported_at_the_end(tmp_path: Path) -> None:
     assert path.read_text().count("1") > 320
 
 
-def test_a_flash_is_kept_from_one_time_to_the_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "flash.bin"
-    options = ["emulate", "--port", "0", "--seconds", "0", "--flash", str(path), "--json", "-"]
-    assert run([*options, "--serial-number", "KEPT-1"]) == 0
-    capsys.readouterr()
-    assert run(options) == 0
-    assert json.loads(capsys.readouterr().out)["devices"][0]["serial"] == "KEPT-1"
-    assert run(["emulate", "--flash", str(path), "--count", "2"]) == 2
-    assert "is the flash of one device, not of 2" in capsys.readouterr().err
-    path.write_bytes(b"too short")
-    assert run(options) == 2
-    assert "a flash is kept in a file of" in capsys.readouterr().err
+def test_a_flash_file_serves_one_device_and_has_its_size(phasewire: Run, tmp_path: Path) -> None:
+    outcome = phasewire("emulate", "--flash", "flash.bin", "--count", "2")
+    assert (outcome.code, "is the flash of one device, not of 2" in outcome.err) == (2, True)
+    (tmp_path / "flash.bin").write_bytes(b"too short")
+    outcome = phasewire("emulate", "--port", "0", "--seconds", "0", "--flash", "flash.bin")
+    assert (outcome.code, "a flash is kept in a file of" in outcome.err) == (2, True)
 
 
 def test_a_flash_outlives_a_process_that_is_killed(tmp_path: Path) -> None:
-    """What is written at each step of an upgrade is `test_upgrade`'s business."""
+    """`test_upgrade` checks what each step of an upgrade writes."""
     path = tmp_path / "flash.bin"
     with emulate("--flash", str(path), "--serial-number", "KEPT-1") as served:
         served.process.kill()
@@ -265,7 +248,7 @@ def test_a_flash_outlives_a_process_that_is_killed(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_scenario_breaks_what_it_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scenario_breaks_what_it_names(phasewire: Run, tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
     path.write_text('[[fault]]\nname = "hot-board"\nboard = 2\ncelsius = 90\n')
     with emulate("--scenario", str(path)) as served:
@@ -279,11 +262,12 @@ def test_a_scenario_breaks_what_it_names(tmp_path: Path, capsys: pytest.CaptureF
             assert (status.faults, status.state, status.temperature_c) == (Fault.TEMPERATURE, State.FAULT, 90)
         assert served.end(signal.SIGTERM)[0] == 0
     path.write_text('[[fault]]\nname = "cold-board"\n')
-    assert run(["emulate", "--seconds", "0", "--scenario", str(path)]) == 2
-    assert "scenario.toml, fault 1: unknown name 'cold-board'; known are" in " ".join(capsys.readouterr().err.split())
+    outcome = phasewire("emulate", "--seconds", "0", "--scenario", "scenario.toml")
+    assert outcome.code == 2
+    assert "scenario.toml, fault 1: unknown name 'cold-board'; known are" in " ".join(outcome.err.split())
 
 
 @pytest.mark.skipif(shutil.which("umockdev-wrapper") is None, reason="umockdev is not installed")
-def test_a_program_sees_the_devices_on_its_usb(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_program_under_umockdev_gives_its_exit_code(phasewire: Run) -> None:
     command = f"{sys.executable} -c 'import sys; sys.exit(5)'"
-    assert run(["emulate", "--umockdev", command]) == 5
+    assert phasewire("emulate", "--umockdev", command).code == 5

@@ -1,4 +1,4 @@
-"""``phasewire flash``: what it prints, how it ends, and what it leaves behind."""
+"""``phasewire flash``: its output, its exit codes, and the device after it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import re
 import shlex
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_private_key
@@ -21,6 +21,7 @@ from phasewire.emulator import faults
 from phasewire.protocol.codes import Bank
 from phasewire.protocol.firmware import build
 
+from tests.cli.runner import Run
 from tests.host.upgrades import (
     FACTORY,
     FILE,
@@ -34,23 +35,12 @@ from tests.host.upgrades import (
     untouched,
 )
 
-
-class Outcome(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
 GUIDE = (Path(__file__).parents[2] / "docs" / "flashing.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
-def phasewire(
-    emulator: Emulator, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Run:
+def phasewire(phasewire: Run, emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run ``phasewire flash`` on an emulated device, in a folder with images and keys."""
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PHASEWIRE_DEVICE", emulator.url)
     for name, content in (
         ("new.dfu", FILE),
@@ -62,14 +52,7 @@ def phasewire(
         ("other.pem", generate_private_key(SECP256R1()).public_key().public_bytes(Encoding.PEM, SPKI)),
     ):
         Path(name).write_bytes(content)
-
-    def run(*arguments: str) -> Outcome:
-        with pytest.raises(SystemExit) as exited:
-            main(["flash", *arguments])
-        captured = capsys.readouterr()
-        return Outcome(int(exited.value.code or 0), captured.out, captured.err)
-
-    return run
+    return partial(phasewire, "flash")
 
 
 SPKI = PublicFormat.SubjectPublicKeyInfo
@@ -79,7 +62,7 @@ def public(key: Ed25519PrivateKey) -> bytes:
     return key.public_key().public_bytes(Encoding.PEM, SPKI)
 
 
-def test_an_image_is_flashed_and_what_happened_is_said(phasewire: Run, emulator: Emulator) -> None:
+def test_an_image_is_flashed_and_the_steps_are_printed(phasewire: Run, emulator: Emulator) -> None:
     outcome = phasewire("new.dfu", "--json", "flash.json")
     assert outcome.code == 0
     assert outcome.out == (
@@ -139,7 +122,7 @@ def test_a_terminal_shows_a_bar(phasewire: Run, monkeypatch: pytest.MonkeyPatch)
         (("new.dfu", "--json", "new.dfu"), 2, "new.dfu cannot be written: it is also what is read"),
     ],
 )
-def test_what_cannot_be_flashed_leaves_the_device_alone(
+def test_a_refused_image_leaves_the_device_unchanged(
     phasewire: Run, emulator: Emulator, arguments: tuple[str, ...], code: int, message: str
 ) -> None:
     outcome = phasewire(*arguments)
@@ -171,7 +154,7 @@ def strict() -> Iterator[Emulator]:
         yield emulator
 
 
-def test_a_device_that_refuses_is_an_error_of_its_own(phasewire: Run, strict: Emulator) -> None:
+def test_a_device_that_refuses_an_image_is_code_4(phasewire: Run, strict: Emulator) -> None:
     outcome = phasewire("new.dfu", "--device", strict.url)
     assert outcome.code == 4
     assert "refuses the image: the signature is wrong, or the device does not trust who signed" in outcome.err
@@ -180,14 +163,14 @@ def test_a_device_that_refuses_is_an_error_of_its_own(phasewire: Run, strict: Em
     assert strict.running.info().firmware == FACTORY
 
 
-def test_a_device_that_goes_away_is_an_error_of_its_own(phasewire: Run, emulator: Emulator) -> None:
+def test_a_device_that_is_lost_is_code_4(phasewire: Run, emulator: Emulator) -> None:
     emulator.inject(faults.PowerCutInWrite(written_bytes=10_000))
     outcome = phasewire("new.dfu")
     assert outcome.code == 4
     assert "switch it off and on, and look at its cable. It boots its old firmware, or the new one" in outcome.err
 
 
-def test_ctrl_c_says_how_to_go_on(phasewire: Run, emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_prints_the_next_step(phasewire: Run, emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> None:
     genuine = emulator.flash.program
 
     def program(address: int, data: bytes) -> None:
@@ -234,11 +217,6 @@ def test_the_commands_of_the_guide_run(phasewire: Run, emulator: Emulator) -> No
         if arguments[:2] == ["flash", "signed.dfu"]:
             assert running(emulator) == ((1, 2, 3), Bank.A)
     assert running(emulator) == (FACTORY, Bank.FACTORY)
-
-
-def test_the_python_of_the_guide_runs() -> None:
-    (example,) = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
-    exec(compile(example, "flashing.md", "exec"), {})
 
 
 @pytest.mark.parametrize("arguments", [("new.dfu",), ("--list",), ("--revert",)])

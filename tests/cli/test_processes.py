@@ -1,4 +1,4 @@
-"""Every command as a process of its own: what it says, how it ends, and that it leaves nothing behind."""
+"""Every command as a process of its own: its output, its exit code, and that it leaves no file or process."""
 
 from __future__ import annotations
 
@@ -36,28 +36,14 @@ NO_OP = "50 57 01 09"
 
 
 class Row(NamedTuple):
-    """A command line and what must come of it.
-
-    Parameters
-    ----------
-    line : str
-        What is typed after ``phasewire``.
-    says : str
-        A regular expression for what it tells people.
-    codes : tuple of int
-        The exit codes that it may have.
-    makes : tuple of str
-        Files that it leaves where it was started, beside those that it found there.
-    json : bool
-        Whether the result is also wanted as JSON.
-    marks : tuple
-        Of pytest.
-    """
+    """A command line and its expected result."""
 
     line: str
     says: str
+    """A regular expression for the words that it prints."""
     codes: tuple[int, ...] = (0,)
     makes: tuple[str, ...] = ()
+    """Files that it adds to its folder."""
     json: bool = True
     marks: tuple[pytest.MarkDecorator, ...] = ()
 
@@ -82,8 +68,8 @@ ROWS = {
     "focus": Row("focus solved.npz", r"17 foci:"),
     "reproduce figure6": Row("reproduce figure6", r"Drawn to figure6.png", makes=("figure6.png",), marks=SLOW),
     "reproduce figure7": Row("reproduce figure7", r"Drawn to figure7.png", makes=("figure7.png",), marks=SLOW),
-    "reproduce range": Row("reproduce range", r"Drawn to range.png", makes=("range.png",), marks=SLOW),
-    "reproduce figure4": Row("reproduce figure4", r"Drawn to figure4.png", makes=("figure4.png",), marks=SLOW),
+    "reproduce range": Row("reproduce range", r"Drawn to range.png", makes=("range.png",)),
+    "reproduce figure4": Row("reproduce figure4", r"Drawn to figure4.png", makes=("figure4.png",)),
     "show": Row("show solved.npz --seconds 0.1", OFF),
     "stop": Row("stop", OFF),
     "info": Row("info", r"20 × 16 transducers"),
@@ -118,7 +104,7 @@ ROWS = {
 
 
 class Ended(NamedTuple):
-    """What came of a process."""
+    """The result of a process."""
 
     code: int
     out: str
@@ -126,18 +112,18 @@ class Ended(NamedTuple):
 
 
 def environment(**more: str) -> dict[str, str]:
-    """Ours without what would change a command, and with what finds its children."""
+    """Our variables without those that change a command, and with a mark that finds its children."""
     own = {name: value for name, value in os.environ.items() if name not in ("PHASEWIRE_DEVICE", "NO_COLOR")}
     return own | {MARK: uuid.uuid4().hex, "COLUMNS": "100"} | more
 
 
 def heed_ctrl_c() -> None:
-    """Undo an inherited choice to ignore it, as under nohup."""
+    """Undo an inherited SIG_IGN, as under nohup."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def left_running(marked: Mapping[str, str]) -> list[str]:
-    """The command lines of processes that have inherited a mark, whatever they did to get away."""
+    """The command lines of processes that have inherited a mark, detached ones too."""
     entry = f"{MARK}={marked[MARK]}".encode()
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
@@ -188,7 +174,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(inputs: Path, tmp_path: Path) -> Path:
-    """A folder with the inputs and nothing else."""
+    """A folder with the inputs alone."""
     return Path(shutil.copytree(inputs, tmp_path / "here"))
 
 
@@ -202,7 +188,7 @@ def root() -> typer.Context:
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=row.marks) for name, row in ROWS.items()])
-def test_a_command_says_its_result_and_leaves_nothing_behind(name: str, folder: Path) -> None:
+def test_a_command_prints_its_result_and_leaves_no_file_or_process(name: str, folder: Path) -> None:
     row = ROWS[name]
     before = {path.name for path in folder.iterdir()}
     ended = run(folder, row.line + (" --json -" if row.json else ""))
@@ -216,13 +202,13 @@ def test_a_command_says_its_result_and_leaves_nothing_behind(name: str, folder: 
         assert re.fullmatch(r"phasewire-[a-z-]+-\d+", json.loads(ended.out)["format"])
 
 
-def test_a_row_asks_for_json_where_a_command_has_it() -> None:
+def test_a_row_has_json_if_its_command_has() -> None:
     for context in each_command(root()):
         has_json = any("--json" in option.opts for option in context.command.params)
         assert ROWS[context.command_path.partition(" ")[2]].json == has_json
 
 
-def test_traffic_is_told_wherever_the_option_stands(folder: Path) -> None:
+def test_verbose_works_before_and_after_the_command(folder: Path) -> None:
     told = run(folder, "-v stop").err
     assert re.search(r"^ +0\.\d{6} s  in  request +INFO: firmware ", told, re.MULTILINE)
     assert re.search(r"^ +0\.\d{6} s  out request +DISABLE$", told, re.MULTILINE)
@@ -235,7 +221,7 @@ def test_traffic_is_told_wherever_the_option_stands(folder: Path) -> None:
 def in_terminal(folder: Path, line: str, **more: str) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
     """A command line in a terminal of its own, and the terminal's other end.
 
-    It echoes nothing, and keeps on a Ctrl-C what was written and not yet read: by default a terminal throws that away.
+    It does not echo, and on a Ctrl-C it keeps unread output, which a terminal discards by default.
     """
     ours, theirs = pty.openpty()
     mode = termios.tcgetattr(theirs)
@@ -259,13 +245,13 @@ def in_terminal(folder: Path, line: str, **more: str) -> Iterator[tuple[subproce
 
 
 def read_until(terminal: int, pattern: str | None) -> str:
-    """What a terminal shows until something is there, or to the end."""
+    """The output of a terminal up to a pattern, or to its end."""
     text, end = b"", time.monotonic() + PATIENCE
     while pattern is None or not re.search(pattern, text.decode(errors="replace")):
         assert select.select([terminal], [], [], max(0, end - time.monotonic()))[0], text
         try:
             more = os.read(terminal, 4096)
-        except OSError:  # nobody holds its other end any more
+        except OSError:  # its other end is closed
             break
         if not more:
             break
@@ -276,7 +262,7 @@ def read_until(terminal: int, pattern: str | None) -> str:
 COLOURS = r"\x1b\[[0-9;]*(3[0-7]|9[0-7])"
 
 
-def test_a_terminal_shows_colours_unless_they_are_not_wanted(folder: Path) -> None:
+def test_a_terminal_shows_colours_unless_no_color_is_set(folder: Path) -> None:
     for more, coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
         with in_terminal(folder, "info --device nothing:", **more) as (process, terminal):
             said = read_until(terminal, None)
@@ -289,43 +275,32 @@ def orders(said: str) -> list[str]:
     return re.findall(r"out request +(\w+)", said)
 
 
-def test_ctrl_c_however_often_leaves_the_outputs_off(folder: Path) -> None:
-    """The first ends the show; the others come while it turns the outputs off, and afterwards."""
-    with in_terminal(folder, "show solved.npz --forever -v --json shown.json") as (process, terminal):
-        said = read_until(terminal, "PLAYING in period")
-        for _ in range(5):
+def interrupted(folder: Path, line: str, pattern: str, seconds: float = 0, times: int = 1) -> int:
+    """Press Ctrl-C some seconds after a pattern is shown; the exit code of a command that turned its outputs off."""
+    with in_terminal(folder, line) as (process, terminal):
+        said = read_until(terminal, pattern)
+        time.sleep(seconds)
+        for _ in range(times):
             os.write(terminal, b"\x03")
             time.sleep(0.002)
         said += read_until(terminal, None)
-        assert process.wait(PATIENCE) == 0  # that is how it is meant to end
+        code = process.wait(PATIENCE)
     assert "Traceback" not in said
     assert "ENABLE" in orders(said)
     assert orders(said)[-1] == "DISABLE"
+    return code
+
+
+def test_repeated_ctrl_c_leaves_the_outputs_off(folder: Path) -> None:
+    """The first ends the show; the others come while it turns the outputs off, and afterwards."""
+    line = "show solved.npz --forever -v --json shown.json"
+    assert interrupted(folder, line, "PLAYING in period", times=5) == 0  # the normal end of --forever
     assert json.loads((folder / "shown.json").read_text())["status"]["missed_commits"] == 0
 
 
-def test_ctrl_c_ends_a_touch_with_the_outputs_off_and_a_report(folder: Path) -> None:
-    with in_terminal(folder, "touch cube --hand gesture:sweep -v --json touched.json") as (process, terminal):
-        said = read_until(terminal, "UPDATE")
-        for _ in range(3):
-            os.write(terminal, b"\x03")
-            time.sleep(0.002)
-        said += read_until(terminal, None)
-        assert process.wait(PATIENCE) == 0
-    assert "Traceback" not in said
-    assert orders(said)[-1] == "DISABLE"
-    record = json.loads((folder / "touched.json").read_text())
-    assert (record["ended"], record["status"]["state"]) == ("Ctrl-C", "OFF")
-
-
 def test_ctrl_c_before_the_time_is_over_is_code_130(folder: Path) -> None:
-    with in_terminal(folder, "stream circle --seconds 60 --rate 10 -v --json streamed.json") as (process, terminal):
-        said = read_until(terminal, "UPDATE")
-        os.write(terminal, b"\x03\x03")
-        said += read_until(terminal, None)
-        assert process.wait(PATIENCE) == 130
-    assert "Traceback" not in said
-    assert orders(said)[-1] == "DISABLE"
+    line = "stream circle --seconds 60 --rate 10 -v --json streamed.json"
+    assert interrupted(folder, line, "UPDATE", times=2) == 130
     assert not (folder / "streamed.json").exists()
 
 
@@ -333,14 +308,8 @@ def test_ctrl_c_before_the_time_is_over_is_code_130(folder: Path) -> None:
 @pytest.mark.parametrize("milliseconds", range(0, 60, 4))
 def test_ctrl_c_at_any_moment_leaves_the_outputs_off(folder: Path, milliseconds: int) -> None:
     """Also while the outputs are being turned off because the time is over."""
-    with in_terminal(folder, "show solved.npz --seconds 0.02 -v") as (process, terminal):
-        said = read_until(terminal, r"plays solved\.npz")
-        time.sleep(milliseconds / 1000)
-        os.write(terminal, b"\x03")
-        said += read_until(terminal, None)
-        assert process.wait(PATIENCE) in (0, 130)
-    assert "Traceback" not in said
-    assert orders(said)[-1] == "DISABLE"
+    line = "show solved.npz --seconds 0.02 -v"
+    assert interrupted(folder, line, r"plays solved\.npz", milliseconds / 1000) in (0, 130)
 
 
 BEGUN = """
@@ -356,12 +325,12 @@ def told(number, handler):
 signal.signal = told
 main()
 """
-"""A program that says when it has taken charge of signals; before that Python itself heeds them, and is not quiet."""
+"""A program that prints a word once it handles signals; before that Python handles them, with a traceback."""
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("line", ["--help", "info", "conformance --only numbering"])
-def test_a_signal_while_the_program_loads_ends_it_without_a_word(folder: Path, line: str, number: int) -> None:
+def test_a_signal_during_loading_ends_the_program_quietly(folder: Path, line: str, number: int) -> None:
     for milliseconds in (0, 20, 50, 100, 200, 400, 800):
         with subprocess.Popen(
             [sys.executable, "-c", BEGUN, *line.split()],
@@ -376,7 +345,7 @@ def test_a_signal_while_the_program_loads_ends_it_without_a_word(folder: Path, l
             time.sleep(milliseconds / 1000)
             process.send_signal(number)
             _, said = process.communicate(timeout=PATIENCE)
-        assert process.returncode in (0, 128 + number, -number), said  # of which a shell says the latter two alike
+        assert process.returncode in (0, 128 + number, -number), said  # a shell reports the latter two alike
         assert b"Traceback" not in said
         assert b"Exception" not in said
 
@@ -398,7 +367,7 @@ def test_an_interrupted_run_of_cases_writes_its_reports(folder: Path) -> None:
     assert b"mainloop" not in said
 
 
-def test_a_program_that_is_told_to_end_leaves_the_outputs_off(folder: Path) -> None:
+def test_sigterm_leaves_the_outputs_off(folder: Path) -> None:
     command = [*COMMAND, "show", "solved.npz", "--forever", "-v", "--json", "shown.json"]
     with subprocess.Popen(command, cwd=folder, env=environment(), stderr=subprocess.PIPE) as process:
         assert process.stderr
@@ -414,7 +383,7 @@ def test_a_program_that_is_told_to_end_leaves_the_outputs_off(folder: Path) -> N
     assert not (folder / "shown.json").exists()
 
 
-def test_ctrl_c_in_a_computation_leaves_nothing_half_written(folder: Path) -> None:
+def test_ctrl_c_in_a_computation_leaves_no_partial_file(folder: Path) -> None:
     before = {path.name for path in folder.iterdir()}
     command = [*COMMAND, "reproduce", "figure7", "--output", "f.png", "--json", "f.json"]
     with in_terminal(folder, " ".join(command[3:])) as (process, terminal):
@@ -427,7 +396,7 @@ def test_ctrl_c_in_a_computation_leaves_nothing_half_written(folder: Path) -> No
 
 
 @pytest.mark.parametrize("line", ["vectors", "--help", "info", "stop -v 2>&1"])
-def test_a_reader_that_leaves_ends_a_command_quietly(folder: Path, line: str) -> None:
+def test_a_closed_pipe_ends_a_command_quietly(folder: Path, line: str) -> None:
     marked = environment()
     shell = f"set -o pipefail; {' '.join(COMMAND)} {line} | true"
     ended = subprocess.run(
@@ -435,10 +404,3 @@ def test_a_reader_that_leaves_ends_a_command_quietly(folder: Path, line: str) ->
     )
     assert (ended.returncode, ended.stdout, ended.stderr) == (128 + signal.SIGPIPE, "", "")
     assert left_running(marked) == []
-
-
-def test_the_file_of_defaults_is_heeded(folder: Path) -> None:
-    (folder / "mine.toml").write_text('[show]\nseconds = 0.0\n[budget]\nlink = "2wire"\n')
-    own = {"PHASEWIRE_CONFIG": "mine.toml"}
-    assert "for 0 s" in run(folder, "show solved.npz", **own).err
-    assert "2-wire links" in run(folder, "budget", **own).out

@@ -1,20 +1,19 @@
-"""Defaults from a file: who comes first, what is refused, and the example that documents them."""
+"""Defaults from a file: precedence, mistakes, and the example that documents them."""
 
 from __future__ import annotations
 
 import json
 import re
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import platformdirs
 import pytest
 import typer
-from phasewire.__main__ import main
-from phasewire.cli import settings
 from phasewire.cli.commands import command_line
 from phasewire.cli.settings import Default, config_path, defaults_from_file, effective_defaults, example
+
+from .runner import Run
 
 
 @pytest.fixture
@@ -22,7 +21,6 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "my.toml"
     monkeypatch.setenv("PHASEWIRE_CONFIG", str(path))
     monkeypatch.delenv("PHASEWIRE_DEVICE", raising=False)
-    monkeypatch.chdir(tmp_path)
     return path
 
 
@@ -31,30 +29,14 @@ def root() -> typer.Context:
     return typer.Context(command_line(), info_name="phasewire")
 
 
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    def call(*arguments: str) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as exited:
-            main(arguments)
-        captured = capsys.readouterr()
-        return int(exited.value.code or 0), captured.out, captured.err
-
-    return call
-
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-def test_the_file_is_where_the_system_has_such_files(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_is_in_the_user_s_configuration_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PHASEWIRE_CONFIG")
     assert config_path() == Path(platformdirs.user_config_dir("phasewire")) / "config.toml"
     monkeypatch.setenv("PHASEWIRE_CONFIG", "")
     assert config_path() == Path(platformdirs.user_config_dir("phasewire")) / "config.toml"
 
 
-def test_keys_at_the_top_are_for_every_command_that_has_them_and_tables_for_one(
-    file: Path, root: typer.Context
-) -> None:
+def test_top_level_keys_apply_to_all_commands_and_tables_to_one(file: Path, root: typer.Context) -> None:
     file.write_text('link = "2wire"\n[budget]\nbaud = 9600\n[emulate]\nlink = "5wire"\n[reproduce]\noil = true\n')
     found = defaults_from_file(root)
     assert found["budget"] == {"link": "2wire", "baud": 9600}
@@ -63,15 +45,15 @@ def test_keys_at_the_top_are_for_every_command_that_has_them_and_tables_for_one(
     assert found["reproduce"]["range"] == found["stop"] == {}
 
 
-def test_line_before_environment_before_file_before_what_is_built_in(
-    file: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+def test_the_line_precedes_the_environment_and_that_the_file(
+    file: Path, phasewire: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def device(*arguments: str) -> str:
-        code, _, message = run("info", *arguments)
+        code, _, message = phasewire("info", *arguments)
         assert code == 3
         return str(re.findall(r"no device at '(.*?)'", message)[0])
 
-    code, out, _ = run("info")
+    code, out, _ = phasewire("info")
     assert (code, "(emulated)" in out) == (2, False)  # a file that is named must be there
     file.write_text('device = "top:"')
     assert device() == "top:"
@@ -82,13 +64,13 @@ def test_line_before_environment_before_file_before_what_is_built_in(
     assert device("--device", "line:") == "line:"
 
 
-def test_help_shows_the_defaults_that_hold(file: Path, run: Run) -> None:
+def test_help_shows_the_effective_defaults(file: Path, phasewire: Run) -> None:
     file.write_text("[show]\nseconds = 7.5\n")
-    assert "7.5" in run("show", "--help")[1]
+    assert "7.5" in phasewire("show", "--help")[1]
 
 
 WRONG = [
-    # (the file, what the message must say)
+    # (the file, a part of the message)
     ('devize = "usb:"', 'devize = "usb:": no command has an option --devize; is it device?'),
     ("rubbish = 1", "rubbish = 1: no command has an option --rubbish"),
     ("show = 3", "show = 3: show is a command: its options belong in [show]"),
@@ -107,35 +89,30 @@ WRONG = [
     ('[solve]\nset = ["a", 3]', '[solve] set = ["a", 3]: must be text, in quotes'),
     ("[emulate]\ncount = 2000-01-01", "[emulate] count = "),
     ("[show", "is no TOML file: "),
+    ("\xff", "is no TOML file: "),  # no UTF-8
     ("a = 1\na = 2", "is no TOML file: "),
 ]
 
 
 @pytest.mark.parametrize(("text", "message"), WRONG, ids=[case[0] for case in WRONG])
-def test_what_is_wrong_in_the_file_is_named(file: Path, run: Run, text: str, message: str) -> None:
-    file.write_text(text)
-    code, out, err = run("budget")
+def test_mistakes_in_the_file_are_named(file: Path, phasewire: Run, text: str, message: str) -> None:
+    file.write_bytes(text.encode("latin-1"))
+    code, out, err = phasewire("budget")
     assert (code, out) == (2, "")
     assert err.startswith(f"phasewire: {file}")
     assert message in err
     assert "Traceback" not in err
 
 
-def test_bytes_that_are_no_text_are_named(file: Path, run: Run) -> None:
-    file.write_bytes(b"\xff")
-    code, _, err = run("budget")
-    assert (code, f"{file} is no TOML file" in err) == (2, True)
-
-
-def test_a_broken_file_does_not_keep_help_and_version_back(file: Path, run: Run) -> None:
+def test_help_and_version_work_with_a_broken_file(file: Path, phasewire: Run) -> None:
     file.write_text("rubbish")
-    assert run("--help")[0] == run("--version")[0] == 0
+    assert phasewire("--help")[0] == phasewire("--version")[0] == 0
 
 
-def test_config_shows_where_each_default_comes_from(file: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_config_names_the_source_of_each_default(file: Path, phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     file.write_text('[solve]\nset = ["gamma=0.5"]\n[show]\nseconds = 2\n')
     monkeypatch.setenv("PHASEWIRE_DEVICE", "usb:")
-    code, out, err = run("config", "--json", "-")
+    code, out, err = phasewire("config", "--json", "-")
     assert code == 0
     record = json.loads(out)
     assert (record["format"], record["file"], record["exists"]) == ("phasewire-config-1", str(file), True)
@@ -150,26 +127,26 @@ def test_config_shows_where_each_default_comes_from(file: Path, run: Run, monkey
     assert re.search(r"show +seconds +2 +file", err)
 
 
-def test_init_writes_an_example_once(file: Path, run: Run, root: typer.Context) -> None:
-    code, out, _ = run("config", "--init")
+def test_init_writes_an_example_once(file: Path, phasewire: Run, root: typer.Context) -> None:
+    code, out, _ = phasewire("config", "--init")
     assert (code, str(file) in out) == (0, True)
     assert file.read_text() == example(root)
     file.write_text("# mine")
-    code, _, err = run("config", "--init")
+    code, _, err = phasewire("config", "--init")
     assert (code, str(file) in err, file.read_text()) == (2, True, "# mine")
 
 
-def test_init_makes_the_folder(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_init_makes_the_folder(tmp_path: Path, phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a" / "b" / "config.toml"
     monkeypatch.setenv("PHASEWIRE_CONFIG", str(path))
-    assert run("config", "--init")[0] == 0
+    assert phasewire("config", "--init")[0] == 0
     assert path.exists()
 
 
-def test_all_of_the_example_is_a_comment_and_says_what_is_built_in(file: Path, root: typer.Context) -> None:
-    """Once every option that has a value is in force, each has the value that is built in.
+def test_the_example_is_all_comments_and_has_the_built_in_values(file: Path, root: typer.Context) -> None:
+    """With all lines of the example in force, each option has its built-in value.
 
-    But one for which nothing is built in, which TOML cannot say, where most others of that name have a value.
+    An option without one may get the value that most others of its name have: TOML has no null.
     """
     text = example(root)
     assert tomllib.loads(text) == {}
@@ -196,9 +173,3 @@ def test_every_option_of_every_command_is_in_the_example(root: typer.Context) ->
     for default in effective_defaults(root):
         assert isinstance(default, Default)
         assert f"\n#{default.option} =" in text
-
-
-def test_each_command_is_found_in_the_groups_too(root: typer.Context) -> None:
-    names = [context.command_path for context in settings.each_command(root)]
-    assert {"phasewire show", "phasewire reproduce figure6", "phasewire config"} <= set(names)
-    assert "phasewire reproduce" not in names

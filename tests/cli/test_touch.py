@@ -1,9 +1,10 @@
-"""``phasewire touch``: what it says, what it writes, and how it ends."""
+"""``phasewire touch``: its output, its files, and its exit codes."""
 
 from __future__ import annotations
 
 import base64
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,23 +17,20 @@ from phasewire.host.hands.recording import HandRecording
 from phasewire.host.hands.sources import PlayedHands
 from phasewire.host.touching.loop import TouchLoop, TouchMoment
 
-from tests.cli.runner import Run, runner
+from tests.cli.runner import Run
 from tests.host.hands.leap_service import LeapService, leap_frame
 
 
 @pytest.fixture
-def touch(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the command in a new folder."""
-    monkeypatch.chdir(tmp_path)
-    run = runner(capsys)
-    return lambda *arguments: run("touch", *arguments)
+def touch(phasewire: Run) -> Run:
+    return partial(phasewire, "touch")
 
 
 SHORT = ("--hand", "gesture:tap?rate=100", "--seconds", "0.5")
 """A finger that comes down to 17 cm, at the centre of the paper's objects."""
 
 
-def test_it_says_what_became_of_the_hands_and_leaves_the_outputs_off(touch: Run) -> None:
+def test_a_touch_is_reported_and_leaves_the_outputs_off(touch: Run) -> None:
     outcome = touch("cube", *SHORT, "--json", "touch.json")
     assert outcome.code == 0
     assert "Ended: after 0.5 s. The outputs are off." in outcome.out
@@ -48,13 +46,7 @@ def test_it_says_what_became_of_the_hands_and_leaves_the_outputs_off(touch: Run)
     assert set(told["stages"]) == {"wait", "cut", "solve", "send"}
 
 
-def test_json_goes_to_standard_output_and_words_to_the_other(touch: Run) -> None:
-    outcome = touch("cube", *SHORT, "--json", "-")
-    assert json.loads(outcome.out)["objects"] == ["cube"]
-    assert "The outputs are off" in outcome.err
-
-
-def test_repairs_of_an_object_are_said(touch: Run) -> None:
+def test_repairs_of_an_object_are_reported(touch: Run) -> None:
     cube = Mesh.cube()
     faces = np.concatenate([cube.faces, cube.faces[:2]])
     trimesh.Trimesh(cube.vertices, faces, process=False).export("cube.stl")
@@ -63,7 +55,7 @@ def test_repairs_of_an_object_are_said(touch: Run) -> None:
     assert "warning: cube.stl: 2 duplicate faces removed" in outcome.err
 
 
-def test_what_is_recorded_can_be_touched_again_and_read(touch: Run) -> None:
+def test_a_recording_of_hands_can_be_played_again(touch: Run) -> None:
     assert touch("cube", *SHORT, "--record", "tap.hands").code == 0
     with HandRecording.open(Path("tap.hands")) as recording:
         frames = list(recording)
@@ -94,7 +86,7 @@ def test_the_picture_is_drawn_at_the_moment_with_the_most_points(touch: Run) -> 
         assert Path(name).read_text().startswith("<?xml")
 
 
-def test_without_a_touch_there_is_no_picture_and_that_is_said(touch: Run) -> None:
+def test_without_a_touch_no_picture_is_drawn(touch: Run) -> None:
     outcome = touch("cube:x=0.5", *SHORT, "--picture", "t.png", "--timeline", "w.png")
     assert outcome.code == 0
     for name in ("t.png", "w.png"):
@@ -111,7 +103,7 @@ def test_without_a_touch_there_is_no_picture_and_that_is_said(touch: Run) -> Non
         ("--method", "tikhonov", "--frequency", "150", "--ramp", "0", "--points", "8"),
     ],
 )
-def test_options_are_heeded(touch: Run, options: tuple[str, ...]) -> None:
+def test_options_take_effect(touch: Run, options: tuple[str, ...]) -> None:
     outcome = touch("sphere", *SHORT, *options, "--json", "t.json")
     assert outcome.code == 0
     told = json.loads(Path("t.json").read_text())["touch"]
@@ -122,13 +114,13 @@ def test_options_are_heeded(touch: Run, options: tuple[str, ...]) -> None:
         assert told["frequency_hz"] == pytest.approx(20_000 / 133)
 
 
-def test_a_slow_line_is_said(touch: Run) -> None:
+def test_a_slow_line_is_reported(touch: Run) -> None:
     outcome = touch("cube", *SHORT, "--device", "emulator:?door=serial&baud=115200")
     assert outcome.code == 0
     assert "The line is too slow for a block in each turn" in " ".join(outcome.out.split())
 
 
-def test_ctrl_c_is_the_end_where_none_was_given(touch: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_is_the_normal_end_without_a_duration(touch: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     genuine = PlayedHands.next_frame
 
     def interrupted(hands: PlayedHands, timeout: float) -> object:
@@ -170,7 +162,7 @@ def test_a_lost_tracker_ends_with_code_4_and_the_outputs_off(touch: Run) -> None
     assert (record["ended"], record["status"]["state"]) == (None, "OFF")
 
 
-def test_what_is_read_is_not_written_over(touch: Run) -> None:
+def test_an_input_is_not_overwritten(touch: Run) -> None:
     assert touch("cube", *SHORT, "--record", "tap.hands").code == 0
     before = Path("tap.hands").read_bytes()
     again = touch("cube", "--hand", "recording:tap.hands?speed=2", "--record", "tap.hands")
@@ -198,7 +190,9 @@ def test_what_is_read_is_not_written_over(touch: Run) -> None:
         (("cube", "--pose", "nowhere.toml"), 2, "nowhere.toml"),
     ],
 )
-def test_it_says_no(touch: Run, tmp_path: Path, arguments: tuple[str, ...], code: int, complaint: str) -> None:
+def test_wrong_use_is_refused(
+    touch: Run, tmp_path: Path, arguments: tuple[str, ...], code: int, complaint: str
+) -> None:
     outcome = touch(*arguments, "--seconds", "0.1")
     assert outcome.code == code
     assert complaint in " ".join(outcome.err.split())

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,14 +10,14 @@ from phasewire.host.hands import leap
 from phasewire.host.hands.recording import HandRecording
 from websockets.sync.server import ServerConnection
 
-from tests.cli.runner import Run, runner
+from tests.cli.runner import Run
 from tests.host.hands.leap_service import LeapService, leap_frame, sending
 
 
 @pytest.fixture
-def phasewire(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+def phasewire(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> Run:
     monkeypatch.setenv("COLUMNS", "300")
-    return runner(capsys)
+    return partial(phasewire, "tracker")
 
 
 def leap_file(folder: Path, palm: tuple[float, float, float] = (0, 200, 0)) -> str:
@@ -25,10 +26,10 @@ def leap_file(folder: Path, palm: tuple[float, float, float] = (0, 200, 0)) -> s
     return f"leap:{folder / 'wave.json'}"
 
 
-def test_without_a_source_it_says_which_there_are(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_source_all_sources_are_listed(phasewire: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(leap, "PORT", 9)
     monkeypatch.setattr(leap.Address, "__new__", lambda cls: tuple.__new__(cls, ("127.0.0.1", 9)))
-    ended = phasewire("tracker", "--json", "-")
+    ended = phasewire("--json", "-")
     record = json.loads(ended.out)
     assert ended.code == 0
     assert record["format"] == "phasewire-tracker-1"
@@ -42,7 +43,7 @@ def test_without_a_source_it_says_which_there_are(phasewire: Run, monkeypatch: p
 
 def test_a_recording_is_judged_and_written_in_our_format(phasewire: Run, tmp_path: Path) -> None:
     target = tmp_path / "copy.hands"
-    ended = phasewire("tracker", leap_file(tmp_path), "--json", "-", "--record", str(target))
+    ended = phasewire(leap_file(tmp_path), "--json", "-", "--record", str(target))
     record = json.loads(ended.out)
     assert ended.code == 0
     assert (record["verdict"], record["frames"], record["latency_s"]) == ("ok", 50, None)
@@ -51,20 +52,20 @@ def test_a_recording_is_judged_and_written_in_our_format(phasewire: Run, tmp_pat
     assert "copy.hands: 50 frames" in ended.err
     with HandRecording.open(target) as recording:
         assert len(list(recording)) == 50
-    again = phasewire("tracker", f"recording:{target}")
+    again = phasewire(f"recording:{target}")
     assert again.code == 0
     assert "111 frames/s" in again.out
-    over = phasewire("tracker", f"recording:{target}", "--record", str(target))
+    over = phasewire(f"recording:{target}", "--record", str(target))
     assert (over.code, "it is also what is read" in over.err) == (2, True)
 
 
 def test_a_pose_file_moves_the_hands(phasewire: Run, tmp_path: Path) -> None:
     source = leap_file(tmp_path, (0, 200, -400))
-    ended = phasewire("tracker", source)
+    ended = phasewire(source)
     assert ended.code == 1
     assert "say in a pose file where the tracker is" in ended.out
     (tmp_path / "pose.toml").write_text("translation_mm = [0, -400, 0]\n")
-    moved = phasewire("tracker", source, "--pose", str(tmp_path / "pose.toml"))
+    moved = phasewire(source, "--pose", str(tmp_path / "pose.toml"))
     assert moved.code == 0
     assert "100% of them where they can feel something" in moved.out
 
@@ -78,7 +79,7 @@ def test_a_live_tracker_is_watched(phasewire: Run, tmp_path: Path) -> None:
 
     service = LeapService(script)
     with service:
-        ended = phasewire("tracker", service.url, "--seconds", "1", "--json", str(tmp_path / "a.json"))
+        ended = phasewire(service.url, "--seconds", "1", "--json", str(tmp_path / "a.json"))
     record = json.loads((tmp_path / "a.json").read_text())
     assert record["live"]
     assert record["frames"] >= 1
@@ -88,17 +89,17 @@ def test_a_live_tracker_is_watched(phasewire: Run, tmp_path: Path) -> None:
 
 def test_without_a_hand_it_fails(phasewire: Run) -> None:
     with LeapService(sending(leap_frame(hands={}), leap_frame(8, hands={}))) as service:
-        ended = phasewire("tracker", service.url, "--seconds", "0.2")
+        ended = phasewire(service.url, "--seconds", "0.2")
     assert ended.code == 1
     assert "no hand was in view" in ended.out
 
 
-def test_one_that_is_lost_is_said_after_what_was_found(phasewire: Run) -> None:
+def test_a_lost_tracker_is_reported_after_the_findings(phasewire: Run) -> None:
     def script(connection: ServerConnection) -> None:
         connection.send(json.dumps(leap_frame()))
 
     with LeapService(script) as service:
-        ended = phasewire("tracker", service.url, "--seconds", "30")
+        ended = phasewire(service.url, "--seconds", "30")
     assert ended.code == 4
     assert "lost after" in ended.out
     assert "has closed the connection" in ended.err
@@ -118,10 +119,7 @@ def test_one_that_is_lost_is_said_after_what_was_found(phasewire: Run) -> None:
         (("gesture:grasp", "--seconds", "0"), 2, "--seconds"),
     ],
 )
-def test_wrong_use(
-    arguments: tuple[str, ...], code: int, message: str, phasewire: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    ended = phasewire("tracker", *arguments)
+def test_wrong_use(arguments: tuple[str, ...], code: int, message: str, phasewire: Run) -> None:
+    ended = phasewire(*arguments)
     assert ended.code == code
     assert message in ended.err
