@@ -66,7 +66,7 @@ def test_absorption_at_the_carrier() -> None:
     assert 20 * math.log10(math.exp(air.attenuation)) == pytest.approx(air.absorption)
 
 
-def test_air_absorbs_only_where_asked() -> None:
+def test_air_absorbs_only_on_request() -> None:
     assert Medium().attenuation == 0
     assert Medium().absorption == Medium(absorbing=True).absorption
 
@@ -95,7 +95,3 @@ def test_absorption_scales_with_pressure(temperature: float, frequency: float, h
 def test_impossible_air_is_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Medium(**arguments)
-
-
-def test_temperature_and_frequency_come_first() -> None:
-    assert Medium(25, 41_000) == Medium(temperature=25, frequency=41_000)

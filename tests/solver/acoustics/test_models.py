@@ -19,11 +19,6 @@ PISTON = {name: Transducer(A, model=name) for name in MODELS}
 SINES, DISTANCES = st.floats(0, 1), st.floats(2 * A, 10)
 
 
-@pytest.mark.parametrize("name", sorted(set(MODELS) - {"as-printed"}))
-def test_on_the_axis_far_away_only_strength_distance_and_phase_remain(name: str) -> None:
-    assert abs(residual(PISTON[name], 0, 1000) - 1) < 1e-5
-
-
 def test_as_printed_it_agrees_at_the_data_sheet_s_30_centimetres() -> None:
     apart = residual(PISTON["as-printed"], 0, 0.3) - residual(PISTON["rayleigh"], 0, 0.3)
     assert abs(apart) < 1e-3
@@ -69,14 +64,6 @@ def test_far_away_a_rayleigh_integral_has_the_directivity_of_bessel(sine: float)
     assert directivity(sine, A, AIR) == pytest.approx(bessel, abs=1e-12)
     assert abs(residual(PISTON["rayleigh"], sine, 1e5) - bessel) < 1e-6
     assert abs(residual(PISTON["rayleigh-1"], sine, 1e5) - bessel * np.sqrt(1 - sine**2)) < 1e-6
-
-
-def test_both_baffles_agree_on_the_axis_far_away() -> None:
-    """To (i + …)/(kr), which is 0.014 at 10 cm."""
-    z = np.geomspace(0.02, 100, 30)
-    apart = np.abs(residual(PISTON["rayleigh-1"], 0, z) - residual(PISTON["rayleigh"], 0, z))
-    assert (apart < 1.1 / (K * z)).all()
-    assert (apart > 0.9 / (K * z)).all()
 
 
 def test_the_far_field_piston_is_what_remains_of_rs_ii() -> None:

@@ -8,45 +8,12 @@ from phasewire import Medium, Transducer, TransducerArray, pressure
 from phasewire.solver import MODELS, Aperture, residual, slice_field
 from phasewire.solver.acoustics.models import directivity
 from phasewire.solver.acoustics.propagation import arrivals, transfer_matrix
-from scipy.integrate import dblquad
 
 AIR = Medium()
 K = AIR.wavenumber
 RADIUS = 4.5e-3
 SINGLE = TransducerArray([[0, 0, 0]], [[0, 0, 1]])
 STRENGTH = SINGLE.transducer.strength
-
-
-def rayleigh_integral(at: np.ndarray) -> complex:
-    """Pressure of a baffled piston by quadrature of e^{ikr}/r over its disc, scaled to P₁·e^{ikr}/r far away."""
-
-    def integrand(angle: float, rho: float, part: str) -> float:
-        r = np.linalg.norm(at - [rho * np.cos(angle), rho * np.sin(angle), 0])
-        return float(getattr(np.exp(1j * K * r) / r * rho, part))
-
-    real, imag = (
-        dblquad(integrand, 0, RADIUS, 0, 2 * np.pi, args=(part,), epsabs=1e-12, epsrel=1e-6)[0]
-        for part in ("real", "imag")
-    )
-    return STRENGTH / (np.pi * RADIUS**2) * complex(real, imag)
-
-
-@pytest.mark.parametrize("z", [0.05, 0.1, 0.2, 0.5])
-def test_on_the_axis_it_approaches_the_closed_form_of_the_piston(z: float) -> None:
-    """|p| = (2/k)·2·P₁/a²·|sin(k/2·(√(z²+a²) − z))|; the far field differs by about (ka²/4z)²/6 and (a/2z)²."""
-    closed = 4 * STRENGTH / (K * RADIUS**2) * abs(np.sin(K / 2 * (np.hypot(z, RADIUS) - z)))
-    far = abs(transfer_matrix(SINGLE, [[0, 0, z]])[0, 0])
-    assert far == pytest.approx(closed, rel=2 * ((K * RADIUS**2 / 4 / z) ** 2 / 6 + (RADIUS / 2 / z) ** 2))
-
-
-@pytest.mark.parametrize("degrees", [0, 20, 45, 70])
-def test_off_the_axis_it_is_the_rayleigh_integral(degrees: float) -> None:
-    angle, distance = np.radians(degrees), 0.3
-    at = distance * np.array([np.sin(angle), 0, np.cos(angle)])
-    exact = rayleigh_integral(at)
-    # The phase differs by the disc's own curvature, k·a²/(4·r), 0.012 rad here; magnitudes by its square.
-    assert transfer_matrix(SINGLE, at[None])[0, 0] == pytest.approx(exact, rel=0.02)
-    assert abs(transfer_matrix(SINGLE, at[None])[0, 0]) == pytest.approx(abs(exact), rel=1e-3)
 
 
 def test_directivity_has_the_published_beam_widths() -> None:
@@ -56,11 +23,6 @@ def test_directivity_has_the_published_beam_widths() -> None:
     for decibels, full_angle in ((-6, 85), (-3, 59)):
         half = np.degrees(angles[np.argmax(level < decibels)])
         assert 2 * half == pytest.approx(full_angle, abs=1)
-
-
-def test_on_the_axis_strength_is_pressure_times_distance() -> None:
-    phase = np.exp(1j * K * 0.3)
-    assert transfer_matrix(SINGLE, [[0, 0, 0.3]])[0, 0] == pytest.approx(STRENGTH / 0.3 * phase)
 
 
 POINTS = st.lists(
@@ -100,14 +62,14 @@ def test_a_bad_point_far_down_the_list_is_named_by_its_number(array: TransducerA
         pressure(array, np.ones(320), points)
 
 
-def test_nothing_sounds_behind_the_baffle() -> None:
+def test_the_field_behind_the_baffle_is_zero() -> None:
     assert transfer_matrix(SINGLE, [[0, 0, -0.2], [0.1, 0, 0]]).tolist() == [[0], [0]]
 
 
 @pytest.mark.parametrize("model", sorted(MODELS))
 @given(POINTS)
 def test_every_model_is_its_residual_on_a_spherical_wave(model: str, points: np.ndarray) -> None:
-    """Looked up to 1e-4 where the model is a Rayleigh integral."""
+    """To 1e-4 for Rayleigh integrals, which are looked up in a table."""
     transducer = Transducer(model=model)
     distance = np.linalg.norm(points, axis=1)
     sine = np.hypot(points[:, 0], points[:, 1]) / distance
@@ -117,7 +79,7 @@ def test_every_model_is_its_residual_on_a_spherical_wave(model: str, points: np.
     assert (np.abs(found - expected) <= tolerance * STRENGTH / distance).all()
 
 
-def test_a_slice_of_an_image_is_what_the_transfer_matrix_says_on_its_mean() -> None:
+def test_a_slice_of_an_image_equals_the_transfer_matrix() -> None:
     """The paper's way, slice by slice, and the table; on a ring of samples around the axis, at a few heights."""
     aperture = Aperture.disc(RADIUS)
     array = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(strength=1, model="rayleigh", aperture=aperture))
@@ -136,16 +98,9 @@ def test_absorption_takes_its_decibels_per_metre() -> None:
     np.testing.assert_allclose(loss.imag, 0, atol=1e-12)
 
 
-def test_a_transducer_the_other_way_round_is_its_negative() -> None:
+def test_reversed_polarity_negates_the_field() -> None:
     turned = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(polarity=-1))
     np.testing.assert_array_equal(transfer_matrix(turned, [[0, 0.1, 0.2]]), -transfer_matrix(SINGLE, [[0, 0.1, 0.2]]))
-
-
-def test_a_rayleigh_integral_keeps_two_radii_away() -> None:
-    array = TransducerArray([[0, 0, 0]], [[0, 0, 1]], Transducer(model="rayleigh"))
-    transfer_matrix(array, [[0, 0, 9e-3]])
-    with pytest.raises(ValueError, match=r"is 8\.00 mm from transducer 0; the model 'rayleigh' needs .* 9\.00 mm"):
-        transfer_matrix(array, [[0, 0, 8e-3]])
 
 
 def test_a_louder_transducer_is_louder() -> None:
@@ -168,8 +123,8 @@ def test_bad_input_is_named(array: TransducerArray, drive: np.ndarray, at: list[
 
 
 @pytest.mark.parametrize("model", ["monopole", "piston", "rayleigh"])
-def test_sound_travels_back_as_it_came(model: str) -> None:
-    """Reciprocity: two transducers that look at each other hear each other alike, wherever they are."""
+def test_propagation_is_reciprocal(model: str) -> None:
+    """Reciprocity: two transducers that face each other receive each other alike at any places."""
     rng = np.random.default_rng(12)
     transducer = Transducer(model=model)
     places, normals = rng.uniform(-0.1, 0.1, (2, 3)), rng.normal(size=(2, 3))

@@ -43,7 +43,7 @@ def computed(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return calls
 
 
-def test_a_table_is_what_a_compiled_kernel_wants(folder: Path) -> None:
+def test_a_table_has_the_layout_of_the_kernels(folder: Path) -> None:
     found = ResidualTable.of(DISC["rayleigh"])
     assert found.values.shape == (65, 9)
     assert found.values.dtype == np.complex128
@@ -104,7 +104,7 @@ def test_a_table_is_kept_on_disk(folder: Path, computed: list[int]) -> None:
     assert computed == [65 * 9]
 
 
-def test_whatever_changes_the_values_is_another_table(folder: Path, computed: list[int]) -> None:
+def test_every_parameter_of_the_values_makes_another_table(folder: Path, computed: list[int]) -> None:
     ring = Transducer(RADIUS, model="rayleigh", aperture=Aperture.disc(RADIUS, 5e-4))
     for transducer, air, nearest in (
         (DISC["rayleigh"], Medium(), 0.05),

@@ -61,7 +61,7 @@ def test_a_square_pulse_settles_to_the_phasor_model(width: int, start: int, time
     """Driven by π/2 for w of 50 ticks it emits sin(πw/50) with the phase of the pulse's centre."""
     one = Resonator(CARRIER, time_constant).sampled(TICK)
     drive = np.pi / 2 * ((np.arange(50) - start) % 50 < width)
-    settled = one.ring(drive)[-1] / (1 - one.decay**50)  # z = decay⁵⁰·z + what one period adds
+    settled = one.ring(drive)[-1] / (1 - one.decay**50)  # z = decay⁵⁰·z + the sum of one period
     states = one.ring(drive, settled)
     assert states[-1] == pytest.approx(settled)
     fine = (np.arange(40) + 0.5) / 40  # between the ticks too: a sum over ticks would fold the 49th harmonic back
@@ -74,7 +74,7 @@ def test_a_square_pulse_settles_to_the_phasor_model(width: int, start: int, time
 
 
 @given(RESONATORS, st.integers(1, 9), st.integers(0, 2**32 - 1))
-def test_between_two_steps_is_where_finer_steps_come_by(resonator: Resonator, parts: int, seed: int) -> None:
+def test_interpolation_between_steps_equals_finer_steps(resonator: Resonator, parts: int, seed: int) -> None:
     drive = np.random.default_rng(seed).normal(size=(20, 2))
     coarse = resonator.sampled(TICK)
     states = coarse.ring(drive)
@@ -95,7 +95,7 @@ def test_an_envelope_settles_to_the_response_and_fades_with_the_time_constant(re
 
 @given(RESONATORS)
 def test_an_envelope_follows_the_wave(resonator: Resonator) -> None:
-    """A carrier that is switched on, wave by wave and as an envelope: alike but for a part of 1/Q."""
+    """A carrier that is switched on, wave by wave and as an envelope: alike to 1/Q."""
     ticks = np.arange(200 * 50)
     one = resonator.sampled(TICK)
     wave = one.ring(np.cos(2 * np.pi * (ticks + 0.5) / 50)).real
@@ -148,7 +148,7 @@ SPEED, PITCH = 343.0, 0.0123
 
 
 def placed(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex64], NDArray[np.float64]]:
-    """Points, sources, what arrives, and the ways between them."""
+    """Points, sources, arriving waves, and the ways between them."""
     rng = np.random.default_rng(seed)
     points, sources = rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (6, 3))
     arrival = (rng.normal(size=(4, 6, 2)) @ [1, 1j]).astype(np.complex64)
@@ -159,7 +159,7 @@ def placed(seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray
 
 @given(st.integers(0, 2**32 - 1), RESONATORS)
 def test_the_kernel_places_waves_with_their_signs_and_delays(seed: int, resonator: Resonator) -> None:
-    """What is heard of a carrier that rings for ever is what arrives of it, with the phase of the way."""
+    """A steady carrier is heard as the wave that arrives, with the phase of its way."""
     points, sources, arrival, way = placed(seed)
     one = resonator.sampled(TICK)
     lag, (here, following) = np.empty((4, 6), np.int64), np.empty((2, 4, 6), np.complex64)
@@ -198,12 +198,6 @@ def test_a_part_of_a_step_as_a_polynomial(resonator: Resonator, step: float) -> 
     np.testing.assert_allclose(found, one.between(part), rtol=1e-12, atol=1e-14)
 
 
-def test_without_a_drive_nothing_starts() -> None:
-    still: NDArray[Any] = Resonator().sampled(TICK).ring(np.zeros((3, 2)))
-    assert still.shape == (4, 2)
-    assert not still.any()
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -216,6 +210,6 @@ def test_without_a_drive_nothing_starts() -> None:
         (lambda: Resonator(80e3).enveloped(CARRIER, 25e-6), "80000 and 40000 Hz, part by less than half a period"),
     ],
 )
-def test_what_cannot_resonate_is_refused(call: Any, message: str) -> None:
+def test_impossible_resonators_are_refused(call: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call()

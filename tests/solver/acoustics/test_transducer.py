@@ -18,14 +18,10 @@ def test_the_default_strength_is_the_paper_s_20_pascals() -> None:
     assert TRANSDUCERS["MA40S4S-10Vrms"].strength == pytest.approx(peak_at_10_v_rms, rel=1e-3)
 
 
-def test_every_preset_says_where_its_strength_comes_from() -> None:
+def test_every_preset_has_a_source_of_its_strength() -> None:
     assert TRANSDUCERS["MA40S4S"] == Transducer()
     assert len({transducer.source for transducer in TRANSDUCERS.values()}) == len(TRANSDUCERS)
     assert all(2.5 <= transducer.strength <= 8.5 for transducer in TRANSDUCERS.values())
-
-
-def test_radius_and_strength_come_first() -> None:
-    assert Transducer(5e-3, 2.0) == Transducer(radius=5e-3, strength=2.0)
 
 
 def test_transducers_with_equal_apertures_are_equal() -> None:

@@ -48,7 +48,7 @@ def test_the_polynomial_wave_is_cosine_and_sine(turns: list[float]) -> None:
 def test_tikhonov_is_the_double_one(options: dict[str, Any], seed: int, m: int) -> None:
     """With points on a lattice of 12 mm, ratios of |p| to 1e-3 of the strongest, and phases to 0.2 degrees rms.
 
-    From the same phases of the points: where one hardly hears the others, iterations of them can end elsewhere.
+    From the same phases of the points: iterations for nearly independent points can end elsewhere.
     """
     rng = np.random.default_rng(seed)
     lattice = np.stack(np.meshgrid(*[np.arange(-5, 6) * 0.012] * 2, [0.15, 0.2, 0.25]), axis=-1).reshape(-1, 3)
@@ -69,10 +69,10 @@ def test_tikhonov_is_the_double_one(options: dict[str, Any], seed: int, m: int) 
 )
 @given(problem=arrays_and_points())
 @FEW
-def test_tikhonov_is_as_good_as_the_double_one_wherever_the_points(
+def test_tikhonov_is_as_good_as_the_double_one_for_any_points(
     options: dict[str, Any], problem: tuple[TransducerArray, ControlPoints]
 ) -> None:
-    """Crowded, repeated and contradicting ones, where the phases may end elsewhere."""
+    """Crowded, repeated and contradicting ones, for which the phases may end elsewhere."""
     array, points = problem
     single, double = (solve(array, points, "tikhonov", precision=p, **options).drive for p in ("single", "double"))
     assert np.isfinite(single).all()
@@ -96,7 +96,7 @@ def test_multiplexing_is_the_double_one(problem: tuple[TransducerArray, ControlP
 def test_corrections_are_as_good_as_the_double_ones(
     output: str, problem: tuple[TransducerArray, ControlPoints]
 ) -> None:
-    """Where the points contradict each other the iterations are chaotic; what is kept is as good all the same."""
+    """If points contradict each other the iterations are chaotic, but their result is as good."""
     array, points = problem
     single, double = (solve(array, points, "wgs", precision=p, output=output).drive for p in ("single", "double"))
     error, expected = (misfit(reached(array, points, drive), points.amplitudes)[1] for drive in (single, double))
@@ -119,7 +119,7 @@ def test_polishing_is_as_good_as_the_double_one(seed: int) -> None:
     assert errors["single", 2] < 1.5 * errors["double", 2] + 1e-3
 
 
-@pytest.mark.parametrize("method", COMPILED)
+@pytest.mark.parametrize("method", METHODS)
 @given(problem=arrays_and_points())
 @FEW
 def test_drives_are_within_their_limits_and_dead_elements_silent(
@@ -129,7 +129,7 @@ def test_drives_are_within_their_limits_and_dead_elements_silent(
     limits = np.linspace(1, 0.2, len(array))
     limited = array.calibrated(array.response, limits)
     drive = solve(limited, points, method).drive
-    assert (np.abs(drive) <= limits).all()
+    assert (np.abs(drive) <= limits * (1 if method in COMPILED else 1 + 1e-12)).all()
     assert not drive[array.response == 0].any()
     assert (np.abs(drive) / limits).max() == pytest.approx(1, rel=1e-5)
 
@@ -163,7 +163,7 @@ LOOKED_UP = [WIDE, *(Transducer(model=model, polarity=-1) for model in ("rayleig
 @pytest.mark.parametrize("absorbing", [False, True])
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=10)
-def test_what_is_looked_up_is_the_double_one(transducer: Transducer, absorbing: bool, seed: int) -> None:
+def test_tables_are_as_good_as_the_double_model(transducer: Transducer, absorbing: bool, seed: int) -> None:
     """Rayleigh integrals, and a piston of ka 15, whose nulls and side lobes no short polynomial can follow."""
     rng = np.random.default_rng(seed)
     medium = Medium(25, absorbing=absorbing)
@@ -183,7 +183,7 @@ def test_what_is_looked_up_is_the_double_one(transducer: Transducer, absorbing: 
 
 @pytest.mark.parametrize("method", COMPILED)
 @pytest.mark.parametrize("transducer", LOOKED_UP, ids=lambda transducer: f"{transducer.model}-{transducer.radius}")
-def test_every_method_knows_what_is_looked_up(method: str, transducer: Transducer) -> None:
+def test_every_method_uses_the_tables(method: str, transducer: Transducer) -> None:
     array = TransducerArray.grid(8, 8, transducer=transducer)
     points = ControlPoints([[0.02, 0.01, 0.1], [-0.02, 0, 0.12]], [1, 0.5])
     single, double = (solve(array, points, method, precision=p).drive for p in ("single", "double"))
@@ -191,7 +191,7 @@ def test_every_method_knows_what_is_looked_up(method: str, transducer: Transduce
     np.testing.assert_allclose(felt, expected, atol=0.02 * expected.max())
 
 
-def test_what_is_too_far_for_single_precision_is_computed_in_double(array: TransducerArray) -> None:
+def test_points_too_far_for_single_precision_are_computed_in_double(array: TransducerArray) -> None:
     drive, far = np.ones(320), [[3.0, 0, 200.0], [0, 30.0, 500.0]]
     assert pressure(array, drive, far, precision="single").tolist() == pressure(array, drive, far).tolist()
     wide = TransducerArray.joined([array, array.moved(np.eye(3), [20, 0, 0])])
@@ -220,7 +220,7 @@ def test_samples_among_facing_panels_are_checked_one_by_one_and_fast() -> None:
         pressure(pair, np.ones(128), inside, precision="single")
 
 
-def test_strong_absorption_is_beyond_the_kernel_and_computed_all_the_same() -> None:
+def test_strong_absorption_is_computed_without_the_kernel() -> None:
     """At 400 kHz air takes most of the sound on the way: 90 dB/m."""
     array = TransducerArray.grid(5, 5, 1e-3, Transducer(radius=0.45e-3))
     thick = Medium(frequency=400_000, absorbing=True)
@@ -230,14 +230,14 @@ def test_strong_absorption_is_beyond_the_kernel_and_computed_all_the_same() -> N
     assert felt[1] / felt[0] == pytest.approx(1, abs=0.01)
 
 
-def test_what_was_compiled_is_counted() -> None:
+def test_compilations_are_counted() -> None:
     Solver(TransducerArray.grid(2, 2)).solve(ControlPoints([[0, 0, 0.1]]))
     counts = tables.compilation()
     assert {"model", "begin", "finish"} <= set(counts)
     assert all(loaded + built >= 1 for loaded, built in counts.values())
 
 
-def test_a_transducer_the_other_way_round_is_driven_the_other_way_round() -> None:
+def test_reversed_polarity_reverses_the_drive() -> None:
     points = ControlPoints([[0.02, 0.01, 0.15], [-0.02, 0, 0.2]])
     for method in COMPILED:
         upright, reversed_ = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -25,6 +26,11 @@ def parallelogram(corner: ArrayLike, along: ArrayLike, across: ArrayLike) -> Flo
 def lengths(arcs: Arcs) -> Floats:
     """Length of each arc in metres."""
     return np.array([np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in arcs.polylines()])
+
+
+def in_trimesh(mesh: Mesh) -> Any:
+    """The mesh as trimesh sees it, unchanged."""
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
 def ball(subdivisions: int, radius: float = 0.05) -> Mesh:

@@ -1,4 +1,4 @@
-"""Equation (13) and the division of arcs as the documentation says it, in readable NumPy with numeric integrals."""
+"""Equation (13) and the division of arcs as documented, in readable NumPy with numeric integrals."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class Line:
 
 
 def lines(arcs: Arcs, curvature: Floats, spacing: float) -> list[Line]:
-    """The arcs, closed ones from where the compiled version begins them."""
+    """The arcs; closed ones begin at the same vertex as in the compiled version."""
     found = []
     for vertices, start, closed in zip(arcs.polylines(), arcs.starts, arcs.closed, strict=False):
         values = curvature[start : start + len(vertices)]

@@ -64,7 +64,7 @@ def test_it_tries_few_faces_of_a_large_mesh() -> None:
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.5, 1e-3])
-def test_no_mesh_makes_a_list_of_the_tree(ratio: float) -> None:
+def test_no_mesh_makes_the_tree_degenerate(ratio: float) -> None:
     """Triangles in one place, or each next to the next at a fraction of the way to the origin."""
     count = 20_000
     places = ratio ** np.arange(count, dtype=np.float64) * 1000

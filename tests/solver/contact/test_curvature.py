@@ -38,7 +38,7 @@ def pyramid(divisions: int = 0) -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize("divisions", [0, 1, 3])
-def test_a_cube_has_a_right_angle_along_all_its_edges_and_nothing_elsewhere(divisions: int) -> None:
+def test_a_cube_has_right_angles_along_its_edges_and_is_flat_elsewhere(divisions: int) -> None:
     solid = solid_of(box(divisions))
     on_edges = np.isclose(np.abs(solid.vertices[solid.edges].mean(axis=1)), 0.05).sum(axis=1) == 2
     assert on_edges.sum() == 12 * 2**divisions

@@ -120,15 +120,6 @@ def test_points_stand_at_equal_steps_of_the_integral_of_13() -> None:
     assert gaps[3] == pytest.approx(SPACING, rel=0.05)
 
 
-def test_one_sharp_edge_crowds_its_own_side_alone() -> None:
-    positions, _, anchors = place(*line([0.15], [FULL, 0.0]))
-    gaps = np.diff(positions[:, 0])
-    assert anchors.tolist() == [1] + [0] * (len(positions) - 1)
-    assert (np.diff(gaps) > 0).all()
-    last = 0.15 - positions[-1, 0]
-    assert last == pytest.approx(gaps[-1] / 2, rel=0.01)
-
-
 @pytest.mark.parametrize(
     ("length", "expected"),
     [(0.0029, 0), (0.0031, 1), (0.0149, 1), (0.0224, 1), (0.0226, 2), (0.15, 10), (0.157, 10), (0.158, 11)],

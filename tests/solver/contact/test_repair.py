@@ -12,18 +12,16 @@ from phasewire.solver.contact import repair
 from phasewire.solver.contact.mesh import Mesh
 from phasewire.solver.contact.repair import MOST_BODIES, MOST_OPEN_EDGES, TRIED, WIDEST_CRACK
 
+from .cuts import in_trimesh
+
 CUBE = Mesh.cube()
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
-
-
-def their_view(mesh: Mesh) -> Any:
-    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
 def sound(mesh: Mesh, volume: float, rel: float = 1e-9) -> Mesh:
     """The repaired mesh, which trimesh finds closed, oriented outward and of this volume."""
     repaired = mesh.repaired()
-    shape = their_view(repaired)
+    shape = in_trimesh(repaired)
     assert shape.is_watertight
     assert shape.is_winding_consistent
     assert shape.volume == pytest.approx(volume, rel=rel)
@@ -32,13 +30,13 @@ def sound(mesh: Mesh, volume: float, rel: float = 1e-9) -> Mesh:
 
 @pytest.mark.parametrize("mesh", [CUBE, Mesh.sphere(), Mesh.cone(), Mesh.of(BALL.vertices, BALL.faces)])
 def test_a_sound_mesh_stays_as_it_is(mesh: Mesh) -> None:
-    repaired = sound(mesh, their_view(mesh).volume)
+    repaired = sound(mesh, in_trimesh(mesh).volume)
     assert repaired.repairs == ()
     assert len(repaired.faces) == len(mesh.faces)
     assert len(repaired.vertices) == len(mesh.vertices)
 
 
-def test_separate_triangles_are_joined_without_a_word() -> None:
+def test_separate_triangles_are_joined_without_a_note() -> None:
     repaired = sound(Mesh.of(CUBE.vertices[CUBE.faces].reshape(-1, 3), np.arange(36).reshape(12, 3)), 1e-3)
     assert len(repaired.vertices) == 8
     assert repaired.repairs == ()
@@ -55,7 +53,7 @@ def test_triangles_that_miss_each_other_by_rounding_are_joined(seed: int) -> Non
     assert repaired.repairs == ("28 vertices merged with others within 1e-07 m",)
 
 
-def test_zeros_of_both_signs_are_one() -> None:
+def test_zeros_of_both_signs_are_equal() -> None:
     tetrahedron = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
     triangles = tetrahedron[[[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]].reshape(-1, 3)
     triangles[triangles == 0] = np.where(np.arange((triangles == 0).sum()) % 2, 0.0, -0.0)
@@ -83,7 +81,7 @@ def test_a_body_with_two_sided_faces_keeps_one_side() -> None:
 
 @given(turned=st.sets(st.integers(0, len(BALL.faces) - 1), min_size=1, max_size=len(BALL.faces) // 2 - 1))
 @settings(max_examples=20)
-def test_faces_that_look_the_other_way_are_turned(turned: set[int]) -> None:
+def test_faces_with_opposite_winding_are_turned(turned: set[int]) -> None:
     faces = BALL.faces.copy()
     faces[list(turned)] = faces[list(turned), ::-1]
     repaired = sound(Mesh.of(BALL.vertices, faces), BALL.volume)
@@ -97,7 +95,7 @@ def test_a_body_inside_out_is_turned() -> None:
     )
 
 
-def test_a_cavity_stays_one_and_a_neighbour_does_not() -> None:
+def test_a_cavity_stays_and_an_inside_out_neighbour_is_turned() -> None:
     inner, beside = Mesh.cube(size=0.05), Mesh.cube(size=0.05, centre=(0.2, 0, 0.17))
     for other, volume, repairs in ((inner, 0.875e-3, 0), (beside, 1.125e-3, 1)):
         vertices = np.concatenate([CUBE.vertices, other.vertices])
@@ -111,15 +109,15 @@ def test_bodies_that_share_an_edge_are_sound() -> None:
     repaired = both.repaired()
     assert repaired.repairs == ()
     assert len(repaired.vertices) == 14
-    assert their_view(repaired).volume == pytest.approx(2e-3)
+    assert in_trimesh(repaired).volume == pytest.approx(2e-3)
 
 
 def test_a_narrow_hole_is_closed() -> None:
     ball = Mesh.sphere()
     faces = ball.faces[~(ball.faces == np.argmax(ball.vertices[:, 2])).any(axis=1)]
-    repaired = sound(Mesh.of(ball.vertices, faces), their_view(ball).volume, rel=1e-3)
+    repaired = sound(Mesh.of(ball.vertices, faces), in_trimesh(ball).volume, rel=1e-3)
     assert repaired.repairs[0].startswith("1 hole closed, up to ")
-    assert their_view(repaired).euler_number == 2
+    assert in_trimesh(repaired).euler_number == 2
     one = sound(Mesh.of(BALL.vertices, BALL.faces[1:]), BALL.volume)
     assert len(one.faces) == len(BALL.faces)
 
@@ -150,7 +148,7 @@ def test_a_wide_hole_is_refused_with_its_place() -> None:
 
 
 @pytest.mark.parametrize(("factor", "closed"), [(0.99, True), (1.01, False)])
-def test_the_wavelength_decides(factor: float, closed: bool) -> None:
+def test_holes_up_to_a_wavelength_are_closed(factor: float, closed: bool) -> None:
     cube = Mesh.cube(size=factor * WIDEST_CRACK)
     top = np.isclose(cube.vertices[cube.faces][:, :, 2], cube.vertices[:, 2].max()).all(axis=1)
     lidless = Mesh.of(cube.vertices, cube.faces[~top])
@@ -186,7 +184,7 @@ def moebius() -> Mesh:
         (CUBE.scaled(9e-6), "it is 9e-07 m large, too small"),
     ],
 )
-def test_what_is_no_body_is_refused(mesh: Mesh, message: str) -> None:
+def test_triangles_that_enclose_no_volume_are_refused(mesh: Mesh, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         mesh.repaired()
 
@@ -208,7 +206,7 @@ def test_a_large_mesh_of_loose_triangles_is_refused_before_any_repair() -> None:
         Mesh.of(corners, np.arange(len(corners)).reshape(-1, 3)).repaired()
 
 
-def test_specks_without_number_are_refused() -> None:
+def test_too_many_bodies_are_refused() -> None:
     small = Mesh.of([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     copies = np.arange(MOST_BODIES + 1)
     vertices = (small.vertices * 0.005 + 0.01 * copies[:, None, None] * [1, 0, 0]).reshape(-1, 3)

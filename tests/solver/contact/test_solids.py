@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 from phasewire.solver.contact.mesh import Mesh
 from phasewire.solver.contact.solids import SOLIDS
+
+from .cuts import in_trimesh
 
 ALTITUDE = math.sqrt(0.75)
 EXACT = {
@@ -21,13 +22,9 @@ EXACT = {
 """Volume, area and extents of each at size 1."""
 
 
-def their_view(mesh: Mesh) -> Any:
-    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-
-
 @pytest.mark.parametrize("name", SOLIDS)
 def test_it_is_closed_and_as_large_as_geometry_says(name: str) -> None:
-    shape = their_view(getattr(Mesh, name)())
+    shape = in_trimesh(getattr(Mesh, name)())
     volume, area, extents = EXACT[name]
     rough = 2.5e-3 if name in ("cone", "sphere") else 1e-12
     assert shape.is_watertight
@@ -39,9 +36,9 @@ def test_it_is_closed_and_as_large_as_geometry_says(name: str) -> None:
     np.testing.assert_allclose(shape.bounds.mean(axis=0), [0, 0, 0.17], atol=1e-15)
 
 
-def test_what_stands_stands_and_what_lies_lies() -> None:
-    assert their_view(Mesh.cone()).center_mass[2] == pytest.approx(0.12 + 0.025, abs=1e-9)
-    assert their_view(Mesh.pyramid()).center_mass[2] == pytest.approx(0.12 + 0.025, abs=1e-12)
+def test_solids_have_their_orientation() -> None:
+    assert in_trimesh(Mesh.cone()).center_mass[2] == pytest.approx(0.12 + 0.025, abs=1e-9)
+    assert in_trimesh(Mesh.pyramid()).center_mass[2] == pytest.approx(0.12 + 0.025, abs=1e-12)
     roof = Mesh.horizontal_prism().vertices
     ridge = roof[roof[:, 2] > 0.2]
     np.testing.assert_allclose(sorted(ridge.tolist()), [[-0.05, 0, ridge[0, 2]], [0.05, 0, ridge[0, 2]]], atol=1e-15)
@@ -50,7 +47,7 @@ def test_what_stands_stands_and_what_lies_lies() -> None:
 
 
 def test_curves_are_met_to_a_tenth_of_a_millimetre() -> None:
-    sphere = their_view(Mesh.sphere())
+    sphere = in_trimesh(Mesh.sphere())
     distances = np.linalg.norm(sphere.triangles_center - [0, 0, 0.17], axis=1)
     assert 0 < 0.05 - distances.min() < 1e-4
     assert 0.05 * (1 - math.cos(math.pi / 64)) < 1e-4
@@ -60,7 +57,7 @@ def test_curves_are_met_to_a_tenth_of_a_millimetre() -> None:
 
 def test_size_and_centre() -> None:
     mesh = Mesh.sphere(size=0.04, centre=(0.01, -0.02, 0.3))
-    np.testing.assert_allclose(their_view(mesh).bounds, [[-0.01, -0.04, 0.28], [0.03, 0, 0.32]], atol=1e-15)
+    np.testing.assert_allclose(in_trimesh(mesh).bounds, [[-0.01, -0.04, 0.28], [0.03, 0, 0.32]], atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -72,6 +69,6 @@ def test_size_and_centre() -> None:
         (lambda: Mesh.cube(centre=(0, math.nan, 0)), "centre .* must be three numbers"),
     ],
 )
-def test_what_is_no_size_is_refused(made: Any, message: str) -> None:
+def test_invalid_sizes_are_refused(made: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         made()

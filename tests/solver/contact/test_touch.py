@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
-from phasewire import Hand, Mesh, Toucher, TransducerArray, solve, touch
+from phasewire import Hand, Mesh, Toucher, touch
 from phasewire.solver.contact.arcs import KNUCKLE
 from phasewire.solver.contact.density import CLOSEST
 from phasewire.solver.contact.touch import MOST_OBJECTS, MOST_POINTS
@@ -63,7 +60,7 @@ def distance(points: Floats, line: Floats) -> Floats:
 @pytest.mark.parametrize("corners", [True, False])
 @pytest.mark.parametrize("shape", SECTIONS)
 def test_a_palm_that_sweeps_through_a_small_shape_feels_its_outline(shape: str, corners: bool) -> None:
-    """One closed arc on the outline at each height, and nothing above and below."""
+    """One closed arc on the outline at each height, and none above and below."""
     mesh, tall = getattr(Mesh, shape)(SIDE, CENTRE), TALL.get(shape, SIDE)
     toucher = Toucher(corners=corners)
     for up in np.linspace(-0.08, 1.12, 25):
@@ -90,8 +87,8 @@ def test_a_palm_that_sweeps_through_a_small_shape_feels_its_outline(shape: str, 
 
 
 @pytest.mark.parametrize("shape", SECTIONS)
-def test_points_are_as_far_as_the_quadrilaterals_reach(shape: str) -> None:
-    """A level hand in shapes of full size: the length of arcs in the palm, and points in their own quadrilaterals."""
+def test_points_lie_on_the_object_in_their_own_quadrilateral(shape: str) -> None:
+    """A level hand in shapes of full size."""
     mesh = getattr(Mesh, shape)()
     for height in (0.141, 0.17, 0.199):
         hand = Hand.flat((0.02, -0.03, height))
@@ -108,30 +105,6 @@ def test_points_are_as_far_as_the_quadrilaterals_reach(shape: str) -> None:
         offset = felt.points.positions[:, None] - surface.triangles[:, 0]
         outside = np.einsum("mfk,fk->mf", offset, surface.face_normals)
         assert np.abs(outside.max(axis=1)).max() < 1e-3  # all six are convex
-        palm = hand.quads[0]
-        section = surface.section([0, 0, 1], [0, 0, height])
-        assert section is not None
-        (outline,) = section.discrete
-        fine = np.concatenate([np.linspace(a, b, 400) for a, b in itertools.pairwise(outline)])
-        pieces, middles = np.linalg.norm(np.diff(fine, axis=0), axis=1), (fine[1:] + fine[:-1]) / 2
-        sides = np.cross(np.roll(palm, -1, axis=0) - palm, middles[:, None] - palm)[:, :, 2]
-        in_palm = pieces[(np.sign(sides) == np.sign(sides.sum(axis=1, keepdims=True))).all(axis=1)].sum()
-        lengths = np.linalg.norm(np.diff(felt.cuts.vertices, axis=0), axis=1)
-        found = lengths[(felt.cuts.quads[:-1] == 0) & (felt.cuts.faces[:-1] >= 0)].sum()
-        assert in_palm - 1e-4 <= found <= in_palm + 5 * KNUCKLE + 1e-4
-
-
-@given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=30, deadline=None)
-def test_only_the_motion_between_hand_and_object_counts(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    hand = Hand.flat(curl=rng.uniform(0, 0.7)).rotated(rng.uniform(0, 360), rng.normal(size=3))
-    offset, mesh = rng.uniform(-0.03, 0.03, 3), Mesh.pyramid()
-    one, other = touch(hand, mesh.moved(offset)), touch(hand.moved(-offset), mesh)
-    assert len(one.ids) == len(other.ids)
-    if one.points is not None and other.points is not None:
-        np.testing.assert_allclose(one.points.positions, other.points.positions + offset, rtol=0, atol=1e-6)
-        np.testing.assert_allclose(one.points.amplitudes, other.points.amplitudes, rtol=1e-4)
 
 
 def test_several_hands_feel_several_objects() -> None:
@@ -146,7 +119,7 @@ def test_several_hands_feel_several_objects() -> None:
     assert len(felt.ids) == 2 * len(touch(hands[0], meshes[2]).ids)
 
 
-def test_nothing_is_felt_by_no_hand_and_of_no_object() -> None:
+def test_without_hands_or_objects_no_point_is_felt() -> None:
     for felt in (touch([], Mesh.cube()), touch(Hand.flat(), []), touch(Hand.flat((0.5, 0, 0.5)), Mesh.cube())):
         assert not felt
         assert felt.points is None
@@ -154,7 +127,7 @@ def test_nothing_is_felt_by_no_hand_and_of_no_object() -> None:
         assert felt.ids.size == felt.objects.size == felt.quads.size == felt.anchors.size == 0
 
 
-def test_edges_are_drawn_strongly_if_they_are_asked_for() -> None:
+def test_corners_are_stronger_on_request() -> None:
     hand, mesh = Hand.flat(), Mesh.cube(SIDE, CENTRE)
     strong, even = touch(hand, mesh), touch(hand, mesh, corners=False)
     assert strong.points is not None
@@ -179,12 +152,6 @@ def test_points_have_a_cap_and_a_spacing() -> None:
     assert dense.points is not None
     assert len(dense.ids) == 160  # below 6 mm, edges make nothing denser
     assert CLOSEST > 1e-3
-
-
-def test_a_touch_becomes_a_field() -> None:
-    felt = touch(Hand.flat().rotated(20, (1, 0, 0)), Mesh.sphere())
-    assert felt.points is not None
-    assert np.abs(solve(TransducerArray.grid(), felt.points).drive).max() == pytest.approx(1)
 
 
 @pytest.mark.parametrize(

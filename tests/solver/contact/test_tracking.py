@@ -1,4 +1,4 @@
-"""Points from frame to frame: what survives moves no farther than it may, and stays itself."""
+"""Points from frame to frame: a surviving point keeps its identity and moves within its bound."""
 
 from __future__ import annotations
 
@@ -31,24 +31,18 @@ def motion(one: Hand, other: Hand) -> float:
     return float(np.linalg.norm(one.quads - other.quads, axis=2).max())
 
 
-def from_arcs(position: Floats, arcs: list[Floats]) -> float:
-    """Distance of a position from the nearest of some polylines."""
-    least = np.inf
-    for arc in arcs:
-        step = np.diff(arc, axis=0)
-        share = ((position - arc[:-1]) * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300)
-        nearest = arc[:-1] + np.clip(share, 0, 1)[:, None] * step
-        least = min(least, float(np.linalg.norm(nearest - position, axis=1).min()))
-    return least
-
-
-def along(position: Floats, arc: Floats, reached: Floats) -> float | None:
-    """Where on a polyline a position is, None if it is not on it."""
+def nearest(position: Floats, arc: Floats) -> tuple[float, float]:
+    """The distance of a position from a polyline, and the place of its nearest point in pieces from the beginning."""
     step = np.diff(arc, axis=0)
     share = np.clip(((position - arc[:-1]) * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300), 0, 1)
     distance = np.linalg.norm(arc[:-1] + share[:, None] * step - position, axis=1)
     i = int(np.argmin(distance))
-    return float(reached[i] + share[i] * (reached[i + 1] - reached[i])) if distance[i] < 1e-9 else None
+    return float(distance[i]), float(i + share[i])
+
+
+def from_arcs(position: Floats, arcs: list[Floats]) -> float:
+    """Distance of a position from the nearest of some polylines."""
+    return min((nearest(position, arc)[0] for arc in arcs), default=np.inf)
 
 
 def sweep(seed: int, frames: int, step: float) -> Iterator[Hand]:
@@ -63,7 +57,7 @@ def sweep(seed: int, frames: int, step: float) -> Iterator[Hand]:
 @pytest.mark.parametrize("shape", SHAPES)
 @given(seed=st.integers(0, 2**32 - 1), step=st.floats(1e-5, 1e-2))
 @settings(max_examples=15, deadline=None)
-def test_survivors_move_no_farther_than_they_may(shape: str, seed: int, step: float) -> None:
+def test_survivors_move_within_their_bound(shape: str, seed: int, step: float) -> None:
     """Not farther than their arcs have moved and a multiple of the hand's motion; if the arcs run away, they end."""
     mesh, toucher = getattr(Mesh, shape)(), Toucher()
     seen: set[int] = set()
@@ -105,7 +99,7 @@ def test_on_a_sphere_points_move_with_the_palm(seed: int, step: float) -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=8, deadline=None)
 def test_a_hand_at_rest_has_points_at_rest(shape: str, seed: int) -> None:
-    """After some frames, in which points settle, nothing changes, and points are even."""
+    """After some frames the points have settled: they stay, evenly spaced."""
     mesh, toucher = getattr(Mesh, shape)(), Toucher(corners=False, most_points=500)
     for hand in sweep(seed, 12, 3e-3):
         toucher.touch(hand, mesh)
@@ -120,8 +114,9 @@ def test_a_hand_at_rest_has_points_at_rest(shape: str, seed: int) -> None:
     for arc, closed in zip(after.arcs, after.cuts.closed, strict=True):
         reached = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(arc, axis=0), axis=1))])
         length = reached[-1]
-        every = (along(position, arc, reached) for position in after.points.positions)
-        at = np.sort([place for place in every if place is not None])
+        every = [nearest(position, arc) for position in after.points.positions]
+        places_in_pieces = [place for distance, place in every if distance < 1e-9]
+        at = np.sort(np.interp(places_in_pieces, np.arange(len(reached)), reached))
         found += len(at)
         if closed and len(at):
             np.testing.assert_allclose(np.diff(at, append=at[0] + length), length / len(at), atol=1e-6)
@@ -147,7 +142,7 @@ def test_points_move_with_a_hand_that_carries_its_object(shape: str, seed: int) 
 
 
 def test_points_come_and_go_one_by_one_and_keep_their_order() -> None:
-    """A level palm rises through a cone in steps of half a millimetre: its circle shrinks from 28 cm to nothing."""
+    """A level palm rises through a cone in steps of half a millimetre: its circle shrinks from 28 cm to 0."""
     mesh, toucher = Mesh.cone(0.06, (0, 0, 0.17)), Toucher(corners=False)
     frames = [toucher.touch(Hand.flat((0, 0, z)), mesh) for z in np.arange(0.14, 0.202, 0.5e-3)]
     changes = 0
@@ -177,7 +172,7 @@ def test_a_new_point_takes_the_index_of_one_that_ended() -> None:
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_hand_that_trembles_by_a_tenth_of_a_millimetre_changes_nothing(shape: str) -> None:
-    """Of six hands, most: one whose border just reaches an edge of the object gains and loses that crossing."""
+    """For most of six hands: a border that just reaches an edge of the object gains and loses that crossing."""
     rng, steady = np.random.default_rng(5), 0
     for _ in range(6):
         mesh, toucher, hand = getattr(Mesh, shape)(), Toucher(), some_hand(rng)
@@ -187,7 +182,7 @@ def test_a_hand_that_trembles_by_a_tenth_of_a_millimetre_changes_nothing(shape: 
     assert steady >= 4
 
 
-def test_hands_are_known_by_their_place() -> None:
+def test_hands_are_matched_by_their_place() -> None:
     """Trackers change the order of hands, and lose them."""
     mesh, toucher = Mesh.cube(), Toucher()
     right = Hand.flat((0.05, 0, 0.17)).rotated(30, (1, 0, 0))
@@ -204,7 +199,7 @@ def test_hands_are_known_by_their_place() -> None:
     assert not set(toucher.touch([right], mesh).ids.tolist()) & set(first.ids.tolist())
 
 
-def test_nothing_is_kept_of_another_object_another_hand_or_after_forgetting() -> None:
+def test_identities_do_not_outlive_their_object_or_hand() -> None:
     hand, toucher = Hand.flat().rotated(30, (1, 0, 0)), Toucher()
     frames = [toucher.touch(hand, Mesh.cube())]
     frames.append(toucher.touch(hand, Mesh.cube()))  # of its own solid
@@ -215,8 +210,8 @@ def test_nothing_is_kept_of_another_object_another_hand_or_after_forgetting() ->
     assert len(set(identities)) == len(identities) > 0
 
 
-def test_a_jump_of_the_number_of_points_is_no_jump_of_the_points() -> None:
-    """The circle of a cone around a palm that rises slowly: neighbours make room by no more than they may."""
+def test_points_do_not_jump_when_their_number_does() -> None:
+    """The circle of a cone around a palm that rises slowly: neighbours make room within the bound."""
     mesh, toucher = Mesh.cone(0.06, (0, 0, 0.17)), Toucher(corners=False)
     last: dict[int, Floats] = {}
     for z in np.arange(0.145, 0.19, 1e-4):
@@ -227,7 +222,7 @@ def test_a_jump_of_the_number_of_points_is_no_jump_of_the_points() -> None:
 
 
 def test_points_of_a_closed_arc_turn_with_its_object() -> None:
-    """They are held by no corner, and do not begin anew when another corner is the farthest in some direction."""
+    """No corner holds them, and they do not begin anew when another corner is the farthest in some direction."""
     toucher, mesh = Toucher(corners=False), Mesh.cube(0.034, (0, 0, 0.17))
     first = toucher.touch(Hand.flat(), mesh)
     assert first.points is not None

@@ -4,18 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from phasewire import ControlPoints, Medium, Solution, TransducerArray, pressure, sample_plane, solve
+from phasewire import Medium, TransducerArray, pressure, sample_plane
 from phasewire.solver.fields.field import PlaneField, VolumeField, sample_cut, sample_volume
 from phasewire.solver.fields.grid import Grid
-
-
-def test_a_plane_holds_the_pressure_at_its_samples(sphere_solution: Solution) -> None:
-    array, drive = sphere_solution.array, sphere_solution.drive
-    plane = sample_plane(array, drive, 0.2, extent=0.1, step=0.01)
-    assert plane.pressure.shape == (plane.y.size, plane.x.size) == (11, 11)
-    for row, column in ((0, 0), (3, 8), (10, 5)):
-        expected = pressure(array, drive, [[plane.x[column], plane.y[row], 0.2]])[0]
-        assert plane.pressure[row, column] == pytest.approx(expected, abs=1e-5 * abs(plane.pressure).max())
 
 
 def test_the_step_is_kept_and_the_middle_is_sampled(array: TransducerArray) -> None:
@@ -25,21 +16,11 @@ def test_the_step_is_kept_and_the_middle_is_sampled(array: TransducerArray) -> N
         plane.pressure[0, 0] = 0
 
 
-def test_the_strongest_sample_is_at_the_focus(array: TransducerArray) -> None:
-    focus = (0.02, -0.03)
-    plane = sample_plane(array, solve(array, ControlPoints([[*focus, 0.2]])).drive, 0.2, step=2e-3)
-    row, column = np.unravel_index(np.abs(plane.pressure).argmax(), plane.pressure.shape)
-    assert (plane.x[column], plane.y[row]) == (pytest.approx(focus[0], abs=2e-3), pytest.approx(focus[1], abs=2e-3))
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ({"height": -0.1}, "height -0.1 m must be positive"),
-        ({"height": 0.2, "extent": np.inf}, "extent inf m"),
-        ({"height": 0.2, "step": 0}, "step 0 m"),
         ({"height": 0.2, "step": 5e-324}, "makes more than"),
-        ({"height": 0.2, "extent": 1e200}, "makes more than"),
         ({"height": 0.2, "extent": 1e-3, "step": 1e-3}, "too long for a plane of 0.001 m"),
         ({"height": 1e300}, "coordinates are metres, at most 1000"),
         ({"height": 0.2, "step": 1e-6}, "makes more than 4000000 samples"),
@@ -89,7 +70,7 @@ def test_the_strongest_sample_is_found(name: str) -> None:
     assert abs(pressure(SMALL, DRIVE, [where])[0]) == pytest.approx(strongest, rel=1e-4)
 
 
-def test_coordinates_of_space_are_there_where_they_mean_something() -> None:
+def test_a_plane_has_coordinates_along_its_own_axes_only() -> None:
     field = sample_cut(SMALL, DRIVE, GRIDS["standing"])
     np.testing.assert_allclose(field.x, [-0.02, -0.01, 0, 0.01, 0.02])
     np.testing.assert_allclose(field.z[[0, -1]], [0.05, 0.15])

@@ -82,7 +82,7 @@ def test_a_truncated_solution_is_refused(solved_bytes: bytes, tmp_path: Path, da
 def test_a_corrupted_solution_is_refused_or_harmless(
     solved_bytes: bytes, sphere_solution: Solution, tmp_path: Path, data: st.DataObject
 ) -> None:
-    """Some bytes of the container carry nothing, dates for instance; whatever is accepted must be the same drive."""
+    """Some bytes of the container carry no data, such as dates; an accepted file must have the same drive."""
     corrupted = bytearray(solved_bytes)
     corrupted[data.draw(st.integers(0, len(corrupted) - 1))] ^= data.draw(st.integers(1, 255))
     path = tmp_path / "s.npz"
@@ -124,9 +124,13 @@ def test_other_npz_files_are_told_apart(tmp_path: Path) -> None:
         ({"medium": np.array([20j, 4e4, 50, 1e5])}, "4 numbers are expected"),
         ({"medium": np.array([20, 4e4, 500, 1e5])}, "humidity 500"),
         ({"point_positions": np.full((17, 3), np.nan)}, "control point 0"),
+        (
+            {"array_positions": np.zeros((320, 3), complex)},
+            "transducer positions must .*: they are complex",
+        ),
     ],
 )
-def test_contents_that_make_no_sense_are_refused(
+def test_invalid_contents_are_refused(
     tmp_path: Path, solved_bytes: bytes, changes: dict[str, Any], message: str
 ) -> None:
     path = tmp_path / "s.npz"
@@ -200,7 +204,7 @@ def test_fields_can_be_read_by_numpy(tmp_path: Path) -> None:
         ({"medium": np.ones(3)}, "4 numbers are expected"),
     ],
 )
-def test_fields_that_make_no_sense_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_invalid_fields_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     path = tmp_path / "f.npz"
     save_field(path, FIELDS["plane"])
     with np.load(path) as archive:

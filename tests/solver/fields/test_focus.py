@@ -60,7 +60,7 @@ def test_along_the_beam_a_focus_is_as_long_as_the_pressure_says() -> None:
     assert width == pytest.approx(above.max() - above.min(), abs=2e-4)
 
 
-def test_a_lone_focus_is_where_it_should_be_and_nothing_else_is() -> None:
+def test_a_lone_focus_is_at_its_point_without_ghosts() -> None:
     at = (0.01, -0.02, 0.15)
     report = look(lone(ARRAY, at), ControlPoints([at]))
     (focus,) = report.foci
@@ -89,7 +89,7 @@ def test_the_strongest_lobe_of_a_square_array_is_the_sinc_s() -> None:
     assert lobe.level == pytest.approx(20 * np.log10(first * less), abs=0.05)
 
 
-def test_a_focus_nobody_wanted_is_a_ghost() -> None:
+def test_an_unwanted_focus_is_a_ghost() -> None:
     wanted, unwanted = (-0.03, 0.0, 0.15), (0.03, 0.01, 0.15)
     report = look(lone(ARRAY, wanted) + 0.7 * lone(ARRAY, unwanted), ControlPoints([wanted]))
     assert len(report.ghosts) == 1
@@ -104,7 +104,7 @@ def test_a_focus_nobody_wanted_is_a_ghost() -> None:
     assert weaker.strongest_lobe.pressure < GHOST * weaker.mean
 
 
-def test_a_point_nobody_serves_is_missing() -> None:
+def test_a_point_without_pressure_is_missing() -> None:
     points = ControlPoints([[-0.04, 0, 0.15], [0.04, 0, 0.15], [0, 0.05, 0.15]])
     drive = lone(ARRAY, (-0.04, 0, 0.15)) + lone(ARRAY, (0.04, 0, 0.15))
     report = look(drive, points)
@@ -142,7 +142,7 @@ def test_a_peak_belongs_to_its_point_only_within_the_neighbourhood() -> None:
     assert np.linalg.norm(offset) > 0.5 * np.linalg.norm(corner)
 
 
-def test_the_slope_of_something_outside_is_no_lobe() -> None:
+def test_the_slope_of_a_focus_outside_the_grid_is_no_lobe() -> None:
     drive = lone(ARRAY, (0, 0, 0.15)) + lone(ARRAY, (0.045, 0, 0.15))
     grid = Grid.along("xy", (0, 0, 0.15), 0.08, 2e-3)  # ends 5 mm before the second focus
     assert focus_report(ARRAY, drive, ControlPoints([[0, 0, 0.15]]), grid=grid).ghosts == ()
@@ -220,18 +220,18 @@ def test_the_neighbourhood_is_that_of_the_half_pressure() -> None:
         ({"drive": np.ones(3)}, r"drive has the shape \(3,\)"),
     ],
 )
-def test_what_cannot_be_looked_at_is_named(arguments: dict[str, Any], message: str) -> None:
+def test_impossible_reports_are_named(arguments: dict[str, Any], message: str) -> None:
     plain: dict[str, Any] = {"array": ARRAY, "drive": np.ones(100), "points": ControlPoints([[0, 0, 0.15]])}
     with pytest.raises(ValueError, match=message):
         focus_report(**(plain | arguments))
 
 
 def test_points_far_apart_in_height_are_searched_slab_by_slab(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ghost is found wherever it lies, and only once, whatever the slabs."""
+    """A ghost at any place is found only once with any slabs."""
     monkeypatch.setattr(module, "SEARCH_MARGIN", 0.005)
     small = TransducerArray.grid(6, 6)
     points = ControlPoints([[0, 0, 0.06], [0.004, 0, 0.11]])
-    drive = lone(small, (-0.02, 0.0, 0.085))  # strong in between, where nothing was asked for
+    drive = lone(small, (-0.02, 0.0, 0.085))  # strong between the points
     whole = focus_report(small, drive, points)
     monkeypatch.setattr(module, "MAX_SAMPLES", 15_000)
     assert len(module._surroundings(small, points, AIR)) > 2

@@ -22,7 +22,7 @@ def test_a_box_has_its_third_axis_in_its_layers() -> None:
     np.testing.assert_allclose(grid.positions()[6, 0, 2], [0.01, -0.02, 0.13])
 
 
-def test_an_oblique_plane_is_where_its_axes_say() -> None:
+def test_an_oblique_plane_follows_its_axes() -> None:
     up = np.array([0, 0.6, 0.8])
     grid = Grid((0, 0, 0.2), [[1.0, 0.0, 0.0], up.tolist()], (3, 5), 0.01)
     np.testing.assert_allclose(grid.positions()[4, 1], [0, 0.012, 0.216])
@@ -31,13 +31,6 @@ def test_an_oblique_plane_is_where_its_axes_say() -> None:
     name, along = grid.coordinates(1)
     assert name == "v"
     np.testing.assert_allclose(along, [-0.02, -0.01, 0, 0.01, 0.02])
-
-
-def test_the_axes_of_space_have_the_coordinates_of_space() -> None:
-    grid = Grid.along("yz", (0, 0.01, 0.2), 0.02, 0.01)
-    for axis, name, values in ((0, "y", [0, 0.01, 0.02]), (1, "z", [0.19, 0.2, 0.21])):
-        assert grid.coordinates(axis)[0] == name
-        np.testing.assert_allclose(grid.coordinates(axis)[1], values, atol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def test_capillary_length_of_light_oil() -> None:
     assert pytest.approx(1.9e-3, rel=0.01) == OIL.capillary_length
 
 
-def test_oil_does_not_stand(array: Any) -> None:
+def test_oil_needs_a_horizontal_plane(array: Any) -> None:
     field = sample_cut(array, np.ones(320), Grid.along("xz", (0, 0, 0.2), 0.02, 0.01))
     with pytest.raises(ValueError, match=r"the plane must be horizontal, but its normal is \[0.0, -1.0, 0.0\]"):
         oil_surface(field)

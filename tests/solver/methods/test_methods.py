@@ -36,7 +36,7 @@ MODULES = {
 
 @pytest.fixture
 def known(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Methods:
-    """The registry on a computer on which other packages have methods."""
+    """The registry on a computer with methods of other packages."""
     for module, text in MODULES.items():
         (tmp_path / f"{module}.py").write_text(text, encoding="utf-8")
         monkeypatch.delitem(sys.modules, module, raising=False)
@@ -83,8 +83,8 @@ def test_a_name_of_this_package_stays_its_own(known: Methods) -> None:
         ("broken", "cannot be loaded: no licence"),
     ],
 )
-def test_what_is_no_method_is_named(known: Methods, name: str, message: str) -> None:
-    """By `solve`, whatever its options, and in the command line's help beside all other methods."""
+def test_invalid_methods_are_named(known: Methods, name: str, message: str) -> None:
+    """By `solve` with any options, and in the command line's help among all other methods."""
     expected = f"method '{name}' of the entry point .* {message}"
     with pytest.raises(ValueError, match=expected):
         solve(TransducerArray.grid(), POINTS, name, sharpness=1)

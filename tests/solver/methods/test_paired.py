@@ -29,7 +29,7 @@ def pairs(method: str) -> tuple[CompiledPair, EnginePair]:
 @pytest.mark.parametrize("method", ["wgs", "tikhonov"])
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
-def test_one_call_does_what_the_steps_do(method: str, seed: int) -> None:
+def test_one_call_equals_its_steps(method: str, seed: int) -> None:
     """Over frames whose points move, come, go and change places, with nulls; the axis turns now and then."""
     rng = np.random.default_rng(seed)
     one, steps = pairs(method)

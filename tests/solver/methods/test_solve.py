@@ -1,4 +1,4 @@
-"""What a user gets from a solver, whatever computes it."""
+"""Solutions as a user gets them, from every method and precision."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from phasewire import ControlPoints, Medium, Solver, Sphere, TransducerArray, pressure, solve
 from phasewire.solver import METHODS, Star, solve_frames
 from phasewire.solver.acoustics.propagation import transfer_matrix
@@ -44,7 +43,7 @@ def test_a_single_point_is_the_time_of_flight_by_hand(array: TransducerArray, me
 @pytest.mark.parametrize("method", METHOD_NAMES)
 @settings(max_examples=20)
 @given(arrays_and_points())
-def test_how_loud_it_came_out_is_the_least_squares_of_the_field(
+def test_the_level_is_the_least_squares_fit_of_the_field(
     method: str, problem: tuple[TransducerArray, ControlPoints]
 ) -> None:
     array, points = problem
@@ -54,22 +53,6 @@ def test_how_loud_it_came_out_is_the_least_squares_of_the_field(
     drive = engine.drive(halved)
     reached = np.abs(pressure(array, drive, points.positions))
     assert engine.level(halved, drive) == pytest.approx(wanted @ reached / (wanted @ wanted), rel=2e-3, abs=1e-6)
-
-
-@pytest.mark.parametrize("method", ["tikhonov", "wgs", "multiplex", "paper"])
-def test_one_point_takes_every_transducer_at_full_drive(array: TransducerArray, method: str) -> None:
-    """With γ = 1 the drives are equal, whatever the distance."""
-    drive = solve(array, ControlPoints([[0.02, 0.03, 0.2]]), method).drive
-    np.testing.assert_allclose(np.abs(drive), 1, rtol=1e-5)
-
-
-@given(gamma=st.sampled_from([0.0, 0.25, 0.5, 1.0]), x=st.floats(-0.1, 0.1), z=st.floats(0.05, 0.3))
-@settings(max_examples=20)
-def test_a_single_point_s_drives_go_as_the_transfer_to_one_minus_gamma(gamma: float, x: float, z: float) -> None:
-    array = TransducerArray.grid(10, 10)
-    drive = np.abs(solve(array, ControlPoints([[x, 0, z]]), "tikhonov", gamma=gamma).drive)
-    expected = np.abs(transfer_matrix(array, [[x, 0, z]])[0]) ** (1 - gamma)
-    np.testing.assert_allclose(drive, expected / expected.max(), rtol=1e-4, atol=1e-6)
 
 
 @pytest.mark.parametrize("shape", ["sphere", "star"])
@@ -101,18 +84,6 @@ def test_nulls_are_deep_and_foci_stay(array: TransducerArray, method: str) -> No
     if method == "wgs":
         without = felt(solve(array, ControlPoints(positions[:2], [1, 0.5]), method))
         np.testing.assert_allclose(pressures[:2], without, rtol=0.15)
-
-
-@pytest.mark.parametrize("method", METHOD_NAMES)
-@given(problem=arrays_and_points())
-@settings(max_examples=15)
-def test_any_reachable_points_give_a_usable_drive(method: str, problem: tuple[TransducerArray, ControlPoints]) -> None:
-    """Crowded, repeated and contradicting ones included, more of them than transducers too; no NaN, ever."""
-    array, points = problem
-    drive = solve(array, points, method).drive
-    assert np.isfinite(drive).all()
-    assert np.abs(drive).max() == pytest.approx(1, rel=1e-5)
-    assert np.abs(drive).max() <= 1 + 1e-12
 
 
 @pytest.mark.parametrize("method", METHOD_NAMES)
@@ -158,7 +129,7 @@ def coherences(array: TransducerArray, precision: Any, warm: bool) -> list[float
 
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_successive_frames_stay_coherent(array: TransducerArray, precision: Any) -> None:
-    """Steps of 0.2 mm hardly change the drives, where fresh starts jump from one solution to another."""
+    """Steps of 0.2 mm hardly change the drives; fresh starts jump from one solution to another."""
     assert min(coherences(array, precision, warm=True)) > 0.995
     assert min(coherences(array, precision, warm=False)) < 0.9
 
@@ -231,7 +202,7 @@ def test_arrays_of_any_size(n: int) -> None:
 
 
 def test_panels_around_the_points_serve_them_together() -> None:
-    """Two panels that face each other; and the solution does not depend on where in space they are."""
+    """Two panels that face each other; their place in space does not change the solution."""
     half_turn = np.diag([1.0, -1.0, -1.0])
     panel = TransducerArray.grid(8, 8)
     pair = TransducerArray.joined([panel, panel.moved(half_turn, [0, 0, 0.3])])
@@ -245,9 +216,8 @@ def test_panels_around_the_points_serve_them_together() -> None:
     np.testing.assert_allclose(felt(there), felt(here), rtol=1e-3)
 
 
-def test_a_calibrated_array_is_solved_for_what_it_really_emits(array: TransducerArray) -> None:
-    """Residual phases and flipped polarities are made up for exactly where only phases count; dead elements are left
-    out, so that the others do not rely on them."""
+def test_a_calibrated_array_is_solved_with_its_response(array: TransducerArray) -> None:
+    """Phases and polarities are compensated; dead elements are left out, so that the others do not rely on them."""
     rng = np.random.default_rng(4)
     response = np.exp(1j * rng.normal(0, 0.3, 320)) * rng.choice([1, -1], 320)
     response[rng.choice(320, 30, replace=False)] = 0
@@ -286,8 +256,11 @@ def test_repeated_points_without_regularisation_are_refused(
     [
         ([0, 0, -0.1], "control point 1 at .* is on the array or behind it"),
         ([0, 0, 0], "is on the array or behind it"),
-        ([5.15e-3, 5.15e-3, 1e-3], "control point 1 at .* is closer to a transducer than 0.0045 m"),
-        ([0, 0, 2.5], "control point 1 at .* is out of reach, more than 2 m away"),
+        (
+            [5.15e-3, 5.15e-3, 1e-3],
+            "control point 1 at .* closer to a transducer than 0.0045 m, where its model ends",
+        ),
+        ([0, 0, 2.5], "control point 1 at .* is out of reach, more than 2 m away; coordinates are in metres"),
     ],
 )
 def test_unreachable_points_are_named(array: TransducerArray, method: str, bad: list[float], message: str) -> None:
@@ -296,7 +269,7 @@ def test_unreachable_points_are_named(array: TransducerArray, method: str, bad: 
 
 
 def test_points_beside_the_array_are_reachable(array: TransducerArray) -> None:
-    """What the quick check of the kernel cannot decide is decided exactly: these are not refused."""
+    """The exact check decides if the quick check of the kernel cannot: these points are not refused."""
     bowl = TransducerArray.joined([array, array.moved(np.diag([1.0, -1.0, -1.0]), [0, 0, 0.5])])
     for where in ([0, 0, 0.25], [0.3, 0, 0.02], [0, 0, 1.99]):
         assert np.isfinite(solve(bowl if where[2] < 0.3 else array, ControlPoints([where])).drive).all()
@@ -307,7 +280,7 @@ def test_an_unknown_precision_is_named(array: TransducerArray) -> None:
         Solver(array, precision="half")  # type: ignore[arg-type]
 
 
-def test_a_plain_array_of_points_will_do(array: TransducerArray) -> None:
+def test_a_plain_array_of_points_is_accepted(array: TransducerArray) -> None:
     positions = np.asfortranarray([[0.0, 0, 0.2], [0.02, 0.01, 0.2]])
     assert solve(array, positions).drive.tobytes() == solve(array, ControlPoints(positions.tolist())).drive.tobytes()
 
@@ -327,7 +300,7 @@ def test_points_that_only_silent_transducers_face_are_unreachable(method: str, w
 @pytest.mark.parametrize("method", ["tikhonov", "wgs", "polish"])
 @pytest.mark.parametrize("output", ["solved", "phase", "limited"])
 @pytest.mark.parametrize("precision", ["single", "double"])
-def test_points_that_contradict_each_other_end_in_some_drive(method: str, output: str, precision: Any) -> None:
+def test_contradicting_points_give_a_valid_drive(method: str, output: str, precision: Any) -> None:
     """A focus and a null at one place, for two transducers: the corrections run into silence."""
     array = TransducerArray.grid(2, 1)
     points = ControlPoints([[0, 0, 0.1], [0, 0, 0.1]], [1, 0])
@@ -337,7 +310,7 @@ def test_points_that_contradict_each_other_end_in_some_drive(method: str, output
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
-def test_a_refused_frame_leaves_no_trace(array: TransducerArray, precision: Any) -> None:
+def test_a_refused_frame_does_not_change_later_ones(array: TransducerArray, precision: Any) -> None:
     good = Star().sample()
     disturbed, undisturbed = (Solver(array, precision=precision) for _ in range(2))
     for solver in (disturbed, undisturbed):
@@ -389,7 +362,7 @@ print([hashlib.sha256(drive.tobytes()).hexdigest() for drive in drives])
 
 
 @pytest.mark.slow
-def test_what_was_compiled_here_has_the_bits_of_what_is_loaded_there(tmp_path: Path) -> None:
+def test_compiled_and_cached_kernels_give_the_same_bits(tmp_path: Path) -> None:
     """A process that compiles, and one that loads from the cache, in an empty cache of their own."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     said = [

@@ -13,7 +13,7 @@ from phasewire.solver.shapes.shapes import parse_shape
 
 @pytest.mark.parametrize("name", ["polygon", "rings", "star", "concentric", "asterisk", "sphere"])
 def test_it_is_almost_twice_as_powerful(array: TransducerArray, name: str) -> None:
-    """What section 3.4 says, of Figure 4's square, Figure 6's shapes and the demo's sphere."""
+    """As section 3.4 states, for Figure 4's square, Figure 6's shapes and the demo's sphere."""
     result = two_sided(array, parse_shape(name).sample(), output="phase")
     assert 1.5 < result.gain.mean < 2.3
     assert result.gain.weakest > 1.3
@@ -117,7 +117,7 @@ def test_the_next_frame_keeps_the_split_and_the_frequency_is_the_modulation_s(ar
     assert again.modulation.drives.tobytes() == before.modulation.drives.tobytes()
 
 
-def test_the_summary_says_what_was_gained(array: TransducerArray) -> None:
+def test_the_summary_states_the_gain(array: TransducerArray) -> None:
     result = two_sided(array, parse_shape("asterisk").sample())
     assert result.summary().startswith("11 + 10 points at 200 Hz: the intensity changes by ")
     assert f"{result.gain.mean:.2f} times as much as one-sided" in result.summary()

@@ -16,6 +16,8 @@ from phasewire import Mesh
 from phasewire.errors import InputFileError
 from phasewire.solver.objects.mesh_files import MESH_FILES, MOST_PARTS, read_mesh
 
+from tests.solver.contact.cuts import in_trimesh
+
 SHAPE = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
 CUBE = Mesh.cube()
 
@@ -38,10 +40,6 @@ def written(folder: Path, kind: str, data: bytes) -> Path:
     return path
 
 
-def their_view(mesh: Mesh) -> Any:
-    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-
-
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "ply", "ply_ascii", "glb"])
 @pytest.mark.parametrize("upper", [False, True])
 def test_what_trimesh_wrote_is_read(kind: str, upper: bool, tmp_path: Path) -> None:
@@ -51,9 +49,9 @@ def test_what_trimesh_wrote_is_read(kind: str, upper: bool, tmp_path: Path) -> N
     mesh = read_mesh(str(path), status=said.append)
     assert mesh.repairs == ()
     assert len(mesh.faces) == len(SHAPE.faces)
-    assert their_view(mesh).is_watertight
-    assert their_view(mesh).volume == pytest.approx(SHAPE.volume, rel=1e-5)
-    np.testing.assert_allclose(their_view(mesh).bounds, SHAPE.bounds, atol=1e-7)
+    assert in_trimesh(mesh).is_watertight
+    assert in_trimesh(mesh).volume == pytest.approx(SHAPE.volume, rel=1e-5)
+    np.testing.assert_allclose(in_trimesh(mesh).bounds, SHAPE.bounds, atol=1e-7)
     assert said == [f"reading {path}", f"{path}: checking 320 faces"]
 
 
@@ -66,8 +64,8 @@ def test_a_scene_is_flattened_with_its_places(tmp_path: Path) -> None:
     scene.add_geometry(box, node_name="two", geom_name="box", transform=mirrored)
     mesh = read_mesh(written(tmp_path, "glb", scene.export(file_type="glb")))
     assert mesh.repairs == ()
-    assert their_view(mesh).volume == pytest.approx(2e-3)
-    np.testing.assert_allclose(their_view(mesh).bounds, [[-0.05, -0.05, -0.05], [0.55, 0.05, 0.05]], atol=1e-7)
+    assert in_trimesh(mesh).volume == pytest.approx(2e-3)
+    np.testing.assert_allclose(in_trimesh(mesh).bounds, [[-0.05, -0.05, -0.05], [0.55, 0.05, 0.05]], atol=1e-7)
 
 
 def test_an_obj_with_polygons_materials_and_other_files(tmp_path: Path) -> None:
@@ -76,11 +74,11 @@ def test_an_obj_with_polygons_materials_and_other_files(tmp_path: Path) -> None:
     lines += ["usemtl blue", *(f"f {a + 1}/1 {b + 1}/1 {c + 1}/1" for a, b, c in CUBE.faces[6:])]
     mesh = read_mesh(written(tmp_path, "obj", "\n".join(lines).encode()))
     assert len(mesh.vertices) == 8
-    assert their_view(mesh).volume == pytest.approx(1e-3)
+    assert in_trimesh(mesh).volume == pytest.approx(1e-3)
     square = ["f 1 2 4 3", "f 5 7 8 6", "f 1 5 6 2", "f 3 4 8 7", "f 1 3 7 5", "f 2 6 8 4"]
     corners = [f"v {x} {y} {z}" for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)]
     mesh = read_mesh(written(tmp_path, "obj", "\n".join(corners + square).encode()))
-    assert their_view(mesh).volume == pytest.approx(1e-3)
+    assert in_trimesh(mesh).volume == pytest.approx(1e-3)
 
 
 @pytest.mark.parametrize(
@@ -93,16 +91,16 @@ def test_an_obj_with_polygons_materials_and_other_files(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("kind", ["stl", "glb"])
-def test_another_unit_is_asked_for(size: float, message: str, kind: str, tmp_path: Path) -> None:
+def test_an_unlikely_size_is_refused_with_a_scale(size: float, message: str, kind: str, tmp_path: Path) -> None:
     path = written(tmp_path, kind, exported(trimesh.creation.box(extents=[size] * 3), kind))
     with pytest.raises(InputFileError, match=message):
         read_mesh(path)
     mesh = read_mesh(path, scale=0.08 / size)
-    assert their_view(mesh).volume == pytest.approx(0.08**3, rel=1e-5)
+    assert in_trimesh(mesh).volume == pytest.approx(0.08**3, rel=1e-5)
 
 
 @pytest.mark.parametrize("scale", [0, -1, float("nan"), float("inf")])
-def test_what_is_no_scale_is_refused(scale: float, tmp_path: Path) -> None:
+def test_invalid_scales_are_refused(scale: float, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"^scale .* must be positive"):
         read_mesh(written(tmp_path, "stl", binary_stl(CUBE)), scale=scale)
 
@@ -197,7 +195,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_what_is_no_mesh_is_refused_by_name(name: str, tmp_path: Path) -> None:
+def test_invalid_mesh_files_are_refused_by_name(name: str, tmp_path: Path) -> None:
     kind, data, message = HOSTILE[name]
     path = written(tmp_path, kind, data)
     with pytest.raises(InputFileError, match=rf"(?s)^{path}.*({message})"):
@@ -225,7 +223,7 @@ def test_a_file_cut_off_anywhere_is_refused_or_whole(kind: str, tmp_path: Path) 
     for end in range(0, len(whole), 1 + len(whole) // 60):
         path = written(tmp_path, kind, whole[:end])
         with suppress(InputFileError):
-            assert their_view(read_mesh(path)).volume == pytest.approx(1e-3)
+            assert in_trimesh(read_mesh(path)).volume == pytest.approx(1e-3)
 
 
 def test_a_million_faces_are_read_and_more_are_refused(tmp_path: Path) -> None:
@@ -239,7 +237,7 @@ def test_a_million_faces_are_read_and_more_are_refused(tmp_path: Path) -> None:
         read_mesh(path)
 
 
-def test_nothing_else_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_other_file_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.mtl").write_text("newmtl a\nmap_Kd a.png\n")
     text = b"mtllib a.mtl\nusemtl a\n" + exported(SHAPE, "obj")
     path = written(tmp_path, "obj", text)

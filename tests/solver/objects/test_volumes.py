@@ -11,7 +11,6 @@ import nibabel
 import numpy as np
 import pydicom
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -20,6 +19,8 @@ from phasewire.errors import InputFileError
 from phasewire.solver.objects import volumes
 from phasewire.solver.objects.volumes import read_volume
 from pydicom.dataset import FileDataset, FileMetaDataset
+
+from tests.solver.contact.cuts import in_trimesh
 
 Nifti1Image: Any = nibabel.Nifti1Image  # which has no types
 RADIUS = 0.04
@@ -37,12 +38,8 @@ STEPS = np.array([0.002, 0.0025, 0.003])
 BALL = ball((46, 42, 34), STEPS)
 
 
-def their_view(mesh: Mesh) -> Any:
-    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-
-
 def is_the_ball(mesh: Mesh, centre: NDArray[np.float64] = CENTRE, rough: float = 1e-4) -> None:
-    shape = their_view(mesh)
+    shape = in_trimesh(mesh)
     assert mesh.repairs == ()
     assert shape.is_watertight
     assert shape.is_winding_consistent
@@ -150,7 +147,7 @@ def test_a_dicom_folder(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_is_no_series_is_refused(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_an_inconsistent_series_is_refused(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
     folder = dicom(tmp_path / "series", COUNTS, **changes)
     with pytest.raises(InputFileError, match=rf"^{folder}.*({message})"):
         read_volume_mesh(folder, 0)
@@ -163,18 +160,6 @@ def test_compressed_slices_are_refused_before_they_are_unpacked(tmp_path: Path) 
     piece.save_as(folder / "000.dcm")
     with pytest.raises(InputFileError, match=r"000.dcm is compressed \(1.2.840.10008.1.2.1.99\)"):
         read_volume_mesh(folder, 0)
-
-
-def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match="it has 0 slices in DICOM files; at least 2 are needed"):
-        read_volume_mesh(tmp_path, 0)
-
-
-def test_it_is_closed_at_the_border(tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", BALL[:20])
-    shape = their_view(read_volume_mesh(tmp_path / "a.npy", 0, spacing=0.002))
-    assert shape.is_watertight
-    assert shape.volume > 0
 
 
 def test_a_larger_step_takes_means(tmp_path: Path) -> None:
@@ -216,7 +201,7 @@ def test_any_values_have_a_closed_surface(seed: int, level: float) -> None:
         ({"level": 0, "spacing": 2}, "its surface at 0 is .* m large, .* with values 2 m apart; spacing is in"),
     ],
 )
-def test_what_is_no_surface_is_refused(options: Any, message: str, tmp_path: Path) -> None:
+def test_impossible_surfaces_are_refused(options: Any, message: str, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", BALL)
     with pytest.raises(ValueError, match=message):
         read_volume_mesh(tmp_path / "a.npy", **options)
@@ -237,7 +222,7 @@ HOSTILE: dict[str, tuple[str, Any, str]] = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_what_is_no_volume_is_refused_by_name(name: str, tmp_path: Path) -> None:
+def test_an_invalid_volume_is_refused_by_name(name: str, tmp_path: Path) -> None:
     file, content, message = HOSTILE[name]
     path = tmp_path / file
     if isinstance(content, bytes):

@@ -37,7 +37,7 @@ def drawn(grid: Grid, points: ControlPoints | None = None, quantity: str = "pres
         (OBLIQUE, "Pressure on a plane through (0, 0, 100) mm", ("u / mm", "y / mm"), (-32.5, 32.5, -22.5, 22.5)),
     ],
 )
-def test_a_picture_says_where_its_plane_is(
+def test_a_picture_is_titled_with_its_plane(
     grid: Grid, title: str, labels: tuple[str, str], extent: tuple[float, ...]
 ) -> None:
     axes = drawn(grid)
@@ -106,7 +106,7 @@ def test_the_relief_is_the_same_however_deep() -> None:
     np.testing.assert_allclose(_lit(1e-6 * heights), _lit(heights), atol=1e-12)
 
 
-def test_oil_says_how_deep_it_is() -> None:
+def test_a_picture_of_oil_states_its_depth() -> None:
     axes = Figure().subplots()
     draw_oil(axes, field_over(LYING))
     assert axes.get_title().startswith("Oil 10 cm above the array: deepest dimple ")

@@ -1,4 +1,4 @@
-"""The reader here follows the format's description; the files were also held against VTK's own reader by hand."""
+"""The reader here follows the format's description; the files were also compared with VTK's own reader by hand."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def numbers(text: str | None) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", GRIDS)
-def test_every_sample_is_found_where_it_belongs(tmp_path: Path, name: str) -> None:
+def test_every_sample_is_at_its_place(tmp_path: Path, name: str) -> None:
     grid, air = GRIDS[name], Medium(30)
     field = (sample_volume if name == "box" else sample_cut)(SMALL, DRIVE, grid, air)
     save_vti(tmp_path / "f.vti", field)

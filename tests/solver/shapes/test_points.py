@@ -5,12 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from phasewire import ControlPoints, TransducerArray, solve
+from phasewire import ControlPoints, TransducerArray
 from phasewire.solver.shapes.points import check_reachable, reachable
-
-
-def test_amplitudes_are_one_unless_given() -> None:
-    assert ControlPoints([[0, 0, 0.2], [0, 0, 0.3]]).amplitudes.tolist() == [1, 1]
 
 
 @pytest.mark.parametrize(
@@ -28,24 +24,6 @@ def test_amplitudes_are_one_unless_given() -> None:
 def test_bad_points_are_named(positions: list[list[float]], amplitudes: list[float] | None, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         ControlPoints(positions, amplitudes)
-
-
-@pytest.mark.parametrize(
-    ("bad", "message"),
-    [
-        ([0, 0, -0.2], "control point 1 at .* is on the array or behind it"),
-        ([0.05, 0, 0.0], "control point 1 at .* is on the array or behind it"),
-        (
-            [5.15e-3, 5.15e-3, 1e-3],
-            "control point 1 .* closer to a transducer than 0.0045 m, where its model ends",
-        ),
-        ([0, 0, 200.0], "control point 1 at .* is out of reach, more than 2 m away; coordinates are in metres"),
-        ([-30.0, 0, 0.2], "control point 1 at .* is out of reach"),
-    ],
-)
-def test_points_that_the_array_cannot_reach_are_named(array: TransducerArray, bad: list[float], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        solve(array, ControlPoints([[0, 0, 0.2], bad]))
 
 
 @given(

@@ -144,7 +144,7 @@ FIGURE_6 = [(Rings(), 32), (Star(), 30), (Concentric(), 32), (Asterisk(), 21)]
 
 @pytest.mark.parametrize(("shape", "count"), FIGURE_6, ids=lambda value: type(value).__name__)
 def test_the_shapes_of_figure_6_have_its_points(shape: Drawn, count: int) -> None:
-    """Whatever their size, and each within a cube of 10 cm; a spacing that is asked for goes before the count."""
+    """At any size, and each within a cube of 10 cm; a given spacing precedes the count."""
     positions = shape.sample().positions
     assert len(positions) == count
     assert np.ptp(positions, axis=0).max() <= 0.1 + 1e-9
@@ -171,7 +171,7 @@ def test_the_rings_are_mirror_images_with_odd_numbers_too() -> None:
     np.testing.assert_allclose(np.sort(-positions[:17, 0]), np.sort(positions[17:, 0]), atol=1e-12)
 
 
-def test_where_rings_cross_in_a_sample_there_is_one_point() -> None:
+def test_rings_that_cross_in_a_sample_share_one_point() -> None:
     """The right ring meets the left one at acos(-distance/2/radius), here its fifth step of 22.5°, and once below."""
     positions = Rings(0.03, 2 * 0.03 * math.cos(math.radians(67.5))).sample().positions
     assert len(positions) == 30
