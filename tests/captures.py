@@ -33,7 +33,7 @@ def event(
     link: int = 220,
     order: str = "<",
 ) -> bytes:
-    """One event of usbmon: a header of 48 or 64 bytes, then what data was captured."""
+    """One event of usbmon: a header of 48 or 64 bytes, then the captured data."""
     kept = data if captured is None else data[:captured]
     header = struct.pack(
         order + "QcBBBHBBqiiII8s",

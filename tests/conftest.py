@@ -18,7 +18,7 @@ settings.load_profile("gate" if os.environ.get("CI") else "phasewire")
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache_of_its_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Nothing is read from the user's cache or file of defaults, or left there."""
+    """Tests neither read nor write the user's cache and file of defaults."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
         patch.setenv("PHASEWIRE_CACHE", str(folder))
@@ -38,7 +38,7 @@ def sphere_solution(array: TransducerArray) -> Solution:
 
 @pytest.fixture(scope="session")
 def scrambled() -> Wiring:
-    """A wiring that shares nothing with the order of the grid."""
+    """A wiring whose order is independent of the grid's."""
     return Wiring(np.random.default_rng(20_14).permutation(320))
 
 

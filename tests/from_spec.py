@@ -39,7 +39,7 @@ def layout_of(name: str) -> Layout:
 
 
 class Refused(ValueError):
-    """What the specification refuses; `reason` is the number in its table, 0 if there is no table."""
+    """A refusal of the specification; `reason` is the number in its table, 0 if there is no table."""
 
     def __init__(self, why: str, reason: int = 0) -> None:
         super().__init__(why)
@@ -66,7 +66,7 @@ def take(data: bytes, layout: Layout) -> Fields:
 
 
 def put(size: int, layout: Layout, fields: Fields) -> bytearray:
-    """Write the fields of a layout; what is not given is 0."""
+    """Write the fields of a layout; missing ones are 0."""
     data = bytearray(size)
     for name, offset, width, kind in layout:
         if name in fields:
@@ -244,7 +244,7 @@ def read_block(data: bytes) -> Fields:
 
 
 def build_block(block: Fields) -> bytes:
-    """The 512 bytes of what `read_block` reads; fields that are not given are 0 (BLK-002, BLK-003)."""
+    """The 512 bytes of fields as `read_block` gives them; missing ones are 0 (BLK-002, BLK-003)."""
     payload = b""
     if "pulses" in block:
         payload = pack_pulses(block["pulses"])
@@ -394,7 +394,7 @@ TRANSITIONS = {
     for before, event, following, _ in table("table: transitions")
     for state in before.replace("`", "").split(", ")
 } | {(state, "RESTART"): "OFF" for state in STATES}
-"""The rows of the table of STA-003, and what it says of RESTART."""
+"""The rows of the table of STA-003, and its sentence about RESTART."""
 
 
 def after(state: str, event: str) -> str:
@@ -445,7 +445,7 @@ def load_allowed(load: Fields) -> bool:
 
 
 def program_allowed(program: Fields) -> bool:
-    """What it says of the sequence or of the modulation, or that it stops (CHN-014)."""
+    """Whether a PROGRAM plays a sequence or a modulation within its memory, or stops one (CHN-014)."""
     memory, first, count, hold, repeats = (program[name] for name in ("memory", "first", "count", "hold", "repeats"))
     if memory not in (ENTRIES_MEMORY, SAMPLES_MEMORY):
         return False
@@ -495,7 +495,7 @@ def decode_message(tokens: bytes) -> Fields:
 
 
 def encode_message(message: Fields) -> bytes:
-    """The tokens of what `decode_message` reads (CHN-002, CHN-008, CHN-010)."""
+    """The tokens of a message as `decode_message` gives it (CHN-002, CHN-008, CHN-010)."""
     name = message["message"]
     if not message_allowed(name, message):
         raise Refused("field")
@@ -521,7 +521,7 @@ TO_HOST = (RECORD_FRAME, REPLY_FRAME, CONSOLE_FRAME)
 
 
 def cobs_encode(content: bytes) -> bytes:
-    """Cut after each zero, groups of 254, nothing after a last full group (SER-003)."""
+    """Cut after each zero, groups of 254, no group after a last full one (SER-003)."""
     pieces = content.split(b"\x00")
     encoded = b""
     for place, piece in enumerate(pieces):
@@ -586,7 +586,7 @@ def encode_frame(kind: int, body: bytes) -> bytes:
 
 
 def decode_frame(frame: bytes, directions: Sequence[int]) -> tuple[int, bytes]:
-    """Type and body of what stood before a zero, that zero left out; `Refused` is a damaged frame (SER-006)."""
+    """Type and body of the bytes before a zero; `Refused` is a damaged frame (SER-006)."""
     if len(frame) + 1 > 658:
         raise Refused("too long")
     content = cobs_decode(frame)
@@ -601,7 +601,7 @@ def decode_frame(frame: bytes, directions: Sequence[int]) -> tuple[int, bytes]:
 
 
 def read_frames(stream: bytes, directions: Sequence[int]) -> tuple[list[tuple[int, bytes]], int]:
-    """The undamaged frames of a stream and the number of damaged ones; two zeros have nothing between (SER-005)."""
+    """The undamaged frames of a stream and the number of damaged ones; adjacent zeros enclose no frame (SER-005)."""
     frames, dropped = [], 0
     for part in stream.split(b"\x00")[:-1]:
         if part:
@@ -613,7 +613,7 @@ def read_frames(stream: bytes, directions: Sequence[int]) -> tuple[list[tuple[in
 
 
 def read_line(stream: bytes, directions: Sequence[int]) -> list[tuple[str, bytes]]:
-    """What one direction of a line carries, beginning with the console: text, frames, damaged ones, modes (SER-010).
+    """The content of one direction of a line, from the console on: text, frames, damaged ones, modes (SER-010).
 
     Text is joined; a frame's bytes are its type and its body; the frame CONSOLE shows as the mode that it begins.
     """
@@ -691,9 +691,9 @@ def parse_command(line: bytes) -> tuple[str, int | None] | int | None:
 
 
 def typed(data: bytes, echo: bool = True) -> tuple[list[bytes], bytes]:
-    """The lines that typed bytes end, and what is sent back; a line too long has 81 characters (CON-003, CON-006).
+    """The lines that typed bytes end, and the echo; a line too long has 81 characters (CON-003, CON-006).
 
-    Assumed: a character that was not shown takes nothing back from the screen.
+    Assumed: erasing a character that was not shown leaves the screen as it is.
     """
     lines: list[bytes] = []
     shown, line, after_cr = b"", b"", False
@@ -809,7 +809,7 @@ def judge_image(image: bytes, keys: Sequence[bytes] = ()) -> int:
 
 
 def suffix_of(image: bytes, release: int = 0xFFFF, product: int = 0xFFFF, vendor: int = 0xFFFF) -> bytes:
-    """The 16 bytes of the DFU suffix; its checksum is the complement of what zlib computes (FWU-014)."""
+    """The 16 bytes of the DFU suffix; its checksum is the complement of zlib's (FWU-014)."""
     suffix = struct.pack("<HHHH", release, product, vendor, 0x0100) + b"UFD" + b"\x10"
     return suffix + (crc(image + suffix) ^ 0xFFFFFFFF).to_bytes(4, "little")
 

@@ -1,9 +1,9 @@
-"""A referee of the emulated device: what it may answer and when changes may take effect, written from SPEC.md alone.
+"""A referee of the emulated device: its allowed answers and the times of its changes, written from SPEC.md alone.
 
-It shares no code with the implementation and knows nothing but what a host sees: the blocks and requests that were
+It shares no code with the implementation and knows only what a host sees: the blocks and requests that were
 sent, the core cycle (2.5 ns since period 0) at which each had arrived, and what came back. It holds every answer
-against the clauses, and then what the outputs did against the oracle of ticks. Where the specification leaves a device
-a choice, as of the boundary at which it falls silent, all is accepted that it allows.
+against the clauses, and then what the outputs did against the oracle of ticks. If the specification leaves a device a
+choice, such as the boundary at which it falls silent, the referee accepts all that is allowed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CHANGES = (spec.UPDATE, spec.SEQUENCE, spec.MODULATION, spec.OUTPUT)
 
 
 class Silencing(NamedTuple):
-    """DISABLE, or what acts like it."""
+    """DISABLE, or an event that acts like it."""
 
     cycle: int
 
@@ -50,20 +50,12 @@ def boundary_after(cycle: int) -> int:
 
 
 def replaces(later: Change, change: Change) -> bool:
-    """Whether a change takes the place of what another lets play, pulses or a modulation (BLK-012)."""
+    """Whether a change replaces the pulses or the modulation of another (BLK-012)."""
     return later.samples is not None if change.steps is None else later.steps is not None
 
 
 class Referee:
-    """Watches a device from its door.
-
-    Parameters
-    ----------
-    info : spec.Fields
-        What INFO answered.
-    wiring : sequence of int
-        What WIRING answered: the channel of each transducer.
-    """
+    """Watches a device from its door, given its answers to INFO and WIRING."""
 
     def __init__(self, info: spec.Fields, wiring: Sequence[int]) -> None:
         self.token = (4 if info["link_wires"] == 5 else 10) * info["cycles_per_symbol"]
@@ -78,7 +70,7 @@ class Referee:
         self.past: list[Change | Silencing] = []
         self.silenced_at = -(10**9)
         self.fading: frozenset[Item] = frozenset()
-        """What DISABLE has yet to silence (BLK-022)."""
+        """Items that DISABLE has yet to silence (BLK-022)."""
         self.slots: dict[int, Pulses] = {}
         self.entries: dict[int, tuple[int, int]] = {}
         self.samples: dict[int, int] = {}
@@ -90,9 +82,9 @@ class Referee:
         """The core cycle by which all stores have gone to the processors, at the latest (BUD-007)."""
         self.accepted = self.refused = self.late = self.lost = self.last_refusal = 0
         self.seen = 0
-        """The core cycle up to which the ends of sequences have been told."""
+        """The core cycle up to which the ends of sequences have been reported."""
 
-    # What happens at the device
+    # Events at the device
 
     def enable(self, cycle: int) -> None:
         """The request ENABLE arrives (REQ-005, STA-003)."""
@@ -131,7 +123,7 @@ class Referee:
         if not stalled:
             self.limit = 1000 * transducers
 
-    # What it must be like now
+    # The present state
 
     def state(self, cycle: int) -> int:
         """The state (STA-003)."""
@@ -207,13 +199,13 @@ class Referee:
         return place in stores[name]
 
     def pulses_of(self, block: spec.Fields) -> list[Pulses]:
-        """What a block brings or would play (SAF-006)."""
+        """The pulses that a block stores or would play (SAF-006)."""
         if "pulses" in block:
             return [tuple(block["pulses"])]
         return [self.slots[place] for name, place in self.items_played(block) if name == "slot" and place in self.slots]
 
     def items_stored(self, block: spec.Fields) -> frozenset[Item]:
-        """What a store writes (BLK-013, BLK-014, BLK-016)."""
+        """Items that a store writes (BLK-013, BLK-014, BLK-016)."""
         first, count, kind = block["first"], block["count"], block["kind"]
         if kind == spec.SLOT:
             return frozenset({("slot", first)})
@@ -221,7 +213,7 @@ class Referee:
         return frozenset((name, first + place) for place in range(count)) if name else frozenset()
 
     def items_played(self, block: spec.Fields) -> frozenset[Item]:
-        """What a sequence or a modulation plays (BLK-021)."""
+        """Items that a sequence or a modulation plays (BLK-021)."""
         places = range(block["first"], block["first"] + block["count"])
         if block["kind"] == spec.SEQUENCE:
             slots = {self.entries[place][0] for place in places if place in self.entries}
@@ -229,7 +221,7 @@ class Referee:
         return frozenset(("sample", place) for place in places if block["kind"] == spec.MODULATION)
 
     def change(self, block: spec.Fields, period: int) -> Change:
-        """What an accepted change will play."""
+        """The accepted change of a block."""
         kind, items = block["kind"], self.items_played(block)
         places = range(block["first"], block["first"] + block["count"])
         if kind == spec.UPDATE:
@@ -256,8 +248,8 @@ class Referee:
         """The periods at which a change may take effect (BLK-005, BLK-007, BUD-003, BUD-006, CHN-007).
 
         For an update on an idle chain there is one. Of programs and silence the specification gives no time line: they
-        take at least their time on the chain, and at most five periods where it is idle. An update behind a change
-        that has not taken effect may wait until that has, with its slices there before if their time suffices.
+        take at least their time on the chain, and at most five periods if it is idle. An update after a change
+        that has not taken effect may wait until it has, with its slices there before if their time suffices.
         """
         kind, named = block["kind"], block["period"]
         surely, maybe = self.modulated(cycle)
@@ -274,8 +266,8 @@ class Referee:
             waits = boundary_after(self.loads_done) if kind in (spec.SEQUENCE, spec.MODULATION) else 0
             return Window(first, max(named, max(cycle // PERIOD, begins, waits) + 5))
         make = MODULATE if maybe else RASTERISE
-        behind_update = last > self.settled() and self.changes[-1:] and self.changes[-1].tokens == UPDATE
-        slices = max(cycle + SORT, begins * PERIOD - (HOPS + make if behind_update else 0))
+        after_update = last > self.settled() and self.changes[-1:] and self.changes[-1].tokens == UPDATE
+        slices = max(cycle + SORT, begins * PERIOD - (HOPS + make if after_update else 0))
         commits = max(slices + SLICES * self.token, begins * PERIOD)
         return Window(first, max(named, last + 1, boundary_after(commits + COMMITS * self.token + HOPS + make)))
 
@@ -349,7 +341,7 @@ class Referee:
         self._keep(cycle, block)
 
     def _keep(self, cycle: int, block: spec.Fields) -> None:
-        """What a store brings goes to the processors, in loads (BUD-007)."""
+        """The items of a store go to the processors, in loads (BUD-007)."""
         first = block["first"]
         if block["kind"] == spec.SLOT:
             self.slots[first] = tuple(block["pulses"])
@@ -424,7 +416,7 @@ class Referee:
         self.seen = cycle
 
     def _plays_out(self, change: Change) -> bool:
-        """Whether nothing takes the place of a sequence before its last repeat is over, or just then."""
+        """Whether a sequence is not replaced before or at the end of its last repeat."""
         end = int(change.end)
         replaced = any(other.period == end and other.steps is not None for other in self.changes)
         return playing(self.changes, end - 1) is change and not replaced
@@ -432,7 +424,7 @@ class Referee:
     # Bits
 
     def check_bits(self, bits: Callable[[int, int], Words], first: int, last: int) -> None:
-        """Hold what the ports showed in periods first to last - 1 against what they had to."""
+        """Compare the bits of the ports in periods first to last - 1 with the expected ones."""
         actual = bits(first * 50, last * 50).reshape(-1, 50, 10)
 
         def differs(changes: Sequence[Change], begin: int, end: int) -> int | None:
@@ -463,10 +455,10 @@ class Referee:
         then: Sequence[Change | Silencing],
         differs: Callable[[Sequence[Change], int, int], int | None],
     ) -> list[Change]:
-        """What played, ended by silence at one of the six boundaries that SAF-004 allows, and before what follows."""
+        """The changes that played, ended by silence at one of the six boundaries that SAF-004 allows."""
         arrived = silencing.cycle // PERIOD
         following = min([change.period for change in then if isinstance(change, Change)], default=arrived + 7)
-        # What was accepted next may have been dropped; what came after the last DISABLE was not
+        # The changes accepted next may have been dropped, except those after the last DISABLE
         dropped = max([place for place, item in enumerate(then) if isinstance(item, Silencing)], default=0)
         kept = min([change.period for change in then[dropped:] if isinstance(change, Change)], default=arrived + 7)
         begun = [change for change in accepted if change.period * PERIOD <= silencing.cycle]

@@ -1,7 +1,7 @@
-"""A long stream on which everything goes wrong at random: what the outputs showed is held against what both sides say.
+"""A long stream with random faults: the frames that the outputs showed are compared with the counts of both sides.
 
 Each frame carries its number in the widths of every processor's outputs, so that the bits of the ports alone say which
-frame was shown when, and by whom. `python -m tests.soak --minutes 120` lets two hours of the device's time pass.
+processor showed which frame when. `python -m tests.soak --minutes 120` lets two hours of the device's time pass.
 """
 
 from __future__ import annotations
@@ -52,17 +52,17 @@ HOST_COUNTS = ("sent", "accepted", "late", "damaged", "refused", "unanswered", "
 
 @dataclass
 class Tally:
-    """What happened, added up over episodes."""
+    """Counts, added up over episodes."""
 
     seconds: float = 0.0
     host: Counter[str] = field(default_factory=Counter)
-    """What the reports of streams count."""
+    """The counts of the streams' reports."""
     device: Counter[str] = field(default_factory=Counter)
-    """What the device counts, over all its lives."""
+    """The device's counts, over all its restarts."""
     sessions: int = 0
     faults: Counter[str] = field(default_factory=Counter)
     errors: Counter[str] = field(default_factory=Counter)
-    """What ended streams, or kept them from beginning."""
+    """Errors that ended streams, or prevented them."""
     shown: int = 0
     """Frames that any processor showed."""
     missed: int = 0
@@ -73,7 +73,7 @@ class Tally:
             setattr(self, name, getattr(self, name) + value)
 
     def check(self) -> None:
-        """The counts of both sides, and what was shown, agree but for what an interruption leaves open."""
+        """The counts of both sides and the frames shown agree, except for what an interruption leaves open."""
         host, device = self.host, self.device
         doubt = host["unanswered"]
         opened = 2 * self.sessions + host["reconnects"]  # and again after a restart
@@ -90,17 +90,7 @@ class Tally:
 
 
 class Episode:
-    """Some minutes of one device's life.
-
-    Parameters
-    ----------
-    seed : int
-        Of all that is left to chance.
-    seconds : float
-        Of the device's time.
-    on_chain : bool
-        Whether faults strike the chain too, which is slow to emulate.
-    """
+    """Some seconds of one device's time; faults of the chain, which are slow to emulate, occur only ``on_chain``."""
 
     def __init__(self, seed: int, seconds: float, *, on_chain: bool) -> None:
         self.random = random.Random(seed)
@@ -112,7 +102,7 @@ class Episode:
         """For each processor the numbers that it showed, in order."""
         self.seen_until = 0
 
-    # What goes wrong
+    # Faults
 
     def fault(self) -> InjectedFault:
         some = self.random.randint
@@ -140,7 +130,7 @@ class Episode:
         return self.random.choice(choices)
 
     def source(self, emulator: Emulator, device: Device) -> Iterator[Pulses]:
-        """Frames to the end of the episode, and what strikes meanwhile."""
+        """Frames to the end of the episode, with faults between them."""
         left = self.random.expovariate(1 / (RATE * FAULT_SECONDS))
         places = (
             emulator.capture().wiring.channels.astype(np.int64) % 32 % BITS
@@ -166,7 +156,7 @@ class Episode:
             self.settle(emulator)
         emulator.inject(fault)
 
-    # What is seen
+    # Observation
 
     def settle(self, emulator: Emulator) -> None:
         """Look at the outputs and the device's counts before both are lost."""
@@ -178,7 +168,7 @@ class Episode:
         self.seen_until = 0
 
     def look(self, emulator: Emulator) -> None:
-        """Read off the bits of the ports what every processor showed since the last look."""
+        """Read the frames that every processor showed since the last look from the bits of the ports."""
         if emulator.controller is None:
             return
         capture = emulator.capture()
@@ -197,7 +187,7 @@ class Episode:
                 self.shown[processor].append(int(wide[:BITS] @ (1 << np.arange(BITS))))
         self.seen_until = until
 
-    # The whole
+    # The episode
 
     def run(self) -> Tally:
         with Emulator(serial=f"SOAK-{self.random.getrandbits(60)}", history_periods=HISTORY_PERIODS) as emulator:
@@ -214,7 +204,7 @@ class Episode:
         return self.tally
 
     def session(self, emulator: Emulator) -> None:
-        """One stream, to its end or to what ends it."""
+        """One stream, to its end or to an error."""
         reports: list[StreamReport] = []
         begun = self.number
         try:

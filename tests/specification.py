@@ -1,4 +1,4 @@
-"""Reads what SPEC.md says, so that tests can hold the code against it: clauses, tables and worked examples."""
+"""Reads SPEC.md, so that tests can compare the code with it: clauses, tables and worked examples."""
 
 from __future__ import annotations
 

@@ -10,16 +10,8 @@ import pytest
 from phasewire.compiling import _fingerprint, kernel
 
 
-def twice(x: int) -> int:
-    return 2 * x
-
-
-def test_a_compiled_function_does_what_it_did() -> None:
-    assert kernel(twice)(21) == twice(21)
-
-
-def test_without_a_place_for_the_cache_it_is_compiled_all_the_same() -> None:
-    """numba refuses to cache what has no file beside which, or in whose name, it could keep the result."""
+def test_a_function_without_a_file_is_compiled_uncached() -> None:
+    """numba cannot cache a function without a file."""
     there: dict[str, Any] = {}
     exec(compile("def thrice(x):\n    return 3 * x\n", "<nowhere>", "exec"), there)
     assert kernel(there["thrice"])(14) == 42
@@ -62,8 +54,8 @@ def add(x):
     ],
     ids=["constant", "enum", "code", "name", "fields"],
 )
-def test_what_a_kernel_is_compiled_from_is_compared(change: tuple[str, str]) -> None:
-    """Whatever a kernel takes from another file changes its fingerprint; without a change it stays as it is."""
+def test_the_fingerprint_covers_all_parts_of_a_kernel(change: tuple[str, str]) -> None:
+    """Every part from another file changes the fingerprint; without a change it stays."""
 
     def fingerprint(source: str) -> str:
         there: dict[str, Any] = {"__name__": "pieces"}
@@ -77,7 +69,7 @@ def test_what_a_kernel_is_compiled_from_is_compared(change: tuple[str, str]) -> 
 
 @pytest.mark.slow
 def test_a_kernel_is_compiled_anew_if_a_part_or_a_constant_of_another_file_has_changed(tmp_path: Path) -> None:
-    """The kernel's own file stays as it is; the third run finds what the second has kept."""
+    """The kernel's own file stays as it is; the third run loads the second one's result."""
     (tmp_path / "whole.py").write_text(
         "from pieces import FACTOR, add\nfrom phasewire.compiling import kernel\n\n\n"
         "@kernel\ndef whole(x):\n    return FACTOR * add(x)\n\n\n"

@@ -1,4 +1,4 @@
-"""Files that were made to do harm: every reader refuses them in words, and in little memory."""
+"""Hostile files: every reader refuses them with a message, and in little memory."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from phasewire import ControlPoints, TransducerArray, read_mesh, read_volume_mesh, solve
+from phasewire import read_mesh, read_volume_mesh
 from phasewire.cli.sources import spoken
 from phasewire.emulator.firmware.flash import Flash
 from phasewire.emulator.scenario import read_scenario
@@ -30,7 +30,6 @@ from phasewire.host.playing.calibration import Calibration
 from phasewire.host.playing.recording import Recording
 from phasewire.solver.acoustics.aperture import Aperture
 from phasewire.solver.archives import read_array, read_arrays
-from phasewire.solver.fields.files import load_solution, save_solution
 from phasewire.solver.shapes.point_files import read_points
 from phasewire.storage import read_toml
 
@@ -69,7 +68,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 @pytest.fixture(autouse=True)
 def a_gibibyte() -> Iterator[None]:
-    """As much memory as is left to a test, beyond what is mapped when it begins; only Linux says how much that is."""
+    """The memory that a test may use beyond its mapped memory at the start, which only Linux reports."""
     if sys.platform != "linux":
         yield
         return
@@ -88,7 +87,7 @@ def refused(name: str, path: Path, message: str = "") -> None:
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_six_gibibytes_of_nothing(name: str, tmp_path: Path) -> None:
+def test_six_gibibytes_of_zeros(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.touch()
     os.truncate(path, 6 * 2**30)
@@ -96,7 +95,7 @@ def test_six_gibibytes_of_nothing(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_a_device_without_end(name: str, tmp_path: Path) -> None:
+def test_an_endless_device(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.symlink_to("/dev/zero")
     refused(name, path)
@@ -114,7 +113,7 @@ def test_a_folder(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", ["solved.npz", "array.npy", "circle.frames", "wave.hands", "capture.sr", "aperture.png"]
 )
-def test_a_pipe_that_nobody_fills(name: str, tmp_path: Path) -> None:
+def test_a_pipe_without_a_writer(name: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / name)
     refused(name, tmp_path / name, "must be a plain file")
 
@@ -135,7 +134,7 @@ def test_a_pipe_that_nobody_fills(name: str, tmp_path: Path) -> None:
         ("a = " + "9" * 1000 + "\na = 1", "is no TOML file"),
     ],
 )
-def test_toml_without_measure(name: str, text: str, message: str, tmp_path: Path) -> None:
+def test_excessive_toml(name: str, text: str, message: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)
     refused(name, tmp_path / name, message)
 
@@ -151,7 +150,7 @@ def test_toml_without_measure(name: str, text: str, message: str, tmp_path: Path
         ("calibration.csv", "#\n" * 10**6, "has 2000000 bytes; such a file may have at most 1048576"),
     ],
 )
-def test_tables_without_measure(name: str, text: str, message: str, tmp_path: Path) -> None:
+def test_excessive_tables(name: str, text: str, message: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)
     refused(name, tmp_path / name, message)
 
@@ -175,7 +174,7 @@ LEAP = '{"frames": ['
         (LEAP + "0.5," * 8_000_000 + "0]}", "frame 0: it is no object"),
     ],
 )
-def test_recordings_of_the_leap_without_measure(text: str, message: str, tmp_path: Path) -> None:
+def test_excessive_leap_recordings(text: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "wave.json").write_text(text)
     refused("wave.json", tmp_path / "wave.json", message)
 
@@ -211,7 +210,7 @@ def archive(path: Path, members: dict[str, bytes], method: int = zipfile.ZIP_DEF
     ],
     ids=range(10),
 )
-def test_arrays_that_are_not_there(claimed: bytes, tmp_path: Path) -> None:
+def test_arrays_with_false_headers(claimed: bytes, tmp_path: Path) -> None:
     refused("solved.npz", archive(tmp_path / "solved.npz", {"drive.npy": claimed}))
     (tmp_path / "array.npy").write_bytes(claimed)
     refused("array.npy", tmp_path / "array.npy")
@@ -219,7 +218,7 @@ def test_arrays_that_are_not_there(claimed: bytes, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_members_that_would_be_unpacked_without_a_bound(method: int, tmp_path: Path) -> None:
+def test_members_of_other_compression_methods(method: int, tmp_path: Path) -> None:
     for name in ("solved.npz", "capture.sr"):
         packed = {"version": b"2", "metadata": bytes(1000), "drive.npy": npy("'u1'", "(9,)", bytes(9))}
         refused(name, archive(tmp_path / name, packed, method), "is packed by method")
@@ -250,7 +249,7 @@ def test_a_directory_of_an_archive_that_is_too_large(tmp_path: Path) -> None:
         ("unitsize=1000000000\nsamplerate=8 MHz", "unitsize"),
     ],
 )
-def test_numbers_of_an_analyser_that_make_no_sense(said: str, message: str, tmp_path: Path) -> None:
+def test_invalid_numbers_of_an_analyser(said: str, message: str, tmp_path: Path) -> None:
     metadata = f"[device 1]\ncapturefile=logic-1\n{said}\n".encode()
     members = {"version": b"2", "metadata": metadata, "logic-1-1": bytes(64)}
     refused("capture.sr", archive(tmp_path / "capture.sr", members), message)
@@ -267,7 +266,7 @@ def test_a_picture_of_many_pixels(tmp_path: Path) -> None:
     refused("aperture.png", tmp_path / "aperture.png", r"\(9400, 9400\) pixels is too large; at most 2048 a side")
 
 
-def test_what_is_sound_is_read(tmp_path: Path) -> None:
+def test_valid_archives_are_read(tmp_path: Path) -> None:
     values = {
         "a": np.arange(6.0).reshape(2, 3),
         "b": np.array("text"),
@@ -289,11 +288,3 @@ def test_an_archive_without_its_beginning(tmp_path: Path) -> None:
         path = archive(tmp_path / name, members)
         path.write_bytes(path.read_bytes()[10:])
         refused(name, path)
-
-
-def test_positions_that_are_complex(tmp_path: Path) -> None:
-    path = tmp_path / "solved.npz"
-    save_solution(path, solve(TransducerArray.grid(2, 2), ControlPoints([[0, 0, 0.1]])))
-    np.savez(path, allow_pickle=False, **read_arrays(path) | {"array_positions": np.zeros((4, 3), complex)})
-    with pytest.raises(InputFileError, match=r"transducer positions must be \(m, 3\) numbers: they are complex"):
-        load_solution(path)

@@ -1,4 +1,4 @@
-"""Numbers that two rooms must know without knowing each other."""
+"""Numbers that two packages share without importing each other, and rules for all packages."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def test_a_polished_drive_has_the_phases_of_a_pulse() -> None:
     assert PHASE_LEVELS == board.HALF_TICKS_PER_PERIOD
 
 
-def test_the_package_has_its_names_and_rooms_without_further_imports() -> None:
+def test_the_package_has_its_names_and_subpackages_without_further_imports() -> None:
     code = "import phasewire as p; [getattr(p, name) for name in (*p.__all__, *p._MODULES)]; p.errors.DeviceLostError"
     subprocess.run([sys.executable, "-c", code], timeout=60, check=True)
 
 
-def test_importing_the_package_imports_nothing_slow() -> None:
-    """What takes long to import, only some users need, and the list of commands needs none of it."""
+def test_importing_the_package_imports_no_slow_module() -> None:
+    """Only some users need the slow modules; the list of commands needs none of them."""
     slow = ("numba", "matplotlib", "cryptography", "dpkt", "scipy", "numpy", "rich.table")
     code = f"import sys, phasewire, phasewire.cli.commands; print([name for name in {slow} if name in sys.modules])"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)

@@ -1,4 +1,4 @@
-"""The wheel must carry the whole package, and nothing else."""
+"""The wheel holds the whole package and no other file."""
 
 from __future__ import annotations
 

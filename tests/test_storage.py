@@ -18,7 +18,7 @@ def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+def test_a_failure_leaves_the_old_file_alone(tmp_path: Path) -> None:
     target = tmp_path / "a.txt"
     target.write_text("old")
 
@@ -33,7 +33,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_new_file_may_be_read_as_any_other(tmp_path: Path) -> None:
+def test_a_new_file_has_the_usual_mode(tmp_path: Path) -> None:
     plain = tmp_path / "plain"
     plain.touch()
     with replacing(tmp_path / "a.txt") as part:
@@ -58,7 +58,7 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
         assert (link.is_symlink(), target.read_text()) == (True, text)
 
 
-def test_what_is_no_plain_file_stays_what_it_is(tmp_path: Path) -> None:
+def test_a_pipe_stays_a_pipe(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
@@ -72,7 +72,7 @@ def test_what_is_no_plain_file_stays_what_it_is(tmp_path: Path) -> None:
     assert pipe.is_fifo()
 
 
-def test_a_long_name_is_no_trouble(tmp_path: Path) -> None:
+def test_a_name_of_255_characters_works(tmp_path: Path) -> None:
     target = tmp_path / ("n" * 255)
     with replacing(target) as part:
         part.write_text("x")

@@ -1,8 +1,7 @@
-"""What the outputs play, tick by tick: an oracle of the emulator, written from SPEC.md alone.
+"""The outputs, tick by tick: an oracle of the emulator, written from SPEC.md alone.
 
 It shares no code with the implementation. What the device has accepted is a list of changes with the periods at which
-they take effect; from these, and nothing else, follow the words of the ten ports in every tick. Slowness does not
-matter.
+they take effect; the words of the ten ports in every tick follow from these alone. Slowness does not matter.
 """
 
 from __future__ import annotations
@@ -32,10 +31,10 @@ class Change(NamedTuple):
     period: int
     """At which it takes effect."""
     steps: tuple[tuple[Pulses, int], ...] | None = None
-    """Pulses and for how many periods they play; None leaves what plays as it is."""
+    """Pulses and for how many periods they play; None leaves the pulses unchanged."""
     repeats: int = 0
     samples: bytes | None = None
-    """Amplitudes of the modulation, none of them to end it; None leaves it as it is."""
+    """Amplitudes of the modulation, empty to end it; None leaves it unchanged."""
     hold: int = 1
     unattended: bool = False
     sequence: bool = False
@@ -109,5 +108,5 @@ def port_words(pulses: Pulses, sample: int, wiring: tuple[int, ...]) -> Words:
 
 
 def period_words(changes: Sequence[Change], period: int, wiring: tuple[int, ...]) -> Words:
-    """What all ports play in a period, (50, 10)."""
+    """The words of all ports in a period, (50, 10)."""
     return port_words(pulses_in(changes, period), sample_in(changes, period), wiring)

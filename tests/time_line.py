@@ -1,4 +1,4 @@
-"""The way of one update as chapter BUD and clause CHN-006 have it, message by message: what a trace must show."""
+"""The expected trace of one update, message by message, by chapter BUD and clause CHN-006."""
 
 from __future__ import annotations
 
