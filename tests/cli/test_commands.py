@@ -47,7 +47,7 @@ def test_the_demo_fails_when_something_is_broken(phasewire: Run, monkeypatch: py
     assert "FAIL" in outcome.err
 
 
-def test_solve_field_and_show_hand_over_to_each_other(phasewire: Run, tmp_path: Path) -> None:
+def test_solve_field_and_show_read_each_other_s_files(phasewire: Run, tmp_path: Path) -> None:
     outcome = phasewire("solve", "sphere:radius=0.04,palm=0.18", "-o", "s.npz", "--json", "-")
     assert outcome.code == 0
     record = json.loads(outcome.out)
@@ -427,7 +427,7 @@ def test_bad_input_gets_a_clear_error(
     assert written == before
 
 
-def test_names_are_printed_as_they_are(phasewire: Run, tmp_path: Path) -> None:
+def test_names_are_printed_literally(phasewire: Run, tmp_path: Path) -> None:
     (tmp_path / "[").mkdir()
     assert "Written to [/b]:key:.npz" in phasewire("solve", "circle", "-o", "[/b]:key:.npz").out
     assert "[/b].png" in phasewire("field", "[/b]:key:.npz", "-o", "[/b].png", "--step", "0.01").out

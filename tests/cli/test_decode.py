@@ -114,7 +114,7 @@ def test_json_has_the_fields_of_each_piece(decode: Run, tmp_path: Path) -> None:
     assert (ack["direction"], ack["fields"]["state"]) == ("in", "PLAYING")
 
 
-def test_json_without_pieces_is_whole(decode: Run, tmp_path: Path) -> None:
+def test_json_without_pieces_is_valid(decode: Run, tmp_path: Path) -> None:
     (tmp_path / "b.bin").write_bytes(GOOD)
     assert json.loads(decode("b.bin", "--only-invalid", "--json", "-").out)["pieces"] == []
 
@@ -177,7 +177,7 @@ def test_unusable_input_is_code_2(
     assert "Traceback" not in outcome.err
 
 
-def test_no_json_is_left_of_a_recording_that_breaks_off(decode: Run, capture: Path, tmp_path: Path) -> None:
+def test_a_truncated_recording_leaves_no_json(decode: Run, capture: Path, tmp_path: Path) -> None:
     capture.write_bytes(capture.read_bytes()[:-5])
     outcome = decode(capture.name, "--json", "c.json")
     assert outcome.code == 2

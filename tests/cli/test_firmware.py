@@ -151,7 +151,7 @@ def forged() -> bytes:
     return with_suffix(EXAMPLE[:140] + bytes(64), Suffix(0x1209, 1, 0x123))
 
 
-def test_the_four_cases_of_a_signature_are_told_apart(firmware: Run, folder: Path) -> None:
+def test_the_four_outcomes_of_a_signature_are_distinguished(firmware: Run, folder: Path) -> None:
     """Clause FWU-012."""
     (folder / "forged.dfu").write_bytes(forged())
     firmware(*TO_BUILD)

@@ -107,7 +107,7 @@ def test_a_file_of_something_else_is_refused(phasewire: Run, tmp_path: Path, nam
     assert said in " ".join(outcome.err.split())
 
 
-def test_whatever_plays_a_file_warns_of_another_array(phasewire: Run, tmp_path: Path) -> None:
+def test_every_command_that_plays_a_file_warns_of_another_array(phasewire: Run, tmp_path: Path) -> None:
     other = TransducerArray.grid(16, 20)
     save_solution(tmp_path / "other.npz", solve(other, ControlPoints([[0, 0, 0.2]])))
     record(tmp_path / "other.frames", frames(2), 100, array=other, medium=Medium(frequency=25_000))
@@ -233,7 +233,7 @@ def test_standard_input_is_solved_line_by_line(phasewire: Run, monkeypatch: pyte
     assert (outcome.code, "standard input, line 2: it must be" in outcome.err) == (2, True)
 
 
-def test_a_recording_that_was_cut_off_is_played_up_to_there(files: Path, phasewire: Run) -> None:
+def test_a_truncated_recording_is_played_to_its_last_whole_frame(files: Path, phasewire: Run) -> None:
     whole = Path("slow.frames").read_bytes()
     Path("cut.frames").write_bytes(whole[:-1000])
     ended = phasewire("record", "cut.frames", "-o", "copy.frames")

@@ -132,7 +132,7 @@ def test_a_moved_mesh_is_cut_as_its_vertices_are(seed: int) -> None:
 
 
 @given(SEEDS)
-def test_what_a_plane_cuts_out_of_a_tetrahedron_is_one_closed_arc(seed: int) -> None:
+def test_the_section_of_a_tetrahedron_is_one_closed_arc(seed: int) -> None:
     """Also if it goes through one, two or three of its corners, which are on a coarse lattice."""
     rng = np.random.default_rng(seed)
     while True:

@@ -55,7 +55,7 @@ def test_everything_about_transducer_and_air_survives_the_file(
     assert type(again.medium.absorbing) is bool
 
 
-def test_a_file_of_an_earlier_version_says_so(tmp_path: Path) -> None:
+def test_a_file_of_an_earlier_version_is_named_as_such(tmp_path: Path) -> None:
     np.savez(tmp_path / "old.npz", format=np.array("phasewire-solution-1"), drive=np.ones(3))
     with pytest.raises(InputFileError, match=r"old\.npz was made by an earlier version of phasewire; solve it again"):
         load_solution(tmp_path / "old.npz")
@@ -94,7 +94,7 @@ def test_a_corrupted_solution_is_refused_or_harmless(
     np.testing.assert_array_equal(solution.drive, sphere_solution.drive)
 
 
-def test_other_npz_files_are_told_apart(tmp_path: Path) -> None:
+def test_other_npz_files_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", a=np.ones(3))
     np.save(tmp_path / "array.npy", np.ones(3))
     with pytest.raises(InputFileError, match="not a solved file; `phasewire solve` makes one"):

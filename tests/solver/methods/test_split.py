@@ -99,7 +99,7 @@ def test_the_first_half_of_a_line_along_y_is_the_lower_one() -> None:
         assert split(points).mask.tolist() == [True] * 3 + [False] * 2
 
 
-def test_points_on_the_plane_are_told_apart_by_y() -> None:
+def test_points_on_the_plane_are_split_by_y() -> None:
     positions = [[0, 0.04, 0.2], [-0.04, 0, 0.2], [0.04, 0, 0.2], [0, -0.04, 0.2]]
     assert split(ControlPoints(positions)).mask.tolist() == [False, True, False, True]
     upright = [[0, 0, 0.24], [-0.04, 0, 0.2], [0.04, 0, 0.2], [0, 0, 0.16]]

@@ -42,7 +42,7 @@ def written(folder: Path, kind: str, data: bytes) -> Path:
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "ply", "ply_ascii", "glb"])
 @pytest.mark.parametrize("upper", [False, True])
-def test_what_trimesh_wrote_is_read(kind: str, upper: bool, tmp_path: Path) -> None:
+def test_files_written_by_trimesh_are_read(kind: str, upper: bool, tmp_path: Path) -> None:
     data = exported(SHAPE, kind) if kind != "ply_ascii" else SHAPE.export(file_type="ply", encoding="ascii")
     path = written(tmp_path, kind.upper() if upper else kind, data)
     said: list[str] = []
@@ -202,7 +202,7 @@ def test_invalid_mesh_files_are_refused_by_name(name: str, tmp_path: Path) -> No
         read_mesh(path)
 
 
-def test_what_trimesh_logs_is_not_printed(tmp_path: Path) -> None:
+def test_logs_of_trimesh_are_not_printed(tmp_path: Path) -> None:
     path = written(tmp_path, "stl", b"solid\nfacet normal a b c\nvertex 0 0 0\nvertex 0 0 1\nvertex 0 1 0\nendsolid\n")
     code = (
         f"import phasewire as p; from contextlib import suppress\nwith suppress(ValueError): p.read_mesh({str(path)!r})"

@@ -233,7 +233,7 @@ def test_an_invalid_volume_is_refused_by_name(name: str, tmp_path: Path) -> None
         read_volume_mesh(path, 0, spacing=0.001)
 
 
-def test_what_nibabel_dislikes_is_not_printed(tmp_path: Path) -> None:
+def test_messages_of_nibabel_are_not_printed(tmp_path: Path) -> None:
     whole = bytearray(nifti(tmp_path / "a.nii", BALL, np.eye(4)).read_bytes())
     whole[70:72] = bytes(2)  # the type of the values
     (tmp_path / "a.nii").write_bytes(whole)

@@ -77,7 +77,7 @@ def test_a_polyline_s_vertices_come_from_a_file(tmp_path: Path, monkeypatch: pyt
         parse_shape("polyline:vertices=bad.txt")
 
 
-def test_the_help_can_be_typed_back() -> None:
+def test_the_help_of_shapes_can_be_parsed() -> None:
     assert [parse_shape(line) for line in shape_help().splitlines()] == [shape() for shape in SHAPES.values()]
 
 
