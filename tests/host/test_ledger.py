@@ -87,7 +87,7 @@ def test_on_a_line_that_loses_nothing_only_the_next_may_answer(
     with pytest.raises(ReplyError, match=f"block {(first + wrong) % NUMBERS} out of turn"):
         ledger.match(acks([first + wrong]))
     assert answered(made, first) == list(range(before))
-    ledger.match(acks([first - 1, first - 9]))  # of blocks before, which were given up
+    ledger.match(acks([first - 1, first - 9, first + NUMBERS // 2 + count]))  # of earlier blocks, which were given up
     ledger.match(acks([12345], Reason.CHECKSUM))  # its number is damaged too: the place counts
     flags = np.concatenate([parcel.answers.answered for parcel in made])
     assert flags.tolist() == [place <= before for place in range(count)]
