@@ -310,6 +310,15 @@ def test_the_outputs_are_off_however_the_session_ends(emulator: Emulator, error:
     assert not Port.of(emulator.usb).claims
 
 
+def test_leaving_a_lost_device_is_an_error() -> None:
+    with Emulator(serial="SHORT-LIVED") as emulator:
+        device = open_device(emulator.url)
+    with pytest.raises(DeviceLostError, match="the device is gone; plug it in again"):
+        device.show(FULL)
+    with pytest.raises(DeviceLostError), device:
+        pass
+
+
 def test_an_error_within_the_session_is_not_hidden_by_a_lost_device() -> None:
     def session() -> None:
         emulator = Emulator(serial="PULLED")
