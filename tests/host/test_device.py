@@ -14,6 +14,7 @@ from phasewire.emulator import faults
 from phasewire.emulator.doors.backend import Port
 from phasewire.errors import (
     DeviceError,
+    DeviceLostError,
     DeviceRefusedError,
     DeviceStalledError,
     DeviceTimeoutError,
