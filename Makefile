@@ -11,33 +11,33 @@ SOAK_MINUTES ?= 120
 .DEFAULT_GOAL := help
 
 help:            ## list the targets
-	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 14
 
 demo: $(VENV)/ready          ## a sphere on a palm, through five emulated boards, back to pressure
 	@$(BIN)/phasewire demo
 
-test: $(VENV)/ready          ## the unit suite
+test: $(VENV)/ready          ## the tests, without the slow ones
 	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "not slow and not guest" $(PYTEST_ARGS)
 
 test-slow: $(VENV)/ready     ## the tests that take seconds each
 	@$(BIN)/pytest -q -n $(TEST_PROCESSES) -m "slow and not guest" $(PYTEST_ARGS)
 
-test-usb: $(VENV)/ready      ## a Linux kernel in QEMU judges the emulated device; it needs Debian's packages
+test-usb: $(VENV)/ready      ## a Linux kernel in QEMU uses the emulated device; it needs packages of Debian (see .ci/run)
 	@timeout --foreground --kill-after=60 1800 $(BIN)/pytest -q -rs -n 0 -m "guest and not guest_slow and not guest_newest" tests/guest $(PYTEST_ARGS)
 
-test-usb-all: $(VENV)/ready  ## that on a newer kernel too, and what takes longer
+test-usb-all: $(VENV)/ready  ## the same on a newer kernel too, and the tests that take longer
 	@timeout --foreground --kill-after=60 7200 $(BIN)/pytest -q -rs -n 0 -m "guest and not (guest_slow and guest_newest)" tests/guest $(PYTEST_ARGS)
 
-fuzz: $(VENV)/fuzz           ## throw bytes at every decoder, FUZZ_SECONDS (60) at each group of them
+fuzz: $(VENV)/fuzz           ## give random bytes to every decoder, FUZZ_SECONDS (60) for each group of decoders
 	@$(BIN)/python -m tests.fuzz $(FUZZ_SECONDS)
 
-soak: $(VENV)/ready          ## a stream of SOAK_MINUTES (120) of the device's time on which everything goes wrong at random
+soak: $(VENV)/ready          ## a stream with random faults, SOAK_MINUTES (120) of the device's time
 	@$(BIN)/python -m tests.soak --minutes $(SOAK_MINUTES)
 
 mutants: $(VENV)/ready       ## the conformance suite against every broken emulator, in a quarter of an hour
 	@$(BIN)/phasewire conformance --mutants --jobs $(TEST_PROCESSES)
 
-lint: $(VENV)/ready          ## style, types, the floors of the house, and its English
+lint: $(VENV)/ready          ## style, types, the import rules, and the English of texts
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
@@ -45,14 +45,14 @@ lint: $(VENV)/ready          ## style, types, the floors of the house, and its E
 	@$(BIN)/lint-imports --no-cache
 	@$(BIN)/python tests/style.py
 
-format: $(VENV)/ready        ## rewrite the code in the house style
+format: $(VENV)/ready        ## format the code
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
 
-vectors: $(VENV)/ready       ## write protocol/vectors.json anew
+vectors: $(VENV)/ready       ## write protocol/vectors.json again
 	@$(BIN)/phasewire vectors --output protocol/vectors.json
 
-bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
+bench: $(VENV)/ready         ## the benchmarks; run them on a quiet machine
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q benchmarks $(PYTEST_ARGS)
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/solver.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/contact.py
@@ -61,12 +61,12 @@ bench: $(VENV)/ready         ## the benchmarks (quiet machine, please)
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/streaming.py
 	@OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python benchmarks/touch.py
 
-bench-peers: $(VENV)/ready   ## beside autd3 and its emulators, acoustools and levitate, each in .peers (2 GB, made once)
+bench-peers: $(VENV)/ready   ## comparison with autd3 and its emulators, acoustools and levitate, each in .peers (2 GB, made once)
 	@$(BIN)/python benchmarks/peers/run.py
 	@$(BIN)/python benchmarks/peers/run_emulation.py
 	@$(BIN)/python benchmarks/peers/run_streaming.py
 
-clean:           ## remove the environment and everything built
+clean:           ## remove .venv, .peers and everything built
 	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/ready: pyproject.toml
