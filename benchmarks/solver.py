@@ -95,29 +95,31 @@ def stages(flops: float) -> Iterator[dict[str, Any]]:
         points, engine = cloud(m), CompiledEngine(array, *_settings("tikhonov"))
         engine.drive(points)
         re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = kernels.carve(engine._work, m, n)
-        rows, u, wanted = len(re), engine._u, vectors[1, 0]
+        rows, u, wanted, response = len(re), engine._u, vectors[kernels.WANTED], vectors[kernels.RESPONSE]
+        inverse, aim, rhs, y = (vectors[row] for row in (kernels.INVERSE, kernels.AIM, kernels.RHS, kernels.SOLUTION))
+        reach, weight, x = spans[kernels.REACH], spans[kernels.WEIGHT], spans[kernels.DRIVE]
         tables, mu = engine._tables, np.float32(0.03)
         calls: dict[str, tuple[Callable[[], object], float]] = {
             "model": (
                 lambda: kernels.fill_transfer(
-                    tables.elements, tables.wave[0], tables.turns, None, points.positions, tables.origin, wanted,
-                    re[:m], im[:m], spans[0, 0],
+                    elements=tables.elements, directivity=tables.wave[0], turns=tables.turns, nepers=None,
+                    points=points.positions, origin=tables.origin, wanted=wanted, re=re[:m], im=im[:m], reach=reach,
                 ),
                 40 * m * n,
             ),
             "gram": (lambda: kernels.fill_gram(re, im, gram_re, gram_im), 4 * m * m * n),
             "phases, 20 steps": (
-                lambda: kernels.iterate_phases(gram_re, gram_im, vectors[0, 0], rows, 20, False, u, vectors[2]),
+                lambda: kernels.iterate_phases(gram_re, gram_im, response, rows, 20, False, u, aim),
                 20 * 8 * m * m,
             ),
             "factorisation": (
-                lambda: kernels.factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, vectors[0, 1]),
+                lambda: kernels.factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse),
                 4 / 3 * m**3,
             ),
             "substitution and back": (
                 lambda: (
-                    kernels.substitute(lower_re, lower_im, vectors[0, 1], rows, vectors[3], vectors[4]),
-                    kernels.back_project(re, im, spans[0, 1], vectors[4], spans[1]),
+                    kernels.substitute(lower_re, lower_im, inverse, rows, rhs, y),
+                    kernels.back_project(re, im, weight, y, x),
                 ),
                 8 * m * m + 8 * m * n,
             ),

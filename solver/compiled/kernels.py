@@ -12,7 +12,7 @@ to a multiple of `LANES`. Matrices over control points have their rows padded to
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -28,6 +28,13 @@ ROWS = 4
 
 X, Y, Z, NX, NY, NZ, GAIN, LEAD, LIMIT, ELEMENT_ROWS = range(10)
 """Rows of the table of transducers: position/m, normal, gain, phase of the response in turns, largest drive."""
+
+RESPONSE, INVERSE, WANTED, AIM, RHS, SOLUTION, FELT = (0, 0), (0, 1), (1, 0), 2, 3, 4, 5
+"""In `Parts.vectors`: the response of (9), 1/diag(L), and the amplitudes, the largest of which is 1; and, complex, the
+wanted pressure, its copy that `substitute` uses up, the y that this finds, and the pressure that `reproduce` finds."""
+
+REACH, WEIGHT, DRIVE, UNWEIGHED = (0, 0), (0, 1), 1, 2
+"""In `Parts.spans`: reach and weight as in `weigh`; and, complex, the drive and scratch of `reproduce`."""
 
 SOLVED, PHASE, LIMITED = range(3)
 """Output policies."""
@@ -474,9 +481,22 @@ def reproduce(re: Any, im: Any, weight: Any, x: Any, v: Any, p: Any) -> None:
         p[0, i], p[1, i], p[0, i + 1], p[1, i + 1] = r0, i0, r1, i1
 
 
+class Parts(NamedTuple):
+    """Views of a work space: B, G, L, vectors over points, (6, 2, padded), and over transducers, (3, 2, columns)."""
+
+    re: Any
+    im: Any
+    gram_re: Any
+    gram_im: Any
+    lower_re: Any
+    lower_im: Any
+    vectors: Any
+    spans: Any
+
+
 @_jitable
-def carve(work: Any, m: int, columns: int) -> Any:
-    """The parts of the work space of m points: B, G, L, vectors over points and vectors over transducers."""
+def carve(work: Any, m: int, columns: int) -> Parts:
+    """The parts of the work space of m points."""
     rows = (m + ROWS - 1) // ROWS * ROWS
     padded = (rows + LANES - 1) // LANES * LANES
     big, square = rows * columns, padded * padded
@@ -493,10 +513,10 @@ def carve(work: Any, m: int, columns: int) -> Any:
     at += square
     lower_im = work[at : at + square].reshape(padded, padded)
     at += square
-    over_points = work[at : at + 12 * padded].reshape(6, 2, padded)
+    vectors = work[at : at + 12 * padded].reshape(6, 2, padded)
     at += 12 * padded
-    over_transducers = work[at : at + 6 * columns].reshape(3, 2, columns)
-    return re, im, gram_re, gram_im, lower_re, lower_im, over_points, over_transducers
+    spans = work[at : at + 6 * columns].reshape(3, 2, columns)
+    return Parts(re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans)
 
 
 def work_size(m: int, columns: int) -> int:
@@ -509,7 +529,7 @@ def work_size(m: int, columns: int) -> int:
 @_part
 def set_wanted(amplitudes: Any, m: int, columns: int, work: Any) -> None:
     """Enter amplitudes into the work space, the largest as 1."""
-    wanted = carve(work, m, columns)[6][1, 0]
+    wanted = carve(work, m, columns).vectors[WANTED]
     largest = 0.0
     for i in range(m):
         largest = max(largest, amplitudes[i])
@@ -522,9 +542,10 @@ def _model(elements: Any, directivity: Any, turns: Any, nepers: Any, origin: Any
           points: Any, amplitudes: Any, work: Any) -> int:  # fmt: skip
     """Fill the transfer matrix and reach. Returns what `first_suspect` does."""
     m, columns = len(points), elements.shape[1]
-    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    parts = carve(work, m, columns)
     set_wanted(amplitudes, m, columns, work)
-    fill_transfer(elements, directivity, turns, nepers, points, origin, vectors[1, 0], re[:m], im[:m], spans[0, 0])
+    fill_transfer(elements=elements, directivity=directivity, turns=turns, nepers=nepers, points=points, origin=origin,
+                  wanted=parts.vectors[WANTED], re=parts.re[:m], im=parts.im[:m], reach=parts.spans[REACH])  # fmt: skip
     return int(first_suspect(points, bounds, farthest))
 
 
@@ -535,18 +556,24 @@ def model_by_table(
 ) -> int:  # fmt: skip
     """What `model` does, for models whose residual is looked up."""
     m, columns = len(points), elements.shape[1]
-    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
+    parts = carve(work, m, columns)
     set_wanted(amplitudes, m, columns, work)
-    fill_transfer_by_table(elements, table, nearest, cosines, growth, turns, nepers, points, origin, vectors[1, 0],
-                           re[:m], im[:m], spans[0, 0])  # fmt: skip
+    fill_transfer_by_table(
+        elements=elements, table=table, nearest=nearest, cosines=cosines, growth=growth, turns=turns, nepers=nepers,
+        points=points, origin=origin,
+        wanted=parts.vectors[WANTED], re=parts.re[:m], im=parts.im[:m], reach=parts.spans[REACH],
+    )  # fmt: skip
     return int(first_suspect(points, bounds, farthest))
 
 
 @_part
 def _begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: Any, work: Any) -> None:
     """From the transfer matrix and reach to B, G, the response of (9), and the phases u."""
-    re, im, gram_re, gram_im, _, _, vectors, spans = carve(work, m, columns)
-    wanted, response, reach, weight = vectors[1, 0], vectors[0, 0], spans[0, 0], spans[0, 1]
+    parts = carve(work, m, columns)
+    re, im, gram_re, gram_im, vectors, spans = (
+        parts.re, parts.im, parts.gram_re, parts.gram_im, parts.vectors, parts.spans
+    )  # fmt: skip
+    wanted, response, reach, weight = vectors[WANTED], vectors[RESPONSE], spans[REACH], spans[WEIGHT]
     for i in range(m, len(re)):
         for q in range(columns):
             re[i, q] = im[i, q] = F(0)
@@ -558,7 +585,7 @@ def _begin(m: int, columns: int, gamma: Any, phase_steps: int, power: bool, u: A
     fill_gram(re, im, gram_re, gram_im)
     for j in range(m):
         response[j] = wanted[j] / max(gram_re[j, j], TINY)
-    iterate_phases(gram_re, gram_im, response, len(re), phase_steps, power, u, vectors[2])
+    iterate_phases(gram_re, gram_im, response, len(re), phase_steps, power, u, vectors[AIM])
 
 
 @_kernel
@@ -608,8 +635,9 @@ def carry(m: int, ids: Any, before_ids: Any, before: Any, cold: Any, nudge: Any,
 @_kernel
 def more_phases(m: int, columns: int, steps: int, power: bool, u: Any, work: Any) -> None:
     """Improve the phases u by some steps more."""
-    re, _, gram_re, gram_im, _, _, vectors, _ = carve(work, m, columns)
-    iterate_phases(gram_re, gram_im, vectors[0, 0], len(re), steps, power, u, vectors[2])
+    parts = carve(work, m, columns)
+    response, scratch = parts.vectors[RESPONSE], parts.vectors[AIM]
+    iterate_phases(parts.gram_re, parts.gram_im, response, len(parts.re), steps, power, u, scratch)
 
 
 @_part
@@ -617,8 +645,8 @@ def _finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, 
             work: Any, drive: Any) -> None:  # fmt: skip
     """Solve for the drive with the phases u, and correct it ``steps`` times; the best iterate is kept."""
     re, im, gram_re, gram_im, lower_re, lower_im, vectors, spans = carve(work, m, elements.shape[1])
-    inverse, wanted, b, rhs, y, p = vectors[0, 1], vectors[1, 0], vectors[2], vectors[3], vectors[4], vectors[5]
-    weight, x, v = spans[0, 1], spans[1], spans[2]
+    inverse, wanted, b, rhs = vectors[INVERSE], vectors[WANTED], vectors[AIM], vectors[RHS]
+    y, p, weight, x, v = vectors[SOLUTION], vectors[FELT], spans[WEIGHT], spans[DRIVE], spans[UNWEIGHED]
     rows = len(re)
     factorise(gram_re, gram_im, m, rows, mu, lower_re, lower_im, inverse)
     for i in range(b.shape[1]):
@@ -671,8 +699,10 @@ def finish(elements: Any, m: int, u: Any, mu: Any, output: int, headroom: Any, r
 @_part
 def _level(m: int, columns: int, weighed: bool, work: Any, drive: Any) -> float:
     """|p| per wanted amplitude, the largest of which is 1, by least squares, for the drive that was solved just now."""
-    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
-    wanted, p, weight, x, v = vectors[1, 0], vectors[5], spans[0, 1], spans[1], spans[2]
+    parts = carve(work, m, columns)
+    re, im, vectors, spans = parts.re, parts.im, parts.vectors, parts.spans
+    wanted, p = vectors[WANTED], vectors[FELT]
+    weight, x, v = spans[WEIGHT], spans[DRIVE], spans[UNWEIGHED]
     for q in range(columns):
         x[0, q] = drive[q].real if q < len(drive) else F(0)
         x[1, q] = drive[q].imag if q < len(drive) else F(0)
@@ -728,8 +758,8 @@ def update_frames(
 def sum_foci(elements: Any, m: int, output: int, headroom: Any, work: Any, drive: Any) -> None:
     """Linear multiplexing of (12), from the transfer matrix to drives within their limits."""
     columns = elements.shape[1]
-    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
-    wanted, x = vectors[1, 0], spans[1]
+    parts = carve(work, m, columns)
+    re, im, wanted, x = parts.re, parts.im, parts.vectors[WANTED], parts.spans[DRIVE]
     for q in range(columns):
         x[0, q] = x[1, q] = F(0)
     for i in range(m):
@@ -757,8 +787,10 @@ def _misfit2(p: Any, wanted: Any, m: int) -> Any:
 @_kernel
 def polish(m: int, columns: int, levels: int, sweeps: int, least_gain: float, work: Any, drive: Any) -> None:
     """Coordinate descent over quantised phases after `finish`, in place: each drive tries the next phase either way."""
-    re, im, _, _, _, _, vectors, spans = carve(work, m, columns)
-    wanted, p, trial, weight, x, v = vectors[1, 0], vectors[5], vectors[4], spans[0, 1], spans[1], spans[2]
+    parts = carve(work, m, columns)
+    re, im, vectors, spans = parts.re, parts.im, parts.vectors, parts.spans
+    wanted, p, trial = vectors[WANTED], vectors[FELT], vectors[SOLUTION]
+    weight, x, v = spans[WEIGHT], spans[DRIVE], spans[UNWEIGHED]
     step = F(2 * np.pi) / F(levels)
     level = np.zeros(columns, np.int64)
     for q in range(columns):

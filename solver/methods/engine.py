@@ -205,13 +205,13 @@ class CompiledEngine:
         """Do what `kernels.model` does, with the transfer matrix from `transfer_matrix`."""
         m, n = len(points), len(self._array)
         parts = kernels.carve(self._work, m, self._columns)
-        re, im, reach = parts[0], parts[1], parts[7][0, 0]
+        re, im, reach = parts.re, parts.im, parts.spans[kernels.REACH]
         matrix = transfer_matrix(self._array, points.positions, self._medium) / self._tables.strength
         matrix *= self._array.able
         re[:m, :n], im[:m, :n] = matrix.real, matrix.imag
         re[:m, n:] = im[:m, n:] = 0
         wanted = points.amplitudes / points.amplitudes.max()
-        parts[6][1, 0, :m] = wanted
+        parts.vectors[kernels.WANTED][:m] = wanted
         reach[:n] = wanted @ np.abs(matrix)
         reach[n:] = 0
 
